@@ -1,0 +1,82 @@
+"""jradar: dense LiDAR-like point clouds from mmWave radar, in pure JAX functions.
+
+One frame's way through the package, which is also the order of its rooms:
+
+    ADC cube [tx, rx, chirp, sample]
+      -> radar.range_doppler           [virtual, doppler, range]
+      -> radar.os_cfar                 mask [doppler, range]
+      -> radar.angle_spectrum          azimuth, elevation of each detection
+      -> radar.radar_points            PointCloud
+      -> range_image.condition_image   [row, column, channel]           64 x 64
+      -> diffusion.sample              Heun on the EDM denoiser         128 x 512
+      -> range_image.unproject         PointCloud                       dense
+      -> metrics, viz
+
+`enhance` is all of it in one function. Rooms are loaded when they are first named.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jradar import (
+        bundle as bundle,
+    )
+    from jradar import (
+        data as data,
+    )
+    from jradar import (
+        diffusion as diffusion,
+    )
+    from jradar import (
+        evaluation as evaluation,
+    )
+    from jradar import (
+        metrics as metrics,
+    )
+    from jradar import (
+        radar as radar,
+    )
+    from jradar import (
+        range_image as range_image,
+    )
+    from jradar import (
+        training as training,
+    )
+    from jradar import (
+        viz as viz,
+    )
+    from jradar.pipeline import enhance as enhance
+    from jradar.types import PointCloud as PointCloud
+
+__version__ = "0.1.0"
+
+ROOMS = (
+    "bundle",
+    "data",
+    "diffusion",
+    "evaluation",
+    "metrics",
+    "pipeline",
+    "radar",
+    "range_image",
+    "training",
+    "types",
+    "viz",
+)
+NAMES = {"enhance": "jradar.pipeline", "PointCloud": "jradar.types"}
+
+__all__ = [*ROOMS, *NAMES]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a room, or one of the few names on the top level, on first use."""
+    if name in ROOMS:
+        return importlib.import_module(f"jradar.{name}")
+    if name in NAMES:
+        return getattr(importlib.import_module(NAMES[name]), name)
+    raise AttributeError(f"module 'jradar' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

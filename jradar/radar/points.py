@@ -1,0 +1,112 @@
+"""Detections to a point cloud: the paper's section III-A in one function."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from jradar.radar import cfar
+from jradar.radar.angle import angle_spectrum, strongest_direction
+from jradar.radar.calibration import compensate_tdm
+from jradar.radar.sensor import RadarSpec
+from jradar.radar.spectrum import power_map, range_doppler
+from jradar.types import PointCloud
+
+DETECTORS = {"ca": cfar.ca_cfar, "os": cfar.os_cfar}
+ANGLES = ("num_azimuth", "num_elevation")
+DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "capacity", *DETECTION, *ANGLES))
+def radar_points(
+    cube: Complex[Array, "tx rx chirp sample"],
+    radar: RadarSpec,
+    *,
+    capacity: int = 1024,
+    detector: str = "os",
+    false_alarm_rate: float = 1e-3,
+    guard: tuple[int, int] = (2, 2),
+    train: tuple[int, int] = (4, 4),
+    num_azimuth: int = 64,
+    num_elevation: int = 32,
+    remove_static: bool = False,
+) -> PointCloud:
+    """The `capacity` strongest detections of one frame, strongest first.
+
+    One frame; `vmap` it. A cell is detected on the power summed over antennas by the
+    CFAR `detector` ("ca" or "os", with its window in (doppler, range) cells), and its
+    angles come from the same cell across antennas. Velocity is in m/s, power in ADC
+    counts squared. Elevation is 0 for an array with one row. Raises ValueError for a
+    cube that is not the radar's.
+    """
+    if cube.shape != radar.cube_shape:
+        raise ValueError(
+            f"cube has shape {cube.shape}, {radar.name} needs [tx, rx, chirp, sample] "
+            f"= {radar.cube_shape}: one frame, or another radar?"
+        )
+    if detector not in DETECTORS:
+        raise ValueError(f"{detector=}, expected one of {[*DETECTORS]}")
+    spectrum = range_doppler(cube, remove_static=remove_static)
+    power = power_map(spectrum)
+    mask = DETECTORS[detector](
+        power,
+        false_alarm_rate=false_alarm_rate,
+        channels=radar.num_virtual,
+        guard=guard,
+        train=train,
+    )
+    return detections_to_points(
+        spectrum,
+        jnp.where(mask, power, 0.0),
+        radar,
+        capacity=capacity,
+        num_azimuth=num_azimuth,
+        num_elevation=num_elevation,
+    )
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "capacity", *ANGLES))
+def detections_to_points(
+    spectrum: Complex[Array, "virtual doppler range"],
+    detected_power: Float[Array, "doppler range"],
+    radar: RadarSpec,
+    *,
+    capacity: int = 1024,
+    num_azimuth: int = 64,
+    num_elevation: int = 32,
+) -> PointCloud:
+    """Points of the cells whose `detected_power` is not zero, strongest first.
+
+    One frame; `vmap` it. Range bin 0, the sensor itself, is never a point.
+    """
+    num_doppler, num_range = detected_power.shape
+    candidates = detected_power.at[:, 0].set(0.0).ravel()
+    power, cell = jax.lax.top_k(candidates, min(capacity, candidates.size))
+    padding = (0, capacity - power.size)
+    power, cell = jnp.pad(power, padding), jnp.pad(cell, padding)
+
+    row, range_bin = jnp.divmod(cell, num_range)
+    doppler_bin = row - num_doppler // 2
+    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
+    directions = angle_spectrum(
+        compensate_tdm(snapshot, doppler_bin, radar),
+        radar,
+        num_azimuth=num_azimuth,
+        num_elevation=num_elevation,
+    )
+    azimuth, elevation = strongest_direction(directions, radar)
+    distance = range_bin * radar.range_resolution_m
+    ground = distance * jnp.cos(elevation)
+    xyz = [
+        ground * jnp.cos(azimuth),
+        ground * jnp.sin(azimuth),
+        distance * jnp.sin(elevation),
+    ]
+    valid = power > 0
+    return PointCloud(
+        xyz=jnp.where(valid[:, None], jnp.stack(xyz, -1), 0.0),
+        valid=valid,
+        velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
+        power=power,
+    )

@@ -1,0 +1,240 @@
+"""The radar as a static description: chirp, antennas, and what follows from them.
+
+    frequency
+      ^      adc start       ramp end
+      |          |   ADC   |   |
+      |          v  samples v  v
+      |        /:::::::::::/   .        one chirp per transmitter in turn,
+      |      /             /   .        `num_chirps` turns make a frame
+      |____/              /____.___> time
+      idle
+
+Everything is in SI units. Antenna positions are (azimuth, elevation) in half
+wavelengths at the design frequency, growing to the left and upwards as the target
+sees phase lead; the phase of a plane wave from direction (u, w) = (sin az cos el,
+sin el) at position (a, e) is 2 pi d (a u + e w), d the spacing in wavelengths.
+"""
+
+import dataclasses
+import difflib
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jradar.radar import readers
+from jradar.radar.devices import DEVICES
+
+SPEED_OF_LIGHT = 299_792_458.0  # m/s
+
+MAY_BE_ZERO = ("idle_time_s", "adc_start_time_s")
+
+Positions = tuple[tuple[int, int], ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class RadarSpec:
+    """An FMCW radar with transmitters that fire in turn (TDM-MIMO)."""
+
+    name: str
+    start_frequency_hz: float
+    slope_hz_per_s: float
+    sample_rate_hz: float
+    num_samples: int
+    num_chirps: int
+    idle_time_s: float
+    adc_start_time_s: float
+    ramp_end_time_s: float
+    tx_positions: Positions
+    rx_positions: Positions
+    design_frequency_hz: float
+    tx_firing_order: tuple[int, ...] = ()  # array indices in time; () is array order
+
+    def __post_init__(self):
+        """Refuse a radar that cannot exist, naming the field."""
+        order = tuple(self.tx_firing_order) or tuple(range(self.num_tx))
+        object.__setattr__(self, "tx_firing_order", order)
+        if sorted(order) != list(range(self.num_tx)):
+            raise ValueError(
+                f"tx_firing_order = {order}, expected each of the {self.num_tx} "
+                "transmitters' indices once"
+            )
+        for field in dataclasses.fields(self):
+            value, zero_is_fine = getattr(self, field.name), field.name in MAY_BE_ZERO
+            if field.type in (int, float) and not (
+                math.isfinite(value) and (value > 0 or (value == 0 and zero_is_fine))
+            ):
+                expected = "0 or more" if zero_is_fine else "more than 0"
+                raise ValueError(f"{field.name} = {value}, expected {expected}")
+        end_s = self.adc_start_time_s + self.num_samples / self.sample_rate_hz
+        if end_s > self.ramp_end_time_s * 1.001:
+            raise ValueError(
+                f"sampling ends {end_s * 1e6:.2f} us into the chirp, after "
+                f"ramp_end_time_s = {self.ramp_end_time_s * 1e6:.2f} us: are the times "
+                "in seconds?"
+            )
+
+    # Antennas
+
+    @property
+    def num_tx(self) -> int:
+        """Number of transmit antennas."""
+        return len(self.tx_positions)
+
+    @property
+    def num_rx(self) -> int:
+        """Number of receive antennas."""
+        return len(self.rx_positions)
+
+    @property
+    def num_virtual(self) -> int:
+        """Number of tx-rx pairs."""
+        return self.num_tx * self.num_rx
+
+    @property
+    def virtual_positions(self) -> np.ndarray:
+        """(azimuth, elevation) of each tx-rx pair, `[virtual, 2]`, from (0, 0) up."""
+        tx, rx = np.array(self.tx_positions), np.array(self.rx_positions)
+        positions = (tx[:, None] + rx[None]).reshape(-1, 2)
+        return positions - positions.min(0)
+
+    @property
+    def has_elevation(self) -> bool:
+        """Whether the array has more than one row, and so can measure elevation."""
+        return bool(self.virtual_positions[:, 1].any())
+
+    @property
+    def firing_position(self) -> np.ndarray:
+        """When each transmitter fires within a turn, 0 first, `[tx]`."""
+        return np.argsort(self.tx_firing_order)
+
+    @property
+    def cube_shape(self) -> tuple[int, int, int, int]:
+        """Shape of one frame, [tx, rx, chirp, sample]."""
+        return self.num_tx, self.num_rx, self.num_chirps, self.num_samples
+
+    # Derived resolutions and limits
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Bandwidth that the ADC sees, B."""
+        return self.slope_hz_per_s * self.num_samples / self.sample_rate_hz
+
+    @property
+    def center_frequency_hz(self) -> float:
+        """Frequency in the middle of the samples, where Doppler and angles apply."""
+        middle_s = self.adc_start_time_s + self.num_samples / (2 * self.sample_rate_hz)
+        return self.start_frequency_hz + self.slope_hz_per_s * middle_s
+
+    @property
+    def wavelength_m(self) -> float:
+        """Wavelength at the centre frequency."""
+        return SPEED_OF_LIGHT / self.center_frequency_hz
+
+    @property
+    def spacing_wavelengths(self) -> float:
+        """Distance between neighbouring antenna positions in wavelengths, d."""
+        return 0.5 * self.center_frequency_hz / self.design_frequency_hz
+
+    @property
+    def range_resolution_m(self) -> float:
+        """Width of a range bin, c / (2 B)."""
+        return SPEED_OF_LIGHT / (2 * self.bandwidth_hz)
+
+    @property
+    def max_range_m(self) -> float:
+        """Range at which the spectrum of complex samples ends, f_s c / (2 S)."""
+        return self.num_samples * self.range_resolution_m
+
+    @property
+    def chirp_period_s(self) -> float:
+        """Time from one chirp to the next, of any transmitter."""
+        return self.idle_time_s + self.ramp_end_time_s
+
+    @property
+    def turn_period_s(self) -> float:
+        """Time between chirps of the same transmitter, T_c."""
+        return self.num_tx * self.chirp_period_s
+
+    @property
+    def max_velocity_mps(self) -> float:
+        """Largest velocity without ambiguity, lambda / (4 T_c)."""
+        return self.wavelength_m / (4 * self.turn_period_s)
+
+    @property
+    def velocity_resolution_mps(self) -> float:
+        """Width of a Doppler bin, lambda / (2 T_c num_chirps)."""
+        return 2 * self.max_velocity_mps / self.num_chirps
+
+    # Named devices and files
+
+    @classmethod
+    def awr1843(cls, **changes: Any) -> "RadarSpec":
+        """TI AWR1843 with ColoRadar's single-chip waveform: 3 TX x 4 RX, 16 m."""
+        return cls.from_dict({"device": "awr1843", **changes})
+
+    @classmethod
+    def awr1642(cls, **changes: Any) -> "RadarSpec":
+        """TI AWR1642: one row of 2 TX x 4 RX, hence no elevation."""
+        return cls.from_dict({"device": "awr1642", **changes})
+
+    @classmethod
+    def cascade(cls, **changes: Any) -> "RadarSpec":
+        """TI MMWCAS cascade with ColoRadar's waveform: 12 TX x 16 RX, 86 wide."""
+        return cls.from_dict({"device": "cascade", **changes})
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> "RadarSpec":
+        """Radar from its fields, or from a `device` and fields that replace its own.
+
+        Raises ValueError for a field that is unknown, missing or of the wrong type.
+        """
+        values = dict(values)
+        device = values.pop("device", None)
+        if device is not None and device not in DEVICES:
+            raise ValueError(f"device = {device!r}, expected one of {[*DEVICES]}")
+        fields = {field.name: field for field in dataclasses.fields(cls)}
+        for key, value in values.items():
+            if key not in fields:
+                near = difflib.get_close_matches(key, fields, 1) or [", ".join(fields)]
+                raise ValueError(f"unknown radar field {key!r}, expected {near[0]}")
+            values[key] = _converted(key, value, fields[key].type)
+        values = {"name": device or "radar", **DEVICES.get(device, {}), **values}
+        required = [f.name for f in fields.values() if f.default is dataclasses.MISSING]
+        if missing := [key for key in required if key not in values]:
+            raise ValueError(
+                f"missing radar fields: {', '.join(missing)} "
+                f"(or name a device: {', '.join(DEVICES)})"
+            )
+        return cls(**values)
+
+    @classmethod
+    def from_toml(cls, path: Path | str) -> "RadarSpec":
+        """Radar from the `[radar]` table of a TOML file (example in the README)."""
+        try:
+            return cls.from_dict(readers.toml(path).get("radar", {}))
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
+
+    @classmethod
+    def from_mmwave_studio_log(cls, path: Path | str) -> "RadarSpec":
+        """Radar from the log that mmWave Studio writes beside `adc_data.bin`."""
+        return cls.from_dict(readers.mmwave_studio_log(path))
+
+
+def _converted(key: str, value: Any, kind: Any) -> Any:
+    """What the field `key` of type `kind` takes, from what files and callers give."""
+    expected = {int: "an integer", float: "a number", str: "a text"}.get(kind, "a list")
+    allowed = {int: int, float: (int, float), str: str}.get(kind, (list, tuple))
+    if not isinstance(value, allowed) or isinstance(value, bool):
+        raise ValueError(f"{key} = {value!r}, expected {expected}")
+    if kind in (int, float, str):
+        return kind(value)
+    array = np.array(value)
+    if array.dtype != int or (kind == Positions and array.shape[1:] != (2,)):
+        raise ValueError(
+            f"{key} = {value!r}, expected a list of whole numbers, or of pairs of them "
+            "for positions: (azimuth, elevation), in half wavelengths"
+        )
+    return tuple(map(tuple, array.tolist())) if kind == Positions else tuple(value)

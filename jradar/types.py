@@ -1,0 +1,51 @@
+"""The point cloud, and the words for axes that every docstring uses.
+
+    tx, rx      transmit and receive antennas, in array order
+    virtual     the tx-rx pairs, tx major: `virtual = tx * num_rx + rx`
+    chirp       chirps of one transmitter within a frame (slow time)
+    sample      ADC samples within a chirp (fast time)
+    doppler     velocity bins, zero velocity in the middle, receding targets above it
+    range       range bins, bin 0 at the sensor
+    elevation   directions up and down, positive up
+    azimuth     directions left and right, positive to the left
+    row         image rows, row 0 the highest elevation
+    column      image columns, column 0 the right-most azimuth
+    slice       parts of the range axis, nearest first
+    point       points of a cloud, padded to a fixed number
+    level       resolutions of the network, level 0 the finest
+
+Frames are x forward, y left, z up, in metres; a velocity is positive when the target
+recedes.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+
+class PointCloud(NamedTuple):
+    """A cloud of fixed size: the points that are not `valid` are padding.
+
+    What a sensor does not measure is None: a LiDAR has no velocity.
+    """
+
+    xyz: Float[Array, "*batch point 3"]
+    valid: Bool[Array, "*batch point"]
+    velocity: Float[Array, "*batch point"] | None = None
+    power: Float[Array, "*batch point"] | None = None
+
+    @classmethod
+    def from_xyz(cls, xyz) -> "PointCloud":
+        """Cloud of points `[*batch point 3]`; NaN, infinite and (0, 0, 0) are invalid.
+
+        LiDAR drivers write a missing return as (0, 0, 0).
+        """
+        xyz = jnp.asarray(xyz, jnp.float32)
+        if xyz.ndim < 2 or xyz.shape[-1] != 3:
+            raise ValueError(
+                f"points have shape {xyz.shape}, expected [*batch, point, 3]: "
+                "pass x, y, z only"
+            )
+        valid = jnp.isfinite(xyz).all(-1) & (xyz != 0).any(-1)
+        return cls(jnp.where(valid[..., None], xyz, 0.0), valid)

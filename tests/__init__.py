@@ -1,0 +1,1 @@
+"""Tests of jradar; the folders mirror its rooms."""

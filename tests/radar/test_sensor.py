@@ -1,0 +1,138 @@
+"""RadarSpec: derived quantities against published ones, files, and clear errors."""
+
+import numpy as np
+import pytest
+
+from jradar.radar import RadarSpec
+
+TOML = """
+[radar]
+device = "awr1642"
+num_chirps = 64
+tx_positions = [[0, 0], [4, 0]]
+"""
+
+
+def test_single_chip_has_published_resolutions():
+    radar = RadarSpec.awr1843()
+    assert radar.range_resolution_m == pytest.approx(0.124905712903, rel=1e-6)
+    assert radar.max_range_m == pytest.approx(15.99, abs=0.01)
+    # Published figures put the wavelength at the start of the sweep, not its middle.
+    start = radar.center_frequency_hz / radar.start_frequency_hz
+    assert radar.max_velocity_mps * start == pytest.approx(2.496, abs=1e-3)
+    assert radar.velocity_resolution_mps * start == pytest.approx(0.0390, abs=1e-4)
+
+
+def test_cascade_has_published_resolutions_and_aperture():
+    radar = RadarSpec.cascade()
+    assert radar.range_resolution_m == pytest.approx(0.0592943951488, rel=1e-6)
+    assert radar.virtual_positions.max(0).tolist() == [85, 6]
+    assert len(np.unique(radar.virtual_positions, axis=0)) == 134
+    assert radar.cube_shape == (12, 16, 16, 256)
+
+
+def test_single_chip_virtual_array_is_two_rows():
+    positions = RadarSpec.awr1843().virtual_positions
+    rows = [positions[positions[:, 1] == row, 0].tolist() for row in (0, 1)]
+    assert rows == [[0, 1, 2, 3, 4, 5, 6, 7], [2, 3, 4, 5]]
+    assert RadarSpec.awr1843().has_elevation
+    assert not RadarSpec.awr1642().has_elevation
+
+
+def test_firing_position_inverts_the_firing_order():
+    radar = RadarSpec.cascade()
+    assert tuple(np.argsort(radar.firing_position)) == radar.tx_firing_order
+    assert radar.firing_position[3] == 9  # the first elevated one fires tenth
+
+
+def test_spec_is_hashable_and_equal_by_value():
+    assert hash(RadarSpec.awr1843()) == hash(RadarSpec.awr1843())
+    assert RadarSpec.awr1843() != RadarSpec.awr1843(num_chirps=64)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"device": "awr9"}, "device = 'awr9', expected one of"),
+        ({"device": "awr1843", "num_chirp": 3}, "'num_chirp', expected num_chirps"),
+        ({"device": "awr1843", "num_chirps": 1.5}, "num_chirps = 1.5, expected an int"),
+        (
+            {"device": "awr1843", "num_chirps": 0},
+            "num_chirps = 0, expected more than 0",
+        ),
+        ({"device": "awr1843", "idle_time_s": -1}, "idle_time_s = -1.0, expected 0 or"),
+        ({"device": "awr1843", "slope_hz_per_s": float("nan")}, "slope_hz_per_s = nan"),
+        ({"device": "awr1843", "ramp_end_time_s": 13e-6}, "after ramp_end_time_s"),
+        ({"device": "awr1843", "tx_positions": [[0, 0.5]]}, "whole numbers"),
+        ({"device": "awr1843", "tx_positions": 3}, "tx_positions = 3, expected a list"),
+        (
+            {"device": "awr1843", "tx_firing_order": [0, 1]},
+            "each of the 3 transmitters",
+        ),
+        ({"num_chirps": 3}, "missing radar fields: start_frequency_hz"),
+    ],
+)
+def test_impossible_radar_is_refused(values, message):
+    with pytest.raises(ValueError, match=message):
+        RadarSpec.from_dict(values)
+
+
+def test_toml_names_a_device_and_changes_it(tmp_path):
+    path = tmp_path / "radar.toml"
+    path.write_text(TOML)
+    assert RadarSpec.from_toml(path) == RadarSpec.awr1642(num_chirps=64)
+    path.write_text(TOML + "slope = 3")
+    with pytest.raises(ValueError, match="radar.toml: unknown radar field 'slope'"):
+        RadarSpec.from_toml(path)
+    path.write_text("[radar")
+    with pytest.raises(ValueError, match="not valid TOML"):
+        RadarSpec.from_toml(path)
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="not a text file"):
+        RadarSpec.from_toml(path)
+
+
+LOG = """\
+01-Jan-2026 10:00:00: API:select_chip_version,AR1843,0,
+01-Jan-2026 10:00:00: API:ChannelConfig,7,15,0,
+01-Jan-2026 10:00:00: API:AdcOutConfig,2,1,0,
+API:ProfileConfig,0,1435384036,10000,600,6000,0,0,621,0,256,10000,0,0,30,0,
+01-Jan-2026 10:00:00: API:ChirpConfig,0,0,0,0,0,0,0,1,0,0,
+01-Jan-2026 10:00:00: API:ChirpConfig,1,1,0,0,0,0,0,0,0,1,
+01-Jan-2026 10:00:00: API:ChirpConfig,2,2,0,0,0,0,0,0,1,0,
+01-Jan-2026 10:00:00: API:FrameConfig,0,2,8,64,200000,0,512,0,
+"""
+
+
+def test_studio_log_gives_transmitters_in_firing_order(tmp_path):
+    path = tmp_path / "log.txt"
+    path.write_text(LOG)
+    radar = RadarSpec.from_mmwave_studio_log(path)
+    assert radar.tx_positions == RadarSpec.awr1843().tx_positions
+    assert radar.start_frequency_hz == pytest.approx(77e9, rel=1e-6)
+    assert radar.slope_hz_per_s == pytest.approx(29.98e12, rel=1e-3)
+    assert radar.chirp_period_s == pytest.approx(160e-6)
+    assert (radar.num_chirps, radar.num_samples) == (64, 256)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("API:ProfileConfig", "API:X", "no ProfileConfig: is it the log of"),
+        ("AR1843", "AR9999", "chip AR9999, expected one of"),
+        ("AdcOutConfig,2,1", "AdcOutConfig,2,0", "real samples were recorded"),
+        ("0,0,0,1,0,0,", "0,0,0,1,1,0,", "expected each chirp to fire one"),
+        ("FrameConfig,0,2", "FrameConfig,0,3", "incomplete configuration"),
+    ],
+)
+def test_unusable_studio_log_is_refused(tmp_path, old, new, message):
+    path = tmp_path / "log.txt"
+    path.write_text(LOG.replace(old, new, 1))
+    with pytest.raises(ValueError, match=message):
+        RadarSpec.from_mmwave_studio_log(path)
+
+
+def test_real_studio_log(samples):
+    radar = RadarSpec.from_mmwave_studio_log(samples / "dca1000" / "LogFile_0.txt")
+    assert radar.cube_shape == (1, 4, 1, 256)
+    assert radar.range_resolution_m == pytest.approx(0.1953, abs=1e-4)
