@@ -21,29 +21,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jradar import (
         bundle as bundle,
-    )
-    from jradar import (
         data as data,
-    )
-    from jradar import (
         diffusion as diffusion,
-    )
-    from jradar import (
         evaluation as evaluation,
-    )
-    from jradar import (
         metrics as metrics,
-    )
-    from jradar import (
         radar as radar,
-    )
-    from jradar import (
         range_image as range_image,
-    )
-    from jradar import (
         training as training,
-    )
-    from jradar import (
         viz as viz,
     )
     from jradar.pipeline import enhance as enhance

@@ -10,51 +10,29 @@ Scatterers, simulate_cube        the way back: scatterers to an ADC cube
 
 from jradar.radar.angle import (
     angle_spectrum as angle_spectrum,
-)
-from jradar.radar.angle import (
     direction_sines as direction_sines,
-)
-from jradar.radar.angle import (
     strongest_direction as strongest_direction,
 )
 from jradar.radar.calibration import compensate_tdm as compensate_tdm
 from jradar.radar.cfar import (
     ca_cfar as ca_cfar,
-)
-from jradar.radar.cfar import (
     false_alarm_multiplier as false_alarm_multiplier,
-)
-from jradar.radar.cfar import (
     largest_window as largest_window,
-)
-from jradar.radar.cfar import (
     os_cfar as os_cfar,
 )
 from jradar.radar.points import (
     detections_to_points as detections_to_points,
-)
-from jradar.radar.points import (
     radar_points as radar_points,
 )
 from jradar.radar.sensor import RadarSpec as RadarSpec
 from jradar.radar.simulate import (
     Scatterers as Scatterers,
-)
-from jradar.radar.simulate import (
     simulate_cube as simulate_cube,
 )
 from jradar.radar.spectrum import (
     doppler_bins as doppler_bins,
-)
-from jradar.radar.spectrum import (
     noise_gain as noise_gain,
-)
-from jradar.radar.spectrum import (
     power_map as power_map,
-)
-from jradar.radar.spectrum import (
     range_doppler as range_doppler,
-)
-from jradar.radar.spectrum import (
     window as window,
 )

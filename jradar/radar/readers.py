@@ -12,6 +12,7 @@ MAX_BYTES = 4 << 20  # of a description; the largest real ones hold some 30 kB
 FREQUENCY_HZ = 3.6e9 / 2**26
 SLOPE_HZ_PER_S = 3.6e9 * 900 / 2**26 * 1e6
 TIME_S = 10e-9
+FRAME_PERIOD_S = 5e-9
 
 
 def read_text(path: Path | str) -> str:
@@ -61,7 +62,8 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         raise ValueError(f"{path}: chip {chip}, expected one of {[*PHYSICAL_TX]}")
     try:
         profile = [int(value) for value in commands["ProfileConfig"]]
-        first, last, _, loops = (int(value) for value in commands["FrameConfig"][:4])
+        frame = [int(value) for value in commands["FrameConfig"][:5]]
+        first, last, _, loops, period = frame
         rx_mask = int(commands["ChannelConfig"][1])
         is_complex = int(commands["AdcOutConfig"][1]) > 0
         fired = [tx_of_chirp[chirp] for chirp in range(first, last + 1)]
@@ -90,4 +92,5 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         "tx_positions": tuple(PHYSICAL_TX[chip][tx] for tx in order),
         "rx_positions": tuple(p for p in ROW_OF_RECEIVERS if rx_mask >> p[0] & 1),
         "design_frequency_hz": 76.8e9,
+        "frame_period_s": period * FRAME_PERIOD_S,
     }

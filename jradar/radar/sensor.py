@@ -28,7 +28,7 @@ from jradar.radar.devices import DEVICES
 
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
 
-MAY_BE_ZERO = ("idle_time_s", "adc_start_time_s")
+MAY_BE_ZERO = ("idle_time_s", "adc_start_time_s", "frame_period_s")
 
 Positions = tuple[tuple[int, int], ...]
 
@@ -50,6 +50,7 @@ class RadarSpec:
     rx_positions: Positions
     design_frequency_hz: float
     tx_firing_order: tuple[int, ...] = ()  # array indices in time; () is array order
+    frame_period_s: float = 0.0  # from frame to frame; 0 where it is not known
 
     def __post_init__(self):
         """Refuse a radar that cannot exist, naming the field."""

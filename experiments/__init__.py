@@ -1,0 +1,1 @@
+"""Experiments: a config each, run by `python -m experiments.main`."""

@@ -1,0 +1,78 @@
+"""Run an experiment.
+
+    python -m experiments.main --config=experiments/configs/smoke.py --workdir=runs/smoke
+
+Fields of the config are overridden by `--config.train.steps=10`. The same command goes
+on where an interrupted run stopped. `--mode=eval` scores the trained model again.
+"""
+
+import difflib
+import re
+import sys
+from pathlib import Path
+
+from absl import flags, logging
+from ml_collections import config_flags
+
+CONFIG = config_flags.DEFINE_config_file("config", None, "File of the experiment.")
+WORKDIR = flags.DEFINE_string("workdir", None, "Folder for everything it writes.")
+MODE = flags.DEFINE_enum("mode", "train", ["train", "eval"], "What to do.")
+flags.mark_flags_as_required(["config", "workdir"])
+
+
+def main(argv: list[str]) -> int:
+    """Parse flags, run, and return the exit code."""
+    try:
+        rest = flags.FLAGS(argv)
+        if len(rest) > 1:
+            raise flags.Error(f"unexpected argument {rest[1]!r}")
+    except (flags.Error, AttributeError, KeyError, TypeError, ValueError, OSError) as e:
+        if "--help" in argv:
+            raise
+        print(f"error: {_explain(argv, e)}", file=sys.stderr)
+        return 2
+    logging.set_verbosity(logging.WARNING)
+
+    from experiments import build
+    from jradar.bundle import BundleError
+    from jradar.training import Interrupted, WorkdirLocked, lock_workdir
+
+    run = {"train": build.run_training, "eval": build.run_evaluation}[MODE.value]
+    workdir = Path(WORKDIR.value)
+    try:
+        with lock_workdir(workdir):
+            run(CONFIG.value, workdir)
+    except Interrupted as stop:
+        print(stop, file=sys.stderr)
+        return stop.exit_code
+    except (BundleError, ValueError, FloatingPointError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        codes = {BundleError: 5, ValueError: 2, WorkdirLocked: 3, OSError: 3}
+        return next((c for kind, c in codes.items() if isinstance(error, kind)), 4)
+    return 0
+
+
+def _explain(argv, error):
+    """One line for a wrong flag; an unknown config key with the nearest valid one."""
+    for argument in argv[1:]:
+        key = re.match(r"--config\.([^=]+)", argument)
+        if key and "config" in flags.FLAGS and CONFIG.value is not None:
+            known = [*_keys(CONFIG.value)]
+            if key[1] not in known:
+                near = difflib.get_close_matches(key[1], known, 1) or [
+                    "one of its keys"
+                ]
+                return f"unknown config key {key[1]!r}, did you mean {near[0]}?"
+    return " ".join(str(error).split())
+
+
+def _keys(config, prefix=""):
+    """Dotted keys of a config."""
+    for key, value in config.items():
+        yield f"{prefix}{key}"
+        if hasattr(value, "items"):
+            yield from _keys(value, f"{prefix}{key}.")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv))

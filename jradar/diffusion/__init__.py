@@ -1,0 +1,32 @@
+"""The conditional EDM denoiser (sections III-B and IV-C of the paper).
+
+NoiseSpec                        noise levels, a static argument
+training_sigma, loss_weight, karras_sigmas
+UNet, PRESETS                    the network
+precondition, conditional_denoiser   network -> D(x; sigma), given a condition
+denoising_loss                   training
+sample, heun, heun_step          sampling
+"""
+
+from jradar.diffusion.denoiser import (
+    ConditionalDenoiser as ConditionalDenoiser,
+    conditional_denoiser as conditional_denoiser,
+)
+from jradar.diffusion.losses import denoising_loss as denoising_loss
+from jradar.diffusion.noise import (
+    NoiseSpec as NoiseSpec,
+    karras_sigmas as karras_sigmas,
+    loss_weight as loss_weight,
+    training_sigma as training_sigma,
+)
+from jradar.diffusion.precondition import (
+    Denoiser as Denoiser,
+    precondition as precondition,
+    scalings as scalings,
+)
+from jradar.diffusion.solvers import (
+    heun as heun,
+    heun_step as heun_step,
+    sample as sample,
+)
+from jradar.diffusion.unet import PRESETS as PRESETS, UNet as UNet

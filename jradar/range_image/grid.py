@@ -1,0 +1,95 @@
+"""The range image's pixels: which direction each one looks in (Eq. 7).
+
+    row 0       +----------------------+   highest elevation
+      |         |                      |
+      v         |                      |
+    row H-1     +----------------------+   lowest elevation
+              column 0  -->  column W-1
+              right edge       left edge   (azimuth is positive to the left)
+
+Rows and columns are equal steps of angle, as in the paper; pictures mirror the columns.
+"""
+
+import dataclasses
+import math
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+
+@dataclasses.dataclass(frozen=True)
+class ImageSpec:
+    """Pixels and field of view; angles in radians, (lowest, highest)."""
+
+    height: int
+    width: int
+    azimuth: tuple[float, float] = (-math.pi / 3, math.pi / 3)
+    elevation: tuple[float, float] = (-math.pi / 9, math.pi / 9)
+    max_range_m: float = 12.0
+
+    def __post_init__(self):
+        """Refuse an image without pixels or with an impossible field of view."""
+        if self.height < 1 or self.width < 1:
+            raise ValueError(f"image of {self.height} x {self.width} pixels")
+        for name, limit in (("azimuth", math.pi), ("elevation", math.pi / 2)):
+            low, high = getattr(self, name)
+            if not -limit <= low < high <= limit:
+                raise ValueError(
+                    f"{name} = ({low}, {high}), expected lowest < highest within "
+                    f"+-{limit:.4f} radians"
+                )
+        if not 0 < self.max_range_m < math.inf:
+            raise ValueError(f"max_range_m = {self.max_range_m}, expected more than 0")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.height, self.width
+
+
+def pixel_of(
+    xyz: Float[Array, "*batch 3"], spec: ImageSpec
+) -> tuple[
+    Int[Array, "*batch"],
+    Int[Array, "*batch"],
+    Float[Array, "*batch"],
+    Bool[Array, "*batch"],
+]:
+    """Row, column and range in metres of points, and whether they are in the image.
+
+    Eq. 7. Intervals are half open: the highest azimuth and the lowest elevation are
+    outside, as are NaN, the origin and what lies beyond the maximum range.
+    """
+    x, y, z = jnp.moveaxis(xyz, -1, 0)
+    squared = x * x + y * y + z * z
+    safe = squared > 0  # keeps the gradient of the root finite at the origin
+    distance = jnp.where(safe, jnp.sqrt(jnp.where(safe, squared, 1.0)), 0.0)
+    polar = jnp.arccos(jnp.clip(z / jnp.where(safe, distance, 1.0), -1.0, 1.0))
+    column = (jnp.arctan2(y, x) - spec.azimuth[0]) * _per_radian(
+        spec.width, spec.azimuth
+    )
+    row = (polar - (math.pi / 2 - spec.elevation[1])) * _per_radian(
+        spec.height, spec.elevation
+    )
+    inside = (column >= 0) & (column < spec.width) & (row >= 0) & (row < spec.height)
+    inside &= safe & (distance <= spec.max_range_m)
+    # NaN would become pixel 0, and an index of -1 the last pixel.
+    row = jnp.where(inside, row, 0).astype(jnp.int32)
+    column = jnp.where(inside, column, 0).astype(jnp.int32)
+    return row, column, distance, inside
+
+
+def pixel_directions(spec: ImageSpec) -> np.ndarray:
+    """Unit vectors through the pixels' centres, `[row, column, 3]`, on the host."""
+    row, column = np.arange(spec.height) + 0.5, np.arange(spec.width) + 0.5
+    azimuth = spec.azimuth[0] + column / _per_radian(spec.width, spec.azimuth)
+    elevation = spec.elevation[1] - row / _per_radian(spec.height, spec.elevation)
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation[:, None])
+    ground = np.cos(elevation)
+    vectors = [ground * np.cos(azimuth), ground * np.sin(azimuth), np.sin(elevation)]
+    return np.stack(vectors, -1)
+
+
+def _per_radian(pixels, interval):
+    return pixels / (interval[1] - interval[0])

@@ -1,0 +1,113 @@
+"""Figures with matplotlib. Pictures mirror the columns: left is left.
+
+Range images are coloured by metres, misses are white.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from jradar.files import atomic_path
+from jradar.radar import RadarSpec
+from jradar.range_image import ImageSpec, project
+from jradar.types import PointCloud
+
+
+def save_figure(figure: Figure, path: Path | str) -> None:
+    """Write the figure as PNG."""
+    FigureCanvasAgg(figure)
+    with atomic_path(path) as scratch:
+        figure.savefig(scratch, dpi=110)
+
+
+def capture_figure(
+    power: np.ndarray,
+    radar: RadarSpec,
+    cloud: PointCloud,
+    image: ImageSpec,
+    *,
+    dense: PointCloud | None = None,
+    title: str = "",
+) -> Figure:
+    """One capture: range-Doppler map, clouds from above, range image.
+
+    `power` is the map [doppler, range]; `dense` the enhanced cloud, if there is one.
+    """
+    figure = Figure(figsize=(13, 4.2), layout="constrained")
+    spectrum, above, front = figure.subplots(1, 3)
+    figure.suptitle(title)
+    _draw_spectrum(spectrum, np.asarray(power), radar)
+    clouds = {"radar": cloud} if dense is None else {"enhanced": dense, "radar": cloud}
+    _draw_above(above, clouds)
+    _draw_image(front, project(dense or cloud, image), image)
+    front.set_title(
+        f"range image of the {'radar' if dense is None else 'enhanced'} cloud"
+    )
+    return figure
+
+
+def samples_figure(columns: dict[str, np.ndarray], image: ImageSpec) -> Figure:
+    """Range images side by side: a column `[frame, row, column]` for each method."""
+    frames = len(next(iter(columns.values())))
+    figure = Figure(
+        figsize=(4 * len(columns), 1.5 * frames + 0.4), layout="constrained"
+    )
+    axes = figure.subplots(frames, len(columns), squeeze=False)
+    for column, (name, images) in enumerate(columns.items()):
+        axes[0, column].set_title(name)
+        for row in range(frames):
+            _draw_image(axes[row, column], images[row], image)
+            axes[row, column].set(xticks=[], yticks=[], xlabel="", ylabel="")
+    return figure
+
+
+def _draw_spectrum(axes: Axes, power, radar):
+    """Power in decibels over velocity and range."""
+    level = 10 * np.log10(power + power.max() * 1e-12 + 1e-30)
+    velocity, distance = radar.max_velocity_mps, radar.max_range_m
+    half_bin = radar.velocity_resolution_mps / 2
+    picture = axes.imshow(
+        level.T,
+        origin="lower",
+        aspect="auto",
+        extent=(-velocity - half_bin, velocity - half_bin, 0, distance),
+        vmin=np.percentile(level, 5),
+    )
+    axes.figure.colorbar(picture, ax=axes, label="power (dB)")
+    axes.set(title="range-Doppler map", xlabel="velocity (m/s)", ylabel="range (m)")
+
+
+def _draw_above(axes: Axes, clouds):
+    """Clouds from above: x up, y to the left."""
+    for (name, cloud), colour, size in zip(
+        clouds.items(),
+        ("tab:blue", "tab:red")[-len(clouds) :],
+        (1, 6)[-len(clouds) :],
+        strict=True,
+    ):
+        xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+        axes.scatter(xyz[:, 1], xyz[:, 0], s=size, c=colour, linewidths=0, label=name)
+    axes.plot(0, 0, "k^")
+    axes.set(title="from above", xlabel="y, left (m)", ylabel="x, forward (m)")
+    axes.set_aspect("equal")
+    axes.invert_xaxis()
+    axes.legend(loc="lower right")
+
+
+def _draw_image(axes: Axes, metres, image: ImageSpec):
+    """A range image [row, column] in metres, 0 for a miss."""
+    metres = np.asarray(metres)
+    limits = np.degrees([*image.azimuth[::-1], *image.elevation])
+    axes.imshow(
+        np.where(metres > 0, metres, np.nan)[:, ::-1],
+        extent=limits,
+        aspect="auto",
+        vmin=0,
+        vmax=image.max_range_m,
+        cmap="turbo",
+        interpolation="nearest",
+    )
+    axes.set(xlabel="azimuth (degrees)", ylabel="elevation (degrees)")

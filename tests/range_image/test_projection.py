@@ -1,0 +1,187 @@
+"""Projection: Eq. 7 by hand, nearest wins, nothing wraps, slices, and the way back."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from jax.test_util import check_grads
+
+from jradar.range_image import (
+    ImageSpec,
+    pixel_directions,
+    pixel_of,
+    project,
+    project_slices,
+    unproject,
+)
+from jradar.types import PointCloud
+
+SPEC = ImageSpec(height=8, width=16, max_range_m=10.0)
+FINE = ImageSpec(height=128, width=512, max_range_m=12.0)
+
+
+def direction(azimuth, elevation):
+    ground = np.cos(elevation)
+    x, y = ground * np.cos(azimuth), ground * np.sin(azimuth)
+    return np.stack([x, y, np.sin(elevation) + 0 * x], -1)
+
+
+def cloud(*points):
+    return PointCloud.from_xyz(np.array(points, np.float32).reshape(-1, 3))
+
+
+def test_pixel_is_equation_7_in_float64():
+    rng = np.random.default_rng(0)
+    azimuth, elevation = rng.uniform(-1, 1, 1000), rng.uniform(-0.3, 0.3, 1000)
+    xyz = direction(azimuth, elevation) * rng.uniform(1, 9, (1000, 1))
+    row, column, distance, inside = pixel_of(jnp.asarray(xyz, jnp.float32), SPEC)
+    theta, phi = (
+        np.arctan2(xyz[:, 1], xyz[:, 0]),
+        np.arccos(xyz[:, 2] / np.linalg.norm(xyz, axis=1)),
+    )
+    theta_range, phi_range = np.ptp(SPEC.azimuth), np.ptp(SPEC.elevation)
+    expected_column = (theta - SPEC.azimuth[0]) * 16 / theta_range
+    expected_row = (phi - (math.pi / 2 - SPEC.elevation[1])) * 8 / phi_range
+    clear = np.abs(expected_column % 1 - 0.5) < 0.4999
+    clear &= np.abs(expected_row % 1 - 0.5) < 0.4999  # not on an edge
+    np.testing.assert_array_equal(column[clear], np.floor(expected_column)[clear])
+    np.testing.assert_array_equal(row[clear], np.floor(expected_row)[clear])
+    np.testing.assert_allclose(distance, np.linalg.norm(xyz, axis=1), rtol=1e-6)
+    assert inside.all()
+
+
+def test_up_is_row_0_and_left_is_the_last_column():
+    up_left = 5 * direction(0.99 * SPEC.azimuth[1], 0.99 * SPEC.elevation[1])
+    image = project(cloud(up_left), SPEC)
+    assert np.argwhere(image).tolist() == [[0, 15]]
+
+
+def test_nearest_point_wins_whatever_the_order():
+    near, far = direction(0.1, 0.1) * 2, direction(0.1, 0.1) * 7
+    for points in ((near, far), (far, near)):
+        assert project(cloud(*points), SPEC).max() == pytest.approx(2, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "point",
+    [
+        (np.nan, 1, 0),
+        (np.inf, 0, 0),
+        (0, 0, 0),
+        (-5, 0, 0),  # behind
+        (0, 0, 5),  # straight up
+        5 * direction(SPEC.azimuth[1] + 1e-4, 0),
+        5 * direction(SPEC.azimuth[0] - 1e-4, 0),
+        5 * direction(0, SPEC.elevation[1] + 1e-4),
+        5 * direction(0, SPEC.elevation[0] - 1e-4),
+        (10.01, 0, 0),
+    ],
+)
+def test_point_outside_leaves_no_pixel(point):
+    valid = PointCloud(jnp.asarray([point], jnp.float32), jnp.array([True]))
+    assert not project(valid, SPEC).any()
+    assert not project(cloud(point), SPEC).any()
+
+
+def test_invalid_points_leave_no_pixel():
+    points = PointCloud(jnp.array([[5.0, 0, 0]]), jnp.array([False]))
+    assert not project(points, SPEC).any()
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.tuples(*3 * [st.floats(width=32)]), min_size=4, max_size=4))
+def test_any_numbers_make_a_finite_image_within_range(points):
+    image = project(cloud(*points), SPEC)
+    assert jnp.isfinite(image).all() and (image >= 0).all()
+    assert (image <= SPEC.max_range_m).all()
+
+
+def test_image_to_cloud_to_image_is_exact():
+    image = jax.random.uniform(jax.random.key(0), FINE.shape, minval=0.5, maxval=11)
+    image = jnp.where(image > 8, 0.0, image)
+    again = project(unproject(image, FINE), FINE)
+    np.testing.assert_allclose(again, image, rtol=1e-6)
+
+
+def test_slices_part_the_range_and_keep_the_power_of_the_nearest():
+    points = PointCloud(
+        xyz=jnp.asarray(direction(0.1, 0.1) * np.array([[1], [2], [6], [9.9]])),
+        valid=jnp.ones(4, bool),
+        power=jnp.array([1.0, 5.0, 3.0, 4.0]),
+    )
+    slices = project_slices(points, SPEC, num_slices=4)
+    row, column = (int(i[0]) for i in pixel_of(points.xyz[:1], SPEC)[:2])
+    np.testing.assert_allclose(slices.range_m[row, column], [1, 0, 6, 9.9], rtol=1e-6)
+    np.testing.assert_allclose(slices.power[row, column], [1, 0, 3, 4])
+    assert (slices.range_m > 0).sum() == 3
+    whole = project(points, SPEC)
+    np.testing.assert_allclose(whole[row, column], 1, rtol=1e-6)
+
+
+def test_vmap_equals_the_loop():
+    xyz = jax.random.normal(jax.random.key(0), (3, 50, 3)) + jnp.array([4.0, 0, 0])
+    clouds = PointCloud.from_xyz(xyz)
+    batch = jax.vmap(lambda c: project(c, SPEC))(clouds)
+    for i in range(3):
+        alone = project(jax.tree.map(lambda x, i=i: x[i], clouds), SPEC)
+        np.testing.assert_array_equal(batch[i], alone)
+
+
+def test_gradients_of_the_ranges_are_the_numerical_ones():
+    directions = jnp.asarray(pixel_directions(SPEC)[2:4, 3:9].reshape(-1, 3))
+    valid = jnp.ones(len(directions), bool)
+
+    def total(ranges):
+        points = PointCloud(ranges[:, None] * directions, valid)
+        return (project(points, SPEC) ** 2).sum()
+
+    ranges = jnp.linspace(2.0, 6.0, len(directions))
+    check_grads(total, (ranges,), order=1, modes=["rev"], rtol=1e-2)
+    origin = PointCloud(jnp.zeros((1, 3)), jnp.array([True]))
+    gradient = jax.grad(lambda c: project(c, SPEC).sum(), allow_int=True)(origin)
+    assert jnp.isfinite(gradient.xyz).all()
+
+
+def test_real_lidar_scan_survives_within_half_a_pixel(samples):
+    scan = np.load(samples / "ouster" / "os1_64_scan.npz")["xyz"].reshape(-1, 3)
+    points = PointCloud.from_xyz(scan.astype(np.float32))
+    image = project(points, FINE)
+    row, column, distance, inside = map(np.asarray, pixel_of(points.xyz, FINE))
+    survived = inside & np.asarray(points.valid)
+    survived &= distance == np.asarray(image)[row, column]
+    assert survived.sum() > 2000
+    assert survived.sum() >= (image > 0).sum()
+
+    back = np.asarray(unproject(image, FINE).xyz).reshape(*FINE.shape, 3)[row, column]
+    before, after = scan[survived].astype(float), back[survived].astype(float)
+    ranges = [np.linalg.norm(xyz, axis=1) for xyz in (before, after)]
+    np.testing.assert_allclose(ranges[1], ranges[0], rtol=1e-6)
+    azimuths = [np.arctan2(xyz[:, 1], xyz[:, 0]) for xyz in (before, after)]
+    elevations = [
+        np.arcsin(xyz[:, 2] / r) for xyz, r in zip((before, after), ranges, strict=True)
+    ]
+    half_column, half_row = np.ptp(FINE.azimuth) / 1024, np.ptp(FINE.elevation) / 256
+    assert np.abs(azimuths[1] - azimuths[0]).max() <= half_column * 1.001
+    assert np.abs(elevations[1] - elevations[0]).max() <= half_row * 1.001
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"height": 0}, "image of 0 x 16 pixels"),
+        ({"azimuth": (1.0, 0.5)}, "expected lowest < highest"),
+        ({"elevation": (-2.0, 0.5)}, "expected lowest < highest within"),
+        ({"max_range_m": math.inf}, "expected more than 0"),
+    ],
+)
+def test_impossible_image_is_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        ImageSpec(**{"height": 8, "width": 16, **changes})
+
+
+def test_image_of_another_spec_is_refused():
+    with pytest.raises(ValueError, match=r"shape \(4, 4\), expected"):
+        unproject(jnp.ones((4, 4)), SPEC)
