@@ -1,6 +1,7 @@
-"""Run an experiment.
+r"""Run an experiment.
 
-    python -m experiments.main --config=experiments/configs/smoke.py --workdir=runs/smoke
+    python -m experiments.main --config=experiments/configs/smoke.py \
+        --workdir=runs/smoke
 
 Fields of the config are overridden by `--config.train.steps=10`. The same command goes
 on where an interrupted run stopped. `--mode=eval` scores the trained model again.

@@ -50,7 +50,7 @@ def get_config():
     config.data.num_validation = 32
 
     config.noise = ConfigDict()
-    config.noise.sigma_data = 0.5
+    config.noise.sigma_data = 0.68  # measured on the encoded LiDAR images
     config.noise.sigma_min = 0.002
     config.noise.sigma_max = 80.0
     config.noise.rho = 7.0

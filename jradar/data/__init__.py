@@ -3,10 +3,14 @@
 open_cubes                       a recording of ADC cubes, read lazily
 random_room, room_frame          simulated rooms seen by radar and LiDAR
 make_pairs, batch_indices        pairs of condition and target, drawn by step
-write_ply                        clouds to files
+write_ply, write_npz             clouds to files
 """
 
-from jradar.data.clouds import write_ply as write_ply
+from jradar.data.clouds import (
+    valid_points as valid_points,
+    write_npz as write_npz,
+    write_ply as write_ply,
+)
 from jradar.data.cubes import Cubes as Cubes, open_cubes as open_cubes
 from jradar.data.pairs import (
     Pairs as Pairs,

@@ -15,6 +15,12 @@ def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
     return {k: np.asarray(v)[valid] for k, v in named.items() if v is not None}
 
 
+def write_npz(path: Path | str, arrays: dict[str, np.ndarray]) -> None:
+    """Write named arrays as a compressed NPZ file."""
+    with atomic_path(path) as scratch, scratch.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
 def write_ply(path: Path | str, cloud: PointCloud) -> None:
     """Write the valid points of one cloud as binary PLY, all properties float32.
 

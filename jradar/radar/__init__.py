@@ -23,6 +23,7 @@ from jradar.radar.cfar import (
 from jradar.radar.points import (
     detections_to_points as detections_to_points,
     radar_points as radar_points,
+    strongest_echoes as strongest_echoes,
 )
 from jradar.radar.sensor import RadarSpec as RadarSpec
 from jradar.radar.simulate import (

@@ -4,6 +4,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.radar import cfar
@@ -110,3 +111,50 @@ def detections_to_points(
         velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
         power=power,
     )
+
+
+def strongest_echoes(
+    cloud: PointCloud,
+    radar: RadarSpec,
+    *,
+    count: int = 5,
+    min_range_m: float = 0.5,
+    apart: int = 3,
+) -> list[dict[str, float]]:
+    """The strongest points that are no neighbours of stronger ones, on the host.
+
+    Neighbours lie within `apart` bins of each other in range and in velocity. Nearer
+    than `min_range_m` the antennas' coupling is the strongest echo. One cloud of
+    `radar_points`; angles in degrees, power in dB.
+    """
+    echoes: list[dict[str, float]] = []
+    points = zip(
+        np.asarray(cloud.xyz, np.float64),
+        np.asarray(cloud.velocity, np.float64),
+        np.asarray(cloud.power, np.float64),
+        np.asarray(cloud.valid),
+        strict=True,
+    )
+    for xyz, velocity, power, valid in points:
+        distance = float(np.linalg.norm(xyz))
+        range_bin = round(distance / radar.range_resolution_m)
+        doppler_bin = round(velocity / radar.velocity_resolution_mps)
+        if not valid or distance < min_range_m or len(echoes) == count:
+            continue
+        if all(
+            max(abs(range_bin - e["range_bin"]), abs(doppler_bin - e["doppler_bin"]))
+            > apart
+            for e in echoes
+        ):
+            echoes.append(
+                {
+                    "range_bin": range_bin,
+                    "range_m": distance,
+                    "doppler_bin": doppler_bin,
+                    "velocity_mps": float(velocity),
+                    "azimuth_deg": float(np.degrees(np.arctan2(xyz[1], xyz[0]))),
+                    "elevation_deg": float(np.degrees(np.arcsin(xyz[2] / distance))),
+                    "power_db": float(10 * np.log10(power)),
+                }
+            )
+    return echoes

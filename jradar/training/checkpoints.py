@@ -26,6 +26,7 @@ class Checkpoints:
             options=ocp.CheckpointManagerOptions(
                 preservation_policy=ocp.checkpoint_managers.LatestN(keep),
                 cleanup_tmp_directories=True,
+                enable_async_checkpointing=False,
             ),
         )
 
@@ -39,10 +40,9 @@ class Checkpoints:
             digest=ocp.args.JsonSave({"crc32": tree_digest(state)}),
         )
         self._manager.save(step, args=items)
-        self._manager.wait_until_finished()
 
     def restore(self, like: TrainState) -> TrainState | None:
-        """The newest state that is whole, of the shapes of `like`; None if there is none.
+        """The newest state that is whole, of the shapes of `like`; None without any.
 
         Steps that are damaged are named in a warning and deleted, so that they are
         saved anew. Raises ValueError where every step there is is damaged.

@@ -140,20 +140,25 @@ class _Progress:
 
     def __init__(self, first, steps):
         self.first, self.steps = first, steps
-        self.start = self.shown = time.monotonic()
+        self.shown = -math.inf
+        self.start = math.nan  # after the first step, which compiles
         self.recent: list[float] = []
 
     def show(self, done, loss):
         now = time.monotonic()
+        if done == self.first + 1:
+            self.start = now
         self.recent = [*self.recent[-99:], loss]
         terminal = sys.stderr.isatty()
         pause = 0.2 if terminal else SECONDS_BETWEEN_LINES
-        if now - self.shown < pause and done not in (self.first + 1, self.steps):
+        if now - self.shown < pause and done != self.steps:
             return
         self.shown = now
-        rate = (done - self.first) / (now - self.start)
-        eta = time.strftime("%H:%M:%S", time.gmtime((self.steps - done) / rate))
         mean = sum(self.recent) / len(self.recent)
-        line = f"step {done}/{self.steps}  loss {mean:.4f}  {rate:.2f}/s  left {eta}"
+        line = f"step {done}/{self.steps}  loss {mean:.4f}"
+        if now > self.start:
+            rate = (done - self.first - 1) / (now - self.start)
+            left = time.gmtime((self.steps - done) / rate)
+            line += f"  {rate:.2f} steps/s  left {time.strftime('%H:%M:%S', left)}"
         end = "\n" if not terminal or done == self.steps else "\r"
         print(f"{line:<72}", end=end, file=sys.stderr, flush=True)
