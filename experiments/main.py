@@ -9,6 +9,7 @@ on where an interrupted run stopped. `--mode=eval` scores the trained model agai
 
 import difflib
 import re
+import runpy
 import sys
 from pathlib import Path
 
@@ -27,6 +28,8 @@ def main(argv: list[str]) -> int:
         rest = flags.FLAGS(argv)
         if len(rest) > 1:
             raise flags.Error(f"unexpected argument {rest[1]!r}")
+        config, workdir = CONFIG.value, Path(WORKDIR.value)
+        config.lock()  # a missing file only shows when the config is first used
     except (flags.Error, AttributeError, KeyError, TypeError, ValueError, OSError) as e:
         if "--help" in argv:
             raise
@@ -39,10 +42,9 @@ def main(argv: list[str]) -> int:
     from jradar.training import Interrupted, WorkdirLocked, lock_workdir
 
     run = {"train": build.run_training, "eval": build.run_evaluation}[MODE.value]
-    workdir = Path(WORKDIR.value)
     try:
         with lock_workdir(workdir):
-            run(CONFIG.value, workdir)
+            run(config, workdir)
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code
@@ -55,15 +57,16 @@ def main(argv: list[str]) -> int:
 
 def _explain(argv, error):
     """One line for a wrong flag; an unknown config key with the nearest valid one."""
-    for argument in argv[1:]:
-        key = re.match(r"--config\.([^=]+)", argument)
-        if key and "config" in flags.FLAGS and CONFIG.value is not None:
-            known = [*_keys(CONFIG.value)]
-            if key[1] not in known:
-                near = difflib.get_close_matches(key[1], known, 1) or [
-                    "one of its keys"
-                ]
-                return f"unknown config key {key[1]!r}, did you mean {near[0]}?"
+    given = dict(re.findall(r"^--(config[^=]*)=(.*)$", "\n".join(argv), re.MULTILINE))
+    path = given.pop("config", None)
+    if path and not Path(path).is_file():
+        return f"no such config file: {path}"
+    known = [*_keys(runpy.run_path(path)["get_config"]())] if path else [*given]
+    for key in given:
+        name = key.removeprefix("config.")
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1) or [", ".join(known)]
+            return f"unknown config key {name!r}, did you mean {near[0]}?"
     return " ".join(str(error).split())
 
 

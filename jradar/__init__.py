@@ -25,9 +25,11 @@ if TYPE_CHECKING:
         diffusion as diffusion,
         evaluation as evaluation,
         metrics as metrics,
+        pipeline as pipeline,
         radar as radar,
         range_image as range_image,
         training as training,
+        types as types,
         viz as viz,
     )
     from jradar.pipeline import enhance as enhance
@@ -35,10 +37,12 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-ROOMS = (
+__all__ = [
+    "PointCloud",
     "bundle",
     "data",
     "diffusion",
+    "enhance",
     "evaluation",
     "metrics",
     "pipeline",
@@ -47,18 +51,16 @@ ROOMS = (
     "training",
     "types",
     "viz",
-)
+]
 NAMES = {"enhance": "jradar.pipeline", "PointCloud": "jradar.types"}
-
-__all__ = [*ROOMS, *NAMES]
 
 
 def __getattr__(name: str) -> Any:
     """Load a room, or one of the few names on the top level, on first use."""
-    if name in ROOMS:
-        return importlib.import_module(f"jradar.{name}")
     if name in NAMES:
         return getattr(importlib.import_module(NAMES[name]), name)
+    if name in __all__:
+        return importlib.import_module(f"jradar.{name}")
     raise AttributeError(f"module 'jradar' has no attribute {name!r}")
 
 

@@ -116,15 +116,17 @@ def load_bundle(folder: Path | str) -> Bundle:
     return Bundle(jax.tree.map(jnp.asarray, params), spec)
 
 
-def _to_json(value):
+def _to_json(value: Any) -> Any:
     """A spec, a network or an option as JSON takes it."""
     if isinstance(value, UNet):
         skipped = ("parent", "name", "dtype")
         names = [f.name for f in dataclasses.fields(value) if f.name not in skipped]
         return {name: getattr(value, name) for name in names}
-    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) else value
+    if isinstance(value, NoiseSpec | ImageSpec | RadarSpec):
+        return dataclasses.asdict(value)
+    return value
 
 
-def _tuples(values):
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
     """The dictionary with its lists as tuples, as specs have them."""
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}

@@ -52,7 +52,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
         cloud = radar_room.radar_points(
             cube, cubes.radar, remove_static=remove_static, **window
         )
-        found[kind] = radar_room.strongest_echoes(cloud, cubes.radar)
+        found[kind] = _echoes(cloud, cubes.radar)
     return {**_describe(cubes), "frame": options.frame, **found}
 
 
@@ -87,7 +87,7 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
         **_describe(cubes),
         "frame": options.frame,
         "points": int(cloud.valid.sum()),
-        "echoes": radar_room.strongest_echoes(cloud, cubes.radar),
+        "echoes": _echoes(cloud, cubes.radar),
         "written": [str(folder / n) for n in ("radar.ply", "radar.npz", "capture.png")],
     }
 
@@ -248,6 +248,13 @@ def _window(radar, guard, train):
 
     guard, train = largest_window(radar.cube_shape, guard, train)
     return {"guard": guard, "train": train}
+
+
+def _echoes(cloud, radar):
+    """The strongest echoes as dictionaries."""
+    from jradar.radar import strongest_echoes
+
+    return [echo._asdict() for echo in strongest_echoes(cloud, radar)]
 
 
 def _describe(cubes, notes=()):

@@ -7,13 +7,13 @@ empty cloud is NaN: count such frames, and say so.
 """
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jradar.types import PointCloud
 
@@ -70,9 +70,8 @@ def compare(
     Chamfer is the sum of the two mean distances, or with `mean_of_both` their mean;
     modified Hausdorff the larger of the two median distances.
     """
-    return _scores(
-        *nearest_distances(prediction, truth), jnp, thresholds_m, mean_of_both
-    )
+    forth, back = nearest_distances(prediction, truth)
+    return _scores(forth, back, jnp, thresholds_m, mean_of_both)
 
 
 def compare_on_host(
@@ -93,7 +92,7 @@ def compare_on_host(
         forth = back = np.full(1, np.nan)
     else:
         forth, back = (
-            cKDTree(other).query(points)[0]
+            KDTree(other).query(points)[0]
             for points, other in (clouds, reversed(clouds))
         )
     return _scores(forth, back, np, thresholds_m, mean_of_both)
@@ -107,12 +106,15 @@ def _root_or_nan(squared):
     return jnp.where(known, root, jnp.nan)
 
 
-def _scores(forth, back, xp, thresholds_m, mean_of_both):
+def _scores(
+    forth: Any, back: Any, xp: Any, thresholds_m: tuple[float, ...], mean_of_both: bool
+) -> CloudMetrics:
     """Scores from the distances both ways, NaN ones ignored."""
     empty = xp.isnan(forth).all() | xp.isnan(back).all()
     if xp is np and empty:
-        nothing = np.full(len(thresholds_m), np.nan)
-        return CloudMetrics(np.nan, np.nan, nothing, nothing, nothing)
+        nan: Any = np.nan
+        nothing: Any = np.full(len(thresholds_m), np.nan)
+        return CloudMetrics(nan, nan, nothing, nothing, nothing)
     limits = xp.asarray(thresholds_m)
     precision, recall = (
         xp.nanmean(

@@ -1,6 +1,7 @@
 """Point clouds to files."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
     return {k: np.asarray(v)[valid] for k, v in named.items() if v is not None}
 
 
-def write_npz(path: Path | str, arrays: dict[str, np.ndarray]) -> None:
+def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
     """Write named arrays as a compressed NPZ file."""
     with atomic_path(path) as scratch, scratch.open("wb") as file:
         np.savez_compressed(file, **arrays)

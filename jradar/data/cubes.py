@@ -12,7 +12,7 @@ import dataclasses
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import overload
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 MAX_BYTES = 64 << 30
 
 
-class Cubes(Sequence[np.ndarray]):
+class Cubes(Sequence):
     """A recording: frames by index, its radar, and notes on what was mended."""
 
     def __init__(self, path: Path, radar: RadarSpec, frames: np.ndarray):
@@ -40,11 +40,7 @@ class Cubes(Sequence[np.ndarray]):
     def __len__(self) -> int:
         return len(self._frames)
 
-    @overload
-    def __getitem__(self, index: int) -> np.ndarray: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[np.ndarray]: ...
-    def __getitem__(self, index):
+    def __getitem__(self, index: int | slice) -> Any:
         """Frame `index`; ValueError where a sample is not finite."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]

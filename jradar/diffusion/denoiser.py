@@ -21,7 +21,7 @@ def conditional_denoiser(
     def given(condition):
         features = network.apply(params, condition, method="encode")
 
-        def decode(x, c_noise):
+        def decode(x, c_noise) -> Any:
             return network.apply(params, x, c_noise, features, method="decode")
 
         return precondition(decode, noise)

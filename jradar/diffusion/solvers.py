@@ -47,7 +47,10 @@ def heun(denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
 
 
 def heun_step(
-    denoise: Denoiser, x: Image, sigma: Float[Array, ""], after: Float[Array, ""]
+    denoise: Denoiser,
+    x: Image,
+    sigma: Float[Array, ""],
+    after: Float[Array, ""],
 ) -> Image:
     """One step of second order from level `sigma` to level `after` > 0."""
     slope = (x - denoise(x, sigma)) / sigma

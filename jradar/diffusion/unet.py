@@ -37,6 +37,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 
 Image = Float[Array, "batch row column channel"]
+Condition = Float[Array, "batch coarse_row coarse_column slice"]
 Features = Sequence[Float[Array, "batch _ _ _"]]
 
 
@@ -70,12 +71,12 @@ class UNet(nn.Module):
         )
 
     def __call__(
-        self, x: Image, c_noise: Float[Array, " batch"], condition: Image
+        self, x: Image, c_noise: Float[Array, " batch"], condition: Condition
     ) -> Image:
         """`encode` and `decode` in one: what training and initialisation call."""
         return self.decode(x, c_noise, self.encode(condition))
 
-    def encode(self, condition: Image) -> Features:
+    def encode(self, condition: Condition) -> Features:
         """Features of the condition at its own grid and at each half of it."""
         return self.tower(condition)
 
@@ -94,7 +95,7 @@ class ConditionTower(nn.Module):
     dtype: Any = jnp.float32
 
     @nn.compact
-    def __call__(self, condition: Image) -> Features:
+    def __call__(self, condition: Condition) -> Features:
         """Maps of the grids [row, column], [row / 2, column / 2] ..."""
         x = _conv(self.channels, self.dtype, name="input")(condition)
         features = []
@@ -293,7 +294,7 @@ def _noise_embedding(c_noise, channels):
     """Cosines and sines of the noise level at `channels` frequencies."""
     half = channels // 2
     frequencies = (1 / 10000) ** (np.arange(half) / half)
-    phase = c_noise[:, None] * jnp.asarray(frequencies, c_noise.dtype)
+    phase = jnp.outer(c_noise, jnp.asarray(frequencies, c_noise.dtype))
     return jnp.concatenate([jnp.cos(phase), jnp.sin(phase)], -1)
 
 
@@ -301,13 +302,13 @@ def _angle_features(rows, columns):
     """Fourier features of elevation and azimuth, `[row, column, feature]`.
 
     Both angles are mapped to -1 .. 1 over the image; frequencies double from half a
-    period over the image to half a period per pixel (Nakashima & Kurazume 2024).
+    period over the image to half a period per pixel of the paper's 128 x 512 pixels
+    (Nakashima & Kurazume 2024). Their number does not depend on the image's size.
     """
     features = []
-    for place in np.meshgrid(_centres(rows), _centres(columns), indexing="ij"):
-        size = rows if not features else columns
-        octaves = np.pi * 2.0 ** np.arange(math.ceil(math.log2(max(size, 2))))
-        phase = place[..., None] * octaves
+    places = np.meshgrid(_centres(rows), _centres(columns), indexing="ij")
+    for place, octaves in zip(places, (7, 9), strict=True):
+        phase = place[..., None] * (np.pi * 2.0 ** np.arange(octaves))
         features += [np.sin(phase), np.cos(phase)]
     return np.concatenate(features, -1)
 

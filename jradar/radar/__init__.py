@@ -21,6 +21,7 @@ from jradar.radar.cfar import (
     os_cfar as os_cfar,
 )
 from jradar.radar.points import (
+    Echo as Echo,
     detections_to_points as detections_to_points,
     radar_points as radar_points,
     strongest_echoes as strongest_echoes,

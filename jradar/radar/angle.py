@@ -27,11 +27,11 @@ def direction_sines(
     radar: RadarSpec, *, num_azimuth: int = 64, num_elevation: int = 32
 ) -> tuple[np.ndarray, np.ndarray]:
     """The bins' direction sines u `[azimuth]` and w `[elevation]`, on the host."""
-    num_elevation = num_elevation if radar.has_elevation else 1
-    return tuple(
-        (np.arange(bins) - bins // 2) / (bins * radar.spacing_wavelengths)
-        for bins in (num_azimuth, num_elevation)
-    )
+
+    def sines(bins):
+        return (np.arange(bins) - bins // 2) / (bins * radar.spacing_wavelengths)
+
+    return sines(num_azimuth), sines(num_elevation if radar.has_elevation else 1)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation"))

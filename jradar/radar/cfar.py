@@ -23,6 +23,7 @@ detection: the paper's threshold "approaching zero".
 
 import functools
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -84,7 +85,8 @@ def false_alarm_multiplier(
         exceeds = special.gammaincc(channels, math.exp(log_alpha) / scale * z)
         return math.log(max(np.sum(weight * exceeds), 1e-300) / rate)
 
-    return math.exp(optimize.brentq(excess, -30.0, 30.0, xtol=1e-14, rtol=1e-14))
+    log_alpha: Any = optimize.brentq(excess, -30.0, 30.0, xtol=1e-14)
+    return math.exp(log_alpha)
 
 
 @functools.partial(jax.jit, static_argnames=STATIC)
@@ -142,11 +144,9 @@ def largest_window(
     shape: tuple[int, ...], guard: tuple[int, int], train: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """The given `guard` and `train`, cut down to what fits a map [doppler, range]."""
-    sides = [(bins - 1) // 2 for bins in shape[-2:]]
-    train = tuple(min(t, side) for t, side in zip(train, sides, strict=True))
-    guard = tuple(
-        min(g, side - t) for g, t, side in zip(guard, train, sides, strict=True)
-    )
+    doppler, range_ = ((bins - 1) // 2 for bins in shape[-2:])
+    train = (min(train[0], doppler), min(train[1], range_))
+    guard = (min(guard[0], doppler - train[0]), min(guard[1], range_ - train[1]))
     return guard, train
 
 
@@ -182,10 +182,11 @@ def _pad(power, guard, train, fill):
     return jnp.pad(power, [*leading, (0, 0), (range_, range_)], constant_values=fill)
 
 
-def _sliding_sum(values, size, axis):
+def _sliding_sum(values, size, axis) -> Any:
     """Sums over `size` neighbours, by doubling; the axis gets shorter by size - 1."""
     length = values.shape[axis] - size + 1
-    total, offset, width = None, 0, 1
+    total: Any = None
+    offset, width = 0, 1
     while True:
         if size & 1:
             part = jax.lax.slice_in_dim(values, offset, offset + length, axis=axis)

@@ -1,6 +1,7 @@
 """Detections to a point cloud: the paper's section III-A in one function."""
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,18 @@ from jradar.types import PointCloud
 DETECTORS = {"ca": cfar.ca_cfar, "os": cfar.os_cfar}
 ANGLES = ("num_azimuth", "num_elevation")
 DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
+
+
+class Echo(NamedTuple):
+    """A peak of the range-Doppler map, for people to read."""
+
+    range_bin: int
+    range_m: float
+    doppler_bin: int
+    velocity_mps: float
+    azimuth_deg: float
+    elevation_deg: float
+    power_db: float
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "capacity", *DETECTION, *ANGLES))
@@ -120,41 +133,32 @@ def strongest_echoes(
     count: int = 5,
     min_range_m: float = 0.5,
     apart: int = 3,
-) -> list[dict[str, float]]:
+) -> list[Echo]:
     """The strongest points that are no neighbours of stronger ones, on the host.
 
-    Neighbours lie within `apart` bins of each other in range and in velocity. Nearer
-    than `min_range_m` the antennas' coupling is the strongest echo. One cloud of
-    `radar_points`; angles in degrees, power in dB.
+    Takes one cloud of `radar_points`. Neighbours lie within `apart` bins of each other
+    in range and in velocity. What is nearer than `min_range_m` is left out: there the
+    coupling of the antennas is the strongest echo.
     """
-    echoes: list[dict[str, float]] = []
-    points = zip(
-        np.asarray(cloud.xyz, np.float64),
-        np.asarray(cloud.velocity, np.float64),
-        np.asarray(cloud.power, np.float64),
-        np.asarray(cloud.valid),
-        strict=True,
-    )
-    for xyz, velocity, power, valid in points:
+    valid = np.asarray(cloud.valid)
+    columns = (np.asarray(c)[valid] for c in (cloud.xyz, cloud.velocity, cloud.power))
+    echoes: list[Echo] = []
+    for xyz, velocity, power in zip(*columns, strict=True):
         distance = float(np.linalg.norm(xyz))
-        range_bin = round(distance / radar.range_resolution_m)
-        doppler_bin = round(velocity / radar.velocity_resolution_mps)
-        if not valid or distance < min_range_m or len(echoes) == count:
-            continue
-        if all(
-            max(abs(range_bin - e["range_bin"]), abs(doppler_bin - e["doppler_bin"]))
-            > apart
-            for e in echoes
-        ):
-            echoes.append(
-                {
-                    "range_bin": range_bin,
-                    "range_m": distance,
-                    "doppler_bin": doppler_bin,
-                    "velocity_mps": float(velocity),
-                    "azimuth_deg": float(np.degrees(np.arctan2(xyz[1], xyz[0]))),
-                    "elevation_deg": float(np.degrees(np.arcsin(xyz[2] / distance))),
-                    "power_db": float(10 * np.log10(power)),
-                }
-            )
+        echo = Echo(
+            range_bin=round(distance / radar.range_resolution_m),
+            range_m=distance,
+            doppler_bin=round(float(velocity) / radar.velocity_resolution_mps),
+            velocity_mps=float(velocity),
+            azimuth_deg=float(np.degrees(np.arctan2(xyz[1], xyz[0]))),
+            elevation_deg=float(np.degrees(np.arcsin(xyz[2] / distance))),
+            power_db=float(10 * np.log10(power)),
+        )
+        neighbours = (
+            abs(echo.range_bin - other.range_bin) <= apart
+            and abs(echo.doppler_bin - other.doppler_bin) <= apart
+            for other in echoes
+        )
+        if distance >= min_range_m and len(echoes) < count and not any(neighbours):
+            echoes.append(echo)
     return echoes

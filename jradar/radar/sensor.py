@@ -201,7 +201,7 @@ class RadarSpec:
                 near = difflib.get_close_matches(key, fields, 1) or [", ".join(fields)]
                 raise ValueError(f"unknown radar field {key!r}, expected {near[0]}")
             values[key] = _converted(key, value, fields[key].type)
-        values = {"name": device or "radar", **DEVICES.get(device, {}), **values}
+        values = {"name": device or "radar", **DEVICES.get(device or "", {}), **values}
         required = [f.name for f in fields.values() if f.default is dataclasses.MISSING]
         if missing := [key for key in required if key not in values]:
             raise ValueError(

@@ -26,7 +26,8 @@ def window(kind: str, length: int) -> np.ndarray:
     if kind not in WINDOWS:
         raise ValueError(f"window {kind!r}, expected one of {[*WINDOWS]}")
     phase = 2 * np.pi * np.arange(length) / length
-    values = sum((-1) ** k * a * np.cos(k * phase) for k, a in enumerate(WINDOWS[kind]))
+    terms = [(-1) ** k * a * np.cos(k * phase) for k, a in enumerate(WINDOWS[kind])]
+    values = np.sum(terms, axis=0)
     if not values.any():  # one sample leaves a periodic window nothing
         values = np.ones(length)
     return values / values.sum()

@@ -72,7 +72,7 @@ def decode_target(
     spec: ImageSpec,
     *,
     codec: str = "log",
-    validity_threshold: float = 0.0,
+    validity_threshold: float | Float[Array, ""] = 0.0,
 ) -> Image:
     """Range image in metres; 0 where the validity is not above the threshold."""
     range_m = decode_range(values[..., 0], max_range_m=spec.max_range_m, codec=codec)

@@ -6,6 +6,8 @@ Range images are coloured by metres, misses are white.
 from pathlib import Path
 
 import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -24,7 +26,7 @@ def save_figure(figure: Figure, path: Path | str) -> None:
 
 
 def capture_figure(
-    power: np.ndarray,
+    power: Float[ArrayLike, "doppler range"],
     radar: RadarSpec,
     cloud: PointCloud,
     image: ImageSpec,
@@ -34,7 +36,7 @@ def capture_figure(
 ) -> Figure:
     """One capture: range-Doppler map, clouds from above, range image.
 
-    `power` is the map [doppler, range]; `dense` the enhanced cloud, if there is one.
+    `power` is the linear map, `dense` the enhanced cloud, if there is one.
     """
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     spectrum, above, front = figure.subplots(1, 3)
@@ -100,10 +102,10 @@ def _draw_above(axes: Axes, clouds):
 def _draw_image(axes: Axes, metres, image: ImageSpec):
     """A range image [row, column] in metres, 0 for a miss."""
     metres = np.asarray(metres)
-    limits = np.degrees([*image.azimuth[::-1], *image.elevation])
+    right, left, low, high = np.degrees([*image.azimuth, *image.elevation])
     axes.imshow(
         np.where(metres > 0, metres, np.nan)[:, ::-1],
-        extent=limits,
+        extent=(left, right, low, high),
         aspect="auto",
         vmin=0,
         vmax=image.max_range_m,

@@ -1,0 +1,1 @@
+"""Timings, one `bench_<room>` each; tests never hold any."""

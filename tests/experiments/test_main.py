@@ -1,0 +1,125 @@
+"""Experiments: a killed run ends like an uninterrupted one; flags; every config."""
+
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+CONFIGS = sorted((ROOT / "experiments" / "configs").glob("[!_]*.py"))
+SMALL = [
+    "--config.image.coarse=(8, 8)",
+    "--config.image.fine=(16, 64)",
+    "--config.data.num_train=8",
+    "--config.data.num_validation=2",
+    "--config.train.batch_size=4",
+    "--config.train.steps=24",
+    "--config.train.checkpoint_every=8",
+    "--config.sampling.steps=3",
+]
+
+
+def start(workdir, *flags, config="smoke", cache=None):
+    """Run an experiment in a process of its own; `cache` keeps what it compiles."""
+    environment = {**os.environ, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    if cache:
+        environment["JAX_COMPILATION_CACHE_DIR"] = str(cache)
+    command = [sys.executable, "-m", "experiments.main"]
+    command += [f"--config=experiments/configs/{config}.py", f"--workdir={workdir}"]
+    return subprocess.Popen(
+        [*command, *flags],
+        cwd=ROOT,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(process):
+    out, err = process.communicate(timeout=280)
+    return process.returncode, out, err
+
+
+def losses(workdir):
+    lines = (workdir / "metrics.jsonl").read_text().splitlines()
+    return [(line["step"], line["loss"]) for line in map(json.loads, lines)]
+
+
+def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(tmp_path):
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    cache = {"cache": tmp_path / "cache"}
+    process = start(killed, *SMALL, **cache)
+    steps = killed / "checkpoints"
+    deadline = time.monotonic() + 200
+    while not (steps.exists() and any(p.name == "8" for p in steps.iterdir())):
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    assert finish(process)[0] == -signal.SIGKILL
+    assert not (killed / "bundle").exists()
+
+    code, out, err = finish(start(killed, *SMALL, **cache))
+    assert code == 0, err
+    code, _, err = finish(start(whole, *SMALL, **cache))
+    assert code == 0, err
+    assert losses(killed) == losses(whole) and len(losses(whole)) == 24
+    assert (killed / "evaluation" / "table.md").read_text() == (
+        whole / "evaluation" / "table.md"
+    ).read_text()
+    assert "smoke test" in out and "one-step estimate" in out
+    assert (killed / "evaluation" / "samples.png").stat().st_size > 10_000
+
+    code, out, err = finish(start(killed, *SMALL, "--config.train.learning_rate=0.1"))
+    assert code == 2 and "train.learning_rate was 0.0005, now 0.1" in err
+
+
+@pytest.mark.parametrize(
+    ("flags", "code", "message"),
+    [
+        (["--config.train.step=3"], 2, "'train.step', did you mean train.steps?"),
+        (["--config.trian.steps=3"], 2, "'trian.steps', did you mean train.steps?"),
+        (["--config.train.steps=many"], 2, "many"),
+        (["--mode=fly"], 2, "fly"),
+        (["stray"], 2, "unexpected argument 'stray'"),
+        (["--config.network.preset=huge"], 2, "network.preset = 'huge', expected one"),
+        (["--mode=eval"], 5, "no weights at"),
+    ],
+)
+def test_fault_is_one_line_with_its_code(tmp_path, flags, code, message):
+    found, out, err = finish(start(tmp_path / "new", *flags))
+    assert (found, out) == (code, "") and message in err
+    assert err.count("\n") == 1 and "Traceback" not in err
+    assert not (tmp_path / "new" / "config.json").exists()
+
+
+def test_missing_config_is_named(tmp_path):
+    code, _, err = finish(start(tmp_path, config="nothing"))
+    assert code == 2 and "nothing.py" in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_config_is_buildable_and_its_record_names_its_command(path):
+    from experiments import build
+
+    module = importlib.import_module(f"experiments.configs.{path.stem}")
+    spec = build.build_spec(module.get_config())
+    assert spec.network is not None and spec.trained_on.startswith("simulated rooms")
+    assert f"--config=experiments/configs/{path.stem}.py" in module.__doc__
+
+
+def test_wrong_keys_answer_before_jax_loads(tmp_path):
+    begin = time.monotonic()
+    environment = {**os.environ, "JAX_PLATFORMS": "no_such_platform"}
+    run = subprocess.run(
+        [sys.executable, "-m", "experiments.main", "--workdir", str(tmp_path)],
+        cwd=ROOT, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.returncode == 2 and "config" in run.stderr
+    assert time.monotonic() - begin < 20

@@ -1,0 +1,95 @@
+"""Bundles: round trip, and every way in which one can be unusable."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.bundle import Bundle, BundleError, BundleSpec, load_bundle, save_bundle
+from jradar.diffusion import NoiseSpec, UNet
+from jradar.radar import RadarSpec
+from jradar.range_image import ImageSpec
+
+NETWORK = UNet(channels=8, multipliers=(1, 2), blocks=1, attention_levels=(1,))
+
+
+@pytest.fixture(scope="module")
+def bundle():
+    params = jax.jit(NETWORK.init)(
+        jax.random.key(0, impl="rbg"),
+        jnp.zeros((1, 8, 32, 2)),
+        jnp.zeros(1),
+        jnp.zeros((1, 8, 8, 12)),
+    )
+    spec = BundleSpec(
+        network=NETWORK,
+        noise=NoiseSpec(sigma_data=0.7),
+        coarse=ImageSpec(8, 8),
+        fine=ImageSpec(8, 32, azimuth=(-1.0, 0.5)),
+        radar=RadarSpec.awr1843(num_chirps=32, num_samples=64),
+        num_slices=4,
+        codec="inverse",
+        steps_seen=7,
+        trained_on="a test",
+        purpose="nothing",
+        points={"capacity": 64, "guard": (1, 2)},
+    )
+    return Bundle(params, spec)
+
+
+def test_round_trip_is_exact(tmp_path, bundle):
+    save_bundle(tmp_path / "b", bundle)
+    save_bundle(tmp_path / "b", bundle)  # replaces the first
+    loaded = load_bundle(tmp_path / "b")
+    assert loaded.spec == bundle.spec and hash(loaded.spec) == hash(bundle.spec)
+    assert jax.tree.structure(loaded.params) == jax.tree.structure(bundle.params)
+    jax.tree.map(np.testing.assert_array_equal, loaded.params, bundle.params)
+    names = sorted(path.name for path in (tmp_path / "b").iterdir())
+    assert names == ["bundle.json", "weights.safetensors"]
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]
+
+
+def test_missing_bundle_says_what_was_expected(tmp_path):
+    with pytest.raises(
+        BundleError, match=r"no weights at .*nowhere: expected a folder"
+    ):
+        load_bundle(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("format", 99, "format 99, expected 1"),
+        ("noise", {"sigma_data": -1.0}, "not usable: sigma_data = -1"),
+        ("network", {"chanels": 3}, "not usable: .*chanels"),
+        ("codec", None, "not usable"),
+        ("surprise", 1, "not usable: .*surprise"),
+    ],
+)
+def test_unusable_description_is_refused(tmp_path, bundle, field, value, message):
+    save_bundle(tmp_path, bundle)
+    path = tmp_path / "bundle.json"
+    values = json.loads(path.read_text()) | {field: value}
+    if value is None:
+        del values[field]
+    path.write_text(json.dumps(values))
+    with pytest.raises(BundleError, match=message):
+        load_bundle(tmp_path)
+
+
+def test_damaged_files_are_refused(tmp_path, bundle):
+    save_bundle(tmp_path, bundle)
+    weights = tmp_path / "weights.safetensors"
+    good = weights.read_bytes()
+    flipped = bytearray(good)
+    flipped[-5] ^= 1
+    for bad in (bytes(flipped), good[:-1], b""):
+        weights.write_bytes(bad)
+        with pytest.raises(BundleError, match="does not match its digest"):
+            load_bundle(tmp_path)
+    weights.write_bytes(good)
+    (tmp_path / "bundle.json").write_text("{")
+    with pytest.raises(BundleError, match="not usable"):
+        load_bundle(tmp_path)

@@ -1,0 +1,195 @@
+"""The command line: real captures, JSON, files, one line and a code per fault."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from jradar.bundle import save_bundle
+from jradar.cli import main
+from tests.data.test_cubes import random_cube, save, save_studio
+from tests.test_bundle import bundle  # noqa: F401  (a fixture)
+
+OPENRADAR = """
+[radar]
+device = "awr1642"
+start_frequency_hz = 77.4201e9
+slope_hz_per_s = 60e12
+sample_rate_hz = 2.5e6
+idle_time_s = 30e-6
+ramp_end_time_s = 62e-6
+
+[file]
+axes = ["chirp", "virtual", "sample"]
+"""
+
+
+@pytest.fixture
+def openradar(samples, tmp_path):
+    (tmp_path / "radar.toml").write_text(OPENRADAR)
+    capture = samples / "openradar" / "doppler_example_1.npy"
+    return [str(capture), "--radar", str(tmp_path / "radar.toml")]
+
+
+@pytest.fixture
+def three_tx(tmp_path):
+    """A simulated frame of a device with elevation, as files."""
+    import jax
+
+    from jradar.data import room_frame
+    from jradar.radar import RadarSpec
+    from jradar.range_image import ImageSpec
+
+    radar = RadarSpec.awr1843(num_chirps=32, num_samples=64)
+    frame = room_frame(jax.random.key(0), radar, ImageSpec(8, 8))
+    np.save(tmp_path / "cube.npy", np.asarray(frame.cube))
+    (tmp_path / "radar.toml").write_text(
+        '[radar]\ndevice = "awr1843"\nnum_chirps = 32\nnum_samples = 64\n'
+    )
+    return str(tmp_path / "cube.npy")
+
+
+def run_json(capsys, *arguments):
+    assert main([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_info_finds_the_wall_and_two_walkers(openradar, capsys):
+    result = run_json(capsys, "info", *openradar)
+    assert result["radar"]["range_resolution_m"] == pytest.approx(0.04879, abs=1e-5)
+    assert "unsigned" in result["notes"][0]
+    wall = result["echoes"][0]
+    assert (wall["range_bin"], wall["doppler_bin"]) == (107, 0)
+    assert wall["range_m"] == pytest.approx(5.22, abs=0.01)
+    away, near = result["moving echoes"][:2]
+    assert away["range_bin"] == 60 and near["range_bin"] in (60, 61)
+    assert 0.5 < away["velocity_mps"] < 0.65 and -0.85 < near["velocity_mps"] < -0.45
+    assert 5 < away["azimuth_deg"] < 9 and -17 < near["azimuth_deg"] < -11
+
+
+def test_points_of_a_real_capture_hold_the_walkers(openradar, capsys, tmp_path):
+    out = tmp_path / "out"
+    result = run_json(capsys, "points", *openradar, "-o", str(out), "--remove-static")
+    names = ["capture.png", "radar.npz", "radar.ply"]
+    assert sorted(p.name for p in out.iterdir()) == names
+    with np.load(out / "radar.npz") as file:
+        distance = np.linalg.norm(file["xyz"], axis=1)
+        near = np.abs(distance - 2.95) < 0.06
+        assert result["points"] == len(distance) > 50
+        assert {-1.0, 1.0} <= {*np.sign(file["velocity"][near])}
+        assert not file["xyz"][:, 2].any()  # one row of antennas
+
+
+def test_one_chirp_per_frame_is_a_range_profile(samples, capsys):
+    capture = str(samples / "dca1000" / "adc_data_0.bin")
+    for frame in ("0", "617"):
+        result = run_json(capsys, "info", capture, "--frame", frame)
+        assert [echo["range_bin"] for echo in result["echoes"][:2]] == [11, 19]
+        ranges = [echo["range_m"] for echo in result["echoes"][:2]]
+        assert ranges == pytest.approx([2.15, 3.71], abs=0.01)
+
+
+def test_frames_as_slow_time(samples, capsys):
+    capture = str(samples / "dca1000" / "adc_data_0.bin")
+    result = run_json(capsys, "info", capture, "--frames-as-chirps")
+    assert [echo["range_bin"] for echo in result["echoes"][:2]] == [11, 19]
+    assert result["radar"]["max_velocity_mps"] == pytest.approx(0.966, abs=1e-3)
+
+
+def test_enhance_says_what_the_weights_and_the_radar_are_worth(
+    openradar,
+    bundle,  # noqa: F811
+    capsys,
+    tmp_path,
+):
+    save_bundle(tmp_path / "bundle", bundle)
+    weights = ["--weights", str(tmp_path / "bundle"), "-o", str(tmp_path / "out")]
+    result = run_json(capsys, "enhance", *openradar, *weights, "--steps", "3")
+    assert result["weights"]["purpose"] == "nothing"
+    assert result["weights"]["training steps"] == 7
+    assert any("one row of antennas" in note for note in result["notes"])
+
+
+def test_enhance_writes_a_finite_cloud(
+    three_tx,
+    bundle,  # noqa: F811
+    capsys,
+    tmp_path,
+):
+    save_bundle(tmp_path / "bundle", bundle)
+    weights = ["--weights", str(tmp_path / "bundle"), "-o", str(tmp_path / "out")]
+    assert main(["enhance", three_tx, *weights, "--steps", "3"]) == 0
+    out = capsys.readouterr().out
+    assert "training steps" in out and "one row" not in out
+    with np.load(tmp_path / "out" / "enhanced.npz") as file:
+        assert np.isfinite(file["xyz"]).all() and file["range_image"].shape == (8, 32)
+        assert len(file["xyz"]) == (file["range_image"] > 0).sum()
+    assert (tmp_path / "out" / "capture.png").stat().st_size > 10_000
+
+
+def truncated(folder):
+    path = save_studio(folder, random_cube((3, 2, 4, 4, 8)))
+    path.write_bytes(path.read_bytes()[:-7])
+    return path
+
+
+def with_nan(folder):
+    cube = random_cube()
+    cube[0, 0, 0, 0] = np.nan
+    return save(folder, cube)
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "message"),
+    [
+        (truncated, 4, "needs a multiple of 1,024"),
+        (lambda d: save(d, random_cube((2, 4, 4, 9))), 4, "frames of (2, 4, 4, 9)"),
+        (with_nan, 4, "not finite numbers"),
+        (lambda d: d / "nothing.npy", 2, "no such file"),
+        (lambda d: d, 2, "no such file"),
+    ],
+    ids=["truncated", "wrong_size", "nan", "missing", "folder"],
+)
+def test_fault_is_one_line_and_leaves_nothing(tmp_path, capsys, make, code, message):
+    capture = make(tmp_path)
+    assert main(["points", str(capture), "-o", str(tmp_path / "out")]) == code
+    captured = capsys.readouterr()
+    assert message in captured.err and captured.err.count("\n") == 1
+    assert not captured.out and not (tmp_path / "out").exists()
+
+
+def test_missing_weights_are_code_5(three_tx, tmp_path, capsys):
+    out = str(tmp_path / "out")
+    code = main(["enhance", three_tx, "--weights", str(tmp_path / "no"), "-o", out])
+    assert code == 5 and "no weights at" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_frame_that_is_not_there(three_tx, capsys):
+    assert main(["info", three_tx, "--frame", "3"]) == 4
+    assert "has frames 0 to 0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["info"],
+        ["points", "x.npy"],
+        ["points", "x.npy", "-o", "out", "--false-alarm-rate", "2"],
+        ["points", "x.npy", "-o", "out", "--capacity", "0"],
+        ["inform", "x.npy"],
+    ],
+)
+def test_usage_errors_are_code_2(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+
+
+def test_help_names_files_and_answers_without_jax():
+    code = "import sys; from jradar.cli import main; main(['points', '--help'])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert run.returncode == 0 and "adc_data.bin" in run.stdout
