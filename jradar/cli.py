@@ -71,9 +71,8 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
         remove_static=options.remove_static,
         **_window(cubes.radar, (2, 2), (4, 4)),
     )
-    spectrum = radar_room.range_doppler(cube, remove_static=options.remove_static)
     figure = viz.capture_figure(
-        radar_room.power_map(spectrum),
+        radar_room.power_map(cube, remove_static=options.remove_static),
         cubes.radar,
         cloud,
         ImageSpec(64, 64, max_range_m=cubes.radar.max_range_m),
@@ -140,7 +139,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
             "condition is flat, and heights in the result come from the model alone"
         )
     figure = viz.capture_figure(
-        radar_room.power_map(radar_room.range_doppler(cube)),
+        radar_room.power_map(cube),
         cubes.radar,
         cloud,
         spec.fine,

@@ -70,7 +70,7 @@ def test_imports_come_from_the_own_room_or_a_lower_floor(module):
             assert FLOORS[rest[0]] < FLOORS[room], f"{room} imports {name}"
 
 
-@pytest.mark.parametrize("function", public_functions())
+@pytest.mark.parametrize("function", [*public_functions()])
 def test_public_function_keeps_the_house_style(function):
     assert function.__doc__, "needs a docstring"
     parameters = list(inspect.signature(function).parameters.values())

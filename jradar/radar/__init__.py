@@ -2,7 +2,7 @@
 
 RadarSpec                        the radar, a static argument of what follows
 range_doppler, power_map         spectra
-ca_cfar, os_cfar                 detection
+ca_, go_, so_, os_cfar           detection; noise_floor, false_alarm_multiplier
 compensate_tdm, angle_spectrum, strongest_direction
 radar_points                     all of it
 Scatterers, simulate_cube        the way back: scatterers to an ADC cube
@@ -16,9 +16,14 @@ from jradar.radar.angle import (
 from jradar.radar.calibration import compensate_tdm as compensate_tdm
 from jradar.radar.cfar import (
     ca_cfar as ca_cfar,
-    false_alarm_multiplier as false_alarm_multiplier,
+    go_cfar as go_cfar,
     largest_window as largest_window,
+    noise_floor as noise_floor,
     os_cfar as os_cfar,
+    so_cfar as so_cfar,
+)
+from jradar.radar.multipliers import (
+    false_alarm_multiplier as false_alarm_multiplier,
 )
 from jradar.radar.points import (
     Echo as Echo,

@@ -1,13 +1,13 @@
 """Constant-false-alarm-rate (CFAR) detectors on range-Doppler maps.
 
-A cell x is compared with the noise around it, estimated from `train` cells on every
+A cell x is compared with the noise around it, estimated from the `train` cells on every
 side, leaving out the `guard` cells nearest to it:
 
-    t t t t t t t
-    t t g g g t t      guard = (1, 1), train = (1, 2), in (doppler, range);
-    t t g x g t t      train = (0, 2) and guard = (0, 1) leave the middle row:
-    t t g g g t t      a detector along range only
-    t t t t t t t
+    a a a A t t t
+    a a g g g t t      guard = (1, 1), train = (1, 2), in (doppler, range);
+    a a g x g t t      train = (0, 2) and guard = (0, 1) leave the middle row:
+    a a g g g t t      a detector along range only. GO and SO compare the cells at
+    a a a t t t t      lower range (a, and A of x's own column) with the others.
 
 Detectors take linear power summed over `channels` antennas, with trailing axes
 [doppler, range], and return a boolean mask of the same shape; leading axes are
@@ -15,78 +15,27 @@ independent maps. Doppler wraps around; at the ends of the range axis the window
 the cells that exist, and the multiplier is the one for their number. Sums never
 subtract, so a strong target leaves no rounding error beside it.
 
-The multiplier is exact for square-law noise that is independent from cell to cell
-(Gandhi & Kassam 1988; Rohling 1983 for OS). It is computed on the host in float64,
-which is why the rate is static. A rate of 1 turns every cell that is not zero into a
-detection: the paper's threshold "approaching zero".
+Multipliers are exact for square-law noise that is independent from cell to cell (see
+`multipliers`), and computed on the host, which is why the rate is static. A rate of 1
+turns every cell that is not zero into a detection: the paper's threshold "approaching
+zero". Windowed spectra have correlated noise: expect up to 1.5 times the rate.
 """
 
 import functools
-import math
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy import optimize, special
 
-KINDS = ("ca", "go", "so", "os")
+from jradar.radar.multipliers import KINDS, false_alarm_multiplier
+
 STATIC = ("false_alarm_rate", "channels", "guard", "train")
+MAX_COMPARISONS = 96  # in one fused kernel; XLA stops vectorising beyond about 100
 
 Map = Float[Array, "*batch doppler range"]
 Mask = Bool[Array, "*batch doppler range"]
-
-
-@functools.cache
-def false_alarm_multiplier(
-    kind: str, rate: float, cells: int, *, rank: int | None = None, channels: int = 1
-) -> float:
-    """Factor on the noise estimate of `cells` cells that yields the false-alarm rate.
-
-    Host function. `kind` is "ca" (mean of all), "go" or "so" (greater or smaller of the
-    means of two halves) or "os" (the `rank`-th smallest, counted from 1); each cell is
-    a sum over `channels` exponential variables.
-    """
-    if kind not in KINDS:
-        raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
-    if not 0 < rate <= 1:
-        raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
-    if cells < 1 or (kind in ("go", "so") and cells % 2):
-        raise ValueError(f"{kind} CFAR with {cells=}, expected a positive even number")
-    if kind == "os" and not (rank and 1 <= rank <= cells):
-        raise ValueError(f"OS-CFAR {rank=}, expected 1 to {cells}")
-    if rate == 1:
-        return 0.0
-
-    # The estimate Z is made of Gamma(m, 1) variables; P(Z <= z) = I_{P(m, z)}(a, b).
-    m, a, b, scale = {
-        "ca": (cells * channels, 1, 1, cells),
-        "go": (cells // 2 * channels, 2, 1, cells / 2),
-        "so": (cells // 2 * channels, 1, 2, cells / 2),
-        "os": (channels, rank or 1, cells - (rank or 1) + 1, 1),
-    }[kind]
-    low, high = special.gammaincinv(m, 1e-18), special.gammainccinv(m, 1e-18)
-    step = min(0.02, 0.1 / math.sqrt(m))
-    log_z = np.arange(math.log(low), math.log(high) + step, step)
-    z = np.exp(log_z)
-    log_density = (
-        special.xlogy(a - 1, special.gammainc(m, z))
-        + special.xlogy(b - 1, special.gammaincc(m, z))
-        - special.betaln(a, b)
-        + special.xlogy(m, z)
-        - z
-        - special.gammaln(m)
-    )
-    weight = np.exp(log_density) * step
-
-    def excess(log_alpha):
-        """ln(rate at this multiplier / rate asked for)."""
-        exceeds = special.gammaincc(channels, math.exp(log_alpha) / scale * z)
-        return math.log(max(np.sum(weight * exceeds), 1e-300) / rate)
-
-    log_alpha: Any = optimize.brentq(excess, -30.0, 30.0, xtol=1e-14)
-    return math.exp(log_alpha)
 
 
 @functools.partial(jax.jit, static_argnames=STATIC)
@@ -102,13 +51,39 @@ def ca_cfar(
 
     Raises ValueError where the window does not fit into the map.
     """
-    cells = _cells_per_range_bin(power.shape, guard, train)
-    multiplier = [
-        false_alarm_multiplier("ca", false_alarm_rate, int(n), channels=channels)
-        for n in cells
-    ]
-    total = _sum_of_training_cells(_pad(power, guard, train, 0.0), guard, train)
-    return power > jnp.asarray(multiplier / cells, power.dtype) * total
+    return _mean_cfar("ca", power, false_alarm_rate, channels, guard, train)
+
+
+@functools.partial(jax.jit, static_argnames=STATIC)
+def go_cfar(
+    power: Map,
+    *,
+    false_alarm_rate: float,
+    channels: int = 1,
+    guard: tuple[int, int] = (2, 2),
+    train: tuple[int, int] = (4, 4),
+) -> Mask:
+    """Greatest of: the noise is the greater of the means of two halves.
+
+    Fewer false alarms where clutter begins. Raises ValueError as `ca_cfar`.
+    """
+    return _mean_cfar("go", power, false_alarm_rate, channels, guard, train)
+
+
+@functools.partial(jax.jit, static_argnames=STATIC)
+def so_cfar(
+    power: Map,
+    *,
+    false_alarm_rate: float,
+    channels: int = 1,
+    guard: tuple[int, int] = (2, 2),
+    train: tuple[int, int] = (4, 4),
+) -> Mask:
+    """Smallest of: the noise is the smaller of the means of two halves.
+
+    Finds targets beside others. Raises ValueError as `ca_cfar`.
+    """
+    return _mean_cfar("so", power, false_alarm_rate, channels, guard, train)
 
 
 @functools.partial(jax.jit, static_argnames=(*STATIC, "rank"))
@@ -127,10 +102,7 @@ def os_cfar(
     least k cells lie below x / alpha, and no cell is sorted. Raises ValueError where
     the window does not fit into the map.
     """
-    if not 0 < rank <= 1:
-        raise ValueError(f"OS-CFAR {rank=}, expected a fraction, 0 < rank <= 1")
-    cells = _cells_per_range_bin(power.shape, guard, train)
-    k = np.ceil(rank * cells - 1e-9).astype(int)
+    cells, k = _ranks(power.shape, guard, train, rank)
     multiplier = [
         false_alarm_multiplier("os", false_alarm_rate, n, rank=r, channels=channels)
         for n, r in zip(cells.tolist(), k.tolist(), strict=True)
@@ -138,6 +110,39 @@ def os_cfar(
     level = power / jnp.asarray(multiplier, power.dtype)
     padded = _pad(power, guard, train, jnp.inf)
     return _count_below(level, padded, guard, train) >= jnp.asarray(k)
+
+
+@functools.partial(jax.jit, static_argnames=("kind", "guard", "train", "rank"))
+def noise_floor(
+    power: Map,
+    *,
+    kind: str = "ca",
+    guard: tuple[int, int] = (2, 2),
+    train: tuple[int, int] = (4, 4),
+    rank: float = 0.75,
+) -> Map:
+    """What a detector of `kind` compares a cell with, before the multiplier.
+
+    The SNR of a cell is its power over this. The ordered statistic is exact to the bit:
+    bisection over the bits of float32, which are ordered like the numbers.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
+    if kind != "os":
+        return _mean_floor(kind, power, guard, train)
+    _, k = _ranks(power.shape, guard, train, rank)
+    ranks = jnp.asarray(k)
+    keys = jax.lax.bitcast_convert_type(power.astype(jnp.float32), jnp.int32)
+    padded = _pad(keys, guard, train, jnp.iinfo(jnp.int32).max)
+
+    def refine(i, found):
+        """Set the next lower bit where fewer than k cells lie below the result."""
+        candidate = found | (jnp.int32(1) << (30 - i))
+        fewer = _count_below(candidate, padded, guard, train) < ranks
+        return jnp.where(fewer, candidate, found)
+
+    found = jax.lax.fori_loop(0, 31, refine, jnp.zeros_like(keys))
+    return jax.lax.bitcast_convert_type(found, jnp.float32)
 
 
 def largest_window(
@@ -150,8 +155,48 @@ def largest_window(
     return guard, train
 
 
+def _mean_cfar(kind, power, rate, channels, guard, train):
+    """Mask of a detector whose noise is made of means."""
+    low, high = _cells_per_range_bin(power.shape, guard, train)
+    multiplier = [
+        false_alarm_multiplier(kind, rate, halves, channels=channels)
+        for halves in zip(low.tolist(), high.tolist(), strict=True)
+    ]
+    floor = _mean_floor(kind, power, guard, train)
+    return power > jnp.asarray(multiplier, power.dtype) * floor
+
+
+def _mean_floor(kind, power, guard, train):
+    """Mean of all training cells, or of the greater or smaller half."""
+    low, high = _cells_per_range_bin(power.shape, guard, train)
+    padded = _pad(power, guard, train, 0.0)
+    if kind == "ca":
+        scale = jnp.asarray(1 / (low + high), power.dtype)
+        return scale * _sum_of_training_cells(padded, guard, train)
+    means = [
+        half * jnp.asarray(1 / np.maximum(cells, 1), power.dtype)
+        for half, cells in zip(
+            _sums_of_halves(padded, guard, train), (low, high), strict=True
+        )
+    ]
+    # At the ends of the range axis a half may be empty: the other one counts.
+    means = [
+        jnp.where(jnp.asarray(cells > 0), mean, other)
+        for mean, other, cells in zip(means, means[::-1], (low, high), strict=True)
+    ]
+    return jnp.maximum(*means) if kind == "go" else jnp.minimum(*means)
+
+
+def _ranks(shape, guard, train, rank):
+    """Training cells of each range bin and the rank among them, `[range]`; host."""
+    if not 0 < rank <= 1:
+        raise ValueError(f"OS-CFAR {rank=}, expected a fraction, 0 < rank <= 1")
+    cells = sum(_cells_per_range_bin(shape, guard, train))
+    return cells, np.ceil(rank * cells - 1e-9).astype(int)
+
+
 def _cells_per_range_bin(shape, guard, train):
-    """Training cells of each range bin `[range]`, fewer at the ends; host."""
+    """Training cells of each range bin in the two halves, `[range]` each; host."""
     for axis, bins, g, t in zip(
         ("Doppler", "range"), shape[-2:], guard, train, strict=True
     ):
@@ -165,21 +210,27 @@ def _cells_per_range_bin(shape, guard, train):
             )
     if not any(train):
         raise ValueError(f"CFAR {train=}: expected training cells along some axis")
-    bins = np.arange(shape[-1])
-    rows = [2 * (guard[0] + train[0]) + 1, 2 * guard[0] + 1]
-    columns = [
-        np.minimum(bins, half) + np.minimum(bins[::-1], half) + 1
-        for half in (guard[1] + train[1], guard[1])
-    ]
-    return rows[0] * columns[0] - rows[1] * columns[1]
+    (gd, gr), (td, tr) = guard, train
+    before = np.arange(shape[-1])  # bins that exist on the lower side
+
+    def half(exist):
+        window, guarded = (np.minimum(exist, n) for n in (gr + tr, gr))
+        return (2 * (gd + td) + 1) * window - (2 * gd + 1) * guarded + td
+
+    return half(before), half(before[::-1])
 
 
-def _pad(power, guard, train, fill):
+def _pad(values, guard, train, fill):
     """Map with room for the window: Doppler wraps around, range ends in `fill`."""
-    leading = [(0, 0)] * (power.ndim - 2)
+    leading = [(0, 0)] * (values.ndim - 2)
     doppler, range_ = (g + t for g, t in zip(guard, train, strict=True))
-    power = jnp.pad(power, [*leading, (doppler, doppler), (0, 0)], mode="wrap")
-    return jnp.pad(power, [*leading, (0, 0), (range_, range_)], constant_values=fill)
+    values = jnp.pad(values, [*leading, (doppler, doppler), (0, 0)], mode="wrap")
+    return jnp.pad(values, [*leading, (0, 0), (range_, range_)], constant_values=fill)
+
+
+def _unpadded(shape, guard, train):
+    """Doppler and range bins of the map that `_pad` was given."""
+    return [n - 2 * (g + t) for n, g, t in zip(shape[-2:], guard, train, strict=True)]
 
 
 def _sliding_sum(values, size, axis) -> Any:
@@ -205,8 +256,7 @@ def _sliding_sum(values, size, axis) -> Any:
 def _sum_of_training_cells(padded, guard, train):
     """Sum over the ring of training cells, as four strips."""
     (gd, gr), (td, tr) = guard, train
-    doppler = padded.shape[-2] - 2 * (gd + td)
-    bins = padded.shape[-1] - 2 * (gr + tr)
+    doppler, bins = _unpadded(padded.shape, guard, train)
     total = 0.0
     if td:
         wide = _sliding_sum(padded, 2 * (gr + tr) + 1, -1)
@@ -221,25 +271,65 @@ def _sum_of_training_cells(padded, guard, train):
     return total
 
 
+def _sums_of_halves(padded, guard, train):
+    """Sums over the training cells at lower range and over those at higher range."""
+    (gd, gr), (td, tr) = guard, train
+    doppler, bins = _unpadded(padded.shape, guard, train)
+    side = gr + tr
+    halves: list[Any] = [0.0, 0.0]
+    if td:
+        strip = _sliding_sum(padded, td, -2)
+        ends = [
+            strip[..., start : start + doppler, :] for start in (0, 2 * gd + td + 1)
+        ]
+        for i, end in enumerate(ends):  # of the cell's own column
+            halves[i] += end[..., side : side + bins]
+        if side:
+            both = _sliding_sum(ends[0] + ends[1], side, -1)
+            halves[0] += both[..., :bins]
+            halves[1] += both[..., side + 1 : side + 1 + bins]
+    if tr:
+        tall = _sliding_sum(padded[..., td : padded.shape[-2] - td, :], 2 * gd + 1, -2)
+        strip = _sliding_sum(tall, tr, -1)
+        right = 2 * gr + tr + 1
+        halves[0] += strip[..., :bins]
+        halves[1] += strip[..., right : right + bins]
+    return halves
+
+
 def _count_below(level, padded, guard, train):
-    """How many training cells lie below `level`, a row of the window at a time."""
+    """How many training cells lie below `level`, some rows of the window at a time."""
     (gd, gr), (td, tr) = guard, train
     doppler, bins = level.shape[-2:]
     width = 2 * (gr + tr) + 1
     sides = [*range(tr), *range(width - tr, width)]
 
     def count(rows, columns, total):
-        def add(i, total):
-            row = jax.lax.dynamic_slice_in_dim(
-                padded, jnp.asarray(rows)[i], doppler, axis=-2
-            )
+        """Add the cells of these rows and columns of the window."""
+        at_once = max(1, MAX_COMPARISONS // max(len(columns), 1))
+        groups, rest = divmod(len(rows), at_once)
+        starts = jnp.asarray(rows[: groups * at_once]).reshape(groups, at_once)
+
+        def add_row(start, total):
+            row = jax.lax.dynamic_slice_in_dim(padded, start, doppler, axis=-2)
             for column in columns:
                 total += row[..., column : column + bins] < level
             return total
 
-        return jax.lax.fori_loop(0, len(rows), add, total) if len(rows) else total
+        def add_group(i, total):
+            for j in range(at_once):
+                total = add_row(starts[i, j], total)
+            return total
+
+        if groups:
+            total = jax.lax.fori_loop(0, groups, add_group, total)
+        for row in rows[len(rows) - rest :]:
+            total = add_row(row, total)
+        return total
 
     beyond = [*range(td), *range(2 * gd + td + 1, 2 * (gd + td) + 1)]
     beside = [*range(td, 2 * gd + td + 1)] if tr else []
-    total = count(beyond, range(width), jnp.zeros(level.shape, jnp.int32))
-    return count(beside, sides, total)
+    total = jnp.zeros(level.shape, jnp.int32)
+    for rows, columns in ((beyond, range(width)), (beside, sides)):
+        total = count(rows, columns, total) if rows else total
+    return total

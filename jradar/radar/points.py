@@ -12,10 +12,15 @@ from jradar.radar import cfar
 from jradar.radar.angle import angle_spectrum, strongest_direction
 from jradar.radar.calibration import compensate_tdm
 from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import power_map, range_doppler
+from jradar.radar.spectrum import range_doppler
 from jradar.types import PointCloud
 
-DETECTORS = {"ca": cfar.ca_cfar, "os": cfar.os_cfar}
+DETECTORS = {
+    "ca": cfar.ca_cfar,
+    "go": cfar.go_cfar,
+    "so": cfar.so_cfar,
+    "os": cfar.os_cfar,
+}
 ANGLES = ("num_azimuth", "num_elevation")
 DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
 
@@ -49,7 +54,7 @@ def radar_points(
     """The `capacity` strongest detections of one frame, strongest first.
 
     One frame; `vmap` it. A cell is detected on the power summed over antennas by the
-    CFAR `detector` ("ca" or "os", with its window in (doppler, range) cells), and its
+    CFAR `detector` ("ca", "go", "so" or "os"; its window in (doppler, range) cells), and its
     angles come from the same cell across antennas. Velocity is in m/s, power in ADC
     counts squared. Elevation is 0 for an array with one row. Raises ValueError for a
     cube that is not the radar's.
@@ -61,8 +66,7 @@ def radar_points(
         )
     if detector not in DETECTORS:
         raise ValueError(f"{detector=}, expected one of {[*DETECTORS]}")
-    spectrum = range_doppler(cube, remove_static=remove_static)
-    power = power_map(spectrum)
+    spectrum, power = range_doppler(cube, remove_static=remove_static)
     mask = DETECTORS[detector](
         power,
         false_alarm_rate=false_alarm_rate,

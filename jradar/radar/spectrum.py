@@ -3,6 +3,10 @@
 Windows are normalised to a coherent gain of 1: a target of amplitude a, centred in
 its bin, peaks at |a|; white noise of power P per sample has power P * gain in a cell,
 with `noise_gain` on the host. Complex samples make the whole spectrum positive range.
+
+Antennas are transformed one after the other, so that a spectrum is still in the cache
+when its power is added up. Zero velocity gets to the middle of the Doppler axis by
+alternating the signs of the chirps, which costs nothing.
 """
 
 import functools
@@ -18,6 +22,11 @@ WINDOWS = {  # coefficients of the cosine series, periodic
     "hamming": (0.54, 0.46),
     "blackman": (0.42, 0.5, 0.08),
 }
+STATIC = ("range_window", "doppler_window", "remove_static", "max_range_bins")
+
+Cube = Complex[Array, "*batch tx rx chirp sample"]
+Spectrum = Complex[Array, "*batch virtual doppler range"]
+PowerMap = Float[Array, "*batch doppler range"]
 
 
 @functools.cache
@@ -38,37 +47,68 @@ def noise_gain(kind: str, length: int) -> float:
     return float((window(kind, length) ** 2).sum())
 
 
-@functools.partial(
-    jax.jit, static_argnames=("range_window", "doppler_window", "remove_static")
-)
+@functools.partial(jax.jit, static_argnames=STATIC)
 def range_doppler(
-    cube: Complex[Array, "*batch tx rx chirp sample"],
+    cube: Cube,
     *,
     range_window: str = "hann",
     doppler_window: str = "hann",
     remove_static: bool = False,
-) -> Complex[Array, "*batch virtual doppler range"]:
-    """Range FFT over samples and Doppler FFT over chirps, zero velocity in the middle.
+    max_range_bins: int | None = None,
+) -> tuple[Spectrum, PowerMap]:
+    """Spectra over samples and chirps, and their power summed over the antennas.
 
-    `remove_static` subtracts the mean over chirps, and with it all that stands still.
+    Zero velocity is in the middle of the doppler axis. `remove_static` subtracts the
+    mean over chirps, and with it all that stands still; `max_range_bins` drops the far
+    end of the range axis. Raises ValueError for an unknown window.
     """
-    *batch, tx, rx, chirps, samples = cube.shape
-    if remove_static:
-        cube = cube - cube.mean(-2, keepdims=True)
-    weight = np.outer(window(doppler_window, chirps), window(range_window, samples))
-    spectrum = jnp.fft.fft2(cube * jnp.asarray(weight, jnp.float32))
-    spectrum = jnp.fft.fftshift(spectrum, axes=-2)
-    return spectrum.reshape(*batch, tx * rx, chirps, samples)
+    windows = range_window, doppler_window
+    return _transform(cube, windows, remove_static, max_range_bins, keep=True)
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames=STATIC)
 def power_map(
-    range_doppler: Complex[Array, "*batch virtual doppler range"],
-) -> Float[Array, "*batch doppler range"]:
-    """Power summed over the antennas, without regard to phase."""
-    return (range_doppler.real**2 + range_doppler.imag**2).sum(-3)
+    cube: Cube,
+    *,
+    range_window: str = "hann",
+    doppler_window: str = "hann",
+    remove_static: bool = False,
+    max_range_bins: int | None = None,
+) -> PowerMap:
+    """The power of `range_doppler` alone; the spectra are never stored."""
+    windows = range_window, doppler_window
+    return _transform(cube, windows, remove_static, max_range_bins, keep=False)[1]
 
 
 def doppler_bins(num_chirps: int) -> np.ndarray:
     """Signed bin of each index of the doppler axis, `[doppler]`, on the host."""
     return np.arange(num_chirps) - num_chirps // 2
+
+
+def _transform(cube, windows, remove_static, max_range_bins, keep):
+    """Spectra, if they are kept, and power, antenna by antenna."""
+    *batch, tx, rx, chirps, samples = cube.shape
+    bins = samples if max_range_bins is None else max_range_bins
+    if not 1 <= bins <= samples:
+        raise ValueError(f"{max_range_bins=}, expected 1 to {samples}")
+    weight = np.outer(window(windows[1], chirps), window(windows[0], samples))
+    if chirps % 2 == 0:
+        weight *= (-1.0) ** np.arange(chirps)[:, None]
+    weight = jnp.asarray(weight, cube.real.dtype)
+
+    def add(power, antenna):
+        if remove_static:
+            antenna = antenna - antenna.mean(-2, keepdims=True)
+        spectrum = jnp.fft.fft2(antenna * weight)[..., :bins]
+        power += spectrum.real**2 + spectrum.imag**2
+        return power, spectrum if keep else None
+
+    antennas = jnp.moveaxis(cube.reshape(*batch, tx * rx, chirps, samples), -3, 0)
+    start = jnp.zeros((*batch, chirps, bins), cube.real.dtype)
+    power, spectrum = jax.lax.scan(add, start, antennas)
+    if keep:
+        spectrum = jnp.moveaxis(spectrum, 0, -3)
+    if chirps % 2:
+        shift = functools.partial(jnp.fft.fftshift, axes=-2)
+        power, spectrum = shift(power), shift(spectrum) if keep else None
+    return spectrum, power

@@ -52,6 +52,7 @@ def losses(workdir):
     return [(line["step"], line["loss"]) for line in map(json.loads, lines)]
 
 
+@pytest.mark.timeout(900)
 def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(tmp_path):
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     cache = {"cache": tmp_path / "cache"}

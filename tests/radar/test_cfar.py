@@ -1,4 +1,4 @@
-"""CFAR: exact multipliers, promised rates, brute-force floors, invariances, errors."""
+"""CFAR: exact multipliers, promised rates, brute force, invariances, clear errors."""
 
 import math
 
@@ -6,10 +6,24 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from jradar.radar import ca_cfar, false_alarm_multiplier, largest_window, os_cfar
+from jradar.radar import (
+    RadarSpec,
+    Scatterers,
+    ca_cfar,
+    false_alarm_multiplier,
+    go_cfar,
+    largest_window,
+    noise_floor,
+    os_cfar,
+    power_map,
+    simulate_cube,
+    so_cfar,
+)
 
-DETECTORS = [ca_cfar, os_cfar]
+DETECTORS = [ca_cfar, go_cfar, so_cfar, os_cfar]
+KINDS = ["ca", "go", "so", "os"]
 WINDOWS = [((2, 1), (3, 4)), ((0, 2), (0, 6)), ((1, 0), (5, 0))]
 
 
@@ -27,6 +41,41 @@ def test_os_multiplier_is_the_closed_form(rate, rank):
     assert product == pytest.approx(rate, rel=1e-8)
 
 
+@pytest.mark.parametrize("rate", [1e-2, 1e-4, 1e-6])
+def test_go_and_so_multipliers_are_the_closed_forms(rate):
+    n = 8
+
+    def so_rate(alpha):
+        t = alpha / n
+        terms = (math.comb(n - 1 + j, j) * (2 + t) ** -(n + j) for j in range(n))
+        return 2 * sum(terms)
+
+    so = false_alarm_multiplier("so", rate, 2 * n)
+    assert so_rate(so) == pytest.approx(rate, rel=1e-9)
+    go = false_alarm_multiplier("go", rate, 2 * n)
+    # The closed form of GO is a small difference of large numbers.
+    assert 2 * (1 + go / n) ** -n - so_rate(go) == pytest.approx(rate, rel=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["go", "so"])
+def test_halves_of_other_sizes_meet_the_known_limits(kind):
+    even = false_alarm_multiplier(kind, 1e-3, 16, channels=4)
+    assert false_alarm_multiplier(kind, 1e-3, (8, 8), channels=4) == even
+    alone = false_alarm_multiplier("ca", 1e-3, 8, channels=4)
+    assert false_alarm_multiplier(kind, 1e-3, (0, 8), channels=4) == alone
+    uneven = false_alarm_multiplier(kind, 1e-3, (5, 8), channels=4)
+    assert uneven == false_alarm_multiplier(kind, 1e-3, (8, 5), channels=4) != even
+
+
+@pytest.mark.parametrize("channels", [1, 4, 12])
+def test_ca_multiplier_of_many_channels_is_a_quantile_of_f(channels):
+    from scipy import stats
+
+    alpha = false_alarm_multiplier("ca", 1e-4, 36, channels=channels)
+    quantile = stats.f.isf(1e-4, 2 * channels, 2 * 36 * channels)
+    assert alpha == pytest.approx(quantile, rel=1e-9)
+
+
 @pytest.mark.parametrize("channels", [1, 12])
 def test_smaller_half_needs_the_largest_multiplier(channels):
     go, ca, so = (
@@ -37,7 +86,7 @@ def test_smaller_half_needs_the_largest_multiplier(channels):
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-@pytest.mark.parametrize("channels", [1, 12])
+@pytest.mark.parametrize("channels", [1, 4, 12])
 @pytest.mark.parametrize("rate", [1e-1, 1e-2])
 @pytest.mark.parametrize("guard_train", [((2, 2), (4, 4)), ((0, 2), (0, 8))])
 def test_false_alarm_rate_is_what_was_asked(detector, channels, rate, guard_train):
@@ -54,29 +103,86 @@ def test_false_alarm_rate_is_what_was_asked(detector, channels, rate, guard_trai
 
 
 @pytest.mark.parametrize(("guard", "train"), WINDOWS)
-def test_masks_match_a_loop_over_cells(guard, train):
+def test_floors_and_masks_match_a_loop_over_cells(guard, train):
     power = np.random.default_rng(0).exponential(size=(24, 20))
-    halves = [g + t for g, t in zip(guard, train, strict=True)]
-    expected = {detector: np.zeros(power.shape, bool) for detector in DETECTORS}
+    sides = [g + t for g, t in zip(guard, train, strict=True)]
+    floors = {kind: np.zeros(power.shape) for kind in KINDS}
+    multipliers = {kind: np.zeros(20) for kind in KINDS}
     for d, r in np.ndindex(power.shape):
-        cells = np.array(
-            [
-                power[(d + i) % 24, r + j]
-                for i in range(-halves[0], halves[0] + 1)
-                for j in range(-halves[1], halves[1] + 1)
-                if 0 <= r + j < 20 and (abs(i) > guard[0] or abs(j) > guard[1])
-            ]
-        )
-        n, k = len(cells), math.ceil(0.75 * len(cells))
-        floor = cells.mean() * false_alarm_multiplier("ca", 0.1, n)
-        expected[ca_cfar][d, r] = power[d, r] > floor
-        floor = np.sort(cells)[k - 1] * false_alarm_multiplier("os", 0.1, n, rank=k)
-        expected[os_cfar][d, r] = power[d, r] > floor
-    for detector, mask in expected.items():
-        found = detector(
-            jnp.asarray(power), false_alarm_rate=0.1, guard=guard, train=train
-        )
-        np.testing.assert_array_equal(found, mask)
+        cells = {
+            (i, j): power[(d + i) % 24, r + j]
+            for i in range(-sides[0], sides[0] + 1)
+            for j in range(-sides[1], sides[1] + 1)
+            if 0 <= r + j < 20 and (abs(i) > guard[0] or abs(j) > guard[1])
+        }
+        low = [x for (i, j), x in cells.items() if (j, i) < (0, 0)]
+        high = [x for (i, j), x in cells.items() if (j, i) > (0, 0)]
+        means = [np.mean(half) for half in (low, high) if half]
+        everything, n = sorted(cells.values()), len(cells)
+        k = math.ceil(0.75 * n)
+        values = (np.mean(everything), max(means), min(means), everything[k - 1])
+        for kind, floor in zip(KINDS, values, strict=True):
+            floors[kind][d, r] = floor
+            multipliers[kind][r] = false_alarm_multiplier(
+                kind,
+                0.1,
+                (len(low), len(high)) if kind in ("go", "so") else n,
+                rank=k if kind == "os" else None,
+            )
+    window = {"guard": guard, "train": train}
+    for kind, detector in zip(KINDS, DETECTORS, strict=True):
+        found = noise_floor(jnp.asarray(power, jnp.float32), kind=kind, **window)
+        np.testing.assert_allclose(found, floors[kind], rtol=2e-6)
+        mask = detector(jnp.asarray(power), false_alarm_rate=0.1, **window)
+        np.testing.assert_array_equal(mask, power > multipliers[kind] * floors[kind])
+
+
+@pytest.mark.parametrize("train", [(3, 3), (0, 6), (7, 7)])
+def test_ordered_floor_is_the_rank_filters_to_the_bit(train):
+    power = np.asarray(jax.random.exponential(jax.random.key(0), (32, 48)))
+    guard = (1, 1) if train[0] else (0, 1)
+    footprint = np.ones([2 * (g + t) + 1 for g, t in zip(guard, train, strict=True)])
+    hole = [slice(t, t + 2 * g + 1) for g, t in zip(guard, train, strict=True)]
+    footprint[tuple(hole)] = 0
+    k = math.ceil(0.75 * footprint.sum())
+    expected = ndimage.rank_filter(power, k - 1, footprint=footprint, mode="wrap")
+    found = noise_floor(power, kind="os", guard=guard, train=train)
+    side = guard[1] + train[1]  # the range axis does not wrap around
+    np.testing.assert_array_equal(found[:, side:-side], expected[:, side:-side])
+
+
+def test_floors_are_ordered():
+    power = jax.random.exponential(jax.random.key(0), (32, 32))
+    go, ca, so = (noise_floor(power, kind=kind) for kind in ("go", "ca", "so"))
+    inner = (slice(None), slice(6, -6))  # where the halves are of one size
+    assert (so <= ca + 1e-6)[inner].all() and (ca <= go + 1e-6)[inner].all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_target_of_120_db_leaves_every_floor_exact(kind):
+    power = np.random.default_rng(0).exponential(size=(32, 48))
+    power[7, 20] = 1e12
+    found = noise_floor(jnp.asarray(power, jnp.float32), kind=kind)
+    with jax.enable_x64(True):
+        wide = noise_floor(jnp.asarray(power, jnp.float64), kind=kind)
+        if kind == "os":  # selection keeps float32
+            wide = jnp.float64(np.float32(wide))
+    np.testing.assert_allclose(found, wide, rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", ["hann", "blackman"])
+@pytest.mark.parametrize("detector", DETECTORS)
+def test_windowed_noise_stays_below_one_and_a_half_times_the_rate(detector, shape):
+    radar = RadarSpec.awr1843(num_chirps=64, num_samples=64)
+    silence = Scatterers(jnp.ones((1, 3)), jnp.zeros(1), jnp.zeros(1))
+
+    def count(key):
+        cube = simulate_cube(key, silence, radar, noise_power=1.0)
+        power = power_map(cube, range_window=shape, doppler_window=shape)
+        return detector(power, false_alarm_rate=1e-2, channels=radar.num_virtual).mean()
+
+    rates = jax.lax.map(count, jax.random.split(jax.random.key(0), 40))
+    assert rates.mean() < 1.5e-2 + 4 * rates.std() / math.sqrt(40)
 
 
 @pytest.mark.parametrize("detector", DETECTORS)

@@ -10,7 +10,6 @@ from jradar.radar import (
     Scatterers,
     angle_spectrum,
     direction_sines,
-    power_map,
     radar_points,
     range_doppler,
     simulate_cube,
@@ -109,8 +108,7 @@ def test_gradients_reach_the_cube_through_power_and_angles():
     cube = simulate_cube(jax.random.key(0), target(5, 20, 5, 1), SMALL, noise_power=1.0)
 
     def summary(parts):
-        spectrum = range_doppler(jax.lax.complex(*parts))
-        power = power_map(spectrum)
+        spectrum, power = range_doppler(jax.lax.complex(*parts))
         cell = jnp.argmax(power)
         snapshot = spectrum.reshape(SMALL.num_virtual, -1)[:, cell]
         azimuth, elevation = strongest_direction(angle_spectrum(snapshot, SMALL), SMALL)

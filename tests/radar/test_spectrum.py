@@ -1,4 +1,4 @@
-"""Spectra: a tone's peak, noise power, static removal, numerical gradients."""
+"""Spectra: NumPy's FFT, a tone's peak, noise power, static removal, numerical gradients."""
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ def tone(chirps, samples, doppler_bin, range_bin):
 
 @pytest.mark.parametrize("kind", ["none", "hann", "hamming", "blackman"])
 def test_centred_tone_peaks_at_its_amplitude(kind):
-    spectrum = range_doppler(
+    spectrum, _ = range_doppler(
         3 * tone(16, 32, -5, 20), range_window=kind, doppler_window=kind
     )
     row, column = divmod(int(jnp.abs(spectrum[0]).argmax()), 32)
@@ -27,21 +27,42 @@ def test_centred_tone_peaks_at_its_amplitude(kind):
 
 def test_noise_power_in_a_cell_follows_from_the_window():
     real, imaginary = jax.random.normal(jax.random.key(0), (2, 3, 4, 64, 64))
-    spectrum = range_doppler(jax.lax.complex(real, imaginary), doppler_window="none")
+    power = power_map(jax.lax.complex(real, imaginary), doppler_window="none")
     expected = 2 * 12 * noise_gain("hann", 64) * noise_gain("none", 64)
-    np.testing.assert_allclose(power_map(spectrum).mean(), expected, rtol=0.03)
+    np.testing.assert_allclose(power.mean(), expected, rtol=0.03)
+
+
+@pytest.mark.parametrize("chirps", [8, 7])
+@pytest.mark.parametrize("batch", [(), (2,)])
+def test_spectrum_is_the_shifted_fft_of_the_windowed_cube(chirps, batch):
+    rng = np.random.default_rng(0)
+    cube = rng.normal(size=(*batch, 2, 3, chirps, 16, 2)) @ [1, 1j]
+    weight = np.outer(window("hann", chirps), window("blackman", 16))
+    expected = np.fft.fftshift(np.fft.fft2(cube * weight), axes=-2)
+    expected = expected.reshape(*batch, 6, chirps, 16)[..., :10]
+    options = {"range_window": "blackman", "max_range_bins": 10}
+    cube = jnp.asarray(cube, jnp.complex64)
+    spectrum, power = range_doppler(cube, **options)
+    np.testing.assert_allclose(spectrum, expected, atol=1e-6)
+    np.testing.assert_allclose(power, (abs(expected) ** 2).sum(-3), atol=1e-6)
+    np.testing.assert_allclose(power_map(cube, **options), power, rtol=1e-5)
+
+
+def test_more_range_bins_than_samples_are_refused():
+    with pytest.raises(ValueError, match="max_range_bins=33, expected 1 to 32"):
+        power_map(tone(4, 32, 0, 0), max_range_bins=33)
 
 
 def test_removing_the_static_leaves_the_movers():
     cube = 100 * tone(16, 32, 0, 8) + tone(16, 32, 4, 20)
-    power = power_map(range_doppler(cube, remove_static=True))
+    power = power_map(cube, remove_static=True)
     assert divmod(int(power.argmax()), 32) == (8 + 4, 20)
     assert power[:, 8].max() < 1e-6
 
 
 def test_one_chirp_has_a_window_too():
     assert window("hann", 1).tolist() == [1.0]
-    assert np.isfinite(power_map(range_doppler(tone(1, 32, 0, 5)))).all()
+    assert np.isfinite(power_map(tone(1, 32, 0, 5))).all()
 
 
 def test_unknown_window_is_named():
@@ -52,7 +73,7 @@ def test_unknown_window_is_named():
 def test_gradient_is_the_numerical_one():
     parts = jax.random.normal(jax.random.key(0), (2, 1, 2, 4, 8))
     check_grads(
-        lambda p: power_map(range_doppler(jax.lax.complex(p[0], p[1]))),
+        lambda p: power_map(jax.lax.complex(p[0], p[1])),
         (parts,),
         order=1,
         modes=["rev"],
