@@ -54,10 +54,10 @@ def radar_points(
     """The `capacity` strongest detections of one frame, strongest first.
 
     One frame; `vmap` it. A cell is detected on the power summed over antennas by the
-    CFAR `detector` ("ca", "go", "so" or "os"; its window in (doppler, range) cells), and its
-    angles come from the same cell across antennas. Velocity is in m/s, power in ADC
-    counts squared. Elevation is 0 for an array with one row. Raises ValueError for a
-    cube that is not the radar's.
+    CFAR `detector` ("ca", "go", "so" or "os"), with its window in (doppler, range)
+    cells; its angles come from the same cell across antennas. Velocity is in m/s, power
+    in ADC counts squared. Elevation is 0 for an array with one row. Raises ValueError
+    for a cube that is not the radar's.
     """
     if cube.shape != radar.cube_shape:
         raise ValueError(

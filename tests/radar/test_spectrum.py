@@ -1,4 +1,4 @@
-"""Spectra: NumPy's FFT, a tone's peak, noise power, static removal, numerical gradients."""
+"""Spectra: NumPy's FFT, a tone's peak, noise power, static removal, gradients."""
 
 import jax
 import jax.numpy as jnp

@@ -1,0 +1,80 @@
+"""Timing: compiling apart from running, peers in the same interleaved rounds.
+
+A case is named after what is computed and its size, and holds our call and its peers'.
+All of them run once to compile and warm up; then rounds in random order, in which each
+call ends with its result ready. What counts is the ratio of medians to the best peer.
+"""
+
+import random
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import jax
+
+Call = Callable[[], Any]
+
+
+class Case(NamedTuple):
+    """Our call, and the peers' under their names."""
+
+    name: str
+    ours: Call
+    peers: dict[str, Call]
+
+
+class Timing(NamedTuple):
+    """Milliseconds of one case; `compile_ms` is the first call less a later one."""
+
+    name: str
+    compile_ms: float
+    median_ms: float
+    min_ms: float
+    peers_ms: dict[str, float]
+
+    @property
+    def best_peer(self) -> str:
+        """Name of the fastest peer."""
+        return min(self.peers_ms, key=lambda name: self.peers_ms[name])
+
+    @property
+    def ratio(self) -> float:
+        """Our median over the fastest peer's."""
+        return self.median_ms / self.peers_ms[self.best_peer]
+
+
+def measure(case: Case, *, seconds: float = 3.0, max_rounds: int = 200) -> Timing:
+    """Time a case for about `seconds`, at least five rounds."""
+    calls = {"": case.ours, **case.peers}
+    first = {name: _elapsed(call) for name, call in calls.items()}
+    for call in calls.values():
+        _elapsed(call)
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    begin = time.perf_counter()
+    for count in range(max_rounds):
+        for name in random.sample([*calls], len(calls)):
+            times[name].append(_elapsed(calls[name]))
+        if count >= 4 and time.perf_counter() - begin > seconds:
+            break
+    medians = {name: 1e3 * statistics.median(values) for name, values in times.items()}
+    ours = medians.pop("")
+    return Timing(
+        case.name, 1e3 * first[""] - ours, ours, 1e3 * min(times[""]), medians
+    )
+
+
+def available(peers: dict[str, Callable[[], Call]]) -> Iterator[tuple[str, Call]]:
+    """The peers whose packages are installed; each is made by a function."""
+    for name, make in peers.items():
+        try:
+            yield name, make()
+        except ImportError:
+            continue
+
+
+def _elapsed(call):
+    """Seconds until the result of a call is ready."""
+    begin = time.perf_counter()
+    jax.block_until_ready(call())
+    return time.perf_counter() - begin
