@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -65,6 +66,7 @@ def build_spec(config: ConfigDict) -> BundleSpec:
 def build_pairs(config: ConfigDict, spec: BundleSpec, split: str) -> Pairs:
     """Pairs of the "train" or the "validation" split."""
     num_frames = config.data[f"num_{split}"]
+    print(f"simulating {num_frames} {split} frames", file=sys.stderr, flush=True)
     key = jax.random.fold_in(jax.random.key(config.seed), DATA_KEY)
     return make_pairs(
         jax.random.fold_in(key, ("train", "validation").index(split)),

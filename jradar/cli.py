@@ -199,7 +199,7 @@ def _parser() -> argparse.ArgumentParser:
     add(info, writes=False)
     sub = add(points, writes=True)
     sub.add_argument("--capacity", type=_at_least_1, default=1024, help="most points")
-    sub.add_argument("--detector", choices=("os", "ca"), default="os")
+    sub.add_argument("--detector", choices=("ca", "go", "so", "os"), default="os")
     sub.add_argument("--false-alarm-rate", type=_rate, default=1e-3, metavar="RATE")
     sub.add_argument("--remove-static", action="store_true", help="movers only")
     sub = add(enhance, writes=True)

@@ -4,7 +4,7 @@ r"""The paper's image sizes on simulated rooms, with a network that a CPU can tr
         --workdir=runs/default
 
 Every field of every experiment is here; other configs are differences from it. Not run
-to the end yet: expect about a second per step on 2 cores.
+to the end yet.
 """
 
 from ml_collections import ConfigDict
@@ -33,7 +33,7 @@ def get_config():
     # Radar points: for the condition, and of the detector to compare with.
     config.points = ConfigDict()
     config.points.capacity = 1024
-    config.points.detector = "os"  # os or ca
+    config.points.detector = "os"  # ca, go, so or os
     config.points.false_alarm_rate = 1.0  # the paper: a threshold approaching zero
     config.points.guard = (2, 2)
     config.points.train = (4, 4)
