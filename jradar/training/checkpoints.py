@@ -45,31 +45,39 @@ class Checkpoints:
     def restore(self, like: TrainState) -> TrainState | None:
         """The newest state that is whole, of the shapes of `like`; None without any.
 
-        Steps that are damaged are named in a warning and deleted, so that they are
-        saved anew. Raises ValueError where every step there is is damaged.
+        Newer steps that are damaged are named in a warning, and deleted once an older
+        one is found to be whole, so that they can be saved anew. Raises ValueError, and
+        deletes nothing, where none is.
         """
         abstract = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
         steps = sorted(self._manager.all_steps(), reverse=True)
-        for step in steps:
-            try:
-                items: Any = self._manager.restore(
-                    step,
-                    args=ocp.args.Composite(
-                        state=ocp.args.StandardRestore(abstract),
-                        digest=ocp.args.JsonRestore(),
-                    ),
-                )
-            except (ValueError, KeyError, OSError) as error:
-                reason = str(error).splitlines()[0]
-            else:
-                if items.digest["crc32"] == tree_digest(items.state):
-                    return items.state
-                reason = "its data does not match its digest"
-            logging.warning("checkpoint of step %d is damaged: %s", step, reason)
-            self._manager.delete(step)
+        reason = ""
+        for index, step in enumerate(steps):
+            state, reason = self._read(step, abstract)
+            if state is not None:
+                for damaged in steps[:index]:
+                    self._manager.delete(damaged)
+                return state
+            logging.warning("checkpoint of step %d is not usable: %s", step, reason)
         if steps:
-            raise ValueError(f"none of the checkpoints {steps} is whole")
+            raise ValueError(f"none of the checkpoints {steps} is usable: {reason}")
         return None
+
+    def _read(self, step, abstract):
+        """State of a step, or None and the reason why it cannot be used."""
+        try:
+            items: Any = self._manager.restore(
+                step,
+                args=ocp.args.Composite(
+                    state=ocp.args.StandardRestore(abstract),
+                    digest=ocp.args.JsonRestore(),
+                ),
+            )
+        except (ValueError, KeyError, OSError) as error:
+            return None, str(error).strip().splitlines()[0]
+        if items.digest["crc32"] != tree_digest(items.state):
+            return None, "its data does not match its digest"
+        return items.state, ""
 
     def close(self) -> None:
         """Finish writing; to be called once, at the end."""

@@ -108,7 +108,7 @@ def test_damaged_checkpoint_is_passed_over(start, tmp_path, caplog):
     whole = losses(tmp_path)
     _damage(tmp_path / "checkpoints" / "4")
     run(start, tmp_path, 4)
-    assert "checkpoint of step 4 is damaged" in caplog.text
+    assert "checkpoint of step 4 is not usable" in caplog.text
     assert losses(tmp_path) == whole
 
 
@@ -121,8 +121,10 @@ def test_empty_newest_step_is_passed_over(start, tmp_path):
 def test_only_damaged_checkpoints_is_an_error(start, tmp_path):
     run(start, tmp_path, 2)
     _damage(tmp_path / "checkpoints" / "2")
-    with pytest.raises(ValueError, match=r"none of the checkpoints \[2\] is whole"):
+    kept = sorted((tmp_path / "checkpoints").rglob("*"))
+    with pytest.raises(ValueError, match=r"none of the checkpoints \[2\] is usable"):
         run(start, tmp_path, 2)
+    assert sorted((tmp_path / "checkpoints").rglob("*")) == kept
 
 
 def _damage(folder):
