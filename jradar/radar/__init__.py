@@ -1,6 +1,7 @@
 """ADC cube to spectra to detections to points (section III-A of the paper).
 
 RadarSpec                        the radar, a static argument of what follows
+CaptureSpec                      how a .cfg has its samples streamed
 range_doppler, power_map         spectra
 ca_cfar, os_cfar                 detection
 compensate_tdm, angle_spectrum, strongest_direction
@@ -37,3 +38,4 @@ from jradar.radar.spectrum import (
     range_doppler as range_doppler,
     window as window,
 )
+from jradar.radar.ti_cfg import CaptureSpec as CaptureSpec
