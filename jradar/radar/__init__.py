@@ -2,6 +2,7 @@
 
 RadarSpec                        the radar, a static argument of what follows
 CaptureSpec                      how a .cfg has its samples streamed
+read_coupling, read_frequency_phase                 ColoRadar's calibration
 range_doppler, power_map         spectra
 ca_cfar, os_cfar                 detection
 compensate_tdm, angle_spectrum, strongest_direction
@@ -20,6 +21,11 @@ from jradar.radar.cfar import (
     false_alarm_multiplier as false_alarm_multiplier,
     largest_window as largest_window,
     os_cfar as os_cfar,
+)
+from jradar.radar.coloradar_calib import (
+    FrequencyPhase as FrequencyPhase,
+    read_coupling as read_coupling,
+    read_frequency_phase as read_frequency_phase,
 )
 from jradar.radar.points import (
     detections_to_points as detections_to_points,

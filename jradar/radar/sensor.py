@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from jradar.radar import readers, ti_cfg
+from jradar.radar import coloradar_calib, readers, ti_cfg
 from jradar.radar.devices import DEVICES
 
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
@@ -229,6 +229,19 @@ class RadarSpec:
         and for a carrier outside the board's band.
         """
         return cls._of_file(path, ti_cfg.radar_fields(path, device))
+
+    @classmethod
+    def from_coloradar(
+        cls, folder: Path | str, *, tx_firing_order: tuple[int, ...] | None = None
+    ) -> "RadarSpec":
+        """Radar from ColoRadar's `calib/single_chip` or `calib/cascade`.
+
+        `tx_firing_order` is not in the files: for the cascade TI's default is taken.
+        Warns of the cascade's times, whose units are repaired. The frame period is not
+        known.
+        """
+        values = coloradar_calib.radar_fields(folder, tx_firing_order)
+        return cls._of_file(folder, values)
 
     @classmethod
     def _of_file(cls, path: Path | str, values: dict[str, Any]) -> "RadarSpec":
