@@ -2,7 +2,9 @@
 
 RadarSpec                        the radar, a static argument of what follows
 CaptureSpec                      how a .cfg has its samples streamed
-read_coupling, read_frequency_phase                 ColoRadar's calibration
+read_coupling, read_frequency_phase                 ColoRadar's calibration, and how
+calibrate_frequency_phase, subtract_coupling        it is applied
+calibrate_channels               a .cfg's
 range_doppler, power_map         spectra
 ca_cfar, os_cfar                 detection
 compensate_tdm, angle_spectrum, strongest_direction
@@ -15,7 +17,12 @@ from jradar.radar.angle import (
     direction_sines as direction_sines,
     strongest_direction as strongest_direction,
 )
-from jradar.radar.calibration import compensate_tdm as compensate_tdm
+from jradar.radar.calibration import (
+    calibrate_channels as calibrate_channels,
+    calibrate_frequency_phase as calibrate_frequency_phase,
+    compensate_tdm as compensate_tdm,
+    subtract_coupling as subtract_coupling,
+)
 from jradar.radar.cfar import (
     ca_cfar as ca_cfar,
     false_alarm_multiplier as false_alarm_multiplier,
