@@ -1,6 +1,10 @@
 """ADC cube to spectra to detections to points (section III-A of the paper).
 
 RadarSpec                        the radar, a static argument of what follows
+CaptureSpec                      how a .cfg has its samples streamed
+read_coupling, read_frequency_phase                 ColoRadar's calibration, and how
+calibrate_frequency_phase, subtract_coupling        it is applied
+calibrate_channels               a .cfg's
 range_doppler, power_map         spectra
 ca_, go_, so_, os_cfar           detection; noise_floor, false_alarm_multiplier
 compensate_tdm, angle_spectrum, strongest_direction
@@ -13,7 +17,12 @@ from jradar.radar.angle import (
     direction_sines as direction_sines,
     strongest_direction as strongest_direction,
 )
-from jradar.radar.calibration import compensate_tdm as compensate_tdm
+from jradar.radar.calibration import (
+    calibrate_channels as calibrate_channels,
+    calibrate_frequency_phase as calibrate_frequency_phase,
+    compensate_tdm as compensate_tdm,
+    subtract_coupling as subtract_coupling,
+)
 from jradar.radar.cfar import (
     ca_cfar as ca_cfar,
     go_cfar as go_cfar,
@@ -24,6 +33,11 @@ from jradar.radar.cfar import (
 )
 from jradar.radar.multipliers import (
     false_alarm_multiplier as false_alarm_multiplier,
+)
+from jradar.radar.coloradar_calib import (
+    FrequencyPhase as FrequencyPhase,
+    read_coupling as read_coupling,
+    read_frequency_phase as read_frequency_phase,
 )
 from jradar.radar.points import (
     Echo as Echo,
@@ -43,3 +57,4 @@ from jradar.radar.spectrum import (
     range_doppler as range_doppler,
     window as window,
 )
+from jradar.radar.ti_cfg import CaptureSpec as CaptureSpec

@@ -1,12 +1,103 @@
-"""Corrections of the virtual array's phases before the angles are estimated."""
+"""Corrections of the antennas: before the spectra, on them, and before the angles.
+
+calibrate_channels          factor of each virtual antenna (a .cfg's)         cube
+calibrate_frequency_phase   beat frequency and phase of each (ColoRadar's)    cube
+subtract_coupling           leakage from transmitters to receivers            spectrum
+compensate_tdm              phase of moving targets from chirp to chirp       snapshot
+
+Each takes the axes tx and rx, or virtual, in the order of the radar's array.
+"""
 
 import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Int
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
 
 from jradar.radar.sensor import RadarSpec
+from jradar.radar.spectrum import WINDOWS, window
+
+
+@jax.jit
+def calibrate_channels(
+    cube: Complex[Array, "*batch tx rx chirp sample"],
+    factors: Complex[Array, "virtual"],
+) -> Complex[Array, "*batch tx rx chirp sample"]:
+    """Multiply each virtual antenna's samples by its factor.
+
+    `CaptureSpec.channel_factors` holds those of a .cfg. Raises ValueError unless there
+    is one for each pair of tx and rx.
+    """
+    tx, rx = cube.shape[-4:-2]
+    if factors.size != tx * rx:
+        raise ValueError(
+            f"{factors.size} factors, expected {tx * rx}: one for each of {tx} tx x "
+            f"{rx} rx"
+        )
+    return cube * factors.reshape(tx, rx, 1, 1)
+
+
+@functools.partial(
+    jax.jit,
+    static_argnames=("radar", "calibration_slope_hz_per_s", "calibration_rate_hz"),
+)
+def calibrate_frequency_phase(
+    cube: Complex[Array, "*batch tx rx chirp sample"],
+    frequency: Float[Array, "tx rx"],
+    phase: Complex[Array, "tx rx"],
+    radar: RadarSpec,
+    *,
+    calibration_slope_hz_per_s: float,
+    calibration_rate_hz: float,
+) -> Complex[Array, "*batch tx rx chirp sample"]:
+    """Make all antenna pairs see a far target as the first one does.
+
+    `frequency` (range bins) and `phase` are the pairs' responses to one target, with
+    the slope and the sampling rate of that measurement: delays scale with the slope,
+    bins with the rate. Raises ValueError for slopes or rates that are worlds apart.
+    """
+    slope = radar.slope_hz_per_s / calibration_slope_hz_per_s
+    rate = calibration_rate_hz / radar.sample_rate_hz
+    for ratio, what in ((slope, "slopes in Hz/s"), (rate, "sampling rates in Hz")):
+        if not 1e-3 < ratio < 1e3:
+            raise ValueError(
+                f"radar's and calibration's {what} differ by a factor of {ratio:.3g}, "
+                "expected 0.001 to 1000: another unit?"
+            )
+    bins = (frequency - frequency[0, 0]) * (slope * rate)
+    time = jnp.arange(cube.shape[-1]) / cube.shape[-1]
+    turns = jnp.exp(-2j * jnp.pi * bins[..., None, None] * time)
+    return cube * turns * (phase[0, 0] / phase)[..., None, None]
+
+
+@functools.partial(jax.jit, static_argnames="doppler_window")
+def subtract_coupling(
+    range_doppler: Complex[Array, "*batch virtual doppler range"],
+    coupling: Complex[Array, "tx rx half_range"],
+    *,
+    doppler_window: str = "hann",
+) -> Complex[Array, "*batch virtual doppler range"]:
+    """Remove the leakage of ColoRadar's `coupling_calib.txt`, in ADC counts.
+
+    The spectrum is one of `range_doppler(cube, range_window="blackman")` with the same
+    `doppler_window`: the file holds range bins 1 .. N/2 behind that window, divided by
+    N and not by the window's sum, and neither bin 0 nor the rest, so that no other
+    window's spectrum follows from it. Being steady, it lies about Doppler bin 0 as the
+    window spreads it; `remove_static` removes it anyway. Raises ValueError for a file
+    of another array or of another number of bins.
+    """
+    virtual, chirps, samples = range_doppler.shape[-3:]
+    tx, rx, half = coupling.shape
+    if (tx * rx, 2 * half) != (virtual, samples):
+        raise ValueError(
+            f"coupling of {tx} tx x {rx} rx x {half} range bins, expected {virtual} "
+            f"virtual antennas and {samples // 2} bins, half of the spectrum's"
+        )
+    steady = np.fft.fftshift(np.fft.fft(window(doppler_window, chirps)).real)
+    spread = jnp.asarray(steady / WINDOWS["blackman"][0], jnp.float32)
+    leakage = coupling.reshape(virtual, 1, half) * spread[:, None]
+    return range_doppler.at[..., 1 : half + 1].add(-leakage)
 
 
 @functools.partial(jax.jit, static_argnames="radar")

@@ -53,8 +53,16 @@ DEVICES: dict[str, dict[str, Any]] = {
     "cascade": CASCADE,
 }
 
-# Positions in the order of the transmitter bits of TI's tools, not of the array above.
+# Boards that TI's tools configure: positions of the transmitters in the order of their
+# bits in a mask. The ISK's agree with TI's `antGeometry` commands for it; its 62 GHz is
+# assumed, from TI's IWR6843L board. ODS and AOP boards have other arrays.
+ELEVATED_SECOND = ((0, 0), (2, 1), (4, 0))
 PHYSICAL_TX = {
-    "AR1642": ((0, 0), (4, 0)),
-    "AR1843": ((0, 0), (2, 1), (4, 0)),
+    "xwr1443": ELEVATED_SECOND,
+    "xwr1642": ((0, 0), (4, 0)),
+    "xwr1843": ELEVATED_SECOND,
+    "xwr6843isk": ELEVATED_SECOND,
 }
+BANDS_HZ = dict.fromkeys(PHYSICAL_TX, (76e9, 81e9)) | {"xwr6843isk": (60e9, 64e9)}
+DESIGN_FREQUENCIES_HZ = dict.fromkeys(PHYSICAL_TX, 76.8e9) | {"xwr6843isk": 62e9}
+STUDIO_CHIPS = {"AR1642": "xwr1642", "AR1843": "xwr1843"}  # as in mmWave Studio's logs

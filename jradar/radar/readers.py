@@ -4,9 +4,14 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from jradar.radar.devices import PHYSICAL_TX, ROW_OF_RECEIVERS
+from jradar.radar.devices import (
+    DESIGN_FREQUENCIES_HZ,
+    PHYSICAL_TX,
+    ROW_OF_RECEIVERS,
+    STUDIO_CHIPS,
+)
 
-MAX_BYTES = 4 << 20  # of a description; the largest real ones hold some 30 kB
+MAX_BYTES = 4 << 20  # of a description; the largest, a cascade's coupling, holds 0.5 MB
 
 # Register units of mmWave Studio (TI mmWave Link interface control document).
 FREQUENCY_HZ = 3.6e9 / 2**26
@@ -15,13 +20,16 @@ TIME_S = 10e-9
 FRAME_PERIOD_S = 5e-9
 
 
-def read_text(path: Path | str) -> str:
-    """The text of a small file; ValueError for a large or a binary one."""
+def read_text(path: Path | str, errors: str = "strict") -> str:
+    """The text of a small file; ValueError for a large or a binary one.
+
+    `errors="replace"` is for formats whose comments may be in another encoding.
+    """
     path = Path(path)
     if (size := path.stat().st_size) > MAX_BYTES:
         raise ValueError(f"{path} holds {size:,} bytes, expected at most {MAX_BYTES:,}")
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig", errors=errors)
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not a text file: {error.reason}") from error
 
@@ -32,6 +40,17 @@ def toml(path: Path | str) -> dict[str, Any]:
         return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"{path} is not valid TOML: {error}") from error
+
+
+def in_turn(path: Path | str, fired: list[list[int]]) -> list[int]:
+    """The one transmitter of each chirp of a turn; `fired` lists all of a chirp."""
+    order = [tx[0] for tx in fired if len(tx) == 1]
+    if len(order) < len(fired) or len(set(order)) < len(order):
+        raise ValueError(
+            f"{path}: the chirps of a frame fire transmitters {fired}, expected each "
+            "chirp to fire one, and each transmitter to fire once"
+        )
+    return order
 
 
 def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
@@ -58,8 +77,8 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
             f"{path}: no {', '.join(missing)}: is it the log of mmWave Studio?"
         )
     chip = commands["select_chip_version"][0]
-    if chip not in PHYSICAL_TX:
-        raise ValueError(f"{path}: chip {chip}, expected one of {[*PHYSICAL_TX]}")
+    if chip not in STUDIO_CHIPS:
+        raise ValueError(f"{path}: chip {chip}, expected one of {[*STUDIO_CHIPS]}")
     try:
         profile = [int(value) for value in commands["ProfileConfig"]]
         frame = [int(value) for value in commands["FrameConfig"][:5]]
@@ -73,12 +92,7 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         raise ValueError(f"{path}: incomplete configuration ({error})") from error
     if not is_complex:
         raise ValueError(f"{path}: real samples were recorded, expected complex ones")
-    order = [tx[0] for tx in fired if len(tx) == 1]
-    if len(order) < len(fired) or len(set(order)) < len(order):
-        raise ValueError(
-            f"{path}: the chirps of a frame fire transmitters {fired}, expected each "
-            "chirp to fire one, and each transmitter to fire once"
-        )
+    board = STUDIO_CHIPS[chip]
     return {
         "name": chip.lower(),
         "start_frequency_hz": profile[1] * FREQUENCY_HZ,
@@ -89,8 +103,8 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         "idle_time_s": idle * TIME_S,
         "adc_start_time_s": adc_start * TIME_S,
         "ramp_end_time_s": ramp_end * TIME_S,
-        "tx_positions": tuple(PHYSICAL_TX[chip][tx] for tx in order),
+        "tx_positions": tuple(PHYSICAL_TX[board][tx] for tx in in_turn(path, fired)),
         "rx_positions": tuple(p for p in ROW_OF_RECEIVERS if rx_mask >> p[0] & 1),
-        "design_frequency_hz": 76.8e9,
+        "design_frequency_hz": DESIGN_FREQUENCIES_HZ[board],
         "frame_period_s": period * FRAME_PERIOD_S,
     }
