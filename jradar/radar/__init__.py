@@ -31,13 +31,13 @@ from jradar.radar.cfar import (
     os_cfar as os_cfar,
     so_cfar as so_cfar,
 )
-from jradar.radar.multipliers import (
-    false_alarm_multiplier as false_alarm_multiplier,
-)
 from jradar.radar.coloradar_calib import (
     FrequencyPhase as FrequencyPhase,
     read_coupling as read_coupling,
     read_frequency_phase as read_frequency_phase,
+)
+from jradar.radar.multipliers import (
+    false_alarm_multiplier as false_alarm_multiplier,
 )
 from jradar.radar.points import (
     Echo as Echo,

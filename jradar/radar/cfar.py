@@ -191,7 +191,8 @@ def _ranks(shape, guard, train, rank):
     """Training cells of each range bin and the rank among them, `[range]`; host."""
     if not 0 < rank <= 1:
         raise ValueError(f"OS-CFAR {rank=}, expected a fraction, 0 < rank <= 1")
-    cells = sum(_cells_per_range_bin(shape, guard, train))
+    low, high = _cells_per_range_bin(shape, guard, train)
+    cells = low + high
     return cells, np.ceil(rank * cells - 1e-9).astype(int)
 
 

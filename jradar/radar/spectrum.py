@@ -10,6 +10,7 @@ alternating the signs of the chirps, which costs nothing.
 """
 
 import functools
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -85,7 +86,7 @@ def doppler_bins(num_chirps: int) -> np.ndarray:
     return np.arange(num_chirps) - num_chirps // 2
 
 
-def _transform(cube, windows, remove_static, max_range_bins, keep):
+def _transform(cube, windows, remove_static, max_range_bins, keep) -> Any:
     """Spectra, if they are kept, and power, antenna by antenna."""
     *batch, tx, rx, chirps, samples = cube.shape
     bins = samples if max_range_bins is None else max_range_bins
@@ -106,9 +107,9 @@ def _transform(cube, windows, remove_static, max_range_bins, keep):
     antennas = jnp.moveaxis(cube.reshape(*batch, tx * rx, chirps, samples), -3, 0)
     start = jnp.zeros((*batch, chirps, bins), cube.real.dtype)
     power, spectrum = jax.lax.scan(add, start, antennas)
-    if keep:
+    if spectrum is not None:
         spectrum = jnp.moveaxis(spectrum, 0, -3)
     if chirps % 2:
         shift = functools.partial(jnp.fft.fftshift, axes=-2)
-        power, spectrum = shift(power), shift(spectrum) if keep else None
+        spectrum, power = jax.tree.map(shift, (spectrum, power))
     return spectrum, power
