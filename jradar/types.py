@@ -34,6 +34,7 @@ class PointCloud(NamedTuple):
     valid: Bool[Array, "*batch point"]
     velocity: Float[Array, "*batch point"] | None = None
     power: Float[Array, "*batch point"] | None = None
+    snr: Float[Array, "*batch point"] | None = None
 
     @classmethod
     def from_xyz(cls, xyz) -> "PointCloud":

@@ -12,8 +12,9 @@ from jradar.types import PointCloud
 def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
     """The valid points of one cloud: `xyz` [point, 3], and what else it measured."""
     valid = np.asarray(cloud.valid)
-    named = {"xyz": cloud.xyz, "velocity": cloud.velocity, "power": cloud.power}
-    return {k: np.asarray(v)[valid] for k, v in named.items() if v is not None}
+    measured = {k: v for k, v in cloud._asdict().items() if v is not None}
+    del measured["valid"]
+    return {k: np.asarray(v)[valid] for k, v in measured.items()}
 
 
 def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:

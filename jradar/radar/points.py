@@ -6,11 +6,12 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.radar import cfar
 from jradar.radar.angle import angle_spectrum, strongest_direction
 from jradar.radar.calibration import compensate_tdm
+from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
 from jradar.types import PointCloud
@@ -21,7 +22,7 @@ DETECTORS = {
     "so": cfar.so_cfar,
     "os": cfar.os_cfar,
 }
-ANGLES = ("num_azimuth", "num_elevation")
+ANGLES = ("num_azimuth", "num_elevation", "refine")
 DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
 
 
@@ -35,6 +36,7 @@ class Echo(NamedTuple):
     azimuth_deg: float
     elevation_deg: float
     power_db: float
+    snr_db: float
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "capacity", *DETECTION, *ANGLES))
@@ -49,6 +51,7 @@ def radar_points(
     train: tuple[int, int] = (4, 4),
     num_azimuth: int = 64,
     num_elevation: int = 32,
+    refine: bool = True,
     remove_static: bool = False,
 ) -> PointCloud:
     """The `capacity` strongest detections of one frame, strongest first.
@@ -56,8 +59,9 @@ def radar_points(
     One frame; `vmap` it. A cell is detected on the power summed over antennas by the
     CFAR `detector` ("ca", "go", "so" or "os"), with its window in (doppler, range)
     cells; its angles come from the same cell across antennas. Velocity is in m/s, power
-    in ADC counts squared. Elevation is 0 for an array with one row. Raises ValueError
-    for a cube that is not the radar's.
+    in ADC counts squared, SNR the power over the mean of the training cells. `refine`
+    places range, velocity and angles between bins. Elevation is 0 for an array with one
+    row. Raises ValueError for a cube that is not the radar's.
     """
     if cube.shape != radar.cube_shape:
         raise ValueError(
@@ -74,38 +78,58 @@ def radar_points(
         guard=guard,
         train=train,
     )
+    noise = cfar.noise_floor(power, guard=guard, train=train)
     return detections_to_points(
         spectrum,
-        jnp.where(mask, power, 0.0),
+        power,
+        noise,
+        mask,
         radar,
         capacity=capacity,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
+        refine=refine,
     )
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "capacity", *ANGLES))
 def detections_to_points(
     spectrum: Complex[Array, "virtual doppler range"],
-    detected_power: Float[Array, "doppler range"],
+    power: Float[Array, "doppler range"],
+    noise: Float[Array, "doppler range"],
+    mask: Bool[Array, "doppler range"],
     radar: RadarSpec,
     *,
     capacity: int = 1024,
     num_azimuth: int = 64,
     num_elevation: int = 32,
+    refine: bool = True,
 ) -> PointCloud:
-    """Points of the cells whose `detected_power` is not zero, strongest first.
+    """Points of the cells in `mask`, strongest first, padded to `capacity`.
 
     One frame; `vmap` it. Range bin 0, the sensor itself, is never a point.
     """
-    num_doppler, num_range = detected_power.shape
-    candidates = detected_power.at[:, 0].set(0.0).ravel()
-    power, cell = jax.lax.top_k(candidates, min(capacity, candidates.size))
-    padding = (0, capacity - power.size)
-    power, cell = jnp.pad(power, padding), jnp.pad(cell, padding)
+    num_doppler, num_range = power.shape
+    candidates = jnp.where(mask, power, 0.0).at[:, 0].set(0.0).ravel()
+    strongest, cell = jax.lax.top_k(candidates, min(capacity, candidates.size))
+    padding = (0, capacity - cell.size)
+    strongest, cell = jnp.pad(strongest, padding), jnp.pad(cell, padding)
+    valid = strongest > 0
 
-    row, range_bin = jnp.divmod(cell, num_range)
-    doppler_bin = row - num_doppler // 2
+    row, column = jnp.divmod(cell, num_range)
+    doppler_bin = (row - num_doppler // 2).astype(power.dtype)
+    range_bin = column.astype(power.dtype)
+    if refine:
+        left, right = jnp.maximum(column - 1, 0), jnp.minimum(column + 1, num_range - 1)
+        range_bin += parabola_offset(
+            power[row, left], power[row, column], power[row, right]
+        )
+    if refine and num_doppler > 2:
+        below, above = (row - 1) % num_doppler, (row + 1) % num_doppler
+        doppler_bin += parabola_offset(
+            power[below, column], power[row, column], power[above, column]
+        )
+
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     directions = angle_spectrum(
         compensate_tdm(snapshot, doppler_bin, radar),
@@ -113,7 +137,7 @@ def detections_to_points(
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
     )
-    azimuth, elevation = strongest_direction(directions, radar)
+    azimuth, elevation = strongest_direction(directions, radar, interpolate=refine)
     distance = range_bin * radar.range_resolution_m
     ground = distance * jnp.cos(elevation)
     xyz = [
@@ -121,12 +145,13 @@ def detections_to_points(
         ground * jnp.sin(azimuth),
         distance * jnp.sin(elevation),
     ]
-    valid = power > 0
+    snr = strongest / jnp.maximum(noise.ravel()[cell], 1e-30)
     return PointCloud(
         xyz=jnp.where(valid[:, None], jnp.stack(xyz, -1), 0.0),
         valid=valid,
         velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
-        power=power,
+        power=strongest,
+        snr=jnp.where(valid, snr, 0.0),
     )
 
 
@@ -145,9 +170,10 @@ def strongest_echoes(
     coupling of the antennas is the strongest echo.
     """
     valid = np.asarray(cloud.valid)
-    columns = (np.asarray(c)[valid] for c in (cloud.xyz, cloud.velocity, cloud.power))
+    measured = (cloud.xyz, cloud.velocity, cloud.power, cloud.snr)
+    columns = (np.asarray(column)[valid] for column in measured)
     echoes: list[Echo] = []
-    for xyz, velocity, power in zip(*columns, strict=True):
+    for xyz, velocity, power, snr in zip(*columns, strict=True):
         distance = float(np.linalg.norm(xyz))
         echo = Echo(
             range_bin=round(distance / radar.range_resolution_m),
@@ -157,6 +183,7 @@ def strongest_echoes(
             azimuth_deg=float(np.degrees(np.arctan2(xyz[1], xyz[0]))),
             elevation_deg=float(np.degrees(np.arcsin(xyz[2] / distance))),
             power_db=float(10 * np.log10(power)),
+            snr_db=float(10 * np.log10(snr)),
         )
         neighbours = (
             abs(echo.range_bin - other.range_bin) <= apart

@@ -2,10 +2,10 @@
 
 A scatterer at range R(t) = R + v t returns the beat signal
 
-    a exp(2 pi j (2 R(t) / lambda + 2 S R(t) / c * n / f_s + d (a_az u + a_el w)))
+    a exp(2 pi j (2 R(t) / c * f(n) + d (a_az u + a_el w)))
 
-in sample n of the chirp that starts at time t, with S the slope, d the spacing of the
-antenna positions and (u, w) = (sin az cos el, sin el) the direction of the scatterer.
+in sample n of the chirp that starts at time t, where the chirp's frequency is f(n); d
+is the spacing of the antenna positions, (u, w) = (sin az cos el, sin el) the direction.
 Its range may change by whole bins within a frame; within a chirp it stands still.
 Waves are plane, antennas isotropic, and the amplitudes hold all of the radar equation.
 """
@@ -44,7 +44,9 @@ def simulate_cube(
     direction = scatterers.xyz[:, 1:] / jnp.maximum(distance, 1e-6)[:, None]
 
     # Cycles that do not change within the frame, reduced before they meet small ones.
-    fixed = jnp.mod(2 / radar.wavelength_m * distance, 1.0)
+    first_hz = radar.start_frequency_hz + radar.slope_hz_per_s * radar.adc_start_time_s
+    cycles_per_m = 2 * first_hz / SPEED_OF_LIGHT  # at a chirp's first sample
+    fixed = jnp.mod(cycles_per_m * distance, 1.0)
     amplitude = scatterers.amplitude * _turn(fixed)
     receive = _turn(
         radar.spacing_wavelengths * direction @ jnp.array(radar.rx_positions).T
@@ -61,7 +63,7 @@ def simulate_cube(
     def chirp(start_s, transmit):
         """Samples `[rx, sample]` of one chirp."""
         moved = scatterers.velocity * start_s
-        weight = amplitude * transmit * _turn(2 / radar.wavelength_m * moved)
+        weight = amplitude * transmit * _turn(cycles_per_m * moved)
         beat_hz = hz_per_m * (distance + moved)
         return (weight[:, None] * receive).T @ _turn(beat_hz[:, None] * fast_time_s)
 

@@ -10,6 +10,7 @@ from jradar.radar import (
     Scatterers,
     angle_spectrum,
     direction_sines,
+    noise_gain,
     radar_points,
     range_doppler,
     simulate_cube,
@@ -59,6 +60,41 @@ def test_target_comes_back_within_half_a_bin(radar, options, truth):
     sine = np.sin(azimuth) * np.cos(elevation)
     assert abs(sine - np.sin(az) * np.cos(el)) <= (u[1] - u[0]) / 2
     assert abs(np.sin(elevation) - np.sin(el)) <= (w[1] - w[0]) / 2
+
+
+@pytest.mark.parametrize("truth", [(5.3, 21.0, 8.0, 0.77), (2.17, -30.0, -9.0, -1.3)])
+def test_refined_target_lies_within_a_tenth_of_a_bin(truth):
+    radar = RadarSpec.awr1843()
+    # 30 dB over the noise of a cell, summed over 12 antennas.
+    cell_noise = noise_gain("hann", 128) ** 2
+    cube = simulate_cube(
+        jax.random.key(0), target(*truth, amplitude=1.0), radar,
+        noise_power=1e-3 / cell_noise,
+    )  # fmt: skip
+    cloud = radar_points(cube, radar)
+    middle = truth[0] + truth[3] * radar.turn_period_s * radar.num_chirps / 2
+    distance, azimuth, elevation = (v[0] for v in spherical(cloud.xyz[:1]))
+    assert abs(distance - middle) < 0.1 * radar.range_resolution_m
+    assert abs(cloud.velocity[0] - truth[3]) < 0.1 * radar.velocity_resolution_mps
+    u, w = direction_sines(radar)
+    az, el = np.radians(truth[1]), np.radians(truth[2])
+    sine = np.sin(azimuth) * np.cos(elevation)
+    # The array resolves 1/8 of the sine's span over its columns and 1/2 over its rows.
+    assert abs(sine - np.sin(az) * np.cos(el)) < 0.1 * (u[1] - u[0]) * 64 / 8
+    assert abs(np.sin(elevation) - np.sin(el)) < 0.1 * (w[1] - w[0]) * 32 / 2
+    assert 10 * np.log10(cloud.snr[0]) == pytest.approx(30, abs=2)
+
+
+def test_without_refinement_points_lie_on_bins():
+    cube = simulate_cube(jax.random.key(0), target(5, 20, 5, 1), SMALL, noise_power=1.0)
+    cloud = radar_points(cube, SMALL, refine=False)
+    valid = np.asarray(cloud.valid)
+    distance, _, _ = spherical(cloud.xyz[valid])
+    for values, step in (
+        (distance, SMALL.range_resolution_m),
+        (np.asarray(cloud.velocity)[valid], SMALL.velocity_resolution_mps),
+    ):
+        np.testing.assert_allclose(values / step, np.round(values / step), atol=1e-3)
 
 
 def test_firing_order_matters_for_a_moving_target():

@@ -27,8 +27,9 @@ def test_phase_is_the_closed_form_in_float64():
         time_s = (3 * c + place) * RADAR.chirp_period_s
         now = distance + velocity * time_s
         a, e = np.add(RADAR.tx_positions[t], RADAR.rx_positions[r])
-        cycles = 2 * now * RADAR.center_frequency_hz / C
-        cycles += 2 * RADAR.slope_hz_per_s * now / C * n / RADAR.sample_rate_hz
+        sample_s = RADAR.adc_start_time_s + n / RADAR.sample_rate_hz
+        frequency = RADAR.start_frequency_hz + RADAR.slope_hz_per_s * sample_s
+        cycles = 2 * now / C * frequency
         cycles += RADAR.spacing_wavelengths * (a * u + e * w)
         # float32 positions carry 5e-7 m, some 1e-4 of the 3.8 mm wavelength.
         np.testing.assert_allclose(
