@@ -8,8 +8,8 @@ box first, until the next box is farther than every query's neighbour so far:
     | queries | <-- |  1  |  |  2  | ... |  k  |   stop: nothing in here is nearer
     +---------+     +-----+  +-----+     +-----+
 
-Other devices compare all pairs, which suits them better. Distances are sums of squared
-differences, never expanded, so that close points keep their digits.
+Small clouds, and all clouds on other devices, are compared by all pairs. Distances are
+sums of squared differences, never expanded, so that close points keep their digits.
 """
 
 import jax
@@ -17,6 +17,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 QUERY_BLOCK, TARGET_BLOCK = 128, 64  # points; the second a power of 2
+MAX_PAIRS = (
+    1 << 20
+)  # up to here all pairs are as fast, and compile in a tenth of the time
 
 
 @jax.custom_jvp
@@ -28,7 +31,8 @@ def squared_both_ways(
 ) -> tuple[Float[Array, " point"], Float[Array, " other"]]:
     """Squared distance of each point of `a` to `b` and of `b` to `a`; infinite if none.
 
-    One pair of clouds; `vmap` it. Invalid points are infinitely far from all others.
+    One pair of clouds; `vmap` it. Points that are invalid or not finite
+    are infinitely far from all others.
     """
     (forth, _), (back, _) = _nearest_both_ways(a, a_valid, b, b_valid)
     return forth, back
@@ -53,8 +57,15 @@ def _nearest_both_ways(a, a_valid, b, b_valid):
     """(squared distance, index in the other cloud) of the nearest points, both ways."""
     if 0 in (len(a), len(b)):
         return tuple(
-            (jnp.full(len(xyz), jnp.inf), jnp.zeros(len(xyz), int)) for xyz in (a, b)
+            (jnp.full(len(xyz), jnp.inf, xyz.dtype), jnp.zeros(len(xyz), jnp.int32))
+            for xyz in (a, b)
         )
+    a_valid, b_valid = (
+        a_valid & jnp.isfinite(a).all(-1),
+        b_valid & jnp.isfinite(b).all(-1),
+    )
+    if len(a) * len(b) <= MAX_PAIRS:
+        return _all_pairs_both_ways(a, a_valid, b, b_valid)
     return jax.lax.platform_dependent(
         a, a_valid, b, b_valid, cpu=_pruned_both_ways, default=_all_pairs_both_ways
     )
@@ -108,7 +119,11 @@ def _pruned_search(points, others):
     bound = (jnp.maximum(gap, 0.0) ** 2).sum(-1) * (1 - 1e-6)
     # Bounds and block numbers in one integer: sorting pairs takes four times as long.
     bits = _bits(len(targets))
-    key = jax.lax.bitcast_convert_type(bound, jnp.uint32) >> bits << bits
+    key = (
+        jax.lax.bitcast_convert_type(bound.astype(jnp.float32), jnp.uint32)
+        >> bits
+        << bits
+    )
     key = jnp.sort(key | jnp.arange(len(targets), dtype=jnp.uint32), stable=False)
     visits = (key & jnp.uint32((1 << bits) - 1)).astype(jnp.int32)
     bounds = jax.lax.bitcast_convert_type(key >> bits << bits, jnp.float32)
@@ -131,8 +146,8 @@ def _pruned_search(points, others):
             best = jnp.minimum(nearest, best)
             return step + 1, best, owner, jnp.where(real, best, -jnp.inf).max()
 
-        best = jnp.full(QUERY_BLOCK, jnp.inf)
-        state = 0, best, jnp.zeros(QUERY_BLOCK, jnp.int32), jnp.float32(jnp.inf)
+        best = jnp.full(QUERY_BLOCK, jnp.inf, query.dtype)
+        state = 0, best, jnp.zeros(QUERY_BLOCK, jnp.int32), best[0]
         return jax.lax.while_loop(may_improve, visit, state)[1:3]
 
     def position_in(block):
