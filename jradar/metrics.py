@@ -2,8 +2,8 @@
 
 All three come from one pass of nearest-neighbour distances, both ways, in metres. The
 kernel on masked clouds works under `jit`, `vmap` and `grad`; `compare_on_host` gives
-the same numbers from SciPy's tree, for large clouds on a CPU. A comparison with an
-empty cloud is NaN: count such frames, and say so.
+the same numbers from SciPy's tree, in float64. A comparison with an empty cloud is NaN:
+count such frames, and say so.
 """
 
 import functools
@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.spatial import KDTree
 
+from jradar.nearest import squared_both_ways
 from jradar.types import PointCloud
 
 THRESHOLDS_M = (0.1, 0.2, 0.5)
@@ -30,31 +31,17 @@ class CloudMetrics(NamedTuple):
     recall: Float[Array, "*batch threshold"]  # true points near a predicted one
 
 
-@functools.partial(jax.jit, static_argnames="block")
+@jax.jit
 def nearest_distances(
-    a: PointCloud, b: PointCloud, *, block: int = 128
+    a: PointCloud, b: PointCloud
 ) -> tuple[Float[Array, " point"], Float[Array, " other"]]:
     """Distance of each point of `a` to `b`, and of each point of `b` to `a`, in metres.
 
     One pair of clouds; `vmap` it. NaN for invalid points and against an empty cloud.
     Differences are squared, never expanded, so close points keep their digits.
     """
-    num_a = a.xyz.shape[0]
-    padding = -num_a % block
-    xyz = jnp.pad(a.xyz, ((0, padding), (0, 0))).reshape(-1, block, 3)
-    valid = jnp.pad(a.valid, (0, padding)).reshape(-1, block)
-
-    def step(b_to_a, rows):
-        xyz, valid = rows
-        squared = sum(
-            (xyz[:, None, axis] - b.xyz[None, :, axis]) ** 2 for axis in range(3)
-        )
-        squared = jnp.where(valid[:, None] & b.valid, squared, jnp.inf)
-        return jnp.minimum(b_to_a, squared.min(0)), squared.min(1)
-
-    start = jnp.full(b.xyz.shape[0], jnp.inf, b.xyz.dtype)
-    b_to_a, a_to_b = jax.lax.scan(step, start, (xyz, valid))
-    return _root_or_nan(a_to_b.reshape(-1)[:num_a]), _root_or_nan(b_to_a)
+    forth, back = squared_both_ways(a.xyz, a.valid, b.xyz, b.valid)
+    return _root_or_nan(forth), _root_or_nan(back)
 
 
 @functools.partial(jax.jit, static_argnames=("thresholds_m", "mean_of_both"))

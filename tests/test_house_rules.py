@@ -15,6 +15,7 @@ PACKAGE = Path(jradar.__file__).parent
 FLOORS = {
     "files": 1,
     "types": 1,
+    "nearest": 1,
     "radar": 2,
     "range_image": 2,
     "lidar": 2,

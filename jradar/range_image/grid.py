@@ -11,11 +11,28 @@ Rows and columns are equal steps of angle, as in the paper; pictures mirror the 
 """
 
 import dataclasses
+import functools
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+# arctan(t) = t (c0 + c1 t^2 + ... + c8 t^16) on 0 .. 1 within 6e-9 radians: a least-
+# squares fit, reweighted by its own error until that was level. The library's arctan2
+# and arccos are not vectorised on CPUs and took nine tenths of a projection's time.
+_ARCTAN = (
+    0.999999881,
+    -0.333325982,
+    0.199859068,
+    -0.141612291,
+    0.104989462,
+    -0.0723485723,
+    0.0397812203,
+    -0.0144013558,
+    0.00245672418,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +65,7 @@ class ImageSpec:
         return self.height, self.width
 
 
+@functools.partial(jax.jit, static_argnames="spec")
 def pixel_of(
     xyz: Float[Array, "*batch 3"], spec: ImageSpec
 ) -> tuple[
@@ -61,17 +79,17 @@ def pixel_of(
     Eq. 7. Intervals are half open: the highest azimuth and the lowest elevation are
     outside, as are NaN, the origin and what lies beyond the maximum range.
     """
-    x, y, z = jnp.moveaxis(xyz, -1, 0)
-    squared = x * x + y * y + z * z
+    # Each coordinate once into its own row: without the barrier, every use of it would
+    # stride through the points again.
+    x, y, z = jax.lax.optimization_barrier(jnp.moveaxis(xyz, -1, 0))
+    ground = x * x + y * y
+    squared = ground + z * z
     safe = squared > 0  # keeps the gradient of the root finite at the origin
     distance = jnp.where(safe, jnp.sqrt(jnp.where(safe, squared, 1.0)), 0.0)
-    polar = jnp.arccos(jnp.clip(z / jnp.where(safe, distance, 1.0), -1.0, 1.0))
-    column = (jnp.arctan2(y, x) - spec.azimuth[0]) * _per_radian(
-        spec.width, spec.azimuth
-    )
-    row = (polar - (math.pi / 2 - spec.elevation[1])) * _per_radian(
-        spec.height, spec.elevation
-    )
+    azimuth = _arctan2(y, x)
+    elevation = _arctan2(z, jnp.sqrt(ground))  # pi / 2 - arccos(z / distance)
+    column = (azimuth - spec.azimuth[0]) * _per_radian(spec.width, spec.azimuth)
+    row = (spec.elevation[1] - elevation) * _per_radian(spec.height, spec.elevation)
     inside = (column >= 0) & (column < spec.width) & (row >= 0) & (row < spec.height)
     inside &= safe & (distance <= spec.max_range_m)
     # NaN would become pixel 0, and an index of -1 the last pixel.
@@ -89,6 +107,20 @@ def pixel_directions(spec: ImageSpec) -> np.ndarray:
     ground = np.cos(elevation)
     vectors = [ground * np.cos(azimuth), ground * np.sin(azimuth), np.sin(elevation)]
     return np.stack(vectors, -1)
+
+
+def _arctan2(y, x):
+    """Angle of (x, y) within 3e-7 radians in float32; 0 at the origin, no gradient."""
+    x, y = jax.lax.stop_gradient((x, y))
+    low, high = jnp.minimum(abs(x), abs(y)), jnp.maximum(abs(x), abs(y))
+    ratio = low / jnp.where(high > 0, high, 1.0)
+    series = jnp.full_like(ratio, _ARCTAN[-1])
+    for coefficient in _ARCTAN[-2::-1]:
+        series = series * ratio**2 + coefficient
+    angle = ratio * series
+    angle = jnp.where(abs(y) > abs(x), math.pi / 2 - angle, angle)
+    angle = jnp.where(x < 0, math.pi - angle, angle)
+    return jnp.where(y < 0, -angle, angle)
 
 
 def _per_radian(pixels, interval):

@@ -6,6 +6,7 @@ ones (section IV-B). One cloud at a time; `vmap` it.
 """
 
 import functools
+import math
 from typing import NamedTuple
 
 import jax
@@ -17,16 +18,24 @@ from jradar.types import PointCloud
 
 
 class SliceImages(NamedTuple):
-    """The nearest point of each pixel and slice: its range and power, 0 where none."""
+    """The nearest point of each pixel and slice, 0 where none.
+
+    Metres, linear power and metres per second; velocity is None if not measured.
+    """
 
     range_m: Float[Array, "*batch row column slice"]
     power: Float[Array, "*batch row column slice"]
+    velocity: Float[Array, "*batch row column slice"] | None = None
 
 
 @functools.partial(jax.jit, static_argnames="spec")
 def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
     """Range image of a cloud, in metres; 0 where no point fell."""
-    return project_slices(cloud, spec, num_slices=1).range_m[..., 0]
+    row, column, distance, inside = pixel_of(cloud.xyz, spec)
+    size = spec.height * spec.width
+    pixel = jnp.where(inside & cloud.valid, row * spec.width + column, size)
+    nearest = _scatter_min(distance, pixel, size)
+    return _zero_if_empty(nearest).reshape(spec.shape)
 
 
 @functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
@@ -36,19 +45,34 @@ def project_slices(
     """Range image of each of `num_slices` equal parts of the range axis.
 
     A cloud that measured no power has power 1. Where two points of a pixel are equally
-    near, the stronger one's power is kept.
+    near, the stronger one's power and velocity are kept.
     """
-    row, column, distance, inside = pixel_of(cloud.xyz, spec)
+    # The barrier: a distance computed twice could differ in its last bit, and then the
+    # nearest point would not be found again.
+    row, column, distance, inside = jax.lax.optimization_barrier(
+        pixel_of(cloud.xyz, spec)
+    )
     inside &= cloud.valid
-    part = (distance * (num_slices / spec.max_range_m)).astype(jnp.int32)
-    pixel = (row, column, jnp.clip(part, 0, num_slices - 1))
-    empty = jnp.zeros((*spec.shape, num_slices), distance.dtype)
-    nearest = (empty + jnp.inf).at[pixel].min(jnp.where(inside, distance, jnp.inf))
+    steps = jnp.where(inside, distance, 0.0) * (num_slices / spec.max_range_m)
+    part = jnp.minimum(steps.astype(jnp.int32), num_slices - 1)
+    pixel = (row * spec.width + column) * num_slices + part
+    shape = (*spec.shape, num_slices)
+    size = math.prod(shape)
+    nearest = _scatter_min(distance, jnp.where(inside, pixel, size), size)
 
-    power = jnp.ones_like(distance) if cloud.power is None else cloud.power
-    is_nearest = inside & (distance == nearest[pixel])
-    power = empty.at[pixel].max(jnp.where(is_nearest, power, 0.0))
-    return SliceImages(jnp.where(jnp.isfinite(nearest), nearest, 0.0), power)
+    wins = inside & (distance == nearest[pixel])
+    power = jnp.isfinite(nearest).astype(distance.dtype)
+    if cloud.power is not None:
+        strongest = -_scatter_min(-cloud.power, jnp.where(wins, pixel, size), size)
+        wins &= cloud.power == strongest[pixel]
+        power = _zero_if_empty(strongest)
+    velocity = cloud.velocity
+    if velocity is not None:
+        velocity = _scatter_min(velocity, jnp.where(wins, pixel, size), size)
+        velocity = _zero_if_empty(velocity).reshape(shape)
+    return SliceImages(
+        _zero_if_empty(nearest).reshape(shape), power.reshape(shape), velocity
+    )
 
 
 @functools.partial(jax.jit, static_argnames="spec")
@@ -63,3 +87,15 @@ def unproject(image: Float[Array, "*batch row column"], spec: ImageSpec) -> Poin
     return PointCloud(
         xyz=xyz.reshape(*leading, -1, 3), valid=(image > 0).reshape(*leading, -1)
     )
+
+
+def _scatter_min(values, index, size):
+    """Smallest value of each of `size` pixels, infinite where none; `size` drops one.
+
+    One flat index: a scatter to rows and columns takes longer.
+    """
+    return jnp.full(size, jnp.inf, values.dtype).at[index].min(values, mode="drop")
+
+
+def _zero_if_empty(values):
+    return jnp.where(jnp.isfinite(values), values, 0.0)

@@ -21,6 +21,13 @@ from jradar.types import PointCloud
 
 SPEC = ImageSpec(height=8, width=16, max_range_m=10.0)
 FINE = ImageSpec(height=128, width=512, max_range_m=12.0)
+ALL_AROUND = ImageSpec(
+    height=8,
+    width=16,
+    azimuth=(-math.pi, math.pi),
+    elevation=(-math.pi / 2, math.pi / 2),
+    max_range_m=10.0,
+)
 
 
 def direction(azimuth, elevation):
@@ -29,28 +36,56 @@ def direction(azimuth, elevation):
     return np.stack([x, y, np.sin(elevation) + 0 * x], -1)
 
 
+def equation_7(xyz, spec):
+    """Row, column (with their fractions) and range of points, in float64."""
+    x, y, z = xyz.astype(np.float64).T
+    distance = np.linalg.norm(xyz.astype(np.float64), axis=1)
+    row = np.arccos(z / distance) - (math.pi / 2 - spec.elevation[1])
+    column = np.arctan2(y, x) - spec.azimuth[0]
+    return (
+        row * spec.height / np.ptp(spec.elevation),
+        column * spec.width / np.ptp(spec.azimuth),
+        distance,
+    )
+
+
 def cloud(*points):
     return PointCloud.from_xyz(np.array(points, np.float32).reshape(-1, 3))
 
 
-def test_pixel_is_equation_7_in_float64():
+@pytest.mark.parametrize("spec", [SPEC, FINE, ALL_AROUND], ids=["8x16", "fine", "all"])
+def test_pixel_is_equation_7_in_float64(spec):
     rng = np.random.default_rng(0)
-    azimuth, elevation = rng.uniform(-1, 1, 1000), rng.uniform(-0.3, 0.3, 1000)
-    xyz = direction(azimuth, elevation) * rng.uniform(1, 9, (1000, 1))
-    row, column, distance, inside = pixel_of(jnp.asarray(xyz, jnp.float32), SPEC)
-    theta, phi = (
-        np.arctan2(xyz[:, 1], xyz[:, 0]),
-        np.arccos(xyz[:, 2] / np.linalg.norm(xyz, axis=1)),
-    )
-    theta_range, phi_range = np.ptp(SPEC.azimuth), np.ptp(SPEC.elevation)
-    expected_column = (theta - SPEC.azimuth[0]) * 16 / theta_range
-    expected_row = (phi - (math.pi / 2 - SPEC.elevation[1])) * 8 / phi_range
-    clear = np.abs(expected_column % 1 - 0.5) < 0.4999
-    clear &= np.abs(expected_row % 1 - 0.5) < 0.4999  # not on an edge
+    azimuth = rng.uniform(*spec.azimuth, 100_000)
+    elevation = rng.uniform(*spec.elevation, 100_000)
+    xyz = direction(azimuth, elevation) * rng.uniform(0.1, 9, (100_000, 1))
+    xyz = xyz.astype(np.float32)
+    row, column, distance, inside = map(np.asarray, pixel_of(jnp.asarray(xyz), spec))
+    expected_row, expected_column, expected_distance = equation_7(xyz, spec)
+    clear = (expected_row % 1 > 1e-4) & (expected_row % 1 < 1 - 1e-4)
+    clear &= (expected_column % 1 > 1e-4) & (expected_column % 1 < 1 - 1e-4)
+    assert clear.mean() > 0.99 and inside[clear].all()
     np.testing.assert_array_equal(column[clear], np.floor(expected_column)[clear])
     np.testing.assert_array_equal(row[clear], np.floor(expected_row)[clear])
-    np.testing.assert_allclose(distance, np.linalg.norm(xyz, axis=1), rtol=1e-6)
-    assert inside.all()
+    np.testing.assert_allclose(distance, expected_distance, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("point", "pixel"),
+    [
+        ((1, 0, 0), (4, 8)),
+        ((0, 1, 0), (4, 12)),
+        ((0, -1, 0), (4, 4)),
+        ((-1, -1e-6, 0), (4, 0)),
+        ((0, 0, 1), (0, 8)),  # straight up, where no azimuth is defined
+        ((1, 1, 0), (4, 10)),
+        ((1e-18, 1e-18, 0), (4, 10)),
+        ((9e18, 9e18, 0), None),
+    ],
+)
+def test_directions_along_the_axes_have_a_pixel(point, pixel):
+    row, column, _, inside = pixel_of(jnp.array(point, jnp.float32), ALL_AROUND)
+    assert ((int(row), int(column)) if inside else None) == pixel
 
 
 def test_up_is_row_0_and_left_is_the_last_column():
@@ -121,6 +156,39 @@ def test_slices_part_the_range_and_keep_the_power_of_the_nearest():
     np.testing.assert_allclose(whole[row, column], 1, rtol=1e-6)
 
 
+def test_power_and_velocity_are_those_of_the_nearest_point():
+    rng = np.random.default_rng(0)
+    xyz = direction(rng.uniform(-1, 1, 500), rng.uniform(-0.3, 0.3, 500))
+    xyz = (xyz * rng.uniform(1, 9, (500, 1))).astype(np.float32)
+    power, velocity = np.exp(rng.normal(size=500)), rng.normal(size=500)
+    points = PointCloud(*map(jnp.float32, (xyz, np.ones(500), velocity, power)))
+    points = points._replace(valid=jnp.asarray(rng.random(500) < 0.9))
+    images = project_slices(points, SPEC, num_slices=2)
+    row, column, distance = equation_7(xyz, SPEC)
+    expected = np.zeros((3, *SPEC.shape, 2))
+    for i in np.flatnonzero(np.asarray(points.valid)):
+        pixel = (int(row[i]), int(column[i]), int(distance[i] // 5))
+        if not 0 < expected[0][pixel] <= distance[i]:
+            expected[(slice(None), *pixel)] = distance[i], power[i], velocity[i]
+    for image, reference in zip(images, expected, strict=True):
+        np.testing.assert_allclose(image, reference, rtol=1e-5)
+
+
+def test_of_equally_near_points_the_stronger_one_is_kept():
+    points = cloud(*3 * [(5.0, 0.1, 0.1)])._replace(
+        power=jnp.array([1.0, 3.0, 2.0]), velocity=jnp.array([-4.0, 1.0, 5.0])
+    )
+    images = project_slices(points, SPEC, num_slices=1)
+    assert images.power.max() == 3
+    assert images.velocity.sum() == 1
+
+
+def test_without_power_and_velocity_they_are_one_and_none():
+    images = project_slices(cloud((5, 0, 0), (5, 0, 0), (6, 1, 0)), SPEC, num_slices=3)
+    np.testing.assert_array_equal(images.power, images.range_m > 0)
+    assert images.velocity is None
+
+
 def test_vmap_equals_the_loop():
     xyz = jax.random.normal(jax.random.key(0), (3, 50, 3)) + jnp.array([4.0, 0, 0])
     clouds = PointCloud.from_xyz(xyz)
@@ -144,6 +212,18 @@ def test_gradients_of_the_ranges_are_the_numerical_ones():
     gradient = jax.grad(lambda c: project(c, SPEC).sum(), allow_int=True)(origin)
     assert jnp.isfinite(gradient.xyz).all()
 
+    def weighted(cloud):
+        images = project_slices(cloud, SPEC, num_slices=2)
+        return sum((image**2).sum() for image in images)
+
+    measured = cloud((4, 0, 0), (0, 0, 0), (6, 0, 0))._replace(
+        valid=jnp.ones(3, bool), power=jnp.ones(3), velocity=jnp.array([2.0, 3.0, 4.0])
+    )
+    gradient = jax.grad(weighted, allow_int=True)(measured)
+    np.testing.assert_allclose(gradient.xyz[:, 0], [8, 0, 12], rtol=1e-6)
+    np.testing.assert_allclose(gradient.power, [2, 0, 2])
+    np.testing.assert_allclose(gradient.velocity, [4, 0, 8])
+
 
 def test_real_lidar_scan_survives_within_half_a_pixel(samples):
     scan = np.load(samples / "ouster" / "os1_64_scan.npz")["xyz"].reshape(-1, 3)
@@ -151,7 +231,7 @@ def test_real_lidar_scan_survives_within_half_a_pixel(samples):
     image = project(points, FINE)
     row, column, distance, inside = map(np.asarray, pixel_of(points.xyz, FINE))
     survived = inside & np.asarray(points.valid)
-    survived &= distance == np.asarray(image)[row, column]
+    survived &= np.isclose(distance, np.asarray(image)[row, column], rtol=1e-6)
     assert survived.sum() > 2000
     assert survived.sum() >= (image > 0).sum()
 

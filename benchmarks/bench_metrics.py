@@ -1,0 +1,83 @@
+"""How long do nearest neighbours take both ways, beside SciPy's tree?
+
+    python -m benchmarks.bench_metrics
+
+The peer builds a tree of each cloud and queries it with the other. "cube" fills a
+volume, the hardest case for the boxes; "room" lies on six walls with 2 cm of noise, as
+a LiDAR's points do. One in ten points is invalid padding; the peer gets the rest.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import KDTree
+
+from benchmarks.bench_range_image import compare_speed
+from jradar.metrics import compare, compare_on_host, nearest_distances
+from jradar.types import PointCloud
+
+
+def cases():
+    """(name, our callable, {peer's name: its callable}) by shape and size."""
+    for shape in (cube, room):
+        for num in (1000, 10_000, 65_536):
+            yield nearest_case(shape, num)
+    a, b = (random_cloud(room, seed, 10_000) for seed in (0, 1))
+    points = valid_points(a), valid_points(b)
+    yield (
+        "all metrics 10,000 x 10,000 in a room",
+        lambda: compare(a, b),
+        {"KDTree": lambda: compare_on_host(*points)},
+    )
+    gradient = jax.jit(jax.grad(chamfer))
+    yield (
+        "gradient of the Chamfer distance 10,000 x 10,000 in a room",
+        lambda: gradient(a.xyz, a, b),
+        {"KDTree, no gradient": lambda: compare_on_host(*points)},
+    )
+
+
+def nearest_case(shape, num: int):
+    """Nearest neighbours of two clouds of one shape."""
+    a, b = (random_cloud(shape, seed, num) for seed in (0, 1))
+    p, q = valid_points(a), valid_points(b)
+    return (
+        f"nearest neighbours {num:,} x {num:,} in a {shape.__name__}",
+        lambda: nearest_distances(a, b),
+        {"KDTree": lambda: (KDTree(q).query(p)[0], KDTree(p).query(q)[0])},
+    )
+
+
+def chamfer(xyz, a, b):
+    """Chamfer distance as a function of one cloud's points."""
+    return compare(a._replace(xyz=xyz), b).chamfer
+
+
+def cube(rng, num):
+    """Points in a volume of 20 m."""
+    return rng.uniform(-10, 10, (num, 3))
+
+
+def room(rng, num):
+    """Points on the walls, floor and ceiling of a room, 2 cm apart from them."""
+    size = np.array([10.0, 6.0, 2.0])
+    xyz = rng.uniform(-1, 1, (num, 3)) * size
+    axis, side = rng.integers(0, 3, num), rng.choice((-1, 1), num)
+    xyz[np.arange(num), axis] = side * size[axis]
+    return xyz + rng.normal(0, 0.02, (num, 3))
+
+
+def random_cloud(shape, seed: int, num: int) -> PointCloud:
+    """Cloud of a shape with one point in ten invalid."""
+    rng = np.random.default_rng(seed)
+    xyz = jnp.asarray(shape(rng, num), jnp.float32)
+    return PointCloud(xyz, jnp.asarray(rng.random(num) < 0.9))
+
+
+def valid_points(cloud: PointCloud) -> np.ndarray:
+    """The valid points alone, on the host."""
+    return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+
+
+if __name__ == "__main__":
+    compare_speed(cases(), seconds=5.0)
