@@ -1,47 +1,47 @@
 """How long do nearest neighbours take both ways, beside SciPy's tree?
 
-    python -m benchmarks.bench_metrics
-
 The peer builds a tree of each cloud and queries it with the other. "cube" fills a
 volume, the hardest case for the boxes; "room" lies on six walls with 2 cm of noise, as
 a LiDAR's points do. One in ten points is invalid padding; the peer gets the rest.
 """
+
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
-from benchmarks.bench_range_image import compare_speed
+from benchmarks.harness import Case
 from jradar.metrics import compare, compare_on_host, nearest_distances
 from jradar.types import PointCloud
 
 
-def cases():
-    """(name, our callable, {peer's name: its callable}) by shape and size."""
+def cases() -> Iterator[Case]:
+    """Both ways by shape and size; all metrics, and a gradient."""
     for shape in (cube, room):
         for num in (1000, 10_000, 65_536):
             yield nearest_case(shape, num)
     a, b = (random_cloud(room, seed, 10_000) for seed in (0, 1))
     points = valid_points(a), valid_points(b)
-    yield (
+    yield Case(
         "all metrics 10,000 x 10,000 in a room",
         lambda: compare(a, b),
         {"KDTree": lambda: compare_on_host(*points)},
     )
     gradient = jax.jit(jax.grad(chamfer))
-    yield (
+    yield Case(
         "gradient of the Chamfer distance 10,000 x 10,000 in a room",
         lambda: gradient(a.xyz, a, b),
         {"KDTree, no gradient": lambda: compare_on_host(*points)},
     )
 
 
-def nearest_case(shape, num: int):
+def nearest_case(shape, num: int) -> Case:
     """Nearest neighbours of two clouds of one shape."""
     a, b = (random_cloud(shape, seed, num) for seed in (0, 1))
     p, q = valid_points(a), valid_points(b)
-    return (
+    return Case(
         f"nearest neighbours {num:,} x {num:,} in a {shape.__name__}",
         lambda: nearest_distances(a, b),
         {"KDTree": lambda: (KDTree(q).query(p)[0], KDTree(p).query(q)[0])},
@@ -77,7 +77,3 @@ def random_cloud(shape, seed: int, num: int) -> PointCloud:
 def valid_points(cloud: PointCloud) -> np.ndarray:
     """The valid points alone, on the host."""
     return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
-
-
-if __name__ == "__main__":
-    compare_speed(cases(), seconds=5.0)
