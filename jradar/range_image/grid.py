@@ -79,9 +79,7 @@ def pixel_of(
     Eq. 7. Intervals are half open: the highest azimuth and the lowest elevation are
     outside, as are NaN, the origin and what lies beyond the maximum range.
     """
-    # Each coordinate once into its own row: without the barrier, every use of it would
-    # stride through the points again.
-    x, y, z = jax.lax.optimization_barrier(jnp.moveaxis(xyz, -1, 0))
+    x, y, z = jnp.moveaxis(xyz, -1, 0)
     ground = x * x + y * y
     squared = ground + z * z
     safe = squared > 0  # keeps the gradient of the root finite at the origin
