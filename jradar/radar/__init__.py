@@ -3,14 +3,17 @@
 RadarSpec                        the radar, a static argument of what follows
 range_doppler, power_map         spectra
 ca_cfar, os_cfar                 detection
-compensate_tdm, angle_spectrum, strongest_direction
+compensate_tdm, directions       azimuth and elevation of each detection
+angle_spectrum, strongest_direction, spectrum_peaks              over all directions
 radar_points                     all of it
 Scatterers, simulate_cube        the way back: scatterers to an ADC cube
 """
 
 from jradar.radar.angle import (
+    Peaks as Peaks,
     angle_spectrum as angle_spectrum,
     direction_sines as direction_sines,
+    spectrum_peaks as spectrum_peaks,
     strongest_direction as strongest_direction,
 )
 from jradar.radar.calibration import compensate_tdm as compensate_tdm
@@ -20,6 +23,7 @@ from jradar.radar.cfar import (
     largest_window as largest_window,
     os_cfar as os_cfar,
 )
+from jradar.radar.direction import directions as directions
 from jradar.radar.points import (
     Echo as Echo,
     detections_to_points as detections_to_points,

@@ -9,14 +9,14 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.radar import cfar
-from jradar.radar.angle import angle_spectrum, strongest_direction
 from jradar.radar.calibration import compensate_tdm
+from jradar.radar.direction import directions
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import power_map, range_doppler
 from jradar.types import PointCloud
 
 DETECTORS = {"ca": cfar.ca_cfar, "os": cfar.os_cfar}
-ANGLES = ("num_azimuth", "num_elevation")
+ANGLES = ("num_azimuth", "num_elevation", "flip_azimuth", "flip_elevation")
 DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
 
 
@@ -44,6 +44,8 @@ def radar_points(
     train: tuple[int, int] = (4, 4),
     num_azimuth: int = 64,
     num_elevation: int = 32,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
     remove_static: bool = False,
 ) -> PointCloud:
     """The `capacity` strongest detections of one frame, strongest first.
@@ -51,8 +53,9 @@ def radar_points(
     One frame; `vmap` it. A cell is detected on the power summed over antennas by the
     CFAR `detector` ("ca" or "os", with its window in (doppler, range) cells), and its
     angles come from the same cell across antennas. Velocity is in m/s, power in ADC
-    counts squared. Elevation is 0 for an array with one row. Raises ValueError for a
-    cube that is not the radar's.
+    counts squared. Elevation is 0 for an array with one row. `flip_azimuth` and
+    `flip_elevation` are for a sensor that is mounted the other way round. Raises
+    ValueError for a cube that is not the radar's.
     """
     if cube.shape != radar.cube_shape:
         raise ValueError(
@@ -77,6 +80,8 @@ def radar_points(
         capacity=capacity,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
+        flip_azimuth=flip_azimuth,
+        flip_elevation=flip_elevation,
     )
 
 
@@ -89,6 +94,8 @@ def detections_to_points(
     capacity: int = 1024,
     num_azimuth: int = 64,
     num_elevation: int = 32,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
 ) -> PointCloud:
     """Points of the cells whose `detected_power` is not zero, strongest first.
 
@@ -103,13 +110,14 @@ def detections_to_points(
     row, range_bin = jnp.divmod(cell, num_range)
     doppler_bin = row - num_doppler // 2
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    directions = angle_spectrum(
+    azimuth, elevation = directions(
         compensate_tdm(snapshot, doppler_bin, radar),
         radar,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
+        flip_azimuth=flip_azimuth,
+        flip_elevation=flip_elevation,
     )
-    azimuth, elevation = strongest_direction(directions, radar)
     distance = range_bin * radar.range_resolution_m
     ground = distance * jnp.cos(elevation)
     xyz = [
