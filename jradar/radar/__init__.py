@@ -7,14 +7,17 @@ calibrate_frequency_phase, subtract_coupling        it is applied
 calibrate_channels               a .cfg's
 range_doppler, power_map         spectra
 ca_, go_, so_, os_cfar           detection; noise_floor, false_alarm_multiplier
-compensate_tdm, angle_spectrum, strongest_direction
+compensate_tdm, directions       azimuth and elevation of each detection
+angle_spectrum, strongest_direction, spectrum_peaks              over all directions
 radar_points                     all of it
 Scatterers, simulate_cube        the way back: scatterers to an ADC cube
 """
 
 from jradar.radar.angle import (
+    Peaks as Peaks,
     angle_spectrum as angle_spectrum,
     direction_sines as direction_sines,
+    spectrum_peaks as spectrum_peaks,
     strongest_direction as strongest_direction,
 )
 from jradar.radar.calibration import (
@@ -36,6 +39,7 @@ from jradar.radar.coloradar_calib import (
     read_coupling as read_coupling,
     read_frequency_phase as read_frequency_phase,
 )
+from jradar.radar.direction import directions as directions
 from jradar.radar.multipliers import (
     false_alarm_multiplier as false_alarm_multiplier,
 )

@@ -8,19 +8,36 @@ target its peak is the maximum-likelihood direction, however sparse the rows are
                                           w = sin el, u = sin az cos el
 
 An array with one row cannot tell elevations apart: its spectrum has one elevation bin,
-and its elevation is 0.
+and its elevation is 0. Angles are those of an array whose positions grow to the left
+and upwards as seen from behind; `flip_azimuth` and `flip_elevation` are for a sensor
+that is mounted the other way round.
+
+`jradar.radar.direction` finds the strongest direction faster, without this spectrum.
 """
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Int
 
+from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
 
 Angle = Float[Array, "*batch"]
+FLIPS = ("flip_azimuth", "flip_elevation")
+NEARLY_ONE = 1 - 1e-6  # where the arcsine still has a finite slope
+
+
+class Peaks(NamedTuple):
+    """Directions of a cell's peaks in radians, strongest first."""
+
+    azimuth: Float[Array, "*batch peak"]
+    elevation: Float[Array, "*batch peak"]
+    power: Float[Array, "*batch peak"]
+    valid: Bool[Array, "*batch peak"]
 
 
 def direction_sines(
@@ -32,6 +49,24 @@ def direction_sines(
         return (np.arange(bins) - bins // 2) / (bins * radar.spacing_wavelengths)
 
     return sines(num_azimuth), sines(num_elevation if radar.has_elevation else 1)
+
+
+def check_sizes(
+    shape: tuple[int, ...], radar: RadarSpec, num_azimuth: int, num_elevation: int
+) -> tuple[int, int]:
+    """Rows and columns of the array, once the shapes are known to agree with them."""
+    rows, columns = (int(size) for size in radar.virtual_positions[:, ::-1].max(0) + 1)
+    if (radar.has_elevation and rows > num_elevation) or columns > num_azimuth:
+        raise ValueError(
+            f"{num_elevation} elevation and {num_azimuth} azimuth bins are fewer than "
+            f"the array's {rows} rows and {columns} columns: ask for more bins"
+        )
+    if shape[-1] != radar.num_virtual:
+        raise ValueError(
+            f"{shape[-1]} values per cell, {radar.name} has "
+            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
+        )
+    return rows, columns
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation"))
@@ -47,18 +82,8 @@ def angle_spectrum(
     Directions are those of `direction_sines`. Raises ValueError where the array has
     more elements along an axis than the spectrum has bins.
     """
+    rows, columns = check_sizes(snapshot.shape, radar, num_azimuth, num_elevation)
     num_elevation = num_elevation if radar.has_elevation else 1
-    rows, columns = radar.virtual_positions[:, ::-1].max(0) + 1
-    if rows > num_elevation or columns > num_azimuth:
-        raise ValueError(
-            f"{num_elevation} elevation and {num_azimuth} azimuth bins are fewer than "
-            f"the array's {rows} rows and {columns} columns: ask for more bins"
-        )
-    if snapshot.shape[-1] != radar.num_virtual:
-        raise ValueError(
-            f"{snapshot.shape[-1]} values per cell, {radar.name} has "
-            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
-        )
     column, row = radar.virtual_positions.T
     shared = np.zeros((rows, columns))
     np.add.at(shared, (row, column), 1)
@@ -70,12 +95,14 @@ def angle_spectrum(
     return spectrum.real**2 + spectrum.imag**2
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "interpolate"))
+@functools.partial(jax.jit, static_argnames=("radar", "interpolate", *FLIPS))
 def strongest_direction(
     spectrum: Float[Array, "*batch elevation azimuth"],
     radar: RadarSpec,
     *,
     interpolate: bool = True,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
     """Azimuth and elevation in radians of the peak of an `angle_spectrum`.
 
@@ -83,33 +110,116 @@ def strongest_direction(
     neighbours, which also makes it differentiable. Bins with u^2 + w^2 > 1, which no
     direction reaches, are passed over.
     """
+    visible = _visible(spectrum, radar)
+    flat = jnp.where(visible, spectrum, -1.0).reshape(*spectrum.shape[:-2], -1)
+    u, w = _sines(spectrum, jnp.argmax(flat, -1), radar, interpolate)
+    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+
+
+@functools.partial(
+    jax.jit, static_argnames=("radar", "count", "within_db", "interpolate", *FLIPS)
+)
+def spectrum_peaks(
+    spectrum: Float[Array, "*batch elevation azimuth"],
+    radar: RadarSpec,
+    *,
+    count: int = 2,
+    within_db: float = 6.0,
+    interpolate: bool = True,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> Peaks:
+    """The `count` strongest local maxima of an `angle_spectrum`, strongest first.
+
+    For cells that hold several targets. A maximum exceeds its eight neighbours among
+    the visible bins, and is `valid` if it is at most `within_db` below the strongest;
+    uniform rows have side lobes 13 dB down, sparse ones higher. The first peak is
+    `strongest_direction`. A spectrum over azimuth alone is one row of this one.
+    """
+    *batch, num_elevation, num_azimuth = spectrum.shape
+    if not 1 <= count <= num_elevation * num_azimuth:
+        raise ValueError(
+            f"{count=}, expected 1 to the spectrum's {num_elevation} x {num_azimuth} "
+            "bins"
+        )
+    if within_db < 0:
+        raise ValueError(f"{within_db=}, expected 0 or more decibels: drop the sign?")
+    seen = jnp.where(_visible(spectrum, radar), spectrum, -1.0)
+    left = jnp.where(_is_local_maximum(seen), seen, -1.0).reshape(*batch, -1)
+    bins, powers = [], []
+    for _ in range(count):  # faster than a sort while peaks are few
+        bins.append(jnp.argmax(left, -1))
+        powers.append(jnp.take_along_axis(left, bins[-1][..., None], -1)[..., 0])
+        left = jnp.where(jnp.arange(left.shape[-1]) == bins[-1][..., None], -1.0, left)
+    sines = (_sines(spectrum, index, radar, interpolate) for index in bins)
+    u, w = (jnp.stack(sine, -1) for sine in zip(*sines, strict=True))
+    azimuth, elevation = angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    power = jnp.stack(powers, -1)
+    valid = (power > 0) & (power >= power[..., :1] * 10 ** (-within_db / 10))
+    return Peaks(azimuth, elevation, jnp.maximum(power, 0.0), valid)
+
+
+def angles_of_sines(
+    u: Float[Array, "*batch"],
+    w: Float[Array, "*batch"],
+    flip_azimuth: bool,
+    flip_elevation: bool,
+) -> tuple[Angle, Angle]:
+    """Azimuth and elevation in radians of direction sines, with finite gradients."""
+    w = jnp.clip(w, -NEARLY_ONE, NEARLY_ONE)
+    sine = jnp.clip(u / jnp.sqrt(1 - w**2), -NEARLY_ONE, NEARLY_ONE)
+    azimuth, elevation = jnp.arcsin(sine), jnp.arcsin(w)
+    return (
+        -azimuth if flip_azimuth else azimuth,
+        -elevation if flip_elevation else elevation,
+    )
+
+
+def _visible(spectrum: Float[Array, "*batch elevation azimuth"], radar: RadarSpec):
+    """Bins that some direction reaches, `[elevation, azimuth]`, on the host."""
+    num_elevation, num_azimuth = spectrum.shape[-2:]
+    u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
+    return u**2 + w[:, None] ** 2 <= 1
+
+
+def _is_local_maximum(
+    power: Float[Array, "*batch elevation azimuth"],
+) -> Bool[Array, "*batch elevation azimuth"]:
+    """Whether a bin exceeds its eight neighbours; the first of equal ones does."""
+    rows = (-1, 0, 1) if power.shape[-2] > 1 else (0,)
+    highest = jnp.ones(power.shape, bool)
+    for shift in ((row, column) for row in rows for column in (-1, 0, 1)):
+        neighbour = jnp.roll(power, shift, (-2, -1))
+        if shift != (0, 0):
+            highest &= power > neighbour if shift > (0, 0) else power >= neighbour
+    return highest
+
+
+def _sines(
+    spectrum: Float[Array, "*batch elevation azimuth"],
+    index: Int[Array, "*batch"],
+    radar: RadarSpec,
+    interpolate: bool,
+) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """Direction sines u and w of the peak in the flat bin `index`."""
     *batch, num_elevation, num_azimuth = spectrum.shape
     u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
-    visible = u**2 + w[:, None] ** 2 <= 1
-    flat = jnp.where(visible, spectrum, -1.0).reshape(*batch, -1)
-    row, column = jnp.divmod(jnp.argmax(flat, -1), num_azimuth)
+    row, column = jnp.divmod(index, num_azimuth)
+    flat = spectrum.reshape(*batch, -1)
 
     def offset(step_row, step_column):
         """Bins from the peak to the vertex of the parabola along an axis."""
-        index = [
+        near = [
             (row + k * step_row) % num_elevation * num_azimuth
             + (column + k * step_column) % num_azimuth
             for k in (-1, 0, 1)
         ]
-        power = jnp.take_along_axis(
-            spectrum.reshape(*batch, -1), jnp.stack(index, -1), -1
-        )
-        before, peak, after = jnp.moveaxis(jnp.log(power + 1e-30), -1, 0)
-        curvature = 2 * peak - before - after
-        safe = jnp.where(curvature > 0, curvature, 1.0)
-        shift = jnp.where(curvature > 0, (after - before) / (2 * safe), 0.0)
-        return jnp.clip(shift, -0.5, 0.5)
+        power = jnp.take_along_axis(flat, jnp.stack(near, -1), -1)
+        return parabola_offset(*jnp.moveaxis(power, -1, 0))
 
     sine_az, sine_el = jnp.asarray(u)[column], jnp.asarray(w)[row]
     if interpolate:
         sine_az += offset(0, 1) * (u[1] - u[0])
     if interpolate and num_elevation > 1:
         sine_el += offset(1, 0) * (w[1] - w[0])
-    sine_el = jnp.clip(sine_el, -1 + 1e-6, 1 - 1e-6)
-    sine_az = sine_az / jnp.sqrt(1 - sine_el**2)
-    return jnp.arcsin(jnp.clip(sine_az, -1 + 1e-6, 1 - 1e-6)), jnp.arcsin(sine_el)
+    return sine_az, sine_el

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.radar import cfar
-from jradar.radar.angle import angle_spectrum, strongest_direction
 from jradar.radar.calibration import compensate_tdm
+from jradar.radar.direction import directions
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
@@ -22,7 +22,7 @@ DETECTORS = {
     "so": cfar.so_cfar,
     "os": cfar.os_cfar,
 }
-ANGLES = ("num_azimuth", "num_elevation", "refine")
+ANGLES = ("num_azimuth", "num_elevation", "flip_azimuth", "flip_elevation", "refine")
 DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
 
 
@@ -51,6 +51,8 @@ def radar_points(
     train: tuple[int, int] = (4, 4),
     num_azimuth: int = 64,
     num_elevation: int = 32,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
     refine: bool = True,
     remove_static: bool = False,
 ) -> PointCloud:
@@ -61,7 +63,8 @@ def radar_points(
     cells; its angles come from the same cell across antennas. Velocity is in m/s, power
     in ADC counts squared, SNR the power over the mean of the training cells. `refine`
     places range, velocity and angles between bins. Elevation is 0 for an array with one
-    row. Raises ValueError for a cube that is not the radar's.
+    row. `flip_azimuth` and `flip_elevation` are for a sensor that is mounted the other
+    way round. Raises ValueError for a cube that is not the radar's.
     """
     if cube.shape != radar.cube_shape:
         raise ValueError(
@@ -88,6 +91,8 @@ def radar_points(
         capacity=capacity,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
+        flip_azimuth=flip_azimuth,
+        flip_elevation=flip_elevation,
         refine=refine,
     )
 
@@ -103,6 +108,8 @@ def detections_to_points(
     capacity: int = 1024,
     num_azimuth: int = 64,
     num_elevation: int = 32,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
     refine: bool = True,
 ) -> PointCloud:
     """Points of the cells in `mask`, strongest first, padded to `capacity`.
@@ -131,13 +138,15 @@ def detections_to_points(
         )
 
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    directions = angle_spectrum(
+    azimuth, elevation = directions(
         compensate_tdm(snapshot, doppler_bin, radar),
         radar,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
+        interpolate=refine,
+        flip_azimuth=flip_azimuth,
+        flip_elevation=flip_elevation,
     )
-    azimuth, elevation = strongest_direction(directions, radar, interpolate=refine)
     distance = range_bin * radar.range_resolution_m
     ground = distance * jnp.cos(elevation)
     xyz = [

@@ -1,0 +1,294 @@
+"""The strongest direction of each detection, without its whole angle spectrum.
+
+Elements in row r see azimuth alone: their sum s_r(u) over every azimuth bin is one
+small matrix product. Over the elevation phase p = 2 pi d w, the power is then
+
+    |sum_r s_r e^(-j r p)|^2 = sum_r |s_r|^2 + 2 Re sum_l c_l e^(-j l p)
+
+with c_l the products s_q conj(s_r) of rows q - r = l apart, added up:
+
+    one row      no elevation
+    two rows     the maximum is known: (|s_0| + |s_1|)^2, at p = arg(c_l) / l
+    more rows    a real matrix product from lags to elevation bins
+
+The azimuth of the joint maximum is refined between bins, and the elevation evaluated
+there anew.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from jradar.radar.angle import (
+    FLIPS,
+    NEARLY_ONE,
+    Angle,
+    angles_of_sines,
+    check_sizes,
+    direction_sines,
+)
+from jradar.radar.peaks import parabola_offset
+from jradar.radar.sensor import RadarSpec
+
+BLOCK = 64  # cells whose arrays stay in a core's cache; twice that for few rows
+SHORT = 16  # elements of a row that Horner's rule is unrolled for
+TINY = 1e-30
+
+
+class _Row(NamedTuple):
+    """Elements in one row: their places in the reordered snapshot, columns, weights."""
+
+    row: int
+    part: slice
+    columns: np.ndarray
+    weights: np.ndarray  # 1 / how many elements share the position
+
+
+Sums = list[tuple[Array, Array]]  # real and imaginary part of each row's sum
+
+
+@functools.partial(
+    jax.jit,
+    static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate", *FLIPS),
+)
+def directions(
+    snapshot: Complex[Array, "*batch virtual"],
+    radar: RadarSpec,
+    *,
+    num_azimuth: int = 64,
+    num_elevation: int = 32,
+    interpolate: bool = True,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> tuple[Angle, Angle]:
+    """Azimuth and elevation in radians of the strongest direction of each cell.
+
+    What `strongest_direction` of the `angle_spectrum` says, an order of magnitude
+    faster. Arrays of two rows have their elevation from the phase between them (the
+    smallest where several fit), whatever `num_elevation`. `interpolate` places the
+    azimuth between bins, which also makes it differentiable. Raises ValueError as
+    `angle_spectrum` does.
+    """
+    check_sizes(snapshot.shape, radar, num_azimuth, num_elevation)
+    *batch, num_virtual = snapshot.shape
+    order, rows = _rows(radar)
+    cells = snapshot.reshape(-1, num_virtual)
+    if (order != np.arange(num_virtual)).any():
+        cells = cells[:, order]
+
+    def block_sines(cells):
+        largest = jnp.maximum(jnp.abs(cells.real), jnp.abs(cells.imag)).max(-1)
+        scale = 1 / jnp.where(largest > 0, largest, 1.0)
+        cells = cells.T * jax.lax.stop_gradient(scale)
+        u = _azimuth_sine(cells, rows, radar, num_azimuth, num_elevation, interpolate)
+        return u, _elevation_sine(cells, u, rows, radar, num_elevation, interpolate)
+
+    block = BLOCK if len(rows) > 2 else 2 * BLOCK
+    u, w = _in_blocks(block_sines, cells, block)
+    return angles_of_sines(
+        u.reshape(batch), w.reshape(batch), flip_azimuth, flip_elevation
+    )
+
+
+def _rows(radar: RadarSpec) -> tuple[np.ndarray, list[_Row]]:
+    """The order that brings elements of a row together, and the rows in it."""
+    _, place, shared = np.unique(
+        radar.virtual_positions, axis=0, return_inverse=True, return_counts=True
+    )
+    order = np.argsort(radar.virtual_positions[:, 1], kind="stable")
+    columns, row = radar.virtual_positions[order].T
+    weights = 1 / shared[place.ravel()[order]]
+    values, starts = np.unique(row, return_index=True)
+    parts = map(slice, starts, [*starts[1:], len(row)])
+    rows = [
+        _Row(int(value), part, columns[part], weights[part])
+        for value, part in zip(values, parts, strict=True)
+    ]
+    return order, rows
+
+
+def _in_blocks(
+    function: Callable, cells: Complex[Array, "cell virtual"], block: int
+) -> tuple[Array, ...]:
+    """`function` of `[cell, virtual]` in blocks, its results `[cell]` joined."""
+    count, num_virtual = cells.shape
+    if count <= block:
+        return function(cells)
+    num_blocks = -(-count // block)
+    padded = jnp.pad(cells, ((0, num_blocks * block - count), (0, 0)))
+    blocks = padded.reshape(num_blocks, block, num_virtual)
+    return tuple(out.ravel()[:count] for out in jax.lax.map(function, blocks))
+
+
+def _azimuth_sine(
+    cells: Complex[Array, "virtual cell"],
+    rows: list[_Row],
+    radar: RadarSpec,
+    num_azimuth: int,
+    num_elevation: int,
+    interpolate: bool,
+) -> Float[Array, "cell"]:
+    """Direction sine u of the strongest azimuth bin, refined by its neighbours."""
+    u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
+    power = _power_over_azimuth(_sums_over_bins(cells, rows, radar, u), rows, radar, w)
+    seen = jnp.where((np.abs(u) <= 1)[:, None], power, -1.0)
+    # Two reductions without branches, where argmax would go cell by cell.
+    bins = np.arange(num_azimuth, dtype=np.int32)[:, None]
+    index = jnp.where(seen == seen.max(0), bins, num_azimuth - 1).min(0)
+    sine = jnp.asarray(u, jnp.float32)[index]
+    if not interpolate:
+        return sine
+    near = jnp.stack([index - 1, index, index + 1]) % num_azimuth
+    offset = parabola_offset(*jnp.take_along_axis(power, near, 0, mode="clip"))
+    return jnp.clip(sine + offset * (u[1] - u[0]), -NEARLY_ONE, NEARLY_ONE)
+
+
+def _elevation_sine(
+    cells: Complex[Array, "virtual cell"],
+    u: Float[Array, "cell"],
+    rows: list[_Row],
+    radar: RadarSpec,
+    num_elevation: int,
+    interpolate: bool,
+) -> Float[Array, "cell"]:
+    """Direction sine w of the maximum over elevation in the direction sines u."""
+    if len(rows) == 1:
+        return jnp.zeros_like(u)
+    limit = jnp.sqrt(jnp.maximum(1 - u**2, 1 - NEARLY_ONE**2))
+    constant, lags = _lags(_sums_at(cells, rows, radar, u), rows)
+    if len(rows) == 2:
+        ((lag, (real, imag)),) = lags.items()
+        known = real**2 + imag**2 > TINY
+        phase = jnp.arctan2(jnp.where(known, imag, 0.0), jnp.where(known, real, 1.0))
+        w = phase / (2 * np.pi * radar.spacing_wavelengths * lag)
+        return jnp.clip(w, -limit, limit)
+    _, bins = direction_sines(radar, num_azimuth=1, num_elevation=num_elevation)
+    power = _power_over_elevation(constant, lags, radar, bins)
+    visible = np.abs(bins).astype(np.float32)[:, None] <= limit
+    index = jnp.argmax(jnp.where(visible, power, -1.0), 0)
+    w = jnp.asarray(bins, jnp.float32)[index]
+    if interpolate:
+        near = jnp.stack([index - 1, index, index + 1]) % num_elevation
+        offset = parabola_offset(*jnp.take_along_axis(power, near, 0, mode="clip"))
+        w = w + offset * (bins[1] - bins[0])
+    return jnp.clip(w, -limit, limit)
+
+
+def _sums_over_bins(
+    cells: Complex[Array, "virtual cell"],
+    rows: list[_Row],
+    radar: RadarSpec,
+    u: np.ndarray,
+) -> Sums:
+    """The rows' sums towards every azimuth bin, `[azimuth, cell]` each.
+
+    Bins to the left and to the right share their products with cosines and sines.
+    """
+    half, (_, num_cells) = len(u) // 2, cells.shape
+    turn = 2 * np.pi * radar.spacing_wavelengths * -u[half::-1]
+    sums = []
+    for row in rows:
+        phase = np.outer(turn, row.columns)
+        waves = np.concatenate([np.cos(phase), np.sin(phase)]) * row.weights
+        part = cells[row.part]
+        both = jnp.concatenate([part.real, part.imag], 1)
+        product = waves.astype(np.float32) @ both
+        even, odd = product[: half + 1], product[half + 1 :]
+        real, imag = even[:, :num_cells], even[:, num_cells:]
+        cross_real, cross_imag = odd[:, num_cells:], -odd[:, :num_cells]
+        sums.append(
+            tuple(
+                jnp.concatenate(
+                    [(same - cross)[half:0:-1], (same + cross)[: len(u) - half]]
+                )
+                for same, cross in ((real, cross_real), (imag, cross_imag))
+            )
+        )
+    return sums
+
+
+def _sums_at(
+    cells: Complex[Array, "virtual cell"],
+    rows: list[_Row],
+    radar: RadarSpec,
+    u: Float[Array, "cell"],
+) -> Sums:
+    """The rows' sums towards one azimuth for each cell, `[cell]` each."""
+    turn = 2 * np.pi * radar.spacing_wavelengths * u
+    cosine, sine = jnp.cos(turn), jnp.sin(turn)
+    sums = []
+    for row in rows:
+        part, first, last = cells[row.part], row.columns[0], row.columns[-1]
+        if row.columns.size > SHORT or (np.diff(row.columns) != 1).any():
+            phase, weights = turn * row.columns[:, None], row.weights[:, None]
+            c, s = jnp.cos(phase) * weights, jnp.sin(phase) * weights
+            real = (part.real * c + part.imag * s).sum(0)
+            imag = (part.imag * c - part.real * s).sum(0)
+        else:  # Horner's rule: sines are slow on CPUs
+            real = imag = jnp.zeros_like(u)
+            for column in range(last, -1, -1):
+                real, imag = real * cosine + imag * sine, imag * cosine - real * sine
+                if column >= first:
+                    real += part[column - first].real
+                    imag += part[column - first].imag
+        sums.append((real, imag))
+    return sums
+
+
+def _lags(sums: Sums, rows: list[_Row]) -> tuple[Array, dict[int, tuple[Array, Array]]]:
+    """The power of all rows, and s_q conj(s_r) added up over rows of the same lag."""
+    constant = sum((real**2 + imag**2 for real, imag in sums), jnp.zeros(()))
+    lags: dict[int, tuple[Array, Array]] = {}
+    for q, (real_q, imag_q) in enumerate(sums):
+        for r, (real_r, imag_r) in enumerate(sums[:q]):
+            lag = rows[q].row - rows[r].row
+            real, imag = lags.get(lag, (0.0, 0.0))
+            lags[lag] = (
+                real + real_q * real_r + imag_q * imag_r,
+                imag + imag_q * real_r - real_q * imag_r,
+            )
+    return constant, lags
+
+
+def _power_over_azimuth(
+    sums: Sums, rows: list[_Row], radar: RadarSpec, w: np.ndarray
+) -> Float[Array, "azimuth cell"]:
+    """Maximum over the visible elevations of the power in each azimuth bin."""
+    constant, lags = _lags(sums, rows)
+    num_azimuth = constant.shape[0]
+    u, _ = direction_sines(radar, num_azimuth=num_azimuth)
+    highest = np.sqrt(np.maximum(1 - u**2, 0))[:, None]  # |w| in that bin
+    if len(rows) == 1:
+        return constant
+    if len(rows) == 2:
+        # c cos(p) + s sin(p) has its maximum |c + j s| at a phase that is visible, or
+        # else at the end of the visible phases that is nearer.
+        ((lag, (real, imag)),) = lags.items()
+        end = 2 * np.pi * radar.spacing_wavelengths * lag * highest
+        cosine = np.where(end < np.pi, np.cos(end), -2.0).astype(np.float32)
+        peak = jnp.sqrt(jnp.maximum(real**2 + imag**2, TINY))
+        edge = real * cosine + jnp.abs(imag) * np.sin(end).astype(np.float32)
+        return constant + 2 * jnp.where(real >= peak * cosine, peak, edge)
+    power = _power_over_elevation(constant, lags, radar, w)
+    visible = np.abs(w)[:, None, None] <= highest
+    return jnp.where(visible, power, 0.0).max(0)
+
+
+def _power_over_elevation(
+    constant: Float[Array, "*batch"],
+    lags: dict[int, tuple[Array, Array]],
+    radar: RadarSpec,
+    w: np.ndarray,
+) -> Float[Array, "elevation *batch"]:
+    """The power in every elevation bin, from the lags between rows."""
+    phase = 2 * np.pi * radar.spacing_wavelengths * np.outer(w, [*lags])
+    waves = np.stack([np.cos(phase), np.sin(phase)], -1).reshape(len(w), -1)
+    waves = np.concatenate([np.ones((len(w), 1)), 2 * waves], -1).astype(np.float32)
+    parts = [constant, *(part for pair in lags.values() for part in pair)]
+    stacked = jnp.stack(parts).reshape(len(parts), -1)
+    return (jnp.asarray(waves) @ stacked).reshape(len(w), *constant.shape)
