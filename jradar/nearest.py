@@ -17,9 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 QUERY_BLOCK, TARGET_BLOCK = 128, 64  # points; the second a power of 2
-MAX_PAIRS = (
-    1 << 20
-)  # up to here all pairs are as fast, and compile in a tenth of the time
+# Up to here all pairs take no longer, and compile in a tenth of the time.
+MAX_PAIRS = 1 << 20
 
 
 @jax.custom_jvp
@@ -60,10 +59,8 @@ def _nearest_both_ways(a, a_valid, b, b_valid):
             (jnp.full(len(xyz), jnp.inf, xyz.dtype), jnp.zeros(len(xyz), jnp.int32))
             for xyz in (a, b)
         )
-    a_valid, b_valid = (
-        a_valid & jnp.isfinite(a).all(-1),
-        b_valid & jnp.isfinite(b).all(-1),
-    )
+    a_valid &= jnp.isfinite(a).all(-1)
+    b_valid &= jnp.isfinite(b).all(-1)
     if len(a) * len(b) <= MAX_PAIRS:
         return _all_pairs_both_ways(a, a_valid, b, b_valid)
     return jax.lax.platform_dependent(
@@ -113,24 +110,11 @@ def _pruned_search(points, others):
     """Squared distance and position of the nearest other; invalid are infinite."""
     queries, query_boxes = _blocks(points, QUERY_BLOCK)
     targets, target_boxes = _blocks(others, TARGET_BLOCK)
-    (low, high), (target_low, target_high) = query_boxes, target_boxes
-    gap = jnp.maximum(target_low - high[:, None], low[:, None] - target_high)
-    # Smaller by a few roundings, so that no bound exceeds a distance it stands for.
-    bound = (jnp.maximum(gap, 0.0) ** 2).sum(-1) * (1 - 1e-6)
-    # Bounds and block numbers in one integer: sorting pairs takes four times as long.
-    bits = _bits(len(targets))
-    key = (
-        jax.lax.bitcast_convert_type(bound.astype(jnp.float32), jnp.uint32)
-        >> bits
-        << bits
-    )
-    key = jnp.sort(key | jnp.arange(len(targets), dtype=jnp.uint32), stable=False)
-    visits = (key & jnp.uint32((1 << bits) - 1)).astype(jnp.int32)
-    bounds = jax.lax.bitcast_convert_type(key >> bits << bits, jnp.float32)
 
     def search_block(block):
-        query, visits, bounds = block
+        query, low, high = block
         real = jnp.isfinite(query[0])
+        visits, bounds = _nearest_boxes(low, high, *target_boxes)
 
         def may_improve(state):
             step, _, _, worst = state
@@ -157,9 +141,25 @@ def _pruned_search(points, others):
         )
         return owner * TARGET_BLOCK + jnp.nanargmin(squared, -1)
 
-    best, owner = jax.lax.map(search_block, (queries, visits, bounds))
+    best, owner = jax.lax.map(search_block, (queries, *query_boxes))
     position = jax.lax.map(position_in, (queries, owner))
     return best.reshape(-1)[: len(points)], position.reshape(-1)[: len(points)]
+
+
+def _nearest_boxes(low, high, target_low, target_high):
+    """Numbers of the boxes, nearest first, and lower bounds of their squared distance.
+
+    Bound and number are sorted in one integer: sorting pairs takes four times as long.
+    """
+    gap = jnp.maximum(jnp.maximum(target_low - high, low - target_high), 0.0)
+    # Smaller by a few roundings, so that no bound exceeds a distance it stands for.
+    bound = ((gap**2).sum(-1) * (1 - 1e-6)).astype(jnp.float32)
+    number = jnp.arange(len(bound), dtype=jnp.uint32)
+    mask = jnp.uint32((1 << _bits(len(bound))) - 1)
+    key = jax.lax.bitcast_convert_type(bound, jnp.uint32) & ~mask
+    key = jnp.sort(key | number, stable=False)
+    bounds = jax.lax.bitcast_convert_type(key & ~mask, jnp.float32)
+    return (key & mask).astype(jnp.int32), bounds
 
 
 def _blocks(points, size):
