@@ -12,6 +12,7 @@ from benchmarks.harness import Case, available
 from jradar.radar import (
     RadarSpec,
     ca_cfar,
+    directions,
     go_cfar,
     noise_floor,
     os_cfar,
@@ -34,6 +35,8 @@ def cases() -> Iterator[Case]:
     for radar in (RadarSpec.awr1843(), RadarSpec.cascade()):
         yield from _spectra(radar)
     yield from _detectors()
+    yield _angles(RadarSpec.awr1843(), 1024, 64, 32)
+    yield _angles(RadarSpec.cascade(), 256, 128, 64)
     yield _frame()
 
 
@@ -170,6 +173,28 @@ def _partition_peer(power, cells, k):
         return np.partition(windows[..., cells], k - 1, axis=-1)[..., k - 1]
 
     return run
+
+
+def _angles(radar, num_cells, num_azimuth, num_elevation):
+    """Directions of detections, against the whole padded spectrum and its maximum."""
+    snapshot = _random(num_cells, radar.num_virtual)
+    on_device = jnp.asarray(snapshot)
+    column, row = radar.virtual_positions.T
+    grid = np.zeros((num_cells, row.max() + 1, column.max() + 1), np.complex64)
+    np.add.at(grid, (slice(None), row, column), snapshot)
+
+    def full_spectrum():
+        spectrum = scipy.fft.fft2(grid, s=(num_elevation, num_azimuth), workers=1)
+        power = spectrum.real**2 + spectrum.imag**2
+        return power.reshape(num_cells, -1).argmax(-1)
+
+    return Case(
+        f"angles of {num_cells:,} detections, {radar.name}",
+        lambda: directions(
+            on_device, radar, num_azimuth=num_azimuth, num_elevation=num_elevation
+        ),
+        {f"SciPy fft2 to {num_elevation} x {num_azimuth}, argmax": full_spectrum},
+    )
 
 
 def _frame():

@@ -1,0 +1,43 @@
+"""Benchmarks: the harness counts what it should; cases have names and peers."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+from benchmarks.harness import Case, Timing, available, measure
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+ROOMS = sorted(path.stem for path in FOLDER.glob("bench_*.py"))
+
+
+def test_every_call_runs_in_every_round():
+    counts = {"ours": 0, "peer": 0}
+
+    def call(name):
+        counts[name] += 1
+
+    case = Case("x", lambda: call("ours"), {"peer": lambda: call("peer")})
+    timing = measure(case, seconds=0.0)
+    assert counts == {"ours": 7, "peer": 7}  # compile, warm up, five rounds
+    assert timing.best_peer == "peer" and timing.ratio > 0
+
+
+def test_ratio_is_to_the_fastest_peer():
+    timing = Timing("x", 1.0, 3.0, 2.0, {"slow": 30.0, "fast": 6.0})
+    assert timing.best_peer == "fast" and timing.ratio == 0.5
+
+
+def test_peers_that_are_not_installed_are_left_out():
+    def missing():
+        import no_such_package  # noqa: F401
+
+    peers = dict(available({"there": lambda: print, "missing": missing}))
+    assert peers == {"there": print}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_cases_have_names_of_their_own_and_peers(room):
+    cases = [*importlib.import_module(f"benchmarks.{room}").cases()]
+    assert len({case.name for case in cases}) == len(cases)
+    assert all(case.peers for case in cases)
