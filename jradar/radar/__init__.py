@@ -5,6 +5,7 @@ range_doppler, power_map         spectra
 ca_cfar, os_cfar                 detection
 compensate_tdm, directions       azimuth and elevation of each detection
 angle_spectrum, strongest_direction, spectrum_peaks              over all directions
+capon_spectrum, music_spectrum   azimuths closer than a beam width
 radar_points                     all of it
 Scatterers, simulate_cube        the way back: scatterers to an ADC cube
 """
@@ -41,4 +42,9 @@ from jradar.radar.spectrum import (
     power_map as power_map,
     range_doppler as range_doppler,
     window as window,
+)
+from jradar.radar.subspace import (
+    capon_spectrum as capon_spectrum,
+    music_spectrum as music_spectrum,
+    smoothed_covariance as smoothed_covariance,
 )
