@@ -9,6 +9,7 @@ range_doppler, power_map         spectra
 ca_, go_, so_, os_cfar           detection; noise_floor, false_alarm_multiplier
 compensate_tdm, directions       azimuth and elevation of each detection
 angle_spectrum, strongest_direction, spectrum_peaks              over all directions
+capon_spectrum, music_spectrum   azimuths closer than a beam width
 radar_points                     all of it
 Scatterers, simulate_cube        the way back: scatterers to an ADC cube
 """
@@ -60,5 +61,10 @@ from jradar.radar.spectrum import (
     power_map as power_map,
     range_doppler as range_doppler,
     window as window,
+)
+from jradar.radar.subspace import (
+    capon_spectrum as capon_spectrum,
+    music_spectrum as music_spectrum,
+    smoothed_covariance as smoothed_covariance,
 )
 from jradar.radar.ti_cfg import CaptureSpec as CaptureSpec
