@@ -98,7 +98,7 @@ def test_two_rows_reach_the_joint_maximum(radar):
         assert found >= best * (1 - 1e-4)
 
 
-@RADARS
+@pytest.mark.parametrize("radar", [CHIP, CASCADE], ids=["chip", "cascade"])
 def test_directions_do_not_depend_on_scale_or_on_the_batch(radar):
     options = BINS.get(radar, {})
     cells = noise(radar, 150)
@@ -110,7 +110,9 @@ def test_directions_do_not_depend_on_scale_or_on_the_batch(radar):
         np.testing.assert_allclose(a, c, atol=2e-3)
 
 
-@RADARS
+@pytest.mark.parametrize(
+    "radar", [CHIP, FLAT, CASCADE], ids=["chip", "flat", "cascade"]
+)
 def test_gradients_are_finite_even_in_empty_cells_and_at_the_edge(radar):
     options = BINS.get(radar, {})
     edge = plane_wave(radar, np.array([np.pi / 2, -np.pi / 2]), np.zeros(2))
