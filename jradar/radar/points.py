@@ -27,7 +27,7 @@ DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
 
 
 class Echo(NamedTuple):
-    """A peak of the range-Doppler map, for people to read."""
+    """A peak of the range-Doppler map; range and velocity are those of its bin."""
 
     range_bin: int
     range_m: float
@@ -184,11 +184,13 @@ def strongest_echoes(
     echoes: list[Echo] = []
     for xyz, velocity, power, snr in zip(*columns, strict=True):
         distance = float(np.linalg.norm(xyz))
+        range_bin = round(distance / radar.range_resolution_m)
+        doppler_bin = round(float(velocity) / radar.velocity_resolution_mps)
         echo = Echo(
-            range_bin=round(distance / radar.range_resolution_m),
-            range_m=distance,
-            doppler_bin=round(float(velocity) / radar.velocity_resolution_mps),
-            velocity_mps=float(velocity),
+            range_bin=range_bin,
+            range_m=range_bin * radar.range_resolution_m,
+            doppler_bin=doppler_bin,
+            velocity_mps=doppler_bin * radar.velocity_resolution_mps,
             azimuth_deg=float(np.degrees(np.arctan2(xyz[1], xyz[0]))),
             elevation_deg=float(np.degrees(np.arcsin(xyz[2] / distance))),
             power_db=float(10 * np.log10(power)),
