@@ -5,7 +5,7 @@ import json
 import math
 import sys
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -22,13 +22,6 @@ from jradar.range_image import ImageSpec, encode_target, project, unproject
 
 DATA_KEY, TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(4)
 FRAMES_IN_FIGURE = 4
-
-
-class Data(NamedTuple):
-    """Training and validation pairs."""
-
-    train: Pairs
-    validation: Pairs
 
 
 def build_spec(config: ConfigDict) -> BundleSpec:
