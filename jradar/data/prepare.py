@@ -1,4 +1,4 @@
-"""Recordings to prepared frames: matching, radar points, LiDAR as the radar could see it.
+"""Recordings to prepared frames: matching, radar points, what of the LiDAR is visible.
 
 The work is cut into blocks of a sequence's matched frames; each becomes one shard, is
 written in one step and described beside it, so that a preparation that was stopped goes
@@ -36,13 +36,13 @@ from jradar.files import lock_folder, write_text
 from jradar.lidar import LidarSpec, LidarSteps, interpolate_poses, preprocess
 from jradar.progress import progress
 from jradar.radar import (
+    DETECTORS,
     Cells,
     RadarSpec,
     all_cells,
     calibrate_channels,
     calibrate_frequency_phase,
     cell_points,
-    cfar_mask,
     largest_window,
 )
 from jradar.types import PointCloud
@@ -200,28 +200,32 @@ def sensor_poses(
 def radar_side(
     cube, coupling, radar: RadarSpec, spec: PrepareSpec, range_bias_m: float
 ) -> tuple[Cells, PointCloud, PointCloud]:
-    """Cells, the condition's cloud and the cloud of the visibility filter, of a cube."""
+    """Cells of a cube, the condition's cloud and that of the visibility filter."""
     guard, train = largest_window(radar.cube_shape, spec.guard, spec.train)
     cells = all_cells(
         cube,
         radar,
         coupling=coupling,
-        range_bias_m=range_bias_m,
         flip_azimuth=spec.flip_azimuth,
         flip_elevation=spec.flip_elevation,
     )
 
     def points(rate):
-        mask = cfar_mask(
+        mask = DETECTORS[spec.detector](
             cells.power,
-            detector=spec.detector,
             false_alarm_rate=rate,
             channels=radar.num_virtual,
             guard=guard,
             train=train,
         )
         return cell_points(
-            cells, mask, radar, capacity=spec.capacity, guard=guard, train=train
+            cells,
+            mask,
+            radar,
+            capacity=spec.capacity,
+            guard=guard,
+            train=train,
+            range_bias_m=range_bias_m,
         )
 
     return (
@@ -308,8 +312,8 @@ def _check_options(folder, head):
     for key in ("radar", "options", "frames", "names"):
         if found.get(key) != wanted[key]:
             raise ValueError(
-                f"{folder} was prepared with other {key}: {_difference(found, wanted, key)}"
-                "; choose another -o"
+                f"{folder} was prepared with other {key}: "
+                f"{_difference(found, wanted, key)}; choose another -o"
             )
 
 
