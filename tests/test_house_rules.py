@@ -16,6 +16,7 @@ FLOORS = {
     "files": 1,
     "types": 1,
     "nearest": 1,
+    "progress": 1,
     "radar": 2,
     "range_image": 2,
     "lidar": 2,
@@ -31,7 +32,16 @@ FLOORS = {
     "export": 4,
     "cli": 5,
 }
-ROOMS = ("radar", "range_image", "diffusion", "data", "training", "evaluation", "viz")
+ROOMS = (
+    "radar",
+    "range_image",
+    "lidar",
+    "diffusion",
+    "data",
+    "training",
+    "evaluation",
+    "viz",
+)
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
