@@ -17,6 +17,12 @@ from jradar.radar import RadarSpec
 from jradar.range_image import ImageSpec, project
 from jradar.types import PointCloud
 
+STYLES = {
+    "LiDAR": ("tab:gray", 0.5),
+    "enhanced": ("tab:blue", 1),
+    "radar": ("tab:red", 6),
+}
+
 
 def save_figure(figure: Figure, path: Path | str) -> None:
     """Write the figure as PNG."""
@@ -32,17 +38,25 @@ def capture_figure(
     image: ImageSpec,
     *,
     dense: PointCloud | None = None,
+    lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
 ) -> Figure:
     """One capture: range-Doppler map, clouds from above, range image.
 
-    `power` is the linear map, `dense` the enhanced cloud, if there is one.
+    `power` is the linear map, `dense` the enhanced cloud, if there is one, `lidar` what
+    a LiDAR saw, in the radar's frame: points ahead within the image's range are drawn.
     """
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     spectrum, above, front = figure.subplots(1, 3)
     figure.suptitle(title)
     _draw_spectrum(spectrum, np.asarray(power), radar)
-    clouds = {"radar": cloud} if dense is None else {"enhanced": dense, "radar": cloud}
+    clouds = {}
+    if lidar is not None:
+        near = np.linalg.norm(lidar, axis=1) <= image.max_range_m
+        clouds["LiDAR"] = lidar[near & (lidar[:, 0] > 0)]
+    for name, drawn in (("enhanced", dense), ("radar", cloud)):
+        if drawn is not None:
+            clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
     _draw_above(above, clouds)
     _draw_image(front, project(dense or cloud, image), image)
     front.set_title(
@@ -84,13 +98,8 @@ def _draw_spectrum(axes: Axes, power, radar):
 
 def _draw_above(axes: Axes, clouds):
     """Clouds from above: x up, y to the left."""
-    for (name, cloud), colour, size in zip(
-        clouds.items(),
-        ("tab:blue", "tab:red")[-len(clouds) :],
-        (1, 6)[-len(clouds) :],
-        strict=True,
-    ):
-        xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+    for name, xyz in clouds.items():
+        colour, size = STYLES[name]
         axes.scatter(xyz[:, 1], xyz[:, 0], s=size, c=colour, linewidths=0, label=name)
     axes.plot(0, 0, "k^")
     axes.set(title="from above", xlabel="y, left (m)", ylabel="x, forward (m)")
