@@ -19,11 +19,10 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Complex
 
 from jradar import __version__
 from jradar.data.matching import Matches, check_dropped, match_nearest
-from jradar.data.recording import Recording
+from jradar.data.recording import Recording, calibrated_cube
 from jradar.data.records import (
     FORMAT,
     PreparedFrame,
@@ -40,8 +39,6 @@ from jradar.radar import (
     Cells,
     RadarSpec,
     all_cells,
-    calibrate_channels,
-    calibrate_frequency_phase,
     cell_points,
     largest_window,
 )
@@ -133,7 +130,7 @@ def prepare_frame(
             (recording.lidar, lidar_index),
         )
     )
-    cube = calibrated(recording, recording.cubes[radar_index])
+    cube = calibrated_cube(recording, radar_index)
     cells, cloud, trusted = radar_side(
         cube, recording.coupling, recording.radar, spec, recording.range_bias_m
     )
@@ -154,27 +151,9 @@ def prepare_frame(
         world_from_radar=world_from_radar if known else np.full((4, 4), np.nan),
         cells=jax.tree.map(np.asarray, cells),
         radar=jax.tree.map(np.asarray, cloud),
-        lidar_xyz=steps.visible,
+        lidar_xyz=steps.xyz[steps.visible],
     )
     return frame, steps
-
-
-def calibrated(
-    recording: Recording, cube: Complex[Array, "tx rx chirp sample"]
-) -> Complex[Array, "tx rx chirp sample"]:
-    """The cube with the recording's calibration of its channels applied."""
-    if recording.channel_factors is not None:
-        cube = calibrate_channels(cube, recording.channel_factors)
-    if (measured := recording.frequency_phase) is not None:
-        cube = calibrate_frequency_phase(
-            cube,
-            measured.frequency,
-            measured.phase,
-            recording.radar,
-            calibration_slope_hz_per_s=measured.slope_hz_per_s,
-            calibration_rate_hz=measured.sample_rate_hz,
-        )
-    return cube
 
 
 def sensor_poses(
