@@ -13,6 +13,7 @@ import functools
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -98,6 +99,8 @@ def prepare(
     with lock_folder(folder):
         head = _head(sources, spec, frames)
         _check_options(folder, head)
+        for scratch in folder.glob("*/.*-*"):  # of a killed run: the folder is ours
+            shutil.rmtree(scratch)
         write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
         jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
         descriptions = {}

@@ -57,7 +57,7 @@ def test_records_hold_both_sensors(prepared):
     assert len(points) == 128  # the near-zero threshold fills the capacity
     truth = frame.lidar_xyz  # moved by the platform's 5 mm between the stamps
     ahead = truth[np.abs(truth[:, 1]) < 2]
-    assert len(ahead) > 100 and np.abs(truth[:, 2]).max() < 1.1  # floor, ceiling gone
+    assert len(ahead) > 100 and np.abs(truth[:, 2]).max() < 1.17  # floor, ceiling gone
     assert np.quantile(ahead[:, 0], 0.9) == pytest.approx(SIDE + 0.005, abs=0.03)
 
 
@@ -176,6 +176,9 @@ def test_killed_and_started_again_it_writes_the_same_bytes(root, prepared, tmp_p
         time.sleep(0.01)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
+    torn = tmp_path / "dst" / "12_21_2020_ec_hallways_run0" / ".0001-x1" / "0001"
+    torn.parent.mkdir()
+    torn.write_bytes(b"half")  # as a kill within a write leaves it
     with pytest.raises(ValueError, match="start the same `jradar prepare` again"):
         Records(tmp_path / "dst")
     prepare(root, tmp_path / "dst", SPEC, workers=1)
