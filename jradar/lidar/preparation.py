@@ -48,7 +48,9 @@ class LidarSpec:
             )
         for name in ("thickness_m", "eps_m", "min_points", "max_points"):
             if not getattr(self, name) > 0:
-                raise ValueError(f"{name} = {getattr(self, name)}, expected more than 0")
+                raise ValueError(
+                    f"{name} = {getattr(self, name)}, expected more than 0"
+                )
 
 
 class LidarSteps(NamedTuple):
