@@ -8,7 +8,6 @@ weights.
 import argparse
 import json
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -28,9 +27,6 @@ PATH names a recording:
                    --radar names calib/ where it is not inside, beside or above it
 
 Without --radar the only such file beside the recording is taken."""
-BAGS = (".bag", ".mcap", ".db3")
-CLOUDS = (".ply", ".pcd")
-CLOUD_NAMES = re.compile(r"(lidar_pointcloud_)?[0-9]+\.bin")  # ColoRadar's and KITTI's
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,14 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """What a recording, a bag or a cloud holds, and whether it can be read."""
-    path = Path(options.path)
-    if path.suffix in BAGS or (path / "metadata.yaml").is_file():
-        return _describe_bag(path)
-    if path.suffix in CLOUDS or CLOUD_NAMES.fullmatch(path.name):
-        return _describe_cloud(path)
-    recording, cube = _open(options)
-    from jradar.data import describe
+    from jradar.data import describe, describe_file
 
+    if (found := describe_file(options.path)) is not None:
+        return found
+    recording, cube = _open(options)
     found = {}
     for kind, remove_static in (("echoes", False), ("moving echoes", True)):
         if remove_static and recording.radar.num_chirps == 1:
@@ -273,7 +266,15 @@ def _points(cube, recording, *, guard=(2, 2), train=(4, 4), **options):
     from jradar.radar import largest_window, radar_points
 
     guard, train = largest_window(recording.radar.cube_shape, guard, train)
-    return radar_points(cube, recording.radar, guard=guard, train=train, **options)
+    return radar_points(
+        cube,
+        recording.radar,
+        coupling=recording.coupling,
+        range_bias_m=recording.range_bias_m,
+        guard=guard,
+        train=train,
+        **options,
+    )
 
 
 def _echoes(cloud, radar):
@@ -291,30 +292,6 @@ def _summary(recording, notes=()):
         "frames": len(recording.cubes),
         "notes": [*recording.notes, *notes],
     }
-
-
-def _describe_cloud(path):
-    """Points of a cloud's file, and the box around them."""
-    from jradar.data import read_cloud
-
-    columns = read_cloud(path)
-    xyz = columns["xyz"]
-    finite = xyz[np.isfinite(xyz).all(1) & (xyz != 0).any(1)]
-    bounds = [finite.min(0).tolist(), finite.max(0).tolist()] if len(finite) else []
-    return {
-        "cloud": str(path),
-        "points": len(xyz),
-        "points that are finite and not (0, 0, 0)": len(finite),
-        "fields": [*columns],
-        **dict(zip(("lowest_m", "highest_m"), bounds, strict=False)),
-    }
-
-
-def _describe_bag(path):
-    """Topics of a bag."""
-    from jradar.data import bag_topics
-
-    return {"bag": str(path), "topics": bag_topics(path)}
 
 
 def _print(result: dict[str, Any], as_json: bool) -> int:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from jradar.data import dca1000
-from jradar.data.coloradar import is_coloradar, open_coloradar
+from jradar.data.coloradar import is_sequence, open_coloradar
 from jradar.data.recording import Recording, Stream
 from jradar.radar import RadarSpec
 from jradar.radar.readers import toml
@@ -72,10 +72,10 @@ def open_recording(
 
 def _open_folder(path: Path, description, sensor: str | None) -> Recording:
     """A sequence of ColoRadar; for other folders an error that says what is in them."""
-    if is_coloradar(path):
+    if is_sequence(path):
         return open_coloradar(path, sensor=sensor, calib=description)
     inside = [*path.glob("*"), *path.glob("kitti/*")]
-    found = [p for p in inside if p.suffix in DESCRIPTIONS or is_coloradar(p)]
+    found = [p for p in inside if p.suffix in DESCRIPTIONS or is_sequence(p)]
     if found:
         names = [str(p) for p in sorted(found)]
         more = f" and {len(names) - 5} more" if len(names) > 5 else ""
