@@ -73,7 +73,7 @@ def lidar_image(
 
 
 class Batches(Sequence):
-    """Batch `step` of a shuffled, endlessly repeated source; the next ones are prefetched.
+    """Batch `step` of a shuffled, endlessly repeated source; reads ahead.
 
     Grain shuffles every epoch anew. Each of `num_processes` processes gets its own part
     of the same global batch, so that a run goes on exactly with another number of them.

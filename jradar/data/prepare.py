@@ -1,4 +1,4 @@
-"""Recordings to prepared frames: matching, radar points, LiDAR as the radar could see it.
+"""Recordings to prepared frames: matching, radar points, what of the LiDAR is visible.
 
 The work is cut into blocks of a sequence's matched frames; each becomes one shard, is
 written in one step and described beside it, so that a preparation that was stopped goes
@@ -13,17 +13,17 @@ import functools
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Complex
 
 from jradar import __version__
 from jradar.data.matching import Matches, check_dropped, match_nearest
-from jradar.data.recording import Recording
+from jradar.data.recording import Recording, calibrated_cube
 from jradar.data.records import (
     FORMAT,
     PreparedFrame,
@@ -36,13 +36,11 @@ from jradar.files import lock_folder, write_text
 from jradar.lidar import LidarSpec, LidarSteps, interpolate_poses, preprocess
 from jradar.progress import progress
 from jradar.radar import (
+    DETECTORS,
     Cells,
     RadarSpec,
     all_cells,
-    calibrate_channels,
-    calibrate_frequency_phase,
     cell_points,
-    cfar_mask,
     largest_window,
 )
 from jradar.types import PointCloud
@@ -101,6 +99,8 @@ def prepare(
     with lock_folder(folder):
         head = _head(sources, spec, frames)
         _check_options(folder, head)
+        for scratch in folder.glob("*/.*-*"):  # of a killed run: the folder is ours
+            shutil.rmtree(scratch)
         write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
         jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
         descriptions = {}
@@ -133,7 +133,7 @@ def prepare_frame(
             (recording.lidar, lidar_index),
         )
     )
-    cube = calibrated(recording, recording.cubes[radar_index])
+    cube = calibrated_cube(recording, radar_index)
     cells, cloud, trusted = radar_side(
         cube, recording.coupling, recording.radar, spec, recording.range_bias_m
     )
@@ -154,27 +154,9 @@ def prepare_frame(
         world_from_radar=world_from_radar if known else np.full((4, 4), np.nan),
         cells=jax.tree.map(np.asarray, cells),
         radar=jax.tree.map(np.asarray, cloud),
-        lidar_xyz=steps.visible,
+        lidar_xyz=steps.xyz[steps.visible],
     )
     return frame, steps
-
-
-def calibrated(
-    recording: Recording, cube: Complex[Array, "tx rx chirp sample"]
-) -> Complex[Array, "tx rx chirp sample"]:
-    """The cube with the recording's calibration of its channels applied."""
-    if recording.channel_factors is not None:
-        cube = calibrate_channels(cube, recording.channel_factors)
-    if (measured := recording.frequency_phase) is not None:
-        cube = calibrate_frequency_phase(
-            cube,
-            measured.frequency,
-            measured.phase,
-            recording.radar,
-            calibration_slope_hz_per_s=measured.slope_hz_per_s,
-            calibration_rate_hz=measured.sample_rate_hz,
-        )
-    return cube
 
 
 def sensor_poses(
@@ -200,28 +182,32 @@ def sensor_poses(
 def radar_side(
     cube, coupling, radar: RadarSpec, spec: PrepareSpec, range_bias_m: float
 ) -> tuple[Cells, PointCloud, PointCloud]:
-    """Cells, the condition's cloud and the cloud of the visibility filter, of a cube."""
+    """Cells of a cube, the condition's cloud and that of the visibility filter."""
     guard, train = largest_window(radar.cube_shape, spec.guard, spec.train)
     cells = all_cells(
         cube,
         radar,
         coupling=coupling,
-        range_bias_m=range_bias_m,
         flip_azimuth=spec.flip_azimuth,
         flip_elevation=spec.flip_elevation,
     )
 
     def points(rate):
-        mask = cfar_mask(
+        mask = DETECTORS[spec.detector](
             cells.power,
-            detector=spec.detector,
             false_alarm_rate=rate,
             channels=radar.num_virtual,
             guard=guard,
             train=train,
         )
         return cell_points(
-            cells, mask, radar, capacity=spec.capacity, guard=guard, train=train
+            cells,
+            mask,
+            radar,
+            capacity=spec.capacity,
+            guard=guard,
+            train=train,
+            range_bias_m=range_bias_m,
         )
 
     return (
@@ -308,8 +294,8 @@ def _check_options(folder, head):
     for key in ("radar", "options", "frames", "names"):
         if found.get(key) != wanted[key]:
             raise ValueError(
-                f"{folder} was prepared with other {key}: {_difference(found, wanted, key)}"
-                "; choose another -o"
+                f"{folder} was prepared with other {key}: "
+                f"{_difference(found, wanted, key)}; choose another -o"
             )
 
 

@@ -57,7 +57,9 @@ def to_bytes(frame: PreparedFrame) -> bytes:
     }
     for name, value in frame.radar._asdict().items():
         arrays[f"radar.{name}"] = np.asarray(value)
-    return safetensors.numpy.save({k: np.ascontiguousarray(arrays[k]) for k in arrays})
+    return safetensors.numpy.save(
+        {name: np.asarray(value, order="C") for name, value in arrays.items()}
+    )
 
 
 def from_bytes(record: bytes) -> PreparedFrame:
@@ -84,9 +86,15 @@ def from_bytes(record: bytes) -> PreparedFrame:
 
 
 def write_shard(
-    path: Path, frames: Iterable[PreparedFrame], about: dict[str, Any]
+    path: Path,
+    frames: Iterable[PreparedFrame],
+    about: dict[str, Any],
+    failed: dict[str, str],
 ) -> dict[str, Any]:
-    """Write one shard, then its description `about` with count, size and digest."""
+    """Write one shard, then its description `about` with count, size and digest.
+
+    `failed` holds the frames that could not be prepared, once `frames` has run out.
+    """
     module = _array_record()
     numbers = []
     with atomic_path(path) as scratch:
@@ -101,6 +109,7 @@ def write_shard(
     description = about | {
         "file": f"{path.parent.name}/{path.name}",
         "frames": numbers,
+        "failed": failed,
         "bytes": len(content),
         "sha256": hashlib.sha256(content).hexdigest(),
     }
@@ -181,9 +190,12 @@ class Records(Sequence):
                     f"{self.folder / shard['file']} holds {size:,} bytes, the manifest "
                     f"says {shard['bytes']:,}: truncated or replaced?"
                 )
-        self._source = grain.sources.ArrayRecordDataSource(
-            [str(self.folder / shard["file"]) for shard in shards]
-        )
+        try:
+            self._source = grain.sources.ArrayRecordDataSource(
+                [str(self.folder / shard["file"]) for shard in shards]
+            )
+        except RuntimeError as error:
+            raise ValueError(f"{folder} holds a damaged shard: {error}") from error
 
     def __len__(self) -> int:
         return len(self.where)

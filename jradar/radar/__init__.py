@@ -55,6 +55,7 @@ from jradar.radar.multipliers import (
     false_alarm_multiplier as false_alarm_multiplier,
 )
 from jradar.radar.points import (
+    DETECTORS as DETECTORS,
     detections_to_points as detections_to_points,
     radar_points as radar_points,
 )
