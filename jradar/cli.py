@@ -21,8 +21,8 @@ PATH names a recording:
 
   cube.npy         complex samples; --radar names the TOML file that describes the
                    radar and the cube's axes
-  adc_data.bin     of a DCA1000; --radar names the log of mmWave Studio or the .cfg of
-                   the mmWave SDK
+  adc_data.bin     of a DCA1000; --radar names the log of mmWave Studio, the .cfg of
+                   the mmWave SDK or a TOML file
   a folder         a sequence of ColoRadar, such as 12_21_2020_ec_hallways_run0;
                    --radar names calib/ where it is not inside, beside or above it
 
@@ -198,7 +198,12 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument(
             "--iq-order",
             metavar="ORDER",
-            help="order of I and Q in an adc_data.bin whose description lacks it",
+            help="how I and Q alternate in adc_data.bin, if not as described: IIQQ..",
+        )
+        sub.add_argument(
+            "--allow-partial",
+            action="store_true",
+            help="take the whole frames of an adc_data.bin that was cut off",
         )
         sub.add_argument("--frame", type=int, default=0, help="which frame (default 0)")
         sub.add_argument(
@@ -252,6 +257,7 @@ def _open(options):
         sensor=options.sensor,
         frames_as_chirps=options.frames_as_chirps,
         iq_order=options.iq_order,
+        allow_partial=options.allow_partial,
     )
     count = len(recording.cubes)
     if not 0 <= options.frame < count:

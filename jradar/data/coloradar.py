@@ -97,7 +97,7 @@ def open_coloradar(
     )
 
 
-def is_sequence(folder: Path | str) -> bool:
+def is_coloradar(folder: Path | str) -> bool:
     """Whether a folder looks like a sequence: a radar's folder with one of its kinds
     of data.
     """

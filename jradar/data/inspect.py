@@ -48,7 +48,11 @@ def describe_file(path: Path | str) -> dict[str, Any] | None:
     if path.suffix in BAGS or (path / "metadata.yaml").is_file():
         from jradar.data.rosbags import bag_topics
 
-        return {"bag": str(path), "topics": bag_topics(path)}
+        topics = [
+            {"topic": name, "type": kind, "messages": count}
+            for name, (kind, count) in bag_topics(path).items()
+        ]
+        return {"bag": str(path), "topics": topics}
     if path.suffix not in CLOUDS and not CLOUD_NAMES.fullmatch(path.name):
         return None
     from jradar.data.clouds import read_cloud
