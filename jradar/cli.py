@@ -8,7 +8,6 @@ weights.
 import argparse
 import json
 import os
-import re
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -22,15 +21,12 @@ PATH names a recording:
 
   cube.npy         complex samples; --radar names the TOML file that describes the
                    radar and the cube's axes
-  adc_data.bin     of a DCA1000; --radar names the log of mmWave Studio or the .cfg of
-                   the mmWave SDK
+  adc_data.bin     of a DCA1000; --radar names the log of mmWave Studio, the .cfg of
+                   the mmWave SDK or a TOML file
   a folder         a sequence of ColoRadar, such as 12_21_2020_ec_hallways_run0;
                    --radar names calib/ where it is not inside, beside or above it
 
 Without --radar the only such file beside the recording is taken."""
-BAGS = (".bag", ".mcap", ".db3")
-CLOUDS = (".ply", ".pcd")
-CLOUD_NAMES = re.compile(r"(lidar_pointcloud_)?[0-9]+\.bin")  # ColoRadar's and KITTI's
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -55,14 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """What a recording, a bag or a cloud holds, and whether it can be read."""
-    path = Path(options.path)
-    if path.suffix in BAGS or (path / "metadata.yaml").is_file():
-        return _describe_bag(path)
-    if path.suffix in CLOUDS or CLOUD_NAMES.fullmatch(path.name):
-        return _describe_cloud(path)
-    recording, cube = _open(options)
-    from jradar.data import describe
+    from jradar.data import describe, describe_file
 
+    if (found := describe_file(options.path)) is not None:
+        return found
+    recording, cube = _open(options)
     found = {}
     for kind, remove_static in (("echoes", False), ("moving echoes", True)):
         if remove_static and recording.radar.num_chirps == 1:
@@ -205,7 +198,12 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument(
             "--iq-order",
             metavar="ORDER",
-            help="order of I and Q in an adc_data.bin whose description lacks it",
+            help="how I and Q alternate in adc_data.bin, if not as described: IIQQ..",
+        )
+        sub.add_argument(
+            "--allow-partial",
+            action="store_true",
+            help="take the whole frames of an adc_data.bin that was cut off",
         )
         sub.add_argument("--frame", type=int, default=0, help="which frame (default 0)")
         sub.add_argument(
@@ -259,6 +257,7 @@ def _open(options):
         sensor=options.sensor,
         frames_as_chirps=options.frames_as_chirps,
         iq_order=options.iq_order,
+        allow_partial=options.allow_partial,
     )
     count = len(recording.cubes)
     if not 0 <= options.frame < count:
@@ -273,7 +272,15 @@ def _points(cube, recording, *, guard=(2, 2), train=(4, 4), **options):
     from jradar.radar import largest_window, radar_points
 
     guard, train = largest_window(recording.radar.cube_shape, guard, train)
-    return radar_points(cube, recording.radar, guard=guard, train=train, **options)
+    return radar_points(
+        cube,
+        recording.radar,
+        coupling=recording.coupling,
+        range_bias_m=recording.range_bias_m,
+        guard=guard,
+        train=train,
+        **options,
+    )
 
 
 def _echoes(cloud, radar):
@@ -291,30 +298,6 @@ def _summary(recording, notes=()):
         "frames": len(recording.cubes),
         "notes": [*recording.notes, *notes],
     }
-
-
-def _describe_cloud(path):
-    """Points of a cloud's file, and the box around them."""
-    from jradar.data import read_cloud
-
-    columns = read_cloud(path)
-    xyz = columns["xyz"]
-    finite = xyz[np.isfinite(xyz).all(1) & (xyz != 0).any(1)]
-    bounds = [finite.min(0).tolist(), finite.max(0).tolist()] if len(finite) else []
-    return {
-        "cloud": str(path),
-        "points": len(xyz),
-        "points that are finite and not (0, 0, 0)": len(finite),
-        "fields": [*columns],
-        **dict(zip(("lowest_m", "highest_m"), bounds, strict=False)),
-    }
-
-
-def _describe_bag(path):
-    """Topics of a bag."""
-    from jradar.data import bag_topics
-
-    return {"bag": str(path), "topics": bag_topics(path)}
 
 
 def _print(result: dict[str, Any], as_json: bool) -> int:

@@ -148,7 +148,7 @@ def with_nan(folder):
         (lambda d: save(d, random_cube((2, 4, 4, 9))), 4, "frames of (2, 4, 4, 9)"),
         (with_nan, 4, "not finite numbers"),
         (lambda d: d / "nothing.npy", 2, "no such file"),
-        (lambda d: d, 2, "no such file"),
+        (lambda d: d, 4, "holds no recording: expected a .npy"),
     ],
     ids=["truncated", "wrong_size", "nan", "missing", "folder"],
 )

@@ -90,7 +90,7 @@ def test_public_function_keeps_the_house_style(function):
     for parameter in parameters:
         optional = parameter.default is not inspect.Parameter.empty
         by_place = parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
-        allowed = ("description",)  # open_cubes(path, description): data, not an option
+        allowed = ("description",)  # open_recording(path, description): no option
         assert not (optional and by_place) or parameter.name in allowed, parameter.name
 
 

@@ -2,7 +2,7 @@
 
 open_recording                   a file or folder of any format, as a Recording
 calibrated_cube, nearest_scan    what a recording knows of a frame
-describe                         what it holds, for people and scripts
+describe, describe_file          what it holds, for people and scripts
 open_coloradar                   a sequence of ColoRadar; beside its radar, coloradar_
  .. lidar, imu, poses, clouds, heatmaps
 SEQUENCES, scene, paper_split    ColoRadar's 52, as the paper divides them
@@ -31,7 +31,7 @@ from jradar.data.coloradar_splits import (
     scene as scene,
 )
 from jradar.data.cubes import open_recording as open_recording
-from jradar.data.inspect import describe as describe
+from jradar.data.inspect import describe as describe, describe_file as describe_file
 from jradar.data.pairs import (
     Pairs as Pairs,
     batch_indices as batch_indices,

@@ -115,7 +115,7 @@ def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
     if not size or not path.read_bytes().strip():
         raise ValueError(f"{path} is empty, expected {columns} numbers a line")
     try:
-        table = np.loadtxt(path, ndmin=2, encoding="utf-8-sig")
+        table = np.loadtxt(path, ndmin=2, comments=None, encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not a text file: {error.reason}") from error
     except ValueError as error:

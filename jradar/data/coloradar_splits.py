@@ -4,7 +4,6 @@ Names come with and without the date that the release puts before them.
 """
 
 import difflib
-import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -35,12 +34,14 @@ def environment(name: str) -> str:
 
     Raises ValueError for a name that is none of the 52.
     """
-    bare = re.sub(r"^\d+_\d+_\d+_", "", name)
-    for place, names in SEQUENCES.items():
-        if name in names or bare == name and any(n.endswith(f"_{name}") for n in names):
-            return place
-    known = [n for names in SEQUENCES.values() for n in names]
-    known += [re.sub(r"^\d+_\d+_\d+_", "", n) for n in known]
+    known = {
+        alias: place
+        for place, names in SEQUENCES.items()
+        for full in names
+        for alias in (full, full.removeprefix(f"{ENVIRONMENTS[place][0]}_"))
+    }
+    if name in known:
+        return known[name]
     near = difflib.get_close_matches(name, known, 3) or ["12_21_2020_ec_hallways_run0"]
     raise ValueError(
         f"{name!r} is no sequence of ColoRadar, expected a name such as "

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jradar.data import dca1000
 from jradar.data.coloradar import is_coloradar, open_coloradar
+from jradar.data.dca1000 import open_dca1000
 from jradar.data.recording import Recording, Stream
 from jradar.radar import RadarSpec
 from jradar.radar.readers import toml
@@ -22,11 +22,11 @@ AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 MAX_BYTES = 64 << 30
 DESCRIPTIONS = {
     ".npy": ("*.toml",),
-    ".bin": ("*LogFile*.txt", "*LogFile*.csv", "*.cfg"),
+    ".bin": ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.toml"),
 }
 EXPECTED = (
     "expected a .npy cube with the .toml that describes it, an adc_data.bin with its "
-    "mmWave Studio log or .cfg, or a sequence of ColoRadar, a folder with "
+    "mmWave Studio log, .cfg or .toml, or a sequence of ColoRadar, a folder with "
     "single_chip/adc_samples or cascade/adc_samples"
 )
 
@@ -38,14 +38,16 @@ def open_recording(
     sensor: str | None = None,
     frames_as_chirps: bool = False,
     iq_order: str | None = None,
+    allow_partial: bool = False,
 ) -> Recording:
     """Open a recording of any kind; its description is looked for if it is not given.
 
     `description` is the TOML file, log or .cfg of a file, or the `calib` folder of a
     ColoRadar sequence, of which `sensor` picks the radar. `frames_as_chirps` makes one
     frame of a recording with one chirp per frame: slow time then runs over the frames.
-    `iq_order` is that of an adc_data.bin whose description does not say it. Raises
-    ValueError for what does not fit together.
+    `iq_order` replaces what the description of an adc_data.bin says, `allow_partial`
+    takes the whole frames of one that was cut off. Raises ValueError for what does not
+    fit together.
     """
     path = Path(path)
     if not path.exists():
@@ -53,18 +55,24 @@ def open_recording(
     for name, value, taken in (
         ("sensor", sensor, path.is_dir()),
         ("iq_order", iq_order, path.suffix == ".bin"),
+        ("allow_partial", allow_partial or None, path.suffix == ".bin"),
     ):
         if value is not None and not taken:
             raise ValueError(
                 f"{name} = {value!r} has no meaning for {path}: sensor is for "
-                "sequences of ColoRadar, iq_order for adc_data.bin"
+                "sequences of ColoRadar, iq_order and allow_partial for adc_data.bin"
             )
     if path.is_dir():
         recording = _open_folder(path, description, sensor)
     elif path.suffix == ".npy":
         recording = _open_npy(path, _description(path, description))
     elif path.suffix == ".bin":
-        recording = _open_adc_data(path, _description(path, description), iq_order)
+        recording = open_dca1000(
+            path,
+            _description(path, description),
+            iq_order=iq_order,
+            allow_partial=allow_partial,
+        )
     else:
         raise ValueError(f"{path} is no recording: {EXPECTED}")
     return _frames_as_chirps(recording) if frames_as_chirps else recording
@@ -103,17 +111,6 @@ def _description(path: Path, description: Path | str | None) -> Path:
             f"{', '.join(patterns)}: name one with --radar"
         )
     return found[0]
-
-
-def _open_adc_data(path: Path, description: Path, iq_order: str | None) -> Recording:
-    """Samples of a DCA1000, with a log or a .cfg."""
-    if iq_order is not None:
-        raise ValueError(f"{iq_order=}: adc_data.bin is read as I0 I1 Q0 Q1 only")
-    if description.suffix == ".cfg":
-        radar = RadarSpec.from_cfg(description)
-    else:
-        radar = RadarSpec.from_mmwave_studio_log(description)
-    return _recording(path, radar, dca1000.read_adc_data(path, radar))
 
 
 def _recording(path: Path, radar: RadarSpec, frames, read=None, notes=()) -> Recording:

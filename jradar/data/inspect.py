@@ -1,8 +1,7 @@
-"""What a recording holds, as plain numbers and texts that JSON can carry.
+"""What files hold, as plain numbers and texts that JSON can carry."""
 
-Reads the first and the last item of each stream, to see that they can be read.
-"""
-
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,17 @@ from scipy.spatial.transform import Rotation
 from jradar.data.recording import Recording, radar_from_lidar
 from jradar.radar import RadarSpec
 
+BAGS = (".bag", ".mcap", ".db3")
+CLOUDS = (".ply", ".pcd")
+CLOUD_NAMES = re.compile(r"(lidar_pointcloud_)?[0-9]+\.bin")  # ColoRadar's and KITTI's
 GAP = 1.5  # steps between stamps longer than so many median ones
 
 
 def describe(recording: Recording) -> dict[str, Any]:
     """Radar, rates and faults of each stream, calibration, transforms, notes.
 
-    What cannot be read is said under "readable" and raises nothing.
+    The first and the last item of each stream are read; what cannot be is said under
+    "readable" and raises nothing.
     """
     poses = recording.poses
     streams = [_timing("radar", len(recording.cubes), recording.cubes.stamps)]
@@ -36,6 +39,34 @@ def describe(recording: Recording) -> dict[str, Any]:
         "transforms": _transforms(recording),
         **_lost(recording),
         "notes": [*recording.notes],
+    }
+
+
+def describe_file(path: Path | str) -> dict[str, Any] | None:
+    """Topics of a bag; points and bounds of a cloud; None for any other path."""
+    path = Path(path)
+    if path.suffix in BAGS or (path / "metadata.yaml").is_file():
+        from jradar.data.rosbags import bag_topics
+
+        topics = [
+            {"topic": name, "type": kind, "messages": count}
+            for name, (kind, count) in bag_topics(path).items()
+        ]
+        return {"bag": str(path), "topics": topics}
+    if path.suffix not in CLOUDS and not CLOUD_NAMES.fullmatch(path.name):
+        return None
+    from jradar.data.clouds import read_cloud
+
+    columns = read_cloud(path)
+    xyz = columns["xyz"]
+    returns = xyz[np.isfinite(xyz).all(1) & (xyz != 0).any(1)]
+    bounds = [returns.min(0).tolist(), returns.max(0).tolist()] if len(returns) else []
+    return {
+        "cloud": str(path),
+        "points": len(xyz),
+        "finite and not (0, 0, 0)": len(returns),
+        "fields": [*columns],
+        **dict(zip(("lowest_m", "highest_m"), bounds, strict=False)),
     }
 
 
@@ -94,7 +125,7 @@ def _readable(recording: Recording) -> dict[str, str]:
     said = {}
     for name, stream in (("frame", recording.cubes), ("scan", recording.lidar)):
         count = len(stream) if stream is not None else 0
-        for item in sorted({0, count - 1} - {-1}):
+        for item in sorted({0, count - 1}) if count else ():
             said[f"{name} {item}"] = _one(stream, item)
     return said
 

@@ -1,0 +1,238 @@
+"""Packets of a DCA1000 capture card: where each byte of the sample stream lies.
+
+    sequence number u32 | [length u32] | byte count u48 | at most 1456 bytes of samples
+
+The card numbers its packets from 1 and says in each how many bytes it sent before: the
+place of the packet's samples in the stream. So packets may arrive in any order or
+twice, and what was lost is a hole of known size. The length stands in the files that
+TI's tools write (14 bytes of header), not in what comes over the network (10). Frames
+begin and end anywhere in a packet. All of it is read in pieces of some megabytes.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int, UInt8
+
+PAYLOAD = 1456  # bytes of samples in a full packet
+HEADER_BYTES = (14, 10)
+PIECE = 4096  # packets looked at together
+REORDERED = 64 << 20  # bytes by which packets may come late
+LOOKED_AT = 16  # packets that decide whether a file is of packets
+
+
+class Files(NamedTuple):
+    """Files that continue one another, read as one."""
+
+    paths: tuple[Path, ...]
+    ends: Int[np.ndarray, " file"]  # bytes of all files up to and with each
+
+    @classmethod
+    def of(cls, paths: list[Path]) -> "Files":
+        """Files in the order of `paths`, as large as they are now."""
+        sizes = [path.stat().st_size for path in paths]
+        return cls(tuple(paths), np.cumsum(np.array(sizes, np.int64)))
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files."""
+        return int(self.ends[-1])
+
+    def read(self, start: int, stop: int) -> UInt8[np.ndarray, " byte"]:
+        """Bytes from `start` to `stop`, fewer where the last file ends before."""
+        parts, stop = [np.empty(0, np.uint8)], min(stop, self.size)
+        for path, end in zip(self.paths, self.ends.tolist(), strict=True):
+            if start < min(stop, end):
+                offset = start - end + path.stat().st_size
+                parts.append(
+                    np.fromfile(path, np.uint8, min(stop, end) - start, offset=offset)
+                )
+                start = min(stop, end)
+        if start < stop:
+            raise ValueError(f"{self.paths[-1]} was cut while it was read")
+        return np.concatenate(parts)
+
+
+class Packets(NamedTuple):
+    """Runs of packets that follow one another in the file and in the stream.
+
+    All packets of a run hold the same number of bytes. Runs are sorted by `start`.
+    """
+
+    files: Files
+    header_bytes: int
+    start: Int[np.ndarray, " run"]  # in the stream
+    offset: Int[np.ndarray, " run"]  # in the files, of the first header
+    payload: Int[np.ndarray, " run"]  # bytes of samples in each packet
+    count: Int[np.ndarray, " run"]  # packets
+
+    @property
+    def end(self) -> Int[np.ndarray, " run"]:
+        """Where each run, or one before it, ends in the stream."""
+        return np.maximum.accumulate(self.start + self.payload * self.count)
+
+    @property
+    def size(self) -> int:
+        """Bytes of the stream, lost ones included."""
+        return int(self.end[-1])
+
+    def holes(self) -> tuple[Int[np.ndarray, " hole"], Int[np.ndarray, " hole"]]:
+        """Where in the stream bytes were lost: first and one past the last."""
+        before = np.append(0, self.end[:-1])
+        lost = self.start > before
+        return before[lost], self.start[lost]
+
+    def read(self, start: int, stop: int) -> UInt8[np.ndarray, " byte"]:
+        """Bytes of the stream; zeros where they were lost."""
+        stream = np.zeros(stop - start, np.uint8)
+        first = np.searchsorted(self.end, start, "right")
+        last = np.searchsorted(self.start, stop)
+        runs = [column[first:last] for column in self[2:]]
+        for run in np.stack(runs, -1).tolist():
+            begin, offset, payload, count = run
+            record = self.header_bytes + payload
+            low = max(start - begin, 0) // payload
+            high = min(-((begin - stop) // payload), count)
+            if low < high:
+                raw = self.files.read(offset + low * record, offset + high * record)
+                samples = raw.reshape(-1, record)[:, self.header_bytes :].ravel()
+                skip = max(start - begin - low * payload, 0)
+                at = max(begin - start, 0)
+                samples = samples[skip : skip + len(stream) - at]
+                stream[at : at + len(samples)] = samples
+        return stream
+
+
+def lost_per_frame(
+    packets: Packets, frame_bytes: int, num_frames: int
+) -> Int[np.ndarray, " frame"]:
+    """Bytes of each frame that were lost."""
+    first, last = packets.holes()
+    places = np.append(np.stack([first, last], -1).ravel(), packets.size)
+    lost = np.cumsum(np.append(0, last - first))
+    edges = np.arange(num_frames + 1) * frame_bytes
+    so_far = np.interp(edges, np.append(0, places), np.repeat(lost, 2))
+    return np.diff(np.rint(so_far).astype(np.int64))
+
+
+def header_size(files: Files) -> int:
+    """14 or 10 where the files are of packets with such headers, 0 where they are not.
+
+    The first packets decide: two, or all of one, must count as a card does, one of them
+    without any packet before it that was not full.
+    """
+    for size in HEADER_BYTES:
+        position, seen, exact = 0, 0, False
+        while seen < LOOKED_AT and position + size < files.size:
+            sequence, length, count = _header(files, position, size)
+            if not _plausible(sequence, length, count):
+                break
+            exact |= count == (sequence - 1) * PAYLOAD
+            position, seen = position + size + length, seen + 1
+        if exact and (seen > 1 or position + size >= files.size):
+            return size
+    return 0
+
+
+def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Packets:
+    """Find every packet of the files by the headers alone.
+
+    Raises ValueError for a header that cannot be one, for a stream that starts over or
+    is lost for the most part, and for a last packet that is cut off (left out under
+    `allow_partial`).
+    """
+    runs, position, highest, received, window = [], 0, 0, 0, 1
+    while position < files.size:
+        found = _runs_at(files, position, header_bytes, window)
+        for start, offset, payload, count in found:
+            if start < highest - REORDERED:
+                raise ValueError(
+                    f"{_place(files, offset)}: the byte count falls from {highest:,} "
+                    f"to {start:,}: two captures in one file? split them"
+                )
+            highest = max(highest, start + payload * count)
+            received += payload * count
+            position = offset + (header_bytes + payload) * count
+        if not found:
+            if allow_partial:
+                break
+            raise ValueError(
+                f"{files.paths[-1]} ends within a packet, at byte {files.size:,} of "
+                "all: truncated? allow_partial reads the packets before it"
+            )
+        window = min(2 * window, PIECE) if found[-1][2] == PAYLOAD else 1
+        runs += found
+    if not runs or highest > 2 * received + REORDERED:
+        raise ValueError(
+            f"{files.paths[0]}: the packets hold {received:,} bytes of {highest:,} "
+            "that their headers count: a damaged header, or most packets lost"
+        )
+    start, offset, payload, count = np.array(sorted(runs), np.int64).T
+    return Packets(files, header_bytes, start, offset, payload, count)
+
+
+def _runs_at(files, position, header_bytes, window):
+    """Runs `(start, offset, payload, count)` of the packets from `position` on.
+
+    Looks at `window` full packets, or at one that is not full; none where it is cut.
+    """
+    record = header_bytes + PAYLOAD
+    piece = files.read(position, position + window * record)
+    whole = piece[: len(piece) // record * record].reshape(-1, record)
+    sequence, length, count = _fields(whole[:, :header_bytes])
+    fits = _plausible(sequence, length, count) & (length == PAYLOAD)
+    full = len(whole) if fits.all() else int(fits.argmin())
+    if not full:
+        if len(piece) < header_bytes + 1:
+            return []
+        sequence, length, count = _header(files, position, header_bytes)
+        if not _plausible(sequence, length, count):
+            raise ValueError(
+                f"{_place(files, position)}: expected the header of a packet, found "
+                f"number {sequence}, {length} bytes after {count:,}: damaged?"
+            )
+        cut = position + header_bytes + length > files.size
+        return [] if cut else [(count, position, length, 1)]
+    breaks = np.flatnonzero(np.diff(count[:full]) != PAYLOAD) + 1
+    edges = [0, *breaks.tolist(), full]
+    return [
+        (int(count[low]), position + low * record, PAYLOAD, high - low)
+        for low, high in zip(edges, edges[1:], strict=False)
+    ]
+
+
+def _header(files, position, header_bytes):
+    """Sequence number, length and byte count of the packet at `position`.
+
+    A header without a length stands before a full packet, or before the last one.
+    """
+    header = files.read(position, position + header_bytes)
+    sequence, length, count = (int(field[0]) for field in _fields(header[None]))
+    if header_bytes == 10:
+        length = min(PAYLOAD, files.size - position - header_bytes)
+    return sequence, length, count
+
+
+def _fields(headers):
+    """The same three of headers `[packet, byte]`; packets without a length are full."""
+    widths = [4, 4, 6] if headers.shape[1] == 14 else [4, 6]
+    parts = np.split(headers.astype(np.int64), np.cumsum(widths)[:-1], axis=1)
+    fields = [part @ 256 ** np.arange(part.shape[1]) for part in parts]
+    if len(fields) == 2:
+        fields.insert(1, np.full(len(headers), PAYLOAD))
+    return fields
+
+
+def _plausible(sequence, length, count):
+    """Whether packets before number `sequence` can have held `count` bytes."""
+    most = (sequence - 1) * PAYLOAD
+    counts = (count >= (sequence > 1)) & (count <= most)
+    return (sequence > 0) & (length > 0) & (length <= PAYLOAD) & counts
+
+
+def _place(files, position):
+    """The file and the byte in it, for an error."""
+    file = int(np.searchsorted(files.ends, position, "right"))
+    before = int(files.ends[file - 1]) if file else 0
+    return f"{files.paths[file]}, byte {position - before:,}"
