@@ -31,7 +31,16 @@ FLOORS = {
     "export": 4,
     "cli": 5,
 }
-ROOMS = ("radar", "range_image", "diffusion", "data", "training", "evaluation", "viz")
+ROOMS = (
+    "radar",
+    "range_image",
+    "lidar",
+    "diffusion",
+    "data",
+    "training",
+    "evaluation",
+    "viz",
+)
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
