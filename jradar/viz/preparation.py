@@ -46,8 +46,8 @@ def preparation_figure(
         2, len(stages), sharex="row", sharey="row", height_ratios=inches
     )
     heights = steps.xyz[steps.in_view, 2]
-    limits = np.percentile(heights, [1, 99]) if len(heights) else (-1.0, 1.0)
-    colours = ScalarMappable(Normalize(*limits), COLOURS)
+    low, high = np.percentile(heights, [1, 99]) if len(heights) else (-1.0, 1.0)
+    colours = ScalarMappable(Normalize(float(low), float(high)), COLOURS)
     echoes = radar_xyz[returns(radar_xyz)]
     for column, (name, kept, removed) in enumerate(stages):
         clouds = steps.xyz[removed], steps.xyz[kept], echoes
@@ -107,7 +107,7 @@ def _draw_clouds(axes: Axes, clouds, colours, *, right, up):
 
 def _draw_wedge(axes: Axes, angles, reach, *, turned):
     """The edge of the field of view; `turned` where x is up."""
-    arc = np.linspace(*angles, 61)
+    arc = np.linspace(angles[0], angles[1], 61)
     forward = np.r_[0, reach * np.cos(arc), 0]
     across = np.r_[0, reach * np.sin(arc), 0]
     line = (across, forward) if turned else (forward, across)

@@ -1,6 +1,8 @@
 """Floor and ceiling: known rooms, a tilted sensor, real roads, no memory, no noise."""
 
 import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -133,6 +135,21 @@ def test_missing_returns_do_not_disturb():
         damaged = np.where(holes[:, None], np.float32(missing), xyz)
         np.testing.assert_array_equal(ground_mask(damaged)[~holes], expected)
         assert not ground_mask(damaged)[holes].any()
+
+
+def test_threads_do_not_disturb_one_another(capfd):
+    clouds = [scan_room(*furnished(1.2, 1.6), columns=128, seed=s)[0] for s in range(6)]
+    alone = [ground_mask(cloud) for cloud in clouds]
+    with ThreadPoolExecutor(4) as threads:
+        together = list(threads.map(ground_mask, clouds))
+    np.testing.assert_array_equal(together, alone)
+    assert not capfd.readouterr().out
+
+
+def test_missing_package_names_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pypatchworkpp", None)
+    with pytest.raises(ImportError, match=r"jradar\[data\]"):
+        ground_mask(scan_room(*furnished(1.2, 1.6), columns=128)[0])
 
 
 def test_nothing_is_printed(capfd):

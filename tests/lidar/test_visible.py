@@ -1,5 +1,7 @@
 """Clusters that the radar saw: against all pairs, at eps, voxels, no points."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -144,3 +146,9 @@ def test_order_of_points_changes_nothing():
     assert 0 < seen.sum() < 1500
     moved = visible_mask(lidar[order], radar, **some)
     assert (moved != seen[order]).mean() < 0.01  # border points of two clusters
+
+
+def test_missing_package_names_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
+    with pytest.raises(ImportError, match=r"jradar\[data\]"):
+        visible_mask(np.ones((3, 3)), np.ones((1, 3)))
