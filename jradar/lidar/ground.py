@@ -28,7 +28,8 @@ from jradar.lidar.align import returns, transform
 
 CELL_M, FLAT_M = 0.25, 0.1  # a cell is flat if its points differ less in height
 MIN_AREA_M2 = 1.5  # of flat cells that make a floor
-MIN_SHARE = 0.2  # of all flat cells on that side of the sensor
+MIN_SHARE = 0.35  # of all flat cells on that side of the sensor
+MIN_HEIGHT_M = 0.25  # level rings of one beam on far walls look like a floor at 0
 NEAR_PLANE_M = 0.06
 MAX_TILT = math.radians(20)
 TRIALS, VOTERS = 200, 1000
@@ -99,10 +100,11 @@ def floor_plane(
 ) -> Plane | None:
     """The level plane below the sensor that holds the largest area, on the host.
 
-    RANSAC over flat cells, with the same draws each time. None where it holds less
-    than 1.5 square metres, a fifth of what is flat, or tilts by more than 20 degrees.
+    RANSAC over flat cells, with the same draws each time. None where it holds less than
+    1.5 square metres or 35 % of what is flat, tilts by more than 20 degrees, or is less
+    than 0.25 m below the sensor.
     """
-    below = _within(xyz, max_range_m) & (xyz[:, 2] < 0)
+    below = _within(xyz, max_range_m) & (xyz[:, 2] < -MIN_HEIGHT_M)
     cells = _flat_cells(xyz[below], max_range_m)
     if len(cells) * CELL_M**2 < MIN_AREA_M2:
         return None
@@ -126,7 +128,7 @@ def floor_plane(
     normal = np.linalg.svd(cells[near] - middle, full_matrices=False)[2][2]
     normal = normal * np.sign(normal[2])
     height = -float(normal @ middle)
-    if normal[2] < math.cos(MAX_TILT) or height <= NEAR_PLANE_M:
+    if normal[2] < math.cos(MAX_TILT) or height < MIN_HEIGHT_M:
         return None
     return Plane(normal, height)
 

@@ -3,9 +3,11 @@
 import functools
 
 import jax
-from jaxtyping import Array, Bool, Complex, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jradar.radar import cells, cfar
+from jradar.radar.angle import Peaks, angle_spectrum, spectrum_peaks
 from jradar.radar.cells import ANGLES
 from jradar.radar.direction import directions
 from jradar.radar.sensor import RadarSpec
@@ -18,7 +20,8 @@ DETECTORS = {
     "os": cfar.os_cfar,
 }
 DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
-PLACES = ("radar", "capacity", "range_bias_m", *ANGLES)
+PLACES = ("radar", "capacity", "peaks", "range_bias_m", *ANGLES)
+SPECTRA = 64  # angle spectra that are held at a time
 
 
 @functools.partial(jax.jit, static_argnames=(*PLACES, *DETECTION))
@@ -33,6 +36,7 @@ def radar_points(
     false_alarm_rate: float = 1e-3,
     guard: tuple[int, int] = (2, 2),
     train: tuple[int, int] = (4, 4),
+    peaks: int = 1,
     num_azimuth: int = 64,
     num_elevation: int = 32,
     flip_azimuth: bool = False,
@@ -48,10 +52,13 @@ def radar_points(
     in ADC counts squared, SNR the power over the mean of the training cells. `refine`
     places range, velocity and angles between bins. Elevation is 0 for an array with one
     row. `flip_azimuth` and `flip_elevation` are for a sensor that is mounted the other
-    way round. `coupling` is what `read_coupling` reads, and has the spectra made with
-    the window that it asks for; `range_bias_m` is subtracted from ranges; channels are
-    calibrated beforehand, on the cube. Raises ValueError for a cube that is not the
-    radar's.
+    way round.
+
+    `peaks` is how many targets a cell may show, each a point of its own, with power and
+    SNR in proportion to its peak among the cell's `spectrum_peaks`. `coupling` is what
+    `read_coupling` reads, and has the spectra made with the window that it asks for;
+    `range_bias_m` is subtracted from ranges; channels are calibrated beforehand, on the
+    cube. Raises ValueError for a cube that is not the radar's.
     """
     if detector not in DETECTORS:
         raise ValueError(f"{detector=}, expected one of {[*DETECTORS]}")
@@ -72,6 +79,7 @@ def radar_points(
         radar,
         range_bias_m=range_bias_m,
         capacity=capacity,
+        peaks=peaks,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
         flip_azimuth=flip_azimuth,
@@ -90,6 +98,7 @@ def detections_to_points(
     *,
     range_bias_m: float = 0.0,
     capacity: int = 1024,
+    peaks: int = 1,
     num_azimuth: int = 64,
     num_elevation: int = 32,
     flip_azimuth: bool = False,
@@ -102,20 +111,45 @@ def detections_to_points(
     """
     strongest, cell = cells.strongest_cells(power, mask, radar, capacity, range_bias_m)
     range_bin, doppler_bin = cells.bins_of(power, cell, refine)
-    azimuth, elevation = directions(
-        cells.snapshots(spectrum, cell, doppler_bin, radar),
-        radar,
-        num_azimuth=num_azimuth,
-        num_elevation=num_elevation,
-        interpolate=refine,
-        flip_azimuth=flip_azimuth,
-        flip_elevation=flip_elevation,
-    )
+    snapshot = cells.snapshots(spectrum, cell, doppler_bin, radar)
+    bins = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
+    options = {
+        "interpolate": refine,
+        "flip_azimuth": flip_azimuth,
+        "flip_elevation": flip_elevation,
+    }
+    floor = noise.ravel()[cell]
+    if peaks == 1:
+        azimuth, elevation = directions(snapshot, radar, **bins, **options)
+    else:
+        found = jax.lax.map(
+            lambda snapshot: spectrum_peaks(
+                angle_spectrum(snapshot, radar, **bins), radar, count=peaks, **options
+            ),
+            snapshot,
+            batch_size=SPECTRA,
+        )
+        strongest, azimuth, elevation, of = _strongest_peaks(strongest, found, capacity)
+        range_bin, doppler_bin, floor = range_bin[of], doppler_bin[of], floor[of]
     return cells.cloud(
         range_bin * radar.range_resolution_m - range_bias_m,
         doppler_bin * radar.velocity_resolution_mps,
         azimuth,
         elevation,
         strongest,
-        noise.ravel()[cell],
+        floor,
     )
+
+
+def _strongest_peaks(
+    power: Float[Array, " cell"], found: Peaks, capacity: int
+) -> tuple[Array, Array, Array, Int[Array, " point"]]:
+    """Power, azimuth, elevation and cell of the strongest peaks of all cells.
+
+    A cell's first peak has the cell's power, so that no weaker cell has one to add.
+    """
+    share = found.power / jnp.maximum(found.power[:, :1], 1e-30)
+    powers = jnp.where(found.valid, power[:, None] * share, 0.0)
+    strongest, peak = jax.lax.top_k(powers.ravel(), capacity)
+    azimuth, elevation = found.azimuth.ravel()[peak], found.elevation.ravel()[peak]
+    return strongest, azimuth, elevation, peak // found.power.shape[-1]

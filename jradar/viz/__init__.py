@@ -1,7 +1,13 @@
-"""Pictures: a capture's spectra and clouds, and samples beside the truth."""
+<<<<<<< HEAD
+"""Pictures: a capture's spectra and clouds, samples beside the truth, angle spectra."""
+=======
+"""Pictures: a capture's spectra and clouds, a scan's preparation, samples and truth."""
+>>>>>>> lidar
 
 from jradar.viz.figures import (
+    angle_spectra_figure as angle_spectra_figure,
     capture_figure as capture_figure,
     samples_figure as samples_figure,
     save_figure as save_figure,
 )
+from jradar.viz.preparation import preparation_figure as preparation_figure

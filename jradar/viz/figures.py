@@ -3,6 +3,7 @@
 Range images are coloured by metres, misses are white.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jradar.files import atomic_path
-from jradar.radar import RadarSpec
+from jradar.radar import RadarSpec, direction_sines
 from jradar.range_image import ImageSpec, project
 from jradar.types import PointCloud
 
@@ -77,6 +78,35 @@ def samples_figure(columns: dict[str, np.ndarray], image: ImageSpec) -> Figure:
         for row in range(frames):
             _draw_image(axes[row, column], images[row], image)
             axes[row, column].set(xticks=[], yticks=[], xlabel="", ylabel="")
+    return figure
+
+
+def angle_spectra_figure(
+    spectra: dict[str, Float[ArrayLike, " azimuth"]],
+    radar: RadarSpec,
+    *,
+    targets_deg: Sequence[float] = (),
+    title: str = "",
+) -> Figure:
+    """Spectra over the bins of `direction_sines`, each in decibels below its peak.
+
+    `targets_deg` are the azimuths where targets truly are.
+    """
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for i, azimuth in enumerate(targets_deg):
+        label = "_" if i else "targets"  # once in the legend
+        axes.axvline(azimuth, color="k", linestyle=":", linewidth=1, label=label)
+    for name, power in spectra.items():
+        power = np.asarray(power)
+        u, _ = direction_sines(radar, num_azimuth=len(power))
+        seen = np.abs(u) <= 1
+        level = 10 * np.log10(power[seen] / power[seen].max() + 1e-30)
+        axes.plot(np.degrees(np.arcsin(u[seen])), level, label=name)
+    axes.set(title=title, xlabel="azimuth (degrees), left is positive")
+    axes.set(ylabel="relative to the peak (dB)", xlim=(60, -60), ylim=(-45, 2))
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper left")
     return figure
 
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jradar.data.prepare import PrepareSpec, prepare
+from jradar.data.frames import PrepareSpec
+from jradar.data.prepare import prepare
 from jradar.data.records import Records
 from jradar.data.sources import find_sources
 from jradar.lidar import LidarSpec

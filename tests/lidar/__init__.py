@@ -1,0 +1,5 @@
+<<<<<<< HEAD
+"""Tests of the room `lidar`."""
+=======
+"""Tests of the LiDAR's preparation."""
+>>>>>>> lidar

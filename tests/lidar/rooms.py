@@ -28,9 +28,7 @@ def scan_room(
     )
     (sin_roll, sin_pitch), (cos_roll, cos_pitch) = np.sin(tilt), np.cos(tilt)
     roll = np.array([[1, 0, 0], [0, cos_roll, -sin_roll], [0, sin_roll, cos_roll]])
-    pitch = np.array(
-        [[cos_pitch, 0, sin_pitch], [0, 1, 0], [-sin_pitch, 0, cos_pitch]]
-    )
+    pitch = np.array([[cos_pitch, 0, sin_pitch], [0, 1, 0], [-sin_pitch, 0, cos_pitch]])
     world = rays @ (roll @ pitch).T
     world[np.abs(world) < 1e-9] = 1e-9
     exits = np.maximum(*(np.asarray(corner) / world for corner in shell))
