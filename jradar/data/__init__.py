@@ -1,21 +1,32 @@
 """Files and simulations to frames, and frames to training pairs.
 
 open_cubes                       a recording of ADC cubes, read lazily
+open_dca1000, advise_iq_order    captures of TI's DCA1000 card
+open_bag, bag_topics             LiDAR clouds in ROS bags
 random_room, room_frame          simulated rooms seen by radar and LiDAR
 make_pairs, batch_indices        pairs of condition and target, drawn by step
+read_cloud                       clouds from PCD, PLY and KITTI files
 write_ply, write_npz             clouds to files
 """
 
 from jradar.data.clouds import (
+    read_cloud as read_cloud,
     valid_points as valid_points,
     write_npz as write_npz,
     write_ply as write_ply,
 )
 from jradar.data.cubes import Cubes as Cubes, open_cubes as open_cubes
+from jradar.data.dca1000 import open_dca1000 as open_dca1000
+from jradar.data.iq_order import advise_iq_order as advise_iq_order
 from jradar.data.pairs import (
     Pairs as Pairs,
     batch_indices as batch_indices,
     make_pairs as make_pairs,
+)
+from jradar.data.rosbags import (
+    LidarStream as LidarStream,
+    bag_topics as bag_topics,
+    open_bag as open_bag,
 )
 from jradar.data.scenes import (
     Frame as Frame,
