@@ -58,7 +58,7 @@ def describe_file(path: Path | str) -> dict[str, Any] | None:
     from jradar.data.clouds import read_cloud
 
     columns = read_cloud(path)
-    xyz = columns["xyz"]
+    xyz = np.stack([columns[axis] for axis in "xyz"], -1)
     returns = xyz[np.isfinite(xyz).all(1) & (xyz != 0).any(1)]
     bounds = [returns.min(0).tolist(), returns.max(0).tolist()] if len(returns) else []
     return {
