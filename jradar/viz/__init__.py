@@ -1,8 +1,4 @@
-<<<<<<< HEAD
-"""Pictures: a capture's spectra and clouds, samples beside the truth, angle spectra."""
-=======
-"""Pictures: a capture's spectra and clouds, a scan's preparation, samples and truth."""
->>>>>>> lidar
+"""Pictures: a capture's spectra and clouds, a scan's preparation, samples, spectra."""
 
 from jradar.viz.figures import (
     angle_spectra_figure as angle_spectra_figure,

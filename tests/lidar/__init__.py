@@ -1,5 +1,1 @@
-<<<<<<< HEAD
-"""Tests of the room `lidar`."""
-=======
 """Tests of the LiDAR's preparation."""
->>>>>>> lidar
