@@ -111,7 +111,7 @@ FIELDS = [  # name, PointField type, dtype, in an order of its own
 
 
 def point_cloud2(columns, stamp, big=False, height=1, gap=3, row_gap=0):
-    """Each field after a gap, each row after the last one's; packed number by number."""
+    """Each field after a gap, a gap after each row; packed number by number."""
     order = ">" if big else "<"
 
     def make(store):
