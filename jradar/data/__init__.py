@@ -8,12 +8,19 @@ open_coloradar                   a sequence of ColoRadar; beside its radar, colo
 SEQUENCES, scene, paper_split    ColoRadar's 52, as the paper divides them
 open_dca1000, advise_iq_order    captures of TI's DCA1000 card
 open_bag, bag_topics             LiDAR clouds in ROS bags
+open_capture                     both, poses and extrinsics: a capture of one's own
+estimate_time_offset, propose_offset                 between the sensors' clocks
 random_room, room_frame          simulated rooms seen by radar and LiDAR
 make_pairs, batch_indices        pairs of condition and target, drawn by step
 read_cloud                       clouds from PCD, PLY and KITTI files
 write_ply, write_npz             clouds to files
 """
 
+from jradar.data.capture import (
+    accumulate as accumulate,
+    open_capture as open_capture,
+    read_tum as read_tum,
+)
 from jradar.data.clouds import (
     read_cloud as read_cloud,
     valid_points as valid_points,
@@ -62,4 +69,9 @@ from jradar.data.scenes import (
     random_room as random_room,
     room_frame as room_frame,
     room_scatterers as room_scatterers,
+)
+from jradar.data.time_offset import (
+    estimate_time_offset as estimate_time_offset,
+    propose_offset as propose_offset,
+    radar_speed as radar_speed,
 )

@@ -129,7 +129,7 @@ class LidarStream(Stream):
         return headers / NS
 
 
-def open_bag(path: Path | str, topic: str | None = None) -> LidarStream:
+def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
     """Clouds of a bag; `topic` may be left out where only one holds clouds.
 
     Raises ValueError for a bag that is damaged, naming the command that repairs it, and
