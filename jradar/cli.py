@@ -23,8 +23,9 @@ PATH names a recording:
                    radar and the cube's axes
   adc_data.bin     of a DCA1000; --radar names the log of mmWave Studio, the .cfg of
                    the mmWave SDK or a TOML file
-  a folder         a sequence of ColoRadar, such as 12_21_2020_ec_hallways_run0;
-                   --radar names calib/ where it is not inside, beside or above it
+  a folder         with a capture.toml; or a sequence of ColoRadar, such as
+                   12_21_2020_ec_hallways_run0, for which --radar names calib/ where
+                   it is not inside, beside or above it
 
 Without --radar the only such file beside the recording is taken."""
 

@@ -12,12 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from jradar.data.capture import open_capture
 from jradar.data.coloradar import is_coloradar, open_coloradar
 from jradar.data.dca1000 import open_dca1000
 from jradar.data.recording import Recording, Stream
 from jradar.radar import RadarSpec
 from jradar.radar.readers import toml
 
+CAPTURE = "capture.toml"
 AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 MAX_BYTES = 64 << 30
 DESCRIPTIONS = {
@@ -26,8 +28,8 @@ DESCRIPTIONS = {
 }
 EXPECTED = (
     "expected a .npy cube with the .toml that describes it, an adc_data.bin with its "
-    "mmWave Studio log, .cfg or .toml, or a sequence of ColoRadar, a folder with "
-    "single_chip/adc_samples or cascade/adc_samples"
+    "mmWave Studio log, .cfg or .toml, a folder with a capture.toml, or a sequence of "
+    "ColoRadar, a folder with single_chip/adc_samples or cascade/adc_samples"
 )
 
 
@@ -50,17 +52,21 @@ def open_recording(
     fit together.
     """
     path = Path(path)
+    path = path.parent if path.name == CAPTURE else path
     if not path.exists():
         raise FileNotFoundError(f"no such file or folder: {path}")
+    has_capture = (path / CAPTURE).is_file()
     for name, value, taken in (
-        ("sensor", sensor, path.is_dir()),
+        ("description", description, not has_capture),
+        ("sensor", sensor, path.is_dir() and not has_capture),
         ("iq_order", iq_order, path.suffix == ".bin"),
         ("allow_partial", allow_partial or None, path.suffix == ".bin"),
     ):
         if value is not None and not taken:
             raise ValueError(
                 f"{name} = {value!r} has no meaning for {path}: sensor is for "
-                "sequences of ColoRadar, iq_order and allow_partial for adc_data.bin"
+                "sequences of ColoRadar, iq_order and allow_partial for adc_data.bin; "
+                "a capture.toml says all of its capture"
             )
     if path.is_dir():
         recording = _open_folder(path, description, sensor)
@@ -79,11 +85,17 @@ def open_recording(
 
 
 def _open_folder(path: Path, description, sensor: str | None) -> Recording:
-    """A sequence of ColoRadar; for other folders an error that says what is in them."""
+    """A capture or a sequence; for other folders an error that says what they hold."""
+    if (path / CAPTURE).is_file():
+        return open_capture(path)
     if is_coloradar(path):
         return open_coloradar(path, sensor=sensor, calib=description)
     inside = [*path.glob("*"), *path.glob("kitti/*")]
-    found = [p for p in inside if p.suffix in DESCRIPTIONS or is_coloradar(p)]
+    found = [
+        p
+        for p in inside
+        if p.suffix in DESCRIPTIONS or is_coloradar(p) or (p / CAPTURE).is_file()
+    ]
     if found:
         names = [str(p) for p in sorted(found)]
         more = f" and {len(names) - 5} more" if len(names) > 5 else ""

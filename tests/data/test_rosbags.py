@@ -181,7 +181,7 @@ def test_livox_clouds_come_back(tmp_path, container, frame):
             strict=True,
         ):
             np.testing.assert_array_equal(points[name], column)
-    assert stream.notes == []
+    assert stream.notes == ()
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
