@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from jradar import __version__
+from jradar.listing import lines
 
 CAPTURE_HELP = """\
 PATH names a recording:
@@ -28,6 +29,10 @@ PATH names a recording:
                    it is not inside, beside or above it
 
 Without --radar the only such file beside the recording is taken."""
+FILES_HELP = """
+
+PATH may also be a bag (.bag, .mcap, .db3, a ROS 2 folder) or a cloud (.ply, .pcd, a
+.bin of KITTI or of ColoRadar's LiDAR)."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -183,7 +188,7 @@ def _parser() -> argparse.ArgumentParser:
         sub = commands.add_parser(
             command.__name__,
             help=summary,
-            description=f"{summary}\n\n{CAPTURE_HELP}",
+            description=f"{summary}\n\n{CAPTURE_HELP}{'' if writes else FILES_HELP}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         sub.set_defaults(command=command)
@@ -199,7 +204,8 @@ def _parser() -> argparse.ArgumentParser:
         sub.add_argument(
             "--iq-order",
             metavar="ORDER",
-            help="how I and Q alternate in adc_data.bin, if not as described: IIQQ..",
+            help="how I and Q alternate in adc_data.bin, if not as described: IIQQ, "
+            "QQII, IQIQ, QIQI, I4Q4 or Q4I4",
         )
         sub.add_argument(
             "--allow-partial",
@@ -214,14 +220,26 @@ def _parser() -> argparse.ArgumentParser:
         )
         sub.add_argument("--json", action="store_true", help="print JSON and only that")
         if writes:
-            sub.add_argument("-o", "--output", metavar="DIR", required=True)
+            sub.add_argument(
+                "-o", "--output", metavar="DIR", required=True, help="made if need be"
+            )
         return sub
 
     add(info, writes=False)
     sub = add(points, writes=True)
-    sub.add_argument("--capacity", type=_at_least_1, default=1024, help="most points")
-    sub.add_argument("--detector", choices=("ca", "go", "so", "os"), default="os")
-    sub.add_argument("--false-alarm-rate", type=_rate, default=1e-3, metavar="RATE")
+    sub.add_argument(
+        "--capacity", type=_at_least_1, default=1024, metavar="N", help="most points"
+    )
+    sub.add_argument(
+        "--detector", choices=("ca", "go", "so", "os"), default="os", help="CFAR"
+    )
+    sub.add_argument(
+        "--false-alarm-rate",
+        type=_rate,
+        default=1e-3,
+        metavar="RATE",
+        help="of each cell of noise (default 0.001)",
+    )
     sub.add_argument("--remove-static", action="store_true", help="movers only")
     sub = add(enhance, writes=True)
     sub.add_argument("--weights", metavar="BUNDLE", required=True, help="bundle folder")
@@ -305,51 +323,14 @@ def _summary(recording, notes=()):
 
 def _print(result: dict[str, Any], as_json: bool) -> int:
     """The result on stdout, as JSON or as lines."""
-    text = json.dumps(result, indent=2) if as_json else "\n".join(_lines(result))
+    text = json.dumps(result, indent=2) if as_json else "\n".join(lines(result))
     print(text, flush=True)
     return 0
-
-
-def _lines(value: Any, indent: str = ""):
-    """Nested dictionaries and lists as indented lines."""
-    for key, item in value.items():
-        if isinstance(item, dict):
-            yield f"{indent}{key}"
-            yield from _lines(item, indent + "  ")
-        elif isinstance(item, list) and item and isinstance(item[0], dict):
-            yield f"{indent}{key}"
-            yield from (f"{indent}  {line}" for line in _table(item))
-        elif isinstance(item, list) and item and isinstance(item[0], str):
-            yield f"{indent}{key}"
-            yield from (f"{indent}  {text}" for text in item)
-        elif item or item == 0:
-            yield f"{indent}{key:<27} {_short(item)}"
-
-
-def _table(rows):
-    """Dictionaries with the same keys as lines of a table."""
-    cells = [[*rows[0]], *([_short(v) for v in row.values()] for row in rows)]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    for row in cells:
-        yield "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True))
 
 
 def _show_warning(message, *_args, **_kwargs):
     """A warning as one line, without the place in the code that a user cannot mend."""
     print(f"jradar: warning: {message}", file=sys.stderr)
-
-
-def _short(value):
-    """A value with as many digits as people read."""
-    if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1 else f"{value:.2f}"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, list) and value and isinstance(value[0], float):
-        return "  ".join(f"{number:.4g}" for number in value)
-    if value is None:
-        return "-"
-    return " x ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _exit_code(error):

@@ -16,6 +16,7 @@ FLOORS = {
     "files": 1,
     "types": 1,
     "nearest": 1,
+    "listing": 1,
     "progress": 1,
     "radar": 2,
     "range_image": 2,
