@@ -239,6 +239,17 @@ def test_parts_are_joined_in_the_order_of_their_numbers(write):
         open_dca1000(path, cfg)
 
 
+def test_file_that_changes_after_opening(write):
+    cubes = random_cubes(2)
+    path, cfg = write(as_bytes(cubes))
+    recording = open_dca1000(path, cfg)
+    path.write_bytes(as_bytes(cubes) + b"more")  # a recording that goes on
+    np.testing.assert_array_equal(frames_of(recording), cubes)
+    path.write_bytes(as_bytes(cubes)[:-1])
+    with pytest.raises(ValueError, match="adc_data.bin was cut while it was read"):
+        recording.cubes[1]
+
+
 @pytest.mark.parametrize("missing", [1, 2, 1199, 1200, 2399])
 def test_partial_frame_is_refused_or_left_out(write, missing):
     cubes = random_cubes(2)

@@ -1,5 +1,6 @@
 """Bags in three containers: clouds of every layout come back; stamps; damaged files."""
 
+import shutil
 import struct
 
 import numpy as np
@@ -56,6 +57,7 @@ STORES = {name: typestore(name) for name in CONTAINERS}
 def write_bag(folder, container, messages, compressed=False):
     """`messages` are (topic, type, bag time, function of the store: message)."""
     store = STORES[container]
+    folder.mkdir(exist_ok=True)
     path = folder / ("a.bag" if container == "bag" else container)
     if container == "bag":
         writer = rosbag1.Writer(path)
@@ -230,6 +232,18 @@ def write_raw(folder, container, store, *payloads):
         for i, payload in enumerate(payloads):
             writer.write(connection, START + i, payload)
     return path
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_bag_that_was_replaced_is_read_anew(tmp_path, container):
+    for count in (3, 5):
+        message = ("/l", LIVOX, START, livox(livox_rows(count), START))
+        written = write_bag(tmp_path / str(count), container, [message])
+        path = tmp_path / written.name
+        shutil.rmtree(path, ignore_errors=True)
+        path.unlink(missing_ok=True)
+        written.rename(path)
+        assert len(open_bag(path)[0]) == count
 
 
 def test_missing_returns_are_left_out(tmp_path):
