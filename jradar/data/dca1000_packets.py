@@ -187,9 +187,10 @@ def _runs_at(files, position, header_bytes, window):
             return []
         sequence, length, count = _header(files, position, header_bytes)
         if not _plausible(sequence, length, count):
+            hint = ", or a packet before it not full" if header_bytes == 10 else ""
             raise ValueError(
                 f"{_place(files, position)}: expected the header of a packet, found "
-                f"number {sequence}, {length} bytes after {count:,}: damaged?"
+                f"number {sequence}, {length} bytes after {count:,}: damaged{hint}?"
             )
         cut = position + header_bytes + length > files.size
         return [] if cut else [(count, position, length, 1)]

@@ -173,7 +173,7 @@ def _reader(path) -> Any:
     return _open_reader(path, os.getpid(), version)
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=64)
 def _open_reader(path, _process, _version):
     try:
         from rosbags import rosbag1, rosbag2

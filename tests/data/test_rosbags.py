@@ -1,5 +1,6 @@
 """Bags in three containers: clouds of every layout come back; stamps; damaged files."""
 
+import concurrent.futures
 import shutil
 import struct
 
@@ -244,6 +245,20 @@ def test_bag_that_was_replaced_is_read_anew(tmp_path, container):
         path.unlink(missing_ok=True)
         written.rename(path)
         assert len(open_bag(path)[0]) == count
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_threads_share_a_bag(tmp_path, container):
+    clouds = [livox_rows(50 + seed, seed) for seed in range(12)]
+    messages = [
+        ("/l", LIVOX, START + i, livox(rows, START + i))
+        for i, rows in enumerate(clouds)
+    ]
+    stream = open_bag(write_bag(tmp_path, container, messages))
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        read = [*pool.map(stream.__getitem__, [*range(12)] * 5)]
+    for i, cloud in enumerate(read):
+        np.testing.assert_array_equal(cloud, np.array(clouds[i % 12], "f4")[:, 1:5])
 
 
 def test_missing_returns_are_left_out(tmp_path):
