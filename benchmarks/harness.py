@@ -1,12 +1,14 @@
 """Timing: compiling apart from running, peers in the same interleaved rounds.
 
 A case is named after what is computed and its size, and holds our call and its peers'.
-All of them run once to compile and warm up; then rounds in random order, in which each
-call ends with its result ready. What counts is the ratio of medians to the best peer.
+All of them run once to compile and once to warm up, when a case may compare our result
+with the peers'; then rounds in random order, in which each call ends with its result
+ready. What counts is the ratio of medians to the best peer.
 """
 
 import random
 import statistics
+import sys
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -17,11 +19,16 @@ Call = Callable[[], Any]
 
 
 class Case(NamedTuple):
-    """Our call, and the peers' under their names."""
+    """Our call, and the peers' under their names.
+
+    `same(ours, peer)` says whether a peer's result is ours; None where the peers do
+    less than we do, or something else.
+    """
 
     name: str
     ours: Call
     peers: dict[str, Call]
+    same: Callable[[Any, Any], bool] | None = None
 
 
 class Timing(NamedTuple):
@@ -45,11 +52,16 @@ class Timing(NamedTuple):
 
 
 def measure(case: Case, *, seconds: float = 3.0, max_rounds: int = 200) -> Timing:
-    """Time a case for about `seconds`, at least five rounds."""
+    """Time a case for about `seconds`, at least five rounds.
+
+    Raises ValueError for a peer whose result is not ours.
+    """
     calls = {"": case.ours, **case.peers}
     first = {name: _elapsed(call) for name, call in calls.items()}
-    for call in calls.values():
-        _elapsed(call)
+    results = {name: jax.block_until_ready(call()) for name, call in calls.items()}
+    for name in case.peers:
+        if case.same and not case.same(results[""], results[name]):
+            raise ValueError(f"{case.name}: the result of {name} is not ours")
     times: dict[str, list[float]] = {name: [] for name in calls}
     begin = time.perf_counter()
     for count in range(max_rounds):
@@ -65,12 +77,15 @@ def measure(case: Case, *, seconds: float = 3.0, max_rounds: int = 200) -> Timin
 
 
 def available(peers: dict[str, Callable[[], Call]]) -> Iterator[tuple[str, Call]]:
-    """The peers whose packages are installed; each is made by a function."""
+    """The peers whose packages are installed; each is made by a function.
+
+    Says why another one is left out: an old package may be there and yet not import.
+    """
     for name, make in peers.items():
         try:
             yield name, make()
-        except ImportError:
-            continue
+        except (ImportError, AttributeError) as error:
+            print(f"without {name}: {error}", file=sys.stderr)
 
 
 def _elapsed(call):

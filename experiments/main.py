@@ -39,18 +39,19 @@ def main(argv: list[str]) -> int:
 
     from experiments import build
     from jradar.bundle import BundleError
-    from jradar.training import Interrupted, WorkdirLocked, lock_workdir
+    from jradar.files import FolderLocked, lock_folder
+    from jradar.training import Interrupted
 
     run = {"train": build.run_training, "eval": build.run_evaluation}[MODE.value]
     try:
-        with lock_workdir(workdir):
+        with lock_folder(workdir):
             run(config, workdir)
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code
     except (BundleError, ValueError, FloatingPointError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
-        codes = {BundleError: 5, ValueError: 2, WorkdirLocked: 3, OSError: 3}
+        codes = {BundleError: 5, ValueError: 2, FolderLocked: 3, OSError: 3}
         return next((c for kind, c in codes.items() if isinstance(error, kind)), 4)
     return 0
 

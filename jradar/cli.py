@@ -9,6 +9,7 @@ import argparse
 import json
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,16 +17,25 @@ from typing import Any
 from jradar import __version__
 
 CAPTURE_HELP = """\
-A capture is a complex .npy cube, with --radar naming the TOML file that describes the
-radar and the cube's axes, or the adc_data.bin of mmWave Studio and a DCA1000, with its
-log as --radar. Without --radar the only such file beside the capture is taken."""
+PATH names a recording:
+
+  cube.npy         complex samples; --radar names the TOML file that describes the
+                   radar and the cube's axes
+  adc_data.bin     of a DCA1000; --radar names the log of mmWave Studio, the .cfg of
+                   the mmWave SDK or a TOML file
+  a folder         a sequence of ColoRadar, such as 12_21_2020_ec_hallways_run0;
+                   --radar names calib/ where it is not inside, beside or above it
+
+Without --radar the only such file beside the recording is taken."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     options = _parser().parse_args(argv)
     try:
-        return _print(options.command(options), options.json)
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            return _print(options.command(options), options.json)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -40,53 +50,53 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
-    """What a capture holds: radar, derived limits, strongest echoes of a frame."""
-    cubes, cube = _open(options)
-    from jradar import radar as radar_room
+    """What a recording, a bag or a cloud holds, and whether it can be read."""
+    from jradar.data import describe, describe_file
 
+    if (found := describe_file(options.path)) is not None:
+        return found
+    recording, cube = _open(options)
     found = {}
-    window = _window(cubes.radar, (2, 2), (4, 4))
     for kind, remove_static in (("echoes", False), ("moving echoes", True)):
-        if remove_static and cubes.radar.num_chirps == 1:
+        if remove_static and recording.radar.num_chirps == 1:
             continue
-        cloud = radar_room.radar_points(
-            cube, cubes.radar, remove_static=remove_static, **window
-        )
-        found[kind] = _echoes(cloud, cubes.radar)
-    return {**_describe(cubes), "frame": options.frame, **found}
+        cloud = _points(cube, recording, remove_static=remove_static)
+        found[kind] = _echoes(cloud, recording.radar)
+    return {**describe(recording), "frame": options.frame, **found}
 
 
 def points(options: argparse.Namespace) -> dict[str, Any]:
     """Detections of a frame, as PLY, NPZ and a picture."""
-    cubes, cube = _open(options)
+    recording, cube = _open(options)
     from jradar import data, radar as radar_room, viz
     from jradar.range_image import ImageSpec
 
-    cloud = radar_room.radar_points(
+    radar = recording.radar
+    cloud = _points(
         cube,
-        cubes.radar,
+        recording,
         capacity=options.capacity,
         detector=options.detector,
         false_alarm_rate=options.false_alarm_rate,
         remove_static=options.remove_static,
-        **_window(cubes.radar, (2, 2), (4, 4)),
     )
     figure = viz.capture_figure(
         radar_room.power_map(cube, remove_static=options.remove_static),
-        cubes.radar,
+        radar,
         cloud,
-        ImageSpec(64, 64, max_range_m=cubes.radar.max_range_m),
-        title=f"{cubes.path.name}, frame {options.frame}",
+        ImageSpec(64, 64, max_range_m=radar.max_range_m),
+        lidar=data.nearest_scan(recording, options.frame),
+        title=f"{recording.name}, frame {options.frame}",
     )
     folder = Path(options.output)
     data.write_ply(folder / "radar.ply", cloud)
     data.write_npz(folder / "radar.npz", data.valid_points(cloud))
     viz.save_figure(figure, folder / "capture.png")
     return {
-        **_describe(cubes),
+        **_summary(recording),
         "frame": options.frame,
         "points": int(cloud.valid.sum()),
-        "echoes": _echoes(cloud, cubes.radar),
+        "echoes": _echoes(cloud, radar),
         "written": [str(folder / n) for n in ("radar.ply", "radar.npz", "capture.png")],
     }
 
@@ -96,20 +106,14 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     from jradar.bundle import load_bundle
 
     params, spec = load_bundle(options.weights)
-    cubes, cube = _open(options)
+    recording, cube = _open(options)
     import jax
 
     from jradar import data, diffusion, radar as radar_room, viz
     from jradar.pipeline import draw_range_image
     from jradar.range_image import condition_image, unproject
 
-    model_points = {**spec.points}
-    model_points |= _window(
-        cubes.radar,
-        model_points.pop("guard", (2, 2)),
-        model_points.pop("train", (4, 4)),
-    )
-    cloud = radar_room.radar_points(cube, cubes.radar, **model_points)
+    cloud = _points(cube, recording, **spec.points)
     image = jax.jit(
         lambda key, condition: draw_range_image(
             key,
@@ -133,18 +137,19 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         "trained on": f"{spec.trained_on}, radar {spec.radar.name}",
     }
     notes = []
-    if not cubes.radar.has_elevation:
+    if not recording.radar.has_elevation:
         notes.append(
             "this radar has one row of antennas and measures no elevation: the "
             "condition is flat, and heights in the result come from the model alone"
         )
     figure = viz.capture_figure(
         radar_room.power_map(cube),
-        cubes.radar,
+        recording.radar,
         cloud,
         spec.fine,
         dense=dense,
-        title=f"{cubes.path.name}, frame {options.frame}; weights: {spec.purpose}",
+        lidar=data.nearest_scan(recording, options.frame),
+        title=f"{recording.name}, frame {options.frame}; weights: {spec.purpose}",
     )
     folder = Path(options.output)
     names = ("radar.ply", "enhanced.ply", "enhanced.npz", "capture.png")
@@ -154,7 +159,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     data.write_npz(folder / names[2], columns)
     viz.save_figure(figure, folder / names[3])
     return {
-        **_describe(cubes, notes),
+        **_summary(recording, notes),
         "frame": options.frame,
         "weights": weights,
         "radar points": int(cloud.valid.sum()),
@@ -181,9 +186,24 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         sub.set_defaults(command=command)
-        sub.add_argument("capture", metavar="CAPTURE", help=".npy cube or adc_data.bin")
+        sub.add_argument("path", metavar="PATH", help="file or folder")
         sub.add_argument(
-            "--radar", metavar="FILE", help="TOML file or mmWave Studio log"
+            "--radar", metavar="FILE", help="TOML file, log, .cfg or calib folder"
+        )
+        sub.add_argument(
+            "--sensor",
+            choices=("single_chip", "cascade"),
+            help="radar of a ColoRadar sequence (single_chip where it has both)",
+        )
+        sub.add_argument(
+            "--iq-order",
+            metavar="ORDER",
+            help="how I and Q alternate in adc_data.bin, if not as described: IIQQ..",
+        )
+        sub.add_argument(
+            "--allow-partial",
+            action="store_true",
+            help="take the whole frames of an adc_data.bin that was cut off",
         )
         sub.add_argument("--frame", type=int, default=0, help="which frame (default 0)")
         sub.add_argument(
@@ -228,25 +248,41 @@ def _rate(text: str) -> float:
 
 
 def _open(options):
-    """The capture and the frame that the options name."""
-    from jradar.data import open_cubes
+    """The recording and its calibrated frame that the options name."""
+    from jradar.data import calibrated_cube, open_recording
 
-    cubes = open_cubes(
-        options.capture, options.radar, frames_as_chirps=options.frames_as_chirps
+    recording = open_recording(
+        options.path,
+        options.radar,
+        sensor=options.sensor,
+        frames_as_chirps=options.frames_as_chirps,
+        iq_order=options.iq_order,
+        allow_partial=options.allow_partial,
     )
-    if not 0 <= options.frame < len(cubes):
+    count = len(recording.cubes)
+    if not 0 <= options.frame < count:
         raise ValueError(
-            f"--frame {options.frame}: {cubes.path} has frames 0 to {len(cubes) - 1}"
+            f"--frame {options.frame}: {options.path} has frames 0 to {count - 1}"
         )
-    return cubes, cubes[options.frame]
+    return recording, calibrated_cube(recording, options.frame)
 
 
-def _window(radar, guard, train):
-    """CFAR window of the options, cut down to the radar's map."""
-    from jradar.radar import largest_window
+def _points(cube, recording, *, guard=(2, 2), train=(4, 4), **options):
+    """Points of a frame; CFAR window and angle bins are fitted to the radar."""
+    from jradar.radar import largest_window, radar_points
 
-    guard, train = largest_window(radar.cube_shape, guard, train)
-    return {"guard": guard, "train": train}
+    guard, train = largest_window(recording.radar.cube_shape, guard, train)
+    columns = int(recording.radar.virtual_positions[:, 0].max()) + 1
+    options.setdefault("num_azimuth", max(64, 1 << (columns - 1).bit_length()))
+    return radar_points(
+        cube,
+        recording.radar,
+        coupling=recording.coupling,
+        range_bias_m=recording.range_bias_m,
+        guard=guard,
+        train=train,
+        **options,
+    )
 
 
 def _echoes(cloud, radar):
@@ -256,23 +292,13 @@ def _echoes(cloud, radar):
     return [echo._asdict() for echo in strongest_echoes(cloud, radar)]
 
 
-def _describe(cubes, notes=()):
-    """A recording and its radar, for people and scripts."""
-    radar = cubes.radar
+def _summary(recording, notes=()):
+    """What commands that write say of the recording that they read."""
     return {
-        "capture": str(cubes.path),
-        "frames": len(cubes),
-        "radar": {
-            "name": radar.name,
-            "tx x rx x chirps x samples": list(radar.cube_shape),
-            "measures elevation": radar.has_elevation,
-            "range_resolution_m": radar.range_resolution_m,
-            "max_range_m": radar.max_range_m,
-            "velocity_resolution_mps": radar.velocity_resolution_mps,
-            "max_velocity_mps": radar.max_velocity_mps,
-            "wavelength_m": radar.wavelength_m,
-        },
-        "notes": [*cubes.notes, *notes],
+        "capture": str(recording.path),
+        "radar": recording.radar.name,
+        "frames": len(recording.cubes),
+        "notes": [*recording.notes, *notes],
     }
 
 
@@ -296,7 +322,7 @@ def _lines(value: Any, indent: str = ""):
             yield f"{indent}{key}"
             yield from (f"{indent}  {text}" for text in item)
         elif item or item == 0:
-            yield f"{indent}{key:<28}{_short(item)}"
+            yield f"{indent}{key:<27} {_short(item)}"
 
 
 def _table(rows):
@@ -307,12 +333,21 @@ def _table(rows):
         yield "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True))
 
 
+def _show_warning(message, *_args, **_kwargs):
+    """A warning as one line, without the place in the code that a user cannot mend."""
+    print(f"jradar: warning: {message}", file=sys.stderr)
+
+
 def _short(value):
     """A value with as many digits as people read."""
     if isinstance(value, float):
         return f"{value:.4g}" if abs(value) < 1 else f"{value:.2f}"
     if isinstance(value, bool):
         return "yes" if value else "no"
+    if isinstance(value, list) and value and isinstance(value[0], float):
+        return "  ".join(f"{number:.4g}" for number in value)
+    if value is None:
+        return "-"
     return " x ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 

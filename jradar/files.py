@@ -1,11 +1,37 @@
-"""Writing files so that nothing half-written is ever left behind."""
+"""Writing files so that nothing half-written is ever left behind, and locks."""
 
 import contextlib
+import fcntl
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+
+
+class FolderLocked(OSError):
+    """Another process holds the folder."""
+
+
+@contextlib.contextmanager
+def lock_folder(folder: Path | str) -> Iterator[None]:
+    """Hold a folder, which is made if need be; FolderLocked if another process does."""
+    path = Path(folder) / ".lock"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("a+") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            lock.seek(0)
+            holder = lock.read(20).strip() or "unknown"
+            raise FolderLocked(
+                f"another process ({holder}) is running in {folder}"
+            ) from error
+        lock.seek(0)
+        lock.truncate()
+        lock.write(f"{os.getpid()}\n")
+        lock.flush()
+        yield
 
 
 @contextlib.contextmanager

@@ -28,12 +28,20 @@ def test_ratio_is_to_the_fastest_peer():
     assert timing.best_peer == "fast" and timing.ratio == 0.5
 
 
-def test_peers_that_are_not_installed_are_left_out():
+def test_peers_that_are_not_installed_are_left_out(capsys):
     def missing():
         import no_such_package  # noqa: F401
 
     peers = dict(available({"there": lambda: print, "missing": missing}))
     assert peers == {"there": print}
+    assert "without missing: No module named 'no_such_pac" in capsys.readouterr().err
+
+
+def test_peer_with_another_result_is_refused():
+    peers = {"right": lambda: 1.0, "wrong": lambda: 2.0}
+    case = Case("x", lambda: 1.0, peers, same=lambda ours, peer: ours == peer)
+    with pytest.raises(ValueError, match="x: the result of wrong is not ours"):
+        measure(case, seconds=0.0)
 
 
 @pytest.mark.parametrize("room", ROOMS)

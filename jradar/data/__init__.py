@@ -1,6 +1,11 @@
 """Files and simulations to frames, and frames to training pairs.
 
-open_cubes                       a recording of ADC cubes, read lazily
+open_recording                   a file or folder of any format, as a Recording
+calibrated_cube, nearest_scan    what a recording knows of a frame
+describe, describe_file          what it holds, for people and scripts
+open_coloradar                   a sequence of ColoRadar; beside its radar, coloradar_
+ .. lidar, imu, poses, clouds, heatmaps
+SEQUENCES, scene, paper_split    ColoRadar's 52, as the paper divides them
 open_dca1000, advise_iq_order    captures of TI's DCA1000 card
 open_bag, bag_topics             LiDAR clouds in ROS bags
 open_capture                     both, poses and extrinsics: a capture of one's own
@@ -22,13 +27,35 @@ from jradar.data.clouds import (
     write_npz as write_npz,
     write_ply as write_ply,
 )
-from jradar.data.cubes import Cubes as Cubes, open_cubes as open_cubes
+from jradar.data.coloradar import (
+    Imu as Imu,
+    coloradar_clouds as coloradar_clouds,
+    coloradar_heatmaps as coloradar_heatmaps,
+    coloradar_imu as coloradar_imu,
+    coloradar_lidar as coloradar_lidar,
+    coloradar_poses as coloradar_poses,
+    open_coloradar as open_coloradar,
+)
+from jradar.data.coloradar_splits import (
+    SEQUENCES as SEQUENCES,
+    paper_split as paper_split,
+    scene as scene,
+)
+from jradar.data.cubes import open_recording as open_recording
 from jradar.data.dca1000 import open_dca1000 as open_dca1000
+from jradar.data.inspect import describe as describe, describe_file as describe_file
 from jradar.data.iq_order import advise_iq_order as advise_iq_order
 from jradar.data.pairs import (
     Pairs as Pairs,
     batch_indices as batch_indices,
     make_pairs as make_pairs,
+)
+from jradar.data.recording import (
+    Recording as Recording,
+    Stream as Stream,
+    calibrated_cube as calibrated_cube,
+    nearest_scan as nearest_scan,
+    radar_from_lidar as radar_from_lidar,
 )
 from jradar.data.rosbags import (
     LidarStream as LidarStream,

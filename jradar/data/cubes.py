@@ -1,101 +1,148 @@
-"""Recordings of raw ADC samples, read one frame at a time.
+"""`open_recording`: whatever a path names, as a `Recording`.
 
-Two kinds of file are read at this stage, each with a description of its radar:
-
-    cube.npy + radar.toml            complex samples, the axes named in [file]
-    adc_data.bin + LogFile.txt       mmWave Studio with a DCA1000, see `dca1000`
-
-A recording is a sequence of complex64 cubes [tx, rx, chirp, sample].
+cube.npy + radar.toml            complex samples, the axes named in [file]
+adc_data.bin + LogFile.txt       a DCA1000's samples, with the log of mmWave Studio
+adc_data.bin + radar.cfg         or the .cfg of TI's mmWave SDK, see `dca1000`
+sequence/                        of ColoRadar, see `coloradar`
 """
 
 import dataclasses
 import difflib
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from jradar.data import dca1000
+from jradar.data.coloradar import is_coloradar, open_coloradar
+from jradar.data.dca1000 import open_dca1000
+from jradar.data.recording import Recording, Stream
 from jradar.radar import RadarSpec
 from jradar.radar.readers import toml
 
 AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 MAX_BYTES = 64 << 30
+DESCRIPTIONS = {
+    ".npy": ("*.toml",),
+    ".bin": ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.toml"),
+}
+EXPECTED = (
+    "expected a .npy cube with the .toml that describes it, an adc_data.bin with its "
+    "mmWave Studio log, .cfg or .toml, or a sequence of ColoRadar, a folder with "
+    "single_chip/adc_samples or cascade/adc_samples"
+)
 
 
-class Cubes(Sequence):
-    """A recording: frames by index, its radar, and notes on what was mended."""
-
-    def __init__(self, path: Path, radar: RadarSpec, frames: np.ndarray):
-        """`frames` are [frame, tx, rx, chirp, sample], possibly mapped from a file."""
-        self.path, self.radar, self.notes = path, radar, list[str]()
-        self._frames = frames
-        if frames.shape[1:] != radar.cube_shape:
-            raise ValueError(
-                f"{path} holds frames of {frames.shape[1:]} [tx, rx, chirp, sample], "
-                f"{radar.name} needs {radar.cube_shape}: is it another radar's?"
-            )
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, index: int | slice) -> Any:
-        """Frame `index`; ValueError where a sample is not finite."""
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index}, {self.path} has {len(self)}")
-        cube = np.asarray(self._frames[index]).astype(np.complex64)
-        if bad := np.count_nonzero(~np.isfinite(cube)):
-            raise ValueError(
-                f"{self.path}: {bad:,} samples of frame {index} are not finite numbers"
-            )
-        return cube
-
-
-def open_cubes(
+def open_recording(
     path: Path | str,
     description: Path | str | None = None,
     *,
+    sensor: str | None = None,
     frames_as_chirps: bool = False,
-) -> Cubes:
-    """Open a recording; its description is looked for beside it if it is not given.
+    iq_order: str | None = None,
+    allow_partial: bool = False,
+) -> Recording:
+    """Open a recording of any kind; its description is looked for if it is not given.
 
-    `frames_as_chirps` makes one frame of a recording with one chirp per frame: slow
-    time then runs over the frames. Raises ValueError for what does not fit together.
+    `description` is the TOML file, log or .cfg of a file, or the `calib` folder of a
+    ColoRadar sequence, of which `sensor` picks the radar. `frames_as_chirps` makes one
+    frame of a recording with one chirp per frame: slow time then runs over the frames.
+    `iq_order` replaces what the description of an adc_data.bin says, `allow_partial`
+    takes the whole frames of one that was cut off. Raises ValueError for what does not
+    fit together.
     """
     path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"no such file: {path}")
+    if not path.exists():
+        raise FileNotFoundError(f"no such file or folder: {path}")
+    for name, value, taken in (
+        ("sensor", sensor, path.is_dir()),
+        ("iq_order", iq_order, path.suffix == ".bin"),
+        ("allow_partial", allow_partial or None, path.suffix == ".bin"),
+    ):
+        if value is not None and not taken:
+            raise ValueError(
+                f"{name} = {value!r} has no meaning for {path}: sensor is for "
+                "sequences of ColoRadar, iq_order and allow_partial for adc_data.bin"
+            )
+    if path.is_dir():
+        recording = _open_folder(path, description, sensor)
+    elif path.suffix == ".npy":
+        recording = _open_npy(path, _description(path, description))
+    elif path.suffix == ".bin":
+        recording = open_dca1000(
+            path,
+            _description(path, description),
+            iq_order=iq_order,
+            allow_partial=allow_partial,
+        )
+    else:
+        raise ValueError(f"{path} is no recording: {EXPECTED}")
+    return _frames_as_chirps(recording) if frames_as_chirps else recording
+
+
+def _open_folder(path: Path, description, sensor: str | None) -> Recording:
+    """A sequence of ColoRadar; for other folders an error that says what is in them."""
+    if is_coloradar(path):
+        return open_coloradar(path, sensor=sensor, calib=description)
+    inside = [*path.glob("*"), *path.glob("kitti/*")]
+    found = [p for p in inside if p.suffix in DESCRIPTIONS or is_coloradar(p)]
+    if found:
+        names = [str(p) for p in sorted(found)]
+        more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+        raise ValueError(
+            f"{path} is no recording itself, name one that it holds: "
+            f"{', '.join(names[:5])}{more}"
+        )
+    raise ValueError(f"{path} holds no recording: {EXPECTED}")
+
+
+def _description(path: Path, description: Path | str | None) -> Path:
+    """The description that was named, or the only file beside `path` that can be it."""
     if (size := path.stat().st_size) > MAX_BYTES:
         raise ValueError(f"{path} holds {size:,} bytes, at most {MAX_BYTES:,} are read")
-    description = Path(description) if description else _find_description(path)
-    if not description.is_file():
-        raise FileNotFoundError(f"no such radar description: {description}")
-    if path.suffix == ".npy":
-        cubes = _open_npy(path, description)
-    elif path.suffix == ".bin":
-        radar = RadarSpec.from_mmwave_studio_log(description)
-        cubes = Cubes(path, radar, dca1000.read_adc_data(path, radar))
-    else:
-        raise ValueError(f"{path}: expected a .npy cube or a mmWave Studio .bin file")
-    return _frames_as_chirps(cubes) if frames_as_chirps else cubes
-
-
-def _find_description(path):
-    """The only file beside `path` that can describe it."""
-    patterns = {".npy": ["*.toml"], ".bin": ["*LogFile*.txt", "*LogFile*.csv"]}
-    found = [f for p in patterns.get(path.suffix, []) for f in path.parent.glob(p)]
+    if description is not None:
+        if not Path(description).is_file():
+            raise FileNotFoundError(f"no such radar description: {description}")
+        return Path(description)
+    if "adc_samples" in path.parts:
+        raise ValueError(
+            f"{path} looks like one frame of ColoRadar: name the folder of its "
+            "sequence, and the frame with --frame"
+        )
+    patterns = DESCRIPTIONS[path.suffix]
+    found = sorted({f for p in patterns for f in path.parent.glob(p)})
     if len(found) != 1:
-        what = "no" if not found else f"{len(found)}"
+        names = f" ({', '.join(f.name for f in found[:5])})" if found else ""
         raise FileNotFoundError(
-            f"{what} radar descriptions beside {path}: name one with --radar"
+            f"{len(found) or 'no'} radar descriptions beside {path}{names}, looked for "
+            f"{', '.join(patterns)}: name one with --radar"
         )
     return found[0]
 
 
-def _open_npy(path, description):
+def _recording(path: Path, radar: RadarSpec, frames, read=None, notes=()) -> Recording:
+    """A recording of `frames` [frame, tx, rx, chirp, sample], mapped from a file.
+
+    `read(i)` returns a frame where it must be mended first.
+    """
+    if frames.shape[1:] != radar.cube_shape:
+        raise ValueError(
+            f"{path} holds frames of {frames.shape[1:]} [tx, rx, chirp, sample], "
+            f"{radar.name} needs {radar.cube_shape}: is it another radar's?"
+        )
+
+    def finite(index: int) -> np.ndarray:
+        frame = read(index) if read else frames[index]
+        cube = np.asarray(frame).astype(np.complex64)
+        if bad := np.count_nonzero(~np.isfinite(cube)):
+            raise ValueError(
+                f"{path}: {bad:,} samples of frame {index} are not finite numbers"
+            )
+        return cube
+
+    stream = Stream(finite, len(frames))
+    return Recording(path.stem, path, radar, stream, notes=tuple(notes))
+
+
+def _open_npy(path: Path, description: Path) -> Recording:
     """A cube that NumPy saved, its axes named in the description's [file] table."""
     radar = RadarSpec.from_toml(description)
     options = toml(description).get("file", {})
@@ -108,15 +155,16 @@ def _open_npy(path, description):
         raise ValueError(f"{path} is not a whole .npy file: {error}") from error
     if array.dtype.kind != "c":
         raise ValueError(f"{path} holds {array.dtype}, expected complex numbers")
-    cubes = Cubes(path, radar, _order_axes(array, axes, radar, path, description))
-    sample = np.asarray(cubes._frames[0])
-    if _is_wrapped(sample):
-        cubes._frames = _unwrap(np.asarray(cubes._frames))
-        cubes.notes.append(
-            "the samples were signed 16-bit numbers stored as unsigned ones "
-            "(65535 for -1): mended"
-        )
-    return cubes
+    frames = _order_axes(array, axes, radar, path, description)
+    if not len(frames):
+        raise ValueError(f"{path} holds no frames: its shape is {array.shape}")
+    if not _is_wrapped(np.asarray(frames[0])):
+        return _recording(path, radar, frames)
+    note = (
+        "the samples were signed 16-bit numbers stored as unsigned ones "
+        "(65535 for -1): mended"
+    )
+    return _recording(path, radar, frames, lambda i: _unwrap(frames[i]), [note])
 
 
 def _order_axes(array, axes, radar, path, description):
@@ -171,12 +219,12 @@ def _unwrap(cube):
     return real + 1j * imaginary
 
 
-def _frames_as_chirps(cubes):
+def _frames_as_chirps(recording: Recording) -> Recording:
     """One frame whose chirps are the frames of a recording of single chirps."""
-    radar = cubes.radar
+    radar, cubes, path = recording.radar, recording.cubes, recording.path
     if radar.num_chirps != 1 or radar.num_tx != 1 or not radar.frame_period_s:
         raise ValueError(
-            f"{cubes.path}: {radar.num_chirps} chirps of {radar.num_tx} transmitters "
+            f"{path}: {radar.num_chirps} chirps of {radar.num_tx} transmitters "
             f"per frame, frame period {radar.frame_period_s} s: frames can serve as "
             "chirps where each is one chirp of one transmitter, at a known period"
         )
@@ -186,7 +234,11 @@ def _frames_as_chirps(cubes):
         idle_time_s=radar.frame_period_s - radar.ramp_end_time_s,
         frame_period_s=0.0,
     )
-    frames = np.asarray(cubes._frames)[None, ..., 0, :].transpose(0, 2, 3, 1, 4)
-    merged = Cubes(cubes.path, slow, frames)
-    merged.notes = [*cubes.notes, f"{len(cubes)} frames were taken as chirps of one"]
-    return merged
+    return recording._replace(
+        radar=slow,
+        cubes=Stream(lambda _: np.concatenate([*cubes], axis=2), 1),
+        lost_bytes=None
+        if recording.lost_bytes is None
+        else recording.lost_bytes.sum(keepdims=True),
+        notes=(*recording.notes, f"{len(cubes)} frames were taken as chirps of one"),
+    )

@@ -203,20 +203,3 @@ def _does_not_fit(files, size, radar):
         f"bytes): {size // frame_bytes} whole frames; truncated (allow_partial reads "
         f"the whole ones)? {others}"
     )
-
-
-def read_adc_data(path: Path | str, radar: RadarSpec) -> np.ndarray:
-    """Frames [frame, tx, rx, chirp, sample] of a whole `adc_data.bin`, complex64.
-
-    Raises ValueError where the file is not a whole number of frames.
-    """
-    files = Files.of([Path(path)])
-    frame_bytes = 4 * int(np.prod(radar.cube_shape))
-    if not files.size or files.size % frame_bytes:
-        raise ValueError(_does_not_fit(files, files.size, radar))
-    return np.stack(
-        [
-            cube_of_words(files.read(at, at + frame_bytes).view("<i2"), radar, "IIQQ")
-            for at in range(0, files.size, frame_bytes)
-        ]
-    )

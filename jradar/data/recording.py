@@ -9,10 +9,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Array, Complex, Float, Int
 
-from jradar.lidar import Poses
-from jradar.radar import FrequencyPhase, RadarSpec
+from jradar.lidar import Poses, transform
+from jradar.radar import (
+    FrequencyPhase,
+    RadarSpec,
+    calibrate_channels,
+    calibrate_frequency_phase,
+)
 
 
 class Stream(Sequence):
@@ -23,11 +28,16 @@ class Stream(Sequence):
         read: Callable[[int], np.ndarray],
         count: int,
         stamps: np.ndarray | None = None,
+        notes: tuple[str, ...] = (),
     ):
-        """`read(i)` returns item i of `count`; `stamps` are seconds, float64 [item]."""
+        """`read(i)` returns item i of `count`; `stamps` are seconds, float64 [item].
+
+        `notes` say what is doubtful about the stream.
+        """
         if stamps is not None and len(stamps) != count:
             raise ValueError(f"{len(stamps)} stamps for {count} items")
-        self.stamps, self._read, self._count = stamps, read, count
+        self.stamps, self.notes = stamps, notes
+        self._read, self._count = read, count
 
     def __len__(self) -> int:
         return self._count
@@ -58,3 +68,53 @@ class Recording(NamedTuple):
     range_bias_m: float = 0.0  # of a TI .cfg; to subtract from ranges
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
     notes: tuple[str, ...] = ()  # what was mended or is doubtful, for people
+
+
+def calibrated_cube(
+    recording: Recording, frame: int
+) -> Complex[Array | np.ndarray, "tx rx chirp sample"]:
+    """A frame with the calibration of its antennas, where the recording holds any.
+
+    The coupling is not in it: that is subtracted from a spectrum.
+    """
+    cube, measured = recording.cubes[frame], recording.frequency_phase
+    if recording.channel_factors is not None:
+        cube = calibrate_channels(cube, recording.channel_factors)
+    if measured is not None:
+        cube = calibrate_frequency_phase(
+            cube,
+            measured.frequency,
+            measured.phase,
+            recording.radar,
+            calibration_slope_hz_per_s=measured.slope_hz_per_s,
+            calibration_rate_hz=measured.sample_rate_hz,
+        )
+    return cube
+
+
+def radar_from_lidar(recording: Recording) -> Float[np.ndarray, "4 4"] | None:
+    """Transform of LiDAR points to the radar's frame; None where it is not known."""
+    if recording.base_from_radar is None or recording.base_from_lidar is None:
+        return None
+    return np.linalg.inv(recording.base_from_radar) @ recording.base_from_lidar
+
+
+def nearest_scan(
+    recording: Recording, frame: int, *, tolerance_s: float = 0.05
+) -> Float[np.ndarray, "point 3"] | None:
+    """The returns of the LiDAR scan nearest in time to a frame, in the radar's frame.
+
+    Points at (0, 0, 0) are missing returns and left out. None where there is no scan
+    within `tolerance_s`, or stamps or transforms are not known.
+    """
+    cubes, lidar, move = recording.cubes, recording.lidar, radar_from_lidar(recording)
+    if lidar is None or move is None or not len(lidar):
+        return None
+    if cubes.stamps is None or lidar.stamps is None:
+        return None
+    apart = np.abs(lidar.stamps - cubes.stamps[frame])
+    if apart.min() > tolerance_s:
+        return None
+    xyz = lidar[int(apart.argmin())][:, :3]
+    kept = np.isfinite(xyz).all(1) & (xyz != 0).any(1)
+    return transform(move, xyz[kept])

@@ -11,6 +11,7 @@ compensate_tdm, directions       azimuth and elevation of each detection
 angle_spectrum, strongest_direction, spectrum_peaks              over all directions
 capon_spectrum, music_spectrum   azimuths closer than a beam width
 radar_points                     all of it
+all_cells, cell_points           directions of every cell first, detection afterwards
 Scatterers, simulate_cube        the way back: scatterers to an ADC cube
 """
 
@@ -27,6 +28,11 @@ from jradar.radar.calibration import (
     compensate_tdm as compensate_tdm,
     subtract_coupling as subtract_coupling,
 )
+from jradar.radar.cells import (
+    Cells as Cells,
+    all_cells as all_cells,
+    cell_points as cell_points,
+)
 from jradar.radar.cfar import (
     ca_cfar as ca_cfar,
     go_cfar as go_cfar,
@@ -41,14 +47,17 @@ from jradar.radar.coloradar_calib import (
     read_frequency_phase as read_frequency_phase,
 )
 from jradar.radar.direction import directions as directions
+from jradar.radar.echoes import (
+    Echo as Echo,
+    strongest_echoes as strongest_echoes,
+)
 from jradar.radar.multipliers import (
     false_alarm_multiplier as false_alarm_multiplier,
 )
 from jradar.radar.points import (
-    Echo as Echo,
+    DETECTORS as DETECTORS,
     detections_to_points as detections_to_points,
     radar_points as radar_points,
-    strongest_echoes as strongest_echoes,
 )
 from jradar.radar.sensor import RadarSpec as RadarSpec
 from jradar.radar.simulate import (

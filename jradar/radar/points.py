@@ -1,19 +1,16 @@
 """Detections to a point cloud: the paper's section III-A in one function."""
 
 import functools
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Int
 
-from jradar.radar import cfar
-from jradar.radar.calibration import compensate_tdm
+from jradar.radar import cells, cfar
+from jradar.radar.angle import Peaks, angle_spectrum, spectrum_peaks
+from jradar.radar.cells import ANGLES
 from jradar.radar.direction import directions
-from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import range_doppler
 from jradar.types import PointCloud
 
 DETECTORS = {
@@ -22,33 +19,24 @@ DETECTORS = {
     "so": cfar.so_cfar,
     "os": cfar.os_cfar,
 }
-ANGLES = ("num_azimuth", "num_elevation", "flip_azimuth", "flip_elevation", "refine")
 DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
+PLACES = ("radar", "capacity", "peaks", "range_bias_m", *ANGLES)
+SPECTRA = 64  # angle spectra that are held at a time
 
 
-class Echo(NamedTuple):
-    """A peak of the range-Doppler map; range and velocity are those of its bin."""
-
-    range_bin: int
-    range_m: float
-    doppler_bin: int
-    velocity_mps: float
-    azimuth_deg: float
-    elevation_deg: float
-    power_db: float
-    snr_db: float
-
-
-@functools.partial(jax.jit, static_argnames=("radar", "capacity", *DETECTION, *ANGLES))
+@functools.partial(jax.jit, static_argnames=(*PLACES, *DETECTION))
 def radar_points(
     cube: Complex[Array, "tx rx chirp sample"],
     radar: RadarSpec,
     *,
+    coupling: Complex[Array, "tx rx half_range"] | None = None,
+    range_bias_m: float = 0.0,
     capacity: int = 1024,
     detector: str = "os",
     false_alarm_rate: float = 1e-3,
     guard: tuple[int, int] = (2, 2),
     train: tuple[int, int] = (4, 4),
+    peaks: int = 1,
     num_azimuth: int = 64,
     num_elevation: int = 32,
     flip_azimuth: bool = False,
@@ -64,16 +52,17 @@ def radar_points(
     in ADC counts squared, SNR the power over the mean of the training cells. `refine`
     places range, velocity and angles between bins. Elevation is 0 for an array with one
     row. `flip_azimuth` and `flip_elevation` are for a sensor that is mounted the other
-    way round. Raises ValueError for a cube that is not the radar's.
+    way round.
+
+    `peaks` is how many targets a cell may show, each a point of its own, with power and
+    SNR in proportion to its peak among the cell's `spectrum_peaks`. `coupling` is what
+    `read_coupling` reads, and has the spectra made with the window that it asks for;
+    `range_bias_m` is subtracted from ranges; channels are calibrated beforehand, on the
+    cube. Raises ValueError for a cube that is not the radar's.
     """
-    if cube.shape != radar.cube_shape:
-        raise ValueError(
-            f"cube has shape {cube.shape}, {radar.name} needs [tx, rx, chirp, sample] "
-            f"= {radar.cube_shape}: one frame, or another radar?"
-        )
     if detector not in DETECTORS:
         raise ValueError(f"{detector=}, expected one of {[*DETECTORS]}")
-    spectrum, power = range_doppler(cube, remove_static=remove_static)
+    spectrum, power = cells.spectra(cube, radar, coupling, remove_static)
     mask = DETECTORS[detector](
         power,
         false_alarm_rate=false_alarm_rate,
@@ -88,7 +77,9 @@ def radar_points(
         noise,
         mask,
         radar,
+        range_bias_m=range_bias_m,
         capacity=capacity,
+        peaks=peaks,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
         flip_azimuth=flip_azimuth,
@@ -97,7 +88,7 @@ def radar_points(
     )
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "capacity", *ANGLES))
+@functools.partial(jax.jit, static_argnames=PLACES)
 def detections_to_points(
     spectrum: Complex[Array, "virtual doppler range"],
     power: Float[Array, "doppler range"],
@@ -105,7 +96,9 @@ def detections_to_points(
     mask: Bool[Array, "doppler range"],
     radar: RadarSpec,
     *,
+    range_bias_m: float = 0.0,
     capacity: int = 1024,
+    peaks: int = 1,
     num_azimuth: int = 64,
     num_elevation: int = 32,
     flip_azimuth: bool = False,
@@ -116,91 +109,47 @@ def detections_to_points(
 
     One frame; `vmap` it. Range bin 0, the sensor itself, is never a point.
     """
-    num_doppler, num_range = power.shape
-    candidates = jnp.where(mask, power, 0.0).at[:, 0].set(0.0).ravel()
-    strongest, cell = jax.lax.top_k(candidates, min(capacity, candidates.size))
-    padding = (0, capacity - cell.size)
-    strongest, cell = jnp.pad(strongest, padding), jnp.pad(cell, padding)
-    valid = strongest > 0
-
-    row, column = jnp.divmod(cell, num_range)
-    doppler_bin = (row - num_doppler // 2).astype(power.dtype)
-    range_bin = column.astype(power.dtype)
-    if refine:
-        left, right = jnp.maximum(column - 1, 0), jnp.minimum(column + 1, num_range - 1)
-        range_bin += parabola_offset(
-            power[row, left], power[row, column], power[row, right]
+    strongest, cell = cells.strongest_cells(power, mask, radar, capacity, range_bias_m)
+    range_bin, doppler_bin = cells.bins_of(power, cell, refine)
+    snapshot = cells.snapshots(spectrum, cell, doppler_bin, radar)
+    bins = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
+    options = {
+        "interpolate": refine,
+        "flip_azimuth": flip_azimuth,
+        "flip_elevation": flip_elevation,
+    }
+    floor = noise.ravel()[cell]
+    if peaks == 1:
+        azimuth, elevation = directions(snapshot, radar, **bins, **options)
+    else:
+        found = jax.lax.map(
+            lambda snapshot: spectrum_peaks(
+                angle_spectrum(snapshot, radar, **bins), radar, count=peaks, **options
+            ),
+            snapshot,
+            batch_size=SPECTRA,
         )
-    if refine and num_doppler > 2:
-        below, above = (row - 1) % num_doppler, (row + 1) % num_doppler
-        doppler_bin += parabola_offset(
-            power[below, column], power[row, column], power[above, column]
-        )
-
-    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    azimuth, elevation = directions(
-        compensate_tdm(snapshot, doppler_bin, radar),
-        radar,
-        num_azimuth=num_azimuth,
-        num_elevation=num_elevation,
-        interpolate=refine,
-        flip_azimuth=flip_azimuth,
-        flip_elevation=flip_elevation,
-    )
-    distance = range_bin * radar.range_resolution_m
-    ground = distance * jnp.cos(elevation)
-    xyz = [
-        ground * jnp.cos(azimuth),
-        ground * jnp.sin(azimuth),
-        distance * jnp.sin(elevation),
-    ]
-    snr = strongest / jnp.maximum(noise.ravel()[cell], 1e-30)
-    return PointCloud(
-        xyz=jnp.where(valid[:, None], jnp.stack(xyz, -1), 0.0),
-        valid=valid,
-        velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
-        power=strongest,
-        snr=jnp.where(valid, snr, 0.0),
+        strongest, azimuth, elevation, of = _strongest_peaks(strongest, found, capacity)
+        range_bin, doppler_bin, floor = range_bin[of], doppler_bin[of], floor[of]
+    return cells.cloud(
+        range_bin * radar.range_resolution_m - range_bias_m,
+        doppler_bin * radar.velocity_resolution_mps,
+        azimuth,
+        elevation,
+        strongest,
+        floor,
     )
 
 
-def strongest_echoes(
-    cloud: PointCloud,
-    radar: RadarSpec,
-    *,
-    count: int = 5,
-    min_range_m: float = 0.5,
-    apart: int = 3,
-) -> list[Echo]:
-    """The strongest points that are no neighbours of stronger ones, on the host.
+def _strongest_peaks(
+    power: Float[Array, " cell"], found: Peaks, capacity: int
+) -> tuple[Array, Array, Array, Int[Array, " point"]]:
+    """Power, azimuth, elevation and cell of the strongest peaks of all cells.
 
-    Takes one cloud of `radar_points`. Neighbours lie within `apart` bins of each other
-    in range and in velocity. What is nearer than `min_range_m` is left out: there the
-    coupling of the antennas is the strongest echo.
+    A cell's first peak has the cell's power, so that no weaker cell has one to add.
     """
-    valid = np.asarray(cloud.valid)
-    measured = (cloud.xyz, cloud.velocity, cloud.power, cloud.snr)
-    columns = (np.asarray(column)[valid] for column in measured)
-    echoes: list[Echo] = []
-    for xyz, velocity, power, snr in zip(*columns, strict=True):
-        distance = float(np.linalg.norm(xyz))
-        range_bin = round(distance / radar.range_resolution_m)
-        doppler_bin = round(float(velocity) / radar.velocity_resolution_mps)
-        echo = Echo(
-            range_bin=range_bin,
-            range_m=range_bin * radar.range_resolution_m,
-            doppler_bin=doppler_bin,
-            velocity_mps=doppler_bin * radar.velocity_resolution_mps,
-            azimuth_deg=float(np.degrees(np.arctan2(xyz[1], xyz[0]))),
-            elevation_deg=float(np.degrees(np.arcsin(xyz[2] / distance))),
-            power_db=float(10 * np.log10(power)),
-            snr_db=float(10 * np.log10(snr)),
-        )
-        neighbours = (
-            abs(echo.range_bin - other.range_bin) <= apart
-            and abs(echo.doppler_bin - other.doppler_bin) <= apart
-            for other in echoes
-        )
-        if distance >= min_range_m and len(echoes) < count and not any(neighbours):
-            echoes.append(echo)
-    return echoes
+    share = found.power / jnp.maximum(found.power[:, :1], 1e-30)
+    powers = jnp.where(found.valid, power[:, None] * share, 0.0)
+    strongest, peak = jax.lax.top_k(powers.ravel(), capacity)
+    azimuth, elevation = found.azimuth.ravel()[peak], found.elevation.ravel()[peak]
+    return strongest, azimuth, elevation, peak // found.power.shape[-1]

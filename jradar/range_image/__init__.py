@@ -7,6 +7,7 @@ encode_target, decode_target     image of metres to network values and back
 """
 
 from jradar.range_image.codec import (
+    CHANNELS as CHANNELS,
     condition_image as condition_image,
     decode_range as decode_range,
     decode_target as decode_target,

@@ -5,8 +5,8 @@ Pixels without a return hold no edge in the range channel: they are filled smoot
 from their neighbours and recognised by their validity, so that an average of the two
 never hangs a point between surfaces.
 
-The condition has three channels per slice: presence, where in the slice the point lies
-(-1 near, 1 far), and its power in decibels below the frame's strongest.
+The condition has up to three channels per slice: presence, where in the slice the point
+lies (-1 near, 1 far), and its power in decibels below the frame's strongest.
 """
 
 import functools
@@ -21,6 +21,7 @@ from jradar.range_image.projection import project_slices
 from jradar.types import PointCloud
 
 CODECS = ("log", "linear", "inverse")
+CHANNELS = ("presence", "range", "power")  # of each slice of the condition
 DYNAMIC_RANGE_DB = 60.0  # weaker points than this below the strongest count as 0
 
 Image = Float[Array, "*batch row column"]
@@ -79,14 +80,20 @@ def decode_target(
     return jnp.where(values[..., 1] > validity_threshold, range_m, 0.0)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
+@functools.partial(jax.jit, static_argnames=("spec", "num_slices", "channels"))
 def condition_image(
-    cloud: PointCloud, spec: ImageSpec, *, num_slices: int
+    cloud: PointCloud,
+    spec: ImageSpec,
+    *,
+    num_slices: int,
+    channels: tuple[str, ...] = CHANNELS,
 ) -> Float[Array, "row column channel"]:
-    """What the network sees of a radar cloud, `3 * num_slices` channels.
+    """What the network sees of a radar cloud, `len(channels) * num_slices` channels.
 
-    One cloud; `vmap` it.
+    One cloud; `vmap` it. Raises ValueError for a channel that there is not.
     """
+    if unknown := [name for name in channels if name not in CHANNELS]:
+        raise ValueError(f"channel {unknown[0]!r}, expected some of {CHANNELS}")
     slices = project_slices(cloud, spec, num_slices=num_slices)
     present = slices.range_m > 0
     steps = slices.range_m * (num_slices / spec.max_range_m)
@@ -94,7 +101,10 @@ def condition_image(
     strongest = jnp.maximum(slices.power.max(), 1e-30)
     below_db = 10 * jnp.log10(jnp.maximum(slices.power / strongest, 1e-30))
     power = jnp.where(present, jnp.clip(1 + below_db / DYNAMIC_RANGE_DB, 0.0, 1.0), 0.0)
-    return jnp.concatenate([present.astype(offset.dtype), offset, power], -1)
+    values = dict(
+        zip(CHANNELS, (present.astype(offset.dtype), offset, power), strict=True)
+    )
+    return jnp.concatenate([values[name] for name in channels], -1)
 
 
 def fill_misses(value: Image, hit: Bool[Array, "*batch row column"]) -> Image:

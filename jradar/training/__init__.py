@@ -4,14 +4,11 @@ TrainState, create_state         what a checkpoint holds
 make_train_step                  (state, key, batch) -> (state, metrics), pure
 train                            steps, progress, metrics.jsonl, checkpoints
 Checkpoints                      Orbax, with a digest of its own
-lock_workdir                     one process per workdir
 """
 
 from jradar.training.checkpoints import Checkpoints as Checkpoints
 from jradar.training.loop import (
     Interrupted as Interrupted,
-    WorkdirLocked as WorkdirLocked,
-    lock_workdir as lock_workdir,
     train as train,
 )
 from jradar.training.state import TrainState as TrainState, create_state as create_state

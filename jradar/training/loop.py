@@ -5,25 +5,24 @@ checkpoint when it is started again; lines of steps that are run once more are d
 so that the file reads like that of an uninterrupted run.
 """
 
+import collections
 import contextlib
-import fcntl
 import json
 import math
 import signal
-import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from jaxtyping import Array, Key
 
 from jradar.files import write_text
+from jradar.progress import progress
 from jradar.training.checkpoints import Checkpoints
 from jradar.training.state import TrainState
 from jradar.training.step import Batch, Step
 
-SECONDS_BETWEEN_LINES = 10.0
+SHOWN_MEAN = 100  # steps over which the shown loss is averaged
 
 
 class Interrupted(Exception):
@@ -33,23 +32,6 @@ class Interrupted(Exception):
         """`signal_number` is SIGINT or SIGTERM."""
         self.exit_code = 128 + signal_number
         super().__init__(f"interrupted: saved at step {step}, run again to go on")
-
-
-class WorkdirLocked(OSError):
-    """Another process holds the workdir."""
-
-
-@contextlib.contextmanager
-def lock_workdir(workdir: Path | str) -> Iterator[None]:
-    """Hold the workdir, which is made if need be; WorkdirLocked if another does."""
-    path = Path(workdir) / ".lock"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise WorkdirLocked(f"another process is running in {workdir}") from error
-        yield
 
 
 def train(
@@ -75,8 +57,12 @@ def train(
         state = checkpoints.restore(state) or state
         first = int(state.step)
         _drop_lines_from(metrics_path, first)
-        progress = _Progress(first, steps)
-        with _signals() as caught, metrics_path.open("a") as log:
+        recent = collections.deque(maxlen=SHOWN_MEAN)
+        with (
+            _signals() as caught,
+            metrics_path.open("a") as log,
+            progress("training", steps, first=first, unit="steps") as show,
+        ):
             for index in range(first, steps):
                 state, metrics = step(state, key, batch_at(index))
                 values = {name: float(value) for name, value in metrics.items()}
@@ -86,7 +72,8 @@ def train(
                         f"loss is {values['loss']} at step {index}: lower the learning "
                         "rate; the last checkpoint is kept"
                     )
-                progress.show(index + 1, values["loss"])
+                recent.append(values["loss"])
+                show(index + 1, f"loss {sum(recent) / len(recent):.4f}")
                 last = index + 1 == steps or bool(caught)
                 if last or (index + 1) % checkpoint_every == 0:
                     log.flush()
@@ -133,32 +120,3 @@ def _signals():
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
-
-
-class _Progress:
-    """A line on stderr: rewritten on a terminal, every ten seconds elsewhere."""
-
-    def __init__(self, first, steps):
-        self.first, self.steps = first, steps
-        self.shown = -math.inf
-        self.start = math.nan  # after the first step, which compiles
-        self.recent: list[float] = []
-
-    def show(self, done, loss):
-        now = time.monotonic()
-        if done == self.first + 1:
-            self.start = now
-        self.recent = [*self.recent[-99:], loss]
-        terminal = sys.stderr.isatty()
-        pause = 0.2 if terminal else SECONDS_BETWEEN_LINES
-        if now - self.shown < pause and done != self.steps:
-            return
-        self.shown = now
-        mean = sum(self.recent) / len(self.recent)
-        line = f"step {done}/{self.steps}  loss {mean:.4f}"
-        if now > self.start:
-            rate = (done - self.first - 1) / (now - self.start)
-            left = time.gmtime((self.steps - done) / rate)
-            line += f"  {rate:.2f} steps/s  left {time.strftime('%H:%M:%S', left)}"
-        end = "\n" if not terminal or done == self.steps else "\r"
-        print(f"{line:<72}", end=end, file=sys.stderr, flush=True)

@@ -3,6 +3,7 @@
 Range images are coloured by metres, misses are white.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jradar.files import atomic_path
-from jradar.radar import RadarSpec
+from jradar.radar import RadarSpec, direction_sines
 from jradar.range_image import ImageSpec, project
 from jradar.types import PointCloud
+
+STYLES = {
+    "LiDAR": ("tab:gray", 1),
+    "enhanced": ("tab:blue", 1),
+    "radar": ("tab:red", 6),
+}
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:
@@ -32,17 +39,25 @@ def capture_figure(
     image: ImageSpec,
     *,
     dense: PointCloud | None = None,
+    lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
 ) -> Figure:
     """One capture: range-Doppler map, clouds from above, range image.
 
-    `power` is the linear map, `dense` the enhanced cloud, if there is one.
+    `power` is the linear map, `dense` the enhanced cloud, if there is one, `lidar` what
+    a LiDAR saw, in the radar's frame: points ahead within the image's range are drawn.
     """
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     spectrum, above, front = figure.subplots(1, 3)
     figure.suptitle(title)
     _draw_spectrum(spectrum, np.asarray(power), radar)
-    clouds = {"radar": cloud} if dense is None else {"enhanced": dense, "radar": cloud}
+    clouds = {}
+    if lidar is not None:
+        near = np.linalg.norm(lidar, axis=1) <= image.max_range_m
+        clouds["LiDAR"] = lidar[near & (lidar[:, 0] > 0)]
+    for name, drawn in (("enhanced", dense), ("radar", cloud)):
+        if drawn is not None:
+            clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
     _draw_above(above, clouds)
     _draw_image(front, project(dense or cloud, image), image)
     front.set_title(
@@ -66,6 +81,35 @@ def samples_figure(columns: dict[str, np.ndarray], image: ImageSpec) -> Figure:
     return figure
 
 
+def angle_spectra_figure(
+    spectra: dict[str, Float[ArrayLike, " azimuth"]],
+    radar: RadarSpec,
+    *,
+    targets_deg: Sequence[float] = (),
+    title: str = "",
+) -> Figure:
+    """Spectra over the bins of `direction_sines`, each in decibels below its peak.
+
+    `targets_deg` are the azimuths where targets truly are.
+    """
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for i, azimuth in enumerate(targets_deg):
+        label = "_" if i else "targets"  # once in the legend
+        axes.axvline(azimuth, color="k", linestyle=":", linewidth=1, label=label)
+    for name, power in spectra.items():
+        power = np.asarray(power)
+        u, _ = direction_sines(radar, num_azimuth=len(power))
+        seen = np.abs(u) <= 1
+        level = 10 * np.log10(power[seen] / power[seen].max() + 1e-30)
+        axes.plot(np.degrees(np.arcsin(u[seen])), level, label=name)
+    axes.set(title=title, xlabel="azimuth (degrees), left is positive")
+    axes.set(ylabel="relative to the peak (dB)", xlim=(60, -60), ylim=(-45, 2))
+    axes.grid(alpha=0.3)
+    axes.legend(loc="upper left")
+    return figure
+
+
 def _draw_spectrum(axes: Axes, power, radar):
     """Power in decibels over velocity and range."""
     level = 10 * np.log10(power + power.max() * 1e-12 + 1e-30)
@@ -84,13 +128,8 @@ def _draw_spectrum(axes: Axes, power, radar):
 
 def _draw_above(axes: Axes, clouds):
     """Clouds from above: x up, y to the left."""
-    for (name, cloud), colour, size in zip(
-        clouds.items(),
-        ("tab:blue", "tab:red")[-len(clouds) :],
-        (1, 6)[-len(clouds) :],
-        strict=True,
-    ):
-        xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+    for name, xyz in clouds.items():
+        colour, size = STYLES[name]
         axes.scatter(xyz[:, 1], xyz[:, 0], s=size, c=colour, linewidths=0, label=name)
     axes.plot(0, 0, "k^")
     axes.set(title="from above", xlabel="y, left (m)", ylabel="x, forward (m)")

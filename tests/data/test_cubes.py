@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jradar.data import open_cubes
+from jradar.data import open_recording
 
 RADAR = """
 [radar]
@@ -61,8 +61,9 @@ def save_studio(folder, cubes, log=LOG):
 def test_named_axes_are_put_in_order(tmp_path, axes, order, shape):
     cube = random_cube()
     array = cube.transpose(order).reshape(shape or np.array(SHAPE)[[*order]])
-    cubes = open_cubes(save(tmp_path, array, axes))
-    assert len(cubes) == 1 and not cubes.notes
+    recording = open_recording(save(tmp_path, array, axes))
+    cubes = recording.cubes
+    assert len(cubes) == 1 and not recording.notes
     assert cubes[0].dtype == np.complex64
     np.testing.assert_array_equal(cubes[0], cube)
 
@@ -70,13 +71,13 @@ def test_named_axes_are_put_in_order(tmp_path, axes, order, shape):
 def test_frames_are_a_sequence(tmp_path):
     many = random_cube((3, *SHAPE))
     axes = ["frame", "tx", "rx", "chirp", "sample"]
-    cubes = open_cubes(save(tmp_path, many, axes))
+    cubes = open_recording(save(tmp_path, many, axes)).cubes
     assert len(cubes) == 3
     np.testing.assert_array_equal(cubes[2], many[2])
     np.testing.assert_array_equal(cubes[-1], many[2])
     np.testing.assert_array_equal(np.stack([*cubes]), many)
     np.testing.assert_array_equal(np.stack(cubes[1:]), many[1:])
-    with pytest.raises(IndexError, match="frame 3, .* has 3"):
+    with pytest.raises(IndexError, match="item 3 of 3"):
         cubes[3]
 
 
@@ -85,35 +86,38 @@ def test_unsigned_samples_are_mended_and_said(tmp_path):
     wrapped = np.where(cube.real < 0, cube.real + 65536, cube.real) + 1j * np.where(
         cube.imag < 0, cube.imag + 65536, cube.imag
     )
-    cubes = open_cubes(save(tmp_path, wrapped.astype(np.complex128)))
-    assert "stored as unsigned" in cubes.notes[0]
-    np.testing.assert_array_equal(cubes[0], cube)
+    recording = open_recording(save(tmp_path, wrapped.astype(np.complex128)))
+    assert "stored as unsigned" in recording.notes[0]
+    np.testing.assert_array_equal(recording.cubes[0], cube)
 
 
 def test_positive_samples_are_left_alone(tmp_path):
     cube = np.abs(random_cube().real) + 1j * np.abs(random_cube().imag)
-    cubes = open_cubes(save(tmp_path, cube))
-    assert not cubes.notes
-    np.testing.assert_array_equal(cubes[0], cube)
+    recording = open_recording(save(tmp_path, cube))
+    assert not recording.notes
+    np.testing.assert_array_equal(recording.cubes[0], cube)
 
 
 def test_studio_file_written_byte_by_byte(tmp_path):
     many = random_cube((3, *SHAPE))
-    cubes = open_cubes(save_studio(tmp_path, many))
-    assert len(cubes) == 3 and cubes.radar.frame_period_s == pytest.approx(1e-3)
-    np.testing.assert_array_equal(np.stack([*cubes]), many)
+    recording = open_recording(save_studio(tmp_path, many))
+    assert recording.radar.frame_period_s == pytest.approx(1e-3)
+    assert len(recording.cubes) == 3
+    np.testing.assert_array_equal(np.stack([*recording.cubes]), many)
 
 
 def test_frames_of_one_chirp_serve_as_slow_time(tmp_path):
     log = LOG.replace("FrameConfig,0,1,3,4,", "FrameConfig,0,0,5,1,")
     many = random_cube((5, 1, 4, 1, 8))
     path = save_studio(tmp_path, many, log)
-    cubes = open_cubes(path, frames_as_chirps=True)
-    assert len(cubes) == 1 and "5 frames were taken as chirps" in cubes.notes[0]
-    np.testing.assert_array_equal(cubes[0], many[:, :, :, 0].transpose(1, 2, 0, 3))
-    assert cubes.radar.turn_period_s == pytest.approx(1e-3)
+    merged = open_recording(path, frames_as_chirps=True)
+    assert len(merged.cubes) == 1
+    assert "5 frames were taken as chirps" in merged.notes[-1]
+    slow_time = many[:, :, :, 0].transpose(1, 2, 0, 3)
+    np.testing.assert_array_equal(merged.cubes[0], slow_time)
+    assert merged.radar.turn_period_s == pytest.approx(1e-3)
     with pytest.raises(ValueError, match="4 chirps of 2 transmitters"):
-        open_cubes(
+        open_recording(
             save_studio(tmp_path, random_cube((3, *SHAPE))), frames_as_chirps=True
         )
 
@@ -123,12 +127,12 @@ def test_truncated_studio_file_is_refused(tmp_path, cut):
     path = save_studio(tmp_path, random_cube((3, *SHAPE)))
     path.write_bytes(path.read_bytes()[:-cut])
     if cut == 1024:  # a whole frame is missing: two are left
-        assert len(open_cubes(path)) == 2
+        assert len(open_recording(path).cubes) == 2
         return
     with pytest.raises(
         ValueError, match=r"holds .* needs a multiple of 1,024 .* 2 whole"
     ):
-        open_cubes(path)
+        open_recording(path)
 
 
 @pytest.mark.parametrize("keep", [0, 3, 60, 100, -1])
@@ -136,20 +140,20 @@ def test_truncated_npy_is_refused(tmp_path, keep):
     path = save(tmp_path, random_cube())
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(ValueError, match="not a whole .npy file"):
-        open_cubes(path)
+        open_recording(path)
 
 
 def test_pickles_and_lying_headers_are_refused(tmp_path):
     path = save(tmp_path, random_cube())
     np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(ValueError, match="not a whole .npy file"):
-        open_cubes(path)
+        open_recording(path)
     header = np.lib.format.header_data_from_array_1_0(random_cube())
     with path.open("wb") as file:
         header["shape"] = (10**6, 10**6)
         np.lib.format.write_array_header_1_0(file, header)
     with pytest.raises(ValueError, match="not a whole .npy file"):
-        open_cubes(path)
+        open_recording(path)
 
 
 @pytest.mark.parametrize(
@@ -166,34 +170,62 @@ def test_pickles_and_lying_headers_are_refused(tmp_path):
 )
 def test_what_does_not_fit_together_is_refused(tmp_path, array, axes, message):
     with pytest.raises(ValueError, match=message):
-        open_cubes(save(tmp_path, array, axes))
+        open_recording(save(tmp_path, array, axes))
 
 
 def test_samples_that_are_not_numbers_are_refused(tmp_path):
     cube = random_cube()
     cube[0, 0, 1, 2:5] = np.nan
     with pytest.raises(ValueError, match="3 samples of frame 0 are not finite"):
-        open_cubes(save(tmp_path, cube))[0]
+        open_recording(save(tmp_path, cube)).cubes[0]
 
 
 def test_missing_files_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no such file: .*cube.npy"):
-        open_cubes(tmp_path / "cube.npy")
+    with pytest.raises(FileNotFoundError, match="no such file or folder: .*cube.npy"):
+        open_recording(tmp_path / "cube.npy")
     path = save(tmp_path, random_cube())
     with pytest.raises(FileNotFoundError, match="no such radar description"):
-        open_cubes(path, tmp_path / "other.toml")
+        open_recording(path, tmp_path / "other.toml")
     (tmp_path / "second.toml").write_text(RADAR)
     with pytest.raises(FileNotFoundError, match="2 radar descriptions beside"):
-        open_cubes(path)
+        open_recording(path)
     for extra in tmp_path.glob("*.toml"):
         extra.unlink()
     with pytest.raises(FileNotFoundError, match="no radar descriptions beside"):
-        open_cubes(path)
+        open_recording(path)
 
 
 def test_real_studio_capture(samples):
     path = samples / "dca1000" / "adc_data_0.bin"
-    cubes = open_cubes(path)
+    cubes = open_recording(path).cubes
     assert len(cubes) == 1000 and cubes[0].shape == (1, 4, 1, 256)
-    merged = open_cubes(path, frames_as_chirps=True)
+    merged = open_recording(path, frames_as_chirps=True).cubes
     assert merged[0].shape == (1, 4, 1000, 256)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda d: d / "cube.txt", r"cube.txt is no recording: expected a .npy cube"),
+        (lambda d: d / "empty", "empty holds no recording: expected a .npy cube"),
+        (lambda d: d, r"is no recording itself, name one that it holds: .*cube.npy"),
+    ],
+)
+def test_what_is_no_recording_is_told_what_was_looked_for(tmp_path, make, message):
+    (tmp_path / "cube.txt").write_text("1")
+    (tmp_path / "empty").mkdir()
+    save(tmp_path, random_cube())
+    with pytest.raises(ValueError, match=message):
+        open_recording(make(tmp_path))
+
+
+@pytest.mark.parametrize("option", [{"sensor": "cascade"}, {"iq_order": "iq"}])
+def test_options_of_other_formats_are_refused(tmp_path, option):
+    with pytest.raises(ValueError, match="has no meaning for .*cube.npy"):
+        open_recording(save(tmp_path, random_cube()), **option)
+
+
+def test_no_frames_are_no_recording(tmp_path):
+    axes = ["frame", "tx", "rx", "chirp", "sample"]
+    with pytest.raises(ValueError, match="holds no frames"):
+        open_recording(save(tmp_path, random_cube((0, *SHAPE)), axes))

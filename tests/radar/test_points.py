@@ -125,6 +125,36 @@ def test_points_are_padded_and_strongest_first():
     assert everything.valid.sum() == 32 * 63  # all but the bins at range 0
 
 
+@pytest.mark.parametrize(
+    ("radar", "degrees", "options"),
+    [
+        (SMALL, (25, -30), {}),
+        (RadarSpec.cascade(), (3, -4), CASCADE_WINDOW),
+    ],
+    ids=["awr1843", "cascade"],
+)
+def test_two_targets_in_a_cell_are_two_points(radar, degrees, options):
+    distance, (left, right) = 16 * radar.range_resolution_m, np.radians(degrees)
+    both = Scatterers(
+        xyz=distance * jnp.array([[np.cos(a), np.sin(a), 0] for a in (left, right)]),
+        velocity=jnp.zeros(2),
+        amplitude=jnp.array([100.0, 90.0]),
+    )
+    cube = simulate_cube(jax.random.key(0), both, radar, noise_power=1.0)
+
+    options = {"capacity": 8, "detector": "ca", **options}
+    one, two = (radar_points(cube, radar, peaks=n, **options) for n in (1, 2))
+    half_a_beam = 1 / (radar.virtual_positions[:, 0].max() + 1)  # in direction sines
+    sines = np.sin(spherical(two.xyz[:2])[1])
+    np.testing.assert_allclose(sorted(sines), np.sin([right, left]), atol=half_a_beam)
+    np.testing.assert_allclose(spherical(two.xyz[:2])[0], distance, rtol=0.01)
+    assert two.power[0] == pytest.approx(one.power[0])
+    assert two.power[1] > two.power[0] / 4
+    np.testing.assert_allclose(two.xyz[0], one.xyz[0], atol=0.1)
+    assert two.snr[1] / two.snr[0] == pytest.approx(two.power[1] / two.power[0])
+    assert (np.diff(two.power) <= 0).all()
+
+
 def test_vmap_equals_the_loop():
     keys = jax.random.split(jax.random.key(0), 3)
     cubes = jnp.stack(
@@ -138,6 +168,18 @@ def test_vmap_equals_the_loop():
         alone = radar_points(cube, SMALL, capacity=16)
         for one, many in zip(alone, batch, strict=True):
             np.testing.assert_allclose(one, many[i], rtol=1e-4, atol=1e-4)
+
+
+def test_one_target_in_a_cell_is_one_point_however_many_are_looked_for():
+    cube = simulate_cube(jax.random.key(0), target(5, 20, 5, 1), SMALL, noise_power=0.1)
+    options = {"capacity": 64, "detector": "ca", "false_alarm_rate": 1e-12}
+    one = radar_points(cube, SMALL, **options)
+    three = radar_points(cube, SMALL, peaks=3, **options)
+    assert 0 < one.valid.sum() < 64
+    np.testing.assert_array_equal(one.valid, three.valid)
+    np.testing.assert_allclose(one.power, three.power)
+    azimuth, azimuth_of_three = (spherical(cloud.xyz[:1])[1] for cloud in (one, three))
+    np.testing.assert_allclose(azimuth, azimuth_of_three, atol=0.01)
 
 
 def test_gradients_reach_the_cube_through_power_and_angles():

@@ -1,4 +1,4 @@
-"""Training: exact resumption, digests, torn logs, NaN, signals, locks, EMA."""
+"""Training: exact resumption, digests, torn logs, NaN, signals, EMA."""
 
 import json
 import os
@@ -16,9 +16,7 @@ from jradar.training import (
     Checkpoints,
     Interrupted,
     TrainState,
-    WorkdirLocked,
     create_state,
-    lock_workdir,
     make_train_step,
     train,
 )
@@ -159,15 +157,6 @@ def test_signal_saves_and_the_run_goes_on(start, tmp_path, number):
         run(start, tmp_path / "a", 6, batch_at=interrupting)
     assert stop.value.exit_code == 128 + number
     assert_equal_trees(run(start, tmp_path / "a", 6), run(start, tmp_path / "b", 6))
-
-
-def test_workdir_has_one_owner(tmp_path):
-    with lock_workdir(tmp_path / "new"):
-        with pytest.raises(WorkdirLocked, match="another process is running in"):
-            with lock_workdir(tmp_path / "new"):
-                pass
-    with lock_workdir(tmp_path / "new"):
-        pass
 
 
 def test_state_is_a_plain_tree(start):

@@ -1,0 +1,155 @@
+"""One radar frame and its LiDAR scan to what a record holds (sections III-A, V-A)."""
+
+import dataclasses
+import functools
+
+import jax
+import numpy as np
+
+from jradar.data.matching import Matches, match_nearest
+from jradar.data.recording import Recording, calibrated_cube
+from jradar.data.records import PreparedFrame
+from jradar.lidar import LidarSpec, LidarSteps, interpolate_poses, preprocess
+from jradar.radar import (
+    DETECTORS,
+    Cells,
+    RadarSpec,
+    all_cells,
+    cell_points,
+    largest_window,
+)
+from jradar.types import PointCloud
+
+
+@dataclasses.dataclass(frozen=True)
+class PrepareSpec:
+    """How frames are prepared; the manifest holds it.
+
+    The visibility filter needs radar points that can be trusted, so it has a detection
+    rate of its own; the condition's approaches 1 (section III-A).
+    """
+
+    capacity: int = 1024  # points of the radar cloud
+    detector: str = "os"
+    false_alarm_rate: float = 1.0
+    visible_false_alarm_rate: float = 1e-3
+    guard: tuple[int, int] = (2, 2)  # cells in (doppler, range)
+    train: tuple[int, int] = (4, 4)
+    flip_azimuth: bool = False
+    flip_elevation: bool = False
+    tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
+    block: int = 32  # frames of a shard
+    lidar: LidarSpec = LidarSpec()
+
+
+def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
+    """The recording's matched frames; ValueError where it has no LiDAR or no times."""
+    lidar, cubes = recording.lidar, recording.cubes
+    if lidar is None or lidar.stamps is None or cubes.stamps is None:
+        lacks = "no LiDAR" if lidar is None else "no time stamps"
+        raise ValueError(
+            f"{recording.path} has {lacks}: training pairs need both sensors and their "
+            "times; describe the recording in a capture.toml"
+        )
+    span = (-np.inf, np.inf)
+    if (poses := recording.poses) is not None:
+        span = (float(poses.stamps[0]), float(poses.stamps[-1]))
+    return match_nearest(
+        cubes.stamps, lidar.stamps, tolerance_s=spec.tolerance_s, span=span
+    )
+
+
+def prepare_frame(
+    recording: Recording, radar_index: int, lidar_index: int, spec: PrepareSpec
+) -> tuple[PreparedFrame, LidarSteps]:
+    """One radar frame with its LiDAR scan, and the steps on the way; on the host."""
+    assert recording.lidar is not None
+    stamp, lidar_stamp = (
+        float(stream.stamps[i])
+        for stream, i in (
+            (recording.cubes, radar_index),
+            (recording.lidar, lidar_index),
+        )
+    )
+    cube = calibrated_cube(recording, radar_index)
+    cells, cloud, trusted = radar_side(
+        cube, recording.coupling, recording.radar, spec, recording.range_bias_m
+    )
+    world_from_radar, world_from_lidar = sensor_poses(recording, stamp, lidar_stamp)
+    trusted_xyz = np.asarray(trusted.xyz)[np.asarray(trusted.valid)]
+    steps = preprocess(
+        recording.lidar[lidar_index][:, :3],
+        trusted_xyz,
+        radar_from_lidar=np.linalg.inv(world_from_radar) @ world_from_lidar,
+        spec=spec.lidar,
+    )
+    known = recording.poses is not None
+    frame = PreparedFrame(
+        sequence=recording.name,
+        frame=radar_index,
+        stamp=stamp,
+        lidar_stamp=lidar_stamp,
+        world_from_radar=world_from_radar if known else np.full((4, 4), np.nan),
+        cells=jax.tree.map(np.asarray, cells),
+        radar=jax.tree.map(np.asarray, cloud),
+        lidar_xyz=steps.xyz[steps.visible],
+    )
+    return frame, steps
+
+
+def sensor_poses(
+    recording: Recording, stamp: float, lidar_stamp: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """World from radar and world from LiDAR, each at its own time, on the host.
+
+    Without a trajectory the rig stands still, and the world is its base.
+    """
+    base = np.stack([np.eye(4)] * 2)
+    if recording.poses is not None:
+        base = interpolate_poses(recording.poses, np.array([stamp, lidar_stamp]))
+        if not np.isfinite(base[1]).all():  # a scan just beyond the trajectory's end
+            base[1] = base[0]
+    mounted = [
+        np.eye(4) if matrix is None else matrix
+        for matrix in (recording.base_from_radar, recording.base_from_lidar)
+    ]
+    return base[0] @ mounted[0], base[1] @ mounted[1]
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "spec", "range_bias_m"))
+def radar_side(
+    cube, coupling, radar: RadarSpec, spec: PrepareSpec, range_bias_m: float
+) -> tuple[Cells, PointCloud, PointCloud]:
+    """Cells of a cube, the condition's cloud and that of the visibility filter."""
+    guard, train = largest_window(radar.cube_shape, spec.guard, spec.train)
+    cells = all_cells(
+        cube,
+        radar,
+        coupling=coupling,
+        flip_azimuth=spec.flip_azimuth,
+        flip_elevation=spec.flip_elevation,
+    )
+
+    def points(rate):
+        mask = DETECTORS[spec.detector](
+            cells.power,
+            false_alarm_rate=rate,
+            channels=radar.num_virtual,
+            guard=guard,
+            train=train,
+        )
+        return cell_points(
+            cells,
+            mask,
+            radar,
+            capacity=spec.capacity,
+            guard=guard,
+            train=train,
+            range_bias_m=range_bias_m,
+        )
+
+    return (
+        cells,
+        points(spec.false_alarm_rate),
+        points(spec.visible_false_alarm_rate),
+    )

@@ -1,0 +1,128 @@
+"""Prepared frames to batches of images, each a pure function of (seed, step).
+
+Images are made on reading, so that one preparation serves every size of image and every
+number of slices. `source` is anything with `len` and `source[i]` that gives prepared
+frames: `Records`, or a list of them held in memory.
+"""
+
+import concurrent.futures
+import functools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from jradar.data.records import EXTRA, PreparedFrame
+from jradar.range_image import CHANNELS, ImageSpec, condition_image, project
+from jradar.types import PointCloud
+
+
+class Pair(NamedTuple):
+    """What goes into the network and what should come out; batches stack them."""
+
+    condition: Float[np.ndarray, "*batch row column channel"]
+    lidar: Float[np.ndarray, "*batch lidar_row lidar_column"]  # metres, 0 for a miss
+
+
+class PairSource(Sequence):
+    """Images of the frames in `source`, made when asked for."""
+
+    def __init__(
+        self,
+        source: Sequence[PreparedFrame],
+        coarse: ImageSpec,
+        fine: ImageSpec,
+        *,
+        num_slices: int,
+        channels: tuple[str, ...] = CHANNELS,
+    ):
+        """`coarse` is the view of the condition, `fine` that of the LiDAR."""
+        self._source, self._fine = source, fine
+        self._condition = functools.partial(
+            condition_image, spec=coarse, num_slices=num_slices, channels=channels
+        )
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def __getitem__(self, index: int | slice) -> Any:
+        """Pair `index`."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        frame = self._source[index]
+        return Pair(
+            np.asarray(self._condition(frame.radar)),
+            lidar_image(frame.lidar_xyz, self._fine),
+        )
+
+
+def lidar_image(
+    xyz: Float[np.ndarray, "point 3"], spec: ImageSpec
+) -> Float[np.ndarray, "row column"]:
+    """Range image of a LiDAR cloud of any size, on the host; 0 where no point fell.
+
+    Padded to the next power of two, so that few sizes are compiled.
+    """
+    size = max(1024, 1 << (len(xyz) - 1).bit_length()) if len(xyz) else 1024
+    padded = np.zeros((size, 3), np.float32)
+    padded[: len(xyz)] = xyz
+    valid = np.arange(size) < len(xyz)
+    return np.asarray(project(PointCloud(padded, valid), spec))
+
+
+class Batches(Sequence):
+    """Batch `step` of a shuffled, endlessly repeated source; reads ahead.
+
+    Grain shuffles every epoch anew. Each of `num_processes` processes gets its own part
+    of the same global batch, so that a run goes on exactly with another number of them.
+    """
+
+    def __init__(
+        self,
+        source: Sequence,
+        *,
+        seed: int,
+        batch_size: int,
+        process_index: int = 0,
+        num_processes: int = 1,
+        prefetch: int = 2,
+    ):
+        """`batch_size` counts the items of all processes together."""
+        if not len(source):
+            raise ValueError("no frames to draw batches from")
+        if batch_size % num_processes or not 0 <= process_index < num_processes:
+            raise ValueError(
+                f"{batch_size=} for process {process_index} of {num_processes}: "
+                "expected a multiple of the number of processes"
+            )
+        try:
+            import grain
+        except ImportError as error:
+            raise ImportError(EXTRA) from error
+        self._items = grain.MapDataset.source(source).seed(seed).shuffle().repeat()
+        self._batch_size, self._part = batch_size, batch_size // num_processes
+        self._first = process_index * self._part
+        self._prefetch = prefetch
+        self._pool = concurrent.futures.ThreadPoolExecutor(max(prefetch, 1))
+        self._pending: dict[int, concurrent.futures.Future] = {}
+
+    def __len__(self) -> int:
+        return len(self._items) // self._batch_size
+
+    def __getitem__(self, step: int | slice) -> Any:
+        """The part of batch `step` that is this process's, stacked."""
+        if isinstance(step, slice):
+            return [self[i] for i in range(*step.indices(len(self)))]
+        wanted = range(step, step + 1 + self._prefetch)
+        self._pending = {
+            i: self._pending.get(i) or self._pool.submit(self._load, i) for i in wanted
+        }
+        return self._pending.pop(step).result()
+
+    def _load(self, step):
+        """Items of a step, stacked leaf by leaf."""
+        first = step * self._batch_size + self._first
+        items = [self._items[first + k] for k in range(self._part)]
+        return jax.tree.map(lambda *leaves: np.stack(leaves), *items)

@@ -1,0 +1,221 @@
+"""RadarHD's pairs of polar images (Prabhakara et al. 2023), radar and LiDAR in a plane.
+
+    dataset_5/train/radar/R_<trajectory>_<frame>.png     256 ranges x 64 azimuths
+    dataset_5/train/lidar/L_<trajectory>_<frame>.png     256 ranges x 512 azimuths
+    dataset_5/test/...
+
+or a packed .npz with `radar` uint8, `lidar_packed` (bits along the azimuth),
+`trajectory` and `frame`. Row i stands for the i-th of evenly spaced ranges from 0 to
+10.8 m, column j for the j-th of evenly spaced angles from -90 to 90 degrees, both ends
+included; the pixel of a point is the first whose range and angle are not below its own.
+"""
+
+import dataclasses
+import functools
+import math
+import re
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+NAME = re.compile(r"R_(\d+)_(\d+)\.png")
+MAX_BYTES = 4 << 30  # of the arrays in a packed file
+
+
+@dataclasses.dataclass(frozen=True)
+class PolarSpec:
+    """The grid of a polar image."""
+
+    num_range: int = 256
+    num_azimuth: int = 512
+    max_range_m: float = 10.8
+    azimuth: tuple[float, float] = (-math.pi / 2, math.pi / 2)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.num_range, self.num_azimuth
+
+    @functools.cached_property
+    def ranges(self) -> Float[np.ndarray, " range"]:
+        """Metres of each row."""
+        return np.linspace(0, self.max_range_m, self.num_range)
+
+    @functools.cached_property
+    def angles(self) -> Float[np.ndarray, " azimuth"]:
+        """Radians of each column, rising to the left."""
+        return np.linspace(*self.azimuth, self.num_azimuth)
+
+
+RADAR, LIDAR = PolarSpec(num_azimuth=64), PolarSpec()
+
+
+class PolarPair(NamedTuple):
+    """A radar image and the LiDAR's occupancy at the same time."""
+
+    radar: UInt8[np.ndarray, "range radar_azimuth"]
+    lidar: Bool[np.ndarray, "range azimuth"]
+    trajectory: int
+    frame: int
+
+
+def polar_to_points(
+    occupied: Bool[np.ndarray, "range azimuth"], spec: PolarSpec = LIDAR
+) -> Float[np.ndarray, "point 3"]:
+    """Points of the occupied pixels in the plane z = 0, on the host."""
+    if occupied.shape != spec.shape:
+        raise ValueError(f"image has shape {occupied.shape}, expected {spec.shape}")
+    row, column = np.nonzero(occupied)
+    distance, azimuth = spec.ranges[row], spec.angles[column]
+    xyz = [distance * np.cos(azimuth), distance * np.sin(azimuth), 0 * distance]
+    return np.stack(xyz, -1)
+
+
+def points_to_polar(
+    xyz: Float[np.ndarray, "point 3"], spec: PolarSpec = LIDAR
+) -> Bool[np.ndarray, "range azimuth"]:
+    """Occupancy of the pixels that hold points within the grid, on the host."""
+    x, y = np.asarray(xyz, float)[:, :2].T
+    distance, azimuth = np.hypot(x, y), np.arctan2(y, x)
+    row = _first_not_below(spec.ranges, distance)
+    column = _first_not_below(spec.angles, azimuth)
+    inside = (distance > 0) & (row < spec.num_range) & (column < spec.num_azimuth)
+    inside &= azimuth >= spec.azimuth[0] - 1e-9
+    image = np.zeros(spec.shape, bool)
+    image[row[inside], column[inside]] = True
+    return image
+
+
+def _first_not_below(grid, values):
+    """Index of the first grid value that is not below, up to rounding."""
+    return np.searchsorted(grid, values - 1e-9)
+
+
+class RadarHD(Sequence):
+    """Pairs by index; trajectories and frames rise."""
+
+    def __init__(self, keys, read):
+        """`keys` are (trajectory, frame) of each pair; `read(i)` gives its images."""
+        self.keys, self._read = np.asarray(keys).reshape(-1, 2), read
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __getitem__(self, index: int | slice) -> Any:
+        """Pair `index`, read from its files."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"pair {index} of {len(self)}")
+        trajectory, frame = self.keys[index].tolist()
+        return PolarPair(*self._read(index % len(self)), trajectory, frame)
+
+    def of(self, trajectories: Sequence[int]) -> "RadarHD":
+        """The pairs of some trajectories; ValueError for one that there is not."""
+        there = set(self.keys[:, 0].tolist())
+        if missing := sorted(set(trajectories) - there):
+            raise ValueError(f"no trajectory {missing[0]}, there are {sorted(there)}")
+        return self._select(np.isin(self.keys[:, 0], list(trajectories)))
+
+    def without(self, trajectories: Sequence[int]) -> "RadarHD":
+        """The pairs of all other trajectories."""
+        return self._select(~np.isin(self.keys[:, 0], list(trajectories)))
+
+    def history(self, index: int, length: int) -> UInt8[np.ndarray, "..."]:
+        """Radar images [range, radar_azimuth, length] up to pair `index`, newest first.
+
+        Before a trajectory's first image, that one is repeated.
+        """
+        first = np.searchsorted(self.keys[:, 0], self.keys[index, 0])
+        past = np.maximum(index - np.arange(length), first)
+        images = {i: self._read(int(i))[0] for i in set(past.tolist())}
+        return np.stack([images[i] for i in past.tolist()], -1)
+
+    def _select(self, mask):
+        """The pairs where `mask`."""
+        index = np.flatnonzero(mask)
+        return RadarHD(self.keys[index], lambda i: self._read(int(index[i])))
+
+
+def open_radarhd(path: Path | str, split: str = "train") -> RadarHD:
+    """The pairs of the public folder's `split`, or of a packed file (training only).
+
+    Raises ValueError for what is neither, and for images without a partner.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"no such file or folder: {path}")
+    if path.is_file():
+        return _packed(path)
+    folder = path / split
+    if not (folder / "radar").is_dir() or not (folder / "lidar").is_dir():
+        raise ValueError(
+            f"{path} has no {split}/radar and {split}/lidar, expected RadarHD's folder "
+            "dataset_5 or a packed .npz"
+        )
+    found = (NAME.fullmatch(p.name) for p in (folder / "radar").iterdir())
+    keys = sorted((int(m[1]), int(m[2]), m[0][1:]) for m in found if m)
+    lidar = {p.name[1:] for p in (folder / "lidar").glob("L_*_*.png")}
+    alone = [name for *_, name in keys if name not in lidar]
+    if alone or not keys:
+        what = f"L{alone[0]}" if alone else "R_<trajectory>_<frame>.png"
+        raise ValueError(f"{folder} holds no {what}: is the download complete?")
+
+    def read(i):
+        name = keys[i][2]
+        radar = _read_png(folder / "radar" / f"R{name}", RADAR.shape)
+        lidar = _read_png(folder / "lidar" / f"L{name}", LIDAR.shape)
+        return radar, lidar > 0
+
+    return RadarHD([key[:2] for key in keys], read)
+
+
+def _packed(path: Path) -> RadarHD:
+    """Pairs of a packed file, held in memory."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
+                raise ValueError(
+                    f"{path} unpacks to {size:,} bytes, limit {MAX_BYTES:,}"
+                )
+        with np.load(path, allow_pickle=False) as arrays:
+            radar, packed = arrays["radar"], arrays["lidar_packed"]
+            keys = np.stack([arrays["trajectory"], arrays["frame"]], -1)
+    except (zipfile.BadZipFile, KeyError, EOFError, OSError) as error:
+        raise ValueError(
+            f"{path} is no packed file with radar, lidar_packed, trajectory and frame: "
+            f"{error}"
+        ) from error
+    shapes = radar.shape[1:], (*packed.shape[1:-1], 8 * packed.shape[-1])
+    if shapes != (RADAR.shape, LIDAR.shape) or not len(radar) == len(packed) == len(
+        keys
+    ):
+        raise ValueError(
+            f"{path} holds images of {shapes}, expected {(RADAR.shape, LIDAR.shape)}"
+        )
+    order = np.lexsort(keys.T[::-1])
+
+    def read(i):
+        return radar[order[i]], np.unpackbits(packed[order[i]], axis=-1).astype(bool)
+
+    return RadarHD(keys[order], read)
+
+
+def _read_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """An 8-bit grey image of a known shape."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path, formats=("PNG",)) as image:
+            if (image.height, image.width) != shape:
+                raise ValueError(
+                    f"{path} has {image.height} x {image.width} pixels, expected "
+                    f"{shape[0]} x {shape[1]}"
+                )
+            return np.asarray(image.convert("L"))
+    except (UnidentifiedImageError, OSError, SyntaxError) as error:
+        raise ValueError(f"{path} is not a whole PNG: {error}") from error

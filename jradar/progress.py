@@ -1,0 +1,82 @@
+"""Progress on stderr: a bar on a terminal, a line every ten seconds elsewhere."""
+
+import contextlib
+import math
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+SECONDS_BETWEEN_LINES = 10.0
+
+Show = Callable[..., None]
+
+
+@contextlib.contextmanager
+def progress(
+    what: str, total: int, *, first: int = 0, unit: str = ""
+) -> Iterator[Show]:
+    """Yield `show(done, note)`, to be called as `done` rises from `first` to `total`.
+
+    The rate leaves out the first item, in which JAX compiles.
+    """
+    if sys.stderr.isatty():
+        with _bar(what, total, first, unit) as show:
+            yield show
+    else:
+        yield _lines(what, total, first, unit)
+
+
+@contextlib.contextmanager
+def _bar(what, total, first, unit):
+    """A bar with rate and time left."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    rate = _Rate(first, total, unit)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(None),
+        TextColumn("{task.completed}/{task.total} {task.fields[note]}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(what, total=total, completed=first, note="")
+
+        def show(done, note=""):
+            bar.update(task, completed=done, note=f"{note}  {rate(done)}".strip())
+
+        yield show
+
+
+def _lines(what, total, first, unit):
+    """Prints a line when ten seconds have passed since the last, and at the end."""
+    rate, last = _Rate(first, total, unit), [-math.inf]
+
+    def show(done, note=""):
+        speed, now = rate(done), time.monotonic()
+        if now - last[0] >= SECONDS_BETWEEN_LINES or done == total:
+            last[0] = now
+            parts = (f"{what} {done}/{total}", note, speed)
+            print("  ".join(p for p in parts if p), file=sys.stderr, flush=True)
+
+    return show
+
+
+class _Rate:
+    """Items per second since the first one, and the time that is left."""
+
+    def __init__(self, first, total, unit):
+        self.first, self.total, self.unit = first, total, unit
+        self.start: tuple[int, float] | None = None
+
+    def __call__(self, done):
+        now = time.monotonic()
+        if self.start is None:
+            if done > self.first:
+                self.start = done, now
+            return ""
+        if done == self.start[0] or now == self.start[1]:
+            return ""
+        rate = (done - self.start[0]) / (now - self.start[1])
+        left = time.gmtime((self.total - done) / rate)
+        return f"{rate:.2f} {self.unit}/s  left {time.strftime('%H:%M:%S', left)}"

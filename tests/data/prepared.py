@@ -1,0 +1,33 @@
+"""Prepared frames invented by a seed, for tests of records and loading."""
+
+import numpy as np
+
+from jradar.data.records import PreparedFrame
+from jradar.radar import Cells
+from jradar.types import PointCloud
+
+
+def invented_frame(number, sequence="run0", points=64, lidar_points=500):
+    """A frame with clouds of the radar's field of view."""
+    rng = np.random.default_rng(number)
+
+    def cloud(count):
+        xyz = rng.uniform((1.0, -2.0, -0.5), (9.0, 2.0, 0.5), (count, 3))
+        return xyz.astype(np.float32)
+
+    def column():
+        return rng.uniform(0.1, 1.0, points).astype(np.float32)
+
+    power, azimuth, elevation = rng.uniform(-1, 1, (3, 8, 16)).astype(np.float32)
+    return PreparedFrame(
+        sequence=sequence,
+        frame=number,
+        stamp=100.0 + number,
+        lidar_stamp=100.01 + number,
+        world_from_radar=np.eye(4) + number,
+        cells=Cells(abs(power), azimuth, elevation),
+        radar=PointCloud(
+            cloud(points), np.arange(points) % 3 > 0, column(), column(), column()
+        ),
+        lidar_xyz=cloud(lidar_points),
+    )

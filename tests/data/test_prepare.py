@@ -1,0 +1,188 @@
+"""Preparation: the same bytes however it is run, and a word on whatever is dropped."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jradar.data.frames import PrepareSpec
+from jradar.data.prepare import prepare
+from jradar.data.records import Records
+from jradar.data.sources import find_sources
+from jradar.lidar import LidarSpec
+from tests.data.small_sequence import SIDE, write_sequence, write_splits, write_stamps
+
+SPEC = PrepareSpec(
+    capacity=128,
+    train=(2, 4),
+    block=2,
+    lidar=LidarSpec(max_range_m=7.0),
+)
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("coloradar")
+    write_sequence(root, "12_21_2020_ec_hallways_run0", frames=5)
+    write_sequence(root, "12_21_2020_ec_hallways_run3", frames=3, seed=1)
+    return root
+
+
+@pytest.fixture(scope="module")
+def prepared(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("prepared")
+    prepare(root, folder, SPEC, workers=1)
+    return folder
+
+
+def digests(folder):
+    manifest = json.loads((Path(folder) / "manifest.json").read_text())
+    return [s["sha256"] for q in manifest["sequences"] for s in q["shards"]]
+
+
+def test_records_hold_both_sensors(prepared):
+    records = Records(prepared, "train")
+    assert records.where == [("12_21_2020_ec_hallways_run0", i) for i in range(5)]
+    frame = records[2]
+    assert frame.stamp == pytest.approx(1000.2) and frame.cells.power.shape == (16, 64)
+    assert frame.lidar_stamp == pytest.approx(1000.21)
+    np.testing.assert_allclose(frame.world_from_radar[:3, 3], [0.1, 0, 0], atol=1e-6)
+    points = frame.radar.xyz[frame.radar.valid]
+    assert len(points) == 128  # the near-zero threshold fills the capacity
+    truth = frame.lidar_xyz  # moved by the platform's 5 mm between the stamps
+    ahead = truth[np.abs(truth[:, 1]) < 2]
+    assert len(ahead) > 100 and np.abs(truth[:, 2]).max() < 1.17  # floor, ceiling gone
+    assert np.quantile(ahead[:, 0], 0.9) == pytest.approx(SIDE + 0.005, abs=0.03)
+
+
+def test_splits_are_the_papers(prepared):
+    splits = {s["name"]: s["split"] for s in Records(prepared).sequences}
+    assert splits == {
+        "12_21_2020_ec_hallways_run0": "train",
+        "12_21_2020_ec_hallways_run3": "test",
+    }
+
+
+def test_a_file_of_splits_comes_first(tmp_path):
+    write_sequence(tmp_path, "a", frames=1)
+    write_sequence(tmp_path, "b", frames=1)
+    write_splits(tmp_path, {"b": "validation"})
+    assert [s.split for s in find_sources(tmp_path)] == ["train", "validation"]
+    write_splits(tmp_path, {"b": "exam"})
+    with pytest.raises(ValueError, match='b is in "exam", expected one of'):
+        find_sources(tmp_path)
+
+
+def test_started_again_it_writes_what_is_missing_only(root, prepared, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(prepared, folder)
+    lost = sorted(folder.rglob("*.array_record"))[1]
+    lost.unlink()
+    torn = sorted(folder.rglob("*.array_record"))[0]
+    torn.write_bytes(torn.read_bytes()[:-100])
+    kept = sorted(folder.rglob("*.array_record"))[-1]
+    before = kept.stat().st_mtime_ns
+    prepare(root, folder, SPEC, workers=1)
+    assert digests(folder) == digests(prepared)
+    Records(folder).verify()
+    assert kept.stat().st_mtime_ns == before
+
+
+def test_other_options_are_refused(root, prepared):
+    other = PrepareSpec(**{**vars(SPEC), "capacity": 64})
+    with pytest.raises(ValueError, match="other options: capacity was 128, now 64"):
+        prepare(root, prepared, other, workers=1)
+    with pytest.raises(ValueError, match="other frames"):
+        prepare(root, prepared, SPEC, workers=1, frames=slice(0, 2))
+
+
+def test_a_folder_of_something_else_is_left_alone(root, tmp_path):
+    (tmp_path / "thesis.tex").write_text("do not touch")
+    with pytest.raises(ValueError, match="neither empty nor a preparation"):
+        prepare(root, tmp_path, SPEC, workers=1)
+
+
+def test_a_range_of_frames(root, tmp_path):
+    prepare(root, tmp_path, SPEC, workers=1, frames=slice(1, 3))
+    assert [frame for _, frame in Records(tmp_path).where] == [1, 2, 1, 2]
+
+
+def truncate_frame(folder, index):
+    path = folder / f"single_chip/adc_samples/data/frame_{index}.bin"
+    path.write_bytes(path.read_bytes()[:-2])
+
+
+def test_a_damaged_frame_stops_or_is_counted(tmp_path):
+    folder = write_sequence(tmp_path / "src", frames=4)
+    truncate_frame(folder, 1)
+    with pytest.raises(ValueError, match="frame_1.bin"):
+        prepare(folder, tmp_path / "dst", SPEC, workers=1)
+    with pytest.raises(ValueError, match="start the same"):
+        Records(tmp_path / "dst")
+    manifest = prepare(folder, tmp_path / "dst", SPEC, workers=1, keep_going=True)
+    (sequence,) = manifest["sequences"]
+    assert sequence["frames"] == 3
+    assert [frame for _, frame in Records(tmp_path / "dst").where] == [0, 2, 3]
+    ((reason, count),) = sequence["dropped"].items()
+    assert "frame_1.bin" in reason and count == 1
+
+
+def test_more_than_half_without_a_scan_is_an_error(tmp_path):
+    folder = write_sequence(tmp_path / "src", frames=4)
+    write_stamps(folder / "lidar", 1000.4 + 0.1 * np.arange(4))
+    with pytest.raises(ValueError, match="4 of 4 radar frames.*do the two clocks"):
+        prepare(folder, tmp_path / "dst", SPEC, workers=1)
+
+
+def test_a_recording_without_lidar_is_refused(tmp_path):
+    folder = write_sequence(tmp_path / "src", frames=1)
+    shutil.rmtree(folder / "lidar")
+    with pytest.raises(ValueError, match="no LiDAR.*capture.toml"):
+        prepare(folder, tmp_path / "dst", SPEC, workers=1)
+
+
+def test_two_workers_write_the_same_bytes(root, prepared, tmp_path):
+    prepare(root, tmp_path, SPEC, workers=2)
+    assert digests(tmp_path) == digests(prepared)
+
+
+def test_a_dask_scheduler_writes_the_same_bytes(root, prepared, tmp_path):
+    from distributed import LocalCluster
+
+    cluster = LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    )
+    with cluster:
+        prepare(root, tmp_path, SPEC, scheduler=cluster.scheduler_address)
+    assert digests(tmp_path) == digests(prepared)
+
+
+def test_killed_and_started_again_it_writes_the_same_bytes(root, prepared, tmp_path):
+    code = (
+        "import sys; from tests.data.test_prepare import SPEC; "
+        "from jradar.data.prepare import prepare; "
+        "prepare(sys.argv[1], sys.argv[2], SPEC, workers=1)"
+    )
+    command = [sys.executable, "-c", code, str(root), str(tmp_path / "dst")]
+    process = subprocess.Popen(command, cwd=Path(__file__).parents[2])
+    deadline = time.monotonic() + 200
+    while not [*tmp_path.rglob("0000.json")] and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    torn = tmp_path / "dst" / "12_21_2020_ec_hallways_run0" / ".0001-x1" / "0001"
+    torn.parent.mkdir()
+    torn.write_bytes(b"half")  # as a kill within a write leaves it
+    with pytest.raises(ValueError, match="start the same `jradar prepare` again"):
+        Records(tmp_path / "dst")
+    prepare(root, tmp_path / "dst", SPEC, workers=1)
+    assert digests(tmp_path / "dst") == digests(prepared)
+    left = {p.name for p in (tmp_path / "dst").rglob("*") if p.name.startswith(".")}
+    assert left <= {".lock"}

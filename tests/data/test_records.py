@@ -1,0 +1,173 @@
+"""Records: what was written is read; damage and half-done work are refused."""
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from jradar.data.records import (
+    FORMAT,
+    Records,
+    finished_shard,
+    from_bytes,
+    to_bytes,
+    write_shard,
+)
+from jradar.radar import RadarSpec
+from tests.data.prepared import invented_frame
+
+ABOUT = {"options_sha256": "abc"}
+
+
+def write_folder(folder, complete=True):
+    """Two sequences of two shards each."""
+    sequences = []
+    for name, split in (("run0", "train"), ("run1", "test")):
+        shards = [
+            write_shard(
+                folder / name / f"{block:04d}.array_record",
+                (invented_frame(4 * block + i, name) for i in range(4)),
+                ABOUT,
+                {},
+            )
+            for block in range(2)
+        ]
+        sequences.append({"name": name, "split": split, "shards": shards})
+    manifest = {
+        "format": FORMAT,
+        "complete": complete,
+        "radar": dataclasses.asdict(RadarSpec.awr1843()),
+        "sequences": sequences,
+    }
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_folder(tmp_path_factory.mktemp("records"))
+
+
+def assert_same(found, wanted):
+    assert (found.sequence, found.frame) == (wanted.sequence, wanted.frame)
+    assert (found.stamp, found.lidar_stamp) == (wanted.stamp, wanted.lidar_stamp)
+    np.testing.assert_array_equal(found.world_from_radar, wanted.world_from_radar)
+    jax.tree.map(np.testing.assert_array_equal, found.radar, wanted.radar)
+    np.testing.assert_array_equal(found.lidar_xyz, wanted.lidar_xyz)
+    np.testing.assert_array_equal(found.cells.power, wanted.cells.power)
+    np.testing.assert_allclose(found.cells.azimuth, wanted.cells.azimuth, atol=1e-3)
+
+
+def test_a_record_holds_the_frame():
+    frame = invented_frame(3)
+    assert_same(from_bytes(to_bytes(frame)), frame)
+
+
+def test_empty_clouds_are_kept():
+    frame = invented_frame(3, lidar_points=0)
+    assert_same(from_bytes(to_bytes(frame)), frame)
+
+
+def test_frames_are_read_in_any_order(folder):
+    records = Records(folder)
+    assert len(records) == 16
+    assert_same(records[13], invented_frame(5, "run1"))
+    assert_same(records[2], invented_frame(2, "run0"))
+    assert records.where[13] == ("run1", 5)
+    assert_same(records[-1], invented_frame(7, "run1"))
+    with pytest.raises(IndexError, match="16 of 16"):
+        records[16]
+
+
+def test_splits_are_apart(folder):
+    test = Records(folder, "test")
+    assert {name for name, _ in test.where} == {"run1"} and len(test) == 8
+    assert test.radar == RadarSpec.awr1843()
+    assert test.digest != Records(folder, "train").digest
+    with pytest.raises(ValueError, match="validation.*'test', 'train'"):
+        Records(folder, "validation")
+
+
+def test_half_done_preparation_is_refused(tmp_path):
+    write_folder(tmp_path, complete=False)
+    with pytest.raises(ValueError, match="start the same `jradar prepare` again"):
+        Records(tmp_path)
+
+
+@pytest.mark.parametrize("keep", [0, 0.5, 0.999])
+def test_truncated_shard_is_refused(tmp_path, keep):
+    path = write_folder(tmp_path) / "run1/0001.array_record"
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content))])
+    with pytest.raises(ValueError, match="run1/0001.array_record holds .* truncated"):
+        Records(tmp_path)
+
+
+def flip_a_bit(path, place):
+    content = bytearray(path.read_bytes())
+    content[int(place * len(content))] ^= 1
+    path.write_bytes(content)
+
+
+def test_a_shard_that_cannot_be_opened(tmp_path):
+    path = write_folder(tmp_path) / "run1/0001.array_record"
+    flip_a_bit(path, 0.5)  # the header of a block
+    with pytest.raises(ValueError, match="damaged shard"):
+        Records(tmp_path)
+
+
+def test_a_flipped_bit_is_found(tmp_path):
+    path = write_folder(tmp_path) / "run1/0001.array_record"
+    flip_a_bit(path, 0.03)
+    records = Records(tmp_path)
+    with pytest.raises(ValueError, match="run1/0001.* does not match its digest"):
+        records.verify()
+    damaged = 0
+    for i in range(len(records)):
+        try:
+            assert_same(records[i], invented_frame(*records.where[i][::-1]))
+        except ValueError as error:
+            damaged += 1
+            assert "run1, frame" in str(error)
+    assert damaged == 1
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"format": 99}', "\xff"])
+def test_a_manifest_that_is_none(tmp_path, text):
+    (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
+    with pytest.raises(ValueError, match=r"manifest.json|format"):
+        Records(tmp_path)
+
+
+def test_finished_shards_are_known_by_content_and_options(tmp_path):
+    path = tmp_path / "run0" / "0000.array_record"
+    assert finished_shard(path, ABOUT) is None
+    frames = [invented_frame(0), invented_frame(1)]
+    written = write_shard(path, iter(frames), ABOUT, {})
+    assert finished_shard(path, ABOUT) == written and written["frames"] == [0, 1]
+    assert finished_shard(path, {"options_sha256": "other"}) is None
+    path.write_bytes(path.read_bytes() + b"x")
+    assert finished_shard(path, ABOUT) is None
+
+
+def test_bytes_depend_on_the_frames_only(tmp_path):
+    digests = {
+        write_shard(
+            tmp_path / name / "0000.array_record", iter([invented_frame(0)]), {}, {}
+        )["sha256"]
+        for name in ("a", "b")
+    }
+    assert len(digests) == 1
+
+
+def test_a_failed_shard_leaves_nothing(tmp_path):
+    def frames():
+        yield invented_frame(0)
+        raise ValueError("frame 1 is truncated")
+
+    path = tmp_path / "run0" / "0000.array_record"
+    with pytest.raises(ValueError, match="frame 1"):
+        write_shard(path, frames(), ABOUT, {})
+    assert not [*path.parent.iterdir()]
