@@ -1,11 +1,12 @@
 """The conditional EDM denoiser (sections III-B and IV-C of the paper).
 
 NoiseSpec                        noise levels, a static argument
-training_sigma, loss_weight, karras_sigmas
+training_sigma, loss_weight, karras_sigmas, log_sigmas
 UNet, PRESETS                    the network
 precondition, conditional_denoiser   network -> D(x; sigma), given a condition
 denoising_loss                   training
-sample, heun, heun_step          sampling
+sample                           sampling with one of SOLVERS
+solve, heun_step, heun_churn, multistep_table   its parts
 """
 
 from jradar.diffusion.denoiser import (
@@ -16,6 +17,7 @@ from jradar.diffusion.losses import denoising_loss as denoising_loss
 from jradar.diffusion.noise import (
     NoiseSpec as NoiseSpec,
     karras_sigmas as karras_sigmas,
+    log_sigmas as log_sigmas,
     loss_weight as loss_weight,
     training_sigma as training_sigma,
 )
@@ -25,8 +27,11 @@ from jradar.diffusion.precondition import (
     scalings as scalings,
 )
 from jradar.diffusion.solvers import (
-    heun as heun,
+    SOLVERS as SOLVERS,
+    heun_churn as heun_churn,
     heun_step as heun_step,
+    multistep_table as multistep_table,
     sample as sample,
+    solve as solve,
 )
 from jradar.diffusion.unet import PRESETS as PRESETS, UNet as UNet
