@@ -3,6 +3,7 @@
 NoiseSpec                        noise levels, a static argument
 training_sigma, loss_weight, karras_sigmas, log_sigmas
 UNet, PRESETS                    the network
+load_pretrained, read_state, Transfer   published weights for it
 precondition, conditional_denoiser   network -> D(x; sigma), given a condition
 denoising_loss, LossSpec, target_mask           training
 lpips, load_lpips, LpipsWeights  the perceptual distance
@@ -35,6 +36,11 @@ from jradar.diffusion.precondition import (
     Denoiser as Denoiser,
     precondition as precondition,
     scalings as scalings,
+)
+from jradar.diffusion.pretrained import (
+    Transfer as Transfer,
+    load_pretrained as load_pretrained,
+    read_state as read_state,
 )
 from jradar.diffusion.solvers import (
     SOLVERS as SOLVERS,
