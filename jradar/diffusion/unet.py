@@ -71,7 +71,8 @@ class UNet(nn.Module):
     """F(x; c_noise, condition), as `encode` once per frame and `decode` per step.
 
     `form` is the kind of block, "adm" or "ddpm++"; `remat` trades time for memory in
-    training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks).
+    training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks). Patches of
+    `condition_stem` pixels of the condition make one of its grid.
     """
 
     channels: int = 64
@@ -84,6 +85,7 @@ class UNet(nn.Module):
     noise_scale: float = 1.0
     detail_channels: int = 16
     condition_channels: int = 32
+    condition_stem: tuple[int, int] = (1, 1)
     outputs: int = 2
     remat: bool = False
     dtype: Any = jnp.float32
@@ -97,7 +99,10 @@ class UNet(nn.Module):
     def setup(self):
         """The tower of the condition and the trunk."""
         self.tower = ConditionTower(
-            self.condition_channels, len(self.multipliers), dtype=self.dtype
+            self.condition_channels,
+            len(self.multipliers),
+            self.condition_stem,
+            dtype=self.dtype,
         )
         self.trunk = Trunk(
             channels=self.channels,
@@ -136,12 +141,14 @@ class ConditionTower(nn.Module):
 
     channels: int
     levels: int
+    stem: tuple[int, int] = (1, 1)
     dtype: Any = jnp.float32
 
     @nn.compact
     def __call__(self, condition: Condition) -> Features:
-        """Maps of the grids [row, column], [row / 2, column / 2] ..."""
-        x = conv(self.channels, self.dtype, name="input")(condition)
+        """Maps of the grid of patches, of half of it, and so on."""
+        patches = fold(condition, self.stem)
+        x = conv(self.channels, self.dtype, name="input")(patches)
         features = []
         for level in range(self.levels):
             if level:
