@@ -39,6 +39,7 @@ ROOMS = (
     "lidar",
     "diffusion",
     "data",
+    "baselines",
     "training",
     "evaluation",
     "viz",

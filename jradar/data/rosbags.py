@@ -166,12 +166,14 @@ def _reader(path) -> Any:
     """The open reader of a bag, one for each process."""
     if not path.exists():
         raise FileNotFoundError(f"no such bag: {path}")
-    stat = path.stat()
-    return _open_reader(path, os.getpid(), stat.st_mtime_ns, stat.st_size)
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    stats = [file.stat() for file in files]
+    version = tuple((stat.st_mtime_ns, stat.st_size) for stat in stats)
+    return _open_reader(path, os.getpid(), version)
 
 
-@functools.lru_cache(maxsize=4)
-def _open_reader(path, *_version):
+@functools.lru_cache(maxsize=64)
+def _open_reader(path, _process, _version):
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
