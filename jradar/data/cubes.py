@@ -4,6 +4,7 @@ cube.npy + radar.toml            complex samples, the axes named in [file]
 adc_data.bin + LogFile.txt       a DCA1000's samples, with the log of mmWave Studio
 adc_data.bin + radar.cfg         or the .cfg of TI's mmWave SDK, see `dca1000`
 sequence/                        of ColoRadar, see `coloradar`
+folder/ with a capture.toml      radar, LiDAR and poses of one's own, see `capture`
 """
 
 import dataclasses
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jradar.data.capture import open_capture
 from jradar.data.coloradar import is_coloradar, open_coloradar
 from jradar.data.dca1000 import open_dca1000
 from jradar.data.recording import Recording, Stream
@@ -26,8 +28,8 @@ DESCRIPTIONS = {
 }
 EXPECTED = (
     "expected a .npy cube with the .toml that describes it, an adc_data.bin with its "
-    "mmWave Studio log, .cfg or .toml, or a sequence of ColoRadar, a folder with "
-    "single_chip/adc_samples or cascade/adc_samples"
+    "mmWave Studio log, .cfg or .toml, a folder with a capture.toml, or a sequence of "
+    "ColoRadar, a folder with single_chip/adc_samples or cascade/adc_samples"
 )
 
 
@@ -79,7 +81,14 @@ def open_recording(
 
 
 def _open_folder(path: Path, description, sensor: str | None) -> Recording:
-    """A sequence of ColoRadar; for other folders an error that says what is in them."""
+    """A capture or a sequence of ColoRadar; else an error that says what is inside."""
+    if (path / "capture.toml").is_file():
+        if description is not None or sensor is not None:
+            raise ValueError(
+                f"{path / 'capture.toml'} names the radar and its description, "
+                f"expected neither {description or sensor} beside it"
+            )
+        return open_capture(path)
     if is_coloradar(path):
         return open_coloradar(path, sensor=sensor, calib=description)
     inside = [*path.glob("*"), *path.glob("kitti/*")]
