@@ -4,6 +4,7 @@ cube.npy + radar.toml            complex samples, the axes named in [file]
 adc_data.bin + LogFile.txt       a DCA1000's samples, with the log of mmWave Studio
 adc_data.bin + radar.cfg         or the .cfg of TI's mmWave SDK, see `dca1000`
 sequence/                        of ColoRadar, see `coloradar`
+folder/ with a capture.toml      radar, LiDAR and poses of one's own, see `capture`
 """
 
 import dataclasses

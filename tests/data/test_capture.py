@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jradar.data import accumulate, open_capture, read_tum
+from jradar.data import accumulate, open_capture, open_recording, read_tum
 from jradar.data.recording import Stream
 from jradar.lidar import Poses, transform
 
@@ -201,6 +201,13 @@ def test_wrong_descriptions_are_named(folder, old, new, message):
         text = "radar = 3\n"
     with pytest.raises((ValueError, FileNotFoundError), match=message):
         open_capture(describe(folder, text=text))
+
+
+def test_capture_is_a_recording_like_others(folder):
+    recording = open_recording(describe(folder))
+    assert recording.lidar is not None and recording.cubes.stamps[0] == 1000.5
+    with pytest.raises(ValueError, match="expected neither .*radar.cfg beside it"):
+        open_recording(folder, folder / "radar.cfg")
 
 
 def test_no_description(tmp_path):
