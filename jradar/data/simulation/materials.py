@@ -1,7 +1,7 @@
-"""What surfaces are made of: how much each reflects, lets through and swallows at 77 GHz.
+"""What surfaces are made of: what each reflects, lets through and swallows at 77 GHz.
 
 A surface is a slab of complex permittivity; reflection and transmission follow from
-Fresnel's equations with the waves that go to and fro inside it (ITU-R P.2040-3, eq. 43),
+Fresnel's equations with the waves that go to and fro inside (ITU-R P.2040-3, eq. 43),
 for the mean of both polarisations. What is reflected is shared out by the surface's
 roughness: the part exp(-g) stays a mirror's (Ament 1953), the rest is scattered, a lobe
 of tilted facets about the normal (Ulaby & Long 2014, geometric optics) and a Lambertian

@@ -57,6 +57,7 @@ class Placement(NamedTuple):
     xyz: Float[np.ndarray, " 3"]
     turn: Float[np.ndarray, "3 3"]  # from the body's frame to the world's
     velocity: Float[np.ndarray, " 3"]
+    spin: Float[np.ndarray, " 3"]  # angular velocity, rad/s in the world
 
 
 def make_body(
@@ -92,15 +93,15 @@ def make_body(
 
 def placements(scene: Scene, time_s: float) -> list[Placement]:
     """Where every body is at a time."""
-    still = Placement(np.zeros(3), np.eye(3), np.zeros(3))
+    still = Placement(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
     found = []
     for body in scene.bodies:
         if body.motion is None:
             found.append(still)
             continue
         xyz, turn = pose_at(body.motion, np.float64(time_s))
-        velocity, _ = velocity_at(body.motion, np.float64(time_s))
-        found.append(Placement(xyz, turn, velocity))
+        moving = velocity_at(body.motion, np.float64(time_s))
+        found.append(Placement(xyz, turn, *moving))
     return found
 
 
