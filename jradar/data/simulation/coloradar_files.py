@@ -32,14 +32,24 @@ WAVEFORM = {  # key of the file: field of the radar, in the converter's order
     "frequency_slope": "slope_hz_per_s",
 }
 IN_CALIB = ("single_chip", "cascade", "lidar", "imu")
+NOTE = "simulated.txt"
 CALIBRATED_AT_BIN = 100.0  # of the target that the phase calibration was made with
 
 
 def write_calib(folder: Path, radars: dict[str, tuple[RadarSpec, Hardware]]) -> None:
-    """The `calib` folder of a rig with these radars, in one step."""
+    """The `calib` folder of a rig with these radars, in one step.
+
+    Raises ValueError where there is a `calib` that was not written here.
+    """
+    if folder.exists() and not (folder / NOTE).exists():
+        raise ValueError(
+            f"{folder} was not simulated: write to a folder of its own, lest the "
+            "calibration of real recordings is replaced"
+        )
     with atomic_path(folder) as scratch:
         transforms = scratch / "transforms"
         transforms.mkdir(parents=True)
+        (scratch / NOTE).write_text("Written by `jradar simulate`.\n")
         for sensor in IN_CALIB:
             lines = (" ".join(map(repr, row)) for row in EXTRINSICS[sensor])
             (transforms / f"base_to_{sensor}.txt").write_text("\n".join(lines) + "\n")
