@@ -1,11 +1,11 @@
 """The same scenes as a capture of one's own: DCA1000 samples, TI's .cfg, a Livox's bag.
 
-    FAMILY_SEED/adc_data.bin      int16, [frame][chirp][tx][rx], I0 I1 Q0 Q1
-    FAMILY_SEED/awr1843.cfg       the radar's configuration
-    FAMILY_SEED/timestamps.txt    of the frames, seconds since 1970
-    FAMILY_SEED/lidar.bag         /livox/lidar (CustomMsg), /livox/imu, ROS 1
-    FAMILY_SEED/groundtruth/      poses of the base, as ColoRadar writes them
-    FAMILY_SEED/transforms/       base_to_single_chip.txt, base_to_livox.txt
+FAMILY_SEED/adc_data.bin      int16, [frame][chirp][tx][rx], I0 I1 Q0 Q1
+FAMILY_SEED/awr1843.cfg       the radar's configuration
+FAMILY_SEED/timestamps.txt    of the frames, seconds since 1970
+FAMILY_SEED/lidar.bag         /livox/lidar (CustomMsg), /livox/imu, ROS 1
+FAMILY_SEED/groundtruth/      poses of the base, as ColoRadar writes them
+FAMILY_SEED/transforms/       base_to_single_chip.txt, base_to_livox.txt
 """
 
 import importlib
@@ -112,7 +112,7 @@ def write_cfg(path: Path, radar: RadarSpec, *, frame_period_s: float) -> None:
         *(radar.slope_hz_per_s / 1e12, 0, radar.num_samples),
         *(radar.sample_rate_hz / 1e3, 0, 0, 30),
     ]
-    masks = FIRING_MASKS[: radar.num_tx]
+    masks, period_ms = FIRING_MASKS[: radar.num_tx], frame_period_s * 1e3
     lines = [
         "% Written by jradar simulate: ColoRadar's single chip",
         "sensorStop",
@@ -123,7 +123,7 @@ def write_cfg(path: Path, radar: RadarSpec, *, frame_period_s: float) -> None:
         "adcbufCfg -1 0 0 1 1",
         "profileCfg " + " ".join(f"{round(v, 9):.12g}" for v in profile),
         *(f"chirpCfg {k} {k} 0 0 0 0 0 {mask}" for k, mask in enumerate(masks)),
-        f"frameCfg 0 {len(masks) - 1} {radar.num_chirps} 0 {frame_period_s * 1e3:g} 1 0",
+        f"frameCfg 0 {len(masks) - 1} {radar.num_chirps} 0 {period_ms:g} 1 0",
         "lvdsStreamCfg -1 0 1 0",
         "compRangeBiasAndRxChanPhase 0.0" + " 1 0" * 12,
         "sensorStart",

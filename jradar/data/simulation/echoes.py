@@ -68,7 +68,8 @@ def radar_paths(
     scattered, spots = _scattered(scene, places, view, radar, link, capacity)
     images = _images(scene, reflectors, places, view, radar, link)
     ghosts = _ghosts(scene, reflectors, places, view, radar, link, scattered, spots)
-    paths = Paths(*(np.concatenate(p) for p in zip(scattered, images, ghosts, strict=True)))
+    columns = zip(scattered, images, ghosts, strict=True)
+    paths = Paths(*map(np.concatenate, columns))
     distance = np.linalg.norm(paths.xyz, axis=-1)
     audible = paths.power > link.noise_mw(radar) / radar.num_chirps / radar.num_samples
     weight = np.where(audible, paths.power * distance**2, 0.0)
@@ -83,7 +84,7 @@ def see(
     end: Float[np.ndarray, "ray 3"],
     frequency_hz: float,
 ) -> tuple[Float[np.ndarray, " ray"], Bool[np.ndarray, " ray"]]:
-    """Share of the power that gets from start to end, and whether a surface is there."""
+    """Share of the power that gets from start to end, and whether a surface is it."""
     span = end - start
     length = np.linalg.norm(span, axis=-1)
     along = span / np.maximum(length, 1e-9)[:, None]
@@ -130,7 +131,9 @@ def _scattered(scene, places, view, radar, link, capacity):
         section *= body.area_m2[near] * body.reflectivity[near] ** 2
         moving = place.velocity + np.cross(place.spin, xyz[near] - place.xyz)
         columns.append((xyz[near], distance, section, moving))
-    xyz, distance, section, moving = (np.concatenate(c) for c in zip(*columns, strict=True))
+    xyz, distance, section, moving = (
+        np.concatenate(c) for c in zip(*columns, strict=True)
+    )
     seen = (xyz - view.xyz) @ view.turn
     gain = antenna_gain(seen, link)
     power = link.radar_equation(radar, gain**2 * section / distance**4)
@@ -149,14 +152,11 @@ def _images(scene, reflectors, places, view, radar, link):
     """The radar's images in flat faces, edges and corners that it sees."""
     frequency, wavelength = radar.center_frequency_hz, radar.wavelength_m
     mirror = _tables(frequency)[1]
-    spots, caps, shares, moving, on_surface = [], [], [], [], []
+    found = []
 
     def add(xyz, cap, share, velocity, lands):
-        spots.append(xyz)
-        caps.append(cap)
-        shares.append(share)
-        moving.append(np.broadcast_to(velocity, xyz.shape))
-        on_surface.append(np.full(len(xyz), lands))
+        velocity = np.broadcast_to(velocity, xyz.shape)
+        found.append((xyz, cap, share, velocity, np.full(len(xyz), lands)))
 
     for facets, place in zip(reflectors.facets, places, strict=True):
         normal = facets.normal @ place.turn.T
@@ -193,10 +193,8 @@ def _images(scene, reflectors, places, view, radar, link):
     spot = corners.xyz + 2 * LANDS_M * corners.inward.sum(1)
     add(spot[on], cap[on], share[on], np.zeros(3), False)
 
-    xyz, cap, share, moving, lands = (
-        np.concatenate(c) for c in (spots, caps, shares, moving, on_surface)
-    )
-    return _image_paths(scene, places, view, radar, link, xyz, cap, share, moving, lands)
+    columns = (np.concatenate(column) for column in zip(*found, strict=True))
+    return _image_paths(scene, places, view, radar, link, *columns)
 
 
 def _image_paths(scene, places, view, radar, link, xyz, cap, share, moving, lands):
@@ -255,7 +253,9 @@ def _ghosts(scene, reflectors, places, view, radar, link, scattered, spots):
     one_way = one_way * mirror[facets.material[m], (cosine * (COSINES - 1)).astype(int)]
     seen, there = offset @ view.turn, scattered.xyz[p]
     near = np.linalg.norm(there, axis=-1)
-    reflected = moving[keep] - 2 * (moving[keep] * normal[keep]).sum(-1)[:, None] * normal[keep]
+    reflected = (
+        moving[keep] - 2 * (moving[keep] * normal[keep]).sum(-1)[:, None] * normal[keep]
+    )
     rate = (offset / distance[:, None] * (reflected - view.velocity)).sum(-1)
     # Per way, relative to the direct one: gain, spreading, reflection.
     way = antenna_gain(seen, link) / np.maximum(antenna_gain(there, link), 1e-9)
@@ -268,7 +268,9 @@ def _ghosts(scene, reflectors, places, view, radar, link, scattered, spots):
         np.concatenate([seen, seen, there]),
         np.concatenate([seen, there, seen]),
         np.concatenate([rate, mixed_rate, mixed_rate]),
-        np.concatenate([direct * way**2 * link.passband(radar, distance), mixed, mixed]),
+        np.concatenate(
+            [direct * way**2 * link.passband(radar, distance), mixed, mixed]
+        ),
     )
 
 
@@ -280,5 +282,7 @@ def _tables(frequency_hz: float) -> np.ndarray:
     for material in MATERIALS:
         reflected, transmitted, _ = slab_shares(material, cosine, frequency_hz)
         mirrored = reflected * mirror_share(material, cosine, frequency_hz)
-        rows.append((backscatter(material, cosine, frequency_hz), mirrored, transmitted))
+        rows.append(
+            (backscatter(material, cosine, frequency_hz), mirrored, transmitted)
+        )
     return np.array(rows).swapaxes(0, 1)

@@ -69,9 +69,9 @@ def hallways(random: np.random.Generator):
             _wall(random, a, b, height, "drywall", ["wood", "metal", "column"])
         )
         a, b = back[k], back[(k + 1) % 4]
-        parts.append(wall(b, a, height, "concrete"))
+        parts.append(wall(tuple(b), tuple(a), height, "concrete"))
     for _ in range(random.integers(6, 11)):  # along the walls of the corridors
-        corner = random.integers(4)
+        corner = int(random.integers(4))
         parts.append(_along(random, outer, corner, 0.28, _hall_item(random)))
     for _ in range(8):  # behind the drywall, where only the radar looks
         x = random.uniform(width + 0.6, length - width - 0.6)
@@ -123,12 +123,12 @@ def lab(random: np.random.Generator):
     for _ in range(random.integers(9, 14)):
         x = random.uniform(lane + 1, length - lane - 1)
         y = random.uniform(lane + 0.8, depth - lane - 0.8)
-        item = random.choice([_table, _cabinet, _shelf, _chair])(random)
+        item = _pick(random, [_table, _cabinet, _shelf, _chair])(random)
         parts.append(moved(item, (x, y, 0), yaw=random.integers(8) * np.pi / 4))
     walls = _ring(length, depth)
     for k in range(4):
         for _ in range(3):
-            item = random.choice([_cabinet, _shelf, _chair])(random)
+            item = _pick(random, [_cabinet, _shelf, _chair])(random)
             parts.append(_along(random, walls, k, 0.4, item))
     for _ in range(2):
         spot = random.uniform([lane, lane], [length - lane, depth - lane])
@@ -258,7 +258,7 @@ def hall(random: np.random.Generator):
     parts.append(moved(box((3.0, 0.8, 1.1), "wood"), (length / 2, depth / 2, 0)))
     for _ in range(random.integers(5, 9)):
         spot = random.uniform([2, 2], [length - 2, depth - 2])
-        item = random.choice([_chair, _table, _bench])(random)
+        item = _pick(random, [_chair, _table, _bench])(random)
         parts.append(moved(item, (*spot, 0), yaw=random.uniform(0, 6)))
     way = _ring(length - 4.4, depth - 4.4, offset=2.2)
     cross = np.array(
@@ -293,7 +293,9 @@ def _ring(length: float, depth: float, *, offset: float = 0.0) -> np.ndarray:
     return np.array(corners, float) + offset
 
 
-def _ring_spot(random: np.random.Generator, near: float, far: float) -> np.ndarray:
+def _ring_spot(
+    random: np.random.Generator, near: float, far: float | int
+) -> np.ndarray:
     """A place between two circles."""
     angle, radius = random.uniform(0, 2 * np.pi), random.uniform(near, far)
     return radius * np.array([np.cos(angle), np.sin(angle)])
@@ -351,9 +353,14 @@ def _walker(random, way) -> Body:
     return make_body(random, person(random.uniform(1.55, 1.95)), motion=motion)
 
 
+def _pick(random, makers: list[Callable]) -> Callable:
+    """One of several functions."""
+    return makers[random.integers(len(makers))]
+
+
 def _hall_item(random) -> Solid:
     """Something that stands in corridors."""
-    return random.choice([_cabinet, _bench, _bin, _shelf])(random)
+    return _pick(random, [_cabinet, _bench, _bin, _shelf])(random)
 
 
 def _cabinet(random) -> Solid:

@@ -29,7 +29,9 @@ class LidarSpec:
     name: str = "lidar"  # as in the rig
     period_s: float = 0.1
     least_range_m: float = 0.5
-    reach_m: float = 45.0  # at which an albedo of 0.1, met head-on, returns every 2nd ray
+    reach_m: float = (
+        45.0  # at which an albedo of 0.1, met head-on, returns every 2nd ray
+    )
     noise_m: float = 0.012
     fading_db: float = 2.0  # standard deviation of a return's strength
 
@@ -46,7 +48,10 @@ def ouster_rays() -> tuple[Float[np.ndarray, "65536 3"], Float[np.ndarray, " 655
     column = np.arange(OUSTER_COLUMNS)[None]
     azimuth = -2 * np.pi * column / OUSTER_COLUMNS
     directions = _directions(azimuth, elevation)
-    seconds = np.broadcast_to(column * OUSTER.period_s / OUSTER_COLUMNS, elevation.shape[:1] + column.shape[1:])
+    seconds = np.broadcast_to(
+        column * OUSTER.period_s / OUSTER_COLUMNS,
+        elevation.shape[:1] + column.shape[1:],
+    )
     return directions.reshape(-1, 3), seconds.reshape(-1)
 
 
@@ -132,5 +137,7 @@ def _returns(scene, places, origins, directions):
 def _directions(azimuth, elevation):
     """Unit vectors."""
     ground = np.cos(elevation)
-    z = np.broadcast_to(np.sin(elevation), np.broadcast_shapes(azimuth.shape, elevation.shape))
+    z = np.broadcast_to(
+        np.sin(elevation), np.broadcast_shapes(azimuth.shape, elevation.shape)
+    )
     return np.stack([ground * np.cos(azimuth), ground * np.sin(azimuth), z], -1)

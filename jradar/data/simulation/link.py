@@ -37,13 +37,15 @@ class LinkSpec:
         figure = 10 ** (self.noise_figure_db / 10)
         return BOLTZMANN_MW * ROOM_K * radar.sample_rate_hz * figure
 
-    def counts(self, power_mw: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+    def counts(
+        self, power_mw: Float[np.ndarray, "*batch"]
+    ) -> Float[np.ndarray, "*batch"]:
         """Amplitude in ADC counts of a received power."""
         return FULL_SCALE * np.sqrt(power_mw / 10 ** (self.full_scale_dbm / 10))
 
     def noise_power(self, radar: RadarSpec) -> float:
         """Noise in counts squared, as `simulate_cube` takes it."""
-        return float(self.counts(np.float64(self.noise_mw(radar))) ** 2)
+        return float(self.counts(np.array([self.noise_mw(radar)]))[0] ** 2)
 
     def radar_equation(
         self, radar: RadarSpec, gain2_section_per_m4: Float[np.ndarray, "*batch"]

@@ -49,29 +49,43 @@ class MaterialSpec:
 THICK = float("inf")
 MATERIALS = (
     MaterialSpec(
-        "concrete", (5.24, 0, 0.0462, 0.7822), THICK, 0.30e-3, 0.20, 0.15, 0.35
+        "concrete", (5.24, 0.0, 0.0462, 0.7822), THICK, 0.30e-3, 0.20, 0.15, 0.35
     ),
     MaterialSpec(
-        "drywall", (2.73, 0, 0.0085, 0.9395), 0.0125, 0.15e-3, 0.15, 0.10, 0.65
+        "drywall", (2.73, 0.0, 0.0085, 0.9395), 0.0125, 0.15e-3, 0.15, 0.10, 0.65
     ),
-    MaterialSpec("brick", (3.91, 0, 0.0238, 0.16), THICK, 0.8e-3, 0.35, 0.3, 0.30),
+    MaterialSpec("brick", (3.91, 0.0, 0.0238, 0.16), THICK, 0.8e-3, 0.35, 0.3, 0.30),
     MaterialSpec(
-        "metal", (1, 0, 1e7, 0), THICK, 0.10e-3, 0.25, 0.05, 0.40, points_per_m2=25
+        "metal",
+        (1.0, 0.0, 1e7, 0.0),
+        THICK,
+        0.10e-3,
+        0.25,
+        0.05,
+        0.40,
+        points_per_m2=25.0,
     ),
     MaterialSpec(
-        "glass", (6.31, 0, 0.0036, 1.3394), 0.006, 0.01e-3, 0.10, 0.02, 0.0, clear=True
+        "glass",
+        (6.31, 0.0, 0.0036, 1.3394),
+        0.006,
+        0.01e-3,
+        0.10,
+        0.02,
+        0.0,
+        clear=True,
     ),
-    MaterialSpec("rock", (5.24, 0, 0.0462, 0.7822), THICK, 15e-3, 0.6, 0.5, 0.25),
-    MaterialSpec("foliage", (8, 0, 26, 0), 0.2e-3, 30e-3, 1.0, 0.9, 0.45),
+    MaterialSpec("rock", (5.24, 0.0, 0.0462, 0.7822), THICK, 15e-3, 0.6, 0.5, 0.25),
+    MaterialSpec("foliage", (8.0, 0.0, 26.0, 0.0), 0.2e-3, 30e-3, 1.0, 0.9, 0.45),
     MaterialSpec(
-        "person", (6.6, 0, 38.0, 0), THICK, 3e-3, 0.5, 0.4, 0.45, points_per_m2=60
+        "person", (6.6, 0.0, 38.0, 0.0), THICK, 3e-3, 0.5, 0.4, 0.45, points_per_m2=60.0
     ),
-    MaterialSpec("wood", (1.99, 0, 0.0047, 1.0718), 0.03, 0.2e-3, 0.25, 0.2, 0.5),
-    MaterialSpec("asphalt", (5.24, 0, 0.0462, 0.7822), THICK, 1.5e-3, 0.5, 0.4, 0.12),
-    MaterialSpec("grass", (3, 0, 0.05, 0.8), THICK, 20e-3, 1.0, 0.8, 0.4),
-    MaterialSpec("floor", (3.66, 0, 0.0044, 1.3515), THICK, 0.15e-3, 0.15, 0.1, 0.4),
-    MaterialSpec("ceiling", (1.48, 0, 0.0011, 1.075), 0.02, 0.5e-3, 0.3, 0.3, 0.8),
-    MaterialSpec("plastic", (2.44, 0, 2.33e-5, 1.0), 0.004, 0.1e-3, 0.3, 0.1, 0.3),
+    MaterialSpec("wood", (1.99, 0.0, 0.0047, 1.0718), 0.03, 0.2e-3, 0.25, 0.2, 0.5),
+    MaterialSpec("asphalt", (5.24, 0.0, 0.0462, 0.7822), THICK, 1.5e-3, 0.5, 0.4, 0.12),
+    MaterialSpec("grass", (3.0, 0.0, 0.05, 0.8), THICK, 20e-3, 1.0, 0.8, 0.4),
+    MaterialSpec("floor", (3.66, 0.0, 0.0044, 1.3515), THICK, 0.15e-3, 0.15, 0.1, 0.4),
+    MaterialSpec("ceiling", (1.48, 0.0, 0.0011, 1.075), 0.02, 0.5e-3, 0.3, 0.3, 0.8),
+    MaterialSpec("plastic", (2.44, 0.0, 2.33e-5, 1.0), 0.004, 0.1e-3, 0.3, 0.1, 0.3),
 )
 MATERIAL_IDS = {material.name: i for i, material in enumerate(MATERIALS)}
 

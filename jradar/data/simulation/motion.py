@@ -89,7 +89,7 @@ def hand_sway(random: np.random.Generator) -> Sway:
 
 
 def pose_at(
-    motion: Motion, time_s: Float[np.ndarray, "*batch"]
+    motion: Motion, time_s: Float[np.ndarray, "*batch"] | float
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
     """Position in the world and rotation from the thing's frame to it."""
     time_s = np.asarray(time_s, float)
@@ -109,7 +109,7 @@ def pose_at(
 
 
 def velocity_at(
-    motion: Motion, time_s: Float[np.ndarray, "*batch"]
+    motion: Motion, time_s: Float[np.ndarray, "*batch"] | float
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
     """Velocity and angular velocity in the world, m/s and rad/s."""
     time_s = np.asarray(time_s, float)

@@ -119,7 +119,11 @@ def _edges_of_pair(facets, outlines, i, j):
         (outlines[a] - facets.centre[b]) @ facets.normal[b] for a, b in ((i, j), (j, i))
     ]
     sides = [
-        [sign for sign in (-1, 1) if (sign * h).max() > 0.1 and (sign * h).min() < TOUCH_M]
+        [
+            sign
+            for sign in (-1, 1)
+            if (sign * h).max() > 0.1 and (sign * h).min() < TOUCH_M
+        ]
         for h in heights
     ]
     for side_of_j in sides[0]:  # where facet i lies, as seen from plane j
@@ -132,7 +136,10 @@ def _edges_of_pair(facets, outlines, i, j):
             if high - low < LEAST_EDGE_M:
                 continue
             normals = np.stack([facets.normal[i], facets.normal[j]])
-            reach = [(facets.centre[f] * n).sum() for f, n in zip((i, j), normals, strict=True)]
+            reach = [
+                (facets.centre[f] * n).sum()
+                for f, n in zip((i, j), normals, strict=True)
+            ]
             base = normals.T @ reach + along * low
             inward = np.stack([side_of_i * normals[0], side_of_j * normals[1]])
             width = min((side_of_j * heights[0]).max(), (side_of_i * heights[1]).max())
@@ -172,7 +179,9 @@ def _corners(facets: Facets, edges: Edges) -> Corners:
                     side = min(edges.length_m[k], edges.width_m[k])
                     rows.append((xyz, np.array(inward), np.array(material), side))
     if not rows:
-        return Corners(np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), int), np.zeros(0))
+        return Corners(
+            np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), int), np.zeros(0)
+        )
     corners = Corners(*(np.array(column) for column in zip(*rows, strict=True)))
     # Each is found from its three edges, with inward vectors in another order.
     inside = corners.xyz + 0.1 * corners.inward.sum(1)

@@ -33,7 +33,7 @@ def base_from(sensor: str) -> Float[np.ndarray, "4 4"]:
 
 
 def sensor_pose(
-    platform: Motion, sensor: str, time_s: Float[np.ndarray, "*batch"]
+    platform: Motion, sensor: str, time_s: Float[np.ndarray, "*batch"] | float
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
     """Position and rotation of a sensor (or "base") in the world."""
     xyz, turn = pose_at(platform, time_s)
@@ -46,7 +46,7 @@ def sensor_pose(
 
 def viewpoint(platform: Motion, sensor: str, time_s: float) -> Viewpoint:
     """A radar's place and velocity at one time, its lever arm included."""
-    xyz, turn = sensor_pose(platform, sensor, np.float64(time_s))
-    velocity, spin = velocity_at(platform, np.float64(time_s))
-    base, _ = pose_at(platform, np.float64(time_s))
+    xyz, turn = sensor_pose(platform, sensor, float(time_s))
+    velocity, spin = velocity_at(platform, float(time_s))
+    base, _ = pose_at(platform, float(time_s))
     return Viewpoint(xyz, turn, velocity + np.cross(spin, xyz - base))

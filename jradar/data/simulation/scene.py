@@ -99,8 +99,8 @@ def placements(scene: Scene, time_s: float) -> list[Placement]:
         if body.motion is None:
             found.append(still)
             continue
-        xyz, turn = pose_at(body.motion, np.float64(time_s))
-        moving = velocity_at(body.motion, np.float64(time_s))
+        xyz, turn = pose_at(body.motion, float(time_s))
+        moving = velocity_at(body.motion, float(time_s))
         found.append(Placement(xyz, turn, *moving))
     return found
 

@@ -142,7 +142,9 @@ def simulate_sequence(
 
 def _all_radars(setting):
     """Both radars of the rig: the folder `calib` is the same for all recordings."""
-    missing = {name: make() for name, make in RADARS.items() if name not in setting.radars}
+    missing = {
+        name: make() for name, make in RADARS.items() if name not in setting.radars
+    }
     made = {name: (spec, make_hardware(name, spec)) for name, spec in missing.items()}
     return setting.radars | made
 
@@ -186,7 +188,7 @@ def _write_motion(setting, seconds, scratch):
 def imu_records(
     setting: Setting, stamps: Float[np.ndarray, " item"]
 ) -> Float[np.ndarray, "item 6"]:
-    """Specific force (m/s^2) and angular rate (rad/s) in the IMU's frame, with noise."""
+    """Specific force (m/s^2) and angular rate (rad/s) in the IMU frame, with noise."""
     platform, step = setting.scene.platform, 10 * STEP_S
     before, now, after = (
         sensor_pose(platform, "base", stamps + side) for side in (-step, 0.0, step)

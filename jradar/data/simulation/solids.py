@@ -4,13 +4,16 @@ A solid is `(vertices [vertex, 3], faces [face, 3], material [face])` in metres,
 `join` makes one of several. Sheets are single faces: both sides count.
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
 from jradar.data.simulation.materials import MATERIAL_IDS
+
+Numbers = Sequence[Any]  # of metres; integers will do
 
 
 class Solid(NamedTuple):
@@ -31,7 +34,7 @@ def join(solids: list[Solid]) -> Solid:
     )
 
 
-def moved(solid: Solid, xyz: tuple[float, float, float], *, yaw: float = 0.0) -> Solid:
+def moved(solid: Solid, xyz: Numbers, *, yaw: float = 0.0) -> Solid:
     """The solid turned about the vertical, then shifted."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
@@ -44,14 +47,14 @@ def of_mesh(mesh: trimesh.Trimesh, material: str) -> Solid:
     return Solid(np.asarray(mesh.vertices, float), faces, _fill(material, len(faces)))
 
 
-def sheet(corners: list[tuple[float, float, float]], material: str) -> Solid:
+def sheet(corners: list[Numbers], material: str) -> Solid:
     """A flat convex polygon."""
     count = len(corners)
     faces = np.array([[0, k, k + 1] for k in range(1, count - 1)])
     return Solid(np.array(corners, float), faces, _fill(material, len(faces)))
 
 
-def box(size: tuple[float, float, float], material: str) -> Solid:
+def box(size: Numbers, material: str) -> Solid:
     """A box that stands on z = 0, centred in x and y."""
     mesh = trimesh.creation.box(size)
     mesh.apply_translation([0, 0, size[2] / 2])
@@ -66,12 +69,12 @@ def pole(radius: float, height: float, material: str, *, sides: int = 12) -> Sol
 
 
 def wall(
-    start: tuple[float, float],
-    end: tuple[float, float],
+    start: Numbers,
+    end: Numbers,
     height: float,
     material: str,
     *,
-    openings: tuple[tuple[float, float, str], ...] = (),
+    openings: Numbers = (),
 ) -> Solid:
     """An upright wall with doors and windows, set back by 8 cm to its left side.
 
@@ -112,9 +115,7 @@ def wall(
     return moved(join(parts), (*start, 0.0), yaw=yaw)
 
 
-def slab(
-    low: tuple[float, float], high: tuple[float, float], z: float, material: str
-) -> Solid:
+def slab(low: Numbers, high: Numbers, z: float, material: str) -> Solid:
     """A level rectangle: a floor or a ceiling."""
     (x0, y0), (x1, y1) = low, high
     return sheet([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], material)
@@ -205,7 +206,7 @@ def boulder(random: np.random.Generator, size: float, material: str) -> Solid:
     return Solid(vertices, np.asarray(mesh.faces), _fill(material, len(mesh.faces)))
 
 
-def _capsule(radius: float, height: float, xyz: tuple[float, float, float]) -> Solid:
+def _capsule(radius: float, height: float, xyz: Numbers) -> Solid:
     """An upright capsule of a person."""
     mesh = trimesh.creation.capsule(height, radius, count=[8, 12])
     mesh.apply_translation([xyz[0], xyz[1], xyz[2] - mesh.bounds[0, 2]])
