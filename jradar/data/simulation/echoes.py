@@ -154,9 +154,10 @@ def _images(scene, reflectors, places, view, radar, link):
     mirror = _tables(frequency)[1]
     found = []
 
-    def add(xyz, cap, share, velocity, lands):
-        velocity = np.broadcast_to(velocity, xyz.shape)
-        found.append((xyz, cap, share, velocity, np.full(len(xyz), lands)))
+    def add(xyz, cap, share, velocity, aside=0.0):
+        """Points, and how far beside them a ray must get; on them if nowhere."""
+        velocity, aside = (np.broadcast_to(v, xyz.shape) for v in (velocity, aside))
+        found.append((xyz, cap, share, velocity, aside))
 
     for facets, place in zip(reflectors.facets, places, strict=True):
         normal = facets.normal @ place.turn.T
@@ -167,7 +168,7 @@ def _images(scene, reflectors, places, view, radar, link):
         cap = 4 * np.pi * facets.area_m2**2 / wavelength**2
         share = mirror[facets.material, -1]
         spin = np.cross(place.spin, foot - place.xyz)
-        add(foot[near], cap[near], share[near], (place.velocity + spin)[near], True)
+        add(foot[near], cap[near], share[near], (place.velocity + spin)[near])
 
     edges = reflectors.edges
     offset = view.xyz - edges.start
@@ -179,8 +180,9 @@ def _images(scene, reflectors, places, view, radar, link):
     column = (np.clip(cosine, 0, 1) * (COSINES - 1)).astype(int)
     share = mirror[edges.material, column].prod(1)
     cap = 4 * np.pi * (edges.length_m * edges.width_m) ** 2 / wavelength**2
-    foot = edges.start + at[:, None] * edges.along + 2 * LANDS_M * edges.inward.sum(1)
-    add(foot[on], cap[on], share[on], np.zeros(3), False)
+    foot = edges.start + at[:, None] * edges.along
+    aside = 2 * LANDS_M * edges.inward.sum(1)
+    add(foot[on], cap[on], share[on], np.zeros(3), aside[on])
 
     corners = reflectors.corners
     offset = view.xyz - corners.xyz
@@ -190,24 +192,25 @@ def _images(scene, reflectors, places, view, radar, link):
     column = (np.clip(cosine, 0, 1) * (COSINES - 1)).astype(int)
     share = mirror[corners.material, column].prod(1)
     cap = 4 * np.pi * corners.side_m**4 / (3 * wavelength**2)
-    spot = corners.xyz + 2 * LANDS_M * corners.inward.sum(1)
-    add(spot[on], cap[on], share[on], np.zeros(3), False)
+    aside = 2 * LANDS_M * corners.inward.sum(1)
+    add(corners.xyz[on], cap[on], share[on], np.zeros(3), aside[on])
 
     columns = (np.concatenate(column) for column in zip(*found, strict=True))
     return _image_paths(scene, places, view, radar, link, *columns)
 
 
-def _image_paths(scene, places, view, radar, link, xyz, cap, share, moving, lands):
+def _image_paths(scene, places, view, radar, link, xyz, cap, share, moving, aside):
     """Paths to image points that are in sight; an image at 2d has pi d^2 of area."""
     seen = (xyz - view.xyz) @ view.turn
     distance = np.linalg.norm(seen, axis=-1)
     keep = (distance < link.reach_m(radar)) & (distance > 0.1) & (share > 1e-4)
-    xyz, cap, share, moving, lands, seen, distance = (
-        column[keep] for column in (xyz, cap, share, moving, lands, seen, distance)
+    xyz, cap, share, moving, aside, seen, distance = (
+        column[keep] for column in (xyz, cap, share, moving, aside, seen, distance)
     )
     start = np.broadcast_to(view.xyz, xyz.shape)
-    through, landed = see(scene, places, start, xyz, radar.center_frequency_hz)
-    through = np.where(landed | ~lands, through, 0.0)
+    frequency = radar.center_frequency_hz
+    through, landed = see(scene, places, start, xyz + aside, frequency)
+    through = np.where(landed | aside.any(-1), through, 0.0)
     section = np.minimum(np.pi * distance**2, cap) * share * through**2
     gain = antenna_gain(seen, link)
     power = link.radar_equation(radar, gain**2 * section / distance**4)

@@ -71,7 +71,8 @@ def _facets(body: Body) -> tuple[Facets, list[np.ndarray]]:
     solid = body.solid
     mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
     rows, outlines = [], []
-    for faces in mesh.facets:
+    large = np.asarray(mesh.facets_area) > LEAST_SIDE_M**2
+    for faces in (f for f, keep in zip(mesh.facets, large, strict=True) if keep):
         normal = body.normals[faces[0]].astype(float)
         points = np.unique(solid.vertices[solid.faces[faces]].reshape(-1, 3), axis=0)
         sides = np.linalg.svd(points - points.mean(0), full_matrices=False)[2][:2]
@@ -163,21 +164,17 @@ def _crossing(outline, height, along):
 def _corners(facets: Facets, edges: Edges) -> Corners:
     """Where an edge ends on a facet that stands across it, and two more edges begin."""
     rows = []
-    for k in range(len(edges.start)):
-        across = np.abs(np.abs(facets.normal @ edges.along[k]) - 1) < RIGHT_ANGLE
-        for f in np.flatnonzero(across):
-            at = (facets.centre[f] - edges.start[k]) @ edges.along[k]
-            ends = [(0.0, 1.0), (edges.length_m[k], -1.0)]
-            for end, sign in ends:
-                if abs(at - end) > 2 * TOUCH_M:
-                    continue
-                xyz = edges.start[k] + at * edges.along[k]
-                joined = _joined(edges, xyz, f, edges.facets[k])
-                if joined:
-                    inward = [*edges.inward[k], sign * edges.along[k]]
-                    material = [*edges.material[k], facets.material[f]]
-                    side = min(edges.length_m[k], edges.width_m[k])
-                    rows.append((xyz, np.array(inward), np.array(material), side))
+    across = np.abs(np.abs(edges.along @ facets.normal.T) - 1) < RIGHT_ANGLE
+    at = edges.along @ facets.centre.T - (edges.along * edges.start).sum(1)[:, None]
+    for end, sign in ((np.zeros(len(at)), 1.0), (edges.length_m, -1.0)):
+        ends = across & (np.abs(at - end[:, None]) < 2 * TOUCH_M)
+        for k, f in np.argwhere(ends):
+            xyz = edges.start[k] + at[k, f] * edges.along[k]
+            if _joined(edges, xyz, f, edges.facets[k]):
+                inward = [*edges.inward[k], sign * edges.along[k]]
+                material = [*edges.material[k], facets.material[f]]
+                side = min(edges.length_m[k], edges.width_m[k])
+                rows.append((xyz, np.array(inward), np.array(material), side))
     if not rows:
         return Corners(
             np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), int), np.zeros(0)
