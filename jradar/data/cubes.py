@@ -42,6 +42,7 @@ def open_recording(
     frames_as_chirps: bool = False,
     iq_order: str | None = None,
     allow_partial: bool = False,
+    device: str | None = None,
 ) -> Recording:
     """Open a recording of any kind; its description is looked for if it is not given.
 
@@ -49,8 +50,8 @@ def open_recording(
     ColoRadar sequence, of which `sensor` picks the radar. `frames_as_chirps` makes one
     frame of a recording with one chirp per frame: slow time then runs over the frames.
     `iq_order` replaces what the description of an adc_data.bin says, `allow_partial`
-    takes the whole frames of one that was cut off. Raises ValueError for what does not
-    fit together.
+    takes the whole frames of one that was cut off, `device` is the board of its .cfg.
+    Raises ValueError for what does not fit together.
     """
     path = Path(path)
     path = path.parent if path.name == CAPTURE else path
@@ -62,11 +63,13 @@ def open_recording(
         ("sensor", sensor, path.is_dir() and not has_capture),
         ("iq_order", iq_order, path.suffix == ".bin"),
         ("allow_partial", allow_partial or None, path.suffix == ".bin"),
+        ("device", device, path.suffix == ".bin"),
     ):
         if value is not None and not taken:
             raise ValueError(
                 f"{name} = {value!r} has no meaning for {path}: sensor is for "
-                "sequences of ColoRadar, iq_order and allow_partial for adc_data.bin; "
+                "sequences of ColoRadar, iq_order, allow_partial and device for "
+                "adc_data.bin; "
                 "a capture.toml says all of its capture"
             )
     if path.is_dir():
@@ -79,6 +82,7 @@ def open_recording(
             _description(path, description),
             iq_order=iq_order,
             allow_partial=allow_partial,
+            **({} if device is None else {"device": device}),
         )
     else:
         raise ValueError(f"{path} is no recording: {EXPECTED}")

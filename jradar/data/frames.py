@@ -1,7 +1,9 @@
 """One radar frame and its LiDAR scan to what a record holds (sections III-A, V-A)."""
 
 import dataclasses
+import difflib
 import functools
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -18,6 +20,7 @@ from jradar.radar import (
     cell_points,
     largest_window,
 )
+from jradar.radar.readers import toml
 from jradar.types import PointCloud
 
 
@@ -40,6 +43,26 @@ class PrepareSpec:
     tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
     block: int = 32  # frames of a shard
     lidar: LidarSpec = LidarSpec()
+
+    @classmethod
+    def from_toml(cls, path: Path | str) -> "PrepareSpec":
+        """The fields in a TOML file, those of the LiDAR in its table [lidar].
+
+        Raises ValueError for an unknown field, naming the nearest.
+        """
+        values = toml(path)
+        lidar = _known(path, values.pop("lidar", {}), LidarSpec)
+        return cls(**_known(path, values, cls), lidar=LidarSpec(**lidar))
+
+
+def _known(path, values, spec):
+    """The values as fields of `spec`, lists as tuples."""
+    names = [field.name for field in dataclasses.fields(spec)]
+    for name in values:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1) or [", ".join(names)]
+            raise ValueError(f"{path}: unknown field {name!r}, expected {near[0]}")
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
 def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:

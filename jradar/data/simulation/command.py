@@ -1,6 +1,7 @@
-"""What `jradar simulate` does: plan, say what it costs, write with a progress bar."""
+"""What `jradar simulate` does: plan, say what it costs, write and say how far it is."""
 
 import functools
+import itertools
 import tempfile
 import time
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from jradar.data.simulation.benchmark_set import FRAMES, set_sequences, simulate
 from jradar.data.simulation.capture import simulate_capture
 from jradar.data.simulation.lidar import MID360_POINTS, OUSTER_COLUMNS, OUSTER_ROWS
 from jradar.data.simulation.sequence import CLOCKS, RADARS, SENSORS, simulate_sequence
+from jradar.progress import progress
 
 FORMATS = ("coloradar", "capture")
 LIVOX_POINT_BYTES = 19
@@ -43,7 +45,7 @@ def simulate(options: Any) -> dict[str, Any]:
         return {**plan, "time": about, "written": "nothing: this is a dry run"}
     job = _job(options, frames)
     started = time.perf_counter()
-    path = _with_progress(job, count * frames, quiet=options.json)
+    path = _with_progress(job, count * frames)
     took = time.perf_counter() - started
     return {**plan, "time": f"{took:.1f} s", "written": str(path)}
 
@@ -80,27 +82,11 @@ def _job(options: Any, frames: int) -> Callable[..., Path]:
     )
 
 
-def _with_progress(job: Callable[..., Path], frames: int, *, quiet: bool) -> Path:
-    """Run the job under a bar with the time left, on stderr."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-
-    columns = (
-        TextColumn("simulating"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("frames"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), disable=quiet) as progress:
-        task = progress.add_task("", total=frames)
-        return job(advance=lambda: progress.advance(task))
+def _with_progress(job: Callable[..., Path], frames: int) -> Path:
+    """Run the job, saying how far it is on stderr."""
+    done = itertools.count(1)
+    with progress("simulating", frames, unit="frames") as show:
+        return job(advance=lambda: show(next(done)))
 
 
 def _trial(family: str, options: Any) -> float:

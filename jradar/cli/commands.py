@@ -1,58 +1,8 @@
-"""The command line: `jradar info | points | enhance`.
-
-Heavy modules are imported by the command that needs them, so that `--help` and a wrong
-option answer at once. Exit codes: 0 ok, 2 usage, 3 environment, 4 bad data, 5 no usable
-weights.
-"""
+"""The commands: each takes argparse's options and returns what is printed."""
 
 import argparse
-import json
-import os
-import sys
-import warnings
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-from jradar import __version__
-from jradar.listing import lines
-
-CAPTURE_HELP = """\
-PATH names a recording:
-
-  cube.npy         complex samples; --radar names the TOML file that describes the
-                   radar and the cube's axes
-  adc_data.bin     of a DCA1000; --radar names the log of mmWave Studio, the .cfg of
-                   the mmWave SDK or a TOML file
-  a folder         with a capture.toml; or a sequence of ColoRadar, such as
-                   12_21_2020_ec_hallways_run0, for which --radar names calib/ where
-                   it is not inside, beside or above it
-
-Without --radar the only such file beside the recording is taken."""
-FILES_HELP = """
-
-PATH may also be a bag (.bag, .mcap, .db3, a ROS 2 folder) or a cloud (.ply, .pcd, a
-.bin of KITTI or of ColoRadar's LiDAR)."""
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code."""
-    options = _parser().parse_args(argv)
-    try:
-        with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
-            return _print(options.command(options), options.json)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
-    except KeyboardInterrupt:
-        return 130
-    except Exception as error:
-        code = _exit_code(error)
-        if code is None:
-            raise
-        print(f"jradar: {error}", file=sys.stderr)
-        return code
 
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
@@ -68,6 +18,8 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
             continue
         cloud = _points(cube, recording, remove_static=remove_static)
         found[kind] = _echoes(cloud, recording.radar)
+    if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
+        found["time offset"] = _time_offset(recording)
     return {**describe(recording), "frame": options.frame, **found}
 
 
@@ -174,96 +126,91 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _parser() -> argparse.ArgumentParser:
-    """Options of all commands."""
-    parser = argparse.ArgumentParser(
-        prog="jradar", description="Dense point clouds from mmWave radar."
+def prepare(options: argparse.Namespace) -> dict[str, Any]:
+    """Training pairs from recordings with radar and LiDAR, as records."""
+    from jradar.data import PrepareSpec, open_recording, prepare as prepare_all
+
+    spec = PrepareSpec.from_toml(options.spec) if options.spec else PrepareSpec()
+    opening = {
+        "description": options.radar,
+        "sensor": options.sensor,
+        "iq_order": options.iq_order,
+        "allow_partial": options.allow_partial or None,
+        "device": options.device,
+    }
+    opening = {name: value for name, value in opening.items() if value is not None}
+    if options.preview:
+        return _preview(open_recording(options.path, **opening), spec, options)
+    manifest = prepare_all(
+        options.path,
+        options.output,
+        spec,
+        frames=options.frames,
+        workers=options.workers,
+        scheduler=options.scheduler,
+        keep_going=options.keep_going,
+        **opening,
     )
-    parser.add_argument("--version", action="version", version=f"jradar {__version__}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    columns = ("name", "split", "frames")
+    sequences = [
+        {name: s[name] for name in columns} | {"dropped": sum(s["dropped"].values())}
+        for s in manifest["sequences"]
+    ]
+    return {
+        "frames": sum(s["frames"] for s in sequences),
+        "sequences": sequences,
+        "dropped": {
+            f"{s['name']}, {why}": count
+            for s in manifest["sequences"]
+            for why, count in s["dropped"].items()
+        },
+        "notes": [
+            f"{s['name']}: {n}" for s in manifest["sequences"] for n in s["notes"]
+        ],
+        "written": [str(Path(options.output) / "manifest.json")],
+    }
 
-    def add(command: Callable, *, writes: bool) -> argparse.ArgumentParser:
-        """A command with the options that all have."""
-        summary = (command.__doc__ or "").splitlines()[0]
-        sub = commands.add_parser(
-            command.__name__,
-            help=summary,
-            description=f"{summary}\n\n{CAPTURE_HELP}{'' if writes else FILES_HELP}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        sub.set_defaults(command=command)
-        sub.add_argument("path", metavar="PATH", help="file or folder")
-        sub.add_argument(
-            "--radar", metavar="FILE", help="TOML file, log, .cfg or calib folder"
-        )
-        sub.add_argument(
-            "--sensor",
-            choices=("single_chip", "cascade"),
-            help="radar of a ColoRadar sequence (single_chip where it has both)",
-        )
-        sub.add_argument(
-            "--iq-order",
-            metavar="ORDER",
-            help="how I and Q alternate in adc_data.bin, if not as described: IIQQ, "
-            "QQII, IQIQ, QIQI, I4Q4 or Q4I4",
-        )
-        sub.add_argument(
-            "--allow-partial",
-            action="store_true",
-            help="take the whole frames of an adc_data.bin that was cut off",
-        )
-        sub.add_argument("--frame", type=int, default=0, help="which frame (default 0)")
-        sub.add_argument(
-            "--frames-as-chirps",
-            action="store_true",
-            help="one chirp per frame: take the frames as slow time",
-        )
-        sub.add_argument("--json", action="store_true", help="print JSON and only that")
-        if writes:
-            sub.add_argument(
-                "-o", "--output", metavar="DIR", required=True, help="made if need be"
-            )
-        return sub
 
-    add(info, writes=False)
-    sub = add(points, writes=True)
-    sub.add_argument(
-        "--capacity", type=_at_least_1, default=1024, metavar="N", help="most points"
+def simulate(options: argparse.Namespace) -> dict[str, Any]:
+    """Recordings of a simulated scene, or the whole set jradar-sim."""
+    from jradar.data.simulation import simulate as simulate_all
+
+    return simulate_all(options)
+
+
+def _preview(recording, spec, options):
+    """Pictures of one frame's preparation; nothing else is written."""
+    from jradar import viz
+    from jradar.data import matches_of, prepare_frame
+
+    matches = matches_of(recording, spec)
+    wanted = range(*options.frames.indices(len(recording.cubes)))
+    found = [pair for pair in zip(*matches[:2], strict=True) if pair[0] in wanted]
+    if not found:
+        raise ValueError(
+            f"{recording.path}: none of the frames asked for has a LiDAR scan: "
+            f"{next(iter(matches.dropped.values()), 'there are none')}"
+        )
+    frame, steps = prepare_frame(recording, *map(int, found[0]), spec)
+    path = Path(options.output) / "preparation.png"
+    figure = viz.preparation_figure(
+        steps,
+        frame.radar.xyz[frame.radar.valid],
+        spec.lidar,
+        title=f"{recording.name}, frame {frame.frame}",
     )
-    sub.add_argument(
-        "--detector", choices=("ca", "go", "so", "os"), default="os", help="CFAR"
-    )
-    sub.add_argument(
-        "--false-alarm-rate",
-        type=_rate,
-        default=1e-3,
-        metavar="RATE",
-        help="of each cell of noise (default 0.001)",
-    )
-    sub.add_argument("--remove-static", action="store_true", help="movers only")
-    sub = add(enhance, writes=True)
-    sub.add_argument("--weights", metavar="BUNDLE", required=True, help="bundle folder")
-    sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
-    sub.add_argument("--seed", type=int, default=0, help="of the drawn sample")
-    return parser
-
-
-def _at_least_1(text: str) -> int:
-    """A whole number of 1 or more."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected 1 or more")
-    return int(text)
-
-
-def _rate(text: str) -> float:
-    """A false-alarm rate."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value <= 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected more than 0, at most 1")
-    return value
+    viz.save_figure(figure, path)
+    return {
+        "capture": str(recording.path),
+        "frame": frame.frame,
+        "LiDAR returns": len(steps.xyz),
+        "in the shared view": int(steps.in_view.sum()),
+        "floor and ceiling": int((steps.ground | steps.ceiling).sum()),
+        "kept": len(frame.lidar_xyz),
+        "matched frames": len(matches.radar),
+        "notes": list(recording.notes),
+        "written": [str(path)],
+    }
 
 
 def _open(options):
@@ -277,6 +224,7 @@ def _open(options):
         frames_as_chirps=options.frames_as_chirps,
         iq_order=options.iq_order,
         allow_partial=options.allow_partial,
+        device=options.device,
     )
     count = len(recording.cubes)
     if not 0 <= options.frame < count:
@@ -304,6 +252,17 @@ def _points(cube, recording, *, guard=(2, 2), train=(4, 4), **options):
     )
 
 
+def _time_offset(recording):
+    """What the motion that both sensors saw says of their clocks."""
+    from jradar.data import propose_offset
+
+    try:
+        seconds, confidence = propose_offset(recording)
+    except ValueError as error:
+        return {"not estimated": str(error)}
+    return {"add to the radar's start (s)": seconds, "confidence, 0 to 1": confidence}
+
+
 def _echoes(cloud, radar):
     """The strongest echoes as dictionaries."""
     from jradar.radar import strongest_echoes
@@ -319,33 +278,3 @@ def _summary(recording, notes=()):
         "frames": len(recording.cubes),
         "notes": [*recording.notes, *notes],
     }
-
-
-def _print(result: dict[str, Any], as_json: bool) -> int:
-    """The result on stdout, as JSON or as lines."""
-    text = json.dumps(result, indent=2) if as_json else "\n".join(lines(result))
-    print(text, flush=True)
-    return 0
-
-
-def _show_warning(message, *_args, **_kwargs):
-    """A warning as one line, without the place in the code that a user cannot mend."""
-    print(f"jradar: warning: {message}", file=sys.stderr)
-
-
-def _exit_code(error):
-    """Exit code of an error that a user can mend; None for a fault of ours."""
-    from jradar.bundle import BundleError
-
-    codes = {
-        BundleError: 5,
-        FileNotFoundError: 2,
-        ValueError: 4,
-        OSError: 3,
-        ImportError: 3,
-    }
-    return next((code for kind, code in codes.items() if isinstance(error, kind)), None)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,6 @@
 """Results as lines: nested, in tables, with as many digits as people read."""
 
-from jradar.listing import lines
+from jradar.cli.listing import lines
 
 
 def test_a_result_as_lines():
