@@ -191,11 +191,11 @@ def _preview(recording, spec, options):
             f"{recording.path}: none of the frames asked for has a LiDAR scan: "
             f"{next(iter(matches.dropped.values()), 'there are none')}"
         )
-    frame, steps = prepare_frame(recording, *map(int, found[0]), spec)
+    frame, steps, trusted = prepare_frame(recording, *map(int, found[0]), spec)
     path = Path(options.output) / "preparation.png"
     figure = viz.preparation_figure(
         steps,
-        frame.radar.xyz[frame.radar.valid],
+        trusted,
         spec.lidar,
         title=f"{recording.name}, frame {frame.frame}",
     )
@@ -203,7 +203,8 @@ def _preview(recording, spec, options):
     return {
         "capture": str(recording.path),
         "frame": frame.frame,
-        "LiDAR returns": len(steps.xyz),
+        "LiDAR points": len(steps.xyz),
+        "radar points": len(trusted),
         "in the shared view": int(steps.in_view.sum()),
         "floor and ceiling": int((steps.ground | steps.ceiling).sum()),
         "kept": len(frame.lidar_xyz),

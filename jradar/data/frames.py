@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from jradar.data.matching import Matches, match_nearest
 from jradar.data.recording import Recording, calibrated_cube
@@ -84,8 +85,11 @@ def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
 
 def prepare_frame(
     recording: Recording, radar_index: int, lidar_index: int, spec: PrepareSpec
-) -> tuple[PreparedFrame, LidarSteps]:
-    """One radar frame with its LiDAR scan, and the steps on the way; on the host."""
+) -> tuple[PreparedFrame, LidarSteps, Float[np.ndarray, "echo 3"]]:
+    """One radar frame with its LiDAR scan, on the host, and what decided its truth.
+
+    That is every step of the LiDAR's preparation, and the radar points that it trusts.
+    """
     assert recording.lidar is not None
     stamp, lidar_stamp = (
         float(stream.stamps[i])
@@ -117,7 +121,7 @@ def prepare_frame(
         radar=jax.tree.map(np.asarray, cloud),
         lidar_xyz=steps.xyz[steps.visible],
     )
-    return frame, steps
+    return frame, steps, trusted_xyz
 
 
 def sensor_poses(

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.data.dca1000 import read_adc_data
+from jradar.data.dca1000 import open_dca1000
 from jradar.data.simulation import (
     SETS,
     check_set,
@@ -141,7 +141,8 @@ def test_capture_order_is_what_the_cfg_and_the_card_say(tmp_path):
     random = np.random.default_rng(0)
     frame = random.integers(-99, 99, (*RADAR.cube_shape, 2)).astype(np.int16)
     (tmp_path / "adc_data.bin").write_bytes(dca1000_bytes(frame))
-    cube = read_adc_data(tmp_path / "adc_data.bin", radar)[0]
+    recording = open_dca1000(tmp_path / "adc_data.bin", tmp_path / "awr1843.cfg")
+    cube = recording.cubes[0]
     np.testing.assert_array_equal(cube, frame[..., 0] + 1j * frame[..., 1])
 
 
