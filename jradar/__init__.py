@@ -11,6 +11,7 @@ One frame's way through the package, which is also the order of its rooms:
       -> diffusion.sample              Heun on the EDM denoiser         128 x 512
       -> range_image.unproject         PointCloud                       dense
       -> metrics, viz
+    ground truth: LiDAR scan -> lidar.preprocess -> range_image.project
 
 `enhance` is all of it in one function. Rooms are loaded when they are first named.
 """
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
         data as data,
         diffusion as diffusion,
         evaluation as evaluation,
+        lidar as lidar,
         metrics as metrics,
         pipeline as pipeline,
         radar as radar,
@@ -44,6 +46,7 @@ __all__ = [
     "diffusion",
     "enhance",
     "evaluation",
+    "lidar",
     "metrics",
     "pipeline",
     "radar",

@@ -268,10 +268,12 @@ def _open(options):
 
 
 def _points(cube, recording, *, guard=(2, 2), train=(4, 4), **options):
-    """Points of a frame; the CFAR window is cut down to the radar's map."""
+    """Points of a frame; CFAR window and angle bins are fitted to the radar."""
     from jradar.radar import largest_window, radar_points
 
     guard, train = largest_window(recording.radar.cube_shape, guard, train)
+    columns = int(recording.radar.virtual_positions[:, 0].max()) + 1
+    options.setdefault("num_azimuth", max(64, 1 << (columns - 1).bit_length()))
     return radar_points(
         cube,
         recording.radar,
@@ -320,7 +322,7 @@ def _lines(value: Any, indent: str = ""):
             yield f"{indent}{key}"
             yield from (f"{indent}  {text}" for text in item)
         elif item or item == 0:
-            yield f"{indent}{key:<28}{_short(item)}"
+            yield f"{indent}{key:<27} {_short(item)}"
 
 
 def _table(rows):

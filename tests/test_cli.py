@@ -9,6 +9,11 @@ import pytest
 
 from jradar.bundle import save_bundle
 from jradar.cli import main
+from tests.data.test_coloradar import (
+    root as root,
+    sequence as sequence,
+    write_radar,
+)
 from tests.data.test_cubes import random_cube, save, save_studio
 from tests.test_bundle import bundle  # noqa: F401  (a fixture)
 
@@ -80,6 +85,53 @@ def test_points_of_a_real_capture_hold_the_walkers(openradar, capsys, tmp_path):
         assert result["points"] == len(distance) > 50
         assert {-1.0, 1.0} <= {*np.sign(file["velocity"][near])}
         assert not file["xyz"][:, 2].any()  # one row of antennas
+
+
+def test_a_sequence_is_described_with_all_its_streams(root, sequence, capsys):
+    result = run_json(capsys, "info", str(sequence), "--frame", "11")
+    assert [s["stream"] for s in result["streams"]] == ["radar", "lidar", "poses"]
+    assert result["frames with a LiDAR scan"] == result["frames"] == 12
+    assert result["readable"]["scan 11"] == "yes, 2 points, 1 of them returns"
+    assert result["radar"]["tx x rx x chirps x samples"] == [2, 2, 4, 8]
+    assert main(["info", str(root)]) == 4
+    assert str(sequence) in capsys.readouterr().err
+
+
+def test_points_of_a_sequence(sequence, capsys, tmp_path):
+    out = str(tmp_path / "out")
+    result = run_json(capsys, "points", str(sequence), "-o", out, "--frame", "1")
+    assert result["radar"] == "coloradar single_chip"
+    assert (tmp_path / "out" / "capture.png").stat().st_size > 10_000
+
+
+def test_a_truncated_last_frame_is_said_and_the_first_still_read(sequence, capsys):
+    data = sequence / "single_chip/adc_samples/data"
+    (data / "frame_11.bin").write_bytes(b"123")
+    result = run_json(capsys, "info", str(sequence))
+    assert "frame_11.bin holds 3 bytes" in result["readable"]["frame 11"]
+    assert main(["info", str(sequence), "--frame", "11"]) == 4
+    assert main(["info", str(data / "frame_0.bin")]) == 4
+    assert "name the folder of its sequence" in capsys.readouterr().err
+
+
+def test_the_sensor_is_chosen_and_repairs_are_one_line_each(root, sequence, capsys):
+    assert main(["info", str(sequence), "--sensor", "cascade"]) == 4
+    assert "has no cascade/adc_samples/data" in capsys.readouterr().err
+    write_radar(sequence, "cascade", count=2)
+    waveform = (root / "calib/single_chip/waveform_cfg.txt").read_text()
+    (root / "calib/cascade").mkdir()
+    (root / "calib/cascade/waveform_cfg.txt").write_text(
+        waveform.replace("7.00000009601e-06", "7.00000009601")
+    )
+    (root / "calib/cascade/antenna_cfg.txt").write_bytes(
+        (root / "calib/single_chip/antenna_cfg.txt").read_bytes()
+    )
+    assert main(["info", str(sequence), "--sensor", "cascade", "--json"]) == 0
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["radar"]["name"] == "coloradar cascade"
+    assert captured.err.startswith("jradar: warning: ")
+    assert "adc_start_time = 7 s cannot be" in captured.err
+    assert captured.err.count("\n") == 1
 
 
 def test_one_chirp_per_frame_is_a_range_profile(samples, capsys):

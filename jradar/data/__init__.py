@@ -6,12 +6,23 @@ describe, describe_file          what it holds, for people and scripts
 open_coloradar                   a sequence of ColoRadar; beside its radar, coloradar_
  .. lidar, imu, poses, clouds, heatmaps
 SEQUENCES, scene, paper_split    ColoRadar's 52, as the paper divides them
+open_dca1000, advise_iq_order    captures of TI's DCA1000 card
+open_bag, bag_topics             LiDAR clouds in ROS bags
+open_capture                     both, poses and extrinsics: a capture of one's own
+estimate_time_offset, propose_offset                 between the sensors' clocks
 random_room, room_frame          simulated rooms seen by radar and LiDAR
 make_pairs, batch_indices        pairs of condition and target, drawn by step
+read_cloud                       clouds from PCD, PLY and KITTI files
 write_ply, write_npz             clouds to files
 """
 
+from jradar.data.capture import (
+    accumulate as accumulate,
+    open_capture as open_capture,
+    read_tum as read_tum,
+)
 from jradar.data.clouds import (
+    read_cloud as read_cloud,
     valid_points as valid_points,
     write_npz as write_npz,
     write_ply as write_ply,
@@ -31,7 +42,9 @@ from jradar.data.coloradar_splits import (
     scene as scene,
 )
 from jradar.data.cubes import open_recording as open_recording
+from jradar.data.dca1000 import open_dca1000 as open_dca1000
 from jradar.data.inspect import describe as describe, describe_file as describe_file
+from jradar.data.iq_order import advise_iq_order as advise_iq_order
 from jradar.data.pairs import (
     Pairs as Pairs,
     batch_indices as batch_indices,
@@ -44,6 +57,11 @@ from jradar.data.recording import (
     nearest_scan as nearest_scan,
     radar_from_lidar as radar_from_lidar,
 )
+from jradar.data.rosbags import (
+    LidarStream as LidarStream,
+    bag_topics as bag_topics,
+    open_bag as open_bag,
+)
 from jradar.data.scenes import (
     Frame as Frame,
     Room as Room,
@@ -51,4 +69,9 @@ from jradar.data.scenes import (
     random_room as random_room,
     room_frame as room_frame,
     room_scatterers as room_scatterers,
+)
+from jradar.data.time_offset import (
+    estimate_time_offset as estimate_time_offset,
+    propose_offset as propose_offset,
+    radar_speed as radar_speed,
 )

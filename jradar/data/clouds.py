@@ -1,12 +1,43 @@
-"""Point clouds to files."""
+"""Point clouds from files and to files."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jradar.data.pcd import read_pcd
+from jradar.data.ply import read_ply
 from jradar.files import atomic_path
 from jradar.types import PointCloud
+
+
+def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
+    """Columns x, y, z and what else a .pcd, .ply or .bin file holds of its points.
+
+    A .bin file is float32 [point, 4], x y z intensity, as KITTI and ColoRadar have it.
+    All points are kept, missing returns too. Raises ValueError where a file is not of
+    the size that its header claims.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such cloud: {path}")
+    readers = {".pcd": read_pcd, ".ply": read_ply, ".bin": _read_kitti}
+    if path.suffix not in readers:
+        raise ValueError(f"{path}: expected a cloud that ends in {', '.join(readers)}")
+    columns = readers[path.suffix](path)
+    if not {"x", "y", "z"} <= columns.keys():
+        raise ValueError(f"{path} holds {[*columns]}, expected x, y and z among them")
+    return columns
+
+
+def _read_kitti(path):
+    if path.stat().st_size % 16:
+        raise ValueError(
+            f"{path} holds {path.stat().st_size:,} bytes, expected 16 for each point "
+            "(float32 x y z intensity): truncated?"
+        )
+    table = np.fromfile(path, "<f4").reshape(-1, 4)
+    return dict(zip(("x", "y", "z", "intensity"), table.T, strict=True))
 
 
 def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:

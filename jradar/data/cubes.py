@@ -102,6 +102,11 @@ def _description(path: Path, description: Path | str | None) -> Path:
         if not Path(description).is_file():
             raise FileNotFoundError(f"no such radar description: {description}")
         return Path(description)
+    if "adc_samples" in path.parts:
+        raise ValueError(
+            f"{path} looks like one frame of ColoRadar: name the folder of its "
+            "sequence, and the frame with --frame"
+        )
     patterns = DESCRIPTIONS[path.suffix]
     found = sorted({f for p in patterns for f in path.parent.glob(p)})
     if len(found) != 1:

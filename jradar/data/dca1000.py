@@ -161,7 +161,7 @@ def _losses(packets, lost):
     """Notes on bytes that were lost, came twice or came late."""
     first, last = packets.holes()
     missing = int((last - first).sum())
-    again = int((packets.payload * packets.count).sum()) - packets.size + missing
+    again = int((packets.payload * packets.number).sum()) - packets.size + missing
     late = np.count_nonzero(np.diff(packets.offset) < 0)
     if missing:
         yield (

@@ -65,12 +65,12 @@ class Packets(NamedTuple):
     start: Int[np.ndarray, " run"]  # in the stream
     offset: Int[np.ndarray, " run"]  # in the files, of the first header
     payload: Int[np.ndarray, " run"]  # bytes of samples in each packet
-    count: Int[np.ndarray, " run"]  # packets
+    number: Int[np.ndarray, " run"]  # of packets
 
     @property
     def end(self) -> Int[np.ndarray, " run"]:
         """Where each run, or one before it, ends in the stream."""
-        return np.maximum.accumulate(self.start + self.payload * self.count)
+        return np.maximum.accumulate(self.start + self.payload * self.number)
 
     @property
     def size(self) -> int:

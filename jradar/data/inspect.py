@@ -58,7 +58,7 @@ def describe_file(path: Path | str) -> dict[str, Any] | None:
     from jradar.data.clouds import read_cloud
 
     columns = read_cloud(path)
-    xyz = columns["xyz"]
+    xyz = np.stack([columns[axis] for axis in "xyz"], -1)
     returns = xyz[np.isfinite(xyz).all(1) & (xyz != 0).any(1)]
     bounds = [returns.min(0).tolist(), returns.max(0).tolist()] if len(returns) else []
     return {
@@ -75,7 +75,7 @@ def _radar(radar: RadarSpec) -> dict[str, Any]:
     return {
         "name": radar.name,
         "tx x rx x chirps x samples": list(radar.cube_shape),
-        "fires tx in the order": [str(tx) for tx in radar.tx_firing_order],
+        "fires tx in the order": " ".join(map(str, radar.tx_firing_order)),
         "measures elevation": radar.has_elevation,
         "range_resolution_m": radar.range_resolution_m,
         "max_range_m": radar.max_range_m,
@@ -104,7 +104,7 @@ def _timing(name: str, count: int, stamps: np.ndarray | None) -> dict[str, Any]:
 
 
 def _company(recording: Recording) -> dict[str, Any]:
-    """How many frames have a LiDAR scan and a pose at their time."""
+    """How many frames have a LiDAR scan within 50 ms, and a pose before and after."""
     stamps, found = recording.cubes.stamps, {}
     if stamps is None:
         return found
@@ -112,11 +112,11 @@ def _company(recording: Recording) -> dict[str, Any]:
         scans = np.concatenate([[-np.inf], np.sort(recording.lidar.stamps), [np.inf]])
         after = np.searchsorted(scans, stamps)
         apart = np.minimum(stamps - scans[after - 1], scans[after] - stamps)
-        found["frames with a scan within 50 ms"] = int((apart <= 0.05).sum())
+        found["frames with a LiDAR scan"] = int((apart <= 0.05).sum())
     if recording.poses is not None:
         first, last = recording.poses.stamps[[0, -1]]
         inside = (stamps >= first) & (stamps <= last)
-        found["frames at times with poses"] = int(inside.sum())
+        found["frames with a pose"] = int(inside.sum())
     return found
 
 

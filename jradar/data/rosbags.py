@@ -3,9 +3,9 @@
     recording.bag                     ROS 1
     folder with metadata.yaml         ROS 2, SQLite or MCAP; or a single .db3 or .mcap
 
-Clouds are `sensor_msgs/PointCloud2`, of any fields and paddings, or Livox's `CustomMsg`,
-whose points lie in the message as a table: 19 bytes each in ROS 1, 20 in ROS 2's CDR,
-where the last one lacks its padding.
+Clouds are `sensor_msgs/PointCloud2`, of any fields and paddings, or Livox's
+`CustomMsg`, whose points lie in the message as a table: 19 bytes each in ROS 1, 20 in
+ROS 2's CDR, where the last one lacks its padding.
 """
 
 import functools
@@ -129,7 +129,7 @@ class LidarStream(Stream):
         return headers / NS
 
 
-def open_bag(path: Path | str, topic: str | None = None) -> LidarStream:
+def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
     """Clouds of a bag; `topic` may be left out where only one holds clouds.
 
     Raises ValueError for a bag that is damaged, naming the command that repairs it, and
@@ -195,8 +195,8 @@ def _damaged(path, error):
     elif ".mcap" in parts:
         repair = f"mcap recover {path if path.is_file() else 'FILE.mcap'} -o new.mcap"
     return (
-        f"{path} is not a whole bag ({type(error).__name__}: {error}): was the recording "
-        f"cut off? try `{repair}`"
+        f"{path} is not a whole bag ({type(error).__name__}: {error}): was the "
+        f"recording cut off? try `{repair}`"
     )
 
 

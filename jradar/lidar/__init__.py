@@ -5,7 +5,7 @@ interpolate_poses, accumulate        a trajectory at other times; scans in one f
 returns, shared_field_of_view        points that are echoes, and where a radar looks
 floor_plane, ground_mask             the floor: Patchwork++ on the levelled cloud
 ceiling_mask                         the same upside down
-dbscan, voxel_filter, visible_mask   clusters of both clouds that the radar saw
+voxel_filter, visible_mask           clusters of both clouds that the radar saw
 LidarSpec, preprocess, LidarSteps    all of it on one scan, step by step
 """
 
@@ -30,7 +30,6 @@ from jradar.lidar.preparation import (
     preprocess as preprocess,
 )
 from jradar.lidar.visible import (
-    dbscan as dbscan,
     visible_mask as visible_mask,
     voxel_filter as voxel_filter,
 )

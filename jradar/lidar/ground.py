@@ -28,10 +28,11 @@ from jradar.lidar.align import returns, transform
 
 CELL_M, FLAT_M = 0.25, 0.1  # a cell is flat if its points differ less in height
 MIN_AREA_M2 = 1.5  # of flat cells that make a floor
-MIN_SHARE = 0.2  # of all flat cells on that side of the sensor
+MIN_SHARE = 0.35  # of all flat cells on that side of the sensor
+MIN_HEIGHT_M = 0.25  # level rings of one beam on far walls look like a floor at 0
 NEAR_PLANE_M = 0.06
 MAX_TILT = math.radians(20)
-TRIALS, VOTERS = 200, 1000
+TRIALS, VOTERS = 200, 500  # planes tried, cells asked
 STEP_M, SLOPE = 0.2, 0.05  # of uneven ground, over the plane
 MIN_POINTS = 10  # of a patch: Patchwork++ does not look at fewer
 _STDOUT = threading.Lock()
@@ -99,36 +100,42 @@ def floor_plane(
 ) -> Plane | None:
     """The level plane below the sensor that holds the largest area, on the host.
 
-    RANSAC over flat cells, with the same draws each time. None where it holds less
-    than 1.5 square metres, a fifth of what is flat, or tilts by more than 20 degrees.
+    RANSAC over flat cells, with the same draws each time. None where it holds less than
+    1.5 square metres or 35 % of what is flat, tilts by more than 20 degrees, or is less
+    than 0.25 m below the sensor.
     """
-    below = _within(xyz, max_range_m) & (xyz[:, 2] < 0)
+    below = _within(xyz, max_range_m) & (xyz[:, 2] < -MIN_HEIGHT_M)
     cells = _flat_cells(xyz[below], max_range_m)
-    if len(cells) * CELL_M**2 < MIN_AREA_M2:
+    enough = max(MIN_AREA_M2 / CELL_M**2, MIN_SHARE * len(cells))
+    if len(cells) < enough:
         return None
+    near = _largest_plane(cells)
+    if near.sum() < enough:
+        return None
+    middle = cells[near].mean(0)
+    _, _, axes = np.linalg.svd(cells[near] - middle, full_matrices=False)
+    normal = axes[2] * np.sign(axes[2, 2])
+    height = -float(normal @ middle)
+    if normal[2] < math.cos(MAX_TILT) or height < MIN_HEIGHT_M:
+        return None
+    return Plane(normal, height)
+
+
+def _largest_plane(cells):
+    """Mask of the cells near the best of many level planes through three of them."""
     draws = np.random.default_rng(0).integers(len(cells), size=(TRIALS, 3))
     first, second, third = np.moveaxis(cells[draws], 1, 0)
     normals = np.cross(second - first, third - first)
     length = np.linalg.norm(normals, axis=-1)
     level = np.abs(normals[:, 2]) > math.cos(MAX_TILT) * length
+    if not level.any():
+        return np.zeros(len(cells), bool)
     normals, first = normals[level] / length[level, None], first[level]
-    if not len(normals):
-        return None
     x, y, z = cells[:: len(cells) // VOTERS + 1].T
-    height = (normals * first).sum(-1)
-    a, b, c, height = (np.float32(v)[:, None] for v in (*normals.T, height))
-    votes = (np.abs(a * x + b * y + c * z - height) < NEAR_PLANE_M).sum(-1)
+    a, b, c, offset = np.c_[normals, (normals * first).sum(-1)].T[:, :, None]
+    votes = (np.abs(a * x + b * y + c * z - offset) < NEAR_PLANE_M).sum(-1)
     best = votes.argmax()
-    near = np.abs((cells - first[best]) @ normals[best]) < NEAR_PLANE_M
-    if near.sum() < max(MIN_AREA_M2 / CELL_M**2, MIN_SHARE * len(cells)):
-        return None
-    middle = cells[near].mean(0)
-    normal = np.linalg.svd(cells[near] - middle, full_matrices=False)[2][2]
-    normal = normal * np.sign(normal[2])
-    height = -float(normal @ middle)
-    if normal[2] < math.cos(MAX_TILT) or height <= NEAR_PLANE_M:
-        return None
-    return Plane(normal, height)
+    return np.abs((cells - first[best]) @ normals[best]) < NEAR_PLANE_M
 
 
 def _within(xyz, max_range_m):

@@ -32,7 +32,7 @@ class LidarSpec:
     thickness_m: float = 0.08
     eps_m: float = 0.5
     min_points: int = 5
-    voxel_m: float = 0.1
+    voxel_m: float = 0.15
     max_points: int = 8000
 
     def __post_init__(self):
@@ -46,11 +46,15 @@ class LidarSpec:
                 f"min_range_m = {self.min_range_m}, max_range_m = {self.max_range_m}: "
                 "expected 0 <= nearest < farthest"
             )
-        for name in ("thickness_m", "eps_m", "min_points", "max_points"):
-            if not getattr(self, name) > 0:
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}, expected more than 0"
-                )
+        for name in ("sensor_height_m", "thickness_m", "eps_m", "min_points"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(f"{name} = {value}, expected more than 0")
+        if not 0 <= self.voxel_m < math.inf or self.max_points < 1:
+            raise ValueError(
+                f"voxel_m = {self.voxel_m}, max_points = {self.max_points}: expected "
+                "0 or more metres (0 is off) and 1 or more points"
+            )
 
 
 class LidarSteps(NamedTuple):

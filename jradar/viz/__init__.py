@@ -1,4 +1,4 @@
-"""Pictures: a capture's spectra and clouds, samples beside the truth, angle spectra."""
+"""Pictures: a capture's spectra and clouds, a scan's preparation, samples, spectra."""
 
 from jradar.viz.figures import (
     angle_spectra_figure as angle_spectra_figure,
@@ -6,3 +6,4 @@ from jradar.viz.figures import (
     samples_figure as samples_figure,
     save_figure as save_figure,
 )
+from jradar.viz.preparation import preparation_figure as preparation_figure

@@ -19,7 +19,7 @@ from jradar.range_image import ImageSpec, project
 from jradar.types import PointCloud
 
 STYLES = {
-    "LiDAR": ("tab:gray", 0.5),
+    "LiDAR": ("tab:gray", 1),
     "enhanced": ("tab:blue", 1),
     "radar": ("tab:red", 6),
 }

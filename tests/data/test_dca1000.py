@@ -217,7 +217,7 @@ def test_long_run_is_one_entry_of_the_index(tmp_path):
     packets = as_packets(np.random.default_rng(0).bytes(1456 * 9000 + 10))
     path.write_bytes(with_headers(packets[:5000] + packets[5001:]))
     index = index_packets(Files.of([path]), 14, allow_partial=False)
-    assert len(index.start) < 20 and index.count.sum() == 9000
+    assert len(index.start) < 20 and index.number.sum() == 9000
     start = 1456 * 4999 + 7
     expected = packets[4999][2][7:] + bytes(1456) + packets[5001][2][:9]
     assert index.read(start, start + len(expected)).tobytes() == expected

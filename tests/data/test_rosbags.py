@@ -111,7 +111,7 @@ FIELDS = [  # name, PointField type, dtype, in an order of its own
 
 
 def point_cloud2(columns, stamp, big=False, height=1, gap=3, row_gap=0):
-    """Each field after a gap, each row after the last one's; packed number by number."""
+    """Each field after a gap, a gap after each row; packed number by number."""
     order = ">" if big else "<"
 
     def make(store):
@@ -253,8 +253,8 @@ def test_compressed_bag_with_several_topics_and_equal_times(tmp_path):
     with pytest.raises(ValueError, match=r"2 topics of clouds, .*'/l', '/p'"):
         open_bag(path)
     with pytest.raises(ValueError, match=r"no clouds on /imu, expected one of \['/l'"):
-        open_bag(path, "/imu")
-    stream = open_bag(path, "/l")
+        open_bag(path, topic="/imu")
+    stream = open_bag(path, topic="/l")
     for i in (4, 0, 5, 2, 1, 3):
         np.testing.assert_array_equal(stream[i], np.array(clouds[i], "f4")[:, 1:5])
 

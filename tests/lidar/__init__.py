@@ -1,1 +1,1 @@
-"""Tests of the room `lidar`."""
+"""Tests of the LiDAR's preparation."""
