@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from jradar import __version__
+from jradar.files import use_compilation_cache
 
 CAPTURE_HELP = """\
 PATH names a recording:
@@ -32,6 +33,7 @@ Without --radar the only such file beside the recording is taken."""
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     options = _parser().parse_args(argv)
+    use_compilation_cache()
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning

@@ -148,8 +148,8 @@ class Checkpoints:
             )
         except CheckpointError:
             raise
-        except (ValueError, KeyError, TypeError, AttributeError, OSError) as error:
-            return None, str(error).strip().splitlines()[0]
+        except Exception as error:  # Orbax raises just that for truncated arrays
+            return None, f"{type(error).__name__}: {error}".splitlines()[0]
         if found["crc32"] != tree_digest(items.state):
             return None, "its data does not match its digest"
         return items.state, ""

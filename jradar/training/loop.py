@@ -10,6 +10,7 @@ import collections
 import contextlib
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -84,26 +85,25 @@ def train(
             step_log(workdir, first=first) as write,
             progress("training", steps, first=first, unit="steps") as show,
         ):
-            note = _mean_loss()
+            note, clock = _mean_loss(), _lap_time()
             for index in range(first, steps):
                 retried = step_key(key, retries.count(index))
                 state, metrics = step(state, retried, batch_at(index))
                 pending.append((index, metrics))
                 done, value = index + 1, None
                 stop = caught or ([signal.SIGTERM] if preempted(done) else [])
-                last = done == steps or bool(stop)
                 judged = evaluate and _due(done, evaluate_every, steps)
-                saved = judged or last or done % checkpoint_every == 0
+                saved = judged or stop or _due(done, checkpoint_every, steps)
                 for number, values in _finished(pending, 0 if saved else IN_FLIGHT - 1):
                     if evaluate and judged and number == index:
                         scores = evaluate(state, done)
                         value = _score(scores, best)
                         values |= {f"validation/{k}": v for k, v in scores.items()}
-                    write(number, values)
+                    write(number, values | {"seconds": clock()})
                     show(number + 1, note(values["loss"]))
                 if saved:
                     checkpoints.save(state, value=value)
-                if stop and done < steps:
+                if stop:
                     raise Interrupted(stop[0], done)
         return state
 
@@ -122,7 +122,8 @@ def _finished(pending, keep):
     """Steps and their values, checked, until `keep` are pending."""
     while len(pending) > keep:
         index, metrics = pending.popleft()
-        values = {name: float(value) for name, value in metrics.items()}
+        names = sorted(metrics, key=lambda name: name != "loss")
+        values = {name: float(metrics[name]) for name in names}
         check_finite(index, values)
         yield index, values
 
@@ -137,6 +138,18 @@ def _score(scores, best):
     if best not in scores:
         raise ValueError(f"best = {best!r}, expected one of {[*scores]}, as evaluated")
     return scores[best]
+
+
+def _lap_time():
+    """A function that gives the seconds since its last call."""
+    last = time.monotonic()
+
+    def lap():
+        nonlocal last
+        before, last = last, time.monotonic()
+        return round(last - before, 4)
+
+    return lap
 
 
 def _mean_loss():
