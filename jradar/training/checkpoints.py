@@ -39,7 +39,7 @@ class Checkpoints:
         `run` is what must be the same when training goes on, as JSON takes it.
         """
         self._folder, self._run = Path(folder).absolute(), run or {}
-        self._put_aside(self._foreign(), "not a checkpoint")
+        self._put_aside(self._foreign(), "not a whole checkpoint")
         policies = ocp.checkpoint_managers
         best = policies.BestN(
             get_metric_fn=_value,
@@ -169,14 +169,11 @@ class Checkpoints:
                 )
 
     def _foreign(self):
-        """Folders named by a number that no checkpoint manager made."""
+        """Folders named by a number that the manager would trip over."""
         if not self._folder.is_dir():
             return []
-        return [
-            path.name
-            for path in self._folder.iterdir()
-            if path.name.isdecimal() and not (path / "_CHECKPOINT_METADATA").is_file()
-        ]
+        numbered = [path for path in self._folder.iterdir() if path.name.isdecimal()]
+        return [path.name for path in numbered if not _is_checkpoint(path)]
 
     def _put_aside(self, names, reason):
         """Move steps into a folder beside this one; one process does."""
@@ -213,6 +210,15 @@ def _leaves(tree):
 def _seal(content):
     """Digest of the digests themselves."""
     return zlib.crc32(json.dumps(content, sort_keys=True).encode())
+
+
+def _is_checkpoint(folder):
+    """Whether a manager made the folder, and can read its value."""
+    try:
+        json.loads((folder / "metrics" / "metrics").read_bytes())["value"] < 0
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    return (folder / "_CHECKPOINT_METADATA").is_file()
 
 
 def _value(metrics):

@@ -98,7 +98,7 @@ def test_folders_that_are_no_checkpoints_are_moved_aside_whole(folder, caplog):
     (folder / "3" / "notes.txt").write_text("mine")
     (folder / "plots").mkdir()
     assert restored_step(folder) == 4
-    assert "9: not a checkpoint, moved to" in caplog.text
+    assert "9: not a whole checkpoint, moved to" in caplog.text
     aside = folder.parent / "checkpoints-unusable"
     assert (aside / "3" / "notes.txt").read_text() == "mine"
     (folder / "3").mkdir()
