@@ -8,7 +8,7 @@ from typing import Any
 
 import jax
 
-import jradar
+from jradar import __version__
 from jradar.files import write_text
 
 LIBRARIES = ("jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy")
@@ -28,7 +28,7 @@ def write_model_card(
 
     `data_digest` says what the run was trained on; `scores` are its validation values.
     """
-    versions = {"jradar": jradar.__version__, "python": platform.python_version()}
+    versions = {"jradar": __version__, "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in LIBRARIES}
     card = {
         "purpose": purpose,

@@ -81,7 +81,9 @@ class Checkpoints:
         finite = value is not None and math.isfinite(value)
         try:
             self._manager.save(
-                step, args=items, metrics={"value": value if finite else math.inf}
+                step,
+                args=items,
+                metrics={"value": float(value) if finite else math.inf},
             )
         except (OSError, ValueError) as error:
             if not _disk_is_full(error):
@@ -215,10 +217,11 @@ def _seal(content):
 def _is_checkpoint(folder):
     """Whether a manager made the folder, and can read its value."""
     try:
-        json.loads((folder / "metrics" / "metrics").read_bytes())["value"] < 0
+        metrics = json.loads((folder / "metrics" / "metrics").read_bytes())
+        readable = isinstance(_value(metrics), float)
     except (OSError, ValueError, KeyError, TypeError):
         return False
-    return (folder / "_CHECKPOINT_METADATA").is_file()
+    return readable and (folder / "_CHECKPOINT_METADATA").is_file()
 
 
 def _value(metrics):
