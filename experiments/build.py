@@ -118,7 +118,17 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
         workdir=workdir,
         checkpoint_every=config.train.checkpoint_every,
     )
+    if jax.process_index():
+        return
     save_bundle(workdir / "bundle", Bundle(state.ema_params, spec))
+    training.write_model_card(
+        workdir,
+        config=config.to_dict(),
+        data_digest=spec.trained_on,
+        seed=config.seed,
+        steps=config.train.steps,
+        purpose=spec.purpose,
+    )
     run_evaluation(config, workdir)
 
 

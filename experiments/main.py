@@ -5,8 +5,12 @@ r"""Run an experiment.
 
 Fields of the config are overridden by `--config.train.steps=10`. The same command goes
 on where an interrupted run stopped. `--mode=eval` scores the trained model again.
+
+What JAX compiles is kept in ~/.cache/jradar (JRADAR_CACHE=off: not). Several processes
+train together where JAX_COORDINATOR_ADDRESS names the first: see `training.devices`.
 """
 
+import contextlib
 import difflib
 import re
 import runpy
@@ -15,6 +19,8 @@ from pathlib import Path
 
 from absl import flags, logging
 from ml_collections import config_flags
+
+from jradar.files import lock_folder, use_compilation_cache
 
 CONFIG = config_flags.DEFINE_config_file("config", None, "File of the experiment.")
 WORKDIR = flags.DEFINE_string("workdir", None, "Folder for everything it writes.")
@@ -37,23 +43,48 @@ def main(argv: list[str]) -> int:
         return 2
     logging.set_verbosity(logging.WARNING)
 
+    use_compilation_cache()
+    try:
+        return _run(config, workdir)
+    except KeyboardInterrupt:  # before the first step or after the last
+        return 130
+    except (ValueError, FloatingPointError, OSError, ImportError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return _exit_code(error)
+
+
+def _run(config, workdir):
+    """Do what the flags say. Processes of one run share a workdir, the first locks."""
+    import jax
+
     from experiments import build
-    from jradar.bundle import BundleError
-    from jradar.files import FolderLocked, lock_folder
-    from jradar.training import Interrupted
+    from jradar.training import Interrupted, join_processes
 
     run = {"train": build.run_training, "eval": build.run_evaluation}[MODE.value]
+    join_processes()
+    first = jax.process_index() == 0
     try:
-        with lock_folder(workdir):
+        with lock_folder(workdir) if first else contextlib.nullcontext():
             run(config, workdir)
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code
-    except (BundleError, ValueError, FloatingPointError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        codes = {BundleError: 5, ValueError: 2, FolderLocked: 3, OSError: 3}
-        return next((c for kind, c in codes.items() if isinstance(error, kind)), 4)
     return 0
+
+
+def _exit_code(error):
+    """Exit code of an error that a user can mend."""
+    from jradar.bundle import BundleError
+    from jradar.training import CheckpointError
+
+    codes = {
+        BundleError: 5,
+        CheckpointError: 5,
+        ValueError: 2,
+        OSError: 3,
+        ImportError: 3,
+    }
+    return next((c for kind, c in codes.items() if isinstance(error, kind)), 4)
 
 
 def _explain(argv, error):

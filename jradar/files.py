@@ -1,4 +1,4 @@
-"""Writing files so that nothing half-written is ever left behind, and locks."""
+"""Writing files so that nothing half-written is left behind; locks; JAX's cache."""
 
 import contextlib
 import fcntl
@@ -57,3 +57,16 @@ def write_text(path: Path | str, text: str) -> None:
     """Write `text` to `path` in one step."""
     with atomic_path(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
+
+
+def use_compilation_cache() -> None:
+    """Let JAX keep what it compiles in ~/.cache/jradar, for this process and its own.
+
+    To be called before JAX is imported. XDG_CACHE_HOME moves the folder, JAX's own
+    variables win, JRADAR_CACHE=off leaves it.
+    """
+    if os.environ.get("JRADAR_CACHE") == "off":
+        return
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(root / "jradar"))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")

@@ -1,6 +1,7 @@
 """Progress on stderr: a bar on a terminal, a line every ten seconds elsewhere."""
 
 import contextlib
+import datetime
 import math
 import sys
 import time
@@ -78,5 +79,7 @@ class _Rate:
         if done == self.start[0] or now == self.start[1]:
             return ""
         rate = (done - self.start[0]) / (now - self.start[1])
-        left = time.gmtime((self.total - done) / rate)
-        return f"{rate:.2f} {self.unit}/s  left {time.strftime('%H:%M:%S', left)}"
+        left = datetime.timedelta(seconds=round((self.total - done) / rate))
+        if rate < 1:
+            return f"{1 / rate:.2f} s/{self.unit.removesuffix('s')}  left {left}"
+        return f"{rate:.2f} {self.unit}/s  left {left}"

@@ -14,11 +14,13 @@ from typing import Any
 
 from jradar.cli.listing import lines
 from jradar.cli.options import parser
+from jradar.files import use_compilation_cache
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     options = parser().parse_args(argv)
+    use_compilation_cache()
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning

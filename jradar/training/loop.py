@@ -1,28 +1,41 @@
-"""The loop around the step: progress, metrics, checkpoints, signals.
+"""The loop around the step: progress, metrics, checkpoints, signals, evaluation.
 
-`metrics.jsonl` holds a line for each step. A run that was killed goes on from its last
-checkpoint when it is started again; lines of steps that are run once more are dropped,
-so that the file reads like that of an uninterrupted run.
+A run that was killed goes on from its last checkpoint when it is started again, and
+ends with the numbers of one that was not. Everything but the step itself runs on the
+host; at most two steps are in flight, since several devices on few cores hang with
+more.
 """
 
 import collections
 import contextlib
-import json
-import math
 import signal
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
+import jax
+import numpy as np
 from jaxtyping import Array, Key
 
-from jradar.files import write_text
 from jradar.progress import progress
 from jradar.training.checkpoints import Checkpoints
+from jradar.training.devices import data_mesh, parallel_step, preempted, replicate
+from jradar.training.logs import step_log
+from jradar.training.retries import (
+    NotFinite,
+    check_finite,
+    note_retry,
+    read_retries,
+    step_key,
+)
 from jradar.training.state import TrainState
 from jradar.training.step import Batch, Step
 
+IN_FLIGHT = 2  # steps
 SHOWN_MEAN = 100  # steps over which the shown loss is averaged
+
+Evaluate = Callable[[TrainState, int], dict[str, float]]
 
 
 class Interrupted(Exception):
@@ -43,67 +56,122 @@ def train(
     steps: int,
     workdir: Path | str,
     checkpoint_every: int = 500,
+    evaluate_every: int = 0,
+    evaluate: Evaluate | None = None,
+    best: str = "loss",
 ) -> TrainState:
     """Run `step` until `steps`, resuming from the workdir's last checkpoint.
 
-    `batch_at` gives the batch of a step. SIGTERM and SIGINT end the loop after the step
-    in progress: the state is saved and Interrupted raised. Raises FloatingPointError
-    where the loss is not finite; the last checkpoint stays.
+    `batch_at` gives the whole batch of a step, also where several devices or processes
+    share it. Every `evaluate_every` steps, and after the last, `evaluate(state, step)`
+    is called; its values go to metrics.jsonl as `validation/<name>`, and the state
+    whose value `best` is smallest is kept beside the newest.
+
+    SIGTERM and SIGINT end the loop after the step in progress: the state is saved and
+    Interrupted raised. Where a loss or a gradient is not finite, training goes back to
+    the last checkpoint (see `retries`), FloatingPointError comes after the third time.
     """
-    workdir = Path(workdir)
-    checkpoints = Checkpoints(workdir / "checkpoints")
-    metrics_path = workdir / "metrics.jsonl"
-    try:
-        state = checkpoints.restore(state) or state
-        first = int(state.step)
-        _drop_lines_from(metrics_path, first)
-        recent = collections.deque(maxlen=SHOWN_MEAN)
+    workdir, mesh = Path(workdir), data_mesh()
+    seed = np.asarray(jax.random.key_data(key)).tolist()
+    start, key = replicate((state, key), mesh)
+    step = parallel_step(step, mesh)
+    retries = read_retries(workdir)
+    checkpoints = Checkpoints(workdir / "checkpoints", run={"key": seed})
+
+    def run_from(state):
+        first, pending = int(state.step), collections.deque()
         with (
             _signals() as caught,
-            metrics_path.open("a") as log,
+            step_log(workdir, first=first) as write,
             progress("training", steps, first=first, unit="steps") as show,
         ):
+            note, clock = _mean_loss(), _lap_time()
             for index in range(first, steps):
-                state, metrics = step(state, key, batch_at(index))
-                values = {name: float(value) for name, value in metrics.items()}
-                log.write(json.dumps({"step": index, **values}) + "\n")
-                if not math.isfinite(values["loss"]):
-                    raise FloatingPointError(
-                        f"loss is {values['loss']} at step {index}: lower the learning "
-                        "rate; the last checkpoint is kept"
-                    )
-                recent.append(values["loss"])
-                show(index + 1, f"loss {sum(recent) / len(recent):.4f}")
-                last = index + 1 == steps or bool(caught)
-                if last or (index + 1) % checkpoint_every == 0:
-                    log.flush()
-                    checkpoints.save(state)
-                if caught:
-                    raise Interrupted(caught[0], index + 1)
+                retried = step_key(key, retries.count(index))
+                state, metrics = step(state, retried, batch_at(index))
+                pending.append((index, metrics))
+                done, value = index + 1, None
+                stop = caught or ([signal.SIGTERM] if preempted(done) else [])
+                judged = evaluate and _due(done, evaluate_every, steps)
+                saved = judged or stop or _due(done, checkpoint_every, steps)
+                for number, values in _finished(pending, 0 if saved else IN_FLIGHT - 1):
+                    if evaluate and judged and number == index:
+                        scores = evaluate(state, done)
+                        value = _score(scores, best)
+                        values |= {f"validation/{k}": v for k, v in scores.items()}
+                    write(number, values | {"seconds": clock()})
+                    show(number + 1, note(values["loss"]))
+                if saved:
+                    checkpoints.save(state, value=value)
+                if stop:
+                    raise Interrupted(stop[0], done)
         return state
+
+    try:
+        while True:
+            try:
+                return run_from(checkpoints.restore(start) or start)
+            except NotFinite as fault:
+                batch = batch_at(fault.step)
+                retries = note_retry(key, fault, retries, batch, workdir=workdir)
     finally:
         checkpoints.close()
 
 
-def _drop_lines_from(path, step):
-    """Keep the lines of the steps before `step`; a torn last line goes too."""
-    if not path.exists():
-        return
-    kept = []
-    for line in path.read_text().splitlines():
-        try:
-            if json.loads(line)["step"] < step:
-                kept.append(line + "\n")
-        except (ValueError, KeyError):
-            break
-    write_text(path, "".join(kept))
+def _finished(pending, keep):
+    """Steps and their values, checked, until `keep` are pending."""
+    while len(pending) > keep:
+        index, metrics = pending.popleft()
+        names = sorted(metrics, key=lambda name: name != "loss")
+        values = {name: float(metrics[name]) for name in names}
+        check_finite(index, values)
+        yield index, values
+
+
+def _due(done, every, steps):
+    """Whether something that is done every so many steps, and at the end, is due."""
+    return done == steps or (every > 0 and done % every == 0)
+
+
+def _score(scores, best):
+    """The value that decides which state is the best."""
+    if best not in scores:
+        raise ValueError(f"best = {best!r}, expected one of {[*scores]}, as evaluated")
+    return scores[best]
+
+
+def _lap_time():
+    """A function that gives the seconds since its last call."""
+    last = time.monotonic()
+
+    def lap():
+        nonlocal last
+        before, last = last, time.monotonic()
+        return round(last - before, 4)
+
+    return lap
+
+
+def _mean_loss():
+    """A function from the newest loss to the text that progress shows."""
+    recent = collections.deque(maxlen=SHOWN_MEAN)
+
+    def note(loss):
+        recent.append(loss)
+        return f"loss {sum(recent) / len(recent):.4f}"
+
+    return note
 
 
 @contextlib.contextmanager
 def _signals():
-    """Collect SIGINT and SIGTERM in a list; a second one ends the process at once."""
+    """Collect SIGINT and SIGTERM in a list; a second one ends the process at once.
+
+    In a run of several processes they must agree on the step, see `preempted`.
+    """
     caught: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
+    elsewhere = threading.current_thread() is not threading.main_thread()
+    if elsewhere or jax.process_count() > 1:
         yield caught
         return
 

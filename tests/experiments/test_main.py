@@ -27,9 +27,9 @@ SMALL = [
 
 def start(workdir, *flags, config="smoke", cache=None):
     """Run an experiment in a process of its own; `cache` keeps what it compiles."""
-    environment = {**os.environ, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+    environment = {**os.environ}
     if cache:
-        environment["JAX_COMPILATION_CACHE_DIR"] = str(cache)
+        environment |= {"XDG_CACHE_HOME": str(cache), "JRADAR_CACHE": ""}
     command = [sys.executable, "-m", "experiments.main"]
     command += [f"--config=experiments/configs/{config}.py", f"--workdir={workdir}"]
     return subprocess.Popen(
@@ -65,6 +65,7 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(tmp_path):
     process.send_signal(signal.SIGKILL)
     assert finish(process)[0] == -signal.SIGKILL
     assert not (killed / "bundle").exists()
+    assert any((tmp_path / "cache" / "jradar").iterdir())
 
     code, out, err = finish(start(killed, *SMALL, **cache))
     assert code == 0, err
@@ -76,9 +77,16 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(tmp_path):
     ).read_text()
     assert "smoke test" in out and "one-step estimate" in out
     assert (killed / "evaluation" / "samples.png").stat().st_size > 10_000
+    card = json.loads((killed / "model_card.json").read_text())
+    assert card["steps"] == 24 and card["config"]["train"]["batch_size"] == 4
+    assert card["data_digest"].startswith("simulated rooms")
 
-    code, out, err = finish(start(killed, *SMALL, "--config.train.learning_rate=0.1"))
-    assert code == 2 and "train.learning_rate was 0.0005, now 0.1" in err
+    for change, message in (
+        ("--config.train.learning_rate=0.1", "train.learning_rate was 0.0005, now 0.1"),
+        ("--config.seed=1", "seed was 0, now 1"),
+    ):
+        code, out, err = finish(start(killed, *SMALL, change))
+        assert code == 2 and message in err
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,67 @@
+"""The model card: what a run was made from, for people and for programs."""
+
+import json
+import platform
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jradar import __version__
+from jradar.files import write_text
+
+LIBRARIES = ("jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy")
+
+
+def write_model_card(
+    workdir: Path | str,
+    *,
+    config: dict[str, Any],
+    data_digest: str,
+    seed: int,
+    steps: int,
+    purpose: str = "",
+    scores: dict[str, float] | None = None,
+) -> None:
+    """Write `model_card.md` and `model_card.json` into a run's folder.
+
+    `data_digest` says what the run was trained on; `scores` are its validation values.
+    """
+    versions = {"jradar": __version__, "python": platform.python_version()}
+    versions |= {name: metadata.version(name) for name in LIBRARIES}
+    card = {
+        "purpose": purpose,
+        "seed": seed,
+        "steps": steps,
+        "data_digest": data_digest,
+        "versions": versions,
+        "devices": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+        "scores": scores or {},
+        "config": config,
+    }
+    folder = Path(workdir)
+    write_text(folder / "model_card.json", json.dumps(card, indent=2) + "\n")
+    write_text(folder / "model_card.md", _markdown(card))
+
+
+def _markdown(card):
+    """The card as tables, and the config as it is."""
+    facts = ("steps", "seed", "data_digest", "devices")
+    parts = [
+        "# Model card",
+        card["purpose"],
+        _table(("", ""), [(name.replace("_", " "), card[name]) for name in facts]),
+        _table(("library", "version"), card["versions"].items()),
+    ]
+    if card["scores"]:
+        parts.append(_table(("validation", "value"), card["scores"].items()))
+    config = json.dumps(card["config"], indent=2)
+    parts.append(f"## Config\n\n```json\n{config}\n```")
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _table(head, rows):
+    """Two columns in Markdown."""
+    lines = [f"| {a} | {b} |" for a, b in (head, ("---", "---"), *rows)]
+    return "\n".join(lines)

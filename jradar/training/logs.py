@@ -1,0 +1,69 @@
+"""Where the numbers of a run go: `metrics.jsonl`, and TensorBoard where it is there.
+
+`metrics.jsonl` holds a line for each step. Lines of steps that are run once more are
+dropped, so that the file reads like that of an uninterrupted run.
+"""
+
+import contextlib
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import jax
+
+from jradar.files import write_text
+
+Log = Callable[[int, dict[str, float]], None]
+
+
+@contextlib.contextmanager
+def step_log(workdir: Path | str, *, first: int) -> Iterator[Log]:
+    """Yield `write(step, values)`, for steps from `first` on; one process writes.
+
+    A value that is not finite is written as null, which every reader of JSON takes.
+    """
+    if jax.process_index():
+        yield lambda step, values: None
+        return
+    path = Path(workdir) / "metrics.jsonl"
+    _drop_lines_from(path, first)
+    with path.open("a", buffering=1) as file, _tensorboard(workdir, first) as show:
+
+        def write(step, values):
+            shown = {k: v if math.isfinite(v) else None for k, v in values.items()}
+            file.write(json.dumps({"step": step, **shown}) + "\n")
+            show(step, values)
+
+        yield write
+
+
+@contextlib.contextmanager
+def _tensorboard(workdir, first):
+    """Yield `show(step, values)`; it does nothing without tensorboardX."""
+    try:
+        from tensorboardX import SummaryWriter
+    except ImportError:
+        yield lambda step, values: None
+        return
+    with SummaryWriter(str(Path(workdir) / "tensorboard"), purge_step=first) as writer:
+
+        def show(step, values):
+            for name, value in values.items():
+                writer.add_scalar(name, value, step)
+
+        yield show
+
+
+def _drop_lines_from(path, step):
+    """Keep the lines of the steps before `step`; a torn last line goes too."""
+    if not path.exists():
+        return
+    kept = []
+    for line in path.read_text().splitlines():
+        try:
+            if json.loads(line)["step"] < step:
+                kept.append(line + "\n")
+        except (ValueError, KeyError):
+            break
+    write_text(path, "".join(kept))

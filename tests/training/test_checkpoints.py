@@ -1,0 +1,217 @@
+"""Checkpoints: damage is found, older ones serve, the latest and the best are kept."""
+
+import errno
+import json
+import shutil
+import subprocess
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.training import CheckpointError, Checkpoints, TrainState
+from jradar.training.checkpoints import tree_digest
+
+
+def state_of(step, *, size=2000, dtype=jnp.float32):
+    """A state whose numbers tell its step."""
+    params = {"w": jax.random.normal(jax.random.key(step), (size,), dtype)}
+    opt_state = (jnp.asarray(step), {"mean": params["w"] / 2})
+    return TrainState(jnp.asarray(step, jnp.int32), params, params, opt_state)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Steps 2 and 4 on disk."""
+    save(tmp_path / "checkpoints", 2, 4)
+    return tmp_path / "checkpoints"
+
+
+def save(folder, *steps, values=None, **options):
+    checkpoints = Checkpoints(folder, **options)
+    for step in steps:
+        checkpoints.save(state_of(step), value=(values or {}).get(step))
+    checkpoints.close()
+
+
+def restored_step(folder, like=None):
+    """The step that is restored; its arrays are those of the step."""
+    checkpoints = Checkpoints(folder)
+    state = checkpoints.restore(like or state_of(0))
+    checkpoints.close()
+    if state is None:
+        return None
+    jax.tree.map(np.testing.assert_array_equal, state, state_of(int(state.step)))
+    return int(state.step)
+
+
+def flip(path, place=0.5):
+    """Flip a bit of a file."""
+    content = bytearray(path.read_bytes())
+    content[int(place * (len(content) - 1))] ^= 1
+    path.write_bytes(content)
+
+
+def data_file(folder):
+    """The largest file below a folder that holds arrays."""
+    files = [path for path in folder.rglob("d/*") if path.is_file()]
+    return max(files, key=lambda path: path.stat().st_size)
+
+
+@pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
+def test_flipped_bit_is_found_and_the_older_step_serves(folder, caplog, place):
+    flip(data_file(folder / "4"), place)
+    assert restored_step(folder) == 2
+    assert "checkpoint of step 4 is not usable: its data does not match its digest" in (
+        caplog.text
+    )
+    assert (folder.parent / "checkpoints-unusable" / "4").is_dir()
+    save(folder, 4)  # in the place that has become free
+    assert restored_step(folder) == 4
+
+
+def test_flipped_bits_of_every_file_never_give_wrong_numbers(folder):
+    files = [p for p in sorted((folder / "4").rglob("*")) if p.is_file()]
+    assert len(files) >= 4
+    backup = shutil.copytree(folder, folder.parent / "backup")
+    for path in files:
+        flip(path)
+        assert restored_step(folder) in (2, 4)  # and compares every array
+        shutil.rmtree(folder)
+        shutil.copytree(backup, folder)
+
+
+@pytest.mark.parametrize("how", ["digest", "state", "truncated"])
+def test_incomplete_step_is_passed_over(folder, how):
+    if how == "truncated":
+        path = data_file(folder / "4")
+        path.write_bytes(path.read_bytes()[:100])
+    else:
+        shutil.rmtree(folder / "4" / how)
+    assert restored_step(folder) == 2
+
+
+def test_folders_that_are_no_checkpoints_are_moved_aside_whole(folder, caplog):
+    (folder / "9").mkdir()
+    (folder / "3").mkdir()
+    (folder / "3" / "notes.txt").write_text("mine")
+    (folder / "plots").mkdir()
+    assert restored_step(folder) == 4
+    assert "9: not a whole checkpoint, moved to" in caplog.text
+    aside = folder.parent / "checkpoints-unusable"
+    assert (aside / "3" / "notes.txt").read_text() == "mine"
+    (folder / "3").mkdir()
+    assert restored_step(folder) == 4 and (aside / "3-1").is_dir()
+    assert (folder / "plots").is_dir()
+
+
+def test_only_foreign_folders_is_a_new_run(tmp_path):
+    (tmp_path / "checkpoints" / "4").mkdir(parents=True)
+    assert restored_step(tmp_path / "checkpoints") is None
+    save(tmp_path / "checkpoints", 4)
+    assert restored_step(tmp_path / "checkpoints") == 4
+
+
+def test_only_damaged_checkpoints_is_an_error_and_nothing_moves(folder):
+    for step in ("2", "4"):
+        flip(data_file(folder / step))
+    before = sorted(folder.rglob("*"))
+    with pytest.raises(CheckpointError, match=r"none of the checkpoints \[4, 2\] in"):
+        restored_step(folder)
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_state_of_another_network_is_refused_with_the_difference(folder):
+    with pytest.raises(
+        CheckpointError, match=r"\['w'\] was float32\[2000\], now float32\[5\]"
+    ):
+        restored_step(folder, state_of(0, size=5))
+    with pytest.raises(CheckpointError, match=r"now bfloat16\[2000\] \(3 such\)"):
+        restored_step(folder, state_of(0, dtype=jnp.bfloat16))
+    assert restored_step(folder) == 4
+
+
+def test_other_run_is_refused(tmp_path):
+    save(tmp_path, 1, run={"key": [0, 3]})
+    checkpoints = Checkpoints(tmp_path, run={"key": [0, 4]})
+    with pytest.raises(CheckpointError, match=r"key was \[0, 3\], now \[0, 4\]"):
+        checkpoints.restore(state_of(0))
+    checkpoints.close()
+
+
+def test_newest_and_best_are_kept(tmp_path):
+    values = {1: 0.9, 2: 0.2, 4: float("nan"), 5: 0.7, 6: 0.5}
+    save(tmp_path, *range(1, 8), values=values)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["2", "6", "7"]
+    save(tmp_path, 8, 9, values={9: 0.1})  # values of before are still known
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["8", "9"]
+    checkpoints = Checkpoints(tmp_path)
+    best = checkpoints.restore_best(state_of(0))
+    assert best is not None and int(best.step) == 9
+    checkpoints.close()
+
+
+def test_values_that_are_not_finite_are_never_the_best(tmp_path):
+    save(tmp_path, 1, 2, 3, values={1: float("nan"), 3: float("-inf")})
+    checkpoints = Checkpoints(tmp_path)
+    assert checkpoints.restore_best(state_of(0)) is None
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["2", "3"]
+    checkpoints.close()
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A disk of 1 MiB."""
+    path = tmp_path / "disk"
+    path.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(path)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("may not mount a small disk here")
+    yield path
+    subprocess.run(["umount", "--lazy", str(path)], check=True)
+
+
+def test_full_disk_leaves_the_older_checkpoints(small_disk):
+    folder = small_disk / "checkpoints"
+    checkpoints = Checkpoints(folder)
+    rng = np.random.default_rng(0)
+    weights = {"w": rng.normal(size=30_000).astype(np.float32)}  # 360 kB a step
+
+    def state(step):
+        return TrainState(jnp.asarray(step), weights, weights, weights)
+
+    with pytest.raises(OSError, match=r"no space left to save step \d") as error:
+        for step in range(1, 9):
+            checkpoints.save(state(step))
+            last = step
+    assert error.value.errno == errno.ENOSPC and str(folder) in str(error.value)
+    assert not [*folder.glob("*tmp*")]
+    found = checkpoints.restore(state(0))
+    assert found is not None and int(found.step) == last >= 1
+    jax.tree.map(np.testing.assert_array_equal, found, state(last))
+    checkpoints.close()
+
+
+@pytest.mark.parametrize("fault", [errno.ENOSPC, errno.EDQUOT])
+def test_full_disk_of_any_kind_is_told_from_other_faults(folder, monkeypatch, fault):
+    checkpoints = Checkpoints(folder)
+
+    def full(*_, **__):
+        raise OSError(fault, "no room")
+
+    monkeypatch.setattr(checkpoints._manager, "save", full)
+    with pytest.raises(OSError, match="no space left to save step 6; steps .2, 4. are"):
+        checkpoints.save(state_of(6))
+    fault = errno.EIO
+    monkeypatch.setattr(checkpoints._manager, "save", full)
+    with pytest.raises(OSError, match="no room"):
+        checkpoints.save(state_of(6))
+    checkpoints.close()
+    assert restored_step(folder) == 4
+
+
+def test_digest_is_of_content_and_goes_into_json():
+    digest = tree_digest(state_of(3))
+    assert digest == json.loads(json.dumps(tree_digest(state_of(3))))
+    assert digest != tree_digest(state_of(4)) and len(digest) == 5

@@ -1,0 +1,226 @@
+"""The loop: exact resumption, torn logs, retries, signals, evaluation."""
+
+import functools
+import json
+import os
+import signal
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from jradar.training import Checkpoints, Interrupted, train
+from tests.training import tiny
+from tests.training.tiny import STEP, batch_at
+
+KEY = jax.random.key(tiny.KEY_SEED)
+
+
+@pytest.fixture(scope="module")
+def start():
+    return tiny.new_state()
+
+
+@pytest.fixture(autouse=True)
+def no_tensorboard(monkeypatch):
+    """It imports PyTorch where that is installed."""
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
+
+
+def run(start, workdir, steps, **options):
+    workdir.mkdir(exist_ok=True)
+    given = {"key": KEY, "step": STEP, "batch_at": batch_at, "checkpoint_every": 2}
+    given |= options
+    return train(
+        given.pop("key"), start, given.pop("step"), given.pop("batch_at"),
+        steps=steps, workdir=workdir, **given,
+    )  # fmt: skip
+
+
+def lines(workdir):
+    text = (workdir / "metrics.jsonl").read_text()
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def losses(workdir):
+    return [(line["step"], line["loss"]) for line in lines(workdir)]
+
+
+def assert_equal_trees(a, b):
+    jax.tree.map(np.testing.assert_array_equal, a, b)
+
+
+def by_hand(start, steps, *, retries=()):
+    """The same steps in a plain loop, `retries` saying which failed before."""
+    state = start
+    for step in range(steps):
+        count = [*retries].count(step)
+        key = jax.random.fold_in(KEY, count) if count else KEY
+        state, _ = STEP(state, key, batch_at(step))
+    return state
+
+
+def test_loop_does_the_steps_and_nothing_else(start, tmp_path):
+    assert_equal_trees(run(start, tmp_path, 5), by_hand(start, 5))
+    assert [line["step"] for line in lines(tmp_path)] == [*range(5)]
+    assert all(line["seconds"] >= 0 for line in lines(tmp_path))
+
+
+@pytest.mark.parametrize("pauses", [(4,), (1, 2, 5)])
+def test_resumed_run_equals_the_uninterrupted_one(start, tmp_path, pauses):
+    whole = run(start, tmp_path / "a", 7)
+    for steps in pauses:
+        run(start, tmp_path / "b", steps)
+    assert_equal_trees(run(start, tmp_path / "b", 7), whole)
+    assert losses(tmp_path / "b") == losses(tmp_path / "a")
+
+
+def test_lines_after_the_checkpoint_are_run_again_and_torn_ones_dropped(
+    start, tmp_path
+):
+    run(start, tmp_path, 4)
+    expected = losses(tmp_path)
+    path = tmp_path / "metrics.jsonl"
+    path.write_text(path.read_text() + '{"step": 4, "loss": 9.0}\n{"step": 5, "lo')
+    run(start, tmp_path, 4)
+    assert losses(tmp_path) == expected
+
+
+def test_finished_run_is_left_alone(start, tmp_path):
+    done = run(start, tmp_path, 3)
+    assert_equal_trees(run(start, tmp_path, 3), done)
+
+
+def test_another_key_is_refused(start, tmp_path):
+    run(start, tmp_path, 2)
+    with pytest.raises(
+        ValueError, match=r"another run: key was \[0, 3\], now \[0, 4\]"
+    ):
+        run(start, tmp_path, 4, key=jax.random.key(4))
+
+
+def failing(*, steps, times, what="loss"):
+    """The step, whose loss or gradient is NaN in its first `times` attempts."""
+    keys = [KEY, *(jax.random.fold_in(KEY, n) for n in range(1, times))][:times]
+    bad = [jax.random.key_data(key).tolist() for key in keys]
+    name = {"loss": "loss", "gradient": "gradient_norm"}[what]
+
+    def step(state, key, batch):
+        after, metrics = STEP(state, key, batch)
+        if int(state.step) in steps and jax.random.key_data(key).tolist() in bad:
+            after = after._replace(
+                params=jax.tree.map(lambda x: x * np.nan, after.params)
+            )
+            metrics[name] = np.float32(np.nan)
+        return after, metrics
+
+    return step
+
+
+@pytest.mark.parametrize("what", ["loss", "gradient"])
+def test_step_that_fails_is_run_again_with_other_noise(start, tmp_path, what):
+    state = run(start, tmp_path, 6, step=failing(steps=[3], times=1, what=what))
+    assert_equal_trees(state, by_hand(start, 6, retries=[3]))
+    assert [step for step, _ in losses(tmp_path)] == [*range(6)]
+    assert json.loads((tmp_path / "retries.json").read_text()) == {"steps": [3]}
+    assert not np.array_equal(
+        *(jax.tree.leaves(s.params)[1] for s in (state, by_hand(start, 6)))
+    )
+
+
+@pytest.mark.parametrize("checkpoint_every", [1, 3, 100])
+def test_where_checkpoints_lie_does_not_change_what_retries_do(
+    start, tmp_path, checkpoint_every
+):
+    step = functools.partial(run, step=failing(steps=[1, 4], times=1))
+    for steps in (3, 5, 6):  # resumed before, between and after the failures
+        state = step(start, tmp_path, steps, checkpoint_every=checkpoint_every)
+    assert_equal_trees(state, by_hand(start, 6, retries=[1, 4]))
+
+
+def test_step_that_keeps_failing_stops_and_is_named(start, tmp_path, caplog):
+    step = failing(steps=[3], times=9)
+    message = r"loss is nan at step 3, key \[0, 3\], retry 3: went back 3 times"
+    for _ in range(2):  # the same command fails in the same way
+        with pytest.raises(FloatingPointError, match=message):
+            run(start, tmp_path, 6, step=step)
+    assert caplog.text.count("going back to the last checkpoint") == 3
+    state = Checkpoints(tmp_path / "checkpoints", run={"key": [0, 3]}).restore(start)
+    assert_equal_trees(state, by_hand(start, 2))
+
+
+def test_batch_that_is_not_finite_is_not_tried_again(start, tmp_path):
+    def poisoned(step):
+        batch = batch_at(step)
+        return batch if step < 3 else batch._replace(target=batch.target * np.nan)
+
+    with pytest.raises(FloatingPointError, match="step 3.* its batch holds values"):
+        run(start, tmp_path, 6, batch_at=poisoned)
+    assert not (tmp_path / "retries.json").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signal_saves_and_the_run_goes_on(start, tmp_path, number):
+    def interrupting(step):
+        if step == 2:
+            os.kill(os.getpid(), number)
+        return batch_at(step)
+
+    with pytest.raises(Interrupted, match="saved at step 3") as stop:
+        run(start, tmp_path, 6, batch_at=interrupting)
+    assert stop.value.exit_code == 128 + number
+    assert_equal_trees(run(start, tmp_path, 6), by_hand(start, 6))
+
+
+def test_evaluation_is_logged_and_decides_what_is_kept(start, tmp_path):
+    values = {2: 0.5, 4: 0.1, 6: float("nan"), 8: 0.3, 9: 0.4}
+    calls = []
+
+    def evaluate(state, step):
+        assert int(state.step) == step
+        calls.append(step)
+        return {"chamfer": values[step], "f_score": 1.0}
+
+    options = {"evaluate": evaluate, "evaluate_every": 2, "best": "chamfer"}
+    state = run(start, tmp_path, 9, **options)
+    assert calls == [*values]
+    found = {
+        line["step"] + 1: line["validation/chamfer"]
+        for line in lines(tmp_path)
+        if "validation/chamfer" in line
+    }
+    assert found == {**values, 6: None}
+    kept = Checkpoints(tmp_path / "checkpoints", run={"key": [0, 3]})
+    assert_equal_trees(kept.restore_best(start), by_hand(start, 4))
+    assert_equal_trees(kept.restore(start), state)
+    with pytest.raises(ValueError, match=r"best = 'x', expected one of \['chamfer'"):
+        run(start, tmp_path / "new", 2, **(options | {"best": "x"}))
+
+
+def test_tensorboard_gets_every_value(start, tmp_path, monkeypatch):
+    written = []
+
+    class Writer:
+        def __init__(self, folder, purge_step):
+            written.append(("open", folder, purge_step))
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            written.append("closed")
+
+        def add_scalar(self, name, value, step):
+            written.append((name, step))
+
+    module = type("Module", (), {"SummaryWriter": Writer})
+    monkeypatch.setitem(sys.modules, "tensorboardX", module)
+    run(start, tmp_path, 1)
+    run(start, tmp_path, 2)
+    folder = str(tmp_path / "tensorboard")
+    names = ("loss", "gradient_norm", "seconds")
+    assert written == [
+        ("open", folder, 0), *((n, 0) for n in names), "closed",
+        ("open", folder, 1), *((n, 1) for n in names), "closed",
+    ]  # fmt: skip

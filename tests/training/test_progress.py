@@ -1,0 +1,24 @@
+"""Progress of long runs: time per step, days that are left."""
+
+import pytest
+
+from jradar.progress import progress
+
+
+@pytest.mark.parametrize(
+    ("seconds", "total", "expected"),
+    [
+        (0.5, 221, "2.00 steps/s  left 0:01:40"),
+        (4.0, 100_019, "4.00 s/step  left 4 days, 15:06:40"),
+    ],
+)
+def test_rate_leaves_the_first_step_out(capsys, monkeypatch, seconds, total, expected):
+    now = 1000.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    with progress("training", total, unit="steps") as show:
+        now += 600  # compiling
+        show(1)
+        for done in range(2, 22):
+            now += seconds
+            show(done)
+    assert expected in capsys.readouterr().err

@@ -1,0 +1,119 @@
+"""A run that compiles in a second; as a program, one that is killed and damaged.
+
+python -m tests.training.tiny WORKDIR STEPS [--seconds=S]
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import flax.linen as nn
+import jax
+import numpy as np
+import optax
+
+from jradar.diffusion import NoiseSpec, UNet
+from jradar.training import (
+    Batch,
+    Interrupted,
+    create_state,
+    join_processes,
+    make_train_step,
+    train,
+)
+
+KEY_SEED = 3
+NOISE, OPTIMIZER = (
+    NoiseSpec(),
+    optax.chain(optax.clip_by_global_norm(1.0), optax.adam(3e-3)),
+)
+
+
+class TinyNet(UNet):
+    """Three small convolutions with the interface of the U-Net."""
+
+    def setup(self):
+        """One layer each for the condition, the image and both."""
+        self.condition, self.image = nn.Conv(8, (1, 1)), nn.Conv(8, (3, 3))
+        self.output = nn.Conv(2, (3, 3))
+
+    def encode(self, condition):
+        """Features at the image's size."""
+        return self.condition(condition).repeat(2, 2)
+
+    def decode(self, x, c_noise, features):
+        """Both, and the noise level."""
+        level = c_noise[:, None, None, None]
+        return self.output(nn.silu(self.image(x) + features + level))
+
+
+NETWORK = TinyNet()
+STEP = make_train_step(NETWORK, OPTIMIZER, NOISE, ema_decay=0.9)
+
+
+def batch_at(step):
+    rng = np.random.default_rng(step)
+    return Batch(
+        rng.normal(size=(4, 8, 8, 2)).astype(np.float32),
+        0.5 * rng.normal(size=(4, 8, 16, 2)).astype(np.float32),
+    )
+
+
+def new_state():
+    return create_state(
+        jax.random.key(0, impl="rbg"),
+        NETWORK,
+        OPTIMIZER,
+        image_shape=(8, 16, 2),
+        condition_shape=(8, 8, 2),
+    )
+
+
+def distance_from_zero(state, step):
+    """A validation value that is cheap."""
+    leaves = jax.tree.leaves(state.ema_params)
+    return {
+        "loss": float(sum(np.square(leaf).sum() for leaf in map(np.asarray, leaves)))
+    }
+
+
+def main():
+    """Train, slowly enough to be disturbed; exit codes as those of the experiments."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("workdir")
+    parser.add_argument("steps", type=int)
+    parser.add_argument("--seconds", type=float, default=0.0, help="of a step")
+    options = parser.parse_args()
+    sys.modules["tensorboardX"] = None  # which imports PyTorch where it is installed
+    join_processes()
+    workdir = Path(options.workdir)
+    workdir.mkdir(exist_ok=True, parents=True)
+
+    def slow_batch_at(step):
+        time.sleep(options.seconds)
+        return batch_at(step)
+
+    try:
+        train(
+            jax.random.key(KEY_SEED),
+            new_state(),
+            STEP,
+            slow_batch_at,
+            steps=options.steps,
+            workdir=workdir,
+            checkpoint_every=2,
+            evaluate_every=3,
+            evaluate=distance_from_zero,
+        )
+    except Interrupted as stop:
+        print(stop, file=sys.stderr)
+        return stop.exit_code
+    except OSError as error:
+        print(error, file=sys.stderr)
+        return 3
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
