@@ -7,12 +7,20 @@ compare_paired, compare_methods, Comparison
                                  do two methods differ, frame by frame?
 summarise, markdown, scenes_table, csv_table, write_tables
                                  tables: of all scores, the paper's, for spreadsheets
+save_clouds, load_clouds         clouds of a few frames, kept with the scores
+build_report, open_report        a run's tables, curves and clouds in one HTML file
 """
 
 from jradar.evaluation.methods import (
     Method as Method,
     Truth as Truth,
     score_frames as score_frames,
+)
+from jradar.evaluation.report import (
+    build_report as build_report,
+    load_clouds as load_clouds,
+    open_report as open_report,
+    save_clouds as save_clouds,
 )
 from jradar.evaluation.scores import (
     read_scores as read_scores,

@@ -13,7 +13,6 @@ import base64
 import html
 import io
 import json
-import math
 import re
 import zlib
 from collections.abc import Mapping, Sequence
@@ -30,8 +29,8 @@ from matplotlib.figure import Figure
 from jradar.files import write_text
 
 TEMPLATE = Path(__file__).with_name("report.html")
+SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, seen on light and on dark ground
 SPARSE = 2000  # clouds with fewer points are drawn with larger ones
-THINNER = 0.8  # from one try to the next
 
 
 class CloudFrame(NamedTuple):
@@ -60,22 +59,29 @@ def write_report(
     page = TEMPLATE.read_text(encoding="utf-8")
     most = max((len(x) for f in frames for x in f.clouds.values()), default=0)
     while True:
-        data = _viewer_data(frames, most)
-        parts = {
-            "title": html.escape(title),
-            "sections": "\n".join(sections),
-            "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
-            "grid": f"{data['grid_m']:g}",
-        }
-        text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], page)
-        size = len(text.encode())
-        if size <= max_bytes:
+        text, size_of_clouds = _page(page, title, sections, _viewer_data(frames, most))
+        excess = len(text.encode()) - max_bytes
+        if excess <= 0:
             return write_text(path, text)
-        if most < 100:
+        share = 0.97 * (1 - excess / max(size_of_clouds, 1))
+        if share * most < 100:
             raise ValueError(
-                f"report of {size} bytes, {max_bytes=}: leave out pictures or frames"
+                f"report of {excess + max_bytes} bytes, {size_of_clouds} of them "
+                f"clouds, {max_bytes=}: leave out pictures or frames"
             )
-        most = int(THINNER * most)
+        most = int(share * most)
+
+
+def _page(page, title, sections, data):
+    """The page with its parts filled in, and how many bytes of it are clouds."""
+    parts = {
+        "title": html.escape(title),
+        "sections": "\n".join(sections),
+        "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        "grid": f"{data['grid_m']:g}",
+    }
+    text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], page)
+    return text, sum(len(frame["data"]) for frame in data["frames"])
 
 
 def _viewer_data(frames, most):
@@ -102,7 +108,7 @@ def _viewer_data(frames, most):
             bool(np.mean([len(row[i]) for row in clouds]) >= SPARSE)
             for i in range(len(names))
         ],
-        "turbo": "".join(to_hex(c)[1:] for c in colormaps["turbo"](np.arange(256))),
+        "turbo": "".join(to_hex(colour)[1:] for colour in colormaps["turbo"](SHADES)),
         "unit_m": unit,
         "heights_m": [float(low[2]), float(max(high[2], low[2] + 0.1))],
         "centre_m": [float(x) for x in (low + high) / 2],
@@ -158,7 +164,7 @@ def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
         for axis in steps.T:
             octets = axis.astype("<i2").view(np.uint8).reshape(-1, 2)
             planes += [octets[:, 0].tobytes(), octets[:, 1].tobytes()]
-    return base64.b64encode(zlib.compress(b"".join(planes), 9)).decode()
+    return base64.b64encode(zlib.compress(b"".join(planes))).decode()
 
 
 def _z_order(whole):

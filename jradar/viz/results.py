@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 MAX_CURVE_POINTS = 2000
 Points = Float[np.ndarray, "_ 3"]
@@ -119,7 +119,7 @@ def clouds_figure(
                 axes.set_title(name, y=1.0)
             if column == 0:
                 axes.text2D(
-                    -0.02, 0.5, scene, transform=axes.transAxes, rotation=90,
+                    -0.06, 0.5, scene, transform=axes.transAxes, rotation=90,
                     va="center", ha="right", fontsize="large",
                 )  # fmt: skip
         figure.colorbar(drawn, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
@@ -133,7 +133,8 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
     where there are few. A torn last line, of a run that goes on, is left out.
     """
     records = _read_metrics(Path(path))
-    names = [*dict.fromkeys(n for record in records for n in record if n != "step")]
+    names = {name for record in records for name in record} - {"step"}
+    names = sorted(names, key=lambda name: (name != "loss", name))
     figure = Figure(
         figsize=(6.4 * min(len(names), 2), 3.4 * math.ceil(len(names) / 2)),
         layout="constrained",
@@ -150,6 +151,8 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
         axes.plot(steps[span - 1 :][::thin], smooth[::thin], color="C0", linewidth=1.8)
         if len(values) and values.min() > 0:
             axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(ScalarFormatter())
+            axes.yaxis.set_minor_formatter(ScalarFormatter())
         axes.set(xlabel="step", title=name.replace("_", " "))
         axes.grid(alpha=0.3, which="both")
         axes.spines[["top", "right"]].set_visible(False)
