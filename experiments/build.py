@@ -168,16 +168,22 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
         ),
     }
     key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
-    scores = [*evaluation.score_frames(key, pairs, methods, fine=spec.fine)]
-    table = evaluation.markdown(evaluation.summarise(scores))
+    frames = [jax.tree.map(lambda x, i=i: x[i], pairs) for i in range(len(pairs.lidar))]
+    scores = evaluation.score_frames(
+        key,
+        frames,
+        methods,
+        truths={"LiDAR": lambda pair: unproject(pair.lidar, spec.fine)},
+        scene="simulated rooms",
+    )
     folder = workdir / "evaluation"
-    write_text(folder / "table.md", table)
-    write_text(folder / "frames.jsonl", "".join(json.dumps(s) + "\n" for s in scores))
+    evaluation.write_scores(folder / "frames.jsonl", scores)
+    evaluation.write_tables(folder / "frames.jsonl")
+    table = evaluation.markdown(
+        evaluation.summarise(evaluation.read_scores(folder / "frames.jsonl"))
+    )
 
-    shown = [
-        jax.tree.map(lambda x, i=i: x[i], pairs)
-        for i in range(min(FRAMES_IN_FIGURE, len(pairs.lidar)))
-    ]
+    shown = frames[:FRAMES_IN_FIGURE]
     columns = {"LiDAR": np.stack([pair.lidar for pair in shown])}
     for name, method in methods.items():
         clouds = [
