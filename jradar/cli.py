@@ -1,4 +1,4 @@
-"""The command line: `jradar info | points | enhance`.
+"""The command line: `jradar info | points | enhance | simulate`.
 
 Heavy modules are imported by the command that needs them, so that `--help` and a wrong
 option answer at once. Exit codes: 0 ok, 2 usage, 3 environment, 4 bad data, 5 no usable
@@ -163,6 +163,13 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def simulate(options: argparse.Namespace) -> dict[str, Any]:
+    """Simulated recordings in ColoRadar's layout, or as a capture of one's own."""
+    from jradar.data.simulation import simulate
+
+    return simulate(options)
+
+
 def _parser() -> argparse.ArgumentParser:
     """Options of all commands."""
     parser = argparse.ArgumentParser(
@@ -206,7 +213,28 @@ def _parser() -> argparse.ArgumentParser:
     sub.add_argument("--weights", metavar="BUNDLE", required=True, help="bundle folder")
     sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
     sub.add_argument("--seed", type=int, default=0, help="of the drawn sample")
+    _add_simulate(commands)
     return parser
+
+
+def _add_simulate(commands: Any) -> None:
+    """Options of `simulate`."""
+    summary = (simulate.__doc__ or "").splitlines()[0]
+    sub = commands.add_parser("simulate", help=summary, description=summary)
+    sub.set_defaults(command=simulate)
+    families = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
+    sub.add_argument("--scene", choices=families, help="kind of scene")
+    sub.add_argument("--set", metavar="NAME", help="benchmark set, such as jradar-sim")
+    frames = "of each sequence (default 50; 100 in a set)"
+    sub.add_argument("--frames", type=_at_least_1, help=frames)
+    sub.add_argument("--seed", type=int, default=0, help="of the scene (default 0)")
+    sensors = ("single_chip", "cascade", "both")
+    sub.add_argument("--sensor", choices=sensors, default="single_chip")
+    formats = ("coloradar", "capture")
+    sub.add_argument("--format", choices=formats, default="coloradar")
+    sub.add_argument("--dry-run", action="store_true", help="say size and time only")
+    sub.add_argument("--json", action="store_true", help="print JSON and only that")
+    sub.add_argument("-o", "--output", metavar="DIR", required=True)
 
 
 def _at_least_1(text: str) -> int:
