@@ -58,7 +58,7 @@ def get_config():
     config.loss.squared = 1.0
     config.loss.absolute = 0.0
     config.loss.perceptual = 0.0
-    config.loss.perceptual_network = "alex"
+    config.loss.perceptual_network = "alexnet"  # or vgg16
     config.loss.perceptual_every = 1
 
     config.train = ConfigDict()
