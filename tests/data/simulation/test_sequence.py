@@ -1,4 +1,4 @@
-"""Sequences on disk: layout, sizes, calibration, the same bytes again, all or nothing."""
+"""Sequences on disk: layout, sizes, calibration, same bytes again, all or nothing."""
 
 import subprocess
 import sys
