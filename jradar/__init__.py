@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jradar import (
+        baselines as baselines,
         bundle as bundle,
         data as data,
         diffusion as diffusion,
@@ -41,6 +42,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "PointCloud",
+    "baselines",
     "bundle",
     "data",
     "diffusion",

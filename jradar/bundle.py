@@ -24,7 +24,7 @@ from jradar.files import atomic_path
 from jradar.radar import RadarSpec
 from jradar.range_image import ImageSpec
 
-FORMAT = 1
+FORMAT = 2
 MAX_JSON_BYTES = 1 << 20
 
 

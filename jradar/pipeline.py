@@ -44,13 +44,19 @@ def draw_range_image(
     codec: str = "log",
     validity_threshold: float = 0.0,
     steps: int = 18,
+    **solving: Any,
 ) -> Float[Array, "fine_row fine_column"]:
     """A LiDAR-like range image in metres, 0 for a miss, given a `condition_image`.
 
-    `steps=1` is the one-step estimate.
+    `steps=1` is the one-step estimate; `solving` are further options of `sample`.
     """
     values = sample(
-        key, denoise(condition[None]), (1, *fine.shape, 2), noise=noise, steps=steps
+        key,
+        denoise(condition[None]),
+        (1, *fine.shape, 2),
+        noise=noise,
+        steps=steps,
+        **solving,
     )
     return decode_target(
         values[0], fine, codec=codec, validity_threshold=validity_threshold

@@ -17,11 +17,16 @@ NETWORK = UNet(channels=8, multipliers=(1, 2), blocks=1, attention_levels=(1,))
 
 @pytest.fixture(scope="module")
 def bundle():
-    params = jax.jit(NETWORK.init)(
-        jax.random.key(0, impl="rbg"),
+    shapes = jax.eval_shape(
+        NETWORK.init,
+        jax.random.key(0),
         jnp.zeros((1, 8, 32, 2)),
         jnp.zeros(1),
         jnp.zeros((1, 8, 8, 12)),
+    )
+    rng = np.random.default_rng(0)
+    params = jax.tree.map(
+        lambda leaf: jnp.asarray(rng.normal(size=leaf.shape), leaf.dtype), shapes
     )
     spec = BundleSpec(
         network=NETWORK,
@@ -61,7 +66,7 @@ def test_missing_bundle_says_what_was_expected(tmp_path):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("format", 99, "format 99, expected 1"),
+        ("format", 99, "format 99, expected 2"),
         ("noise", {"sigma_data": -1.0}, "not usable: sigma_data = -1"),
         ("network", {"chanels": 3}, "not usable: .*chanels"),
         ("codec", None, "not usable"),

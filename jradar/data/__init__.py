@@ -10,6 +10,11 @@ open_dca1000, advise_iq_order    captures of TI's DCA1000 card
 open_bag, bag_topics             LiDAR clouds in ROS bags
 open_capture                     both, poses and extrinsics: a capture of one's own
 estimate_time_offset, propose_offset                 between the sensors' clocks
+prepare, PrepareSpec             recordings to records of training pairs
+ .. prepare_frame, matches_of     one frame of them, and which belong together
+Records, PairSource, Batches     records to images, and to batches by step
+open_radarhd                     RadarHD's pairs of polar images
+simulation                       a ColoRadar that the project makes itself
 random_room, room_frame          simulated rooms seen by radar and LiDAR
 make_pairs, batch_indices        pairs of condition and target, drawn by step
 read_cloud                       clouds from PCD, PLY and KITTI files
@@ -43,19 +48,40 @@ from jradar.data.coloradar_splits import (
 )
 from jradar.data.cubes import open_recording as open_recording
 from jradar.data.dca1000 import open_dca1000 as open_dca1000
+from jradar.data.frames import (
+    PrepareSpec as PrepareSpec,
+    matches_of as matches_of,
+    prepare_frame as prepare_frame,
+)
 from jradar.data.inspect import describe as describe, describe_file as describe_file
 from jradar.data.iq_order import advise_iq_order as advise_iq_order
+from jradar.data.loading import (
+    Batches as Batches,
+    Pair as Pair,
+    PairSource as PairSource,
+    lidar_image as lidar_image,
+)
+from jradar.data.matching import (
+    Matches as Matches,
+    match_nearest as match_nearest,
+)
 from jradar.data.pairs import (
     Pairs as Pairs,
     batch_indices as batch_indices,
     make_pairs as make_pairs,
 )
+from jradar.data.preparation import prepare as prepare
+from jradar.data.radarhd import RadarHD as RadarHD, open_radarhd as open_radarhd
 from jradar.data.recording import (
     Recording as Recording,
     Stream as Stream,
     calibrated_cube as calibrated_cube,
     nearest_scan as nearest_scan,
     radar_from_lidar as radar_from_lidar,
+)
+from jradar.data.records import (
+    PreparedFrame as PreparedFrame,
+    Records as Records,
 )
 from jradar.data.rosbags import (
     LidarStream as LidarStream,

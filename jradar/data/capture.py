@@ -212,7 +212,7 @@ def _place(path, name, table):
             raise ValueError(
                 f"{path}: [{name}] {key} = {values!r}, expected {count} numbers"
             )
-        return values
+        return [float(value) for value in values]
 
     xyz = numbers("xyz", 3) or [0.0, 0.0, 0.0]
     angles, quaternion = numbers("rpy_degrees", 3), numbers("quaternion", 4)

@@ -70,10 +70,10 @@ def open_coloradar(
     cubes = _adc_samples(folder, sensor, radar)
     notes += cubes.notes
     lidar = poses = None
-    if (folder / "lidar").is_dir():
+    if (folder / "lidar" / "pointclouds").is_dir():
         lidar = coloradar_lidar(folder)
         notes += lidar.notes
-    if (folder / "groundtruth").is_dir():
+    if (folder / "groundtruth" / "groundtruth_poses.txt").is_file():
         poses = _poses(folder, "groundtruth", notes)
     coupling = frequency_phase = None
     if (path := calib / sensor / "coupling_calib.txt").is_file():

@@ -56,12 +56,10 @@ def file_stream(
                 f"{label}_<N>.bin: {len(times)} stamps for {len(numbers)} files: "
                 f"{unstamped} files without a stamp are left out"
             )
-        if spare := len(times) - 1 - int(lines[-1]):
-            if spare > 0:
-                notes.append(
-                    f"{label}_<N>.bin: the last {spare} of {len(times)} stamps have no "
-                    "file"
-                )
+        if (spare := len(times) - 1 - int(lines[-1])) > 0:
+            notes.append(
+                f"{label}_<N>.bin: the last {spare} of {len(times)} stamps have no file"
+            )
         numbers, times = numbers[stamped], times[lines[stamped]]
     else:
         notes.append(f"{label}_<N>.bin: no {stamps.name}, times are not known")

@@ -4,6 +4,7 @@ cube.npy + radar.toml            complex samples, the axes named in [file]
 adc_data.bin + LogFile.txt       a DCA1000's samples, with the log of mmWave Studio
 adc_data.bin + radar.cfg         or the .cfg of TI's mmWave SDK, see `dca1000`
 sequence/                        of ColoRadar, see `coloradar`
+folder/ with a capture.toml      radar, LiDAR and poses of one's own, see `capture`
 """
 
 import dataclasses
@@ -12,12 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from jradar.data.capture import open_capture
 from jradar.data.coloradar import is_coloradar, open_coloradar
 from jradar.data.dca1000 import open_dca1000
 from jradar.data.recording import Recording, Stream
 from jradar.radar import RadarSpec
 from jradar.radar.readers import toml
 
+CAPTURE = "capture.toml"
 AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 MAX_BYTES = 64 << 30
 DESCRIPTIONS = {
@@ -26,8 +29,8 @@ DESCRIPTIONS = {
 }
 EXPECTED = (
     "expected a .npy cube with the .toml that describes it, an adc_data.bin with its "
-    "mmWave Studio log, .cfg or .toml, or a sequence of ColoRadar, a folder with "
-    "single_chip/adc_samples or cascade/adc_samples"
+    "mmWave Studio log, .cfg or .toml, a folder with a capture.toml, or a sequence of "
+    "ColoRadar, a folder with single_chip/adc_samples or cascade/adc_samples"
 )
 
 
@@ -39,6 +42,7 @@ def open_recording(
     frames_as_chirps: bool = False,
     iq_order: str | None = None,
     allow_partial: bool = False,
+    device: str | None = None,
 ) -> Recording:
     """Open a recording of any kind; its description is looked for if it is not given.
 
@@ -46,21 +50,27 @@ def open_recording(
     ColoRadar sequence, of which `sensor` picks the radar. `frames_as_chirps` makes one
     frame of a recording with one chirp per frame: slow time then runs over the frames.
     `iq_order` replaces what the description of an adc_data.bin says, `allow_partial`
-    takes the whole frames of one that was cut off. Raises ValueError for what does not
-    fit together.
+    takes the whole frames of one that was cut off, `device` is the board of its .cfg.
+    Raises ValueError for what does not fit together.
     """
     path = Path(path)
+    path = path.parent if path.name == CAPTURE else path
     if not path.exists():
         raise FileNotFoundError(f"no such file or folder: {path}")
+    has_capture = (path / CAPTURE).is_file()
     for name, value, taken in (
-        ("sensor", sensor, path.is_dir()),
+        ("description", description, not has_capture),
+        ("sensor", sensor, path.is_dir() and not has_capture),
         ("iq_order", iq_order, path.suffix == ".bin"),
         ("allow_partial", allow_partial or None, path.suffix == ".bin"),
+        ("device", device, path.suffix == ".bin"),
     ):
         if value is not None and not taken:
             raise ValueError(
                 f"{name} = {value!r} has no meaning for {path}: sensor is for "
-                "sequences of ColoRadar, iq_order and allow_partial for adc_data.bin"
+                "sequences of ColoRadar, iq_order, allow_partial and device for "
+                "adc_data.bin; "
+                "a capture.toml says all of its capture"
             )
     if path.is_dir():
         recording = _open_folder(path, description, sensor)
@@ -72,6 +82,7 @@ def open_recording(
             _description(path, description),
             iq_order=iq_order,
             allow_partial=allow_partial,
+            **({} if device is None else {"device": device}),
         )
     else:
         raise ValueError(f"{path} is no recording: {EXPECTED}")
@@ -79,11 +90,17 @@ def open_recording(
 
 
 def _open_folder(path: Path, description, sensor: str | None) -> Recording:
-    """A sequence of ColoRadar; for other folders an error that says what is in them."""
+    """A capture or a sequence; for other folders an error that says what they hold."""
+    if (path / CAPTURE).is_file():
+        return open_capture(path)
     if is_coloradar(path):
         return open_coloradar(path, sensor=sensor, calib=description)
     inside = [*path.glob("*"), *path.glob("kitti/*")]
-    found = [p for p in inside if p.suffix in DESCRIPTIONS or is_coloradar(p)]
+    found = [
+        p
+        for p in inside
+        if p.suffix in DESCRIPTIONS or is_coloradar(p) or (p / CAPTURE).is_file()
+    ]
     if found:
         names = [str(p) for p in sorted(found)]
         more = f" and {len(names) - 5} more" if len(names) > 5 else ""

@@ -41,16 +41,15 @@ class Files(NamedTuple):
 
     def read(self, start: int, stop: int) -> UInt8[np.ndarray, " byte"]:
         """Bytes from `start` to `stop`, fewer where the last file ends before."""
-        parts, stop = [np.empty(0, np.uint8)], min(stop, self.size)
+        parts, begin = [np.empty(0, np.uint8)], 0
         for path, end in zip(self.paths, self.ends.tolist(), strict=True):
-            if start < min(stop, end):
-                offset = start - end + path.stat().st_size
-                parts.append(
-                    np.fromfile(path, np.uint8, min(stop, end) - start, offset=offset)
-                )
-                start = min(stop, end)
-        if start < stop:
-            raise ValueError(f"{self.paths[-1]} was cut while it was read")
+            if (count := min(stop, end) - start) > 0:
+                part = np.fromfile(path, np.uint8, count, offset=start - begin)
+                if len(part) < count:
+                    raise ValueError(f"{path} was cut while it was read")
+                parts.append(part)
+                start += count
+            begin = end
         return np.concatenate(parts)
 
 
@@ -188,9 +187,10 @@ def _runs_at(files, position, header_bytes, window):
             return []
         sequence, length, count = _header(files, position, header_bytes)
         if not _plausible(sequence, length, count):
+            hint = ", or a packet before it not full" if header_bytes == 10 else ""
             raise ValueError(
                 f"{_place(files, position)}: expected the header of a packet, found "
-                f"number {sequence}, {length} bytes after {count:,}: damaged?"
+                f"number {sequence}, {length} bytes after {count:,}: damaged{hint}?"
             )
         cut = position + header_bytes + length > files.size
         return [] if cut else [(count, position, length, 1)]

@@ -1,10 +1,13 @@
 """One radar frame and its LiDAR scan to what a record holds (sections III-A, V-A)."""
 
 import dataclasses
+import difflib
 import functools
+from pathlib import Path
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from jradar.data.matching import Matches, match_nearest
 from jradar.data.recording import Recording, calibrated_cube
@@ -18,6 +21,7 @@ from jradar.radar import (
     cell_points,
     largest_window,
 )
+from jradar.radar.readers import toml
 from jradar.types import PointCloud
 
 
@@ -41,6 +45,26 @@ class PrepareSpec:
     block: int = 32  # frames of a shard
     lidar: LidarSpec = LidarSpec()
 
+    @classmethod
+    def from_toml(cls, path: Path | str) -> "PrepareSpec":
+        """The fields in a TOML file, those of the LiDAR in its table [lidar].
+
+        Raises ValueError for an unknown field, naming the nearest.
+        """
+        values = toml(path)
+        lidar = _known(path, values.pop("lidar", {}), LidarSpec)
+        return cls(**_known(path, values, cls), lidar=LidarSpec(**lidar))
+
+
+def _known(path, values, spec):
+    """The values as fields of `spec`, lists as tuples."""
+    names = [field.name for field in dataclasses.fields(spec)]
+    for name in values:
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1) or [", ".join(names)]
+            raise ValueError(f"{path}: unknown field {name!r}, expected {near[0]}")
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+
 
 def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
     """The recording's matched frames; ValueError where it has no LiDAR or no times."""
@@ -61,8 +85,11 @@ def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
 
 def prepare_frame(
     recording: Recording, radar_index: int, lidar_index: int, spec: PrepareSpec
-) -> tuple[PreparedFrame, LidarSteps]:
-    """One radar frame with its LiDAR scan, and the steps on the way; on the host."""
+) -> tuple[PreparedFrame, LidarSteps, Float[np.ndarray, "echo 3"]]:
+    """One radar frame with its LiDAR scan, on the host, and what decided its truth.
+
+    That is every step of the LiDAR's preparation, and the radar points that it trusts.
+    """
     assert recording.lidar is not None
     stamp, lidar_stamp = (
         float(stream.stamps[i])
@@ -94,7 +121,7 @@ def prepare_frame(
         radar=jax.tree.map(np.asarray, cloud),
         lidar_xyz=steps.xyz[steps.visible],
     )
-    return frame, steps
+    return frame, steps, trusted_xyz
 
 
 def sensor_poses(

@@ -12,7 +12,7 @@ from jradar.radar import RadarSpec
 
 BAGS = (".bag", ".mcap", ".db3")
 CLOUDS = (".ply", ".pcd")
-CLOUD_NAMES = re.compile(r"(lidar_pointcloud_)?[0-9]+\.bin")  # ColoRadar's and KITTI's
+CLOUD_NAMES = re.compile(r"(.*lidar.*|[0-9]+)\.bin")  # ColoRadar's and KITTI's
 GAP = 1.5  # steps between stamps longer than so many median ones
 
 
@@ -65,7 +65,7 @@ def describe_file(path: Path | str) -> dict[str, Any] | None:
         "cloud": str(path),
         "points": len(xyz),
         "finite and not (0, 0, 0)": len(returns),
-        "fields": [*columns],
+        "fields": " ".join(columns),
         **dict(zip(("lowest_m", "highest_m"), bounds, strict=False)),
     }
 

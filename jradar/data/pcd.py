@@ -46,7 +46,7 @@ def columns_of_words(
         width = kind.shape[0] if kind.shape else 1
         try:
             column = table[:, at : at + width].astype(kind.base)
-        except ValueError as error:
+        except (ValueError, OverflowError) as error:
             raise ValueError(f"{path}: {name}: {error}") from error
         columns[name] = column if kind.shape else column[:, 0]
         at += width

@@ -41,7 +41,6 @@ class LidarStream(Stream):
     def __init__(self, path: Path, topic: str, kind: str):
         """Pass once over the messages of `topic` for their stamps."""
         self.path, self.topic, self.kind = path, topic, kind
-        self.notes = list[str]()
         self.is_ros1 = path.suffix == ".bag"
         stamps = np.zeros((0, 2), np.int64)
         with READING:
@@ -49,7 +48,8 @@ class LidarStream(Stream):
         if found:
             stamps = np.array(found, np.int64)
         self._times = stamps[:, 0]
-        super().__init__(self._read_cloud, len(stamps), self._stamps(stamps[:, 1]))
+        seconds, notes = self._stamps(stamps[:, 1])
+        super().__init__(self._read_cloud, len(stamps), seconds, notes)
 
     def read_points(self, index: int) -> dict[str, np.ndarray]:
         """All that cloud `index` tells of its points, under the names of its fields.
@@ -115,18 +115,17 @@ class LidarStream(Stream):
         """Seconds of the headers where they are good, else of the bag, with a note."""
         fault = "zero" if (headers == 0).any() else "not rising"
         if (headers == 0).any() or (np.diff(headers) <= 0).any():
-            self.notes.append(
+            return self._times / NS, (
                 f"{self.topic}: the stamps in the headers are {fault}; the times of "
-                "recording are taken instead"
+                "recording are taken instead",
             )
-            return self._times / NS
         late = np.median(self._times - headers) / NS if len(headers) else 0.0
         if abs(late) > OTHER_CLOCK_S:
-            self.notes.append(
+            return headers / NS, (
                 f"{self.topic}: the LiDAR's clock is {late:,.3f} s behind the "
-                "recording's; its own stamps are taken"
+                "recording's; its own stamps are taken",
             )
-        return headers / NS
+        return headers / NS, ()
 
 
 def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
@@ -167,12 +166,14 @@ def _reader(path) -> Any:
     """The open reader of a bag, one for each process."""
     if not path.exists():
         raise FileNotFoundError(f"no such bag: {path}")
-    stat = path.stat()
-    return _open_reader(path, os.getpid(), stat.st_mtime_ns, stat.st_size)
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    stats = [file.stat() for file in files]
+    version = tuple((stat.st_mtime_ns, stat.st_size) for stat in stats)
+    return _open_reader(path, os.getpid(), version)
 
 
-@functools.lru_cache(maxsize=4)
-def _open_reader(path, *_version):
+@functools.lru_cache(maxsize=64)
+def _open_reader(path, _process, _version):
     try:
         from rosbags import rosbag1, rosbag2
     except ImportError as error:

@@ -34,13 +34,17 @@ def estimate_time_offset(
 
     Normalised cross-correlation on a common clock of half the finer period, its peak
     between samples from a parabola. The confidence is the correlation at the peak less
-    that of the next peak. Raises ValueError for signals of fewer than 8 samples.
+    that of the next peak. Raises ValueError for signals of fewer than 8 samples, and
+    for stamps that do not rise.
     """
     if min(len(radar_stamps), len(lidar_stamps)) < 8:
         raise ValueError(
             f"{len(radar_stamps)} radar frames and {len(lidar_stamps)} clouds, "
             "expected 8 or more of each to compare their motion"
         )
+    for stamps in (radar_stamps, lidar_stamps):
+        if not (np.diff(stamps) > 0).all():
+            raise ValueError("the stamps do not rise, expected rising ones")
     periods = [np.median(np.diff(stamps)) for stamps in (radar_stamps, lidar_stamps)]
     step = 0.5 * float(min(periods))
     least = LEAST_OVERLAP * min(np.ptp(radar_stamps), np.ptp(lidar_stamps)) / step
@@ -97,7 +101,7 @@ def propose_offset(
         cubes.stamps[frames],
         motion,
         0.5 * (stamps[1:] + stamps[:-1]),
-        change / np.diff(stamps),
+        change / np.maximum(np.diff(stamps), 1e-6),
         max_offset_s=max_offset_s,
     )
 

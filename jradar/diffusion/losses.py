@@ -1,27 +1,110 @@
-"""Training losses (Eq. 9; Eq. 10 and 11 are still to come)."""
+"""Training losses (Eq. 9-12): L = squared L_m + perceptual L_p + absolute L_c.
+
+L_m   EDM-weighted squared error, over all noise levels (Eq. 9)
+L_p   a perceptual distance of the first channel, LPIPS for one (Eq. 10)
+L_c   distance |x0 - D| pixel by pixel (Eq. 11)
+
+L_p and L_c compare the images themselves, not what the network predicts, so `LossSpec`
+can limit them to noise levels at which an image is still recognised.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
 
 from jradar.diffusion.noise import NoiseSpec, loss_weight, training_sigma
 from jradar.diffusion.precondition import Denoiser
+
+Image = Float[Array, "batch row column channel"]
+Perceptual = Callable[[Image, Image], Float[Array, " batch"]]
+
+
+@dataclasses.dataclass(frozen=True)
+class LossSpec:
+    """Weights of Eq. 12; the last two terms count below the level `below_sigma` only.
+
+    The perceptual term is computed at every `perceptual_every`-th step, and weighs as
+    much more there.
+    """
+
+    squared: float = 1.0
+    perceptual: float = 0.0
+    absolute: float = 0.0
+    below_sigma: float = math.inf
+    perceptual_every: int = 1
+
+    def __post_init__(self):
+        """Refuse weights below 0 and intervals below 1."""
+        for name in ("squared", "perceptual", "absolute"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} = {getattr(self, name)}, expected 0 or more")
+        if self.perceptual_every < 1:
+            raise ValueError(
+                f"perceptual_every = {self.perceptual_every}, expected 1 or more"
+            )
+
+
+SQUARED = LossSpec()  # Eq. 9 alone
 
 
 def denoising_loss(
     key: Key[Array, ""],
     denoise: Denoiser,
-    clean: Float[Array, "batch row column channel"],
+    clean: Image,
     *,
     noise: NoiseSpec,
+    weights: LossSpec = SQUARED,
+    mask: Image | None = None,
+    perceptual: Perceptual | None = None,
+    step: int | Int[Array, ""] = 0,
 ) -> Float[Array, ""]:
-    """Mean weighted squared error ||x0 - D(x0 + sigma n; sigma)||^2 at random levels.
+    """Eq. 12 for images `clean` at random noise levels.
 
-    The weight makes 1 the loss of a network that predicts nothing.
+    Values where `mask` is 0 count nowhere. The weight of the squared error makes 1 the
+    loss of a network that predicts nothing. `perceptual` is `functools.partial(lpips,
+    load_lpips())` or like it; `step` tells when it is due. Raises ValueError for a
+    perceptual weight without it.
     """
     sigma_key, noise_key = jax.random.split(key)
     sigma = training_sigma(sigma_key, clean.shape[:1], noise)
     levels = sigma[:, None, None, None]
     noisy = clean + levels * jax.random.normal(noise_key, clean.shape, clean.dtype)
     error = denoise(noisy, sigma) - clean
-    return jnp.mean(loss_weight(levels, noise) * error**2)
+    counts = jnp.ones_like(clean) if mask is None else mask
+    error *= counts
+    total = counts.sum((1, 2, 3)).mean()
+    per_value = jnp.maximum(total, 1) * len(clean)
+    near = jnp.where(sigma < weights.below_sigma, 1.0, 0.0)
+
+    loss = weights.squared * (loss_weight(levels, noise) * error**2).sum() / per_value
+    if weights.absolute:
+        distance = (near[:, None, None, None] * jnp.abs(error)).sum() / per_value
+        loss += weights.absolute * distance
+    if weights.perceptual:
+        if perceptual is None:
+            raise ValueError(
+                f"a perceptual weight of {weights.perceptual} without `perceptual`: "
+                "pass functools.partial(lpips, load_lpips())"
+            )
+        every = weights.perceptual_every
+        images = clean[..., :1], (clean + error)[..., :1]
+        distance = _when(jnp.asarray(step) % every == 0, perceptual, *images)
+        loss += weights.perceptual * every * (near * distance).mean()
+    return loss
+
+
+def _when(due, distance, *images):
+    """`distance(*images)` if it is due, else 0 at no cost."""
+    return jax.lax.cond(
+        due, distance, lambda a, b: jnp.zeros(a.shape[:1], a.dtype), *images
+    )
+
+
+def target_mask(target: Image) -> Image:
+    """Which values of a target of range and validity count: no range in a miss."""
+    hit = (target[..., 1:2] > 0).astype(target.dtype)
+    return jnp.concatenate([hit, jnp.ones_like(target[..., 1:])], -1)

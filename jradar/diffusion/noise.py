@@ -12,10 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+PREDICTIONS = ("edm", "clean")
+
 
 @dataclasses.dataclass(frozen=True)
 class NoiseSpec:
-    """EDM's settings; `sigma_data` is the standard deviation of the clean images."""
+    """EDM's settings; `sigma_data` is the standard deviation of the clean images.
+
+    `prediction` is what the network predicts: "edm" a mixture of image and noise,
+    "clean" the image (`scalings`).
+    """
 
     sigma_data: float = 0.5
     sigma_min: float = 0.002
@@ -23,6 +29,7 @@ class NoiseSpec:
     rho: float = 7.0
     log_mean: float = -1.2
     log_std: float = 1.2
+    prediction: str = "edm"
 
     def __post_init__(self):
         """Refuse levels that are not positive and in order."""
@@ -32,6 +39,10 @@ class NoiseSpec:
             raise ValueError(
                 f"sigma_min = {self.sigma_min}, sigma_max = {self.sigma_max}, "
                 "expected 0 < sigma_min < sigma_max"
+            )
+        if self.prediction not in PREDICTIONS:
+            raise ValueError(
+                f"prediction = {self.prediction!r}, expected one of {PREDICTIONS}"
             )
 
 
@@ -47,6 +58,8 @@ def loss_weight(
 ) -> Float[Array, "*batch"]:
     """Weight of the squared error that makes the network's target unit variance."""
     data = noise.sigma_data
+    if noise.prediction == "clean":
+        return jnp.full_like(sigma, 1 / data**2)
     return (sigma**2 + data**2) / (sigma * data) ** 2
 
 
@@ -62,3 +75,11 @@ def karras_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:
         sigma ** (1 / noise.rho) for sigma in (noise.sigma_max, noise.sigma_min)
     )
     return (high + ramp * (low - high)) ** noise.rho
+
+
+def log_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:
+    """Sampling levels equal in ln sigma, `[steps]`, on the host (DPM-Solver's)."""
+    if steps < 1:
+        raise ValueError(f"{steps=}, expected 1 or more")
+    low = noise.sigma_min if steps > 1 else noise.sigma_max
+    return np.geomspace(noise.sigma_max, low, steps)

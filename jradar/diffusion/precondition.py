@@ -2,8 +2,10 @@
 
     D(x; sigma) = c_skip x + c_out F(c_in x; ln(sigma) / 4)
 
-F sees and predicts images of unit variance at every noise level; for small noise D is
-nearly the identity, for large noise nearly F alone.
+F sees and predicts images of unit variance at every noise level. With the prediction
+"edm", D is nearly the identity for small noise and nearly F alone for large noise; F
+must then carry the noise of every pixel. With "clean", F is the image itself:
+c_skip = 0 and c_out = sigma_data.
 """
 
 from collections.abc import Callable
@@ -22,6 +24,9 @@ Denoiser = Callable[[Image, Level], Image]
 def scalings(sigma: Level, noise: NoiseSpec) -> tuple[Level, Level, Level, Level]:
     """c_skip, c_out, c_in and c_noise at a noise level."""
     total = jnp.sqrt(sigma**2 + noise.sigma_data**2)
+    if noise.prediction == "clean":
+        c_skip, c_out = jnp.zeros_like(sigma), jnp.full_like(sigma, noise.sigma_data)
+        return c_skip, c_out, 1 / total, jnp.log(sigma) / 4
     c_skip = noise.sigma_data**2 / total**2
     c_out = sigma * noise.sigma_data / total
     return c_skip, c_out, 1 / total, jnp.log(sigma) / 4

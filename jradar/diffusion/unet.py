@@ -1,19 +1,21 @@
 """The network: EDM's U-Net between a horizontal stem and a head (section IV-C).
 
-    x, angles  [row, column]                                        detail (full size)
-      |  stem: strides of (1, 4) or larger patches                         |
-      v                                                                    |
-    level 0  --blocks-------------------------------------------blocks-- head --> F
-      |  + condition, where its grid equals the level's              ^
-      v  2 x 2 mean                                                  | nearest x 2
-    level 1  --blocks----------------------------blocks--------------+
-      v                                            ^
-    level 2  --blocks--  attention  --blocks-------+
+    x [row, column] ------------------------------------- detail (full size)
+      |  stem: patches of (1, 4) or more pixels               |
+      v                                                       v
+    level 0  --blocks-------------------------------blocks-- head --> F
+      |  + condition, where its grid equals the level's  ^
+      v  2 x 2 mean                                      | nearest x 2
+    level 1  --blocks----------------------blocks--------+
+      v                                      ^
+    level 2  --blocks--  attention  --blocks-+
 
 The condition has a small tower of its own, which runs once per frame and enters the
 trunk at every level whose grid equals one of its own: radar pixels are never resampled
-to the LiDAR's. Its last layer starts at zero. Parameters are named by level, not by
-pixels, so the same ones serve any image size. Images are [batch, row, column, channel].
+to the LiDAR's. Its last layer starts at zero. Fourier features of azimuth and elevation
+enter at the stem and in the detail. Parameters are named by level, not by pixels, so
+the same ones serve any image size, and the trunk's are those of EDM's two published
+forms (`blocks`). Images are [batch, row, column, channel].
 """
 
 import math
@@ -21,12 +23,36 @@ from collections.abc import Sequence
 from typing import Any
 
 import flax.linen as nn
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
+from jradar.diffusion.blocks import (
+    FORMS,
+    Block,
+    angle_features,
+    conv,
+    fold,
+    noise_embedding,
+    norm,
+    unfold,
+)
+
 PRESETS: dict[str, dict[str, Any]] = {
+    "paper": {  # the trunk of EDM's FFHQ and AFHQ networks
+        "form": "ddpm++",
+        "channels": 128,
+        "multipliers": (1, 2, 2, 2),
+        "blocks": 4,
+        "attention_levels": (2,),
+        "stem": (1, 4),
+    },
+    "small": {
+        "channels": 64,
+        "multipliers": (1, 2, 3),
+        "blocks": 1,
+        "attention_levels": (1, 2),
+        "stem": (4, 16),
+    },
     "tiny": {
         "channels": 32,
         "multipliers": (1, 2, 4),
@@ -42,31 +68,54 @@ Features = Sequence[Float[Array, "batch _ _ _"]]
 
 
 class UNet(nn.Module):
-    """F(x; c_noise, condition), as `encode` once per frame and `decode` per step."""
+    """F(x; c_noise, condition), as `encode` once per frame and `decode` per step.
+
+    `form` is the kind of block, "adm" or "ddpm++"; `remat` trades time for memory in
+    training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks). Patches of
+    `condition_stem` pixels of the condition make one of its grid.
+    """
 
     channels: int = 64
     multipliers: tuple[int, ...] = (1, 2, 2, 2)
     blocks: int = 2
     attention_levels: tuple[int, ...] = (3,)
     stem: tuple[int, int] = (1, 4)
+    form: str = "adm"
+    head_channels: int = 64
+    noise_scale: float = 1.0
     detail_channels: int = 16
     condition_channels: int = 32
+    condition_stem: tuple[int, int] = (1, 1)
     outputs: int = 2
+    remat: bool = False
     dtype: Any = jnp.float32
+
+    def __post_init__(self):
+        """Refuse a form of block that there is not."""
+        if self.form not in FORMS:
+            raise ValueError(f"form = {self.form!r}, expected one of {FORMS}")
+        super().__post_init__()
 
     def setup(self):
         """The tower of the condition and the trunk."""
         self.tower = ConditionTower(
-            self.condition_channels, len(self.multipliers), dtype=self.dtype
+            self.condition_channels,
+            len(self.multipliers),
+            self.condition_stem,
+            dtype=self.dtype,
         )
         self.trunk = Trunk(
-            self.channels,
-            self.multipliers,
-            self.blocks,
-            self.attention_levels,
-            self.stem,
-            self.detail_channels,
-            self.outputs,
+            channels=self.channels,
+            multipliers=self.multipliers,
+            blocks=self.blocks,
+            attention_levels=self.attention_levels,
+            stem=self.stem,
+            form=self.form,
+            head_channels=self.head_channels,
+            noise_scale=self.noise_scale,
+            detail_channels=self.detail_channels,
+            outputs=self.outputs,
+            remat=self.remat,
             dtype=self.dtype,
         )
 
@@ -92,19 +141,23 @@ class ConditionTower(nn.Module):
 
     channels: int
     levels: int
+    stem: tuple[int, int] = (1, 1)
     dtype: Any = jnp.float32
 
     @nn.compact
     def __call__(self, condition: Condition) -> Features:
-        """Maps of the grids [row, column], [row / 2, column / 2] ..."""
-        x = _conv(self.channels, self.dtype, name="input")(condition)
+        """Maps of the grid of patches, of half of it, and so on."""
+        patches = fold(condition, self.stem)
+        x = conv(self.channels, self.dtype, name="input")(patches)
         features = []
         for level in range(self.levels):
             if level:
                 x = nn.Conv(
                     self.channels, (3, 3), (2, 2), dtype=self.dtype, name=f"down{level}"
                 )(nn.silu(x))
-            h = _conv(self.channels, self.dtype, name=f"conv{level}")(nn.silu(_norm(x)))
+            h = conv(self.channels, self.dtype, name=f"conv{level}")(
+                nn.silu(norm(1e-5, self.dtype)(x))
+            )
             x = x + h
             features.append(x)
             if min(x.shape[1:3]) < 2 or any(size % 2 for size in x.shape[1:3]):
@@ -120,9 +173,13 @@ class Trunk(nn.Module):
     blocks: int
     attention_levels: tuple[int, ...]
     stem: tuple[int, int]
+    form: str
+    head_channels: int
+    noise_scale: float
     detail_channels: int
     outputs: int
-    dtype: Any = jnp.float32
+    remat: bool
+    dtype: Any
 
     @nn.compact
     def __call__(
@@ -130,74 +187,96 @@ class Trunk(nn.Module):
     ) -> Image:
         """Output of the size of `x`. Raises ValueError where the sizes do not halve."""
         self._check(x.shape, features)
+        song = self.form == "ddpm++"
         width = [self.channels * m for m in self.multipliers]
-        embedding = _noise_embedding(c_noise, self.channels)
+        embedding = noise_embedding(
+            c_noise * self.noise_scale, self.channels, self.form
+        )
         for layer in ("embed0", "embed1"):
-            embedding = nn.silu(
-                nn.Dense(4 * self.channels, dtype=self.dtype, name=layer)(embedding)
+            embedding = nn.silu(self._dense(4 * self.channels, layer)(embedding))
+
+        def block(name, channels, *, attend=False, resample=""):
+            return (nn.remat(Block) if self.remat else Block)(
+                channels,
+                form=self.form,
+                attend=attend,
+                head_channels=self.head_channels,
+                resample=resample,
+                dtype=self.dtype,
+                name=name,
             )
 
-        def block(name, channels, level, **options):
-            attend = level in self.attention_levels
-            return Block(channels, attend, name=name, dtype=self.dtype, **options)
-
-        angles = jnp.asarray(_angle_features(x.shape[1], x.shape[2]), x.dtype)
-        angles = jnp.broadcast_to(angles, (*x.shape[:3], angles.shape[-1]))
-        full = jnp.concatenate([x, angles], -1)
-        detail = _conv(self.detail_channels, self.dtype, name="detail")(full)
-        kernel = tuple(2 * stride if stride > 1 else 3 for stride in self.stem)
-        h = nn.Conv(width[0], kernel, self.stem, dtype=self.dtype, name="stem")(full)
+        x = x.astype(self.dtype)
+        detail = self._detail(x, embedding)
+        patches = fold(x, self.stem)
+        first = self.channels if song else width[0]
+        h = conv(first, self.dtype, name="stem")(patches)
+        h += self._angles(first, patches, "angles")
 
         skips = []
         for level, channels in enumerate(width):
             if level:
-                h = block(f"enc{level}_down", channels, None, resample="down")(
-                    h, embedding
-                )
-            for feature in features:
-                if feature.shape[1:3] == h.shape[1:3]:
-                    h = h + nn.Conv(
-                        channels,
-                        (1, 1),
-                        kernel_init=nn.initializers.zeros,
-                        dtype=self.dtype,
-                        name=f"enc{level}_condition",
-                    )(feature)
+                name = f"enc{level}_down"
+                h = block(name, h.shape[-1], resample="down")(h, embedding)
+            h = self._add_condition(h, features, level)
             skips.append(h)
+            attend = level in self.attention_levels
             for i in range(self.blocks):
-                h = block(f"enc{level}_block{i}", channels, level)(h, embedding)
+                name = f"enc{level}_block{i}"
+                h = block(name, channels, attend=attend)(h, embedding)
                 skips.append(h)
 
         last = len(width) - 1
-        h = block(f"dec{last}_in0", width[-1], last)(h, embedding)
-        h = block(f"dec{last}_in1", width[-1], None)(h, embedding)
+        h = block(f"dec{last}_in0", width[-1], attend=True)(h, embedding)
+        h = block(f"dec{last}_in1", width[-1])(h, embedding)
         for level, channels in reversed([*enumerate(width)]):
             if level < last:
-                h = block(f"dec{level}_up", h.shape[-1], None, resample="up")(
-                    h, embedding
-                )
+                name = f"dec{level}_up"
+                h = block(name, h.shape[-1], resample="up")(h, embedding)
             for i in range(self.blocks + 1):
+                attend = level in self.attention_levels
+                attend &= not song or i == self.blocks
                 h = jnp.concatenate([h, skips.pop()], -1)
-                h = block(f"dec{level}_block{i}", channels, level)(h, embedding)
+                name = f"dec{level}_block{i}"
+                h = block(name, channels, attend=attend)(h, embedding)
+        return self._head(h, detail)
 
-        h = nn.silu(_norm(h))
-        h = _unfold(
-            nn.Conv(
-                self.detail_channels * math.prod(self.stem),
-                (3, 3),
-                dtype=self.dtype,
-                name="unfold",
-            )(h),
-            self.stem,
+    def _detail(self, x, embedding):
+        """Every pixel's own value, scaled and shifted by the noise level."""
+        detail = conv(self.detail_channels, self.dtype, name="detail")(x)
+        detail += self._angles(self.detail_channels, x, "detail_angles")
+        level = self._dense(2 * self.detail_channels, "detail_affine")(embedding)
+        scale, shift = jnp.split(level[:, None, None], 2, -1)
+        return detail * (1 + scale) + shift
+
+    def _head(self, h, detail):
+        """The trunk's own output, and a correction that sees every pixel."""
+        h = nn.silu(
+            norm(1e-6 if self.form == "ddpm++" else 1e-5, self.dtype, "norm")(h)
         )
-        h = nn.silu(jnp.concatenate([h, detail], -1))
-        return nn.Conv(
-            self.outputs,
-            (3, 3),
-            kernel_init=nn.initializers.zeros,
-            dtype=jnp.float32,
-            name="output",
-        )(h)
+        patch = math.prod(self.stem)
+        coarse = conv(self.outputs * patch, self.dtype, zero=True, name="output")(h)
+        fine = unfold(self._dense(self.detail_channels * patch, "unfold")(h), self.stem)
+        fine = nn.silu(jnp.concatenate([fine, detail], -1))
+        fine = conv(self.outputs, self.dtype, zero=True, name="refine")(fine)
+        return (unfold(coarse, self.stem) + fine).astype(jnp.float32)
+
+    def _add_condition(self, h, features, level):
+        """`h` plus the condition's features of the same grid, which start at zero."""
+        for feature in features:
+            if feature.shape[1:3] == h.shape[1:3]:
+                name = f"enc{level}_condition"
+                h += self._dense(h.shape[-1], name, zero=True)(feature)
+        return h
+
+    def _angles(self, channels, x, name):
+        """A linear map of the angles of all pixels of `x`, one for the whole batch."""
+        angles = jnp.asarray(angle_features(*x.shape[1:3]), self.dtype)
+        return self._dense(channels, name)(angles)[None]
+
+    def _dense(self, channels, name, *, zero=False):
+        init = nn.initializers.zeros if zero else nn.initializers.lecun_normal()
+        return nn.Dense(channels, kernel_init=init, dtype=self.dtype, name=name)
 
     def _check(self, shape, features):
         """Refuse images whose sizes do not halve down to the last level."""
@@ -219,100 +298,3 @@ class Trunk(nn.Module):
                 f"the condition has grids {given}, the network {grids}: none is equal, "
                 "so the condition would be ignored; change the stem or an image size"
             )
-
-
-class Block(nn.Module):
-    """Residual block with the noise level as scale and shift, then self-attention."""
-
-    channels: int
-    attend: bool = False
-    resample: str = ""
-    dtype: Any = jnp.float32
-
-    @nn.compact
-    def __call__(
-        self, x: Image, embedding: Float[Array, "batch _"]
-    ) -> Float[Array, "batch _ _ _"]:
-        """The block's output, at half or double size where it resamples."""
-        h = _resample(nn.silu(_norm(x, "norm0")), self.resample)
-        x = _resample(x, self.resample)
-        h = _conv(self.channels, self.dtype, name="conv0")(h)
-        scale_shift = nn.Dense(2 * self.channels, dtype=self.dtype, name="affine")
-        scale, shift = jnp.split(scale_shift(embedding)[:, None, None], 2, -1)
-        h = nn.silu(_norm(h, "norm1") * (1 + scale) + shift)
-        h = _conv(self.channels, self.dtype, zero=True, name="conv1")(h)
-        if x.shape[-1] != self.channels:
-            x = nn.Conv(self.channels, (1, 1), dtype=self.dtype, name="skip")(x)
-        x = x + h
-        return x + self._attention(x) if self.attend else x
-
-    def _attention(self, x):
-        """Self-attention over all pixels, with heads of 64 channels."""
-        batch, rows, columns, channels = x.shape
-        heads = max(1, channels // 64)
-        h = _norm(x, "norm2").reshape(batch, rows * columns, channels)
-        qkv = nn.Dense(3 * channels, dtype=self.dtype, name="qkv")(h)
-        q, k, v = jnp.moveaxis(
-            qkv.reshape(batch, -1, heads, 3, channels // heads), 3, 0
-        )
-        h = jax.nn.dot_product_attention(q, k, v).reshape(x.shape)
-        zeros = nn.initializers.zeros
-        return nn.Dense(channels, kernel_init=zeros, dtype=self.dtype, name="proj")(h)
-
-
-def _conv(channels, dtype, *, zero=False, name=None):
-    """3 x 3 convolution, starting at zero on request."""
-    init = nn.initializers.zeros if zero else nn.initializers.lecun_normal()
-    return nn.Conv(channels, (3, 3), kernel_init=init, dtype=dtype, name=name)
-
-
-def _norm(x, name=None):
-    """Group normalisation with EDM's number of groups, in float32."""
-    groups = min(32, max(1, x.shape[-1] // 4))
-    norm = nn.GroupNorm(groups, epsilon=1e-5, dtype=jnp.float32, name=name)
-    return norm(x).astype(x.dtype)
-
-
-def _resample(x, way):
-    """Mean of 2 x 2 pixels, or each pixel four times."""
-    if way == "down":
-        batch, rows, columns, channels = x.shape
-        return x.reshape(batch, rows // 2, 2, columns // 2, 2, channels).mean((2, 4))
-    return x.repeat(2, 1).repeat(2, 2) if way == "up" else x
-
-
-def _unfold(x, stem):
-    """Channels to patches of `stem` pixels, the inverse of cutting patches."""
-    batch, rows, columns, channels = x.shape
-    x = x.reshape(batch, rows, columns, *stem, channels // math.prod(stem))
-    return x.transpose(0, 1, 3, 2, 4, 5).reshape(
-        batch, rows * stem[0], columns * stem[1], -1
-    )
-
-
-def _noise_embedding(c_noise, channels):
-    """Cosines and sines of the noise level at `channels` frequencies."""
-    half = channels // 2
-    frequencies = (1 / 10000) ** (np.arange(half) / half)
-    phase = jnp.outer(c_noise, jnp.asarray(frequencies, c_noise.dtype))
-    return jnp.concatenate([jnp.cos(phase), jnp.sin(phase)], -1)
-
-
-def _angle_features(rows, columns):
-    """Fourier features of elevation and azimuth, `[row, column, feature]`.
-
-    Both angles are mapped to -1 .. 1 over the image; frequencies double from half a
-    period over the image to half a period per pixel of the paper's 128 x 512 pixels
-    (Nakashima & Kurazume 2024). Their number does not depend on the image's size.
-    """
-    features = []
-    places = np.meshgrid(_centres(rows), _centres(columns), indexing="ij")
-    for place, octaves in zip(places, (7, 9), strict=True):
-        phase = place[..., None] * (np.pi * 2.0 ** np.arange(octaves))
-        features += [np.sin(phase), np.cos(phase)]
-    return np.concatenate(features, -1)
-
-
-def _centres(size):
-    """Centres of `size` pixels on -1 .. 1."""
-    return (2 * np.arange(size) + 1) / size - 1

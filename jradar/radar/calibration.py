@@ -111,6 +111,7 @@ def compensate_tdm(
     In signed Doppler bin k, transmitter t leads by 2 pi k f_t / (num_tx num_chirps),
     with f_t its place in the firing order; k may lie between bins.
     """
-    lead = radar.firing_position.repeat(radar.num_rx) / radar.num_tx / radar.num_chirps
+    lead = radar.firing_position / radar.num_tx / radar.num_chirps
     cycles = doppler_bin[..., None] * jnp.asarray(lead, jnp.float32)
-    return snapshot * jnp.exp(-2j * jnp.pi * cycles)
+    turn = jnp.exp(-2j * jnp.pi * cycles)
+    return snapshot * jnp.repeat(turn, radar.num_rx, -1)

@@ -58,10 +58,10 @@ def all_cells(
     the radar's.
     """
     spectrum, power = spectra(cube, radar, coupling, remove_static)
-    every = jnp.arange(power.size)
-    _, doppler_bin = bins_of(power, every, refine)
+    _, doppler_bin = bins_of(power, jnp.arange(power.size), refine)
+    snapshot = spectrum.reshape(radar.num_virtual, -1).T
     azimuth, elevation = directions(
-        snapshots(spectrum, every, doppler_bin, radar),
+        compensate_tdm(snapshot, doppler_bin, radar),
         radar,
         num_azimuth=num_azimuth,
         num_elevation=num_elevation,
@@ -164,17 +164,6 @@ def bins_of(
             power[below, column], power[row, column], power[above, column]
         )
     return range_bin, doppler_bin
-
-
-def snapshots(
-    spectrum: Spectrum,
-    cell: Int[Array, " point"],
-    doppler_bin: Values,
-    radar: RadarSpec,
-) -> Complex[Array, "point virtual"]:
-    """Values of flat cells across the antennas, as if all had fired at once."""
-    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    return compensate_tdm(snapshot, doppler_bin, radar)
 
 
 def cloud(

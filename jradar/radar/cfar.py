@@ -169,15 +169,12 @@ def _mean_cfar(kind, power, rate, channels, guard, train):
 def _mean_floor(kind, power, guard, train):
     """Mean of all training cells, or of the greater or smaller half."""
     low, high = _cells_per_range_bin(power.shape, guard, train)
-    padded = _pad(power, guard, train, 0.0)
+    sums = _sums_of_halves(power, guard, train)
     if kind == "ca":
-        scale = jnp.asarray(1 / (low + high), power.dtype)
-        return scale * _sum_of_training_cells(padded, guard, train)
+        return (sums[0] + sums[1]) * jnp.asarray(1 / (low + high), power.dtype)
     means = [
         half * jnp.asarray(1 / np.maximum(cells, 1), power.dtype)
-        for half, cells in zip(
-            _sums_of_halves(padded, guard, train), (low, high), strict=True
-        )
+        for half, cells in zip(sums, (low, high), strict=True)
     ]
     # At the ends of the range axis a half may be empty: the other one counts.
     means = [
@@ -223,15 +220,12 @@ def _cells_per_range_bin(shape, guard, train):
 
 def _pad(values, guard, train, fill):
     """Map with room for the window: Doppler wraps around, range ends in `fill`."""
-    leading = [(0, 0)] * (values.ndim - 2)
     doppler, range_ = (g + t for g, t in zip(guard, train, strict=True))
-    values = jnp.pad(values, [*leading, (doppler, doppler), (0, 0)], mode="wrap")
-    return jnp.pad(values, [*leading, (0, 0), (range_, range_)], constant_values=fill)
-
-
-def _unpadded(shape, guard, train):
-    """Doppler and range bins of the map that `_pad` was given."""
-    return [n - 2 * (g + t) for n, g, t in zip(shape[-2:], guard, train, strict=True)]
+    if doppler:
+        ends = values[..., -doppler:, :], values[..., :doppler, :]
+        values = jnp.concatenate([ends[0], values, ends[1]], -2)
+    sides = [(0, 0)] * (values.ndim - 1) + [(range_, range_)]
+    return jnp.pad(values, sides, constant_values=fill)
 
 
 def _sliding_sum(values, size, axis) -> Any:
@@ -254,44 +248,32 @@ def _sliding_sum(values, size, axis) -> Any:
         width *= 2
 
 
-def _sum_of_training_cells(padded, guard, train):
-    """Sum over the ring of training cells, as four strips."""
-    (gd, gr), (td, tr) = guard, train
-    doppler, bins = _unpadded(padded.shape, guard, train)
-    total = 0.0
-    if td:
-        wide = _sliding_sum(padded, 2 * (gr + tr) + 1, -1)
-        strip = _sliding_sum(wide, td, -2)
-        below = 2 * gd + td + 1
-        total += strip[..., :doppler, :] + strip[..., below : below + doppler, :]
-    if tr:
-        tall = _sliding_sum(padded[..., td : padded.shape[-2] - td, :], 2 * gd + 1, -2)
-        strip = _sliding_sum(tall, tr, -1)
-        right = 2 * gr + tr + 1
-        total += strip[..., :bins] + strip[..., right : right + bins]
-    return total
+def _sums_of_halves(power, guard, train):
+    """Sums over the training cells at lower range and over those at higher range.
 
-
-def _sums_of_halves(padded, guard, train):
-    """Sums over the training cells at lower range and over those at higher range."""
+    Down the columns first, then along range: `whole` columns of the window, `beyond`
+    the guard cells alone, and the two ends of the cell's own column.
+    """
     (gd, gr), (td, tr) = guard, train
-    doppler, bins = _unpadded(padded.shape, guard, train)
-    side = gr + tr
+    doppler, bins = power.shape[-2:]
+    padded = _pad(power, guard, train, 0.0)
+    inner = padded[..., td : padded.shape[-2] - td, :]
+    whole, own = _sliding_sum(inner, 2 * gd + 1, -2), gr + tr
     halves: list[Any] = [0.0, 0.0]
     if td:
         strip = _sliding_sum(padded, td, -2)
         ends = [
             strip[..., start : start + doppler, :] for start in (0, 2 * gd + td + 1)
         ]
-        for i, end in enumerate(ends):  # of the cell's own column
-            halves[i] += end[..., side : side + bins]
-        if side:
-            both = _sliding_sum(ends[0] + ends[1], side, -1)
-            halves[0] += both[..., :bins]
-            halves[1] += both[..., side + 1 : side + 1 + bins]
+        beyond = ends[0] + ends[1]
+        whole = whole + beyond
+        halves = [end[..., own : own + bins] for end in ends]
+        if gr:
+            guarded = _sliding_sum(beyond, gr, -1)
+            halves[0] += guarded[..., tr : tr + bins]
+            halves[1] += guarded[..., own + 1 : own + 1 + bins]
     if tr:
-        tall = _sliding_sum(padded[..., td : padded.shape[-2] - td, :], 2 * gd + 1, -2)
-        strip = _sliding_sum(tall, tr, -1)
+        strip = _sliding_sum(whole, tr, -1)
         right = 2 * gr + tr + 1
         halves[0] += strip[..., :bins]
         halves[1] += strip[..., right : right + bins]
@@ -304,6 +286,8 @@ def _count_below(level, padded, guard, train):
     doppler, bins = level.shape[-2:]
     width = 2 * (gr + tr) + 1
     sides = [*range(tr), *range(width - tr, width)]
+    # XLA would make rows of it again, in kernels of their own.
+    padded = jax.lax.optimization_barrier(padded)
 
     def count(rows, columns, total):
         """Add the cells of these rows and columns of the window."""

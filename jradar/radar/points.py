@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jradar.radar import cells, cfar
 from jradar.radar.angle import Peaks, angle_spectrum, spectrum_peaks
+from jradar.radar.calibration import compensate_tdm
 from jradar.radar.cells import ANGLES
 from jradar.radar.direction import directions
 from jradar.radar.sensor import RadarSpec
@@ -111,7 +112,8 @@ def detections_to_points(
     """
     strongest, cell = cells.strongest_cells(power, mask, radar, capacity, range_bias_m)
     range_bin, doppler_bin = cells.bins_of(power, cell, refine)
-    snapshot = cells.snapshots(spectrum, cell, doppler_bin, radar)
+    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
+    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     bins = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
     options = {
         "interpolate": refine,

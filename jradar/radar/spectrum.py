@@ -100,7 +100,8 @@ def _transform(cube, windows, remove_static, max_range_bins, keep) -> Any:
     def add(power, antenna):
         if remove_static:
             antenna = antenna - antenna.mean(-2, keepdims=True)
-        spectrum = jnp.fft.fft2(antenna * weight)[..., :bins]
+        weighted = jax.lax.complex(antenna.real * weight, antenna.imag * weight)
+        spectrum = jnp.fft.fft2(weighted)[..., :bins]
         power += spectrum.real**2 + spectrum.imag**2
         return power, spectrum if keep else None
 

@@ -235,6 +235,13 @@ def test_ply_cut_anywhere_or_lying_is_refused(tmp_path, form, lists):
         read_cloud(save(tmp_path, "a.ply", twice))
 
 
+def test_number_that_its_type_cannot_hold_is_refused(tmp_path):
+    for word in (b"70000", b"-1", b"1.5", b"word"):
+        content = ply("ascii").replace(b"40000", word)
+        with pytest.raises(ValueError, match="a.ply: ring"):
+            read_cloud(save(tmp_path, "a.ply", content))
+
+
 def test_list_that_claims_more_than_the_file_is_refused(tmp_path):
     head = b"ply\nformat binary_little_endian 1.0\nelement face 1\n"
     head += b"property list int int i\nelement vertex 0\nproperty float x\nend_header\n"

@@ -268,6 +268,15 @@ def test_only_a_radar(tmp_path):
     assert any("base_to_single_chip.txt" in note for note in recording.notes)
 
 
+def test_a_sequence_that_was_unpacked_in_part(root):
+    folder = root / "12_21_2020_ec_hallways_run1"
+    write_radar(folder, count=2)
+    write(folder / "lidar/timestamps.txt", stamps_text(2, 10))
+    write(folder / "groundtruth/timestamps.txt", stamps_text(2, 10))
+    recording = open_coloradar(folder)
+    assert recording.lidar is None and recording.poses is None
+
+
 def test_coloradar_plus_numbers_from_1_and_has_one_radar(tmp_path):
     write_radar(tmp_path / "run", "cascade", count=3, first=1)
     transforms = {"radar": TRANSFORMS["cascade"], "lidar": TRANSFORMS["lidar"]}

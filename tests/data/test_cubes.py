@@ -37,6 +37,7 @@ def save(folder, array, axes=None):
 
 def save_studio(folder, cubes, log=LOG):
     """Frames [frame, tx, rx, chirp, sample] as I0 I1 Q0 Q1, chirp by chirp."""
+    folder.mkdir(exist_ok=True)
     with (folder / "adc_data.bin").open("wb") as file:
         for frame in cubes:
             for chirp in range(frame.shape[2]):
@@ -229,3 +230,34 @@ def test_no_frames_are_no_recording(tmp_path):
     axes = ["frame", "tx", "rx", "chirp", "sample"]
     with pytest.raises(ValueError, match="holds no frames"):
         open_recording(save(tmp_path, random_cube((0, *SHAPE)), axes))
+
+
+def test_a_capture_says_all_in_its_own_file(tmp_path):
+    many = random_cube((3, *SHAPE))
+    save_studio(tmp_path / "run", many)
+    (tmp_path / "run" / "capture.toml").write_text(
+        '[radar]\nfile = "adc_data.bin"\ndescription = "adc_LogFile.txt"\n'
+    )
+    for path in (tmp_path / "run", tmp_path / "run" / "capture.toml"):
+        np.testing.assert_array_equal(open_recording(path).cubes[2], many[2])
+    for option in ({"sensor": "cascade"}, {"description": "radar.toml"}):
+        with pytest.raises(ValueError, match="a capture.toml says all of its capture"):
+            open_recording(tmp_path / "run", **option)
+    with pytest.raises(ValueError, match="name one that it holds: .*run"):
+        open_recording(tmp_path)
+
+
+def test_the_whole_frames_of_a_capture_that_was_cut_off(tmp_path):
+    many = random_cube((3, *SHAPE))
+    path = save_studio(tmp_path, many)
+    path.write_bytes(path.read_bytes()[:-5])
+    cubes = open_recording(path, allow_partial=True).cubes
+    np.testing.assert_array_equal(np.stack([*cubes]), many[:2])
+
+
+def test_a_frame_of_a_sequence_is_no_capture(tmp_path):
+    path = tmp_path / "run/single_chip/adc_samples/data/frame_0.bin"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"1234")
+    with pytest.raises(ValueError, match="name the folder of its sequence"):
+        open_recording(path)

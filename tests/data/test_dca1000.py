@@ -239,6 +239,17 @@ def test_parts_are_joined_in_the_order_of_their_numbers(write):
         open_dca1000(path, cfg)
 
 
+def test_file_that_changes_after_opening(write):
+    cubes = random_cubes(2)
+    path, cfg = write(as_bytes(cubes))
+    recording = open_dca1000(path, cfg)
+    path.write_bytes(as_bytes(cubes) + b"more")  # a recording that goes on
+    np.testing.assert_array_equal(frames_of(recording), cubes)
+    path.write_bytes(as_bytes(cubes)[:-1])
+    with pytest.raises(ValueError, match="adc_data.bin was cut while it was read"):
+        recording.cubes[1]
+
+
 @pytest.mark.parametrize("missing", [1, 2, 1199, 1200, 2399])
 def test_partial_frame_is_refused_or_left_out(write, missing):
     cubes = random_cubes(2)
@@ -295,6 +306,9 @@ def test_faults_are_named(write, tmp_path):
     ]:
         with pytest.raises(ValueError, match=message):
             open_dca1000(*write(content, name))
+    dump = with_headers(as_packets(stream, [1456, 1456, 100, 1456]), 10)
+    with pytest.raises(ValueError, match="byte 4,398.* a packet before it not full"):
+        open_dca1000(*write(dump, "dump.bin"))
     with pytest.raises(ValueError, match="'IQQI', expected one of IIQQ"):
         open_dca1000(*write(stream), iq_order="IQQI")
     with pytest.raises(ValueError, match="lvdsStreamCfg puts headers"):
@@ -358,3 +372,17 @@ def test_real_capture(samples):
     for order in ("QQII", "IQIQ", "QIQI"):
         advice = open_dca1000(*paths, iq_order=order).notes
         assert "in the order IIQQ" in advice[0]
+
+
+def test_advice_on_another_real_radar(samples):
+    cube = np.load(samples / "openradar" / "doppler_example_1.npy")
+    parts = (part.astype("u2").view("i2") for part in (cube.real, cube.imag))
+    halves = [part.reshape(-1, 64, 2) for part in parts]
+    words = {
+        "IIQQ": np.concatenate(halves, -1).reshape(-1, 256),
+        "IQIQ": np.stack(halves, -1).reshape(-1, 256),
+    }
+    for true, other in (("IIQQ", "IQIQ"), ("IQIQ", "IIQQ")):
+        assert advise_iq_order(words[true], order=true) is None
+        advice = advise_iq_order(words[true], order=other)
+        assert advice is not None and f"in the order {true}" in advice

@@ -152,3 +152,14 @@ def test_points_and_bounds_of_a_cloud(tmp_path):
     empty = describe_file(path)
     assert empty is not None and empty["points"] == 0 and "lowest_m" not in empty
     assert describe_file(tmp_path / "adc_data.bin") is None
+
+
+def test_topics_of_a_bag(tmp_path):
+    pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
+    from tests.data.test_rosbags import LIVOX, START, livox, livox_rows, write_bag
+
+    messages = [("/l", LIVOX, START + n, livox(livox_rows(2), START)) for n in range(3)]
+    path = write_bag(tmp_path, "mcap", messages)
+    topics = [{"topic": "/l", "type": LIVOX, "messages": 3}]
+    for bag in (path, path / "mcap.mcap"):
+        assert describe_file(bag) == {"bag": str(bag), "topics": topics}

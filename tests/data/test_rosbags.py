@@ -1,5 +1,7 @@
 """Bags in three containers: clouds of every layout come back; stamps; damaged files."""
 
+import concurrent.futures
+import shutil
 import struct
 
 import numpy as np
@@ -56,6 +58,7 @@ STORES = {name: typestore(name) for name in CONTAINERS}
 def write_bag(folder, container, messages, compressed=False):
     """`messages` are (topic, type, bag time, function of the store: message)."""
     store = STORES[container]
+    folder.mkdir(exist_ok=True)
     path = folder / ("a.bag" if container == "bag" else container)
     if container == "bag":
         writer = rosbag1.Writer(path)
@@ -181,7 +184,7 @@ def test_livox_clouds_come_back(tmp_path, container, frame):
             strict=True,
         ):
             np.testing.assert_array_equal(points[name], column)
-    assert stream.notes == []
+    assert stream.notes == ()
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
@@ -230,6 +233,32 @@ def write_raw(folder, container, store, *payloads):
         for i, payload in enumerate(payloads):
             writer.write(connection, START + i, payload)
     return path
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_bag_that_was_replaced_is_read_anew(tmp_path, container):
+    for count in (3, 5):
+        message = ("/l", LIVOX, START, livox(livox_rows(count), START))
+        written = write_bag(tmp_path / str(count), container, [message])
+        path = tmp_path / written.name
+        shutil.rmtree(path, ignore_errors=True)
+        path.unlink(missing_ok=True)
+        written.rename(path)
+        assert len(open_bag(path)[0]) == count
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_threads_share_a_bag(tmp_path, container):
+    clouds = [livox_rows(50 + seed, seed) for seed in range(12)]
+    messages = [
+        ("/l", LIVOX, START + i, livox(rows, START + i))
+        for i, rows in enumerate(clouds)
+    ]
+    stream = open_bag(write_bag(tmp_path, container, messages))
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        read = [*pool.map(stream.__getitem__, [*range(12)] * 5)]
+    for i, cloud in enumerate(read):
+        np.testing.assert_array_equal(cloud, np.array(clouds[i % 12], "f4")[:, 1:5])
 
 
 def test_missing_returns_are_left_out(tmp_path):

@@ -67,6 +67,12 @@ def test_too_little_is_refused():
         estimate_time_offset(times, times, times, times)
 
 
+def test_stamps_that_do_not_rise_are_refused():
+    times = np.arange(20.0)
+    with pytest.raises(ValueError, match="do not rise"):
+        estimate_time_offset(times, times, np.minimum(times, 9), times)
+
+
 def cube(speed, radar=RADAR):
     """A wall at 5 m that recedes at `speed`, by the phase of its beat signal."""
     sample = np.arange(radar.num_samples) / radar.sample_rate_hz

@@ -21,18 +21,26 @@ def build(image=(8, 32), condition=(8, 8), **changes):
         jnp.array([-1.0, 0.5]),
         jnp.asarray(rng.normal(size=(2, *condition, 3)), jnp.float32),
     )
-    return network, jax.jit(network.init)(jax.random.key(2, impl="rbg"), *args), args
+    return network, random_params(network, *args), args
 
 
-def shaken(params):
-    """Parameters with noise added, so that no layer is zero."""
+def random_params(network, *args):
+    """Parameters of the network's shapes, none of them 0; nothing is compiled."""
     rng = np.random.default_rng(1)
-    return jax.tree.map(
-        lambda p: p + jnp.asarray(0.1 * rng.normal(size=p.shape), p.dtype), params
-    )
+
+    def fill(leaf):
+        fan_in = np.prod(leaf.shape[:-1]) if leaf.ndim > 1 else 4
+        return jnp.asarray(rng.normal(size=leaf.shape) / np.sqrt(fan_in), leaf.dtype)
+
+    shapes = jax.eval_shape(network.init, jax.random.key(0), *args)
+    return jax.tree.map(fill, shapes)
 
 
-@functools.partial(jax.jit, static_argnums=0)
+# LLVM's optimisations take most of the time to compile a network that runs once.
+QUICK = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+
+
+@functools.partial(jax.jit, static_argnums=0, compiler_options=QUICK)
 def apply(network, params, *args):
     """The network's output."""
     return network.apply(params, *args)

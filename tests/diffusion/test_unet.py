@@ -5,19 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import PRESETS, NoiseSpec, UNet, conditional_denoiser
-from tests.diffusion.networks import SMALL, apply, build, shaken
+from jradar.diffusion import PRESETS, NoiseSpec, UNet, blocks, conditional_denoiser
+from tests.diffusion.networks import QUICK, SMALL, apply, build
 
 
 @pytest.mark.parametrize(
     ("image", "condition", "stem"),
-    [((8, 32), (8, 8), (1, 4)), ((8, 32), (4, 4), (1, 4)), ((16, 64), (8, 8), (2, 8))],
+    [((8, 32), (8, 8), (1, 4)), ((16, 64), (8, 8), (2, 8))],
 )
 def test_output_has_the_size_of_the_image_and_sees_the_condition(
     image, condition, stem
 ):
     network, params, args = build(image, condition, stem=stem)
-    params = shaken(params)
     output = apply(network, params, *args)
     assert output.shape == args[0].shape and jnp.isfinite(output).all()
     other = apply(network, params, args[0], args[1], args[2] + 1.0)
@@ -25,10 +24,12 @@ def test_output_has_the_size_of_the_image_and_sees_the_condition(
 
 
 def test_a_new_network_predicts_nothing_and_ignores_the_condition():
-    network, params, args = build()
+    network, _, args = build()
+    init = jax.jit(network.init, compiler_options=QUICK)
+    params = init(jax.random.key(2, impl="rbg"), *args)
     assert not apply(network, params, *args).any()
-    entry = params["params"]["trunk"]["enc0_condition"]["kernel"]
-    assert not entry.any()
+    trunk = params["params"]["trunk"]
+    assert not trunk["enc0_condition"]["kernel"].any()
 
 
 @pytest.mark.parametrize(
@@ -51,11 +52,14 @@ def test_parameters_serve_other_image_sizes():
     network, params, _ = build()
     _, other, args = build((16, 64), (16, 16))
     assert jax.tree.structure(other) == jax.tree.structure(params)
-    assert apply(network, shaken(params), *args).shape == (2, 16, 64, 2)
+    assert jax.eval_shape(network.apply, params, *args).shape == (2, 16, 64, 2)
 
 
-def test_tiny_preset_fits_the_papers_images():
-    network = UNet(**PRESETS["tiny"])
+@pytest.mark.parametrize(
+    ("preset", "millions"), [("tiny", 3.25), ("small", 9.0), ("paper", 61.9)]
+)
+def test_presets_fit_the_papers_images(preset, millions):
+    network = UNet(**PRESETS[preset])
     shapes = jax.eval_shape(
         network.init,
         jax.random.key(0),
@@ -64,15 +68,47 @@ def test_tiny_preset_fits_the_papers_images():
         jnp.zeros((1, 64, 64, 24)),
     )
     count = sum(p.size for p in jax.tree.leaves(shapes))
-    assert 3e6 < count < 4e6
+    assert count / 1e6 == pytest.approx(millions, abs=0.05)
+    assert any("condition" in name for name in shapes["params"]["trunk"])
+
+
+def test_every_pixel_reaches_the_output_on_its_own():
+    # Behind a stem of 4 columns, pixels of one patch still come out apart.
+    network, params, (x, c_noise, condition) = build()
+    other = x.at[:, 3, 9, 0].add(1.0)
+    change = apply(network, params, other, c_noise, condition)
+    change = jnp.abs(change - apply(network, params, x, c_noise, condition))[0, 3, :, 0]
+    assert change[9] > 2 * jnp.delete(change[8:12], 1).min() > 0
+
+
+def test_remat_in_bfloat16_is_nearly_the_same_function():
+    network, params, args = build()
+    expected = apply(network, params, *args)
+    half = apply(network.clone(remat=True, dtype=jnp.bfloat16), params, *args)
+    assert half.dtype == jnp.float32
+    tolerance = 0.1 * float(jnp.abs(expected).max())
+    np.testing.assert_allclose(half, expected, atol=tolerance)
+
+
+def test_patches_fold_and_unfold():
+    x = jnp.arange(2 * 4 * 8 * 3.0).reshape(2, 4, 8, 3)
+    folded = blocks.fold(x, (2, 4))
+    assert folded.shape == (2, 2, 2, 24)
+    np.testing.assert_array_equal(folded[1, 0, 1, 5 * 3 : 6 * 3], x[1, 1, 5])
+    np.testing.assert_array_equal(blocks.unfold(folded, (2, 4)), x)
+
+
+def test_unknown_form_is_refused():
+    with pytest.raises(ValueError, match="form = 'vit', expected one of"):
+        UNet(form="vit")
 
 
 def test_encoding_once_equals_the_whole_network():
     network, params, (x, _, condition) = build()
     noise = NoiseSpec()
-    params = shaken(params)
     denoised = jax.jit(
-        lambda p: conditional_denoiser(network, p, noise)(condition)(x, 0.7)
+        lambda p: conditional_denoiser(network, p, noise)(condition)(x, 0.7),
+        compiler_options=QUICK,
     )(params)
     total = np.sqrt(0.7**2 + 0.5**2)
     output = apply(network, params, x / total, jnp.full(2, np.log(0.7) / 4), condition)
@@ -82,9 +118,11 @@ def test_encoding_once_equals_the_whole_network():
 
 def test_gradients_are_finite_and_reach_every_parameter():
     network, params, args = build()
-    gradient = jax.jit(jax.grad(lambda p: (apply(network, p, *args) ** 2).sum()))(
-        shaken(params)
-    )
+
+    def square(params):
+        return (network.apply(params, *args) ** 2).sum()
+
+    gradient = jax.jit(jax.grad(square), compiler_options=QUICK)(params)
     for leaf in jax.tree.leaves(gradient):
         assert jnp.isfinite(leaf).all() and leaf.any()
 

@@ -101,7 +101,7 @@ def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, An
     def frames() -> Iterator[PreparedFrame]:
         for i, j in zip(job.matches.radar, job.matches.lidar, strict=True):
             try:
-                frame, _ = prepare_frame(recording, int(i), int(j), spec)
+                frame, *_ = prepare_frame(recording, int(i), int(j), spec)
             except ValueError as error:
                 if not keep_going:
                     raise

@@ -1,0 +1,66 @@
+r"""RadarHD's real pairs, one radar image in, an occupancy image out: diffusion.
+
+    python -m experiments.main --config=experiments/configs/radarhd.py \
+        --config.data.path=dataset_5 --workdir=runs/radarhd
+
+`data.path` is the public folder dataset_5, or the packed part of its training pairs.
+`--mode=eval` scores the workdir's weights on the folder's test pairs, or, where there
+are none, on the training trajectories that were kept apart. Not run to the end yet.
+"""
+
+from ml_collections import ConfigDict
+
+
+def get_config():
+    config = ConfigDict()
+    config.task = "radarhd"
+    config.purpose = "trained on RadarHD's polar images"
+    config.seed = 0
+
+    config.data = ConfigDict()
+    config.data.path = ""
+    config.data.history = 1  # radar images in a condition, the newest first
+    config.data.threshold_trajectories = (136, 137)  # never trained on
+    config.data.report_trajectories = (138, 140)  # nor these
+    config.data.every = 4  # of the frames of these, one is scored
+
+    config.method = "diffusion"  # or "regression"
+
+    config.noise = ConfigDict()
+    config.noise.sigma_data = 0.2  # measured: 0.9 % of the pixels are occupied
+    config.noise.sigma_min = 0.002
+    config.noise.sigma_max = 80.0
+    config.noise.rho = 7.0
+    config.noise.log_mean = -1.2
+    config.noise.log_std = 1.2
+    config.noise.prediction = "edm"
+
+    # Patches of 8 x 16 pixels of the LiDAR's and of 8 x 2 of the radar's image are the
+    # same part of the room: both make a grid of 32 x 32.
+    config.network = ConfigDict()
+    config.network.channels = 96
+    config.network.multipliers = (1, 2, 3)
+    config.network.blocks = 1
+    config.network.attention_levels = (1, 2)
+    config.network.stem = (8, 16)
+    config.network.condition_stem = (8, 2)
+    config.network.condition_channels = 96
+    config.network.detail_channels = 4
+    config.network.outputs = 1
+
+    config.train = ConfigDict()
+    config.train.steps = 40_000
+    config.train.batch_size = 16
+    config.train.learning_rate = 1e-3
+    config.train.warmup_steps = 200
+    config.train.clip_norm = 1.0
+    config.train.weight_decay = 1e-2
+    config.train.mirror = True  # left and right are alike: half of the pairs turned
+    config.train.ema_decay = 0.999
+    config.train.checkpoint_every = 200
+    config.train.evaluate_every = 1000
+
+    config.sampling = ConfigDict()
+    config.sampling.steps = 18
+    config.sampling.batch_size = 8
+    return config

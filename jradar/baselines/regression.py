@@ -1,0 +1,52 @@
+"""Direct regression: the diffusion model's own network without the diffusion.
+
+The network sees no image, only the condition: its estimate is D(0; sigma_max), where
+the preconditioning passes the network's output through. Trained with the squared error
+it approaches the mean of all images that the condition allows, and is blurred where
+these differ. Losses are called as `denoising_loss` is.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from jradar.diffusion import Denoiser, NoiseSpec
+
+Image = Float[Array, "batch row column channel"]
+
+
+def regression_estimate(
+    denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
+) -> Image:
+    """Images of `shape` [batch, row, column, channel] in one evaluation."""
+    return denoise(jnp.zeros(shape), jnp.asarray(noise.sigma_max))
+
+
+def regression_loss(
+    key: Key[Array, ""], denoise: Denoiser, clean: Image, *, noise: NoiseSpec
+) -> Float[Array, ""]:
+    """Mean squared error of the estimate; `key` is not used."""
+    estimate = regression_estimate(denoise, clean.shape, noise=noise)
+    return jnp.mean((estimate - clean) ** 2)
+
+
+def occupancy_estimate(
+    denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
+) -> Image:
+    """Estimate of images that are 1 where occupied and -1 elsewhere, within -1 .. 1."""
+    return jnp.tanh(regression_estimate(denoise, shape, noise=noise))
+
+
+def occupancy_loss(
+    key: Key[Array, ""], denoise: Denoiser, clean: Image, *, noise: NoiseSpec
+) -> Float[Array, ""]:
+    """Squared error and Dice of the occupancy (RadarHD, Prabhakara et al. 2023).
+
+    Both of the probabilities (estimate + 1) / 2, Dice over each image; `key` is not
+    used.
+    """
+    share = (occupancy_estimate(denoise, clean.shape, noise=noise) + 1) / 2
+    truth = (clean + 1) / 2
+    both = (share * truth).sum((1, 2, 3))
+    either = (share + truth).sum((1, 2, 3))
+    dice = 1 - 2 * both / jnp.maximum(either, 1e-6)
+    return jnp.mean((share - truth) ** 2) + dice.mean()

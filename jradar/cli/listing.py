@@ -1,0 +1,41 @@
+"""Results of commands as lines that people read, with tables in columns."""
+
+from collections.abc import Iterator
+from typing import Any
+
+
+def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
+    """Nested dictionaries and lists as indented lines."""
+    for key, item in value.items():
+        if isinstance(item, dict) and item:
+            yield f"{indent}{key}"
+            yield from lines(item, indent=indent + "  ")
+        elif isinstance(item, list) and item and isinstance(item[0], dict):
+            yield f"{indent}{key}"
+            yield from (f"{indent}  {line}" for line in _table(item))
+        elif isinstance(item, list) and item and isinstance(item[0], str):
+            yield f"{indent}{key}"
+            yield from (f"{indent}  {text}" for text in item)
+        elif item or item == 0:
+            yield f"{indent}{key:<27} {_short(item)}"
+
+
+def _table(rows):
+    """Dictionaries with the same keys as lines of a table."""
+    cells = [[*rows[0]], *([_short(v) for v in row.values()] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for row in cells:
+        yield "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True))
+
+
+def _short(value):
+    """A value with as many digits as people read."""
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1 else f"{value:.2f}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list) and value and isinstance(value[0], float):
+        return "  ".join(f"{number:.4g}" for number in value)
+    if value is None:
+        return "-"
+    return " x ".join(map(str, value)) if isinstance(value, list) else str(value)

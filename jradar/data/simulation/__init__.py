@@ -1,0 +1,34 @@
+"""A simulated ColoRadar: scenes seen by a LiDAR and a radar, in ColoRadar's own layout.
+
+make_scene, FAMILIES             procedural scenes from a seed
+make_setting, radar_frames, lidar_scans    what the sensors see, in memory
+simulate_sequence                a sequence in ColoRadar's layout
+simulate_capture                 DCA1000 samples, .cfg, and a bag of a Livox
+simulate_set, check_set, SETS    the benchmark set jradar-sim, with digests
+simulate                         the command
+
+What is modelled: materials (materials), speckle, mirrors, corners and first-order
+ghosts (echoes), antennas, noise, leakage and the ADC (link, radar), hand-held motion
+(motion), returns lost and glass looked through (lidar), clocks that drift apart
+(sequence). What is not: diffraction, a second bounce between walls, phase noise,
+interference, limbs that swing.
+"""
+
+from jradar.data.simulation.benchmark_set import (
+    SETS as SETS,
+    check_set as check_set,
+    simulate_set as simulate_set,
+)
+from jradar.data.simulation.capture import simulate_capture as simulate_capture
+from jradar.data.simulation.command import simulate as simulate
+from jradar.data.simulation.layouts import (
+    FAMILIES as FAMILIES,
+    make_scene as make_scene,
+)
+from jradar.data.simulation.sequence import (
+    lidar_scans as lidar_scans,
+    make_setting as make_setting,
+    radar_frames as radar_frames,
+    simulate_sequence as simulate_sequence,
+    stream_stamps as stream_stamps,
+)

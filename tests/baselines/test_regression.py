@@ -1,0 +1,59 @@
+"""Regression: minima of the losses are where they should be, found by a constant."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.baselines import (
+    occupancy_estimate,
+    occupancy_loss,
+    regression_estimate,
+    regression_loss,
+)
+from jradar.diffusion import NoiseSpec, precondition
+
+NOISE = NoiseSpec(sigma_data=0.5)
+KEY = jax.random.key(0)
+
+
+def answer(image):
+    """A denoiser whose network says what makes the estimate `image`."""
+    return precondition(lambda x, c_noise: image / NOISE.sigma_data, NOISE)
+
+
+def test_the_estimate_is_the_networks_output():
+    image = jnp.arange(8.0).reshape(1, 2, 4, 1)
+    found = regression_estimate(answer(image), image.shape, noise=NOISE)
+    np.testing.assert_allclose(found, image, rtol=1e-4)
+
+
+def test_the_mean_of_all_answers_has_the_least_squared_error():
+    clean = jax.random.normal(KEY, (64, 2, 2, 1))
+    gradient = jax.grad(
+        lambda image: regression_loss(KEY, answer(image), clean, noise=NOISE)
+    )
+    np.testing.assert_allclose(gradient(clean.mean(0, keepdims=True)), 0, atol=1e-6)
+
+
+def test_occupancy_loss_is_zero_for_the_truth_and_finite_for_nothing():
+    truth = jnp.where(jax.random.bernoulli(KEY, 0.1, (3, 8, 8, 1)), 1.0, -1.0)
+    perfect = occupancy_loss(KEY, answer(20 * truth), truth, noise=NOISE)
+    assert float(perfect) == pytest.approx(0, abs=1e-5)
+    empty = -jnp.ones((1, 4, 4, 1))
+    value, slope = jax.value_and_grad(
+        lambda image: occupancy_loss(KEY, answer(image), empty, noise=NOISE)
+    )(jnp.zeros_like(empty))
+    assert float(value) == pytest.approx(1.25) and np.isfinite(slope).all()
+
+
+def test_occupancy_loss_is_squared_error_and_dice():
+    truth = jnp.array([1.0, -1.0, -1.0, -1.0]).reshape(1, 2, 2, 1)
+    shares = np.array([0.8, 0.3, 0.1, 0.2])
+    image = jnp.arctanh(jnp.asarray(2 * shares - 1)).reshape(truth.shape)
+    dice = 1 - 2 * 0.8 / (shares.sum() + 1)
+    squared = (0.2**2 + 0.3**2 + 0.1**2 + 0.2**2) / 4
+    loss = occupancy_loss(KEY, answer(image), truth, noise=NOISE)
+    assert float(loss) == pytest.approx(dice + squared, rel=1e-4)
+    estimate = occupancy_estimate(answer(image), truth.shape, noise=NOISE)
+    np.testing.assert_allclose((estimate.ravel() + 1) / 2, shares, rtol=1e-4)

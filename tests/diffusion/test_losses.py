@@ -1,0 +1,111 @@
+"""Eq. 9-12 against the formulas, masks, levels and intervals of the extra terms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.diffusion import (
+    LossSpec,
+    NoiseSpec,
+    denoising_loss,
+    precondition,
+    target_mask,
+    training_sigma,
+)
+
+KEY, NOISE = jax.random.key(1), NoiseSpec()
+CLEAN = 0.5 * jax.random.normal(jax.random.key(0), (64, 4, 4, 2))
+SHIFT = jnp.array([0.2, -0.1])[None, None, None]
+
+
+def shifted(x, sigma):
+    """A denoiser that is wrong by 0.2 and -0.1 everywhere."""
+    return CLEAN + SHIFT
+
+
+def mean_square(a, b):
+    return ((a - b) ** 2).mean((1, 2, 3))
+
+
+@pytest.mark.parametrize("prediction", ["edm", "clean"])
+def test_loss_of_a_silent_network_is_1(prediction):
+    noise = NoiseSpec(prediction=prediction)
+    clean = 0.5 * jax.random.normal(jax.random.key(0), (4000, 2, 2, 1))
+    denoise = precondition(lambda x, c_noise: jnp.zeros_like(x), noise)
+    loss = denoising_loss(KEY, denoise, clean, noise=noise)
+    np.testing.assert_allclose(loss, 1, rtol=0.03)
+
+
+def test_prediction_clean_is_the_network_itself():
+    noise = NoiseSpec(prediction="clean", sigma_data=0.7)
+    x = jax.random.normal(KEY, (2, 3, 4, 2))
+    seen = []
+    denoise = precondition(lambda x, c_noise: seen.append(x) or 2 * jnp.ones_like(x),
+                           noise)  # fmt: skip
+    np.testing.assert_allclose(denoise(x, 0.3), 1.4, rtol=1e-6)
+    np.testing.assert_allclose(seen[0], x / np.hypot(0.3, 0.7), rtol=1e-5)
+    with pytest.raises(ValueError, match="prediction = 'noise', expected one of"):
+        NoiseSpec(prediction="noise")
+
+
+def test_terms_are_the_equations():
+    sigma = training_sigma(jax.random.split(KEY)[0], (64,), NOISE)
+    weight = (sigma**2 + 0.25) / (sigma * 0.5) ** 2
+    squared = (weight * (0.2**2 + 0.1**2) / 2).mean()
+    spec = LossSpec(squared=0.3, perceptual=0.5, absolute=0.2)
+    loss = denoising_loss(
+        KEY, shifted, CLEAN, noise=NOISE, weights=spec, perceptual=mean_square
+    )
+    expected = 0.3 * squared + 0.5 * 0.2**2 + 0.2 * 0.15  # first channel only in L_p
+    np.testing.assert_allclose(loss, expected, rtol=1e-5)
+
+
+def test_masked_values_count_nowhere():
+    mask = jnp.zeros_like(CLEAN).at[:, :2, :, 0].set(1.0)
+    spec = LossSpec(squared=0.0, absolute=1.0, perceptual=1.0)
+    options = {"noise": NOISE, "weights": spec, "perceptual": mean_square}
+    loss = denoising_loss(KEY, shifted, CLEAN, mask=mask, **options)
+    np.testing.assert_allclose(loss, 0.2 + 0.2**2 / 2, rtol=1e-5)
+
+    def broken(x, sigma):
+        return jnp.where(mask > 0, shifted(x, sigma), 1e6)
+
+    same = denoising_loss(KEY, broken, CLEAN, mask=mask, **options)
+    np.testing.assert_allclose(same, loss, rtol=1e-5)
+    assert denoising_loss(KEY, shifted, CLEAN, mask=0 * mask, **options) == 0
+
+
+def test_extra_terms_stop_at_a_level():
+    sigma = training_sigma(jax.random.split(KEY)[0], (64,), NOISE)
+    spec = LossSpec(squared=0.0, absolute=1.0, below_sigma=0.3)
+    loss = denoising_loss(KEY, shifted, CLEAN, noise=NOISE, weights=spec)
+    np.testing.assert_allclose(loss, 0.15 * (sigma < 0.3).mean(), rtol=1e-5)
+
+
+def test_perceptual_term_comes_every_kth_step():
+    spec = LossSpec(squared=0.0, perceptual=1.0, perceptual_every=3)
+    loss = jax.jit(
+        lambda step: denoising_loss(
+            KEY, shifted, CLEAN, noise=NOISE, weights=spec, perceptual=mean_square,
+            step=step,
+        )
+    )  # fmt: skip
+    terms = [float(loss(step)) for step in range(6)]
+    np.testing.assert_allclose(terms, [3 * 0.04, 0, 0] * 2, rtol=1e-5)
+
+
+def test_a_miss_has_a_validity_but_no_range():
+    target = jnp.array([[0.5, 1.0], [0.1, -1.0]])[None, None]
+    np.testing.assert_array_equal(target_mask(target)[0, 0], [[1, 1], [0, 1]])
+
+
+def test_impossible_weights_are_refused():
+    with pytest.raises(ValueError, match="squared = -1.0, expected 0 or more"):
+        LossSpec(squared=-1.0)
+    with pytest.raises(ValueError, match="perceptual_every = 0, expected 1"):
+        LossSpec(perceptual_every=0)
+    with pytest.raises(ValueError, match="perceptual weight of 1.0 without"):
+        denoising_loss(
+            KEY, shifted, CLEAN, noise=NOISE, weights=LossSpec(perceptual=1.0)
+        )

@@ -1,0 +1,188 @@
+"""Published state dicts make this network the published one, or are refused."""
+
+import functools
+import io
+import zipfile
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from jradar.diffusion import UNet, load_pretrained, read_state
+from tests.diffusion.networks import apply, random_params
+from tests.diffusion.reference_unet import State, adm, edm
+
+SIZES = {"channels": 8, "multipliers": (1, 2), "blocks": 1}
+C_NOISE = -0.3
+RNG = np.random.default_rng(3)
+
+
+@functools.cache
+def published(kind, shape):
+    """A state dict in float32, a grey image, and the network's output for it."""
+    state, image = State(), RNG.normal(size=shape)
+    rgb = np.repeat(image[None], 3, 0)
+    options = {**SIZES, "attention": (1,), "head": 4}
+    if kind.startswith("adm"):
+        new = kind == "adm new"
+        output = adm(state, rgb, 4 * C_NOISE, new_order=new, **options)
+    else:
+        output = edm(state, rgb, C_NOISE, song=kind == "song", **options)
+    state = {name: tensor.astype(np.float32) for name, tensor in state.items()}
+    return state, image, output.mean(0)
+
+
+def network_for(kind, stem):
+    return UNet(
+        form="ddpm++" if kind == "song" else "adm",
+        noise_scale=1000.0 if kind.startswith("adm") else 1.0,
+        attention_levels=(1,),
+        head_channels=4,
+        stem=stem,
+        **SIZES,
+    )
+
+
+def arguments(image, stem):
+    """The image with each pixel as large as the stem, a validity, a condition."""
+    full = np.kron(image, np.ones(stem))
+    x = np.stack([full, RNG.normal(size=full.shape)], -1)[None]
+    condition = RNG.normal(size=(1, *image.shape, 3))
+    return (
+        jnp.asarray(x, jnp.float32),
+        jnp.float32([C_NOISE]),
+        jnp.asarray(condition, jnp.float32),
+    )
+
+
+def shapes_of(network, args):
+    shapes = jax.eval_shape(network.init, jax.random.key(0), *args)
+    return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+
+
+@pytest.mark.parametrize(
+    ("kind", "shape", "stem"),
+    [
+        ("song", (8, 16), (1, 4)),
+        ("dhariwal", (8, 8), (1, 1)),
+        ("adm legacy", (4, 8), (2, 4)),
+        ("adm new", (4, 8), (2, 4)),
+    ],
+)
+def test_the_network_first_is_the_published_one(tmp_path, kind, shape, stem):
+    state, image, expected = published(kind, shape)
+    path = tmp_path / "weights.safetensors"
+    safetensors.numpy.save_file(state, path)
+    network, args = network_for(kind, stem), arguments(image, stem)
+    params = random_params(network, *args)
+    order = "new" if kind == "adm new" else "legacy"
+    params, report = load_pretrained(path, network, params, attention_order=order)
+    output = apply(network, params, *args)[0]
+    np.testing.assert_allclose(
+        output[..., 0], np.kron(expected, np.ones(stem)), atol=1e-5
+    )
+    assert np.abs(expected).max() > 0.1
+    assert not output[..., 1].any()
+    assert len(report.loaded) == len(state) and not report.unused
+    assert {name.split("/")[0] for name in report.new} == {
+        "angles", "detail", "detail_affine", "detail_angles", "enc0_condition",
+        "enc1_condition", "refine", "unfold",
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def song():
+    """A state dict, and a network and parameters that fit it."""
+    state, image, _ = published("song", (8, 16))
+    network = network_for("song", (1, 4))
+    return state, network, shapes_of(network, arguments(image, (1, 4)))
+
+
+def save(path, state):
+    np.savez(path, **state)
+    return path
+
+
+def test_npz_prefix_and_what_is_not_used(tmp_path, song):
+    state, network, params = song
+    extra = {
+        "enc.32x32_down.conv0.resample_filter": np.ones((1, 1, 2, 2)),
+        "map_augment.weight": np.ones((8, 9)),
+        "map_label.bias": np.ones(8),
+    }
+    named = {f"model.{name}": tensor for name, tensor in (state | extra).items()}
+    loaded, report = load_pretrained(save(tmp_path / "w.npz", named), network, params)
+    assert report.unused == (
+        "enc.1_down.conv0.resample_filter",
+        "map_augment.weight",
+        "map_label.bias",
+    )
+    trunk = loaded["params"]["trunk"]
+    kernel = trunk["enc1_down"]["conv0"]["kernel"]
+    expected = state["enc.32x32_down.conv0.weight"].transpose(2, 3, 1, 0)
+    np.testing.assert_array_equal(kernel, expected)
+    assert loaded["params"]["tower"] is params["params"]["tower"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"form": "adm"}, r"is ddpm\+\+, the network adm: set its form"),
+        ({"noise_scale": 1000.0}, "needs noise_scale = 1.0, the network has 1000"),
+    ],
+)
+def test_other_networks_are_refused(tmp_path, song, change, message):
+    state, network, params = song
+    with pytest.raises(ValueError, match=message):
+        load_pretrained(
+            save(tmp_path / "w.npz", state), network.clone(**change), params
+        )
+
+
+def test_other_tensors_are_refused(tmp_path, song):
+    state, network, params = song
+    path = tmp_path / "w.npz"
+    wide = state | {"map_layer0.bias": np.zeros(64, np.float32)}
+    short = {name: v for name, v in state.items() if "block0.conv1" not in name}
+    deep = state | {"enc.64x64_block1.conv0.bias": np.zeros(8, np.float32)}
+    fourier = state | {"map_noise.freqs": np.zeros(4, np.float32)}
+    for bad, message in (
+        (wide, r"map_layer0.bias makes \(64,\), the network has \(32,\)"),
+        (short, "8 parameters missing"),
+        (deep, r"0 parameters missing .*1 too many \['enc.0_block1"),
+        (fourier, r"an NCSN\+\+ \(ve\) state dict"),
+        ({"a": np.zeros(3)}, "neither a state dict of EDM nor of ADM"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            load_pretrained(save(path, bad), network, params)
+    with pytest.raises(ValueError, match="attention_order='old', expected one of"):
+        load_pretrained(path, network, params, attention_order="old")
+
+
+def test_unusable_files_are_refused(tmp_path, monkeypatch):
+    from jradar.diffusion import pretrained
+
+    objects = io.BytesIO()
+    np.save(objects, np.array([{}], dtype=object), allow_pickle=True)
+    with zipfile.ZipFile(tmp_path / "o.npz", "w") as archive:
+        archive.writestr("a.npy", objects.getvalue())
+    (tmp_path / "t.npz").write_bytes(b"PK\3\4")
+    (tmp_path / "t.safetensors").write_bytes(b"\xff" * 64)
+    (tmp_path / "t.pkl").write_bytes(b"")
+    for name, message in (
+        ("o.npz", "is not usable: Object arrays"),
+        ("t.npz", "is not usable"),
+        ("t.safetensors", "is not usable"),
+        ("t.pkl", "convert pickles with"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            read_state(tmp_path / name)
+    np.savez_compressed(tmp_path / "bomb.npz", a=np.zeros(100_000))
+    monkeypatch.setattr(pretrained, "MAX_FILE_BYTES", 10_000)
+    with pytest.raises(ValueError, match="it unpacks to 800,128 bytes"):
+        read_state(tmp_path / "bomb.npz")
+    np.save(tmp_path / "long.npz", np.zeros(100_000))
+    with pytest.raises(ValueError, match="larger than 10,000 bytes"):
+        read_state(tmp_path / "long.npz.npy")

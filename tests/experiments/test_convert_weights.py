@@ -1,0 +1,105 @@
+"""Published files become state dicts; the code that they bring is never run."""
+
+import pickle
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.convert_weights import main
+from jradar.diffusion import read_state
+
+torch = pytest.importorskip("torch", reason="needs jradar[bench]")
+
+
+class Persistent:
+    """Pickled as NVIDIA's persistent classes are: with source, and its state."""
+
+    def __init__(self, source, **state):
+        self.meta = {"type": "class", "version": 6, "module_src": source,
+                     "class_name": "Net", "state": state}  # fmt: skip
+
+    def __reduce__(self):
+        return sys.modules["torch_utils.persistence"]._reconstruct_persistent_obj, (
+            self.meta,
+        )
+
+
+@pytest.fixture
+def persistence(monkeypatch):
+    """A module of the name that the pickles ask for."""
+    module = types.ModuleType("torch_utils.persistence")
+
+    def _reconstruct_persistent_obj(meta):
+        raise AssertionError("the file's source would run")
+
+    _reconstruct_persistent_obj.__module__ = module.__name__
+    _reconstruct_persistent_obj.__qualname__ = "_reconstruct_persistent_obj"
+    module._reconstruct_persistent_obj = _reconstruct_persistent_obj
+    monkeypatch.setitem(sys.modules, "torch_utils", types.ModuleType("torch_utils"))
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+
+
+def test_a_published_pickle_becomes_its_state_dict(tmp_path, persistence):
+    weight = torch.nn.Parameter(torch.arange(6.0).reshape(2, 3))
+    source = f"open({str(tmp_path / 'ran')!r}, 'w')"
+    conv = Persistent(
+        source,
+        _parameters={"weight": weight, "bias": None},
+        _buffers={"filter": torch.ones(2).half()},
+        _modules={},
+    )
+    blocks = torch.nn.ModuleDict()
+    blocks._modules = {"8x8_conv": conv}
+    network = Persistent(source, _parameters={}, _modules={"enc": blocks})
+    path = tmp_path / "net.pkl"
+    path.write_bytes(pickle.dumps({"ema": network, "loss_fn": None}))
+    assert main([str(path), str(tmp_path / "net.safetensors")]) == 0
+    state = read_state(tmp_path / "net.safetensors")
+    assert sorted(state) == ["enc.8x8_conv.filter", "enc.8x8_conv.weight"]
+    np.testing.assert_array_equal(state["enc.8x8_conv.weight"], weight.detach())
+    assert state["enc.8x8_conv.filter"].dtype == np.float32
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_state_dict_is_converted(tmp_path):
+    torch.save({"out.0.weight": torch.ones(3).half()}, tmp_path / "net.pt")
+    assert main([str(tmp_path / "net.pt"), str(tmp_path / "net.safetensors")]) == 0
+    state = read_state(tmp_path / "net.safetensors")
+    np.testing.assert_array_equal(state["out.0.weight"], np.ones(3, np.float32))
+
+
+class Evil:
+    """Touches a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("net.pkl", "asks for pathlib"), ("net.pt", "is more than a state dict")],
+)
+def test_other_code_is_refused(tmp_path, capsys, name, message):
+    sentinel, path = tmp_path / "sentinel", tmp_path / name
+    content = {"ema": Evil(sentinel)}
+    if name == "net.pt":
+        torch.save(content, path)
+    else:
+        path.write_bytes(pickle.dumps(content))
+    assert main([str(path), str(tmp_path / "out.safetensors")]) == 4
+    assert message in capsys.readouterr().err
+    assert not sentinel.exists() and not (tmp_path / "out.safetensors").exists()
+
+
+def test_usage_and_files_without_a_network(tmp_path, capsys):
+    assert main([]) == 2
+    path = tmp_path / "net.pkl"
+    path.write_bytes(pickle.dumps({"ema": {"a": 1}}))
+    assert main([str(path), str(tmp_path / "out.safetensors")]) == 4
+    assert "has no network under `ema`" in capsys.readouterr().err

@@ -1,0 +1,136 @@
+"""An exported function equals `enhance`, runs without jradar, and guards its bits."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.bundle import Bundle, BundleSpec
+from jradar.diffusion import NoiseSpec, UNet, conditional_denoiser
+from jradar.export import export_function, load_function
+from jradar.pipeline import enhance
+from jradar.radar import RadarSpec
+from jradar.range_image import ImageSpec
+from tests.diffusion.networks import QUICK
+
+pytest.importorskip("flatbuffers", reason="needs jradar[export]")
+
+RADAR = RadarSpec.awr1843(num_chirps=16, num_samples=32)
+NETWORK = UNet(channels=4, multipliers=(1,), blocks=1, attention_levels=(), stem=(1, 2))
+SPEC = BundleSpec(
+    network=NETWORK,
+    noise=NoiseSpec(),
+    coarse=ImageSpec(8, 8),
+    fine=ImageSpec(8, 16),
+    radar=RADAR,
+    num_slices=2,
+    codec="log",
+    steps_seen=1,
+    trained_on="a test",
+    points={"capacity": 16},
+)
+CUBE = np.random.default_rng(0).normal(
+    size=(RADAR.num_tx, RADAR.num_rx, RADAR.num_chirps, RADAR.num_samples)
+)
+
+# What the docstring of jradar.export tells users to write.
+READER = """
+import hashlib, json, sys
+import jax, numpy as np
+header, function = open(sys.argv[1], "rb").read().split(b"\\n", 1)
+assert hashlib.sha256(function).hexdigest() == json.loads(header)["sha256"]
+cube = np.load(sys.argv[2]).astype(np.complex64)
+call = jax.export.deserialize(bytearray(function)).call
+xyz, valid = call(np.uint32(7), cube)
+assert "jradar" not in sys.modules and "flax" not in sys.modules
+np.savez(sys.argv[3], xyz=xyz, valid=valid)
+"""
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The bundle and the file made from it."""
+    shapes = jax.eval_shape(
+        NETWORK.init,
+        jax.random.key(0),
+        jnp.zeros((1, 8, 16, 2)),
+        jnp.zeros(1),
+        jnp.zeros((1, 8, 8, 6)),
+    )
+    rng = np.random.default_rng(1)
+    params = jax.tree.map(
+        lambda leaf: jnp.asarray(0.3 * rng.normal(size=leaf.shape), leaf.dtype), shapes
+    )
+    path = tmp_path_factory.mktemp("export") / "model.jradar"
+    export_function(path, Bundle(params, SPEC), steps=3)
+    return params, path
+
+
+def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
+    params, path = exported
+    np.save(tmp_path / "cube.npy", CUBE)
+    (tmp_path / "reader.py").write_text(READER)
+    subprocess.run(
+        [sys.executable, "reader.py", str(path), "cube.npy", "out.npz"],
+        cwd=tmp_path,
+        env={"JAX_PLATFORMS": "cpu", "PATH": ""},
+        check=True,
+    )
+    cloud = jax.jit(
+        lambda cube: enhance(
+            jax.random.key(7),
+            cube,
+            conditional_denoiser(NETWORK, params, SPEC.noise),
+            radar=RADAR,
+            coarse=SPEC.coarse,
+            fine=SPEC.fine,
+            num_slices=2,
+            points=SPEC.points,
+            noise=SPEC.noise,
+            steps=3,
+        ),
+        compiler_options=QUICK,
+    )(jnp.asarray(CUBE, jnp.complex64))
+    out = np.load(tmp_path / "out.npz")
+    np.testing.assert_array_equal(out["valid"], cloud.valid)
+    np.testing.assert_allclose(out["xyz"], cloud.xyz, atol=1e-4)
+    assert 0 < out["valid"].sum()
+
+    function = load_function(path)
+    xyz, _ = function.call(7, CUBE)
+    np.testing.assert_array_equal(xyz, out["xyz"])
+    assert function.header["radar"] == RADAR.name
+    with pytest.raises(ValueError, match="was made for"):
+        function.call(7, CUBE[:1])
+
+
+def test_damage_is_found(exported, tmp_path):
+    good = Path(exported[1]).read_bytes()
+    flipped = bytearray(good)
+    flipped[len(good) * 3 // 4] ^= 1
+    header, content = good.split(b"\n", 1)
+    other = json.dumps(json.loads(header) | {"format": "x"}).encode()
+    path = tmp_path / "bad.jradar"
+    for bad, message in (
+        (bytes(flipped), "does not match its digest"),
+        (good[:-1], "does not match its digest"),
+        (b"", "is not an exported function"),
+        (content[:100], "is not an exported function"),
+        (other + b"\n" + content, "has format 'x', expected"),
+    ):
+        path.write_bytes(bad)
+        with pytest.raises(ValueError, match=message):
+            load_function(path)
+
+
+def test_unknown_platform_and_missing_extra(exported, tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match="expected some of"):
+        export_function(tmp_path / "x", Bundle(exported[0], SPEC), platforms=["gpu"])
+    monkeypatch.setitem(sys.modules, "flatbuffers", None)
+    with pytest.raises(ImportError, match=r"jradar\[export\]"):
+        load_function(exported[1])
