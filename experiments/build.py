@@ -1,9 +1,15 @@
-"""Configs to specs, data, network and runs: the only place that reads a config."""
+"""Configs to data, specs, optimiser and loss of the main task.
 
-import hashlib
+Data are records of `jradar prepare`. Where a config names none, a run simulates a set
+and prepares it in its own workdir, by the same functions as the commands.
+"""
+
+import contextlib
+import functools
+import itertools
 import json
 import math
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,65 +18,85 @@ import numpy as np
 import optax
 from ml_collections import ConfigDict
 
-from jradar import diffusion, evaluation, training, viz
-from jradar.bundle import Bundle, BundleSpec, load_bundle, save_bundle
-from jradar.data import Pairs, batch_indices, make_pairs
+from jradar import data, diffusion
+from jradar.bundle import BundleSpec
+from jradar.data.simulation import set_sequences, simulate_set
 from jradar.files import write_text
-from jradar.pipeline import draw_range_image
-from jradar.radar import RadarSpec
-from jradar.range_image import ImageSpec, encode_target, project, unproject
+from jradar.lidar import LidarSpec
+from jradar.progress import progress
+from jradar.range_image import ImageSpec
 
-DATA_KEY, TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(4)
-FRAMES_IN_FIGURE = 4
+TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(3)
 
 
-def build_spec(config: ConfigDict) -> BundleSpec:
+def prepared_data(config: ConfigDict, workdir: Path) -> Path:
+    """The folder of records: the config's, or one simulated and prepared here."""
+    if config.data.path:
+        return Path(config.data.path)
+    recordings, records = workdir / "data" / "recordings", workdir / "data" / "records"
+    with contextlib.suppress(FileNotFoundError, ValueError):  # not there or not whole
+        return data.Records(records).folder
+    if jax.process_count() > 1:
+        raise ValueError(
+            "several processes cannot make their own data: prepare it once, and name "
+            "the folder as --config.data.path"
+        )
+    frames, done = config.data.frames, itertools.count(1)
+    total = frames * len(set_sequences(config.data.set))
+    with progress("simulating", total, unit="frames") as show:
+        simulate_set(
+            config.data.set,
+            recordings,
+            frames=frames,
+            advance=lambda: show(next(done)),
+        )
+    spec = data.PrepareSpec(
+        **config.prepare.to_dict(), lidar=LidarSpec(**_view(config.image))
+    )
+    data.prepare(recordings, records, spec, workers=1)
+    return records
+
+
+def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
     """Everything about the model but its weights."""
-    image = config.image
-    view = {
-        "azimuth": tuple(math.radians(angle) for angle in image.azimuth_deg),
-        "elevation": tuple(math.radians(angle) for angle in image.elevation_deg),
-        "max_range_m": image.max_range_m,
-    }
+    image, options = config.image, records.manifest["options"]
     network = dict(config.network)
     preset = network.pop("preset")
     if preset not in diffusion.PRESETS:
         raise ValueError(
             f"network.preset = {preset!r}, expected one of {[*diffusion.PRESETS]}"
         )
-    data = {k: config[k].to_dict() for k in ("radar", "image", "points", "data")}
-    data["seed"] = config.seed
+    view = _view(image)
+    seen = {name: tuple(np.ravel(options["lidar"][name]).tolist()) for name in view}
+    if any(tuple(np.ravel(view[name])) != seen[name] for name in view):
+        raise ValueError(
+            f"image sees {view}, the data were prepared for {seen}: expected the same"
+        )
+    points = ("capacity", "detector", "false_alarm_rate", "guard", "train")
+    flips = ("flip_azimuth", "flip_elevation")
     return BundleSpec(
         network=diffusion.UNet(**{**diffusion.PRESETS[preset], **network}),
         noise=diffusion.NoiseSpec(**config.noise),
         coarse=ImageSpec(*image.coarse, **view),
         fine=ImageSpec(*image.fine, **view),
-        radar=RadarSpec.from_dict(config.radar.to_dict()),
+        radar=records.radar,
         num_slices=image.num_slices,
         codec=image.codec,
         steps_seen=config.train.steps,
-        trained_on=f"simulated rooms {_digest(data)}",
+        trained_on=f"{len(records)} frames {records.digest[:12]}",
         purpose=config.purpose,
         validity_threshold=config.sampling.validity_threshold,
-        points=config.points.to_dict(),
+        points={
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in options.items()
+            if name in (*points, *flips)
+        },
     )
 
 
-def build_pairs(config: ConfigDict, spec: BundleSpec, split: str) -> Pairs:
-    """Pairs of the "train" or the "validation" split."""
-    num_frames = config.data[f"num_{split}"]
-    print(f"simulating {num_frames} {split} frames", file=sys.stderr, flush=True)
-    key = jax.random.fold_in(jax.random.key(config.seed), DATA_KEY)
-    return make_pairs(
-        jax.random.fold_in(key, ("train", "validation").index(split)),
-        num_frames,
-        radar=spec.radar,
-        coarse=spec.coarse,
-        fine=spec.fine,
-        num_slices=spec.num_slices,
-        points=spec.points,
-        baseline=config.baseline.to_dict(),
-    )
+def build_pairs(spec: BundleSpec, records: Any) -> data.PairSource:
+    """Images of the records, as the model's spec has them."""
+    return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
 
 
 def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
@@ -79,116 +105,32 @@ def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(train.clip_norm), optax.adam(rate))
 
 
-def run_training(config: ConfigDict, workdir: Path) -> None:
-    """Train, save the bundle, evaluate it. Resumes where the workdir stands."""
-    spec = build_spec(config)
-    _check_workdir(config, workdir)
-    pairs = build_pairs(config, spec, "train")
-    target = encode_target(pairs.lidar, spec.fine, codec=spec.codec)
-    target = np.asarray(target)
-
-    key = jax.random.key(config.seed)
-    optimizer = build_optimizer(config.train)
-    state = training.create_state(
-        # This generator compiles in half the time for a network's many parameters.
-        jax.random.fold_in(jax.random.key(config.seed, impl="rbg"), INIT_KEY),
-        spec.network,
-        optimizer,
-        image_shape=target.shape[1:],
-        condition_shape=pairs.condition.shape[1:],
-    )
-
-    def batch_at(step):
-        index = batch_indices(
-            config.seed,
-            step,
-            batch_size=config.train.batch_size,
-            num_frames=len(target),
+def build_loss(loss: ConfigDict) -> Callable[..., jax.Array]:
+    """Eq. 12 with the config's weights; LPIPS is loaded where it has one."""
+    weights = dict(loss)
+    network = weights.pop("perceptual_network")
+    perceptual = None
+    if weights["perceptual"]:
+        perceptual = functools.partial(
+            diffusion.lpips, diffusion.load_lpips(network=network)
         )
-        return training.Batch(pairs.condition[index], target[index])
-
-    state = training.train(
-        jax.random.fold_in(key, TRAIN_KEY),
-        state,
-        training.make_train_step(
-            spec.network, optimizer, spec.noise, ema_decay=config.train.ema_decay
-        ),
-        batch_at,
-        steps=config.train.steps,
-        workdir=workdir,
-        checkpoint_every=config.train.checkpoint_every,
+    return functools.partial(
+        diffusion.denoising_loss,
+        weights=diffusion.LossSpec(**weights),
+        perceptual=perceptual,
     )
-    if jax.process_index():
-        return
-    save_bundle(workdir / "bundle", Bundle(state.ema_params, spec))
-    training.write_model_card(
-        workdir,
-        config=config.to_dict(),
-        data_digest=spec.trained_on,
-        seed=config.seed,
-        steps=config.train.steps,
-        purpose=spec.purpose,
-    )
-    run_evaluation(config, workdir)
 
 
-def run_evaluation(config: ConfigDict, workdir: Path) -> None:
-    """Score the workdir's bundle on the validation split; table, scores, picture."""
-    params, spec = load_bundle(workdir / "bundle")
-    pairs = build_pairs(config, spec, "validation")
-    denoise = diffusion.conditional_denoiser(spec.network, params, spec.noise)
-
-    def draw(steps):
-        return jax.jit(
-            lambda key, condition: draw_range_image(
-                key,
-                condition,
-                denoise,
-                fine=spec.fine,
-                noise=spec.noise,
-                codec=spec.codec,
-                validity_threshold=config.sampling.validity_threshold,
-                steps=steps,
-            )
-        )
-
-    one_step, sampled = draw(1), draw(config.sampling.steps)
-    names = {
-        "radar": f"{config.baseline.detector.upper()}-CFAR",
-        "one_step": "one-step estimate",
-        "sampled": f"jradar, Heun {config.sampling.steps}",
+def _view(image):
+    """The field of view of both images, in radians and metres."""
+    return {
+        "azimuth": tuple(math.radians(angle) for angle in image.azimuth_deg),
+        "elevation": tuple(math.radians(angle) for angle in image.elevation_deg),
+        "max_range_m": image.max_range_m,
     }
-    methods = {
-        names["radar"]: lambda _, pair: pair.radar,
-        names["one_step"]: lambda key, pair: unproject(
-            one_step(key, pair.condition), spec.fine
-        ),
-        names["sampled"]: lambda key, pair: unproject(
-            sampled(key, pair.condition), spec.fine
-        ),
-    }
-    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
-    scores = [*evaluation.score_frames(key, pairs, methods, fine=spec.fine)]
-    table = evaluation.markdown(evaluation.summarise(scores))
-    folder = workdir / "evaluation"
-    write_text(folder / "table.md", table)
-    write_text(folder / "frames.jsonl", "".join(json.dumps(s) + "\n" for s in scores))
-
-    shown = [
-        jax.tree.map(lambda x, i=i: x[i], pairs)
-        for i in range(min(FRAMES_IN_FIGURE, len(pairs.lidar)))
-    ]
-    columns = {"LiDAR": np.stack([pair.lidar for pair in shown])}
-    for name, method in methods.items():
-        clouds = [
-            method(jax.random.fold_in(key, i), pair) for i, pair in enumerate(shown)
-        ]
-        columns[name] = np.stack([project(cloud, spec.fine) for cloud in clouds])
-    viz.save_figure(viz.samples_figure(columns, spec.fine), folder / "samples.png")
-    print(f"{spec.purpose}\n\n{table}\nwritten to {folder}")
 
 
-def _check_workdir(config, workdir):
+def check_workdir(config: ConfigDict, workdir: Path) -> None:
     """Refuse to go on with another config than the workdir was started with."""
     path = workdir / "config.json"
     wanted = _flatten(json.loads(config.to_json()))
@@ -215,8 +157,3 @@ def _flatten(tree: Any, prefix: str = "") -> dict[str, Any]:
         for key, item in tree.items()
         for dotted, value in _flatten(item, f"{prefix}.{key}".lstrip(".")).items()
     }
-
-
-def _digest(values):
-    """A short digest of what the data was made from."""
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]

@@ -12,6 +12,7 @@ train together where JAX_COORDINATOR_ADDRESS names the first: see `training.devi
 
 import contextlib
 import difflib
+import importlib
 import re
 import runpy
 import sys
@@ -21,6 +22,8 @@ from absl import flags, logging
 from ml_collections import config_flags
 
 from jradar.files import lock_folder, use_compilation_cache
+
+TASKS = ("enhance", "radarhd")  # modules beside this one
 
 CONFIG = config_flags.DEFINE_config_file("config", None, "File of the experiment.")
 WORKDIR = flags.DEFINE_string("workdir", None, "Folder for everything it writes.")
@@ -57,10 +60,12 @@ def _run(config, workdir):
     """Do what the flags say. Processes of one run share a workdir, the first locks."""
     import jax
 
-    from experiments import build
     from jradar.training import Interrupted, join_processes
 
-    run = {"train": build.run_training, "eval": build.run_evaluation}[MODE.value]
+    if config.task not in TASKS:
+        raise ValueError(f"task = {config.task!r}, expected one of {TASKS}")
+    task = importlib.import_module(f"experiments.{config.task}")
+    run = {"train": task.run_training, "eval": task.run_evaluation}[MODE.value]
     join_processes()
     first = jax.process_index() == 0
     try:

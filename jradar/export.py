@@ -119,7 +119,7 @@ def load_function(path: Path | str) -> ExportedFunction:
         raise ValueError(f"{path} does not match its digest: is it damaged?")
     exported = jax.export.deserialize(bytearray(content))
 
-    def call(seed, cube):
+    def call(seed, cube) -> Any:
         shape = tuple(header["cube"])
         if cube.shape != shape:
             raise ValueError(f"a cube of {cube.shape}, {path} was made for {shape}")

@@ -1,9 +1,10 @@
-r"""Smoke test: the whole way on small images, in about a minute on 2 cores.
+r"""Smoke test: the whole way on small images, in a minute or two on 2 cores.
 
     python -m experiments.main --config=experiments/configs/smoke.py \
         --workdir=runs/smoke
 
-It proves the plumbing. The network sees too little to be of use.
+It proves the plumbing: simulation, preparation, training, evaluation, report. The
+network sees too little to be of use.
 """
 
 from experiments.configs import default
@@ -12,12 +13,11 @@ from experiments.configs import default
 def get_config():
     config = default.get_config()
     config.purpose = "a smoke test: these weights prove the plumbing, nothing else"
-    config.radar.update(num_chirps=32, num_samples=64)
+    config.data.update(set="jradar-sim-mini", frames=2)
+    config.prepare.capacity = 512
     config.image.update(coarse=(16, 16), fine=(32, 128))
-    config.points.capacity = 512
-    config.baseline.capacity = 512
-    config.data.update(num_train=96, num_validation=8)
     config.network.update(multipliers=(1, 2), attention_levels=(1,))
-    config.train.update(steps=120, warmup_steps=20, checkpoint_every=40)
+    config.train.update(steps=120, warmup_steps=20, checkpoint_every=60)
     config.train.ema_decay = 0.98
+    config.evaluation.update(detectors=("ca", "os"), frames_for_rates=6)
     return config

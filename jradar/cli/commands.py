@@ -128,7 +128,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
 
 def prepare(options: argparse.Namespace) -> dict[str, Any]:
     """Training pairs from recordings with radar and LiDAR, as records."""
-    from jradar.data import PrepareSpec, open_recording, prepare as prepare_all
+    from jradar.data import PrepareSpec, find_sources, prepare as prepare_all
 
     spec = PrepareSpec.from_toml(options.spec) if options.spec else PrepareSpec()
     opening = {
@@ -140,7 +140,8 @@ def prepare(options: argparse.Namespace) -> dict[str, Any]:
     }
     opening = {name: value for name, value in opening.items() if value is not None}
     if options.preview:
-        return _preview(open_recording(options.path, **opening), spec, options)
+        source, *_ = find_sources(options.path, **opening)
+        return _preview(source.open(), spec, options)
     manifest = prepare_all(
         options.path,
         options.output,
@@ -237,11 +238,10 @@ def _open(options):
 
 def _points(cube, recording, *, guard=(2, 2), train=(4, 4), **options):
     """Points of a frame; CFAR window and angle bins are fitted to the radar."""
-    from jradar.radar import largest_window, radar_points
+    from jradar.radar import azimuth_bins, largest_window, radar_points
 
     guard, train = largest_window(recording.radar.cube_shape, guard, train)
-    columns = int(recording.radar.virtual_positions[:, 0].max()) + 1
-    options.setdefault("num_azimuth", max(64, 1 << (columns - 1).bit_length()))
+    options.setdefault("num_azimuth", azimuth_bins(recording.radar))
     return radar_points(
         cube,
         recording.radar,

@@ -23,6 +23,7 @@ FILES_HELP = """
 
 PATH may also be a bag (.bag, .mcap, .db3, a ROS 2 folder) or a cloud (.ply, .pcd, a
 .bin of KITTI or of ColoRadar's LiDAR)."""
+FAMILIES = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
 PREPARE_HELP = """
 
 PATH may also be a folder of ColoRadar sequences: all are prepared. Started again, it
@@ -170,13 +171,16 @@ def _prepare(sub):
 def _simulate(sub):
     """Options of `jradar simulate`."""
     _output(sub)
+    sub.add_argument("--scene", choices=FAMILIES, help="kind of scene")
     sub.add_argument(
-        "--scene",
-        metavar="FAMILY",
-        help="hallways, mine, lab, outdoor, corridor or hall",
+        "--set", metavar="NAME", help="a whole set, jradar-sim or jradar-sim-mini"
     )
-    sub.add_argument("--set", metavar="NAME", help="a whole set: jradar-sim")
-    sub.add_argument("--frames", type=_at_least_1, metavar="N", help="of each sequence")
+    sub.add_argument(
+        "--frames",
+        type=_at_least_1,
+        metavar="N",
+        help="of each sequence (50; 40 in a set)",
+    )
     sub.add_argument("--seed", type=int, default=0, help="of the scene (default 0)")
     sub.add_argument(
         "--sensor",

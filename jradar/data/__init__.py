@@ -12,6 +12,7 @@ open_capture                     both, poses and extrinsics: a capture of one's 
 estimate_time_offset, propose_offset                 between the sensors' clocks
 prepare, PrepareSpec             recordings to records of training pairs
  .. prepare_frame, matches_of     one frame of them, and which belong together
+find_sources                     the recordings below a folder, and their splits
 Records, PairSource, Batches     records to images, and to batches by step
 open_radarhd                     RadarHD's pairs of polar images
 simulation                       a ColoRadar that the project makes itself
@@ -96,6 +97,7 @@ from jradar.data.scenes import (
     room_frame as room_frame,
     room_scatterers as room_scatterers,
 )
+from jradar.data.sources import Source as Source, find_sources as find_sources
 from jradar.data.time_offset import (
     estimate_time_offset as estimate_time_offset,
     propose_offset as propose_offset,

@@ -18,6 +18,7 @@ from jradar.radar import (
     Cells,
     RadarSpec,
     all_cells,
+    azimuth_bins,
     cell_points,
     largest_window,
 )
@@ -153,6 +154,7 @@ def radar_side(
         cube,
         radar,
         coupling=coupling,
+        num_azimuth=azimuth_bins(radar),
         flip_azimuth=spec.flip_azimuth,
         flip_elevation=spec.flip_elevation,
     )

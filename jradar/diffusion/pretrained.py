@@ -72,7 +72,8 @@ def load_pretrained(
         raise ValueError(
             f"{path} needs noise_scale = {scale}, the network has {network.noise_scale}"
         )
-    flat = flax.traverse_util.flatten_dict(params["params"]["trunk"], sep="/")
+    trunk = params["params"]["trunk"]
+    flat: dict[str, Any] = flax.traverse_util.flatten_dict(trunk, sep="/")
     loaded, unused = {}, []
     for name, tensor in state.items():
         target = _target(name)

@@ -1,11 +1,42 @@
-"""Methods scored frame by frame against LiDAR, and the table of their means.
+"""Methods scored frame by frame against LiDAR: tables, intervals, comparisons.
 
-score_frames                     scores of each method on each frame
-summarise, markdown              the table
+score_frames                     scores of each method on each frame of a sequence
+write_scores, read_scores        the file of scores, from which all else is made
+mean_interval, Estimate          means of correlated frames, with intervals
+compare_paired, compare_methods, Comparison
+                                 do two methods differ, frame by frame?
+summarise, markdown, scenes_table, csv_table, write_tables
+                                 tables: of all scores, the paper's, for spreadsheets
+save_clouds, load_clouds         clouds of a few frames, kept with the scores
+build_report, open_report        a run's tables, curves and clouds in one HTML file
 """
 
-from jradar.evaluation.methods import Method as Method, score_frames as score_frames
+from jradar.evaluation.methods import (
+    Method as Method,
+    Truth as Truth,
+    score_frames as score_frames,
+)
+from jradar.evaluation.report import (
+    build_report as build_report,
+    load_clouds as load_clouds,
+    open_report as open_report,
+    save_clouds as save_clouds,
+)
+from jradar.evaluation.scores import (
+    read_scores as read_scores,
+    write_scores as write_scores,
+)
+from jradar.evaluation.statistics import (
+    Comparison as Comparison,
+    Estimate as Estimate,
+    compare_methods as compare_methods,
+    compare_paired as compare_paired,
+    mean_interval as mean_interval,
+)
 from jradar.evaluation.tables import (
+    csv_table as csv_table,
     markdown as markdown,
+    scenes_table as scenes_table,
     summarise as summarise,
+    write_tables as write_tables,
 )

@@ -1,46 +1,79 @@
-"""Each method is a function from a frame's pair to a cloud; all are scored alike."""
+"""Each method is a function from a frame to a cloud; all are timed and scored alike.
 
-from collections.abc import Callable, Iterator
+A frame is whatever the methods and the truths know how to read: a pair of images, an
+item of a data set. The truth is a function of the frame too, so that one run can score
+against several: the LiDAR cloud, and the same cloud after its range image.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Array, Key
 
-from jradar.data import Pairs
-from jradar.metrics import THRESHOLDS_M, compare_on_host
-from jradar.range_image import ImageSpec, unproject
+from jradar.evaluation.scores import COUNTS, DISTANCES, F_SCORES
+from jradar.metrics import compare_on_host
 from jradar.types import PointCloud
 
-Method = Callable[[Key[Array, ""], Pairs], PointCloud]
+Method = Callable[[Key[Array, ""], Any], PointCloud]
+Truth = Callable[[Any], PointCloud]
 
 
 def score_frames(
-    key: Key[Array, ""], pairs: Pairs, methods: dict[str, Method], *, fine: ImageSpec
+    key: Key[Array, ""],
+    frames: Any,
+    methods: Mapping[str, Method],
+    *,
+    truths: Mapping[str, Truth],
+    scene: str,
+    sequence: str = "",
 ) -> Iterator[dict[str, Any]]:
-    """Scores of each method on each frame, against the LiDAR image's own points.
+    """Scores of each method on each frame of one sequence, against each truth.
 
-    The same key for a frame serves all methods. Distances are in metres.
+    `frames` gives its length and `frames[i]`, in the order of time; rows are those of
+    `scores.py`. The same key for a frame serves all methods.
+    `milliseconds` is the wall time of the method on that frame until its cloud is
+    computed; a call on the first frame, not counted, has compiled it. A method whose
+    shapes change from frame to frame compiles again, and that counts.
     """
-    for frame in range(len(pairs.lidar)):
-        pair = jax.tree.map(lambda x, i=frame: x[i], pairs)
-        truth = _points(unproject(pair.lidar, fine))
+    if not methods or not truths:
+        raise ValueError(f"{len(methods)} methods and {len(truths)} truths to score")
+    for index in range(len(frames)):
+        frame, frame_key = frames[index], jax.random.fold_in(key, index)
+        true_clouds = {name: _points(truth(frame)) for name, truth in truths.items()}
         for name, method in methods.items():
-            found = _points(method(jax.random.fold_in(key, frame), pair))
-            scores = compare_on_host(found, truth)
-            f_scores = {
-                f"f_score_{limit}": float(value)
-                for limit, value in zip(THRESHOLDS_M, scores.f_score, strict=True)
-            }
-            yield {
-                "method": name,
-                "frame": frame,
-                "points": len(found),
-                "chamfer": float(scores.chamfer),
-                "modified_hausdorff": float(scores.modified_hausdorff),
-                **f_scores,
-            }
+            if index == 0:
+                jax.block_until_ready(method(frame_key, frame))
+            start = time.perf_counter()
+            cloud = jax.block_until_ready(method(frame_key, frame))
+            milliseconds = 1e3 * (time.perf_counter() - start)
+            found = _points(cloud)
+            for truth_name, truth in true_clouds.items():
+                yield {
+                    "scene": scene,
+                    "sequence": sequence,
+                    "frame": index,
+                    "truth": truth_name,
+                    "method": name,
+                    **dict(zip(COUNTS, (len(found), len(truth)), strict=True)),
+                    "milliseconds": milliseconds,
+                    **_scores(found, truth),
+                }
 
 
-def _points(cloud):
+def _scores(found, truth):
+    """Scores by name: of an empty cloud no distance and F of 0."""
+    if not len(found) or not len(truth):
+        f_score = 0.0 if len(truth) else math.nan
+        return dict.fromkeys(DISTANCES, math.nan) | dict.fromkeys(F_SCORES, f_score)
+    scores = compare_on_host(found, truth)
+    distances = (scores.chamfer, scores.modified_hausdorff)
+    values = [float(value) for value in (*distances, *scores.f_score)]
+    return dict(zip((*DISTANCES, *F_SCORES), values, strict=True))
+
+
+def _points(cloud: PointCloud) -> np.ndarray:
     return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]

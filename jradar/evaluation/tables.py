@@ -1,9 +1,23 @@
-"""Tables of mean scores."""
+"""Tables from scores: every mean with its interval, and the paper's Tables I and II.
 
-from collections.abc import Iterable
-from typing import Any
+Distances are means over the frames where the method found something; a frame where it
+found nothing counts with an F-score of 0. Such frames are counted beside the means.
+"""
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+
+from jradar.evaluation.scores import DISTANCES, F_SCORES, read_scores
+from jradar.evaluation.statistics import Estimate, mean_interval
+from jradar.files import write_text
+
+Style = Literal["markdown", "latex"]
+Summary = list[dict[str, Any]]
 
 COLUMNS = {
     "chamfer": "CD (m)",
@@ -13,41 +27,216 @@ COLUMNS = {
     "f_score_0.5": "F 0.5 m (%)",
     "points": "points",
 }
+TIME = {"milliseconds": "ms"}
+BOLD = {"markdown": ("**", "**"), "latex": (r"\textbf{", "}")}
+PLUS_MINUS = {"markdown": "±", "latex": r"$\pm$"}
+MARK = {"markdown": " †", "latex": r"\textsuperscript{\dag}"}
 
 
-def summarise(scores: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Mean of every score over frames, a row for each method in order of appearance.
+def summarise(scores: Iterable[dict[str, Any]]) -> Summary:
+    """An `Estimate` of every score: a row for each truth, scene and method.
 
-    Frames whose scores are NaN, since a cloud was empty, are left out and counted.
+    Rows stand in order of appearance. `empty` counts frames where the method found
+    nothing, `no_truth` those without a truth, which are left out.
     """
-    by_method: dict[str, list[dict[str, Any]]] = {}
+    groups: dict[tuple, dict[str, list]] = {}
     for row in scores:
-        by_method.setdefault(row["method"], []).append(row)
-    table = []
-    for method, rows in by_method.items():
-        scored = [row for row in rows if np.isfinite(row["chamfer"])]
-        means = {
-            column: float(np.mean([row[column] for row in scored]))
-            if scored
-            else np.nan
-            for column in COLUMNS
-        }
-        counts = {"frames": len(rows), "empty": len(rows) - len(scored)}
-        table.append({"method": method, **means, **counts})
-    return table
-
-
-def markdown(table: list[dict[str, Any]]) -> str:
-    """The table in Markdown, F-scores in percent."""
-    lines = [
-        "| method | " + " | ".join(COLUMNS.values()) + " | frames | empty |",
-        "|---" * (len(COLUMNS) + 3) + "|",
-    ]
-    for row in table:
-        cells = [
-            f"{100 * row[c]:.1f}" if c.startswith("f_") else f"{row[c]:.3f}"
-            for c in list(COLUMNS)[:-1]
+        group = (row["truth"], row["scene"], row["method"])
+        groups.setdefault(group, {}).setdefault(row["sequence"], []).append(row)
+    summary = []
+    for (truth, scene, method), sequences in groups.items():
+        ordered = [
+            [r for r in sorted(rows, key=lambda r: r["frame"]) if r["truth_points"]]
+            for rows in sequences.values()
         ]
-        cells += [f"{row['points']:.0f}", str(row["frames"]), str(row["empty"])]
-        lines.append(f"| {row['method']} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+        rows = [row for sequence in ordered for row in sequence]
+        estimates = {
+            column: mean_interval([[r[column] for r in s] for s in ordered])
+            for column in (*COLUMNS, *TIME)
+        }
+        counts = {
+            "frames": len(rows),
+            "empty": sum(not row["points"] for row in rows),
+            "no_truth": sum(map(len, sequences.values())) - len(rows),
+        }
+        names = {"truth": truth, "scene": scene, "method": method}
+        summary.append({**names, **estimates, **counts})
+    return summary
+
+
+def markdown(
+    summary: Summary, *, intervals: bool = False, milliseconds: bool = False
+) -> str:
+    """Every row of a summary in Markdown, F-scores in percent.
+
+    Truth and scene are columns where there are several. `intervals` writes half the
+    width of the 95 % interval behind each mean.
+    """
+    columns = COLUMNS | (TIME if milliseconds else {})
+    names = [
+        name
+        for name in ("truth", "scene", "method")
+        if name == "method" or len({row[name] for row in summary}) > 1
+    ]
+    lines = [[*names, *columns.values(), "frames", "empty"]]
+    for row in summary:
+        cells = [_number(row[c], c, intervals, "markdown") for c in columns]
+        lines.append([row[n] for n in names] + cells + [row["frames"], row["empty"]])
+    return _markdown_lines(lines)
+
+
+def scenes_table(
+    summary: Summary,
+    *,
+    truth: str | None = None,
+    scenes: Sequence[str] | None = None,
+    style: Style = "markdown",
+    threshold_m: float = 0.2,
+    intervals: bool = False,
+) -> str:
+    """The paper's table: a row for each method, a column for each scene.
+
+    A cell holds CD (m) / MHD (m) / F-score (%), the best of each scene in bold. `truth`
+    is the first one unless named; `intervals` adds half the width of the 95 % interval.
+    Frames in which a method found nothing are counted below. LaTeX needs booktabs.
+    """
+    truth = truth or summary[0]["truth"]
+    rows = {(r["method"], r["scene"]): r for r in summary if r["truth"] == truth}
+    known = [*dict.fromkeys(scene for _, scene in rows)]
+    scenes = known if scenes is None else [*scenes]
+    if not scenes or not set(scenes) <= set(known):
+        raise ValueError(f"{scenes=} against {truth!r}, but there is {known}")
+    scores = (*DISTANCES, f"f_score_{threshold_m}")
+    if scores[-1] not in F_SCORES:
+        raise ValueError(f"{threshold_m=} was not scored, only {F_SCORES}")
+    methods = [*dict.fromkeys(method for method, scene in rows if scene in scenes)]
+    best = {
+        scene: [_best([r for (_, s), r in rows.items() if s == scene], score)
+                for score in scores]
+        for scene in scenes
+    }  # fmt: skip
+
+    def cell(method, scene):
+        if (row := rows.get((method, scene))) is None:
+            return "–"
+        texts = [_number(row[score], score, intervals, style) for score in scores]
+        for i, score in enumerate(scores):
+            if _number(row[score], score) == best[scene][i]:
+                texts[i] = texts[i].join(BOLD[style])
+        return " / ".join(texts) + (MARK[style] if row["empty"] else "")
+
+    escape = _latex if style == "latex" else str
+    lines = [["method", *map(escape, scenes)]]
+    lines += [[escape(m), *(cell(m, scene) for scene in scenes)] for m in methods]
+    notes = [
+        f"{method} found nothing in {row['empty']} of {row['frames']} frames of {scene}"
+        for (method, scene), row in rows.items()
+        if row["empty"] and scene in scenes
+    ]
+    caption = escape(f"{' / '.join(COLUMNS[s] for s in scores)} against {truth}.")
+    if notes:
+        notes = escape(f"{'; '.join(notes)}: no distance, F-score 0.")
+        caption += f"{MARK[style]} {notes}"
+    if style == "latex":
+        return _latex_lines(lines, caption)
+    return f"{_markdown_lines(lines)}\n{caption.strip()}\n"
+
+
+def csv_table(summary: Summary) -> str:
+    """The whole summary as CSV: each mean, its interval and its effective frames.
+
+    A line for each truth, scene and method; metres, and F-scores 0 .. 1.
+    """
+    names = ("truth", "scene", "method", "frames", "empty", "no_truth")
+    parts = ("mean", "low", "high", "effective")
+    text = io.StringIO()
+    write = csv.writer(text, lineterminator="\n").writerow
+    write([*names, *(f"{column} {part}" for column in COLUMNS for part in parts)])
+    for row in summary:
+        numbers = [getattr(row[column], part) for column in COLUMNS for part in parts]
+        write([row[n] for n in names] + [f"{x:.6g}" if x == x else "" for x in numbers])
+    return text.getvalue()
+
+
+def write_tables(path: Path | str) -> list[Path]:
+    """Write `table.md`, `table.tex` and `table.csv` beside a file of scores.
+
+    They depend on that file alone. Times are left out: they never repeat.
+    """
+    summary = summarise(read_scores(path))
+    truths = [*dict.fromkeys(row["truth"] for row in summary)]
+
+    def of_truths(style: Style) -> list[str]:
+        return [scenes_table(summary, truth=truth, style=style) for truth in truths]
+
+    every = markdown(summary, intervals=True)
+    note = "± is half a 95 % interval that allows for the correlation of frames.\n"
+    tables = {
+        "table.md": "\n".join([*of_truths("markdown"), every, note]),
+        "table.tex": "\n".join(of_truths("latex")),
+        "table.csv": csv_table(summary),
+    }
+    folder = Path(path).parent
+    for name, text in tables.items():
+        write_text(folder / name, text)
+    return [folder / name for name in tables]
+
+
+def _number(
+    estimate: Estimate, column: str, intervals: bool = False, style: Style = "markdown"
+) -> str:
+    """A mean as printed, with half of its interval's width if asked."""
+    if not np.isfinite(estimate.mean):
+        return "–"
+    scale, digits = 1, 3
+    if column in F_SCORES:
+        scale, digits = 100, 1
+    elif column not in DISTANCES:
+        digits = 0 if column == "points" else 1
+    text = f"{scale * estimate.mean:.{digits}f}"
+    half = scale * estimate.half_width
+    if intervals and np.isfinite(half):
+        text += f" {PLUS_MINUS[style]} {half:.{digits}f}"
+    return text
+
+
+def _best(rows, score):
+    """The best mean of a score, as printed: equal digits share the honour."""
+    known = [row[score] for row in rows if np.isfinite(row[score].mean)]
+    pick = max if score in F_SCORES else min
+    return _number(pick(known, key=lambda e: e.mean), score) if known else None
+
+
+def _markdown_lines(lines: list[list[Any]]) -> str:
+    """Lines of cells as a Markdown table, the first one its head."""
+    escaped = [[str(cell).replace("|", "\\|") for cell in line] for line in lines]
+    head, *body = ("| " + " | ".join(line) + " |" for line in escaped)
+    return "\n".join([head, "|---" * len(lines[0]) + "|", *body]) + "\n"
+
+
+def _latex_lines(lines: list[list[str]], caption: str) -> str:
+    """Lines of cells as a LaTeX table with booktabs, the first one its head."""
+    head, *body = (" & ".join(line) + r" \\" for line in lines)
+    return "\n".join(
+        [
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{caption}}}",
+            rf"\begin{{tabular}}{{l{'c' * (len(lines[0]) - 1)}}}",
+            r"\toprule",
+            head,
+            r"\midrule",
+            *body,
+            r"\bottomrule",
+            r"\end{tabular}",
+            r"\end{table}",
+            "",
+        ]
+    )
+
+
+def _latex(text: str) -> str:
+    """Text with LaTeX's own characters escaped."""
+    special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}"}
+    special |= {"^": r"\textasciicircum{}"} | {c: f"\\{c}" for c in "&%$#_{}"}
+    return "".join(special.get(character, character) for character in text)

@@ -18,6 +18,7 @@ Scatterers, simulate_cube        the way back: scatterers to an ADC cube
 from jradar.radar.angle import (
     Peaks as Peaks,
     angle_spectrum as angle_spectrum,
+    azimuth_bins as azimuth_bins,
     direction_sines as direction_sines,
     spectrum_peaks as spectrum_peaks,
     strongest_direction as strongest_direction,

@@ -51,6 +51,12 @@ def direction_sines(
     return sines(num_azimuth), sines(num_elevation if radar.has_elevation else 1)
 
 
+def azimuth_bins(radar: RadarSpec) -> int:
+    """Azimuth bins that suit an array, on the host: 64, or more for a wider one."""
+    columns = int(radar.virtual_positions[:, 0].max()) + 1
+    return max(64, 1 << (columns - 1).bit_length())
+
+
 def check_sizes(
     shape: tuple[int, ...], radar: RadarSpec, num_azimuth: int, num_elevation: int
 ) -> tuple[int, int]:

@@ -26,6 +26,7 @@ from jradar.radar.spectrum import range_doppler
 from jradar.types import PointCloud
 
 ANGLES = ("num_azimuth", "num_elevation", "flip_azimuth", "flip_elevation", "refine")
+WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 Map = Float[Array, "doppler range"]
 Spectrum = Complex[Array, "virtual doppler range"]
 Values = Float[Array, " point"]
@@ -136,10 +137,12 @@ def strongest_cells(
 ) -> tuple[Values, Int[Array, " point"]]:
     """Power and flat index of the strongest cells in `mask`; 0 where there is none.
 
-    Range bin 0, the sensor itself, is never one, nor what the bias puts there.
+    Range bin 0, the sensor itself, is never one, nor what the bias puts there, nor the
+    last two bins, into which its window spreads the leakage of the antennas.
     """
     first = max(1, math.floor(range_bias_m / radar.range_resolution_m + 0.5) + 1)
-    candidates = jnp.where(mask, power, 0.0).at[:, :first].set(0.0).ravel()
+    candidates = jnp.where(mask, power, 0.0).at[:, :first].set(0.0)
+    candidates = candidates.at[:, -WRAPPED:].set(0.0).ravel()
     strongest, cell = jax.lax.top_k(candidates, min(capacity, candidates.size))
     padding = (0, capacity - cell.size)
     return jnp.pad(strongest, padding), jnp.pad(cell, padding)

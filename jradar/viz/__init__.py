@@ -1,4 +1,12 @@
-"""Pictures: a capture's spectra and clouds, a scan's preparation, samples, spectra."""
+"""Pictures: captures, samples beside the truth, results; reports as one HTML file.
+
+capture_figure, samples_figure, angle_spectra_figure, preparation_figure
+                                 a capture, range images, spectra, a scan step by step
+error_curves_figure, clouds_figure, learning_curve_figure
+                                 results: the paper's Fig. 6 and 5, and training
+save_figure                      any of them as PNG
+write_report, CloudFrame         one HTML file with clouds to turn
+"""
 
 from jradar.viz.figures import (
     angle_spectra_figure as angle_spectra_figure,
@@ -7,3 +15,12 @@ from jradar.viz.figures import (
     save_figure as save_figure,
 )
 from jradar.viz.preparation import preparation_figure as preparation_figure
+from jradar.viz.report import (
+    CloudFrame as CloudFrame,
+    write_report as write_report,
+)
+from jradar.viz.results import (
+    clouds_figure as clouds_figure,
+    error_curves_figure as error_curves_figure,
+    learning_curve_figure as learning_curve_figure,
+)

@@ -77,7 +77,7 @@ def reference(features, weights, a, b):
 @installed
 @pytest.mark.parametrize("network", ["alexnet", "vgg16"])
 def test_distance_equals_the_reference(network):
-    weights = load_lpips(network)
+    weights = load_lpips(network=network)
     found = jax.jit(lpips)(weights, jnp.float32(SMOOTH), jnp.float32(NOISY))
     features = {"alexnet": alexnet, "vgg16": vgg16}[network]
     pairs = zip(SMOOTH, NOISY, strict=True)
@@ -112,7 +112,7 @@ def test_shapes_and_names_are_checked():
             LpipsWeights((), (), ()), jnp.zeros((1, 8, 8, 2)), jnp.zeros((1, 8, 8, 2))
         )
     with pytest.raises(ValueError, match="network='squeeze', expected one of"):
-        load_lpips("squeeze")
+        load_lpips(network="squeeze")
 
 
 def test_missing_package_names_the_extra(monkeypatch):

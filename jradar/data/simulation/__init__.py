@@ -17,6 +17,7 @@ interference, limbs that swing.
 from jradar.data.simulation.benchmark_set import (
     SETS as SETS,
     check_set as check_set,
+    set_sequences as set_sequences,
     simulate_set as simulate_set,
 )
 from jradar.data.simulation.capture import simulate_capture as simulate_capture

@@ -1,7 +1,7 @@
 """Named sets of simulated sequences, split so that no layout is in two splits.
 
-A set's folder holds ColoRadar's layout and `manifest.json`: splits, seeds, and a digest
-of every sequence. Sets are made anew by anyone, and a copy is checked by its digests.
+A set's folder holds ColoRadar's layout, `splits.json`, which preparation reads, and
+`manifest.json`: splits, seeds, and a digest of every sequence. Sets are made anew by anyone, and a copy is checked by its digests.
 Samples are sums in float32, whose order differs between kinds of processors: made on
 another kind, some may differ by one count, and the digests tell so.
 """
@@ -18,14 +18,22 @@ from jradar.data.simulation.sequence import simulate_sequence
 from jradar.files import write_text
 
 MANIFEST = "manifest.json"
-SPLIT_SEEDS = {"train": (0, 1, 2), "validation": (100,), "test": (200, 201)}
-SETS: dict[str, dict[str, tuple[tuple[str, int], ...]]] = {
+SPLIT_SEEDS = {
     "jradar-sim": {
-        split: tuple((family, seed) for family in FAMILIES for seed in seeds)
-        for split, seeds in SPLIT_SEEDS.items()
-    }
+        "train": tuple(range(16)),
+        "validation": (100, 101),
+        "test": (200, 201, 202, 203),
+    },
+    "jradar-sim-mini": {"train": (0,), "validation": (100,), "test": (200,)},
 }
-FRAMES = 100  # of each sequence, unless told otherwise
+SETS: dict[str, dict[str, tuple[tuple[str, int], ...]]] = {
+    name: {
+        split: tuple((family, seed) for family in FAMILIES for seed in seeds)
+        for split, seeds in splits.items()
+    }
+    for name, splits in SPLIT_SEEDS.items()
+}
+FRAMES = 40  # of each sequence, unless told otherwise
 
 
 def set_sequences(name: str) -> list[tuple[str, str, int]]:
@@ -57,6 +65,8 @@ def simulate_set(
         found = {key: manifest.get(key) for key in made}
         if found != made:
             raise ValueError(f"{path} is of {found}, asked for {made}: another folder?")
+    splits = {f"{family}_{seed}": split for split, family, seed in wanted}
+    write_text(root / "splits.json", json.dumps(splits, indent=2) + "\n")
     for split, family, seed in wanted:
         sequence = f"{family}_{seed}"
         entry = manifest["sequences"].get(sequence)

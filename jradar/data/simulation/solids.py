@@ -47,7 +47,7 @@ def of_mesh(mesh: trimesh.Trimesh, material: str) -> Solid:
     return Solid(np.asarray(mesh.vertices, float), faces, _fill(material, len(faces)))
 
 
-def sheet(corners: list[Numbers], material: str) -> Solid:
+def sheet(corners: Sequence[Numbers], material: str) -> Solid:
     """A flat convex polygon."""
     count = len(corners)
     faces = np.array([[0, k, k + 1] for k in range(1, count - 1)])

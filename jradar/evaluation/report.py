@@ -1,0 +1,143 @@
+"""A run's report: built from what its evaluation left in the run's folder.
+
+    RUN/metrics.jsonl                 learning curves
+    RUN/evaluation/frames.jsonl       scores: tables, error curves
+    RUN/evaluation/clouds.npz         clouds of a few frames, to turn
+    RUN/evaluation/*.png              pictures
+    RUN/evaluation/report.html        all of them in one file
+
+Only the scores must be there.
+"""
+
+import json
+import webbrowser
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from jradar.evaluation.scores import Scores, read_scores
+from jradar.evaluation.tables import COLUMNS, markdown, scenes_table, summarise
+from jradar.files import atomic_path
+from jradar.viz import (
+    CloudFrame,
+    error_curves_figure,
+    learning_curve_figure,
+    write_report,
+)
+
+MAX_CLOUD_BYTES = 1 << 30
+SHOWN_SCORES = ("chamfer", "modified_hausdorff", "f_score_0.2")
+
+
+def save_clouds(
+    path: Path | str,
+    clouds: Mapping[tuple[str, str, int], Mapping[str, np.ndarray]],
+) -> None:
+    """Write clouds `[point, 3]` by (scene, sequence, frame) and by name, as float32."""
+    index, arrays = [], {}
+    for (scene, sequence, frame), named in clouds.items():
+        for name, xyz in named.items():
+            arrays[f"cloud_{len(index)}"] = np.asarray(xyz, np.float32)
+            index.append([scene, sequence, frame, name])
+    with atomic_path(path) as scratch:
+        np.savez_compressed(scratch, index=np.array(json.dumps(index)), **arrays)
+
+
+def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.ndarray]]:
+    """Clouds from a file of `save_clouds`; ValueError where it is damaged."""
+    clouds: dict[tuple[str, str, int], dict[str, np.ndarray]] = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MAX_CLOUD_BYTES:
+            raise ValueError(f"{size} bytes unpacked, more than {MAX_CLOUD_BYTES}")
+        with np.load(path, allow_pickle=False) as arrays:
+            for i, entry in enumerate(json.loads(str(arrays["index"]))):
+                scene, sequence, frame, name = entry
+                xyz = arrays[f"cloud_{i}"]
+                if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype != np.float32:
+                    raise ValueError(f"{name} is {xyz.dtype} of shape {xyz.shape}")
+                clouds.setdefault((scene, sequence, frame), {})[name] = xyz
+    except (KeyError, TypeError, EOFError, zipfile.BadZipFile, ValueError) as error:
+        raise ValueError(f"{path}: {error}; evaluate the run again") from error
+    return clouds
+
+
+def build_report(run: Path | str) -> Path:
+    """Write `RUN/evaluation/report.html` and return its path.
+
+    Raises FileNotFoundError where the run was not evaluated.
+    """
+    run = Path(run)
+    folder = run / "evaluation"
+    if not (folder / "frames.jsonl").is_file():
+        raise FileNotFoundError(f"{folder / 'frames.jsonl'}: evaluate {run} first")
+    scores = read_scores(folder / "frames.jsonl")
+    summary = summarise(scores)
+    truths = [*dict.fromkeys(row["truth"] for row in summary)]
+    tables = {
+        f"Scenes, against {truth}": scenes_table(summary, truth=truth, intervals=True)
+        for truth in truths
+    }
+    tables["Every score"] = markdown(summary, milliseconds=True)
+    first = [row for row in scores if row["truth"] == truths[0]]
+    errors: dict[str, dict[str, list[float]]] = {}
+    for row in first:
+        by_method = errors.setdefault(row["scene"], {})
+        by_method.setdefault(row["method"], []).append(row["chamfer"])
+    figures: dict[str, Figure | Path | bytes] = {
+        "Chamfer distance": error_curves_figure(errors)
+    }
+    figures |= {path.stem: path for path in sorted(folder.glob("*.png"))}
+    if (run / "metrics.jsonl").is_file():
+        figures["Training"] = learning_curve_figure(run / "metrics.jsonl")
+    frames = []
+    if (folder / "clouds.npz").is_file():
+        frames = _frames(load_clouds(folder / "clouds.npz"), first)
+    path = folder / "report.html"
+    title = f"{run.resolve().name}: {', '.join(errors)}"
+    write_report(path, title=title, tables=tables, figures=figures, frames=frames)
+    return path
+
+
+def open_report(run: Path | str, *, show: bool = True) -> Path:
+    """Path of the run's report, built where it is missing or older than its parts.
+
+    Opened in a browser unless `show` is False or there is none.
+    """
+    run = Path(run)
+    path = run / "evaluation" / "report.html"
+    parts = [run / "metrics.jsonl", *path.parent.glob("*.jsonl")]
+    parts += [*path.parent.glob("*.npz"), *path.parent.glob("*.png")]
+    newest = max((p.stat().st_mtime for p in parts if p.exists()), default=0.0)
+    if not path.is_file() or path.stat().st_mtime < newest:
+        build_report(run)
+    if show:
+        webbrowser.open(path.resolve().as_uri())
+    return path
+
+
+def _frames(clouds, scores: Scores) -> Sequence[CloudFrame]:
+    """Clouds beside their scores, as printed."""
+    texts: dict[tuple, dict[str, dict[str, str]]] = {}
+    for row in scores:
+        place = (row["scene"], row["sequence"], row["frame"])
+        values = {
+            COLUMNS[name]: f"{100 * row[name]:.1f}"
+            if name.startswith("f_")
+            else f"{row[name]:.3f}"
+            for name in SHOWN_SCORES
+            if np.isfinite(row[name])
+        }
+        texts.setdefault(place, {})[row["method"]] = values
+    return [
+        CloudFrame(
+            ", ".join(str(part) for part in place if part != ""),
+            {name: xyz[np.isfinite(xyz).all(1)] for name, xyz in named.items()},
+            texts.get(place, {}),
+        )
+        for place, named in clouds.items()
+    ]

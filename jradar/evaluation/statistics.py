@@ -1,0 +1,190 @@
+"""Means over frames that are not independent, and their comparison.
+
+Neighbouring frames see almost the same room: a thousand frames may say no more than
+thirty independent ones. The variance of a mean is the sum of the autocovariance over
+all pairs of frames; beyond the lag where it is lost in noise the sum stops (the initial
+positive sequence of Geyer, "Practical Markov chain Monte Carlo", 1992). Autocovariance
+is counted within each sequence, around the mean of all, and summed over sequences: if
+sequences differ more than their frames do, they become the units that count.
+
+Deviations from a sample's own mean are too small. With `share` the part of all pairs
+that the sum holds, its expectation is `1 - share` of the truth, which is divided out,
+and the estimate has about `1 / share` degrees of freedom. An interval from a few
+correlation lengths is wide, as it should be.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Key
+from scipy.signal import correlate
+from scipy.stats import t as student
+
+Series = Sequence[Sequence[float | int] | np.ndarray]
+
+
+class Estimate(NamedTuple):
+    """A mean, its confidence interval and what stands behind it."""
+
+    mean: float
+    low: float
+    high: float
+    frames: int  # finite values
+    effective: float  # as many independent frames would give this interval
+
+    @property
+    def half_width(self) -> float:
+        """Half of the interval's width."""
+        return (self.high - self.low) / 2
+
+
+class Comparison(NamedTuple):
+    """First minus second, frame by frame."""
+
+    difference: Estimate
+    t_test: float  # p-value of no difference, from the interval's t statistic
+    sign_flip: float  # p-value of no difference, from flipped blocks of frames
+    left_out: int  # frames without a score from both
+
+
+def mean_interval(sequences: Series, *, confidence: float = 0.95) -> Estimate:
+    """Mean over the frames of sequences, each in the order of time; NaN is left out.
+
+    The interval is NaN where there are fewer than two finite values.
+    """
+    if not 0 < confidence < 1:
+        raise ValueError(f"{confidence=}, expected between 0 and 1")
+    mean, variance, freedom, frames, effective, _ = _analyse(_arrays(sequences))
+    half = student.ppf((1 + confidence) / 2, freedom) * np.sqrt(variance)
+    return Estimate(
+        float(mean), float(mean - half), float(mean + half), frames, effective
+    )
+
+
+def compare_paired(
+    key: Key[Array, ""],
+    first: Series,
+    second: Series,
+    *,
+    confidence: float = 0.95,
+    flips: int = 9999,
+) -> Comparison:
+    """Whether two methods differ on the same frames, whose differences are correlated.
+
+    A t-test on the interval of the mean difference, and a permutation test that flips
+    the sign of whole blocks, as long as the correlation reaches (frames one by one, as
+    in Wilcoxon's test, would call chance a finding). Frames where one of the two is NaN
+    are left out and counted.
+    """
+    first, second = _arrays(first), _arrays(second)
+    lengths = [[len(series) for series in both] for both in (first, second)]
+    if lengths[0] != lengths[1]:
+        raise ValueError(f"sequences of {lengths[0]} and of {lengths[1]} frames")
+    differences = [a - b for a, b in zip(first, second, strict=True)]
+    difference = mean_interval(differences, confidence=confidence)
+    mean, variance, freedom, frames, _, reach = _analyse(differences)
+    statistic = np.inf if variance == 0 else abs(mean) / np.sqrt(variance)
+    t_test = 1.0 if mean == 0 else float(2 * student.sf(statistic, freedom))
+    sums = np.array(
+        [
+            np.nansum(block)
+            for series in differences
+            if len(series)
+            for block in np.array_split(series, max(round(len(series) / reach), 1))
+        ]
+    )
+    random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    signs = random.choice([-1.0, 1.0], size=(flips, len(sums)))
+    tolerance = 1e-9 * np.abs(sums).sum()
+    as_far = np.abs(signs @ sums) >= abs(sums.sum()) - tolerance
+    sign_flip = float((1 + as_far.sum()) / (1 + flips)) if frames else np.nan
+    total = sum(lengths[0])
+    return Comparison(difference, t_test, sign_flip, total - frames)
+
+
+def compare_methods(
+    key: Key[Array, ""],
+    first: Sequence[dict[str, Any]],
+    second: Sequence[dict[str, Any]],
+    *,
+    score: str,
+) -> Comparison:
+    """`compare_paired` for rows of scores, of one method each, from one run or two.
+
+    Frames are matched by scene, sequence and frame; a frame that only one of them has
+    counts as left out.
+    """
+    by_frame = []
+    for rows in (first, second):
+        for field in ("method", "truth"):
+            names = sorted({row[field] for row in rows})
+            if len(names) != 1:
+                raise ValueError(f"rows of the {field}s {names}, expected one {field}")
+        by_frame.append({_place(row): row[score] for row in rows})
+    series: list[dict[tuple, list[float]]] = [{}, {}]
+    for place in sorted(by_frame[0] | by_frame[1]):
+        for scores, grouped in zip(by_frame, series, strict=True):
+            grouped.setdefault(place[:-1], []).append(scores.get(place, np.nan))
+    if not by_frame[0].keys() & by_frame[1].keys():
+        raise ValueError("the two have no frame in common: were they run on one split?")
+    return compare_paired(key, [*series[0].values()], [*series[1].values()])
+
+
+def _place(row):
+    return row["scene"], row["sequence"], row["frame"]
+
+
+def _arrays(sequences):
+    """Sequences as float64 arrays."""
+    return [np.asarray(series, np.float64) for series in sequences]
+
+
+def _analyse(sequences):
+    """Mean, its variance, degrees of freedom, frames, effective frames, and reach.
+
+    `reach` is how many frames the sum of the autocovariance spans.
+    """
+    values = np.concatenate([*sequences, np.zeros(0)])
+    known = np.isfinite(values)
+    count = int(known.sum())
+    mean = values[known].mean() if count else np.nan
+    if count and np.ptp(values[known]) == 0:
+        mean = values[known][0]  # no rounding: a constant deviates by nothing
+    if count < 2:
+        return mean, np.nan, np.nan, count, float(count), 1
+    products, pairs = _autocovariance(sequences, mean)
+    share = (2 * np.cumsum(pairs) - pairs[0]) / count**2
+    lag = min(_positive_lags(products), np.searchsorted(share, 0.5 + 1e-9) - 1)
+    share = share[lag]
+    variance = (2 * products[: lag + 1].sum() - products[0]) / count**2 / (1 - share)
+    independent = (products[0] / count + max(variance, 0)) / count
+    variance = max(variance, independent)
+    effective = count * independent / variance if variance else float(count)
+    return mean, variance, 1 / share - 1, count, float(effective), 2 * lag + 1
+
+
+def _autocovariance(sequences, mean):
+    """Sums of products of deviations, and numbers of pairs, by lag."""
+    length = max(map(len, sequences))
+    products, pairs = np.zeros(length), np.zeros(length)
+    for series in sequences:
+        if len(series):
+            known = np.isfinite(series)
+            deviation = np.where(known, series - mean, 0.0)
+            lags = slice(len(series) - 1, None)
+            products[: len(series)] += correlate(deviation, deviation)[lags]
+            known = known.astype(float)
+            pairs[: len(series)] += np.rint(correlate(known, known)[lags])
+    return products, pairs
+
+
+def _positive_lags(products):
+    """Last lag before the sum of two neighbouring lags, 2k and 2k + 1, is not positive.
+
+    These sums are positive for a reversible chain; the first that is not is noise.
+    """
+    even = np.append(products, np.zeros(len(products) % 2)).reshape(-1, 2).sum(1)
+    first = np.flatnonzero(even <= 0)
+    return max(2 * int(first[0] if len(first) else len(even)) - 1, 0)

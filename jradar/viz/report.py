@@ -1,0 +1,226 @@
+"""One HTML file with tables, pictures and clouds to turn, which needs no network.
+
+    write_report("report.html", title="smoke", tables={"Scores": table}, figures={},
+                 frames=[CloudFrame("frame 0", {"radar": xyz, "LiDAR": truth})])
+
+The page, `report.html` beside this module, draws points by itself on a plain canvas.
+Clouds travel as int16 millimetres, deflated; where the file would be larger than
+allowed, the largest clouds are thinned, and the legend says so. The page's address
+takes `#frame=3&layout=side&colour=cloud&hide=radar,LiDAR&theme=dark`.
+"""
+
+import base64
+import html
+import io
+import json
+import re
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from jradar.files import write_text
+
+TEMPLATE = Path(__file__).with_name("report.html")
+SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, seen on light and on dark ground
+SPARSE = 2000  # clouds with fewer points are drawn with larger ones
+
+
+class CloudFrame(NamedTuple):
+    """Clouds of one frame by name, and each one's scores as they are to be printed."""
+
+    name: str
+    clouds: Mapping[str, Float[np.ndarray, "_ 3"]]  # finite points, metres
+    scores: Mapping[str, Mapping[str, str]] = {}  # {"jradar": {"CD (m)": "0.41"}}
+
+
+def write_report(
+    path: Path | str,
+    *,
+    title: str,
+    tables: Mapping[str, str],
+    figures: Mapping[str, Figure | Path | bytes],
+    frames: Sequence[CloudFrame],
+    max_bytes: int = 5_000_000,
+) -> None:
+    """Write the report: clouds first, then tables in Markdown, then pictures (PNG).
+
+    Raises ValueError where tables and pictures alone are larger than `max_bytes`.
+    """
+    sections = [_table(name, text) for name, text in tables.items()]
+    sections += [_picture(name, figure) for name, figure in figures.items()]
+    page = TEMPLATE.read_text(encoding="utf-8")
+    most = max((len(x) for f in frames for x in f.clouds.values()), default=0)
+    while True:
+        text, size_of_clouds = _page(page, title, sections, _viewer_data(frames, most))
+        excess = len(text.encode()) - max_bytes
+        if excess <= 0:
+            return write_text(path, text)
+        share = 0.97 * (1 - excess / max(size_of_clouds, 1))
+        if share * most < 100:
+            raise ValueError(
+                f"report of {excess + max_bytes} bytes, {size_of_clouds} of them "
+                f"clouds, {max_bytes=}: leave out pictures or frames"
+            )
+        most = int(share * most)
+
+
+def _page(page, title, sections, data):
+    """The page with its parts filled in, and how many bytes of it are clouds."""
+    parts = {
+        "title": html.escape(title),
+        "sections": "\n".join(sections),
+        "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
+        "grid": f"{data['grid_m']:g}",
+    }
+    text = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], page)
+    return text, sum(len(frame["data"]) for frame in data["frames"])
+
+
+def _viewer_data(frames, most):
+    """What the page's script reads; clouds have `most` points at most."""
+    names = [*dict.fromkeys(name for frame in frames for name in frame.clouds)]
+    labels = [
+        *dict.fromkeys(
+            label
+            for frame in frames
+            for scores in frame.scores.values()
+            for label in scores
+        )
+    ]
+    clouds = [[_points(frame, name) for name in names] for frame in frames]
+    every = np.concatenate([*(x for row in clouds for x in row), np.zeros((1, 3))])
+    low, high = np.percentile(every, (1, 99), axis=0)
+    reach = float(np.abs(every).max())
+    unit = max(1e-3, reach / 32767)
+    packed = [[_thin(x, most) for x in row] for row in clouds]
+    return {
+        "names": names,
+        "colours": [to_hex(f"C{i % 10}") for i in range(len(names))],
+        "dense": [
+            bool(np.mean([len(row[i]) for row in clouds]) >= SPARSE)
+            for i in range(len(names))
+        ],
+        "turbo": "".join(to_hex(colour)[1:] for colour in colormaps["turbo"](SHADES)),
+        "unit_m": unit,
+        "heights_m": [float(low[2]), float(max(high[2], low[2] + 0.1))],
+        "centre_m": [float(x) for x in (low + high) / 2],
+        "radius_m": float(np.linalg.norm(high - low) / 2) or 1.0,
+        "reach_m": float(max(np.abs([low[:2], high[:2]]).max(), 1.0)),
+        "grid_m": 1 if reach < 20 else 5,
+        "scores": labels,
+        "frames": [
+            {
+                "name": frame.name,
+                "total": [len(x) for x in row],
+                "drawn": [len(x) for x in thinned],
+                "scores": [
+                    [frame.scores.get(name, {}).get(label) for label in labels]
+                    for name in names
+                ],
+                "data": _pack(thinned, unit),
+            }
+            for frame, row, thinned in zip(frames, clouds, packed, strict=True)
+        ],
+    }
+
+
+def _points(frame: CloudFrame, name: str) -> np.ndarray:
+    """A frame's cloud, empty where it has none of that name."""
+    xyz = np.asarray(frame.clouds.get(name, np.zeros((0, 3))), np.float64)
+    if xyz.ndim != 2 or xyz.shape[1] != 3 or not np.isfinite(xyz).all():
+        raise ValueError(
+            f"{name} of {frame.name} has shape {xyz.shape}, expected finite points "
+            "[point, 3]"
+        )
+    return xyz
+
+
+def _thin(xyz, most):
+    """At most `most` points, evenly from the whole."""
+    if len(xyz) <= most:
+        return xyz
+    return xyz[np.linspace(0, len(xyz) - 1, most).round().astype(int)]
+
+
+def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
+    """Clouds as base64: int16 steps from a point to its neighbour, deflated.
+
+    Points go along a Z-order curve, so that steps are small; of each axis the low
+    bytes of all points stand before the high bytes.
+    """
+    planes = []
+    for xyz in clouds:
+        whole = np.rint(xyz / unit_m).astype(np.int64)
+        whole = whole[np.argsort(_z_order(whole), kind="stable")]
+        steps = np.diff(whole, axis=0, prepend=0).astype(np.int16)
+        for axis in steps.T:
+            octets = axis.astype("<i2").view(np.uint8).reshape(-1, 2)
+            planes += [octets[:, 0].tobytes(), octets[:, 1].tobytes()]
+    return base64.b64encode(zlib.compress(b"".join(planes))).decode()
+
+
+def _z_order(whole):
+    """Place of integer points along a Z-order curve: their bits interleaved."""
+    code = np.zeros(len(whole), np.int64)
+    for bit in range(16):
+        for axis in range(3):
+            code |= ((whole[:, axis] + 32768) >> bit & 1) << (3 * bit + axis)
+    return code
+
+
+def _picture(name: str, figure: Figure | Path | bytes) -> str:
+    """A section with a picture inside."""
+    if isinstance(figure, Figure):
+        FigureCanvasAgg(figure)
+        buffer = io.BytesIO()
+        figure.savefig(buffer, dpi=100, format="png")
+        figure = buffer.getvalue()
+    png = figure.read_bytes() if isinstance(figure, Path) else figure
+    if not png.startswith(b"\x89PNG"):
+        raise ValueError(f"{name}: expected a PNG picture, found {png[:4]!r}")
+    label = html.escape(name)
+    source = base64.b64encode(png).decode()
+    return (
+        f"<h2>{label}</h2>\n"
+        f'<figure><img alt="{label}" src="data:image/png;base64,{source}"></figure>'
+    )
+
+
+def _table(name: str, text: str) -> str:
+    """A section with Markdown's tables; lines outside of them are paragraphs."""
+    blocks: list[Any] = []
+    for line in filter(None, map(str.strip, text.splitlines())):
+        if not line.startswith("|"):
+            blocks.append(f"<p class='hint'>{_inline(line)}</p>")
+            continue
+        if not blocks or isinstance(blocks[-1], str):
+            blocks.append([])
+        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+        if not all(re.fullmatch(r":?-+:?", cell) for cell in cells):
+            blocks[-1].append(cells)
+    parts = [block if isinstance(block, str) else _rows(block) for block in blocks]
+    return f"<h2>{html.escape(name)}</h2>\n" + "\n".join(parts)
+
+
+def _rows(lines: list[list[str]]) -> str:
+    """Lines of cells as an HTML table, the first one its head."""
+    marks = ["th", *["td"] * (len(lines) - 1)]
+    rows = (
+        "<tr>" + "".join(f"<{mark}>{_inline(cell)}</{mark}>" for cell in line) + "</tr>"
+        for mark, line in zip(marks, lines, strict=True)
+    )
+    return f"<div class='scroll'><table>{''.join(rows)}</table></div>"
+
+
+def _inline(text: str) -> str:
+    """A cell's text, bold where Markdown says so."""
+    text = html.escape(text.replace("\\|", "|"))
+    return re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", text)

@@ -1,0 +1,193 @@
+"""The paper's figures of results: error curves, clouds side by side; learning curves.
+
+Clouds are drawn as from behind and above the sensor, coloured by height, red is high.
+"""
+
+import json
+import math
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
+
+MAX_CURVE_POINTS = 2000
+Points = Float[np.ndarray, "_ 3"]
+
+
+def error_curves_figure(
+    errors: Mapping[str, Mapping[str, Sequence[float | int] | np.ndarray]],
+    *,
+    label: str = "Chamfer distance (m)",
+    percentile: float = 98.0,
+) -> Figure:
+    """Cumulative distribution of each frame's error, an axis per scene (Fig. 6).
+
+    `errors[scene][method]` holds a number per frame; NaN, where a method found nothing,
+    is worse than any error, so that its curve ends below 1. The axis ends at the
+    largest `percentile` of all methods.
+    """
+    if not errors:
+        raise ValueError("no scenes to draw")
+    columns = min(len(errors), 4)
+    rows = math.ceil(len(errors) / columns)
+    figure = Figure(
+        figsize=(max(3.4 * columns, 5), 3 * rows + 0.6), layout="constrained"
+    )
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    names = [*dict.fromkeys(name for methods in errors.values() for name in methods)]
+    for axes, (scene, methods) in zip(grid.flat, errors.items(), strict=False):
+        limits = []
+        for name, values in methods.items():
+            values = np.asarray(values, np.float64)
+            known = np.sort(values[np.isfinite(values)])
+            if len(known):
+                limits.append(np.percentile(known, percentile))
+            share = np.arange(1, len(known) + 1) / max(len(values), 1)
+            index = names.index(name)
+            axes.step(
+                [0.0, *known],
+                [0.0, *share],
+                where="post",
+                color=f"C{index}",
+                linestyle=("-", "--", "-.", ":")[index // 10 % 4],
+                linewidth=2.4 if index == len(names) - 1 else 1.5,
+                label=name,
+            )
+        axes.set(title=scene, xlabel=label, ylim=(0, 1.02))
+        axes.set_xlim(0, 1.05 * max(limits, default=1.0) or 1.0)
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes in grid.flat[len(errors) :]:
+        axes.remove()
+    for axes in grid[:, 0]:
+        axes.set_ylabel("share of frames")
+    handles = {
+        text: handle
+        for axes in figure.axes
+        for handle, text in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        [handles[name] for name in names], names, loc="outside lower center",
+        ncols=min(len(names), 6), frameon=False,
+    )  # fmt: skip
+    return figure
+
+
+def clouds_figure(
+    scenes: Mapping[str, Mapping[str, Points]],
+    *,
+    enlarged: Collection[str] = (),
+    heights_m: tuple[float, float] | None = None,
+    view_deg: tuple[float, float] = (28.0, -155.0),
+) -> Figure:
+    """Clouds `[point, 3]`, a row for each scene and a column for each method (Fig. 5).
+
+    All of a row share limits and view (elevation and azimuth of the camera). Points of
+    the methods in `enlarged` are drawn at twice the size. `heights_m` are the ends of
+    the colours, of each row's own points unless given.
+    """
+    names = [*dict.fromkeys(name for row in scenes.values() for name in row)]
+    if not names:
+        raise ValueError("no clouds to draw")
+    figure = Figure(
+        figsize=(3.1 * len(names) + 0.8, 2.6 * len(scenes) + 0.3), layout="constrained"
+    )
+    for row, (scene, clouds) in enumerate(scenes.items()):
+        together = np.concatenate([*clouds.values(), np.zeros((1, 3))])
+        low, high = np.percentile(together, (0.5, 99.5), axis=0)
+        low, high = np.minimum(low, 0), np.maximum(high, low + 1)
+        colours = heights_m or (low[2], high[2])
+        drawn, panels = None, []
+        for column, name in enumerate(names):
+            axes = figure.add_subplot(
+                len(scenes), len(names), row * len(names) + column + 1, projection="3d"
+            )
+            panels.append(axes)
+            xyz = clouds.get(name, np.zeros((0, 3)))
+            inside = ((xyz >= low - 0.5) & (xyz <= high + 0.5)).all(1)
+            xyz = xyz[inside]
+            size = (1.2 if len(xyz) > 3000 else 3.0) * (4 if name in enlarged else 1)
+            drawn = axes.scatter(
+                *xyz.T, c=xyz[:, 2], s=size, cmap="turbo", linewidths=0,
+                vmin=colours[0], vmax=colours[1], depthshade=False,
+            )  # fmt: skip
+            _set_view(axes, low, high, view_deg)
+            if row == 0:
+                axes.set_title(name, y=1.0)
+            if column == 0:
+                axes.text2D(
+                    -0.06, 0.5, scene, transform=axes.transAxes, rotation=90,
+                    va="center", ha="right", fontsize="large",
+                )  # fmt: skip
+        figure.colorbar(drawn, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
+    return figure
+
+
+def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
+    """Every number of a `metrics.jsonl` over the steps, an axis each.
+
+    Faint: each step; strong: the mean of the last `window` steps, or of a tenth of all
+    where there are few. A torn last line, of a run that goes on, is left out.
+    """
+    records = _read_metrics(Path(path))
+    names = {name for record in records for name in record} - {"step"}
+    names = sorted(names, key=lambda name: (name != "loss", name))
+    figure = Figure(
+        figsize=(6.4 * min(len(names), 2), 3.4 * math.ceil(len(names) / 2)),
+        layout="constrained",
+    )
+    for i, name in enumerate(names):
+        axes = figure.add_subplot(math.ceil(len(names) / 2), min(len(names), 2), i + 1)
+        pairs = [(r["step"], r[name]) for r in records if name in r]
+        steps, values = np.array(pairs, np.float64).T
+        span = max(min(window, len(values) // 10), 1)
+        sums = np.cumsum(np.insert(values, 0, 0.0))
+        smooth = (sums[span:] - sums[:-span]) / span
+        thin = max(len(steps) // MAX_CURVE_POINTS, 1)
+        axes.plot(steps[::thin], values[::thin], color="C0", alpha=0.25, linewidth=0.8)
+        axes.plot(steps[span - 1 :][::thin], smooth[::thin], color="C0", linewidth=1.8)
+        if len(values) and values.min() > 0:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(ScalarFormatter())
+            axes.yaxis.set_minor_formatter(ScalarFormatter())
+        axes.set(xlabel="step", title=name.replace("_", " "))
+        axes.grid(alpha=0.3, which="both")
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _set_view(axes, low, high, view_deg):
+    """Equal scales, the camera, and axes that do not distract."""
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.35)
+    axes.set_proj_type("persp", focal_length=0.6)
+    axes.view_init(*view_deg)
+    axes.tick_params(labelsize=6, pad=-3, length=0)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.pane.fill = False
+        axis.pane.set_edgecolor("0.8")
+        axis._axinfo["grid"].update(color="0.9", linewidth=0.5)
+        axis.set_major_locator(MaxNLocator(4, integer=True))
+
+
+def _read_metrics(path):
+    """Records of a `metrics.jsonl`."""
+    records = []
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    for number, line in enumerate(lines, 1):
+        try:
+            record = json.loads(line)
+            if not isinstance(record["step"], int):
+                raise ValueError(f"step is {record['step']!r}")
+            numbers = {k: float(v) for k, v in record.items() if k != "step"}
+        except (ValueError, KeyError, TypeError) as error:
+            if number == len(lines):
+                break
+            raise ValueError(f"{path}, line {number}: {error!r}") from error
+        records.append({"step": record["step"], **numbers})
+    if not records:
+        raise ValueError(f"{path} holds no steps")
+    return records

@@ -1,0 +1,154 @@
+"""Intervals hold their promise on correlated series; tests keep their level."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.stats import wilcoxon
+
+from jradar.evaluation import compare_methods, compare_paired, mean_interval
+from tests.evaluation import invented
+
+KEY = jax.random.key(3)
+
+
+def autoregressive(rng, length, correlation, *, mean=0.0):
+    """Stationary AR(1) of unit variance."""
+    noise = rng.normal(size=length) * np.sqrt(1 - correlation**2)
+    series = np.empty(length)
+    series[0] = rng.normal()
+    for i in range(1, length):
+        series[i] = correlation * series[i - 1] + noise[i]
+    return series + mean
+
+
+@pytest.mark.parametrize("lengths", [(400,), (150, 150, 100)], ids=str)
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
+def test_95_of_100_intervals_cover_the_mean(correlation, lengths):
+    rng, runs = np.random.default_rng(1), 300
+    covered = 0
+    for _ in range(runs):
+        series = [autoregressive(rng, n, correlation, mean=2.0) for n in lengths]
+        found = mean_interval(series)
+        covered += found.low <= 2.0 <= found.high
+    spread = np.sqrt(0.95 * 0.05 / runs)
+    assert abs(covered / runs - 0.95) < 3 * spread
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
+def test_effective_frames_of_an_autoregressive_series(correlation):
+    rng = np.random.default_rng(2)
+    found = mean_interval([autoregressive(rng, 100_000, correlation)])
+    expected = 100_000 * (1 - correlation) / (1 + correlation)
+    assert found.effective == pytest.approx(expected, rel=0.1)
+    assert found.frames == 100_000
+
+
+def test_the_interval_of_independent_frames_is_students():
+    values = np.random.default_rng(3).normal(size=2000)
+    found = mean_interval([values], confidence=0.9)
+    assert found.half_width == pytest.approx(1.645 * values.std() / 2000**0.5, rel=0.1)
+
+
+def test_sequences_that_differ_more_than_their_frames_are_what_counts():
+    rng = np.random.default_rng(4)
+    levels = [1.0, 2.0, 3.0, 4.0]
+    found = mean_interval([level + 1e-3 * rng.normal(size=50) for level in levels])
+    assert found.effective == pytest.approx(4, rel=0.05)
+    one_each = mean_interval([levels])
+    assert found.mean == pytest.approx(2.5, abs=1e-3)
+    assert found.half_width > 0.8 * one_each.half_width
+
+
+def test_a_short_sequence_gives_a_wide_interval():
+    rng = np.random.default_rng(5)
+    series = autoregressive(rng, 2000, 0.95)
+    short, long = mean_interval([series[:20]]), mean_interval([series])
+    assert short.half_width > 3 * long.half_width
+    assert short.low < 0 < short.high and short.effective < 20
+
+
+def test_constant_series_and_missing_values():
+    assert mean_interval([[0.1] * 30]) == (0.1, 0.1, 0.1, 30, 30.0)
+    nan = float("nan")
+    found = mean_interval([[1.0, nan, 3.0, nan], [nan], [2.0], []])
+    assert found.mean == 2 and found.frames == 3 and found.low < 1.5
+    for few in ([], [[nan]], [[1.0, nan]]):
+        found = mean_interval(few)
+        assert np.isnan(found.low) and np.isnan(found.high) and found.frames < 2
+    with pytest.raises(ValueError, match="confidence=95"):
+        mean_interval([[1.0, 2.0]], confidence=95.0)
+
+
+def test_gaps_keep_their_place_in_time():
+    rng = np.random.default_rng(6)
+    series = autoregressive(rng, 20_000, 0.9)
+    full = mean_interval([series])
+    series[rng.random(20_000) < 0.5] = np.nan
+    half = mean_interval([series])
+    assert half.half_width == pytest.approx(full.half_width, rel=0.25)
+    assert half.effective < 0.2 * half.frames
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_methods_that_are_alike_are_seldom_told_apart(correlation):
+    rng, runs = np.random.default_rng(7), 200
+    rejected = np.zeros(3)
+    for i in range(runs):
+        first, second = (
+            [autoregressive(rng, 150, correlation) for _ in range(2)] for _ in range(2)
+        )
+        found = compare_paired(jax.random.fold_in(KEY, i), first, second, flips=199)
+        naive = wilcoxon(np.concatenate(first) - np.concatenate(second)).pvalue
+        rejected += np.array([found.t_test, found.sign_flip, naive]) <= 0.05
+    t_test, sign_flip, naive = rejected / runs
+    assert t_test < 0.1 and sign_flip < 0.1
+    assert naive < 0.1 if correlation == 0 else naive > 0.4
+
+
+def test_a_difference_is_found_though_frames_differ_more():
+    rng = np.random.default_rng(8)
+    hard = [10 * autoregressive(rng, 200, 0.95) for _ in range(2)]
+    noise = [autoregressive(rng, 200, 0.5) for _ in range(2)]
+    better = [h + 0.5 + n for h, n in zip(hard, noise, strict=True)]
+    found = compare_paired(KEY, better, hard)
+    assert found.difference.low > 0 and found.difference.low < 0.5
+    assert found.t_test < 0.01 and found.sign_flip < 0.01
+    assert compare_paired(KEY, better, hard) == found
+    swapped = compare_paired(KEY, hard, better)
+    assert swapped.difference.mean == -found.difference.mean
+
+
+def test_equal_runs_do_not_differ():
+    found = compare_paired(KEY, [[1.0, 2.0, 3.0]], [[1.0, 2.0, 3.0]])
+    assert found.difference.mean == 0 and found.t_test == found.sign_flip == 1
+
+
+def test_rows_are_matched_by_frame():
+    rows = invented.scores()
+    ours, theirs = (
+        [r for r in rows if r["method"] == name] for name in ("jradar", "RPDNet")
+    )
+    whole = compare_methods(KEY, ours, theirs, score="chamfer")
+    assert whole.difference.high < 0 and whole.left_out == 0
+    theirs[3] = invented.row("Hallways", "run3", 3, "LiDAR", "RPDNet", 1, points=0)
+    part = compare_methods(KEY, ours[::-1], theirs[:-5], score="chamfer")
+    assert part.left_out == 6 and part.difference.frames == len(ours) - 6
+    expected = [
+        a["chamfer"] - b["chamfer"] for a, b in zip(ours, theirs[:-5], strict=False)
+    ]
+    assert part.difference.mean == pytest.approx(np.nanmean(expected))
+
+
+def test_what_cannot_be_compared():
+    rows = invented.scores()
+    ours = [row for row in rows if row["method"] == "jradar"]
+    with pytest.raises(ValueError, match=r"methods \['OS-CFAR', 'RPDNet', 'jradar'\]"):
+        compare_methods(KEY, rows, ours, score="chamfer")
+    with pytest.raises(ValueError, match="truths"):
+        both = [*ours, ours[0] | {"truth": "re-projected"}]
+        compare_methods(KEY, ours, both, score="chamfer")
+    with pytest.raises(ValueError, match="no frame in common"):
+        other = [row | {"sequence": "run9"} for row in ours]
+        compare_methods(KEY, ours, other, score="chamfer")
+    with pytest.raises(ValueError, match=r"of \[3\] and of \[2\] frames"):
+        compare_paired(KEY, [[1.0, 2.0, 3.0]], [[1.0, 2.0]])

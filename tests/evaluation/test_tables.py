@@ -1,0 +1,143 @@
+"""Tables: the paper's layout, the best in bold, empty frames said, from one file."""
+
+import csv
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from jradar.evaluation import (
+    csv_table,
+    markdown,
+    scenes_table,
+    summarise,
+    write_scores,
+    write_tables,
+)
+from tests.evaluation import invented
+
+ROWS = invented.scores(truths=("LiDAR", "re-projected"))
+ROWS += [
+    invented.row("Hall", "run0", i, "LiDAR", method, chamfer, points=points)
+    for i in range(4)
+    for method, chamfer, points in (
+        ("OS-CFAR", 2.0, 200 * (i > 0)), ("RPDNet", 1.0, 50), ("jradar", 1.0, 900)
+    )
+]  # fmt: skip
+
+
+def cells(line):
+    return [cell.strip() for cell in line.strip().strip("|").split(" | ")]
+
+
+def test_rows_are_methods_and_columns_scenes():
+    table = scenes_table(summarise(ROWS)).splitlines()
+    assert cells(table[0]) == ["method", "Hallways", "Outdoor", "Hall"]
+    assert [cells(line)[0] for line in table[2:5]] == [*invented.METHODS]
+    assert len({line.count("|") for line in table[:5]}) == 1
+    chamfer = np.mean(
+        [
+            row["chamfer"]
+            for row in ROWS
+            if (row["scene"], row["truth"], row["method"])
+            == ("Outdoor", "LiDAR", "RPDNet")
+        ]
+    )
+    assert cells(table[3])[2].startswith(f"{chamfer:.3f} / ")
+    assert "CD (m) / MHD (m) / F 0.2 m (%) against LiDAR." in table[6]
+
+
+def test_the_best_of_each_scene_is_bold_and_ties_share_it():
+    table = scenes_table(summarise(ROWS)).splitlines()
+    for column in (1, 2):
+        assert cells(table[4])[column].count("**") == 6
+        assert "**" not in cells(table[2])[column] + cells(table[3])[column]
+    assert cells(table[4])[3] == "**1.000** / **0.125** / **16.7**"
+    assert cells(table[3])[3] == cells(table[4])[3]
+
+
+def test_empty_frames_are_said():
+    table = scenes_table(summarise(ROWS))
+    f_score = 100 * 0.75 * 0.2 / 2.2
+    assert f"2.000 / 0.250 / {f_score:.1f} †" in table
+    assert "† OS-CFAR found nothing in 1 of 4 frames of Hall" in table
+    only = scenes_table(summarise(ROWS), scenes=["Outdoor"])
+    assert "†" not in only and "Hall" not in only
+
+
+def test_scenes_thresholds_and_truths_can_be_chosen():
+    summary = summarise(ROWS)
+    table = scenes_table(
+        summary, truth="re-projected", threshold_m=0.5, intervals=True
+    ).splitlines()
+    assert cells(table[0]) == ["method", "Hallways", "Outdoor"]
+    assert "F 0.5 m" in table[-1] and "re-projected" in table[-1]
+    assert re.fullmatch(r"(\d+\.\d+ ± \d+\.\d+( / )?){3}", cells(table[2])[1])
+    with pytest.raises(ValueError, match="Hallway'.*there is .*Hallways"):
+        scenes_table(summary, scenes=["Hallway"])
+    with pytest.raises(ValueError, match="threshold_m=0.3 was not scored"):
+        scenes_table(summary, threshold_m=0.3)
+
+
+def test_a_method_that_was_not_run_on_a_scene():
+    rows = [r for r in ROWS if (r["scene"], r["method"]) != ("Hall", "RPDNet")]
+    table = scenes_table(summarise(rows)).splitlines()
+    assert cells(table[3])[3] == "–"
+
+
+def test_listing_of_every_score():
+    summary = summarise(ROWS)
+    table = markdown(summary, intervals=True).splitlines()
+    assert cells(table[0])[:4] == ["truth", "scene", "method", "CD (m)"]
+    assert len(table) == 2 + len(summary) == 2 + 6 + 6 + 3
+    assert "ms" not in table[0] and "ms" in markdown(summary, milliseconds=True)
+    assert cells(table[-3])[-2:] == ["4", "1"]
+    only = [row for row in summary if row["scene"] == "Hall"]
+    assert cells(markdown(only).splitlines()[0])[0] == "method"
+
+
+def test_csv_holds_every_number():
+    summary = summarise(ROWS)
+    lines = [*csv.DictReader(csv_table(summary).splitlines())]
+    assert len(lines) == len(summary)
+    for line, row in zip(lines, summary, strict=True):
+        assert (line["scene"], line["method"]) == (row["scene"], row["method"])
+        assert float(line["chamfer low"]) == pytest.approx(row["chamfer"].low, rel=1e-5)
+        assert int(line["empty"]) == row["empty"]
+
+
+def test_latex_is_escaped_and_balanced():
+    summary = summarise([row | {"scene": "Ec_Hallways & 100%"} for row in ROWS[:80]])
+    table = scenes_table(summary, style="latex", intervals=True)
+    assert r"Ec\_Hallways \& 100\%" in table and r"F 0.2 m (\%)" in table
+    assert r"\textbf{" in table and r"$\pm$" in table and table.count(r"\\") == 4
+    assert table.count("{") == table.count("}")
+    assert table.index(r"\toprule") < table.index(r"\midrule")
+
+
+def test_latex_compiles(tmp_path):
+    if shutil.which("pdflatex") is None:
+        pytest.skip("no pdflatex here")
+    body = scenes_table(summarise(ROWS), style="latex", intervals=True)
+    (tmp_path / "a.tex").write_text(
+        rf"\documentclass{{article}}\usepackage{{booktabs}}\begin{{document}}{body}"
+        r"\end{document}"
+    )
+    command = ["pdflatex", "-halt-on-error", "a.tex"]
+    assert subprocess.run(command, cwd=tmp_path, capture_output=True).returncode == 0
+
+
+def test_tables_are_made_again_from_the_file_alone(tmp_path):
+    path = tmp_path / "frames.jsonl"
+    write_scores(path, ROWS)
+    first = {p.name: p.read_bytes() for p in write_tables(path)}
+    assert {*first} == {"table.md", "table.tex", "table.csv"}
+    for name in first:
+        (tmp_path / name).unlink()
+    faster = [row | {"milliseconds": 0.1} for row in ROWS]  # times are no result
+    write_scores(path, faster)
+    assert {p.name: p.read_bytes() for p in write_tables(path)} == first
+    assert scenes_table(summarise(ROWS)) in first["table.md"].decode()
+    assert "re-projected" in first["table.tex"].decode()
