@@ -7,7 +7,7 @@ these differ. Losses are called as `denoising_loss` is.
 """
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Int, Key
 
 from jradar.diffusion import Denoiser, NoiseSpec
 
@@ -37,12 +37,17 @@ def occupancy_estimate(
 
 
 def occupancy_loss(
-    key: Key[Array, ""], denoise: Denoiser, clean: Image, *, noise: NoiseSpec
+    key: Key[Array, ""],
+    denoise: Denoiser,
+    clean: Image,
+    *,
+    noise: NoiseSpec,
+    step: int | Int[Array, ""] = 0,
 ) -> Float[Array, ""]:
     """Squared error and Dice of the occupancy (RadarHD, Prabhakara et al. 2023).
 
-    Both of the probabilities (estimate + 1) / 2, Dice over each image; `key` is not
-    used.
+    Both of the probabilities (estimate + 1) / 2, Dice over each image; `key` and `step`
+    are not used.
     """
     share = (occupancy_estimate(denoise, clean.shape, noise=noise) + 1) / 2
     truth = (clean + 1) / 2

@@ -51,7 +51,8 @@ def make_train_step(
     """The jitted step `(state, key, batch) -> (state, metrics)`.
 
     The step's randomness is `fold_in(key, state.step)`: a resumed run repeats the
-    uninterrupted one. `loss` is `denoising_loss`, or `functools.partial` of it.
+    uninterrupted one. `loss` is `denoising_loss` or takes what that takes:
+    `(key, denoise, clean, *, noise, step)`.
     """
 
     @jax.jit
@@ -60,7 +61,7 @@ def make_train_step(
 
         def loss_of(params):
             denoise = conditional_denoiser(network, params, noise)(batch.condition)
-            return loss(key, denoise, batch.target, noise=noise)
+            return loss(key, denoise, batch.target, noise=noise, step=state.step)
 
         value, gradient = jax.value_and_grad(loss_of)(state.params)
         updates, opt_state = optimizer.update(gradient, state.opt_state, state.params)
