@@ -14,7 +14,7 @@ from ml_collections import ConfigDict
 
 from jradar import diffusion, evaluation, training, viz
 from jradar.bundle import Bundle, BundleSpec, load_bundle, save_bundle
-from jradar.data import Pairs, batch_indices, make_pairs
+from jradar.data import Pairs, batch_indices, make_pairs, valid_points
 from jradar.files import write_text
 from jradar.pipeline import draw_range_image
 from jradar.radar import RadarSpec
@@ -174,13 +174,19 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
     )
 
     shown = frames[:FRAMES_IN_FIGURE]
-    columns = {"LiDAR": np.stack([pair.lidar for pair in shown])}
-    for name, method in methods.items():
+    columns = {}
+    kept = {("simulated rooms", "", i): {} for i in range(len(shown))}
+    drawn = {"LiDAR": lambda _, pair: unproject(pair.lidar, spec.fine), **methods}
+    for name, method in drawn.items():
         clouds = [
             method(jax.random.fold_in(key, i), pair) for i, pair in enumerate(shown)
         ]
         columns[name] = np.stack([project(cloud, spec.fine) for cloud in clouds])
+        for named, cloud in zip(kept.values(), clouds, strict=True):
+            named[name] = valid_points(cloud)["xyz"]
+    evaluation.save_clouds(folder / "clouds.npz", kept)
     viz.save_figure(viz.samples_figure(columns, spec.fine), folder / "samples.png")
+    evaluation.build_report(workdir)
     print(f"{spec.purpose}\n\n{table}\nwritten to {folder}")
 
 
