@@ -16,7 +16,6 @@ from jradar.export import export_function, load_function
 from jradar.pipeline import enhance
 from jradar.radar import RadarSpec
 from jradar.range_image import ImageSpec
-from tests.diffusion.networks import QUICK
 
 pytest.importorskip("flatbuffers", reason="needs jradar[export]")
 
@@ -94,7 +93,6 @@ def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
             noise=SPEC.noise,
             steps=3,
         ),
-        compiler_options=QUICK,
     )(jnp.asarray(CUBE, jnp.complex64))
     out = np.load(tmp_path / "out.npz")
     np.testing.assert_array_equal(out["valid"], cloud.valid)
