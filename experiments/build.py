@@ -51,7 +51,7 @@ def prepared_data(config: ConfigDict, workdir: Path) -> Path:
             advance=lambda: show(next(done)),
         )
     spec = data.PrepareSpec(
-        **config.prepare.to_dict(), lidar=LidarSpec(**_view(config.image))
+        **config.prepare.to_dict(), lidar=LidarSpec(**view(config.image))
     )
     data.prepare(recordings, records, spec, workers=1)
     return records
@@ -60,25 +60,19 @@ def prepared_data(config: ConfigDict, workdir: Path) -> Path:
 def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
     """Everything about the model but its weights."""
     image, options = config.image, records.manifest["options"]
-    network = dict(config.network)
-    preset = network.pop("preset")
-    if preset not in diffusion.PRESETS:
+    sees = view(image)
+    seen = {name: tuple(np.ravel(options["lidar"][name]).tolist()) for name in sees}
+    if any(tuple(np.ravel(sees[name])) != seen[name] for name in sees):
         raise ValueError(
-            f"network.preset = {preset!r}, expected one of {[*diffusion.PRESETS]}"
-        )
-    view = _view(image)
-    seen = {name: tuple(np.ravel(options["lidar"][name]).tolist()) for name in view}
-    if any(tuple(np.ravel(view[name])) != seen[name] for name in view):
-        raise ValueError(
-            f"image sees {view}, the data were prepared for {seen}: expected the same"
+            f"image sees {sees}, the data were prepared for {seen}: expected the same"
         )
     points = ("capacity", "detector", "false_alarm_rate", "guard", "train")
     flips = ("flip_azimuth", "flip_elevation")
     return BundleSpec(
-        network=diffusion.UNet(**{**diffusion.PRESETS[preset], **network}),
+        network=build_network(config.network),
         noise=diffusion.NoiseSpec(**config.noise),
-        coarse=ImageSpec(*image.coarse, **view),
-        fine=ImageSpec(*image.fine, **view),
+        coarse=ImageSpec(*image.coarse, **sees),
+        fine=ImageSpec(*image.fine, **sees),
         radar=records.radar,
         num_slices=image.num_slices,
         codec=image.codec,
@@ -92,6 +86,17 @@ def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
             if name in (*points, *flips)
         },
     )
+
+
+def build_network(network: ConfigDict) -> diffusion.UNet:
+    """A preset, with whatever the config says differently."""
+    fields = dict(network)
+    preset = fields.pop("preset")
+    if preset not in diffusion.PRESETS:
+        raise ValueError(
+            f"network.preset = {preset!r}, expected one of {[*diffusion.PRESETS]}"
+        )
+    return diffusion.UNet(**{**diffusion.PRESETS[preset], **fields})
 
 
 def build_pairs(spec: BundleSpec, records: Any) -> data.PairSource:
@@ -121,7 +126,7 @@ def build_loss(loss: ConfigDict) -> Callable[..., jax.Array]:
     )
 
 
-def _view(image):
+def view(image: ConfigDict) -> dict[str, Any]:
     """The field of view of both images, in radians and metres."""
     return {
         "azimuth": tuple(math.radians(angle) for angle in image.azimuth_deg),

@@ -19,6 +19,7 @@ from experiments.build import (
     SAMPLE_KEY,
     TRAIN_KEY,
     build_loss,
+    build_network,
     build_optimizer,
     build_pairs,
     build_spec,
@@ -50,6 +51,7 @@ class Frame(NamedTuple):
 
 def run_training(config: ConfigDict, workdir: Path) -> None:
     """Train, save the bundle, evaluate it. Resumes where the workdir stands."""
+    build_network(config.network)  # what is wrong with it shows before the data
     check_workdir(config, workdir)
     records = data.Records(prepared_data(config, workdir), "train")
     spec = build_spec(config, records)

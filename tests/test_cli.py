@@ -43,13 +43,13 @@ def three_tx(tmp_path):
     """A simulated frame of a device with elevation, as files."""
     import jax
 
-    from jradar.data import room_frame
-    from jradar.radar import RadarSpec
-    from jradar.range_image import ImageSpec
+    from jradar.radar import RadarSpec, simulate_cube
+    from tests.data.small_sequence import room_echoes
 
     radar = RadarSpec.awr1843(num_chirps=32, num_samples=64)
-    frame = room_frame(jax.random.key(0), radar, ImageSpec(8, 8))
-    np.save(tmp_path / "cube.npy", np.asarray(frame.cube))
+    echoes = room_echoes(np.random.default_rng(0))
+    cube = simulate_cube(jax.random.key(0), echoes, radar, noise_power=100.0)
+    np.save(tmp_path / "cube.npy", np.asarray(cube))
     (tmp_path / "radar.toml").write_text(
         '[radar]\ndevice = "awr1843"\nnum_chirps = 32\nnum_samples = 64\n'
     )

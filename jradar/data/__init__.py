@@ -16,8 +16,6 @@ find_sources                     the recordings below a folder, and their splits
 Records, PairSource, Batches     records to images, and to batches by step
 open_radarhd                     RadarHD's pairs of polar images
 simulation                       a ColoRadar that the project makes itself
-random_room, room_frame          simulated rooms seen by radar and LiDAR
-make_pairs, batch_indices        pairs of condition and target, drawn by step
 read_cloud                       clouds from PCD, PLY and KITTI files
 write_ply, write_npz             clouds to files
 """
@@ -66,11 +64,6 @@ from jradar.data.matching import (
     Matches as Matches,
     match_nearest as match_nearest,
 )
-from jradar.data.pairs import (
-    Pairs as Pairs,
-    batch_indices as batch_indices,
-    make_pairs as make_pairs,
-)
 from jradar.data.preparation import prepare as prepare
 from jradar.data.radarhd import RadarHD as RadarHD, open_radarhd as open_radarhd
 from jradar.data.recording import (
@@ -88,14 +81,6 @@ from jradar.data.rosbags import (
     LidarStream as LidarStream,
     bag_topics as bag_topics,
     open_bag as open_bag,
-)
-from jradar.data.scenes import (
-    Frame as Frame,
-    Room as Room,
-    cast_rays as cast_rays,
-    random_room as random_room,
-    room_frame as room_frame,
-    room_scatterers as room_scatterers,
 )
 from jradar.data.sources import Source as Source, find_sources as find_sources
 from jradar.data.time_offset import (

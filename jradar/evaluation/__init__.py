@@ -7,6 +7,7 @@ compare_paired, compare_methods, Comparison
                                  do two methods differ, frame by frame?
 summarise, markdown, scenes_table, csv_table, write_tables
                                  tables: of all scores, the paper's, for spreadsheets
+read_runs, comparison_table      several runs side by side
 save_clouds, load_clouds         clouds of a few frames, kept with the scores
 build_report, open_report        a run's tables, curves and clouds in one HTML file
 """
@@ -21,6 +22,10 @@ from jradar.evaluation.report import (
     load_clouds as load_clouds,
     open_report as open_report,
     save_clouds as save_clouds,
+)
+from jradar.evaluation.runs import (
+    comparison_table as comparison_table,
+    read_runs as read_runs,
 )
 from jradar.evaluation.scores import (
     read_scores as read_scores,

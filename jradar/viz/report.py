@@ -12,12 +12,13 @@ takes `#frame=3&layout=side&colour=cloud&hide=radar,LiDAR&theme=dark`.
 import base64
 import html
 import io
+import itertools
 import json
 import re
 import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -196,18 +197,23 @@ def _picture(name: str, figure: Figure | Path | bytes) -> str:
 
 def _table(name: str, text: str) -> str:
     """A section with Markdown's tables; lines outside of them are paragraphs."""
-    blocks: list[Any] = []
-    for line in filter(None, map(str.strip, text.splitlines())):
-        if not line.startswith("|"):
-            blocks.append(f"<p class='hint'>{_inline(line)}</p>")
-            continue
-        if not blocks or isinstance(blocks[-1], str):
-            blocks.append([])
-        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
-        if not all(re.fullmatch(r":?-+:?", cell) for cell in cells):
-            blocks[-1].append(cells)
-    parts = [block if isinstance(block, str) else _rows(block) for block in blocks]
+    parts: list[str] = []
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    for is_table, group in itertools.groupby(lines, lambda line: line.startswith("|")):
+        if is_table:
+            rows = [
+                [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+                for line in group
+            ]
+            parts.append(_rows([row for row in rows if not _is_rule(row)]))
+        else:
+            parts += [f"<p class='hint'>{_inline(line)}</p>" for line in group]
     return f"<h2>{html.escape(name)}</h2>\n" + "\n".join(parts)
+
+
+def _is_rule(cells: list[str]) -> bool:
+    """Whether this is the line under the head."""
+    return all(re.fullmatch(r":?-+:?", cell) for cell in cells)
 
 
 def _rows(lines: list[list[str]]) -> str:

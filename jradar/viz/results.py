@@ -7,9 +7,12 @@ import json
 import math
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
@@ -85,9 +88,10 @@ def clouds_figure(
 ) -> Figure:
     """Clouds `[point, 3]`, a row for each scene and a column for each method (Fig. 5).
 
-    All of a row share limits and view (elevation and azimuth of the camera). Points of
-    the methods in `enlarged` are drawn at twice the size. `heights_m` are the ends of
-    the colours, of each row's own points unless given.
+    All of a row share limits, which leave out the outermost 1 % of its points, and view
+    (elevation and azimuth of the camera). Points of the methods in `enlarged` are drawn
+    at twice the size. `heights_m` are the ends of the colours, of each row's own points
+    unless given.
     """
     names = [*dict.fromkeys(name for row in scenes.values() for name in row)]
     if not names:
@@ -99,8 +103,8 @@ def clouds_figure(
         together = np.concatenate([*clouds.values(), np.zeros((1, 3))])
         low, high = np.percentile(together, (0.5, 99.5), axis=0)
         low, high = np.minimum(low, 0), np.maximum(high, low + 1)
-        colours = heights_m or (low[2], high[2])
-        drawn, panels = None, []
+        norm = Normalize(*(heights_m or (low[2], high[2])))
+        panels = []
         for column, name in enumerate(names):
             axes = figure.add_subplot(
                 len(scenes), len(names), row * len(names) + column + 1, projection="3d"
@@ -109,20 +113,19 @@ def clouds_figure(
             xyz = clouds.get(name, np.zeros((0, 3)))
             inside = ((xyz >= low - 0.5) & (xyz <= high + 0.5)).all(1)
             xyz = xyz[inside]
-            size = (1.2 if len(xyz) > 3000 else 3.0) * (4 if name in enlarged else 1)
-            drawn = axes.scatter(
-                *xyz.T, c=xyz[:, 2], s=size, cmap="turbo", linewidths=0,
-                vmin=colours[0], vmax=colours[1], depthshade=False,
-            )  # fmt: skip
+            area = (1.2 if len(xyz) > 3000 else 3.0) * (4 if name in enlarged else 1)
+            look: dict[str, Any] = {"s": area, "cmap": "turbo", "norm": norm}
+            axes.scatter(*xyz.T, c=xyz[:, 2], linewidths=0, depthshade=False, **look)
             _set_view(axes, low, high, view_deg)
             if row == 0:
                 axes.set_title(name, y=1.0)
             if column == 0:
                 axes.text2D(
-                    -0.06, 0.5, scene, transform=axes.transAxes, rotation=90,
+                    -0.12, 0.5, scene, transform=axes.transAxes, rotation=90,
                     va="center", ha="right", fontsize="large",
                 )  # fmt: skip
-        figure.colorbar(drawn, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
+        heights = ScalarMappable(norm, "turbo")
+        figure.colorbar(heights, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
     return figure
 
 

@@ -1,9 +1,10 @@
 """Named sets of simulated sequences, split so that no layout is in two splits.
 
 A set's folder holds ColoRadar's layout, `splits.json`, which preparation reads, and
-`manifest.json`: splits, seeds, and a digest of every sequence. Sets are made anew by anyone, and a copy is checked by its digests.
-Samples are sums in float32, whose order differs between kinds of processors: made on
-another kind, some may differ by one count, and the digests tell so.
+`manifest.json`: splits, seeds, and a digest of every sequence. Sets are made anew by
+anyone, and a copy is checked by its digests. Samples are sums in float32, whose order
+differs between kinds of processors: made on another kind, some may differ by one count,
+and the digests tell so.
 """
 
 import hashlib

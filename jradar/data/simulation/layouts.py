@@ -12,6 +12,15 @@ from collections.abc import Callable
 
 import numpy as np
 
+from jradar.data.simulation.furniture import (
+    bench,
+    cabinet,
+    chair,
+    hall_item,
+    pick,
+    shelf,
+    table,
+)
 from jradar.data.simulation.motion import walk
 from jradar.data.simulation.scene import Body, Scene, make_body
 from jradar.data.simulation.solids import (
@@ -72,12 +81,12 @@ def hallways(random: np.random.Generator):
         parts.append(wall(tuple(b), tuple(a), height, "concrete"))
     for _ in range(random.integers(6, 11)):  # along the walls of the corridors
         corner = int(random.integers(4))
-        parts.append(_along(random, outer, corner, 0.28, _hall_item(random)))
+        parts.append(_along(random, outer, corner, 0.28, hall_item(random)))
     for _ in range(8):  # behind the drywall, where only the radar looks
         x = random.uniform(width + 0.6, length - width - 0.6)
         y = random.uniform(width + 0.6, depth - width - 0.6)
         parts.append(
-            moved(_cabinet(random), (x, y, 0), yaw=random.integers(4) * np.pi / 2)
+            moved(cabinet(random), (x, y, 0), yaw=random.integers(4) * np.pi / 2)
         )
     middle = _ring(length - width, depth - width, offset=width / 2)
     parts += _lamps(random, middle, height)
@@ -123,12 +132,12 @@ def lab(random: np.random.Generator):
     for _ in range(random.integers(9, 14)):
         x = random.uniform(lane + 1, length - lane - 1)
         y = random.uniform(lane + 0.8, depth - lane - 0.8)
-        item = _pick(random, [_table, _cabinet, _shelf, _chair])(random)
+        item = pick(random, [table, cabinet, shelf, chair])(random)
         parts.append(moved(item, (x, y, 0), yaw=random.integers(8) * np.pi / 4))
     walls = _ring(length, depth)
     for k in range(4):
         for _ in range(3):
-            item = _pick(random, [_cabinet, _shelf, _chair])(random)
+            item = pick(random, [cabinet, shelf, chair])(random)
             parts.append(_along(random, walls, k, 0.4, item))
     for _ in range(2):
         spot = random.uniform([lane, lane], [length - lane, depth - lane])
@@ -221,7 +230,7 @@ def corridor(random: np.random.Generator):
         )
     for _ in range(random.integers(3, 6)):
         x = random.uniform(1, length - 1)
-        parts.append(moved(_hall_item(random), (x, width - 0.3, 0), yaw=np.pi))
+        parts.append(moved(hall_item(random), (x, width - 0.3, 0), yaw=np.pi))
     aside = width / 2 + np.array([-0.3, 0.3])
     way = np.array(
         [
@@ -258,7 +267,7 @@ def hall(random: np.random.Generator):
     parts.append(moved(box((3.0, 0.8, 1.1), "wood"), (length / 2, depth / 2, 0)))
     for _ in range(random.integers(5, 9)):
         spot = random.uniform([2, 2], [length - 2, depth - 2])
-        item = _pick(random, [_chair, _table, _bench])(random)
+        item = pick(random, [chair, table, bench])(random)
         parts.append(moved(item, (*spot, 0), yaw=random.uniform(0, 6)))
     way = _ring(length - 4.4, depth - 4.4, offset=2.2)
     cross = np.array(
@@ -351,73 +360,3 @@ def _walker(random, way) -> Body:
     ground = np.column_stack([way, np.zeros(len(way))])
     motion = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
     return make_body(random, person(random.uniform(1.55, 1.95)), motion=motion)
-
-
-def _pick(random, makers: list[Callable]) -> Callable:
-    """One of several functions."""
-    return makers[random.integers(len(makers))]
-
-
-def _hall_item(random) -> Solid:
-    """Something that stands in corridors."""
-    return _pick(random, [_cabinet, _bench, _bin, _shelf])(random)
-
-
-def _cabinet(random) -> Solid:
-    size = (random.uniform(0.5, 1.0), 0.45, random.uniform(0.8, 1.9))
-    return box(size, str(random.choice(["metal", "metal", "wood"])))
-
-
-def _bench(random) -> Solid:
-    seat = moved(box((1.3, 0.4, 0.05), "wood"), (0, 0, 0.43))
-    legs = [moved(box((0.05, 0.35, 0.43), "metal"), (x, 0, 0)) for x in (-0.5, 0.5)]
-    return join([seat, *legs])
-
-
-def _bin(random) -> Solid:
-    return pole(0.2, random.uniform(0.5, 0.9), str(random.choice(["metal", "plastic"])))
-
-
-def _table(random) -> Solid:
-    width = random.uniform(1.2, 1.8)
-    top = moved(box((width, 0.75, 0.03), "wood"), (0, 0, 0.71))
-    legs = [
-        moved(box((0.04, 0.04, 0.71), "metal"), (x * (width / 2 - 0.05), y * 0.33, 0))
-        for x in (-1, 1)
-        for y in (-1, 1)
-    ]
-    screen = moved(
-        box((0.55, 0.03, 0.35), "plastic"), (random.uniform(-0.3, 0.3), 0.2, 0.85)
-    )
-    return join([top, *legs, screen])
-
-
-def _shelf(random) -> Solid:
-    height = random.uniform(1.4, 2.1)
-    boards = [
-        moved(box((0.9, 0.35, 0.03), "metal"), (0, 0, z))
-        for z in np.linspace(0.1, height, 5)
-    ]
-    posts = [
-        moved(box((0.04, 0.04, height), "metal"), (x, y, 0))
-        for x in (-0.43, 0.43)
-        for y in (-0.15, 0.15)
-    ]
-    boxes = [
-        moved(
-            box((random.uniform(0.2, 0.5), 0.25, 0.25), "wood"),
-            (random.uniform(-0.25, 0.25), 0, z + 0.03),
-        )
-        for z in np.linspace(0.1, height, 5)[:-1]
-    ]
-    return join([*boards, *posts, *boxes])
-
-
-def _chair(random) -> Solid:
-    parts = [
-        moved(box((0.45, 0.45, 0.05), "plastic"), (0, 0, 0.43)),
-        moved(box((0.05, 0.42, 0.5), "plastic"), (-0.22, 0, 0.48)),
-        pole(0.03, 0.43, "metal", sides=8),
-        moved(box((0.5, 0.06, 0.04), "metal"), (0, 0, 0.02)),
-    ]
-    return join(parts)

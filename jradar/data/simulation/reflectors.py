@@ -164,13 +164,16 @@ def _crossing(outline, height, along):
 def _corners(facets: Facets, edges: Edges) -> Corners:
     """Where an edge ends on a facet that stands across it, and two more edges begin."""
     rows = []
+    edges_of = [
+        np.flatnonzero((edges.facets == f).any(1)) for f in range(len(facets.centre))
+    ]
     across = np.abs(np.abs(edges.along @ facets.normal.T) - 1) < RIGHT_ANGLE
     at = edges.along @ facets.centre.T - (edges.along * edges.start).sum(1)[:, None]
     for end, sign in ((np.zeros(len(at)), 1.0), (edges.length_m, -1.0)):
         ends = across & (np.abs(at - end[:, None]) < 2 * TOUCH_M)
         for k, f in np.argwhere(ends):
             xyz = edges.start[k] + at[k, f] * edges.along[k]
-            if _joined(edges, xyz, f, edges.facets[k]):
+            if _joined(edges, edges_of[f], xyz, edges.facets[k]):
                 inward = [*edges.inward[k], sign * edges.along[k]]
                 material = [*edges.material[k], facets.material[f]]
                 side = min(edges.length_m[k], edges.width_m[k])
@@ -186,11 +189,12 @@ def _corners(facets: Facets, edges: Edges) -> Corners:
     return Corners(*(column[np.sort(first)] for column in corners))
 
 
-def _joined(edges, xyz, facet, pair):
-    """Whether both facets of a pair have an edge with `facet` that reaches a point."""
-    has = (edges.facets == facet).any(1)
-    along = ((xyz - edges.start) * edges.along).sum(1)
-    near = (along > -2 * TOUCH_M) & (along < edges.length_m + 2 * TOUCH_M)
-    aside = xyz - edges.start - along[:, None] * edges.along
-    near &= has & ((aside**2).sum(1) < (2 * TOUCH_M) ** 2)
-    return all((near & (edges.facets == other).any(1)).any() for other in pair)
+def _joined(edges, some, xyz, pair):
+    """Whether both facets of a pair have one of `some` edges that reaches a point."""
+    offset = xyz - edges.start[some]
+    along = (offset * edges.along[some]).sum(1)
+    near = (along > -2 * TOUCH_M) & (along < edges.length_m[some] + 2 * TOUCH_M)
+    aside = offset - along[:, None] * edges.along[some]
+    near &= (aside**2).sum(1) < (2 * TOUCH_M) ** 2
+    reached = edges.facets[some[near]]
+    return all((reached == other).any() for other in pair)

@@ -1,7 +1,9 @@
 """A sequence: a scene, what the rig's sensors record on their way through it, on disk.
 
-Streams have clocks of their own: they start apart, and their stamps jitter. Everything
-is a function of family and seed; a folder appears when it is complete, or never.
+Streams have clocks of their own: they start apart, and their stamps jitter. A stamp is
+the time of a frame's first chirp, or of a scan's first column; half a turn, 50 ms, later
+the scan looks ahead. Everything is a function of family and seed; a folder appears when
+it is complete, or never.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,11 +1,14 @@
 """Small scenes with known answers, seen from a platform at a known place."""
 
 import numpy as np
+import pytest
 
 from jradar.data.simulation.motion import STILL, Motion, loop
 from jradar.data.simulation.reflectors import find_reflectors
 from jradar.data.simulation.scene import Scene, make_body
 from jradar.data.simulation.solids import join, moved, sheet
+
+pytest.importorskip("embreex", reason="the extra `sim` is not installed")
 
 
 def straight(speed_mps=0.0, height=1.2):

@@ -1,0 +1,93 @@
+"""A run's report is built from its folder, rebuilt when its parts change."""
+
+import json
+import os
+import webbrowser
+
+import numpy as np
+import pytest
+
+from jradar.evaluation import (
+    build_report,
+    load_clouds,
+    open_report,
+    save_clouds,
+    write_scores,
+)
+from tests.evaluation import invented
+
+CLOUDS = {
+    ("Hallways", "run3", i): {
+        "OS-CFAR": np.random.default_rng(i).normal(size=(30, 3)).astype(np.float32),
+        "LiDAR": np.random.default_rng(i).normal(size=(900, 3)).astype(np.float32),
+    }
+    for i in (0, 7)
+}
+
+
+@pytest.fixture
+def run(tmp_path):
+    folder = tmp_path / "run" / "evaluation"
+    truths = ("LiDAR", "re-projected")
+    write_scores(folder / "frames.jsonl", invented.scores(frames=9, truths=truths))
+    save_clouds(folder / "clouds.npz", CLOUDS)
+    metrics = [json.dumps({"step": i, "loss": 1 / (i + 1)}) for i in range(30)]
+    (tmp_path / "run" / "metrics.jsonl").write_text("\n".join(metrics))
+    return tmp_path / "run"
+
+
+def test_clouds_come_back(tmp_path):
+    save_clouds(tmp_path / "clouds.npz", CLOUDS)
+    found = load_clouds(tmp_path / "clouds.npz")
+    assert found.keys() == CLOUDS.keys()
+    for place, named in CLOUDS.items():
+        assert [*found[place]] == [*named]
+        for name, xyz in named.items():
+            np.testing.assert_array_equal(found[place][name], xyz)
+
+
+@pytest.mark.parametrize("damage", ["cut", "text", "array", "pickle", "index"])
+def test_damaged_clouds_are_refused(tmp_path, damage):
+    path = tmp_path / "clouds.npz"
+    save_clouds(path, CLOUDS)
+    if damage == "cut":
+        path.write_bytes(path.read_bytes()[:-50])
+    elif damage == "text":
+        path.write_text("no archive")
+    elif damage == "array":
+        np.savez(path, index=np.array('[["a", "b", 0, "c"]]'), cloud_0=np.zeros(3))
+    elif damage == "pickle":
+        np.savez(path, index=np.array([{}], dtype=object))
+    else:
+        np.savez(path, index=np.array('[["a", "b", 0, "c"]]'))
+    with pytest.raises(ValueError, match="clouds.npz: .*evaluate the run again"):
+        load_clouds(path)
+
+
+def test_report_holds_tables_curves_and_clouds(run):
+    text = build_report(run).read_text()
+    assert "Scenes, against LiDAR" in text and "Scenes, against re-projected" in text
+    assert text.count("data:image/png") == 2  # error curves, training
+    assert "Hallways, run3, 7" in text and "<th>ms</th>" in text
+    for part in ("clouds.npz", "../metrics.jsonl"):
+        (run / "evaluation" / part).unlink()
+    assert build_report(run).read_text().count("data:image/png") == 1
+
+
+def test_report_is_rebuilt_when_a_part_is_newer_and_opened_once(run, monkeypatch):
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    path = open_report(run, show=False)
+    assert path == run / "evaluation" / "report.html" and not opened
+    first = path.stat().st_mtime_ns
+    assert open_report(run) == path and opened == [path.resolve().as_uri()]
+    assert path.stat().st_mtime_ns == first
+    scores = run / "evaluation" / "frames.jsonl"
+    later = path.stat().st_mtime + 5
+    os.utime(scores, (later, later))
+    assert open_report(run, show=False).stat().st_mtime_ns > first
+
+
+def test_a_run_that_was_not_evaluated(tmp_path):
+    with pytest.raises(FileNotFoundError, match="evaluate .* first"):
+        open_report(tmp_path)

@@ -1,0 +1,195 @@
+"""The report: one file, no network, within its size, alive in a real browser."""
+
+import base64
+import io
+import json
+import re
+import shutil
+import subprocess
+import zlib
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from jradar.viz import CloudFrame, write_report
+
+RNG = np.random.default_rng(0)
+TABLE = "| a\\|b | CD |\n|---|---|\n| x<y | **0.5** |\n\n† a note"
+SWITCHES = (
+    "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run "
+    "--disable-background-networking --disable-component-update --disable-sync "
+    "--virtual-time-budget=5000 --window-size=1200,1400 --enable-logging=stderr"
+).split()
+
+
+def cloud(points):
+    return RNG.uniform([0, -3, -1], [9, 3, 2], size=(points, 3))
+
+
+def frames(count, *, dense=3000):
+    return [
+        CloudFrame(
+            f"run4, {i}",
+            {"radar": cloud(100), "jradar": cloud(dense), "LiDAR": cloud(dense)},
+            {"jradar": {"CD (m)": f"0.{i}"}},
+        )
+        for i in range(count)
+    ]
+
+
+def write(path, shown, **options):
+    parts = {"title": "A </script> title", "tables": {"Table": TABLE}, "figures": {}}
+    write_report(path, **{**parts, **options}, frames=shown)
+    return path.read_text()
+
+
+def data_of(text):
+    found = re.search(r'<script id="data"[^>]*>(.*?)</script>', text, re.DOTALL)
+    return json.loads(found[1])
+
+
+def unpack(frame, unit):
+    """Clouds of a frame in whole units, read without the page's script."""
+    raw = np.frombuffer(zlib.decompress(base64.b64decode(frame["data"])), np.uint8)
+    start = 0
+    for count in frame["drawn"]:
+        planes = raw[start : start + 6 * count].reshape(3, 2, count).astype(np.int64)
+        yield (planes[:, 0] + 256 * planes[:, 1]).cumsum(1).astype(np.int16).T * unit
+        start += 6 * count
+    assert start == len(raw)
+
+
+def test_clouds_come_out_to_the_millimetre(tmp_path):
+    shown = frames(2)
+    data = data_of(write(tmp_path / "report.html", shown))
+    assert data["names"] == ["radar", "jradar", "LiDAR"] and data["unit_m"] == 1e-3
+    for frame, original in zip(data["frames"], shown, strict=True):
+        for found, xyz in zip(
+            unpack(frame, 1e-3), original.clouds.values(), strict=True
+        ):
+            expected = np.rint(1000 * xyz)
+            assert {*map(tuple, np.rint(1000 * found))} == {*map(tuple, expected)}
+
+
+def test_a_large_scene_takes_a_coarser_unit(tmp_path):
+    far = CloudFrame("far", {"LiDAR": np.array([[80.0, -79.0, 3.0], [1, 2, 3]])})
+    data = data_of(write(tmp_path / "report.html", [far]))
+    (found,) = unpack(data["frames"][0], data["unit_m"])
+    found = found[found[:, 0].argsort()]
+    np.testing.assert_allclose(found, [[1, 2, 3], [80, -79, 3]], atol=data["unit_m"])
+
+
+def test_the_file_is_thinned_to_its_limit_and_says_so(tmp_path):
+    text = write(tmp_path / "report.html", frames(3, dense=9000), max_bytes=150_000)
+    assert 100_000 < len(text) <= 150_000
+    (frame, *_) = data_of(text)["frames"]
+    assert frame["total"] == [100, 9000, 9000] and frame["drawn"][0] == 100
+    assert 500 < frame["drawn"][1] == frame["drawn"][2] < 9000
+    with pytest.raises(ValueError, match="leave out pictures or frames"):
+        write(tmp_path / "report.html", frames(1), max_bytes=20_000)
+    assert (tmp_path / "report.html").read_text() == text
+
+
+def test_tables_and_pictures_are_inside_and_nothing_is_outside(tmp_path):
+    figure = Figure((2, 1))
+    figure.subplots().plot([1, 2])
+    buffer = io.BytesIO()
+    Image.new("RGB", (4, 4)).save(buffer, "PNG")
+    (tmp_path / "a.png").write_bytes(buffer.getvalue())
+    figures = {"one": figure, "two": buffer.getvalue(), "a & b": tmp_path / "a.png"}
+    text = write(tmp_path / "report.html", [], figures=figures)
+    assert text.count("data:image/png;base64,") == 3 and 'alt="a &amp; b"' in text
+    assert "<th>a|b</th>" in text and "<td>x&lt;y</td>" in text
+    assert "<strong>0.5</strong>" in text and "† a note" in text
+    assert "A &lt;/script&gt; title" in text and "</script> title" not in text
+    assert "http:" not in text and "https:" not in text and "{{" not in text
+    with pytest.raises(ValueError, match="expected a PNG"):
+        write(tmp_path / "report.html", [], figures={"x": b"JFIF"})
+
+
+def test_bad_clouds_are_refused(tmp_path):
+    for bad in (np.zeros((4, 2)), np.full((4, 3), np.nan)):
+        with pytest.raises(Exception, match="LiDAR|jaxtyping|Type"):
+            write(tmp_path / "a.html", [CloudFrame("bad", {"LiDAR": bad})])
+    assert not (tmp_path / "a.html").exists()
+
+
+PROBE = """<script>
+const after = (ms) => new Promise((done) => setTimeout(done, ms));
+const sum = (plane) => plane.reduce((a, b) => a + b, 0);
+const press = (key) => document.dispatchEvent(new KeyboardEvent("keydown", { key }));
+const canvasEvent = (kind, name, options) => canvas.dispatchEvent(
+  new kind(name, { pointerId: 1, buttons: 1, cancelable: true, ...options }));
+const seen = {};
+async function look(name) {
+  await clouds(frame); await after(100);
+  draw();  // a headless browser paints when it likes
+  seen[name] = { frame: canvas.dataset.frame, points: Number(canvas.dataset.points),
+    yaw: view.yaw, distance: view.distance, legend: find("legend").innerText };
+}
+(async () => {
+  await look("start");
+  press("ArrowRight"); await look("next");
+  seen.sums = (await clouds(1)).map((c) => [sum(c.x), sum(c.y), sum(c.z)]);
+  document.querySelector("#legend input").click(); await look("toggled");
+  canvasEvent(WheelEvent, "wheel", { deltaY: -300 });
+  fingers.set(1, { pointerId: 1, clientX: 0, clientY: 0 });
+  canvasEvent(PointerEvent, "pointermove", { clientX: 100 }); await look("turned");
+  reset();
+  find("frame").value = 2; find("frame").oninput({ target: find("frame") });
+  await look("slid");
+  document.title = JSON.stringify(seen);
+})();
+</script></body>"""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    names = ("chromium", "chromium-browser", "google-chrome", "chrome")
+    found = next(filter(None, map(shutil.which, names)), None)
+    if found is None:
+        pytest.skip(f"no browser here: none of {', '.join(names)}")
+
+    def run(url, *switches):
+        profile = tmp_path_factory.mktemp("profile")
+        command = [found, *SWITCHES, f"--user-data-dir={profile}", *switches, url]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+        assert done.returncode == 0 and not console, done.stderr
+        return done.stdout
+
+    return run
+
+
+def test_the_page_lives_in_a_browser(tmp_path, browser):
+    shown = frames(3)
+    text = write(tmp_path / "report.html", shown, title="probe")
+    (tmp_path / "report.html").write_text(text.replace("</body>", PROBE))
+    dom = browser((tmp_path / "report.html").as_uri(), "--dump-dom")
+    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)[1]
+    seen = json.loads(title.replace("&lt;", "<").replace("&amp;", "&"))
+    start, turned = seen["start"], seen["turned"]
+    assert start["frame"] == "0" and "3,000" in start["legend"]
+    assert 5000 < start["points"] <= 6100
+    assert seen["next"]["frame"] == "1" and "0.1" in seen["next"]["legend"]
+    assert seen["toggled"]["points"] == seen["next"]["points"] - 100
+    assert turned["yaw"] < start["yaw"] - 0.3
+    assert turned["distance"] < 0.8 * start["distance"]
+    assert seen["slid"]["frame"] == "2" and seen["slid"]["yaw"] == start["yaw"]
+    expected = [xyz.sum(0) for xyz in shown[1].clouds.values()]
+    np.testing.assert_allclose(seen["sums"], expected, atol=0.5)
+
+
+@pytest.mark.parametrize("theme, ground", [("light", 244), ("dark", 26)])
+def test_points_are_seen_in_a_browser(tmp_path, browser, theme, ground):
+    write(tmp_path / "report.html", frames(2))
+    picture = tmp_path / "shown.png"
+    url = (tmp_path / "report.html").as_uri()
+    browser(f"{url}#theme={theme}&layout=side", f"--screenshot={picture}")
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
+    stage = pixels[80:640, 60:1000]
+    spread = stage.max(-1) - stage.min(-1)
+    assert (spread > 80).mean() > 0.01  # turbo is colourful, ground and grid are grey
+    assert (abs(stage[..., 0] - ground) < 3).mean() > 0.3

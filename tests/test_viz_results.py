@@ -1,0 +1,99 @@
+"""Figures of results: curves end where they should, clouds share a view."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from jradar.viz import (
+    clouds_figure,
+    error_curves_figure,
+    learning_curve_figure,
+    save_figure,
+)
+
+RNG = np.random.default_rng(0)
+
+
+def test_error_curves_count_frames(tmp_path):
+    nan = float("nan")
+    errors = {
+        "Hall": {"OS-CFAR": [4.0, nan, 1.0, 2.0], "jradar": [0.5, 0.5, 1.0, 0.1]},
+        "Mine": {"jradar": [0.2, 0.3]},
+    }
+    figure = error_curves_figure(errors)
+    hall, mine = figure.axes
+    baseline, ours = hall.lines
+    assert [*baseline.get_xdata()] == [0, 1, 2, 4]
+    assert [*baseline.get_ydata()] == [0, 0.25, 0.5, 0.75]  # one frame found nothing
+    assert ours.get_ydata()[-1] == 1 and ours.get_linewidth() > baseline.get_linewidth()
+    assert mine.lines[0].get_color() == ours.get_color() != baseline.get_color()
+    assert [t.get_text() for t in figure.legends[0].texts] == ["OS-CFAR", "jradar"]
+    assert 4 <= hall.get_xlim()[1] < 5
+    save_figure(figure, tmp_path / "curves.png")
+    assert min(Image.open(tmp_path / "curves.png").size) > 300
+
+
+def test_error_curves_of_methods_that_found_nothing():
+    (axes,) = error_curves_figure({"Hall": {"none": [float("nan")] * 3}}).axes
+    assert [*axes.lines[0].get_ydata()] == [0] and axes.get_xlim()[1] > 0
+    with pytest.raises(ValueError, match="no scenes"):
+        error_curves_figure({})
+
+
+def test_clouds_of_a_row_share_view_limits_and_colours(tmp_path):
+    truth = RNG.uniform([0, -3, -1], [9, 3, 2], size=(4000, 3))
+    scenes = {
+        "Hall": {"OS-CFAR": truth[:50], "jradar": truth[:3500], "LiDAR": truth},
+        "Mine": {"jradar": truth[:0], "LiDAR": truth * 0.5},
+    }
+    figure = clouds_figure(scenes, enlarged=["OS-CFAR"])
+    panels = [axes for axes in figure.axes if hasattr(axes, "get_zlim")]
+    assert len(panels) == 6
+    assert [axes.get_title() for axes in panels[:3]] == ["OS-CFAR", "jradar", "LiDAR"]
+    for row in (panels[:3], panels[3:]):
+        assert len({(a.get_xlim(), a.get_ylim(), a.get_zlim()) for a in row}) == 1
+        assert len({(a.elev, a.azim) for a in row}) == 1
+        assert len({a.collections[0].get_clim() for a in row}) == 1
+    sizes = [np.sqrt(axes.collections[0].get_sizes()[0]) for axes in panels[:3]]
+    plain = clouds_figure(scenes).axes[0].collections[0].get_sizes()[0]
+    assert sizes[0] == pytest.approx(2 * np.sqrt(plain))
+    cloud = panels[2].collections[0]
+    assert cloud.get_cmap()(1.0)[0] > 0.4 > cloud.get_cmap()(1.0)[2]  # red is high
+    save_figure(figure, tmp_path / "clouds.png")
+    assert min(Image.open(tmp_path / "clouds.png").size) > 400
+    with pytest.raises(ValueError, match="no clouds"):
+        clouds_figure({})
+
+
+def test_learning_curve(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    loss = np.exp(-np.arange(300) / 100) + 0.01
+    lines = [
+        json.dumps({"step": i, "gradient_norm": 1.0, "loss": float(value)})
+        for i, value in enumerate(loss)
+    ]
+    path.write_text("\n".join(lines) + '\n{"step": 300, "lo')  # a run that goes on
+    figure = learning_curve_figure(path, window=20)
+    first, second = figure.axes
+    assert (first.get_title(), second.get_title()) == ("loss", "gradient norm")
+    faint, smooth = first.lines
+    np.testing.assert_allclose(faint.get_ydata(), loss)
+    assert smooth.get_xdata()[0] == 19
+    np.testing.assert_allclose(smooth.get_ydata()[0], loss[:20].mean())
+    save_figure(figure, tmp_path / "curve.png")
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "holds no steps"),
+        ('{"loss": 1}\n{"step": 1, "loss": 1}\n', "line 1: KeyError"),
+        ('{"step": 0, "loss": "x"}\n{"step": 1, "loss": 1}\n', "line 1: ValueError"),
+    ],
+)
+def test_metrics_that_cannot_be_read(tmp_path, text, message):
+    (tmp_path / "metrics.jsonl").write_text(text)
+    with pytest.raises(ValueError, match=message):
+        learning_curve_figure(tmp_path / "metrics.jsonl")
