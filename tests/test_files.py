@@ -4,7 +4,12 @@ import os
 
 import pytest
 
-from jradar.files import FolderLocked, atomic_path, lock_folder
+from jradar.files import (
+    FolderLocked,
+    atomic_path,
+    lock_folder,
+    use_compilation_cache,
+)
 from jradar.progress import progress
 
 
@@ -35,3 +40,20 @@ def test_progress_without_a_terminal_is_a_line_at_start_and_end(capsys):
     assert lines[0] == "counting 1/3  fine"
     assert lines[1].startswith("counting 3/3  fine") and "items/s" in lines[1]
     assert len(lines) == 2
+
+
+def test_compilation_cache_is_where_the_environment_says(tmp_path, monkeypatch):
+    name = "JAX_COMPILATION_CACHE_DIR"
+    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "1")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setenv(name, "x")  # remembered, and put back at the end
+    monkeypatch.delenv(name)
+    monkeypatch.setenv("JRADAR_CACHE", "off")
+    use_compilation_cache()
+    assert name not in os.environ
+    monkeypatch.delenv("JRADAR_CACHE")
+    use_compilation_cache()
+    assert os.environ[name] == str(tmp_path / "jradar")
+    monkeypatch.setenv(name, "mine")
+    use_compilation_cache()
+    assert os.environ[name] == "mine"

@@ -78,12 +78,14 @@ class Checkpoints:
             state=ocp.args.StandardSave(state),
             digest=ocp.args.JsonSave({**content, "seal": _seal(content)}),
         )
-        finite = value is not None and math.isfinite(value)
+        ranked = math.inf
+        if value is not None and math.isfinite(value):
+            ranked = float(value)
         try:
             self._manager.save(
                 step,
                 args=items,
-                metrics={"value": float(value) if finite else math.inf},
+                metrics={"value": ranked},
             )
         except (OSError, ValueError) as error:
             if not _disk_is_full(error):
