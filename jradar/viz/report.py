@@ -98,7 +98,7 @@ def _viewer_data(frames, most):
     ]
     clouds = [[_points(frame, name) for name in names] for frame in frames]
     every = np.concatenate([*(x for row in clouds for x in row), np.zeros((1, 3))])
-    low, high = np.percentile(every, (1, 99), axis=0)
+    low, near, far, high = np.percentile(every, (1, 4, 96, 99), axis=0)
     reach = float(np.abs(every).max())
     unit = max(1e-3, reach / 32767)
     packed = [[_thin(x, most) for x in row] for row in clouds]
@@ -112,8 +112,8 @@ def _viewer_data(frames, most):
         "turbo": "".join(to_hex(colour)[1:] for colour in colormaps["turbo"](SHADES)),
         "unit_m": unit,
         "heights_m": [float(low[2]), float(max(high[2], low[2] + 0.1))],
-        "centre_m": [float(x) for x in (low + high) / 2],
-        "radius_m": float(np.linalg.norm(high - low) / 2) or 1.0,
+        "centre_m": [float(x) for x in (near + far) / 2],
+        "radius_m": float(np.linalg.norm(far - near) / 2) or 1.0,
         "reach_m": float(max(np.abs([low[:2], high[:2]]).max(), 1.0)),
         "grid_m": 1 if reach < 20 else 5,
         "scores": labels,
