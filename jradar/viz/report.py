@@ -31,7 +31,7 @@ from jradar.files import write_text
 
 TEMPLATE = Path(__file__).with_name("report.html")
 SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, seen on light and on dark ground
-SPARSE = 2000  # clouds with fewer points are drawn with larger ones
+POINT_PX = (1.6, 4.0)  # of clouds with many points, and with few
 
 
 class CloudFrame(NamedTuple):
@@ -105,9 +105,9 @@ def _viewer_data(frames, most):
     return {
         "names": names,
         "colours": [to_hex(f"C{i % 10}") for i in range(len(names))],
-        "dense": [
-            bool(np.mean([len(row[i]) for row in clouds]) >= SPARSE)
-            for i in range(len(names))
+        "point_px": [
+            float(np.clip(110 / np.sqrt(np.mean(counts) + 1), *POINT_PX))
+            for counts in zip(*(map(len, row) for row in clouds), strict=True)
         ],
         "turbo": "".join(to_hex(colour)[1:] for colour in colormaps["turbo"](SHADES)),
         "unit_m": unit,

@@ -121,9 +121,13 @@ def clouds_figure(
                 axes.set_title(name, y=1.0)
             if column == 0:
                 axes.text2D(
-                    -0.12, 0.5, scene, transform=axes.transAxes, rotation=90,
-                    va="center", ha="right", fontsize="large",
-                )  # fmt: skip
+                    -0.05,
+                    0.86,
+                    scene,
+                    transform=axes.transAxes,
+                    va="top",
+                    weight="bold",
+                )
         heights = ScalarMappable(norm, "turbo")
         figure.colorbar(heights, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
     return figure
