@@ -23,12 +23,14 @@ from jradar.evaluation.tables import COLUMNS, markdown, scenes_table, summarise
 from jradar.files import atomic_path
 from jradar.viz import (
     CloudFrame,
+    clouds_figure,
     error_curves_figure,
     learning_curve_figure,
     write_report,
 )
 
 MAX_CLOUD_BYTES = 1 << 30
+SPARSE = 2000  # points
 SHOWN_SCORES = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
 
@@ -60,6 +62,8 @@ def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.nda
                 xyz = arrays[f"cloud_{i}"]
                 if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype != np.float32:
                     raise ValueError(f"{name} is {xyz.dtype} of shape {xyz.shape}")
+                if not np.isfinite(xyz).all():
+                    raise ValueError(f"{name} of frame {frame} has infinite points")
                 clouds.setdefault((scene, sequence, frame), {})[name] = xyz
     except (KeyError, TypeError, EOFError, zipfile.BadZipFile, ValueError) as error:
         raise ValueError(f"{path}: {error}; evaluate the run again") from error
@@ -87,16 +91,19 @@ def build_report(run: Path | str) -> Path:
     errors: dict[str, dict[str, list[float]]] = {}
     for row in first:
         by_method = errors.setdefault(row["scene"], {})
-        by_method.setdefault(row["method"], []).append(row["chamfer"])
+        if row["truth_points"]:
+            by_method.setdefault(row["method"], []).append(row["chamfer"])
     figures: dict[str, Figure | Path | bytes] = {
         "Chamfer distance": error_curves_figure(errors)
     }
+    frames = []
+    if (folder / "clouds.npz").is_file():
+        clouds = load_clouds(folder / "clouds.npz")
+        frames = _frames(clouds, first)
+        figures["Clouds"] = _clouds_figure(clouds)
     figures |= {path.stem: path for path in sorted(folder.glob("*.png"))}
     if (run / "metrics.jsonl").is_file():
         figures["Training"] = learning_curve_figure(run / "metrics.jsonl")
-    frames = []
-    if (folder / "clouds.npz").is_file():
-        frames = _frames(load_clouds(folder / "clouds.npz"), first)
     path = folder / "report.html"
     title = f"{run.resolve().name}: {', '.join(errors)}"
     write_report(path, title=title, tables=tables, figures=figures, frames=frames)
@@ -120,6 +127,18 @@ def open_report(run: Path | str, *, show: bool = True) -> Path:
     return path
 
 
+def _clouds_figure(clouds) -> Figure:
+    """The first frame of each scene, sparse clouds with larger points."""
+    scenes: dict[str, dict[str, np.ndarray]] = {}
+    for (scene, _, _), named in clouds.items():
+        scenes.setdefault(scene, named)
+    every = [cloud for named in scenes.values() for cloud in named.items()]
+    sparse = {name for name, _ in every} - {
+        name for name, xyz in every if len(xyz) >= SPARSE
+    }
+    return clouds_figure(scenes, enlarged=sparse)
+
+
 def _frames(clouds, scores: Scores) -> Sequence[CloudFrame]:
     """Clouds beside their scores, as printed."""
     texts: dict[tuple, dict[str, dict[str, str]]] = {}
@@ -136,7 +155,7 @@ def _frames(clouds, scores: Scores) -> Sequence[CloudFrame]:
     return [
         CloudFrame(
             ", ".join(str(part) for part in place if part != ""),
-            {name: xyz[np.isfinite(xyz).all(1)] for name, xyz in named.items()},
+            named,
             texts.get(place, {}),
         )
         for place, named in clouds.items()

@@ -31,7 +31,7 @@ from jradar.files import write_text
 
 TEMPLATE = Path(__file__).with_name("report.html")
 SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, seen on light and on dark ground
-SPARSE = 2000  # clouds with fewer points are drawn with larger ones
+POINT_PX = (1.6, 4.0)  # of clouds with many points, and with few
 
 
 class CloudFrame(NamedTuple):
@@ -98,22 +98,22 @@ def _viewer_data(frames, most):
     ]
     clouds = [[_points(frame, name) for name in names] for frame in frames]
     every = np.concatenate([*(x for row in clouds for x in row), np.zeros((1, 3))])
-    low, high = np.percentile(every, (1, 99), axis=0)
+    low, near, far, high = np.percentile(every, (1, 4, 96, 99), axis=0)
     reach = float(np.abs(every).max())
     unit = max(1e-3, reach / 32767)
     packed = [[_thin(x, most) for x in row] for row in clouds]
     return {
         "names": names,
         "colours": [to_hex(f"C{i % 10}") for i in range(len(names))],
-        "dense": [
-            bool(np.mean([len(row[i]) for row in clouds]) >= SPARSE)
-            for i in range(len(names))
+        "point_px": [
+            float(np.clip(110 / np.sqrt(np.mean(counts) + 1), *POINT_PX))
+            for counts in zip(*(map(len, row) for row in clouds), strict=True)
         ],
         "turbo": "".join(to_hex(colour)[1:] for colour in colormaps["turbo"](SHADES)),
         "unit_m": unit,
         "heights_m": [float(low[2]), float(max(high[2], low[2] + 0.1))],
-        "centre_m": [float(x) for x in (low + high) / 2],
-        "radius_m": float(np.linalg.norm(high - low) / 2) or 1.0,
+        "centre_m": [float(x) for x in (near + far) / 2],
+        "radius_m": float(np.linalg.norm(far - near) / 2) or 1.0,
         "reach_m": float(max(np.abs([low[:2], high[:2]]).max(), 1.0)),
         "grid_m": 1 if reach < 20 else 5,
         "scores": labels,

@@ -51,8 +51,8 @@ def error_curves_figure(
             share = np.arange(1, len(known) + 1) / max(len(values), 1)
             index = names.index(name)
             axes.step(
-                [0.0, *known],
-                [0.0, *share],
+                [0.0, *known, *(1e6 for _ in known[-1:])],  # to the picture's edge
+                [0.0, *share, *share[-1:]],
                 where="post",
                 color=f"C{index}",
                 linestyle=("-", "--", "-.", ":")[index // 10 % 4],
@@ -102,7 +102,7 @@ def clouds_figure(
     for row, (scene, clouds) in enumerate(scenes.items()):
         together = np.concatenate([*clouds.values(), np.zeros((1, 3))])
         low, high = np.percentile(together, (0.5, 99.5), axis=0)
-        low, high = np.minimum(low, 0), np.maximum(high, low + 1)
+        low, high = np.minimum(low, 0), np.maximum(high, low + 1)  # with the sensor
         norm = Normalize(*(heights_m or (low[2], high[2])))
         panels = []
         for column, name in enumerate(names):
@@ -121,9 +121,13 @@ def clouds_figure(
                 axes.set_title(name, y=1.0)
             if column == 0:
                 axes.text2D(
-                    -0.12, 0.5, scene, transform=axes.transAxes, rotation=90,
-                    va="center", ha="right", fontsize="large",
-                )  # fmt: skip
+                    -0.05,
+                    0.86,
+                    scene,
+                    transform=axes.transAxes,
+                    va="top",
+                    weight="bold",
+                )
         heights = ScalarMappable(norm, "turbo")
         figure.colorbar(heights, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
     return figure

@@ -46,7 +46,7 @@ def test_clouds_come_back(tmp_path):
             np.testing.assert_array_equal(found[place][name], xyz)
 
 
-@pytest.mark.parametrize("damage", ["cut", "text", "array", "pickle", "index"])
+@pytest.mark.parametrize("damage", ["cut", "text", "array", "nan", "pickle", "index"])
 def test_damaged_clouds_are_refused(tmp_path, damage):
     path = tmp_path / "clouds.npz"
     save_clouds(path, CLOUDS)
@@ -56,6 +56,8 @@ def test_damaged_clouds_are_refused(tmp_path, damage):
         path.write_text("no archive")
     elif damage == "array":
         np.savez(path, index=np.array('[["a", "b", 0, "c"]]'), cloud_0=np.zeros(3))
+    elif damage == "nan":
+        save_clouds(path, {("a", "b", 0): {"c": np.full((1, 3), np.nan)}})
     elif damage == "pickle":
         np.savez(path, index=np.array([{}], dtype=object))
     else:
@@ -67,7 +69,7 @@ def test_damaged_clouds_are_refused(tmp_path, damage):
 def test_report_holds_tables_curves_and_clouds(run):
     text = build_report(run).read_text()
     assert "Scenes, against LiDAR" in text and "Scenes, against re-projected" in text
-    assert text.count("data:image/png") == 2  # error curves, training
+    assert text.count("data:image/png") == 3  # curves, clouds, training
     assert "Hallways, run3, 7" in text and "<th>ms</th>" in text
     for part in ("clouds.npz", "../metrics.jsonl"):
         (run / "evaluation" / part).unlink()
