@@ -113,17 +113,26 @@ def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
 def build_loss(loss: ConfigDict) -> Callable[..., jax.Array]:
     """Eq. 12 with the config's weights; LPIPS is loaded where it has one."""
     weights = dict(loss)
-    network = weights.pop("perceptual_network")
+    network, masked = weights.pop("perceptual_network"), weights.pop("mask_misses")
     perceptual = None
     if weights["perceptual"]:
         perceptual = functools.partial(
             diffusion.lpips, diffusion.load_lpips(network=network)
         )
-    return functools.partial(
-        diffusion.denoising_loss,
-        weights=diffusion.LossSpec(**weights),
-        perceptual=perceptual,
-    )
+    spec = diffusion.LossSpec(**weights)
+
+    def denoising(key, denoise, clean, **given):
+        return diffusion.denoising_loss(
+            key,
+            denoise,
+            clean,
+            weights=spec,
+            mask=diffusion.target_mask(clean) if masked else None,
+            perceptual=perceptual,
+            **given,
+        )
+
+    return denoising
 
 
 def view(image: ConfigDict) -> dict[str, Any]:

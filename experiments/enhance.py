@@ -74,6 +74,11 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
         batch = batches[step]
         return training.Batch(batch.condition, np.asarray(encode(batch.lidar)))
 
+    checked = data.Records(records.folder, "validation")
+
+    def evaluate(state, step):
+        return validate(config, Bundle(state.ema_params, spec), checked, workdir, step)
+
     state = training.train(
         jax.random.fold_in(jax.random.key(config.seed), TRAIN_KEY),
         state,
@@ -88,6 +93,9 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
         steps=config.train.steps,
         workdir=workdir,
         checkpoint_every=config.train.checkpoint_every,
+        evaluate_every=config.train.evaluate_every,
+        evaluate=evaluate,
+        best="chamfer",
     )
     if jax.process_index():
         return
@@ -101,6 +109,40 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
         purpose=spec.purpose,
     )
     run_evaluation(config, workdir)
+
+
+def validate(
+    config: ConfigDict, bundle: Bundle, records: data.Records, workdir: Path, step: int
+) -> dict[str, float]:
+    """Scores of the one-step estimate on some validation frames, and a picture."""
+    count = min(config.evaluation.frames_while_training, len(records))
+    pairs = build_pairs(bundle.spec, records)
+    index = np.linspace(0, len(records) - 1, count).astype(int).tolist()
+    frames = [Frame(records[i], pairs[i]) for i in index]
+    draw = build_methods(config, bundle)["one-step estimate"]
+    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
+    clouds = [draw(jax.random.fold_in(key, i), f) for i, f in enumerate(frames)]
+    scores = [
+        compare_on_host(_points(cloud), frame.prepared.lidar_xyz)
+        for cloud, frame in zip(clouds, frames, strict=True)
+    ]
+    fine = bundle.spec.fine
+    some = range(min(FRAMES_IN_FIGURE, count))
+    columns = {
+        "LiDAR": np.stack([frames[i].pair.lidar for i in some]),
+        "one-step estimate": np.stack(
+            [data.lidar_image(_points(clouds[i]), fine) for i in some]
+        ),
+    }
+    figure = viz.samples_figure(columns, fine)
+    viz.save_figure(figure, workdir / "samples" / f"{step:06d}.png")
+    nothing = 2 * fine.max_range_m  # the Chamfer distance where there is no cloud
+    return {
+        "chamfer": float(
+            np.mean([np.nan_to_num(s.chamfer, nan=nothing) for s in scores])
+        ),
+        "f_score_0.2": float(np.mean([np.nan_to_num(s.f_score[1]) for s in scores])),
+    }
 
 
 def run_evaluation(config: ConfigDict, workdir: Path) -> None:
@@ -252,6 +294,11 @@ def _scores(config, spec, records, pairs, methods) -> Iterator[dict[str, Any]]:
             done += len(frames)
 
 
+def _points(cloud):
+    """The valid points of a cloud."""
+    return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+
+
 def scene_of(name: str) -> str:
     """The scene that a sequence's scores count for."""
     try:
@@ -269,7 +316,7 @@ def _clouds(config, shown, methods):
         named = {"LiDAR": prepared.lidar_xyz}
         for name, method in methods.items():
             cloud = method(jax.random.fold_in(key, number), frame)
-            named[name] = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+            named[name] = _points(cloud)
         place = (scene_of(prepared.sequence), prepared.sequence, prepared.frame)
         clouds[place] = named
     return clouds

@@ -116,7 +116,10 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
     chosen = pairs.of(config.data.threshold_trajectories)
     limits = choose_limits(score(config, chosen, draws, every=config.data.every))
     if Path(config.data.path).is_dir() and (Path(config.data.path) / "test").is_dir():
-        reported, where = open_radarhd(config.data.path, "test"), "test trajectories"
+        reported, where = (
+            open_radarhd(config.data.path, split="test"),
+            "test trajectories",
+        )
     else:
         reported = pairs.of(config.data.report_trajectories)
         where = f"trajectories {config.data.report_trajectories}, never trained on"

@@ -60,6 +60,7 @@ def get_config():
     config.loss.perceptual = 0.0
     config.loss.perceptual_network = "alexnet"  # or vgg16
     config.loss.perceptual_every = 1
+    config.loss.mask_misses = False  # no error of the range where the LiDAR saw nothing
 
     config.train = ConfigDict()
     config.train.steps = 20_000
@@ -69,6 +70,7 @@ def get_config():
     config.train.clip_norm = 1.0
     config.train.ema_decay = 0.999
     config.train.checkpoint_every = 500
+    config.train.evaluate_every = 2000  # the one-step estimate on validation frames
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18
@@ -80,4 +82,5 @@ def get_config():
     config.evaluation.every = 1  # of how many frames one is scored
     config.evaluation.detectors = ("so", "ca", "go", "os")
     config.evaluation.frames_for_rates = 48
+    config.evaluation.frames_while_training = 24
     return config

@@ -18,6 +18,8 @@ def get_config():
     config.image.update(coarse=(16, 16), fine=(32, 128))
     config.network.update(multipliers=(1, 2), attention_levels=(1,))
     config.train.update(steps=120, warmup_steps=20, checkpoint_every=60)
+    config.train.evaluate_every = 60
     config.train.ema_decay = 0.98
     config.evaluation.update(detectors=("ca", "os"), frames_for_rates=6)
+    config.evaluation.frames_while_training = 2
     return config

@@ -141,7 +141,7 @@ class RadarHD(Sequence):
         return RadarHD(self.keys[index], lambda i: self._read(int(index[i])))
 
 
-def open_radarhd(path: Path | str, split: str = "train") -> RadarHD:
+def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
     """The pairs of the public folder's `split`, or of a packed file (training only).
 
     Raises ValueError for what is neither, and for images without a partner.

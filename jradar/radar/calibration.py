@@ -81,11 +81,11 @@ def subtract_coupling(
     """Remove the leakage of ColoRadar's `coupling_calib.txt`, in ADC counts.
 
     The spectrum is one of `range_doppler(cube, range_window="blackman")` with the same
-    `doppler_window`: the file holds range bins 1 .. N/2 behind that window, divided by
-    N and not by the window's sum, and neither bin 0 nor the rest, so that no other
-    window's spectrum follows from it. Being steady, it lies about Doppler bin 0 as the
-    window spreads it; `remove_static` removes it anyway. Raises ValueError for a file
-    of another array or of another number of bins.
+    `doppler_window`: the file holds range bins 1 .. N/2 of the plain FFT behind that
+    window, and neither bin 0 nor the rest, so that no other window's spectrum follows
+    from it. Being steady, it lies about Doppler bin 0 as the window spreads it;
+    `remove_static` removes it anyway. Raises ValueError for a file of another array or
+    of another number of bins.
     """
     virtual, chirps, samples = range_doppler.shape[-3:]
     tx, rx, half = coupling.shape
@@ -95,7 +95,8 @@ def subtract_coupling(
             f"virtual antennas and {samples // 2} bins, half of the spectrum's"
         )
     steady = np.fft.fftshift(np.fft.fft(window(doppler_window, chirps)).real)
-    spread = jnp.asarray(steady / WINDOWS["blackman"][0], jnp.float32)
+    total = samples * WINDOWS["blackman"][0]  # of the window
+    spread = jnp.asarray(steady / total, jnp.float32)
     leakage = coupling.reshape(virtual, 1, half) * spread[:, None]
     return range_doppler.at[..., 1 : half + 1].add(-leakage)
 

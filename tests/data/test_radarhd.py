@@ -109,7 +109,7 @@ def test_a_point_takes_the_first_pixel_that_is_not_below():
 
 def test_what_is_missing_or_broken_is_named(folder, packed, tmp_path):
     with pytest.raises(ValueError, match="no test/radar and test/lidar"):
-        open_radarhd(folder, "test")
+        open_radarhd(folder, split="test")
     with pytest.raises(FileNotFoundError, match="nowhere"):
         open_radarhd(tmp_path / "nowhere")
     torn = tmp_path / "torn.npz"

@@ -77,11 +77,11 @@ def test_measured_target_looks_the_same_to_all_pairs():
 
 
 def documented_coupling(cube, coupling, doppler_window):
-    """Blackman, FFT over N, bins 1 .. N/2 less the coupling; then the Doppler FFT."""
+    """Blackman, FFT, bins 1 .. N/2 less the coupling; then the Doppler FFT."""
     n = cube.shape[-1]
     x = 2 * np.pi * np.arange(n) / n
     blackman = 0.42 - 0.5 * np.cos(x) + 0.08 * np.cos(2 * x)
-    spectrum = np.fft.fft(cube * blackman) / n
+    spectrum = np.fft.fft(cube * blackman)
     spectrum[..., 1 : n // 2 + 1] -= coupling[:, :, None]
     weight = {"none": np.ones(8), "hann": 1 - np.cos(2 * np.pi * np.arange(8) / 8)}
     weight = (weight[doppler_window] / 8)[:, None]
@@ -94,7 +94,7 @@ def test_coupling_follows_the_documented_chain(doppler_window):
     window = {"doppler_window": doppler_window}
     spectrum, _ = range_doppler(jnp.array(CUBE), range_window="blackman", **window)
     actual = subtract_coupling(spectrum, jnp.array(COUPLING), **window)
-    close(0.42 * actual, documented_coupling(CUBE, COUPLING, doppler_window))
+    close(0.42 * 32 * actual, documented_coupling(CUBE, COUPLING, doppler_window))
 
 
 def test_steady_leakage_vanishes_and_a_moving_target_stays():
@@ -103,7 +103,7 @@ def test_steady_leakage_vanishes_and_a_moving_target_stays():
     moving = np.exp(2j * np.pi * (9 * time + 3 * chirp))
     x = 2 * np.pi * time
     blackman = 0.42 - 0.5 * np.cos(x) + 0.08 * np.cos(2 * x)
-    coupling = (np.fft.fft(leakage[:, :, 0] * blackman) / 32)[..., 1:17]
+    coupling = np.fft.fft(leakage[:, :, 0] * blackman)[..., 1:17]
     cube = jnp.array(leakage + moving)
     spectrum, _ = range_doppler(cube, range_window="blackman")
     actual = subtract_coupling(spectrum, jnp.array(coupling))
@@ -160,5 +160,5 @@ def test_real_coupling_fits_the_single_chip(samples):
     actual = np.asarray(subtract_coupling(silence, jnp.array(coupling)))
     expected = np.zeros((12, 128, 128), complex)
     for doppler, share in ((63, -0.5), (64, 1.0), (65, -0.5)):  # the Hann window's
-        expected[:, doppler, 1:65] = -share * coupling.reshape(12, 64) / 0.42
+        expected[:, doppler, 1:65] = -share * coupling.reshape(12, 64) / 0.42 / 128
     close(actual, expected)

@@ -94,7 +94,7 @@ def leakage():
     x = 2 * np.pi * np.arange(64) / 64
     samples = 3000 * phases * np.exp(1.4j * x)
     blackman = 0.42 - 0.5 * np.cos(x) + 0.08 * np.cos(2 * x)
-    coupling = (np.fft.fft(samples * blackman) / 64)[..., 1:33]
+    coupling = np.fft.fft(samples * blackman)[..., 1:33]
     return jnp.array(samples[:, :, None], "complex64"), jnp.array(coupling, "complex64")
 
 

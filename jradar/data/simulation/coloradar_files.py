@@ -87,9 +87,7 @@ def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
     half = radar.num_samples // 2
     phase = 2 * np.pi * np.arange(radar.num_samples) / radar.num_samples
     blackman = 0.42 - 0.5 * np.cos(phase) + 0.08 * np.cos(2 * phase)
-    coupling = np.fft.fft(hardware.leakage * blackman, norm="forward")[
-        ..., 1 : half + 1
-    ]
+    coupling = np.fft.fft(hardware.leakage * blackman)[..., 1 : half + 1]
     numbers = coupling.ravel().view(float)
     (folder / "coupling_calib.txt").write_text(
         f"num_tx:{radar.num_tx}\nnum_rx:{radar.num_rx}\nnum_range_bins:{half}\n"
