@@ -24,6 +24,7 @@ from jradar.data.simulation import set_sequences, simulate_set
 from jradar.files import write_text
 from jradar.lidar import LidarSpec
 from jradar.progress import progress
+from jradar.radar import azimuth_bins
 from jradar.range_image import ImageSpec
 
 TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(3)
@@ -84,7 +85,8 @@ def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
             name: tuple(value) if isinstance(value, list) else value
             for name, value in options.items()
             if name in (*points, *flips)
-        },
+        }
+        | {"num_azimuth": azimuth_bins(records.radar)},
     )
 
 

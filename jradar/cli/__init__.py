@@ -1,4 +1,4 @@
-"""The command line: `jradar info | points | enhance | prepare | simulate`.
+"""The command line: info, points, enhance, prepare, simulate, view, export.
 
 Heavy modules are imported by the command that needs them, so that `--help` and a wrong
 option answer at once. Exit codes: 0 ok, 2 usage, 3 environment, 4 bad data, 5 no usable

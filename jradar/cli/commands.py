@@ -179,6 +179,27 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
     return simulate_all(options)
 
 
+def view(options: argparse.Namespace) -> dict[str, Any]:
+    """A run's report in a browser: tables, curves, clouds to turn."""
+    from jradar.evaluation import open_report
+
+    return {"report": str(open_report(options.run, show=not options.no_open))}
+
+
+def export(options: argparse.Namespace) -> dict[str, Any]:
+    """A trained model as one file that runs without jradar: ADC cube to dense cloud."""
+    from jradar.bundle import load_bundle
+    from jradar.export import export_function
+
+    bundle = load_bundle(options.weights)
+    export_function(options.output, bundle, steps=options.steps)
+    return {
+        "takes": f"seed, cube {list(bundle.spec.radar.cube_shape)} of complex64",
+        "weights": bundle.spec.purpose,
+        "written": [options.output],
+    }
+
+
 def _preview(recording, spec, options):
     """Pictures of one frame's preparation; nothing else is written."""
     from jradar import viz

@@ -67,6 +67,13 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--seed", type=int, default=0, help="of the drawn sample")
     _prepare(_add(kinds, commands.prepare, PREPARE_HELP))
     _simulate(_add(kinds, commands.simulate, has_path=False))
+    sub = _add(kinds, commands.view, has_path=False)
+    sub.add_argument("run", metavar="RUN", help="workdir of an experiment")
+    sub.add_argument("--no-open", action="store_true", help="only say where it is")
+    sub = _add(kinds, commands.export, has_path=False)
+    sub.add_argument("weights", metavar="BUNDLE", help="bundle folder")
+    sub.add_argument("-o", "--output", metavar="FILE", required=True)
+    sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
     return top
 
 

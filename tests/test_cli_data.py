@@ -1,0 +1,95 @@
+"""Commands that make data: prepare, its preview, simulate; and view."""
+
+import json
+
+import pytest
+
+from jradar.cli import main
+from jradar.data import Records
+from tests.data.small_sequence import write_sequence, write_stamps
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("sequences")
+    write_sequence(root, "run0", frames=3)
+    write_sequence(root, "run1", frames=2, lidar_delay=0.02, seed=1)
+    return root
+
+
+def run_json(capsys, *arguments):
+    assert main([*map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_prepare_says_what_it_wrote_and_dropped(root, tmp_path, capsys):
+    spec = tmp_path / "spec.toml"
+    spec.write_text("capacity = 64\n[lidar]\nmax_range_m = 7.0\n")
+    result = run_json(
+        capsys, "prepare", root, "-o", tmp_path / "dst", "--spec", spec, "--workers", 1
+    )
+    assert result["frames"] == 5 and len(result["sequences"]) == 2
+    records = Records(tmp_path / "dst")
+    assert len(records) == 5 and records[0].radar.xyz.shape == (64, 3)
+    assert records.manifest["options"]["lidar"]["max_range_m"] == 7.0
+
+
+def test_preview_draws_and_writes_nothing_else(root, tmp_path, capsys):
+    result = run_json(
+        capsys, "prepare", root, "-o", tmp_path, "--preview", "--frames", "1:2"
+    )
+    assert result["frame"] == 1 and result["kept"] <= result["in the shared view"]
+    assert [p.name for p in tmp_path.iterdir()] == ["preparation.png"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["--frames", "3"], 2, "expected A:B"),
+        (["--frames", "5:2"], 2, "holds no frame"),
+        (["--workers", "0"], 2, "expected 1 or more"),
+    ],
+)
+def test_wrong_options_are_named(root, tmp_path, capsys, arguments, code, message):
+    with pytest.raises(SystemExit) as stop:
+        main(["prepare", str(root), "-o", str(tmp_path), *arguments])
+    assert stop.value.code == code and message in capsys.readouterr().err
+
+
+def test_an_unknown_field_of_the_spec_names_the_nearest(root, tmp_path, capsys):
+    spec = tmp_path / "spec.toml"
+    spec.write_text("[lidar]\nmax_range = 7.0\n")
+    command = ["prepare", str(root), "-o", str(tmp_path / "dst"), "--spec", str(spec)]
+    assert main(command) == 4
+    assert "'max_range', expected max_range_m" in capsys.readouterr().err
+
+
+def test_clocks_that_disagree_are_bad_data(tmp_path, capsys):
+    folder = write_sequence(tmp_path / "src", frames=2)
+    write_stamps(folder / "lidar", [5000.0, 5000.1])
+    command = ["prepare", str(folder), "-o", str(tmp_path / "dst"), "--workers", "1"]
+    assert main(command) == 4
+    assert "do the two clocks agree" in capsys.readouterr().err
+
+
+def test_simulated_frames_go_the_whole_way(tmp_path, capsys):
+    pytest.importorskip("embreex")
+    simulated = run_json(
+        capsys, "simulate", "--scene", "lab", "--frames", 2, "-o", tmp_path / "sim"
+    )
+    assert simulated["frames of each"] == 2
+    info = run_json(capsys, "info", tmp_path / "sim" / "lab_0")
+    assert info["frames with a LiDAR scan"] == info["frames with a pose"] == 2
+    assert 12 < info["radar"]["max_range_m"] < 16
+    prepared = run_json(
+        capsys,
+        *("prepare", tmp_path / "sim", "-o", tmp_path / "dst", "--workers", 1),
+    )
+    assert prepared["frames"] == 2 and prepared["dropped"] == {}
+    frame = Records(tmp_path / "dst")[1]
+    assert len(frame.lidar_xyz) > 1000 and frame.cells.power.shape == (128, 128)
+
+
+def test_view_of_a_folder_that_is_no_run(tmp_path, capsys):
+    assert main(["view", str(tmp_path), "--no-open"]) == 2
+    assert str(tmp_path) in capsys.readouterr().err
