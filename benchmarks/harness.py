@@ -2,7 +2,8 @@
 
 A case is named after what is computed and its size, and holds our call and its peers'.
 All of them run once to compile and once to warm up, when a case may compare our result
-with the peers'; then rounds in random order, in which each call ends with its result
+with the peers'; then rounds in random order. In a round each call runs once untimed, so
+that none pays for the caches that another left, and once timed, until its result is
 ready. What counts is the ratio of medians to the best peer.
 """
 
@@ -66,6 +67,7 @@ def measure(case: Case, *, seconds: float = 3.0, max_rounds: int = 200) -> Timin
     begin = time.perf_counter()
     for count in range(max_rounds):
         for name in random.sample([*calls], len(calls)):
+            jax.block_until_ready(calls[name]())
             times[name].append(_elapsed(calls[name]))
         if count >= 4 and time.perf_counter() - begin > seconds:
             break

@@ -19,7 +19,7 @@ def test_every_call_runs_in_every_round():
 
     case = Case("x", lambda: call("ours"), {"peer": lambda: call("peer")})
     timing = measure(case, seconds=0.0)
-    assert counts == {"ours": 7, "peer": 7}  # compile, warm up, five rounds
+    assert counts == {"ours": 12, "peer": 12}  # compile, warm up, five rounds of 2
     assert timing.best_peer == "peer" and timing.ratio > 0
 
 

@@ -1,0 +1,144 @@
+"""How fast do recordings become training pairs, and pairs batches?
+
+    python -m benchmarks.bench_data [FRAMES]     frames per second, all told
+
+A frame is ColoRadar's: 786 kB of ADC samples and a scan of 65,536 points, here of a
+simulated hallway. The peer of the preparation loops over the scan's points in Python,
+as published preprocessing does, and makes the LiDAR image alone; that of loading reads
+the same arrays from compressed NumPy files, one a frame.
+"""
+
+import atexit
+import dataclasses
+import functools
+import math
+import os
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.harness import Case
+from jradar.data import (
+    PairSource,
+    PrepareSpec,
+    Records,
+    matches_of,
+    open_recording,
+    prepare,
+    prepare_frame,
+)
+from jradar.data.frames import radar_side
+from jradar.data.recording import calibrated_cube
+from jradar.data.records import to_bytes
+from jradar.data.simulation import simulate_sequence
+from jradar.lidar import preprocess
+from jradar.range_image import ImageSpec
+
+SPEC = PrepareSpec()
+FRAMES = 6
+COARSE, FINE = (
+    ImageSpec(
+        *size,
+        azimuth=SPEC.lidar.azimuth,
+        elevation=SPEC.lidar.elevation,
+        max_range_m=SPEC.lidar.max_range_m,
+    )
+    for size in ((64, 64), (128, 512))
+)
+
+
+def cases() -> Iterator[Case]:
+    """A frame's preparation, its parts, and reading it as images."""
+    root = _temporary()
+    recording = open_recording(simulate_sequence("hallways", 0, root, frames=FRAMES))
+    assert recording.lidar is not None
+    i, j = (int(index[0]) for index in matches_of(recording, SPEC)[:2])
+    scan = recording.lidar[j][:, :3]
+    loop = {"Python loop over points, image only": lambda: _loop(scan, FINE)}
+    cube = calibrated_cube(recording, i)
+    radar = functools.partial(
+        radar_side, cube, recording.coupling, recording.radar, SPEC, 0.0
+    )
+    frame, _, trusted = prepare_frame(recording, i, j, SPEC)
+    lidar = functools.partial(
+        preprocess, scan, trusted, radar_from_lidar=np.eye(4), spec=SPEC.lidar
+    )
+    whole = functools.partial(prepare_frame, recording, i, j, SPEC)
+    yield Case("prepare a frame, files to record", lambda: to_bytes(whole()[0]), loop)
+    yield Case("  its radar side, 12 x 128 x 128", radar, loop)
+    yield Case("  its LiDAR side, 65,536 points", lambda: lidar().visible, loop)
+
+    prepare(root, root / "records", SPEC, workers=1)
+    pairs = PairSource(Records(root / "records"), COARSE, FINE, num_slices=8)
+    np.savez_compressed(root / "frame.npz", **_arrays(frame))
+    yield Case(
+        "load a pair, record to 64 x 64 x 24 and 128 x 512",
+        lambda: pairs[1],
+        {"compressed npz, no images": lambda: _read_npz(root / "frame.npz")},
+    )
+
+
+def main(frames: str = "60") -> None:
+    """Print frames per second of preparation, records per second of loading."""
+    root = _temporary()
+    simulate_sequence("hallways", 0, root, frames=int(frames))
+    for workers in (1, os.cpu_count() or 1):
+        folder = root / f"records{workers}"
+        start = time.perf_counter()
+        spec = dataclasses.replace(SPEC, block=10)
+        manifest = prepare(root, folder, spec, workers=workers)
+        seconds = time.perf_counter() - start
+        count = sum(sequence["frames"] for sequence in manifest["sequences"])
+        print(f"prepare, {workers} workers: {count / seconds:.2f} frames/s, all told")
+    pairs = PairSource(Records(folder), COARSE, FINE, num_slices=8)
+    _ = pairs[0]
+    start = time.perf_counter()
+    for index in range(500):
+        _ = pairs[index % len(pairs)]
+    print(f"load: {500 / (time.perf_counter() - start):.0f} records/s, one thread")
+
+
+def _temporary():
+    """A folder that goes away with the process."""
+    root = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, root, ignore_errors=True)
+    return root
+
+
+def _loop(xyz, spec):
+    """Range image of a scan, point by point."""
+    image = np.zeros(spec.shape)
+    low, high = spec.azimuth
+    top = spec.elevation[1]
+    for x, y, z in xyz.tolist():
+        distance = math.sqrt(x * x + y * y + z * z)
+        if not 0 < distance < spec.max_range_m:
+            continue
+        column = int((math.atan2(y, x) - low) * spec.width / (high - low))
+        row = (top - math.asin(z / distance)) * spec.height
+        row = int(row / (top - spec.elevation[0]))
+        if 0 <= row < spec.height and 0 <= column < spec.width:
+            if not 0 < image[row, column] < distance:
+                image[row, column] = distance
+    return image
+
+
+def _arrays(frame):
+    """The arrays of a prepared frame."""
+    cells = {f"cells_{k}": v for k, v in frame.cells._asdict().items()}
+    return cells | frame.radar._asdict() | {"lidar": frame.lidar_xyz}
+
+
+def _read_npz(path):
+    """All arrays of a file."""
+    with np.load(path, allow_pickle=False) as file:
+        return [file[name] for name in file]
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
