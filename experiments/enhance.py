@@ -6,9 +6,7 @@ split; the scores are those of the config's split.
 
 import functools
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -26,27 +24,24 @@ from experiments.build import (
     check_workdir,
     prepared_data,
 )
+from experiments.detectors import (
+    Frame,
+    Method,
+    View,
+    choose_rates,
+    detector_methods,
+    points_of,
+    scene_of,
+    score_records,
+)
 from jradar import data, diffusion, evaluation, training, viz
-from jradar.bundle import Bundle, BundleSpec, load_bundle, save_bundle
-from jradar.lidar import shared_field_of_view
+from jradar.bundle import Bundle, load_bundle, save_bundle
 from jradar.metrics import compare_on_host
 from jradar.pipeline import draw_range_image
-from jradar.progress import progress
-from jradar.radar import DETECTORS, RadarSpec, cell_points, largest_window
 from jradar.range_image import encode_target, unproject
-from jradar.types import PointCloud
 
 FRAMES_IN_FIGURE = 4
 CLOUDS_IN_REPORT = 12
-RATES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # of false alarms, to choose from
-Method = Callable[[jax.Array, "Frame"], PointCloud]
-
-
-class Frame(NamedTuple):
-    """What a method is given: the prepared frame and its images."""
-
-    prepared: data.PreparedFrame
-    pair: data.Pair
 
 
 def run_training(config: ConfigDict, workdir: Path) -> None:
@@ -123,7 +118,7 @@ def validate(
     key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
     clouds = [draw(jax.random.fold_in(key, i), f) for i, f in enumerate(frames)]
     scores = [
-        compare_on_host(_points(cloud), frame.prepared.lidar_xyz)
+        compare_on_host(points_of(cloud), frame.prepared.lidar_xyz)
         for cloud, frame in zip(clouds, frames, strict=True)
     ]
     fine = bundle.spec.fine
@@ -131,7 +126,7 @@ def validate(
     columns = {
         "LiDAR": np.stack([frames[i].pair.lidar for i in some]),
         "one-step estimate": np.stack(
-            [data.lidar_image(_points(clouds[i]), fine) for i in some]
+            [data.lidar_image(points_of(clouds[i]), fine) for i in some]
         ),
     }
     figure = viz.samples_figure(columns, fine)
@@ -149,13 +144,20 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
     """Score the workdir's bundle beside the detectors: tables, pictures, a report."""
     bundle = load_bundle(workdir / "bundle")
     folder, out = prepared_data(config, workdir), workdir / "evaluation"
-    rates = choose_rates(config, bundle.spec, data.Records(folder, "validation"))
-    methods = {**detector_methods(bundle.spec, rates), **build_methods(config, bundle)}
+    view = View(bundle.spec.radar, bundle.spec.fine)
+    rates = choose_rates(
+        view,
+        data.Records(folder, "validation"),
+        detectors=tuple(config.evaluation.detectors),
+        frames=config.evaluation.frames_for_rates,
+    )
+    methods = {**detector_methods(view, rates), **build_methods(config, bundle)}
     records = data.Records(folder, config.evaluation.split)
     pairs = build_pairs(bundle.spec, records)
-    evaluation.write_scores(
-        out / "frames.jsonl", _scores(config, bundle.spec, records, pairs, methods)
-    )
+    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
+    every = config.evaluation.every
+    rows = score_records(key, view, records, pairs, methods, every=every)
+    evaluation.write_scores(out / "frames.jsonl", rows)
     evaluation.write_tables(out / "frames.jsonl")
     shown = [
         Frame(records[int(i)], pairs[int(i)])
@@ -202,111 +204,6 @@ def build_methods(config: ConfigDict, bundle: Bundle) -> dict[str, Method]:
     return {"one-step estimate": drawn(1), f"jradar, Heun {steps}": drawn(steps)}
 
 
-def detector_methods(spec: BundleSpec, rates: dict[str, float]) -> dict[str, Method]:
-    """A CFAR detector each, at its false-alarm rate, seen in the model's view."""
-    return {
-        f"{detector.upper()}-CFAR": functools.partial(
-            _detected, spec=spec, detector=detector, rate=rate
-        )
-        for detector, rate in rates.items()
-    }
-
-
-def choose_rates(
-    config: ConfigDict, spec: BundleSpec, records: data.Records
-) -> dict[str, float]:
-    """The false-alarm rate at which each detector has its best F-score at 0.2 m."""
-    step = max(1, len(records) // config.evaluation.frames_for_rates)
-    frames = [Frame(records[i], None) for i in range(0, len(records), step)]  # type: ignore
-    chosen = {}
-    for detector in config.evaluation.detectors:
-        scores = {
-            rate: np.mean([_f_score(spec, detector, rate, frame) for frame in frames])
-            for rate in RATES
-        }
-        chosen[detector] = max(scores, key=lambda rate: scores[rate])
-    return chosen
-
-
-def _f_score(spec, detector, rate, frame):
-    """F-score at 0.2 m of a detector on a frame; 0 where it finds nothing."""
-    cloud = _detected(None, frame, spec=spec, detector=detector, rate=rate)
-    xyz, truth = (
-        np.asarray(cloud.xyz)[np.asarray(cloud.valid)],
-        frame.prepared.lidar_xyz,
-    )
-    if not len(xyz) or not len(truth):
-        return 0.0
-    return float(compare_on_host(xyz, truth).f_score[1])
-
-
-def _detected(_, frame, *, spec, detector, rate):
-    """Points of a detector within the model's view."""
-    cloud = _cell_cloud(frame.prepared.cells, spec.radar, detector, rate)
-    seen = shared_field_of_view(
-        np.asarray(cloud.xyz),
-        azimuth=spec.fine.azimuth,
-        elevation=spec.fine.elevation,
-        max_range_m=spec.fine.max_range_m,
-    )
-    return cloud._replace(valid=np.asarray(cloud.valid) & seen)
-
-
-@functools.partial(jax.jit, static_argnums=(1, 2, 3))
-def _cell_cloud(cells, radar: RadarSpec, detector: str, rate: float) -> PointCloud:
-    """Points of the cells that a detector finds."""
-    guard, train = largest_window(radar.cube_shape, (2, 2), (4, 4))
-    window = {"guard": guard, "train": train}
-    mask = DETECTORS[detector](
-        cells.power, false_alarm_rate=rate, channels=radar.num_virtual, **window
-    )
-    return cell_points(cells, mask, radar, **window)
-
-
-def _scores(config, spec, records, pairs, methods) -> Iterator[dict[str, Any]]:
-    """Scores of all sequences, one after the other."""
-    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
-    truths = {
-        "LiDAR": lambda frame: PointCloud.from_xyz(frame.prepared.lidar_xyz),
-        "LiDAR as an image": lambda frame: unproject(frame.pair.lidar, spec.fine),
-    }
-    names = list(dict.fromkeys(name for name, _ in records.where))
-    every = config.evaluation.every
-    index = {
-        name: [i for i, (n, _) in enumerate(records.where) if n == name][::every]
-        for name in names
-    }
-    with progress("scoring", sum(map(len, index.values())), unit="frames") as show:
-        done = 0
-        for name in names:
-            frames = _Frames(records, pairs, index[name])
-            rows = evaluation.score_frames(
-                key,
-                frames,
-                methods,
-                truths=truths,
-                scene=scene_of(name),
-                sequence=name,
-            )
-            for row in rows:
-                yield row
-                show(done + row["frame"] + 1, name)
-            done += len(frames)
-
-
-def _points(cloud):
-    """The valid points of a cloud."""
-    return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
-
-
-def scene_of(name: str) -> str:
-    """The scene that a sequence's scores count for."""
-    try:
-        return data.scene(name)
-    except ValueError:
-        return name.rpartition("_")[0] or name
-
-
 def _clouds(config, shown, methods):
     """Clouds of some frames by scene, sequence and frame, then by method."""
     key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
@@ -316,20 +213,7 @@ def _clouds(config, shown, methods):
         named = {"LiDAR": prepared.lidar_xyz}
         for name, method in methods.items():
             cloud = method(jax.random.fold_in(key, number), frame)
-            named[name] = _points(cloud)
+            named[name] = points_of(cloud)
         place = (scene_of(prepared.sequence), prepared.sequence, prepared.frame)
         clouds[place] = named
     return clouds
-
-
-class _Frames:
-    """Some frames of one sequence."""
-
-    def __init__(self, records, pairs, index):
-        self._records, self._pairs, self._index = records, pairs, index
-
-    def __len__(self):
-        return len(self._index)
-
-    def __getitem__(self, i):
-        return Frame(self._records[self._index[i]], self._pairs[self._index[i]])
