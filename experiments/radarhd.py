@@ -311,7 +311,9 @@ def picture(
     for name, draw in draws.items():
         images = np.asarray(draw(key, condition))
         columns[name] = [polar_to_points(image > limits[name]) for image in images]
-    return viz.plane_figure(condition[..., 0], columns, spec_range_m=LIDAR.max_range_m)
+    return viz.plane_figure(
+        np.asarray(condition[..., 0]), columns, max_range_m=LIDAR.max_range_m
+    )
 
 
 def save_weights(path: Path, params: Any) -> None:

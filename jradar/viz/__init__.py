@@ -2,6 +2,7 @@
 
 capture_figure, samples_figure, angle_spectra_figure, preparation_figure
                                  a capture, range images, spectra, a scan step by step
+plane_figure                     polar images and clouds in the plane
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
 save_figure                      any of them as PNG
@@ -11,6 +12,7 @@ write_report, CloudFrame         one HTML file with clouds to turn
 from jradar.viz.figures import (
     angle_spectra_figure as angle_spectra_figure,
     capture_figure as capture_figure,
+    plane_figure as plane_figure,
     samples_figure as samples_figure,
     save_figure as save_figure,
 )
