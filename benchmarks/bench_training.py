@@ -40,7 +40,7 @@ def cases() -> Iterator[Case]:
     leaves, tree = jax.tree.flatten(state.params)
     leaves = [p + 0.02 * rng.normal(size=p.shape).astype(np.float32) for p in leaves]
     params = jax.tree.unflatten(tree, leaves)
-    inputs = x, c_noise, condition
+    inputs = tuple(map(jnp.asarray, (x, c_noise, condition)))
 
     forward = jax.jit(NETWORK.apply)
 

@@ -73,13 +73,11 @@ def choose_rates(
     return chosen
 
 
-def _f_score(spec, detector, rate, frame):
+def _f_score(view, detector, rate, prepared):
     """F-score at 0.2 m of a detector on a frame; 0 where it finds nothing."""
-    cloud = _detected(None, frame, spec=spec, detector=detector, rate=rate)
-    xyz, truth = (
-        np.asarray(cloud.xyz)[np.asarray(cloud.valid)],
-        frame.prepared.lidar_xyz,
-    )
+    frame = Frame(prepared, None)
+    xyz = points_of(detected(None, frame, view=view, detector=detector, rate=rate))
+    truth = prepared.lidar_xyz
     if not len(xyz) or not len(truth):
         return 0.0
     return float(compare_on_host(xyz, truth).f_score[1])
@@ -97,9 +95,8 @@ def detected(_, frame, *, view, detector, rate):
     return cloud._replace(valid=np.asarray(cloud.valid) & seen)
 
 
-@functools.partial(jax.jit, static_argnums=(1, 2, 3))
 def _cell_cloud(cells, radar: RadarSpec, detector: str, rate: float) -> PointCloud:
-    """Points of the cells that a detector finds."""
+    """Points of the cells that a detector finds; only the mask is compiled per rate."""
     guard, train = largest_window(radar.cube_shape, (2, 2), (4, 4))
     window = {"guard": guard, "train": train}
     mask = DETECTORS[detector](

@@ -44,7 +44,13 @@ def test_peer_with_another_result_is_refused():
         measure(case, seconds=0.0)
 
 
-@pytest.mark.parametrize("room", ROOMS)
+SLOW = ("bench_data", "bench_training")  # CI runs them, and every case, anyway
+
+
+@pytest.mark.parametrize(
+    "room",
+    [pytest.param(r, marks=[pytest.mark.slow] if r in SLOW else []) for r in ROOMS],
+)
 def test_cases_have_names_of_their_own_and_peers(room):
     cases = [*importlib.import_module(f"benchmarks.{room}").cases()]
     assert len({case.name for case in cases}) == len(cases)

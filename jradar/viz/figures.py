@@ -179,7 +179,7 @@ def plane_figure(
             distance * np.cos(azimuth),
             np.asarray(image),
             cmap="magma",
-            shading="nearest",
+            shading="gouraud",
             rasterized=True,
         )
         for axis, found in zip(axes[row, 1:], clouds.values(), strict=True):

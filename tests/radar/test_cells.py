@@ -139,7 +139,7 @@ def test_range_bias_shortens_ranges_and_nothing_else():
     cells, options = all_cells(cube, RADAR), {"capacity": 3000, "range_bias_m": bias}
     plain = cell_points(cells, cells.power > 0, RADAR, capacity=3000)
     biased = cell_points(cells, cells.power > 0, RADAR, **options)
-    assert plain.valid.sum() == 32 * 63 and biased.valid.sum() == 32 * 62
+    assert plain.valid.sum() == 32 * 61 and biased.valid.sum() == 32 * 60
     kept = np.isin(plain.power, biased.power) & np.asarray(plain.valid)
     longer, shorter = np.asarray(plain.xyz)[kept], np.asarray(biased.xyz)[: kept.sum()]
     distance = np.linalg.norm(longer, axis=-1, keepdims=True)
