@@ -22,6 +22,7 @@ CONFIGS = sorted((ROOT / "experiments" / "configs").glob("[!_]*.py"))
 SMALL = [
     "--config.image.coarse=(8, 8)",
     "--config.image.fine=(16, 64)",
+    "--config.network.channels=8",
     "--config.evaluation.detectors=('os',)",
     "--config.train.batch_size=4",
     "--config.train.steps=24",
