@@ -95,12 +95,15 @@ def main(frames: str = "60") -> None:
         seconds = time.perf_counter() - start
         count = sum(sequence["frames"] for sequence in manifest["sequences"])
         print(f"prepare, {workers} workers: {count / seconds:.2f} frames/s, all told")
-    pairs = PairSource(Records(folder), COARSE, FINE, num_slices=8)
-    _ = pairs[0]
-    start = time.perf_counter()
-    for index in range(500):
-        _ = pairs[index % len(pairs)]
-    print(f"load: {500 / (time.perf_counter() - start):.0f} records/s, one thread")
+    records = Records(folder)
+    pairs = PairSource(records, COARSE, FINE, num_slices=8)
+    for what, source in (("records", records), ("records as images", pairs)):
+        _ = source[0]
+        start = time.perf_counter()
+        for index in range(500):
+            _ = source[index % len(source)]
+        rate = 500 / (time.perf_counter() - start)
+        print(f"load: {rate:.0f} {what} per second, one thread")
 
 
 def _temporary():

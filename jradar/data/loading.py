@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -39,9 +40,9 @@ class PairSource(Sequence):
         channels: tuple[str, ...] = CHANNELS,
     ):
         """`coarse` is the view of the condition, `fine` that of the LiDAR."""
-        self._source, self._fine = source, fine
-        self._condition = functools.partial(
-            condition_image, spec=coarse, num_slices=num_slices, channels=channels
+        self._source = source
+        self._images = functools.partial(
+            _images, coarse=coarse, fine=fine, num_slices=num_slices, channels=channels
         )
 
     def __len__(self) -> int:
@@ -52,24 +53,39 @@ class PairSource(Sequence):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         frame = self._source[index]
-        return Pair(
-            np.asarray(self._condition(frame.radar)),
-            lidar_image(frame.lidar_xyz, self._fine),
-        )
+        images = self._images(frame.radar, *_padded(frame.lidar_xyz))
+        return Pair(*map(np.asarray, images))
 
 
 def lidar_image(
     xyz: Float[np.ndarray, "point 3"], spec: ImageSpec
 ) -> Float[np.ndarray, "row column"]:
-    """Range image of a LiDAR cloud of any size, on the host; 0 where no point fell.
+    """Range image of a LiDAR cloud of any size, on the host; 0 where no point fell."""
+    padded, count = _padded(xyz)
+    return np.asarray(_lidar_image(padded, count, spec))
 
-    Padded to the next power of two, so that few sizes are compiled.
-    """
-    size = max(1024, 1 << (len(xyz) - 1).bit_length()) if len(xyz) else 1024
+
+def _padded(xyz):
+    """Points padded to the next power of two, so that few sizes are compiled."""
+    size = max(1024, 1 << max(len(xyz) - 1, 0).bit_length())
     padded = np.zeros((size, 3), np.float32)
     padded[: len(xyz)] = xyz
-    valid = np.arange(size) < len(xyz)
-    return np.asarray(project(PointCloud(padded, valid), spec))
+    return padded, len(xyz)
+
+
+@functools.partial(jax.jit, static_argnames="spec")
+def _lidar_image(padded, count, spec):
+    """Range image of the first `count` points."""
+    return project(PointCloud(padded, jnp.arange(len(padded)) < count), spec)
+
+
+@functools.partial(
+    jax.jit, static_argnames=("coarse", "fine", "num_slices", "channels")
+)
+def _images(radar, padded, count, *, coarse, fine, num_slices, channels):
+    """Condition and LiDAR image of a frame in one call."""
+    condition = condition_image(radar, coarse, num_slices=num_slices, channels=channels)
+    return condition, _lidar_image(padded, count, fine)
 
 
 class Batches(Sequence):
