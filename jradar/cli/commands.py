@@ -213,7 +213,8 @@ def _preview(recording, spec, options):
             f"{recording.path}: none of the frames asked for has a LiDAR scan: "
             f"{next(iter(matches.dropped.values()), 'there are none')}"
         )
-    frame, steps, trusted = prepare_frame(recording, *map(int, found[0]), spec)
+    i, j = map(int, found[0])
+    frame, steps, trusted = prepare_frame(recording, i, j, spec)
     path = Path(options.output) / "preparation.png"
     figure = viz.preparation_figure(
         steps,

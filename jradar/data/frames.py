@@ -4,6 +4,7 @@ import dataclasses
 import difflib
 import functools
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -57,7 +58,7 @@ class PrepareSpec:
         return cls(**_known(path, values, cls), lidar=LidarSpec(**lidar))
 
 
-def _known(path, values, spec):
+def _known(path, values: Any, spec: Any) -> dict[str, Any]:
     """The values as fields of `spec`, lists as tuples."""
     names = [field.name for field in dataclasses.fields(spec)]
     for name in values:
@@ -91,14 +92,11 @@ def prepare_frame(
 
     That is every step of the LiDAR's preparation, and the radar points that it trusts.
     """
-    assert recording.lidar is not None
-    stamp, lidar_stamp = (
-        float(stream.stamps[i])
-        for stream, i in (
-            (recording.cubes, radar_index),
-            (recording.lidar, lidar_index),
-        )
-    )
+    cubes, lidar = recording.cubes, recording.lidar
+    if lidar is None or lidar.stamps is None or cubes.stamps is None:
+        raise ValueError(f"{recording.path} lacks a LiDAR or the times of its sensors")
+    stamp = float(cubes.stamps[radar_index])
+    lidar_stamp = float(lidar.stamps[lidar_index])
     cube = calibrated_cube(recording, radar_index)
     cells, cloud, trusted = radar_side(
         cube, recording.coupling, recording.radar, spec, recording.range_bias_m
@@ -106,7 +104,7 @@ def prepare_frame(
     world_from_radar, world_from_lidar = sensor_poses(recording, stamp, lidar_stamp)
     trusted_xyz = np.asarray(trusted.xyz)[np.asarray(trusted.valid)]
     steps = preprocess(
-        recording.lidar[lidar_index][:, :3],
+        lidar[lidar_index][:, :3],
         trusted_xyz,
         radar_from_lidar=np.linalg.inv(world_from_radar) @ world_from_lidar,
         spec=spec.lidar,

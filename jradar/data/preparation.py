@@ -248,7 +248,7 @@ def _cluster(workers, scheduler):
     local = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
-        dashboard_address=None,
+        dashboard_address=None,  # type: ignore
         host="127.0.0.1",
         local_directory=os.environ.get("TMPDIR", "/tmp"),
     )

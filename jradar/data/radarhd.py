@@ -112,7 +112,8 @@ class RadarHD(Sequence):
         if not -len(self) <= index < len(self):
             raise IndexError(f"pair {index} of {len(self)}")
         trajectory, frame = self.keys[index].tolist()
-        return PolarPair(*self._read(index % len(self)), trajectory, frame)
+        radar, lidar = self._read(index % len(self))
+        return PolarPair(radar, lidar, trajectory, frame)
 
     def of(self, trajectories: Sequence[int]) -> "RadarHD":
         """The pairs of some trajectories; ValueError for one that there is not."""

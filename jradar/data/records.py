@@ -65,7 +65,7 @@ def to_bytes(frame: PreparedFrame) -> bytes:
 def from_bytes(record: bytes) -> PreparedFrame:
     """The frame of `to_bytes`; ValueError for bytes that are none."""
     try:
-        arrays = safetensors.numpy.load(record)
+        arrays: dict[str, Any] = safetensors.numpy.load(record)
         stamp, lidar_stamp = arrays["stamps"].tolist()
         return PreparedFrame(
             sequence=arrays["sequence"].tobytes().decode(),
@@ -232,7 +232,7 @@ class Records(Sequence):
 def _array_record():
     """The module that writes ArrayRecord files."""
     try:
-        from array_record.python import array_record_module
+        from array_record.python import array_record_module  # type: ignore
     except ImportError as error:
         raise ImportError(EXTRA) from error
     return array_record_module
@@ -243,7 +243,7 @@ def _size(path):
     return path.stat().st_size if path.is_file() else 0
 
 
-def _tuples(value):
+def _tuples(value: Any) -> Any:
     """Lists of JSON as tuples."""
     if isinstance(value, list):
         return tuple(map(_tuples, value))

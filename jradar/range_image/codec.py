@@ -101,7 +101,7 @@ def condition_image(
     strongest = jnp.maximum(slices.power.max(), 1e-30)
     below_db = 10 * jnp.log10(jnp.maximum(slices.power / strongest, 1e-30))
     power = jnp.where(present, jnp.clip(1 + below_db / DYNAMIC_RANGE_DB, 0.0, 1.0), 0.0)
-    values = dict(
+    values: dict[str, Array] = dict(
         zip(CHANNELS, (present.astype(offset.dtype), offset, power), strict=True)
     )
     return jnp.concatenate([values[name] for name in channels], -1)
