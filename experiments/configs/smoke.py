@@ -16,7 +16,7 @@ def get_config():
     config.data.update(set="jradar-sim-mini", frames=2)
     config.prepare.capacity = 512
     config.image.update(coarse=(16, 16), fine=(32, 128))
-    config.network.update(multipliers=(1, 2), attention_levels=(1,))
+    config.network.update(channels=16, multipliers=(1, 2), attention_levels=(1,))
     config.train.update(steps=120, warmup_steps=20, checkpoint_every=60)
     config.train.evaluate_every = 60
     config.train.ema_decay = 0.98
