@@ -61,7 +61,8 @@ def prepare(
     `frames` are taken of each sequence; `opening` goes to `open_recording`. With
     `keep_going`, frames that cannot be read are dropped and counted; otherwise the
     first raises its ValueError. So does a folder that was prepared with other options,
-    and a sequence that loses more than half of its frames.
+    and a sequence that loses more than half of its frames. A script that asks for
+    several workers needs `if __name__ == "__main__"` around the call.
     """
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)

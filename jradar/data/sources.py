@@ -41,7 +41,8 @@ def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
     found = [path]
     if path.is_dir() and not is_coloradar(path):
         inside = (p for pattern in ("*", "*/*") for p in path.glob(pattern))
-        found = sorted(p for p in inside if p.is_dir() and is_coloradar(p)) or [path]
+        shown = (p for p in inside if not _hidden(p.relative_to(path)))
+        found = sorted(p for p in shown if p.is_dir() and is_coloradar(p)) or [path]
     splits = _splits(path / "splits.json" if path.is_dir() else None)
     names = [p.name if p.is_dir() else p.stem for p in found]
     if twice := {name for name in names if names.count(name) > 1}:
@@ -53,6 +54,11 @@ def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
         Source(name, _split(name, splits), str(p), options)
         for name, p in zip(names, found, strict=True)
     )
+
+
+def _hidden(path: Path) -> bool:
+    """Whether a path leads through a hidden folder: of a run that was killed, say."""
+    return any(part.startswith(".") for part in path.parts)
 
 
 def _splits(path: Path | None) -> Mapping[str, str]:

@@ -74,6 +74,7 @@ def test_a_file_of_splits_comes_first(tmp_path):
     write_sequence(tmp_path, "a", frames=1)
     write_sequence(tmp_path, "b", frames=1)
     write_splits(tmp_path, {"b": "validation"})
+    shutil.copytree(tmp_path / "a", tmp_path / ".a-x1" / "a")  # of a killed run
     assert [s.split for s in find_sources(tmp_path)] == ["train", "validation"]
     write_splits(tmp_path, {"b": "exam"})
     with pytest.raises(ValueError, match='b is in "exam", expected one of'):
