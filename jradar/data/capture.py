@@ -33,7 +33,12 @@ from scipy.spatial.transform import Rotation
 from jradar.data.dca1000 import open_dca1000
 from jradar.data.recording import Recording, Stream
 from jradar.data.rosbags import open_bag
-from jradar.lidar import Poses, interpolate_poses, rigid_transform, transform
+from jradar.lidar import (
+    Poses,
+    accumulate as lay_over,
+    interpolate_poses,
+    rigid_transform,
+)
 from jradar.radar.readers import toml
 
 PLACE = {"xyz": list, "rpy_degrees": list, "quaternion": list}
@@ -155,16 +160,12 @@ def accumulate(
 
     def read(index: int) -> Float[np.ndarray, "point 4"]:
         first = max(index - (near - 1) // 2, 0)
-        parts = []
-        for other in range(first, min(index + near // 2 + 1, len(clouds))):
-            cloud = clouds[other]
+        around = range(first, min(index + near // 2 + 1, len(clouds)))
+        moves = np.stack([np.eye(4)] * len(around))
+        for place, other in enumerate(around):
             if lidar is not None and other != index:
-                moved = np.linalg.solve(lidar[index], lidar[other])
-                if not np.isfinite(moved).all():
-                    continue
-                cloud = np.column_stack([transform(moved, cloud[:, :3]), cloud[:, 3]])
-            parts.append(cloud)
-        return np.concatenate(parts)
+                moves[place] = np.linalg.solve(lidar[index], lidar[other])
+        return lay_over([clouds[other] for other in around], moves)
 
     return Stream(read, len(clouds), clouds.stamps)
 

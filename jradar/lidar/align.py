@@ -110,19 +110,24 @@ def shared_field_of_view(
 
 
 def accumulate(
-    scans: Sequence[Float[np.ndarray, "_ 3"]],
+    scans: Sequence[Float[np.ndarray, "_ column"]],
     transforms: Float[np.ndarray, "scan 4 4"],
-) -> Float[np.ndarray, "point 3"]:
+) -> Float[np.ndarray, "point column"]:
     """Several scans in one frame, for LiDARs whose single scan is sparse; on the host.
 
-    `transforms[i]` takes scan i to the common frame. Missing returns are dropped, and
+    `transforms[i]` takes scan i to the common frame; columns behind x, y and z, such as
+    intensity, stay with their points. Missing returns are dropped, and
     so are scans whose transform is NaN: `interpolate_poses` does not know them.
     """
     if len(scans) != len(transforms):
         raise ValueError(f"{len(scans)} scans and {len(transforms)} transforms")
     moved = [
-        transform(matrix, scan[returns(scan)])
+        np.column_stack([transform(matrix, scan[:, :3]), scan[:, 3:]])[
+            returns(scan[:, :3])
+        ]
         for scan, matrix in zip(scans, transforms, strict=True)
         if np.isfinite(matrix).all()
     ]
-    return np.concatenate(moved) if moved else np.zeros((0, 3), np.float32)
+    if not moved:
+        return np.zeros((0, scans[0].shape[1] if len(scans) else 3), np.float32)
+    return np.concatenate(moved)
