@@ -5,6 +5,7 @@ dropped, so that the file reads like that of an uninterrupted run.
 """
 
 import contextlib
+import importlib
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -42,11 +43,11 @@ def step_log(workdir: Path | str, *, first: int) -> Iterator[Log]:
 def _tensorboard(workdir, first):
     """Yield `show(step, values)`; it does nothing without tensorboardX."""
     try:
-        from tensorboardX import SummaryWriter
+        writer_of = importlib.import_module("tensorboardX").SummaryWriter
     except ImportError:
         yield lambda step, values: None
         return
-    with SummaryWriter(str(Path(workdir) / "tensorboard"), purge_step=first) as writer:
+    with writer_of(str(Path(workdir) / "tensorboard"), purge_step=first) as writer:
 
         def show(step, values):
             for name, value in values.items():
