@@ -11,8 +11,8 @@ SAMPLES is a folder of real frames, which are not part of jradar:
 
 The capture stands beside a simulated frame with its chirps. Pairs stand beside frames
 of simulated sequences, turned into pictures by the recipe of the real ones: Blackman
-window, 32 azimuths, power summed over elevation and velocity, over its 30 % quantile, in
-dB, from 0 to the frame's own largest. Their authors took LiDAR and radar to be in one
+window, 32 azimuths, power summed over elevation and velocity, over its 30 % quantile,
+in dB, from 0 to the frame's largest. Their authors took LiDAR and radar to be in one
 place, so the simulated LiDAR points are left where they are, too.
 
 Numbers to compare, not a score: the real frames are eight, of other rooms.
