@@ -163,9 +163,9 @@ def map_statistics(
     cube: Complex[np.ndarray, "..."], radar: RadarSpec
 ) -> tuple[dict[str, float], np.ndarray, np.ndarray]:
     """Numbers of a frame's range-Doppler map; the map, and its points."""
-    cube = jnp.asarray(cube, jnp.complex64)
-    power = np.asarray(range_doppler(cube, max_range_bins=None)[1], np.float64)
-    cloud = radar_points(cube, radar, false_alarm_rate=RATE)
+    frame = jnp.asarray(cube, jnp.complex64)
+    power = np.asarray(range_doppler(frame)[1], np.float64)
+    cloud = radar_points(frame, radar, false_alarm_rate=RATE)
     xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
     level = 10 * np.log10(power / np.median(power))[:, LEAKY:]
     still = np.zeros(len(power), bool)
@@ -209,7 +209,7 @@ def peak_distances(pair: Pair) -> Float[np.ndarray, " azimuth"]:
 
     Images have columns over the sine, so many that beams overlap.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     rows, columns = pair.image.shape
     sine = 2 * np.arange(columns) / columns - 1
@@ -220,7 +220,7 @@ def peak_distances(pair: Pair) -> Float[np.ndarray, " azimuth"]:
     )
     if not len(pair.lidar):
         return np.full(len(plane), np.inf)
-    return np.asarray(cKDTree(pair.lidar).query(plane)[0])
+    return np.asarray(KDTree(pair.lidar).query(plane)[0])
 
 
 def over_angles(image: Float[np.ndarray, "range azimuth"]) -> np.ndarray:
