@@ -88,7 +88,10 @@ def rpdnet_params(
 
 
 def focal_loss(
-    logits: Float[Array, "*cells"], labels: Float[Array, "*cells"], *, gamma: float = 2
+    logits: Float[Array, "*cells"],
+    labels: Float[Array, "*cells"],
+    *,
+    gamma: float = 2.0,
 ) -> Float[Array, ""]:
     """Mean cross-entropy, less of it where the answer is right already (Lin 2017)."""
     entropy = optax.sigmoid_binary_cross_entropy(logits, labels)

@@ -72,7 +72,8 @@ class UNet(nn.Module):
 
     `form` is the kind of block, "adm" or "ddpm++"; `remat` trades time for memory in
     training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks). Patches of
-    `condition_stem` pixels of the condition make one of its grid.
+    `condition_stem` pixels of the condition make one of its grid. For comparison
+    `condition_at_input` resizes the condition to the image instead, as further channels.
     """
 
     channels: int = 64
@@ -86,6 +87,7 @@ class UNet(nn.Module):
     detail_channels: int = 16
     condition_channels: int = 32
     condition_stem: tuple[int, int] = (1, 1)
+    condition_at_input: bool = False
     outputs: int = 2
     remat: bool = False
     dtype: Any = jnp.float32
@@ -127,7 +129,7 @@ class UNet(nn.Module):
 
     def encode(self, condition: Condition) -> Features:
         """Features of the condition at its own grid and at each half of it."""
-        return self.tower(condition)
+        return () if self.condition_at_input else self.tower(condition)
 
     def decode(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features

@@ -86,7 +86,7 @@ def test_focal_loss_is_cross_entropy_for_gamma_0_and_its_formula_else():
     logits, labels = jnp.array([2.0, -1.0, 0.5]), jnp.array([1.0, 0.0, 0.0])
     right = jax.nn.sigmoid(jnp.where(labels > 0, logits, -logits))
     np.testing.assert_allclose(
-        focal_loss(logits, labels, gamma=0), -np.log(right).mean(), rtol=1e-6
+        focal_loss(logits, labels, gamma=0.0), -np.log(right).mean(), rtol=1e-6
     )
     expected = (-((1 - right) ** 2) * np.log(right)).mean()
     np.testing.assert_allclose(focal_loss(logits, labels), expected, rtol=1e-6)
