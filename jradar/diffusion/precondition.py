@@ -6,10 +6,20 @@ F sees and predicts images of unit variance at every noise level. With the predi
 "edm", D is nearly the identity for small noise and nearly F alone for large noise; F
 must then carry the noise of every pixel. With "clean", F is the image itself:
 c_skip = 0 and c_out = sigma_data.
+
+For pixels that are 0 or 1, with the prediction "occupancy", F is what the rest of the
+image and the condition say of a pixel, and Bayes' rule adds what its own value says:
+
+    D(x; sigma) = sigmoid(F + ln(p / (1 - p)) + (x - 1/2) / sigma^2)
+
+with p the share of occupied pixels, from sigma_data^2 = p (1 - p). The noise of a pixel
+then has no way to take through the network, whose patches may be coarse.
 """
 
+import math
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -24,7 +34,7 @@ Denoiser = Callable[[Image, Level], Image]
 def scalings(sigma: Level, noise: NoiseSpec) -> tuple[Level, Level, Level, Level]:
     """c_skip, c_out, c_in and c_noise at a noise level."""
     total = jnp.sqrt(sigma**2 + noise.sigma_data**2)
-    if noise.prediction == "clean":
+    if noise.prediction != "edm":
         c_skip, c_out = jnp.zeros_like(sigma), jnp.full_like(sigma, noise.sigma_data)
         return c_skip, c_out, 1 / total, jnp.log(sigma) / 4
     c_skip = noise.sigma_data**2 / total**2
@@ -42,6 +52,15 @@ def precondition(network: Network, noise: NoiseSpec) -> Denoiser:
         sigma = jnp.broadcast_to(jnp.asarray(sigma, x.dtype), x.shape[:-3])
         c_skip, c_out, c_in, c_noise = scalings(sigma, noise)
         c_skip, c_out, c_in = (c[..., None, None, None] for c in (c_skip, c_out, c_in))
+        if noise.prediction == "occupancy":
+            seen = (x - 0.5) / sigma[..., None, None, None] ** 2
+            return jax.nn.sigmoid(network(c_in * x, c_noise) + prior(noise) + seen)
         return c_skip * x + c_out * network(c_in * x, c_noise)
 
     return denoise
+
+
+def prior(noise: NoiseSpec) -> float:
+    """Log-odds of a pixel being occupied, of images that are 0 or 1."""
+    share = (1 - math.sqrt(1 - 4 * noise.sigma_data**2)) / 2
+    return math.log(share / (1 - share))
