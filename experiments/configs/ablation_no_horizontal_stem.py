@@ -1,6 +1,7 @@
 r"""Ablation: square patches of as many pixels, in place of the horizontal stem.
 
-    python -m experiments.main --config=experiments/configs/ablation_no_horizontal_stem.py \
+    python -m experiments.main \
+        --config=experiments/configs/ablation_no_horizontal_stem.py \
         --config.data.path=RECORDS --workdir=runs/ablation_no_horizontal_stem
 
 The image's grid is then four times as wide as high, so that the condition has to be

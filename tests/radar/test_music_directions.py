@@ -19,7 +19,7 @@ def plane_wave(azimuth, elevation, phase=0.0):
 
 def test_one_target_is_found_where_it_is():
     azimuth, elevation = np.radians([[-50, -20, 0, 8, 35], [3, -12, 0, 15, -8]])
-    cells = np.stack([plane_wave(*angles) for angles in zip(azimuth, elevation)])
+    cells = np.stack([plane_wave(*angles) for angles in np.c_[azimuth, elevation]])
     found = music_directions(jnp.asarray(cells, jnp.complex64), CHIP)
     np.testing.assert_allclose(found[0], azimuth, atol=np.radians(0.3))
     np.testing.assert_allclose(found[1], elevation, atol=np.radians(0.5))
