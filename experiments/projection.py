@@ -93,7 +93,7 @@ def mean_rows(rows: list[dict[str, Any]], keys: tuple[str, ...]) -> list[dict]:
         dict(zip(keys, group, strict=True))
         | {"frames": len(members)}
         | {
-            name: float(np.mean([member[name] for member in members]))
+            name: float(np.nanmean([member[name] for member in members]))
             for name in members[0]
             if name not in keys
         }
