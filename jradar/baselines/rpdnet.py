@@ -106,13 +106,14 @@ def rpdnet_loss(
     The critic's gradient has the other sign: it climbs the distance where the detector
     descends it.
     """
-    logits = detector.apply(params["detector"], maps)
+    logits: Any = detector.apply(params["detector"], maps)
     focal = focal_loss(logits, labels)
     if not weight:
         return focal, {"focal": focal}
     critic = jax.tree.map(_reversed, params["critic"])
     mask = _binarised(logits)
-    found, truth = (Critic().apply(critic, maps * cells) for cells in (mask, labels))
+    found: Any = Critic().apply(critic, maps * mask)
+    truth: Any = Critic().apply(critic, maps * labels)
     distance = jnp.abs(found - truth).mean()
     return focal + weight * distance, {"focal": focal, "distance": distance}
 
