@@ -5,6 +5,10 @@ r"""CFAR detectors on records: the rows that every method is compared with.
 Each detector has the false-alarm rate that serves it best on the validation split; the
 scores are those of the test split. Only points in the view for which the records were
 prepared count, as for the truth.
+
+Records hold one direction for each cell. Rows of MUSIC's directions come from the same
+recordings, prepared again with a file that says `angles = "music"` (`jradar prepare
+--spec FILE`): the power and the truth of these records are the same.
 """
 
 import argparse

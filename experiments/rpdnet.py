@@ -109,7 +109,7 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
     detector = build_detector(config)
     optimizer = build_optimizer(config.train)
     params = rpdnet_params(
-        jax.random.fold_in(jax.random.key(config.seed), INIT_KEY),
+        jax.random.fold_in(jax.random.key(config.seed, impl="rbg"), INIT_KEY),
         detector,
         items[0].condition.shape[:2],
     )

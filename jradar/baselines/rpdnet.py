@@ -58,7 +58,7 @@ class RPDNet(nn.Module):
                 self.channels, (1, 1), use_bias=False, name=f"join{level}"
             )(x)  # fmt: skip
             total += _enlarged(part, shape)
-        return nn.Conv(1, (1, 1))(nn.relu(_norm(total)))
+        return nn.Conv(1, (1, 1), name="logits")(nn.relu(_norm(total)))
 
 
 class Critic(nn.Module):

@@ -98,47 +98,39 @@ def test_levels_end_where_a_map_cannot_be_halved():
     assert sum(name.startswith("join") for name in params) == 3  # 12, 6 and 3 rows
 
 
-def loss_of(weight):
-    return jax.jit(functools.partial(rpdnet_loss, SMALL, weight=weight))
+def gradient_of(weight):
+    """The loss, its parts and their gradient; compiled once for each weight."""
+    loss = functools.partial(rpdnet_loss, SMALL, weight=weight)
+    return jax.jit(jax.value_and_grad(loss, has_aux=True))
+
+
+WITHOUT, WITH_CRITIC = gradient_of(0.0), gradient_of(0.5)
 
 
 @pytest.fixture(scope="module")
-def trained():
-    """Gradients of the loss with and without the critic, for one batch."""
+def params():
+    return rpdnet_params(jax.random.key(0, impl="rbg"), SMALL, (16, 16))
+
+
+def test_detector_descends_the_distance_that_the_critic_climbs(params):
     maps = jax.random.uniform(KEY, (2, 16, 16, 1))
     labels = (maps > 0.9).astype(jnp.float32)
-    params = rpdnet_params(KEY, SMALL, (16, 16))
-
-    def gradient(weight):
-        return jax.jit(jax.value_and_grad(loss_of(weight), has_aux=True))(
-            params, maps, labels
-        )
-
-    return {weight: gradient(weight) for weight in (0.0, 0.5)}, (params, maps, labels)
-
-
-def test_detector_descends_the_distance_that_the_critic_climbs(trained):
-    gradients, (params, maps, labels) = trained
-    (plain, _), without = gradients[0.0]
-    (value, parts), both = gradients[0.5]
-    np.testing.assert_allclose(value, plain + 0.5 * parts["distance"], rtol=1e-6)
+    (plain, _), without = WITHOUT(params, maps, labels)
+    (value, parts), both = WITH_CRITIC(params, maps, labels)
+    np.testing.assert_allclose(value, plain + 0.5 * parts["distance"], rtol=1e-5)
     assert all((leaf == 0).all() for leaf in jax.tree.leaves(without["critic"]))
     pull = jax.tree.map(jnp.subtract, both["detector"], without["detector"])
     assert max(abs(leaf).max() for leaf in jax.tree.leaves(pull)) > 1e-5
-
-    def distance(critic):
-        changed = {**params, "critic": critic}
-        return loss_of(0.5)(changed, maps, labels)[1]["distance"]
-
     moved = jax.tree.map(lambda p, g: p - 1e-2 * g, params["critic"], both["critic"])
-    assert distance(moved) > distance(params["critic"])
-    np.testing.assert_allclose(distance(params["critic"]), parts["distance"], rtol=1e-5)
+    (_, after), _ = WITH_CRITIC({**params, "critic": moved}, maps, labels)
+    assert after["distance"] > parts["distance"]
 
 
-def test_a_perfect_mask_is_at_no_distance():
-    maps = jnp.ones((1, 16, 16, 1))
-    params = rpdnet_params(KEY, SMALL, (16, 16))
-    bias = jax.tree.map(jnp.zeros_like, params["detector"])
-    bias["params"]["Conv_3"]["bias"] = jnp.array([20.0])
-    _, parts = loss_of(0.5)({**params, "detector": bias}, maps, maps)
-    assert parts["distance"] == 0
+def test_a_perfect_mask_is_at_no_distance(params):
+    maps = jnp.ones((2, 16, 16, 1))
+    nothing = jax.tree.map(jnp.zeros_like, params["detector"])
+    for bias, distance in ((20.0, 0.0), (-20.0, 0.1)):
+        nothing["params"]["logits"]["bias"] = jnp.array([bias])
+        (_, parts), _ = WITH_CRITIC({**params, "detector": nothing}, maps, maps)
+        assert (parts["distance"] == 0) == (distance == 0)
+        assert parts["distance"] >= distance

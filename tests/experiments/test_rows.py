@@ -1,6 +1,7 @@
 """Rows of the tables: direct regression, MUSIC; records that models must not see."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -20,11 +21,11 @@ def bundle(records):
     frames = data.Records(records, "train")
     spec = build.build_spec(config, frames)
     pairs = build.build_pairs(spec, frames)
-    params = spec.network.init(
-        jax.random.key(0),
-        np.zeros((1, 16, 64, 2), np.float32),
-        np.zeros(1, np.float32),
-        pairs[0].condition[None],
+    params = jax.jit(spec.network.init)(
+        jax.random.key(0, impl="rbg"),
+        jnp.zeros((1, 16, 64, 2)),
+        jnp.zeros(1),
+        jnp.asarray(pairs[0].condition[None]),
     )
     return config, Bundle(params, spec), frames, pairs
 

@@ -55,7 +55,7 @@ def test_it_learns_a_mask_that_a_threshold_cannot_give(config):
     detector = rpdnet.build_detector(config)
     config.train.learning_rate = 2e-2
     optimizer = build_optimizer(config.train)
-    params = rpdnet_params(jax.random.key(0), detector, (16, 16))
+    params = rpdnet_params(jax.random.key(0, impl="rbg"), detector, (16, 16))
     state = training.TrainState(
         jnp.zeros((), jnp.int32), params, params, optimizer.init(params)
     )
