@@ -7,13 +7,20 @@ F sees and predicts images of unit variance at every noise level. With the predi
 must then carry the noise of every pixel. With "clean", F is the image itself:
 c_skip = 0 and c_out = sigma_data.
 
-For pixels that are 0 or 1, with the prediction "occupancy", F is what the rest of the
-image and the condition say of a pixel, and Bayes' rule adds what its own value says:
+The network's patches may be too coarse to carry a pixel's noise. With the last two
+predictions it does not have to: F says what the surroundings and the condition tell of
+a pixel, and Bayes' rule adds what the pixel's own value x tells.
+
+"gaussian": F has two channels for each of the image's, mean and log-spread,
+
+    D(x; sigma) = m + (x - m) s^2 / (s^2 + sigma^2),  m = sigma_data F1,
+                                                      s = sigma_data exp(4 tanh(F2 / 4))
+
+which is "edm" with F = F1 / c_out where F2 = 0. "occupancy": pixels are 0 or 1,
 
     D(x; sigma) = sigmoid(F + ln(p / (1 - p)) + (x - 1/2) / sigma^2)
 
-with p the share of occupied pixels, from sigma_data^2 = p (1 - p). The noise of a pixel
-then has no way to take through the network, whose patches may be coarse.
+with p the share of occupied pixels, from sigma_data^2 = p (1 - p).
 """
 
 import math
@@ -50,14 +57,24 @@ def precondition(network: Network, noise: NoiseSpec) -> Denoiser:
 
     def denoise(x, sigma):
         sigma = jnp.broadcast_to(jnp.asarray(sigma, x.dtype), x.shape[:-3])
-        c_skip, c_out, c_in, c_noise = scalings(sigma, noise)
-        c_skip, c_out, c_in = (c[..., None, None, None] for c in (c_skip, c_out, c_in))
+        *scales, c_noise = scalings(sigma, noise)
+        c_skip, c_out, c_in = (c[..., None, None, None] for c in scales)
+        variance = sigma[..., None, None, None] ** 2
+        said = network(c_in * x, c_noise)
+        if noise.prediction == "gaussian":
+            mean, spread = jnp.split(said, 2, -1)
+            mean, own = noise.sigma_data * mean, _variance(spread, noise)
+            return mean + (x - mean) * own / (own + variance)
         if noise.prediction == "occupancy":
-            seen = (x - 0.5) / sigma[..., None, None, None] ** 2
-            return jax.nn.sigmoid(network(c_in * x, c_noise) + prior(noise) + seen)
-        return c_skip * x + c_out * network(c_in * x, c_noise)
+            return jax.nn.sigmoid(said + prior(noise) + (x - 0.5) / variance)
+        return c_skip * x + c_out * said
 
     return denoise
+
+
+def _variance(spread, noise):
+    """s^2 of "gaussian", within e^-8 and e^8 times that of the data."""
+    return noise.sigma_data**2 * jnp.exp(8 * jnp.tanh(spread / 4))
 
 
 def prior(noise: NoiseSpec) -> float:
