@@ -111,9 +111,9 @@ def rpdnet_loss(
     if not weight:
         return focal, {"focal": focal}
     critic = jax.tree.map(_reversed, params["critic"])
-    mask = _binarised(logits)
-    found: Any = Critic().apply(critic, maps * mask)
-    truth: Any = Critic().apply(critic, maps * labels)
+    both = jnp.concatenate([maps * _binarised(logits), maps * labels])
+    features: Any = Critic().apply(critic, both)
+    found, truth = jnp.split(features, 2)
     distance = jnp.abs(found - truth).mean()
     return focal + weight * distance, {"focal": focal, "distance": distance}
 

@@ -53,7 +53,7 @@ def test_it_learns_a_mask_that_a_threshold_cannot_give(config):
     labels = (maps > 0.7) & (np.arange(16) < 8)[:, None]
     batch = training.Batch(jnp.asarray(maps), jnp.asarray(labels, jnp.float32))
     detector = rpdnet.build_detector(config)
-    config.train.learning_rate = 2e-2
+    config.train.update(learning_rate=2e-2, adversarial=0.0)
     optimizer = build_optimizer(config.train)
     params = rpdnet_params(jax.random.key(0, impl="rbg"), detector, (16, 16))
     state = training.TrainState(
