@@ -52,7 +52,7 @@ def test_larger_images_and_more_slices_lose_less(
 
 
 @pytest.mark.parametrize("solver", solvers.SHOWN)
-@pytest.mark.parametrize("evaluations", [1, 5])
+@pytest.mark.parametrize("evaluations", [3, 5])
 def test_a_solver_evaluates_the_network_as_often_as_said(solver, evaluations):
     count = 0
 
