@@ -193,7 +193,7 @@ class Trunk(nn.Module):
     @nn.compact
     def __call__(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features
-    ) -> Image:
+    ) -> Float[Array, "batch row column output"]:
         """Output of the size of `x`. Raises ValueError where the sizes do not halve."""
         self._check(x.shape, features)
         song = self.form == "ddpm++"

@@ -33,7 +33,8 @@ def bundle(records):
 def test_direct_regression_draws_what_the_network_says(bundle):
     config, (params, spec), frames, pairs = bundle
     # A network that answers 5 m everywhere, by the bias of its last layer.
-    value = encode_range(5.0, max_range_m=spec.fine.max_range_m, codec=spec.codec)
+    metres = jnp.asarray(5.0)
+    value = encode_range(metres, max_range_m=spec.fine.max_range_m, codec=spec.codec)
     sigma, data_sigma = spec.noise.sigma_max, spec.noise.sigma_data
     out = np.array([value, 1.0]) * np.hypot(sigma, data_sigma) / (sigma * data_sigma)
     changed = jax.tree.map(lambda x: x, params)
