@@ -19,6 +19,7 @@ import optax
 from ml_collections import ConfigDict
 
 from jradar import data, diffusion
+from jradar.baselines import regression_loss
 from jradar.bundle import BundleSpec
 from jradar.data.simulation import set_sequences, simulate_set
 from jradar.files import write_text
@@ -34,6 +35,11 @@ def prepared_data(config: ConfigDict, workdir: Path) -> Path:
     """The folder of records: the config's, or one simulated and prepared here."""
     if config.data.path:
         return Path(config.data.path)
+    if not config.data.set:
+        raise ValueError(
+            "this config is for recordings of your own: prepare them with `jradar "
+            "prepare`, and name the folder as --config.data.path"
+        )
     recordings, records = workdir / "data" / "recordings", workdir / "data" / "records"
     with contextlib.suppress(FileNotFoundError, ValueError):  # not there or not whole
         return data.Records(records).folder
@@ -66,6 +72,11 @@ def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
     if any(tuple(np.ravel(sees[name])) != seen[name] for name in sees):
         raise ValueError(
             f"image sees {sees}, the data were prepared for {seen}: expected the same"
+        )
+    if options.get("angles", "fft") != "fft":
+        raise ValueError(
+            f"{records.folder} has directions by {options['angles']}, which models are "
+            "not given when they are used: train on records with angles = 'fft'"
         )
     points = ("capacity", "detector", "false_alarm_rate", "guard", "train")
     flips = ("flip_azimuth", "flip_elevation")
@@ -112,8 +123,17 @@ def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
     return optax.chain(optax.clip_by_global_norm(train.clip_norm), optax.adam(rate))
 
 
-def build_loss(loss: ConfigDict) -> Callable[..., jax.Array]:
-    """Eq. 12 with the config's weights; LPIPS is loaded where it has one."""
+def build_loss(
+    loss: ConfigDict, *, method: str = "diffusion"
+) -> Callable[..., jax.Array]:
+    """Eq. 12 with the config's weights; LPIPS is loaded where it has one.
+
+    The method "regression" has a squared error of its own, and no weights.
+    """
+    if method == "regression":
+        return regression_loss
+    if method != "diffusion":
+        raise ValueError(f"{method=}, expected diffusion or regression")
     weights = dict(loss)
     network, masked = weights.pop("perceptual_network"), weights.pop("mask_misses")
     perceptual = None

@@ -5,6 +5,10 @@ r"""CFAR detectors on records: the rows that every method is compared with.
 Each detector has the false-alarm rate that serves it best on the validation split; the
 scores are those of the test split. Only points in the view for which the records were
 prepared count, as for the truth.
+
+Records hold one direction for each cell. Rows of MUSIC's directions come from the same
+recordings, prepared again with a file that says `angles = "music"` (`jradar prepare
+--spec FILE`): the power and the truth of these records are the same.
 """
 
 import argparse
@@ -21,7 +25,7 @@ from jradar import data, evaluation
 from jradar.lidar import shared_field_of_view
 from jradar.metrics import compare_on_host
 from jradar.progress import progress
-from jradar.radar import DETECTORS, RadarSpec, cell_points, largest_window
+from jradar.radar import DETECTORS, Cells, RadarSpec, cell_points, largest_window
 from jradar.range_image import ImageSpec, unproject
 from jradar.types import PointCloud
 
@@ -43,10 +47,29 @@ class View(NamedTuple):
     fine: ImageSpec
 
 
-def detector_methods(view: "View", rates: dict[str, float]) -> dict[str, Method]:
-    """A CFAR detector each, at its false-alarm rate, seen in the model's view."""
+def view_of(records: data.Records) -> View:
+    """The records' radar, and the paper's image of the view they were prepared for."""
+    seen = records.manifest["options"]["lidar"]
+    fine = ImageSpec(
+        128,
+        512,
+        azimuth=tuple(seen["azimuth"]),
+        elevation=tuple(seen["elevation"]),
+        max_range_m=seen["max_range_m"],
+    )
+    return View(records.radar, fine)
+
+
+def detector_methods(
+    view: View, rates: dict[str, float], *, angles: str = "fft"
+) -> dict[str, Method]:
+    """A CFAR detector each, at its false-alarm rate, seen in the model's view.
+
+    `angles` is how the records' directions were found: "fft" goes without saying.
+    """
+    suffix = "" if angles == "fft" else f", {angles.upper()}"
     return {
-        f"{detector.upper()}-CFAR": functools.partial(
+        f"{detector.upper()}-CFAR{suffix}": functools.partial(
             detected, view=view, detector=detector, rate=rate
         )
         for detector, rate in rates.items()
@@ -54,7 +77,7 @@ def detector_methods(view: "View", rates: dict[str, float]) -> dict[str, Method]
 
 
 def choose_rates(
-    view: "View",
+    view: View,
     records: data.Records,
     *,
     detectors: tuple[str, ...] = tuple(DETECTORS),
@@ -76,8 +99,14 @@ def choose_rates(
 def _f_score(view, detector, rate, prepared):
     """F-score at 0.2 m of a detector on a frame; 0 where it finds nothing."""
     frame = Frame(prepared, None)
-    xyz = points_of(detected(None, frame, view=view, detector=detector, rate=rate))
-    truth = prepared.lidar_xyz
+    return f_score(
+        detected(None, frame, view=view, detector=detector, rate=rate), prepared
+    )
+
+
+def f_score(cloud: PointCloud, prepared: data.PreparedFrame) -> float:
+    """F-score at 0.2 m against a frame's LiDAR; 0 where either cloud is empty."""
+    xyz, truth = points_of(cloud), prepared.lidar_xyz
     if not len(xyz) or not len(truth):
         return 0.0
     return float(compare_on_host(xyz, truth).f_score[1])
@@ -85,7 +114,21 @@ def _f_score(view, detector, rate, prepared):
 
 def detected(_, frame, *, view, detector, rate):
     """Points of a detector within the model's view."""
-    cloud = _cell_cloud(frame.prepared.cells, view.radar, detector, rate)
+    guard, train = largest_window(view.radar.cube_shape, (2, 2), (4, 4))
+    mask = DETECTORS[detector](
+        frame.prepared.cells.power,
+        false_alarm_rate=rate,
+        channels=view.radar.num_virtual,
+        guard=guard,
+        train=train,
+    )
+    return seen_points(frame.prepared.cells, mask, view)
+
+
+def seen_points(cells: Cells, mask: Any, view: View) -> PointCloud:
+    """Points of the cells in `mask` that lie within the model's view."""
+    guard, train = largest_window(view.radar.cube_shape, (2, 2), (4, 4))
+    cloud = cell_points(cells, mask, view.radar, guard=guard, train=train)
     seen = shared_field_of_view(
         np.asarray(cloud.xyz),
         azimuth=view.fine.azimuth,
@@ -95,19 +138,9 @@ def detected(_, frame, *, view, detector, rate):
     return cloud._replace(valid=np.asarray(cloud.valid) & seen)
 
 
-def _cell_cloud(cells, radar: RadarSpec, detector: str, rate: float) -> PointCloud:
-    """Points of the cells that a detector finds; only the mask is compiled per rate."""
-    guard, train = largest_window(radar.cube_shape, (2, 2), (4, 4))
-    window = {"guard": guard, "train": train}
-    mask = DETECTORS[detector](
-        cells.power, false_alarm_rate=rate, channels=radar.num_virtual, **window
-    )
-    return cell_points(cells, mask, radar, **window)
-
-
 def score_records(
     key: jax.Array,
-    view: "View",
+    view: View,
     records: data.Records,
     pairs: Any,
     methods: dict[str, Method],
@@ -179,18 +212,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--every", type=int, default=1, help="of how many frames one")
     options = parser.parse_args(argv)
     records = data.Records(options.records, "test")
-    seen = records.manifest["options"]["lidar"]
-    fine = ImageSpec(
-        128,
-        512,
-        azimuth=tuple(seen["azimuth"]),
-        elevation=tuple(seen["elevation"]),
-        max_range_m=seen["max_range_m"],
-    )
-    view = View(records.radar, fine)
+    view = view_of(records)
     rates = choose_rates(view, data.Records(options.records, "validation"))
-    pairs = data.PairSource(records, fine, fine, num_slices=1)
-    methods = detector_methods(view, rates)
+    pairs = data.PairSource(records, view.fine, view.fine, num_slices=1)
+    angles = records.manifest["options"].get("angles", "fft")
+    methods = detector_methods(view, rates, angles=angles)
     path = Path(options.output) / "evaluation" / "frames.jsonl"
     rows = score_records(
         jax.random.key(0), view, records, pairs, methods, every=options.every

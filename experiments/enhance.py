@@ -7,6 +7,7 @@ split; the scores are those of the config's split.
 import functools
 import sys
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -35,10 +36,11 @@ from experiments.detectors import (
     score_records,
 )
 from jradar import data, diffusion, evaluation, training, viz
+from jradar.baselines import regression_estimate
 from jradar.bundle import Bundle, load_bundle, save_bundle
 from jradar.metrics import compare_on_host
 from jradar.pipeline import draw_range_image
-from jradar.range_image import encode_target, unproject
+from jradar.range_image import decode_target, encode_target, unproject
 
 FRAMES_IN_FIGURE = 4
 CLOUDS_IN_REPORT = 12
@@ -81,7 +83,7 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
             spec.network,
             optimizer,
             spec.noise,
-            loss=build_loss(config.loss),
+            loss=build_loss(config.loss, method=config.method),
             ema_decay=config.train.ema_decay,
         ),
         batch_at,
@@ -109,12 +111,12 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
 def validate(
     config: ConfigDict, bundle: Bundle, records: data.Records, workdir: Path, step: int
 ) -> dict[str, float]:
-    """Scores of the one-step estimate on some validation frames, and a picture."""
+    """Scores of the quickest method on some validation frames, and a picture."""
     count = min(config.evaluation.frames_while_training, len(records))
     pairs = build_pairs(bundle.spec, records)
     index = np.linspace(0, len(records) - 1, count).astype(int).tolist()
     frames = [Frame(records[i], pairs[i]) for i in index]
-    draw = build_methods(config, bundle)["one-step estimate"]
+    name, draw = next(iter(build_methods(config, bundle).items()))
     key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
     clouds = [draw(jax.random.fold_in(key, i), f) for i, f in enumerate(frames)]
     scores = [
@@ -125,9 +127,7 @@ def validate(
     some = range(min(FRAMES_IN_FIGURE, count))
     columns = {
         "LiDAR": np.stack([frames[i].pair.lidar for i in some]),
-        "one-step estimate": np.stack(
-            [data.lidar_image(points_of(clouds[i]), fine) for i in some]
-        ),
+        name: np.stack([data.lidar_image(points_of(clouds[i]), fine) for i in some]),
     }
     figure = viz.samples_figure(columns, fine)
     viz.save_figure(figure, workdir / "samples" / f"{step:06d}.png")
@@ -180,28 +180,58 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
 
 
 def build_methods(config: ConfigDict, bundle: Bundle) -> dict[str, Method]:
-    """The one-step estimate and the sampled cloud of a trained model."""
+    """What a trained model draws, the quickest first: its rows of the tables."""
+    if config.method == "regression":
+        return {"direct regression": regressed(config, bundle)}
+    steps, solver = config.sampling.steps, config.sampling.solver
+    limit = config.sampling.validity_threshold
+    return {
+        "one-step estimate": sampled(bundle, validity_threshold=limit, steps=1),
+        f"jradar, {solver.capitalize()} {steps}": sampled(
+            bundle, validity_threshold=limit, steps=steps, solver=solver
+        ),
+    }
+
+
+def sampled(bundle: Bundle, **options: Any) -> Method:
+    """The model's cloud, drawn with `options` of `draw_range_image`."""
     params, spec = bundle
 
-    def drawn(steps):
-        @jax.jit
-        def cloud(key, condition):
-            image = draw_range_image(
-                key,
-                condition,
-                diffusion.conditional_denoiser(spec.network, params, spec.noise),
-                fine=spec.fine,
-                noise=spec.noise,
-                codec=spec.codec,
-                validity_threshold=config.sampling.validity_threshold,
-                steps=steps,
-            )
-            return unproject(image, spec.fine)
+    @jax.jit
+    def cloud(key, condition):
+        image = draw_range_image(
+            key,
+            condition,
+            diffusion.conditional_denoiser(spec.network, params, spec.noise),
+            fine=spec.fine,
+            noise=spec.noise,
+            codec=spec.codec,
+            **options,
+        )
+        return unproject(image, spec.fine)
 
-        return lambda key, frame: cloud(key, frame.pair.condition)
+    return lambda key, frame: cloud(key, frame.pair.condition)
 
-    steps = config.sampling.steps
-    return {"one-step estimate": drawn(1), f"jradar, Heun {steps}": drawn(steps)}
+
+def regressed(config: ConfigDict, bundle: Bundle) -> Method:
+    """The cloud of a network that was trained by direct regression."""
+    params, spec = bundle
+
+    @jax.jit
+    def cloud(condition):
+        denoiser = diffusion.conditional_denoiser(spec.network, params, spec.noise)
+        values = regression_estimate(
+            denoiser(condition[None]), (1, *spec.fine.shape, 2), noise=spec.noise
+        )
+        image = decode_target(
+            values[0],
+            spec.fine,
+            codec=spec.codec,
+            validity_threshold=config.sampling.validity_threshold,
+        )
+        return unproject(image, spec.fine)
+
+    return lambda _, frame: cloud(frame.pair.condition)
 
 
 def _clouds(config, shown, methods):

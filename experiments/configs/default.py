@@ -16,6 +16,7 @@ def get_config():
     config.task = "enhance"
     config.purpose = "trained on simulated scenes only"  # said to users of the weights
     config.seed = 0
+    config.method = "diffusion"  # or "regression", a baseline
 
     # Records of `jradar prepare`; where none are named, a set is simulated and prepared
     # in the workdir.
@@ -74,6 +75,7 @@ def get_config():
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18
+    config.sampling.solver = "heun"
     config.sampling.validity_threshold = 0.0
 
     # Detectors beside the model, each at the rate that serves it best on validation.

@@ -22,9 +22,14 @@ def regression_estimate(
 
 
 def regression_loss(
-    key: Key[Array, ""], denoise: Denoiser, clean: Image, *, noise: NoiseSpec
+    key: Key[Array, ""],
+    denoise: Denoiser,
+    clean: Image,
+    *,
+    noise: NoiseSpec,
+    step: int | Int[Array, ""] = 0,
 ) -> Float[Array, ""]:
-    """Mean squared error of the estimate; `key` is not used."""
+    """Mean squared error of the estimate; `key` and `step` are not used."""
     estimate = regression_estimate(denoise, clean.shape, noise=noise)
     return jnp.mean((estimate - clean) ** 2)
 

@@ -32,7 +32,9 @@ class PrepareSpec:
     """How frames are prepared; the manifest holds it.
 
     The visibility filter needs radar points that can be trusted, so it has a detection
-    rate of its own; the condition's approaches 1 (section III-A).
+    rate of its own; the condition's approaches 1 (section III-A). `angles` is how the
+    directions of the cells are found, "fft" or "music"; those of the filter, and so the
+    truth, are always found by FFT.
     """
 
     capacity: int = 1024  # points of the radar cloud
@@ -41,6 +43,7 @@ class PrepareSpec:
     visible_false_alarm_rate: float = 1e-3
     guard: tuple[int, int] = (2, 2)  # cells in (doppler, range)
     train: tuple[int, int] = (4, 4)
+    angles: str = "fft"
     flip_azimuth: bool = False
     flip_elevation: bool = False
     tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
@@ -148,16 +151,22 @@ def radar_side(
 ) -> tuple[Cells, PointCloud, PointCloud]:
     """Cells of a cube, the condition's cloud and that of the visibility filter."""
     guard, train = largest_window(radar.cube_shape, spec.guard, spec.train)
-    cells = all_cells(
-        cube,
-        radar,
-        coupling=coupling,
-        num_azimuth=azimuth_bins(radar),
-        flip_azimuth=spec.flip_azimuth,
-        flip_elevation=spec.flip_elevation,
-    )
 
-    def points(rate):
+    def cells_by(method):
+        return all_cells(
+            cube,
+            radar,
+            coupling=coupling,
+            num_azimuth=azimuth_bins(radar),
+            flip_azimuth=spec.flip_azimuth,
+            flip_elevation=spec.flip_elevation,
+            method=method,
+        )
+
+    cells = cells_by(spec.angles)
+    of_filter = cells if spec.angles == "fft" else cells_by("fft")
+
+    def points(cells, rate):
         mask = DETECTORS[spec.detector](
             cells.power,
             false_alarm_rate=rate,
@@ -177,6 +186,6 @@ def radar_side(
 
     return (
         cells,
-        points(spec.false_alarm_rate),
-        points(spec.visible_false_alarm_rate),
+        points(cells, spec.false_alarm_rate),
+        points(of_filter, spec.visible_false_alarm_rate),
     )

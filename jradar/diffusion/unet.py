@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import flax.linen as nn
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -73,7 +74,8 @@ class UNet(nn.Module):
     `form` is the kind of block, "adm" or "ddpm++"; `remat` trades time for memory in
     training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks). Patches of
     `condition_stem` pixels of the condition make one of its grid. Without
-    `detail_channels` no pixel has a way around the trunk.
+    `detail_channels` no pixel has a way around the trunk. For comparison
+    `condition_at_input` resizes the condition to the image, as further channels of it.
     """
 
     channels: int = 64
@@ -87,6 +89,7 @@ class UNet(nn.Module):
     detail_channels: int = 16
     condition_channels: int = 32
     condition_stem: tuple[int, int] = (1, 1)
+    condition_at_input: bool = False
     outputs: int = 2
     remat: bool = False
     dtype: Any = jnp.float32
@@ -128,13 +131,18 @@ class UNet(nn.Module):
 
     def encode(self, condition: Condition) -> Features:
         """Features of the condition at its own grid and at each half of it."""
-        return self.tower(condition)
+        return (condition,) if self.condition_at_input else self.tower(condition)
 
     def decode(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features
     ) -> Image:
         """Output of the network for noisy images and the condition's features."""
-        return self.trunk(x, c_noise, features)
+        if not self.condition_at_input:
+            return self.trunk(x, c_noise, features)
+        (condition,) = features
+        shape = (*condition.shape[:-3], *x.shape[1:3], condition.shape[-1])
+        resized = jax.image.resize(condition, shape, "linear")
+        return self.trunk(jnp.concatenate([x, resized], -1), c_noise, ())
 
 
 class ConditionTower(nn.Module):
@@ -185,7 +193,7 @@ class Trunk(nn.Module):
     @nn.compact
     def __call__(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features
-    ) -> Image:
+    ) -> Float[Array, "batch row column output"]:
         """Output of the size of `x`. Raises ValueError where the sizes do not halve."""
         self._check(x.shape, features)
         song = self.form == "ddpm++"
@@ -296,7 +304,7 @@ class Trunk(nn.Module):
         grid = tuple(size // s for size, s in zip(shape[1:3], self.stem, strict=True))
         grids = [tuple(n >> i for n in grid) for i in range(len(self.multipliers))]
         given = [tuple(feature.shape[1:3]) for feature in features]
-        if not set(grids) & set(given):
+        if features and not set(grids) & set(given):
             raise ValueError(
                 f"the condition has grids {given}, the network {grids}: none is equal, "
                 "so the condition would be ignored; change the stem or an image size"

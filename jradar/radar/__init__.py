@@ -9,7 +9,7 @@ range_doppler, power_map         spectra
 ca_, go_, so_, os_cfar           detection; noise_floor, false_alarm_multiplier
 compensate_tdm, directions       azimuth and elevation of each detection
 angle_spectrum, strongest_direction, spectrum_peaks              over all directions
-capon_spectrum, music_spectrum   azimuths closer than a beam width
+capon_spectrum, music_spectrum, music_directions         azimuths closer than a beam
 radar_points                     all of it
 all_cells, cell_points           directions of every cell first, detection afterwards
 Scatterers, simulate_cube        the way back: scatterers to an ADC cube
@@ -74,6 +74,7 @@ from jradar.radar.spectrum import (
 )
 from jradar.radar.subspace import (
     capon_spectrum as capon_spectrum,
+    music_directions as music_directions,
     music_spectrum as music_spectrum,
     smoothed_covariance as smoothed_covariance,
 )

@@ -23,9 +23,11 @@ from jradar.radar.direction import directions
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
+from jradar.radar.subspace import music_directions
 from jradar.types import PointCloud
 
 ANGLES = ("num_azimuth", "num_elevation", "flip_azimuth", "flip_elevation", "refine")
+METHODS = ("fft", "music")  # to find directions
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 Map = Float[Array, "doppler range"]
 Spectrum = Complex[Array, "virtual doppler range"]
@@ -40,7 +42,9 @@ class Cells(NamedTuple):
     elevation: Float[Array, "*batch doppler range"]
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "remove_static", *ANGLES))
+@functools.partial(
+    jax.jit, static_argnames=("radar", "method", "remove_static", *ANGLES)
+)
 def all_cells(
     cube: Complex[Array, "tx rx chirp sample"],
     radar: RadarSpec,
@@ -52,24 +56,32 @@ def all_cells(
     flip_elevation: bool = False,
     refine: bool = True,
     remove_static: bool = False,
+    method: str = "fft",
 ) -> Cells:
     """All cells of one frame, with the options of `radar_points`; `vmap` it.
 
-    `refine` places directions between bins. Raises ValueError for a cube that is not
-    the radar's.
+    `refine` places directions between bins. The `method` "music" finds azimuths by
+    `music_directions`, which has bins of its own. Raises ValueError for a cube that is
+    not the radar's.
     """
+    if method not in METHODS:
+        raise ValueError(f"{method=} for directions, expected one of {METHODS}")
     spectrum, power = spectra(cube, radar, coupling, remove_static)
     _, doppler_bin = bins_of(power, jnp.arange(power.size), refine)
     snapshot = spectrum.reshape(radar.num_virtual, -1).T
-    azimuth, elevation = directions(
-        compensate_tdm(snapshot, doppler_bin, radar),
-        radar,
-        num_azimuth=num_azimuth,
-        num_elevation=num_elevation,
-        interpolate=refine,
-        flip_azimuth=flip_azimuth,
-        flip_elevation=flip_elevation,
-    )
+    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
+    flips = {"flip_azimuth": flip_azimuth, "flip_elevation": flip_elevation}
+    if method == "music":
+        azimuth, elevation = music_directions(snapshot, radar, **flips)
+    else:
+        azimuth, elevation = directions(
+            snapshot,
+            radar,
+            num_azimuth=num_azimuth,
+            num_elevation=num_elevation,
+            interpolate=refine,
+            **flips,
+        )
     return Cells(power, azimuth.reshape(power.shape), elevation.reshape(power.shape))
 
 

@@ -95,6 +95,27 @@ def directions(
     )
 
 
+@functools.partial(jax.jit, static_argnames=("radar", "num_elevation"))
+def elevation_sines(
+    snapshot: Complex[Array, "*batch virtual"],
+    u: Float[Array, "*batch"],
+    radar: RadarSpec,
+    *,
+    num_elevation: int = 32,
+) -> Float[Array, "*batch"]:
+    """Direction sine w of the strongest elevation of each cell at its azimuth sine u.
+
+    What `directions` does once it has u; 0 for an array of one row.
+    """
+    check_sizes(snapshot.shape, radar, radar.num_virtual, num_elevation)
+    order, rows = _rows(radar)
+    cells = snapshot.reshape(-1, radar.num_virtual)[:, order].T
+    scale = jnp.abs(cells).max(0)
+    cells = cells / jnp.where(scale > 0, scale, 1.0)
+    w = _elevation_sine(cells, u.ravel(), rows, radar, num_elevation, True)
+    return w.reshape(u.shape)
+
+
 def _rows(radar: RadarSpec) -> tuple[np.ndarray, list[_Row]]:
     """The order that brings elements of a row together, and the rows in it."""
     _, place, shared = np.unique(

@@ -22,9 +22,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jradar.radar.angle import direction_sines
+from jradar.radar.angle import (
+    FLIPS,
+    NEARLY_ONE,
+    Angle,
+    angles_of_sines,
+    direction_sines,
+)
+from jradar.radar.direction import elevation_sines
+from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
 
+BLOCK = 512  # cells whose spectra are held at a time
 OPTIONS = ("radar", "num_azimuth", "subarray", "loading")
 
 
@@ -86,6 +95,51 @@ def music_spectrum(
     noise = steering - projector @ steering
     share = (noise.real**2 + noise.imag**2).sum(-2) / size
     return 1 / (share + loading)
+
+
+@functools.partial(
+    jax.jit, static_argnames=("radar", "num_sources", "num_azimuth", *FLIPS)
+)
+def music_directions(
+    snapshot: Complex[Array, "*batch virtual"],
+    radar: RadarSpec,
+    *,
+    num_sources: int = 2,
+    num_azimuth: int = 256,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> tuple[Angle, Angle]:
+    """Azimuth and elevation in radians of each cell, the azimuth by MUSIC.
+
+    Of the maxima of `music_spectrum`, whose heights are no powers, the one where the
+    row's plain beam is strongest. The elevation is the strongest there. One snapshot
+    for each cell.
+    """
+    cells = snapshot.reshape(-1, radar.num_virtual)
+    u = jax.lax.map(
+        lambda cell: _music_sine(cell, radar, num_sources, num_azimuth),
+        cells,
+        batch_size=min(BLOCK, max(len(cells), 1)),
+    ).reshape(snapshot.shape[:-1])
+    w = elevation_sines(snapshot, u, radar)
+    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+
+
+def _music_sine(cell, radar, num_sources, num_azimuth):
+    """Azimuth sine of one cell `[virtual]`, placed between the spectrum's bins."""
+    pseudo = music_spectrum(
+        cell[None], radar, num_sources=num_sources, num_azimuth=num_azimuth
+    )
+    average = jnp.asarray(_longest_row(radar))
+    row = average @ cell
+    beam = jnp.abs(_steering(radar, len(row), num_azimuth).conj().T @ row)
+    u, _ = direction_sines(radar, num_azimuth=num_azimuth)
+    left, right = jnp.roll(pseudo, 1), jnp.roll(pseudo, -1)
+    peak = (pseudo > left) & (pseudo >= right) & (np.abs(u) < 1)
+    index = jnp.argmax(jnp.where(peak, beam, -1.0))
+    offset = parabola_offset(left[index], pseudo[index], right[index])
+    sine = jnp.asarray(u, jnp.float32)[index] + offset * (u[1] - u[0])
+    return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "subarray"))

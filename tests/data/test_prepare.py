@@ -1,5 +1,6 @@
 """Preparation: the same bytes however it is run, and a word on whatever is dropped."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -60,6 +61,17 @@ def test_records_hold_both_sensors(prepared):
     ahead = truth[np.abs(truth[:, 1]) < 2]
     assert len(ahead) > 100 and np.abs(truth[:, 2]).max() < 1.17  # floor, ceiling gone
     assert np.quantile(ahead[:, 0], 0.9) == pytest.approx(SIDE + 0.005, abs=0.03)
+
+
+def test_directions_by_music_leave_the_truth_as_it_is(root, prepared, tmp_path):
+    spec = dataclasses.replace(SPEC, angles="music")
+    prepare(root, tmp_path, spec, frames=slice(0, 1), workers=1)
+    plain, music = Records(prepared)[0], Records(tmp_path)[0]
+    np.testing.assert_array_equal(music.cells.power, plain.cells.power)
+    np.testing.assert_array_equal(music.lidar_xyz, plain.lidar_xyz)
+    strong = plain.cells.power > 100 * np.median(plain.cells.power)
+    apart = abs(music.cells.azimuth - plain.cells.azimuth)[strong]
+    assert 0 < np.median(apart) < 0.1
 
 
 def test_splits_are_the_papers(prepared):

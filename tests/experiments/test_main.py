@@ -9,13 +9,12 @@ import sys
 import time
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import pytest
 
-from experiments import build, radarhd
-from experiments.configs import default
-from jradar.data import PrepareSpec, Records, prepare
-from jradar.lidar import LidarSpec
-from tests.data.small_sequence import write_sequence, write_splits
+from experiments import build, radarhd, rpdnet
+from jradar.data import Records
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "experiments" / "configs").glob("[!_]*.py"))
@@ -29,19 +28,6 @@ SMALL = [
     "--config.train.checkpoint_every=8",
     "--config.sampling.steps=3",
 ]
-
-
-@pytest.fixture(scope="module")
-def records(tmp_path_factory):
-    """Prepared frames of a small room, with the field of view of the configs."""
-    source, folder = (tmp_path_factory.mktemp(name) for name in ("source", "records"))
-    splits = {"a": "train", "b": "validation", "c": "test"}
-    for seed, (name, frames) in enumerate({"a": 8, "b": 2, "c": 2}.items()):
-        write_sequence(source, name, frames=frames, seed=seed)
-    write_splits(source, splits)
-    view = build.view(default.get_config().image)
-    prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
-    return folder
 
 
 def start(workdir, *flags, config="smoke", cache=None):
@@ -137,14 +123,42 @@ def test_missing_config_is_named(tmp_path):
 def test_config_is_buildable_and_its_record_names_its_command(records, path):
     module = importlib.import_module(f"experiments.configs.{path.stem}")
     config = module.get_config()
+    assert f"--config=experiments/configs/{path.stem}.py" in module.__doc__
     if config.task == "radarhd":
         network, _ = radarhd.build_network(config)
         assert network.outputs == 1
-    else:
-        spec = build.build_spec(config, Records(records, "train"))
-        assert spec.radar.cube_shape == (3, 4, 16, 64)
-        assert callable(build.build_loss(config.loss))
-    assert f"--config=experiments/configs/{path.stem}.py" in module.__doc__
+        return
+    if config.task == "rpdnet":
+        maps = jnp.zeros((2, 128, 128, 1))
+        network = rpdnet.build_detector(config)
+        logits, _ = jax.eval_shape(network.init_with_output, jax.random.key(0), maps)
+        assert logits.shape == maps.shape
+        return
+    spec = build.build_spec(config, Records(records, "train"))
+    assert spec.radar.cube_shape == (3, 4, 16, 64)
+    assert callable(build.build_loss(config.loss, method=config.method))
+    image = jnp.zeros((1, *spec.fine.shape, 2))
+    condition = jnp.zeros((1, *spec.coarse.shape, 3 * spec.num_slices))
+    found, params = jax.eval_shape(
+        spec.network.init_with_output, jax.random.key(0), image, jnp.ones(1), condition
+    )
+    assert found.shape == image.shape
+    names = str(jax.tree.structure(params))
+    assert ("tower" in names) != spec.network.condition_at_input
+
+
+def test_ablations_differ_from_their_base_in_a_few_fields():
+    def fields(name):
+        config = importlib.import_module(f"experiments.configs.{name}").get_config()
+        return build._flatten(json.loads(config.to_json()))
+
+    for path in CONFIGS:
+        if not path.stem.startswith("ablation_"):
+            continue
+        base = "default" if "import default" in path.read_text() else "paper_loss"
+        mine, theirs = fields(path.stem), fields(base)
+        changed = {k for k in mine | theirs if mine.get(k) != theirs.get(k)}
+        assert 1 <= len(changed) <= 2, (path.stem, changed)
 
 
 def test_wrong_keys_answer_before_jax_loads(tmp_path):

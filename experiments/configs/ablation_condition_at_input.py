@@ -1,0 +1,16 @@
+r"""Ablation: the condition resized and concatenated with the noisy image.
+
+    python -m experiments.main \
+        --config=experiments/configs/ablation_condition_at_input.py \
+        --config.data.path=RECORDS --workdir=runs/ablation_condition_at_input
+
+The paper has it enter while downsampling, as `default` does. Not run to the end yet.
+"""
+
+from experiments.configs import default
+
+
+def get_config():
+    config = default.get_config()
+    config.network.condition_at_input = True
+    return config

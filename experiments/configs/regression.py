@@ -1,0 +1,16 @@
+r"""Baseline: the same network trained to answer at once, by squared error.
+
+    python -m experiments.main --config=experiments/configs/regression.py \
+        --config.data.path=RECORDS --workdir=runs/regression
+
+Its row is `direct regression`. Not run to the end yet.
+"""
+
+from experiments.configs import default
+
+
+def get_config():
+    config = default.get_config()
+    config.method = "regression"
+    config.purpose = "direct regression, a baseline: no diffusion model to sample from"
+    return config

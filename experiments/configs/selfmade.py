@@ -1,0 +1,16 @@
+r"""The paper's own captures, AWR1843BOOST and Livox Mid-360; for a GPU.
+
+    python -m experiments.main --config=experiments/configs/selfmade.py \
+        --config.data.path=RECORDS --workdir=runs/selfmade
+
+Captures of the same kind, each described by a capture.toml, prepared by `jradar
+prepare CAPTURES -o RECORDS`. Not run to the end yet.
+"""
+
+from experiments.configs import coloradar
+
+
+def get_config():
+    config = coloradar.get_config()
+    config.purpose = "trained on captures with an AWR1843BOOST and a Livox Mid-360"
+    return config

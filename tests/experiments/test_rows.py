@@ -1,0 +1,73 @@
+"""Rows of the tables: direct regression, MUSIC; records that models must not see."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from experiments import build, enhance
+from experiments.configs import regression
+from experiments.detectors import Frame, detector_methods, points_of, view_of
+from jradar import data
+from jradar.bundle import Bundle
+from jradar.range_image import encode_range
+
+
+@pytest.fixture(scope="module")
+def bundle(records):
+    config = regression.get_config()
+    config.image.update(coarse=(8, 8), fine=(16, 64))
+    config.network.update(channels=8, multipliers=(1, 2), attention_levels=())
+    frames = data.Records(records, "train")
+    spec = build.build_spec(config, frames)
+    pairs = build.build_pairs(spec, frames)
+    params = jax.jit(spec.network.init)(
+        jax.random.key(0, impl="rbg"),
+        jnp.zeros((1, 16, 64, 2)),
+        jnp.zeros(1),
+        jnp.asarray(pairs[0].condition[None]),
+    )
+    return config, Bundle(params, spec), frames, pairs
+
+
+def test_direct_regression_draws_what_the_network_says(bundle):
+    config, (params, spec), frames, pairs = bundle
+    # A network that answers 5 m everywhere, by the bias of its last layer.
+    metres = jnp.asarray(5.0)
+    value = encode_range(metres, max_range_m=spec.fine.max_range_m, codec=spec.codec)
+    sigma, data_sigma = spec.noise.sigma_max, spec.noise.sigma_data
+    out = np.array([value, 1.0]) * np.hypot(sigma, data_sigma) / (sigma * data_sigma)
+    changed = jax.tree.map(lambda x: x, params)
+    changed["params"]["trunk"]["refine"]["bias"] = np.asarray(out, np.float32)
+    methods = enhance.build_methods(config, Bundle(changed, spec))
+    assert [*methods] == ["direct regression"]
+    frame = Frame(frames[0], pairs[0])
+    for key in (0, 1):
+        cloud = methods["direct regression"](jax.random.key(key), frame)
+        xyz = points_of(cloud)
+        assert len(xyz) == 16 * 64
+        np.testing.assert_allclose(np.linalg.norm(xyz, axis=-1), 5.0, rtol=1e-3)
+
+
+def test_the_rows_of_other_angles_say_so(records):
+    view = view_of(data.Records(records, "test"))
+    rates = {"os": 1e-3}
+    assert [*detector_methods(view, rates)] == ["OS-CFAR"]
+    assert [*detector_methods(view, rates, angles="music")] == ["OS-CFAR, MUSIC"]
+
+
+def test_models_are_not_trained_on_directions_by_music(bundle):
+    config, _, frames, _ = bundle
+    frames.manifest["options"]["angles"] = "music"
+    with pytest.raises(ValueError, match="has directions by music"):
+        build.build_spec(config, frames)
+    del frames.manifest["options"]["angles"]
+
+
+def test_a_config_for_own_recordings_asks_for_them(tmp_path):
+    config = regression.get_config()
+    config.data.set = ""
+    with pytest.raises(ValueError, match="--config.data.path"):
+        build.prepared_data(config, tmp_path)
+    with pytest.raises(ValueError, match="method='guess', expected diffusion or"):
+        build.build_loss(config.loss, method="guess")
