@@ -5,7 +5,6 @@ condition is empty, and its tower, which learns nothing from that, is no part of
 prior. Crops are a pure function of the seed, the step and the photographs.
 """
 
-import functools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,7 +45,14 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
     print(f"{len(chosen)} photographs to train on", file=sys.stderr, flush=True)
     noise = diffusion.NoiseSpec(**config.noise)
     optimizer = build_optimizer(config.train)
-    state = new_state(config, network, optimizer)
+    image, _, condition = _inputs(config)
+    state = training.create_state(
+        jax.random.fold_in(jax.random.key(config.seed, impl="rbg"), INIT_KEY),
+        network,
+        optimizer,
+        image_shape=image.shape[1:],
+        condition_shape=condition.shape[1:],
+    )
     state = start_from(config.train, network, state)
     checked = checked_batch(config, photographs, apart)
     key = jax.random.key(config.seed)
@@ -94,26 +100,27 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
 
 def run_evaluation(config: ConfigDict, workdir: Path) -> None:
     """What the workdir's prior makes of noisy photographs, and draws from noise."""
-    network, noise = (
-        build_network(config.network),
-        diffusion.NoiseSpec(**config.noise),
-    )
+    network = build_network(config.network)
+    noise = diffusion.NoiseSpec(**config.noise)
     photographs, _, apart = open_photographs(config)
-    start = new_state(config, network, build_optimizer(config.train)).params
-    path = initial_weights(ConfigDict({"initial": str(workdir)}))
-    params, _ = diffusion.load_pretrained(path, network, start)
     checked = checked_batch(config, photographs, apart)
-    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
+    path = initial_weights(ConfigDict({"initial": str(workdir)}))
+    shapes = jax.eval_shape(network.init, jax.random.key(0), *_inputs(config))
+    empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    params, _ = diffusion.load_pretrained(path, network, empty)
     given = diffusion.conditional_denoiser(network, params, noise)
+    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
+
+    @jax.jit
+    def draw(key):
+        denoise = given(checked.condition[:SHOWN])
+        shape, steps = checked.target[:SHOWN].shape, config.sampling.steps
+        return diffusion.sample(key, denoise, shape, noise=noise, steps=steps)
+
     out = workdir / "evaluation"
     table = denoising_table(key, given(checked.condition), checked.target)
     write_text(out / "table.md", table)
-    condition = checked.condition[:SHOWN]
-    draw = functools.partial(diffusion.sample, noise=noise, steps=config.sampling.steps)
-    drawn = jax.jit(
-        lambda key: draw(key, given(condition), checked.target[:SHOWN].shape)
-    )
-    images = {"photographs": checked.target[:SHOWN], "drawn from noise": drawn(key)}
+    images = {"photographs": checked.target[:SHOWN], "drawn from noise": draw(key)}
     viz.save_figure(picture(images), out / "samples.png")
     print(f"{table}\nwritten to {out}")
 
@@ -136,15 +143,10 @@ def open_photographs(
     return photographs, [i for i in range(count) if i not in apart], apart
 
 
-def new_state(config: ConfigDict, network: Any, optimizer: Any) -> training.TrainState:
-    """The state before the first step."""
-    return training.create_state(
-        jax.random.fold_in(jax.random.key(config.seed, impl="rbg"), INIT_KEY),
-        network,
-        optimizer,
-        image_shape=(*config.image.fine, 2),
-        condition_shape=(*config.image.coarse, 1),
-    )
+def _inputs(config):
+    """One image, noise level and condition, all zero."""
+    image, condition = (*config.image.fine, 2), (*config.image.coarse, 1)
+    return jnp.zeros((1, *image)), jnp.zeros(1), jnp.zeros((1, *condition))
 
 
 def batch_at(

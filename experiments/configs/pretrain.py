@@ -3,9 +3,10 @@ r"""A prior from photographs for the main task: the same network, without a cond
     python -m experiments.main --config=experiments/configs/pretrain.py \
         --config.data.path=PHOTOGRAPHS --workdir=runs/pretrain
 
-`data.path` is a folder of JPEG, PNG or WebP files. The workdir's `prior.safetensors` is
-what `transfer` starts from. Network, noise levels and image are the main task's, where a
-prior is of no use with others. Not run to the end yet.
+`data.path` is a folder of JPEG, PNG or WebP files. The workdir's `prior.safetensors`
+is what `transfer` starts from; it is written anew at every evaluation. Network, noise
+levels and image are the main task's: a prior is of no use with others. Not run to the
+end yet.
 """
 
 from ml_collections import ConfigDict

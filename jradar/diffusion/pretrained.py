@@ -1,12 +1,11 @@
 """Trained weights as the start of this network, from `.npz` or `.safetensors`.
 
-`load_pretrained` reads weights of our own, of a bundle or of `save_prior`, and state
-dicts of NVIDIA's EDM (SongUNet with the DDPM++ settings, DhariwalUNet) and of OpenAI's
-ADM in continuous time, which is that of the consistency models. A script that comes with
-the experiments makes these from the published pickles, which are never read here.
-
-What a published network lacks starts at zero, so that the network first is the published
-one on the patches' means (see `published`).
+`load_pretrained` reads weights of our own, those of a bundle or of `save_prior`, and
+state dicts of NVIDIA's EDM (SongUNet with the DDPM++ settings, DhariwalUNet) and of
+OpenAI's ADM where it knows continuous noise levels, as in the consistency models. The
+scripts that come with the experiments make these from the published pickles, which are
+never read here. What a published network lacks starts at zero, so that the network
+first is the published one on the patches' means (see `published`).
 """
 
 import json
@@ -182,9 +181,9 @@ def _check_published(path, state, kind, network):
     outputs = len(state.get("out_conv.weight", ()))
     if outputs == 2 * colours:
         raise ValueError(
-            f"{path} has {outputs} outputs for {colours} colours, a variance with each: "
-            "a model of guided-diffusion, whose time embedding knows 1000 discrete steps "
-            "and no noise levels; expected EDM's weights or a consistency model's"
+            f"{path} has {outputs} outputs for {colours} colours, so it is a model of "
+            "guided-diffusion, whose time embedding knows 1000 discrete steps and no "
+            "noise levels; expected EDM's weights or a consistency model's"
         )
 
 
