@@ -107,9 +107,10 @@ def _fault(path, smallest):
     try:
         with _open(path) as image:
             columns, rows = image.size
-            if image.getexif().get(ORIENTATION, 1) >= 5:
-                columns, rows = rows, columns
             mode = image.mode
+            # To look for it in a PNG is to decode that.
+            if image.format != "PNG" and image.getexif().get(ORIENTATION, 1) >= 5:
+                columns, rows = rows, columns
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         return f"not usable: {error}"
     if rows * columns > MAX_PIXELS:

@@ -164,7 +164,8 @@ def checked_batch(
     """The same crops at any time, from all photographs that were kept apart in turn."""
     rng = np.random.default_rng(config.seed)
     index = np.resize(apart, CHECKED)
-    return _batch(config, [crop(rng, photographs[i], config.image.fine) for i in index])
+    crops = [crop(rng, photographs[i], config.image.fine) for i in index]
+    return jax.tree.map(jnp.asarray, _batch(config, crops))
 
 
 def _batch(config, crops):

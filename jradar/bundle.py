@@ -7,6 +7,7 @@ bundle.json            everything needed to use them: network, noise levels, ima
 """
 
 import dataclasses
+import functools
 import hashlib
 import json
 from pathlib import Path
@@ -124,21 +125,11 @@ def _check_shapes(path, flat, spec):
     """Refuse weights that are not those of the network, naming the first."""
     channels = len(CHANNELS) * spec.num_slices
     try:
-        params = jax.eval_shape(
-            spec.network.init,
-            jax.random.key(0),
-            jnp.zeros((1, *spec.fine.shape, spec.network.outputs)),
-            jnp.zeros(1),
-            jnp.zeros((1, *spec.coarse.shape, channels)),
-        )
+        wanted = _shapes(spec.network, spec.fine.shape, (*spec.coarse.shape, channels))
     except (TypeError, ValueError) as error:
         raise BundleError(
             f"the network of {path.parent} cannot be built: {error}"
         ) from error
-    wanted = {
-        name: tuple(leaf.shape)
-        for name, leaf in flax.traverse_util.flatten_dict(params, sep="/").items()
-    }
     found = {name: tensor.shape for name, tensor in flat.items()}
     wrong = sorted(n for n in found | wanted if found.get(n) != wanted.get(n))
     if wrong:
@@ -148,6 +139,20 @@ def _check_shapes(path, flat, spec):
             f"{found.get(first, 'missing')}, expected {wanted.get(first, 'none')} "
             f"({len(wrong)} such)"
         )
+
+
+@functools.lru_cache(8)
+def _shapes(network, image, condition):
+    """Shapes of the network's parameters by name."""
+    params = jax.eval_shape(
+        network.init,
+        jax.random.key(0),
+        jnp.zeros((1, *image, network.outputs)),
+        jnp.zeros(1),
+        jnp.zeros((1, *condition)),
+    )
+    flat = flax.traverse_util.flatten_dict(params, sep="/")
+    return {name: leaf.shape for name, leaf in flat.items()}
 
 
 def _to_json(value: Any) -> Any:
