@@ -154,7 +154,7 @@ def test_other_tensors_are_refused(tmp_path, song):
         (short, "8 parameters missing"),
         (deep, r"0 parameters missing .*1 too many \['enc.0_block1"),
         (fourier, r"an NCSN\+\+ \(ve\) state dict"),
-        ({"a": np.zeros(3)}, "neither a state dict of EDM nor of ADM"),
+        ({"a": np.zeros(3)}, "nor a state dict of EDM nor of ADM"),
     ):
         with pytest.raises(ValueError, match=message):
             load_pretrained(save(path, bad), network, params)
