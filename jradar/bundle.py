@@ -151,7 +151,7 @@ def _shapes(network, image, condition):
         jnp.zeros(1),
         jnp.zeros((1, *condition)),
     )
-    flat = flax.traverse_util.flatten_dict(params, sep="/")
+    flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
     return {name: leaf.shape for name, leaf in flat.items()}
 
 

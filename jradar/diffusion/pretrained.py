@@ -131,7 +131,7 @@ def read_state(path: Path | str) -> State:
 
 def _load_own(path, state, params):
     """Weights of our own; those of a prior leave the condition's tower as it is."""
-    flat = flax.traverse_util.flatten_dict(params, sep="/")
+    flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
     new = [name for name in flat if name not in state]
     unused = [name for name in state if name not in flat]
     tower = [name for name in flat if name.startswith(TOWER)]
