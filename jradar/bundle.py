@@ -147,7 +147,7 @@ def _shapes(network, image, condition):
     params = jax.eval_shape(
         network.init,
         jax.random.key(0),
-        jnp.zeros((1, *image, network.outputs)),
+        jnp.zeros((1, *image, 2)),  # range and validity
         jnp.zeros(1),
         jnp.zeros((1, *condition)),
     )

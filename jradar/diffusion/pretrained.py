@@ -83,7 +83,8 @@ def load_pretrained(
         if target not in flat or any(part in name for part in DROPPED):
             unused.append(name)
             continue
-        tensor = arranged(np.asarray(tensor, np.float32), target, network, kind)
+        shape = flat[target].shape
+        tensor = arranged(np.asarray(tensor, np.float32), target, shape, network, kind)
         _check_shape(path, name, tensor, flat[target])
         loaded[target] = jnp.asarray(tensor)
     new = [name for name in flat if name not in loaded]

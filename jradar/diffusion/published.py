@@ -109,8 +109,8 @@ def target_of(name: str) -> str:
     return f"{place}/{'scale' if normalises and kind == 'weight' else LAYERS.get(kind)}"
 
 
-def arranged(tensor, target, network, kind):
-    """A tensor in this network's order of axes and channels."""
+def arranged(tensor, target, shape, network, kind):
+    """A tensor in this network's order of axes and channels, those of `shape`."""
     layer = target.split("/")[-2]
     if layer == "qkv":
         tensor = _heads_first(tensor, network, kind)
@@ -123,7 +123,7 @@ def arranged(tensor, target, network, kind):
     patch = math.prod(network.stem)
     if target == "stem/kernel":
         grey = tensor[:, :, :3].sum(2, keepdims=True) / patch
-        other = np.zeros_like(grey).repeat(network.outputs - 1, 2)
+        other = np.zeros_like(grey).repeat(shape[2] // patch - 1, 2)
         return np.tile(np.concatenate([grey, other], 2), (1, 1, patch, 1))
     if target.startswith("output/"):
         grey = tensor[..., :3].mean(-1, keepdims=True)
