@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
 Call = Callable[[], Any]
 
@@ -88,6 +90,17 @@ def available(peers: dict[str, Callable[[], Call]]) -> Iterator[tuple[str, Call]
             yield name, make()
         except (ImportError, AttributeError) as error:
             print(f"without {name}: {error}", file=sys.stderr)
+
+
+def random_params(network: Any, *inputs: Any) -> Any:
+    """Parameters of a network, none 0: layers that start there hide what is behind."""
+    rng = np.random.default_rng(1)
+
+    def fill(leaf):
+        fan_in = np.prod(leaf.shape[:-1]) if leaf.ndim > 1 else 4
+        return jnp.asarray(rng.normal(size=leaf.shape) / np.sqrt(fan_in), leaf.dtype)
+
+    return jax.tree.map(fill, jax.eval_shape(network.init, jax.random.key(0), *inputs))
 
 
 def _elapsed(call):

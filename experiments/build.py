@@ -9,6 +9,7 @@ import functools
 import itertools
 import json
 import math
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,9 @@ import numpy as np
 import optax
 from ml_collections import ConfigDict
 
-from jradar import data, diffusion
+from jradar import data, diffusion, training
 from jradar.baselines import regression_loss
-from jradar.bundle import BundleSpec
+from jradar.bundle import BundleError, BundleSpec
 from jradar.data.simulation import set_sequences, simulate_set
 from jradar.files import write_text
 from jradar.lidar import LidarSpec
@@ -110,6 +111,48 @@ def build_network(network: ConfigDict) -> diffusion.UNet:
             f"network.preset = {preset!r}, expected one of {[*diffusion.PRESETS]}"
         )
     return diffusion.UNet(**{**diffusion.PRESETS[preset], **fields})
+
+
+def initial_weights(train: ConfigDict) -> Path | None:
+    """The file that training starts from; None where it starts from random weights.
+
+    Raises ValueError for an empty name, BundleError where a folder holds no weights.
+    """
+    if train.initial is None:
+        return None
+    if not train.initial:
+        raise ValueError("no weights to start from: name them, --config.train.initial=")
+    path = Path(train.initial)
+    names = ("prior.safetensors", "bundle/weights.safetensors", "weights.safetensors")
+    files = [path] if path.is_file() else [path / name for name in names]
+    found = next((file for file in files if file.is_file()), None)
+    if found is None:
+        raise BundleError(
+            f"no weights at {path}: expected a file, a bundle, or the workdir of a run "
+            f"with one of {names}"
+        )
+    return found
+
+
+def start_from(
+    train: ConfigDict, network: diffusion.UNet, state: training.TrainState
+) -> training.TrainState:
+    """The state with the parameters that `train.initial` names; says what it took."""
+    path = initial_weights(train)
+    if path is None:
+        return state
+    params, report = diffusion.load_pretrained(
+        path, network, state.params, attention_order=train.attention_order
+    )
+    counts = {name: len(names) for name, names in report._asdict().items()}
+    new = sorted({"/".join(name.split("/")[:2]) for name in report.new})
+    print(
+        f"starting from {path}: {counts['loaded']} parameters loaded, {counts['new']} "
+        f"new {new}, {counts['unused']} of the file's not used {[*report.unused]}",
+        file=sys.stderr,
+        flush=True,
+    )
+    return state._replace(params=params, ema_params=params)
 
 
 def build_pairs(spec: BundleSpec, records: Any) -> data.PairSource:

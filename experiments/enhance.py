@@ -23,7 +23,9 @@ from experiments.build import (
     build_pairs,
     build_spec,
     check_workdir,
+    initial_weights,
     prepared_data,
+    start_from,
 )
 from experiments.detectors import (
     Frame,
@@ -48,7 +50,8 @@ CLOUDS_IN_REPORT = 12
 
 def run_training(config: ConfigDict, workdir: Path) -> None:
     """Train, save the bundle, evaluate it. Resumes where the workdir stands."""
-    build_network(config.network)  # what is wrong with it shows before the data
+    build_network(config.network)  # what is wrong with these shows before the data
+    initial_weights(config.train)
     check_workdir(config, workdir)
     records = data.Records(prepared_data(config, workdir), "train")
     spec = build_spec(config, records)
@@ -66,6 +69,7 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
         image_shape=(*first.lidar.shape, 2),
         condition_shape=first.condition.shape,
     )
+    state = start_from(config.train, spec.network, state)
 
     def batch_at(step):
         batch = batches[step]

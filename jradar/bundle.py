@@ -7,6 +7,7 @@ bundle.json            everything needed to use them: network, noise levels, ima
 """
 
 import dataclasses
+import functools
 import hashlib
 import json
 from pathlib import Path
@@ -22,7 +23,7 @@ import safetensors.numpy
 from jradar.diffusion import NoiseSpec, UNet
 from jradar.files import atomic_path
 from jradar.radar import RadarSpec
-from jradar.range_image import ImageSpec
+from jradar.range_image import CHANNELS, ImageSpec
 
 FORMAT = 2
 MAX_JSON_BYTES = 1 << 20
@@ -61,7 +62,10 @@ class Bundle(NamedTuple):
 def save_bundle(folder: Path | str, bundle: Bundle) -> None:
     """Write a bundle; what stood in its place is replaced when it is complete."""
     flat = flax.traverse_util.flatten_dict(bundle.params, sep="/")
-    weights = safetensors.numpy.save({k: np.asarray(v) for k, v in flat.items()})
+    weights = safetensors.numpy.save(
+        {k: np.asarray(v) for k, v in flat.items()},
+        {"network": json.dumps(_to_json(bundle.spec.network))},
+    )
     fields = dataclasses.fields(BundleSpec)
     description = {field.name: getattr(bundle.spec, field.name) for field in fields}
     description = {k: _to_json(v) for k, v in description.items()}
@@ -112,8 +116,43 @@ def load_bundle(folder: Path | str) -> Bundle:
         flat = safetensors.numpy.load(weights)
     except safetensors.SafetensorError as error:
         raise BundleError(f"{weights_path} is not usable: {error}") from error
+    _check_shapes(weights_path, flat, spec)
     params = flax.traverse_util.unflatten_dict(flat, sep="/")
     return Bundle(jax.tree.map(jnp.asarray, params), spec)
+
+
+def _check_shapes(path, flat, spec):
+    """Refuse weights that are not those of the network, naming the first."""
+    channels = len(CHANNELS) * spec.num_slices
+    try:
+        wanted = _shapes(spec.network, spec.fine.shape, (*spec.coarse.shape, channels))
+    except (TypeError, ValueError) as error:
+        raise BundleError(
+            f"the network of {path.parent} cannot be built: {error}"
+        ) from error
+    found = {name: tensor.shape for name, tensor in flat.items()}
+    wrong = sorted(n for n in found | wanted if found.get(n) != wanted.get(n))
+    if wrong:
+        first = wrong[0]
+        raise BundleError(
+            f"{path} does not fit its network: {first} is "
+            f"{found.get(first, 'missing')}, expected {wanted.get(first, 'none')} "
+            f"({len(wrong)} such)"
+        )
+
+
+@functools.lru_cache(8)
+def _shapes(network, image, condition):
+    """Shapes of the network's parameters by name."""
+    params = jax.eval_shape(
+        network.init,
+        jax.random.key(0),
+        jnp.zeros((1, *image, 2)),  # range and validity
+        jnp.zeros(1),
+        jnp.zeros((1, *condition)),
+    )
+    flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
+    return {name: leaf.shape for name, leaf in flat.items()}
 
 
 def _to_json(value: Any) -> Any:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.bundle import Bundle
@@ -47,20 +48,24 @@ def export_function(
     path: Path | str,
     bundle: Bundle,
     *,
+    coupling: Complex[np.ndarray, "tx rx half_range"] | None = None,
     platforms: Sequence[str] = ("cpu",),
     **sampling: Any,
 ) -> None:
     """Write `enhance` with the bundle's weights; `sampling` are its options.
 
-    The radar and its frame's size are the bundle's. Raises ImportError without the
-    extra `export`.
+    The radar and its frame's size are the bundle's. `coupling` is that of the unit the
+    file is for, as `read_coupling` reads it, and is kept in the file. Raises ValueError
+    for the coupling of another array, ImportError without the extra `export`.
     """
     _check_extra()
     unknown = [name for name in platforms if name not in PLATFORMS]
     if unknown or not platforms:
         raise ValueError(f"platforms {platforms}, expected some of {PLATFORMS}")
     params, spec = bundle
-    radar = spec.radar
+    radar, points = spec.radar, spec.points
+    if coupling is not None:
+        points = {**points, "coupling": jnp.asarray(coupling, jnp.complex64)}
 
     def function(seed, cube):
         cloud = enhance(
@@ -71,7 +76,7 @@ def export_function(
             coarse=spec.coarse,
             fine=spec.fine,
             num_slices=spec.num_slices,
-            points=spec.points,
+            points=points,
             noise=spec.noise,
             codec=spec.codec,
             validity_threshold=spec.validity_threshold,
@@ -89,6 +94,7 @@ def export_function(
         "sha256": hashlib.sha256(content).hexdigest(),
         "cube": shape,
         "radar": radar.name,
+        "coupling": coupling is not None,
         "platforms": tuple(platforms),
         "purpose": spec.purpose,
         "trained_on": spec.trained_on,

@@ -1,11 +1,13 @@
 """Bundles: round trip, and every way in which one can be unusable."""
 
+import dataclasses
 import json
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from flax.traverse_util import flatten_dict, unflatten_dict
 
 from jradar.bundle import Bundle, BundleError, BundleSpec, load_bundle, save_bundle
 from jradar.diffusion import NoiseSpec, UNet
@@ -97,4 +99,26 @@ def test_damaged_files_are_refused(tmp_path, bundle):
     weights.write_bytes(good)
     (tmp_path / "bundle.json").write_text("{")
     with pytest.raises(BundleError, match="not usable"):
+        load_bundle(tmp_path)
+
+
+def test_weights_of_another_network_are_named(tmp_path, bundle):
+    flat = flatten_dict(bundle.params, sep="/")
+    name = "params/trunk/stem/bias"
+    for leaf, message in (
+        (jnp.zeros(9), rf"{name} is \(9,\), expected \(8,\) \(1 such\)"),
+        (None, rf"{name} is missing, expected \(8,\) \(1 such\)"),
+    ):
+        changed = {k: v for k, v in (flat | {name: leaf}).items() if v is not None}
+        params = unflatten_dict(changed, sep="/")
+        save_bundle(tmp_path, Bundle(params, bundle.spec))
+        with pytest.raises(BundleError, match=rf"does not fit its network: {message}"):
+            load_bundle(tmp_path)
+    params = unflatten_dict(flat | {"params/more": jnp.zeros(2)}, sep="/")
+    save_bundle(tmp_path, Bundle(params, bundle.spec))
+    with pytest.raises(BundleError, match=r"params/more is \(2,\), expected none"):
+        load_bundle(tmp_path)
+    small = dataclasses.replace(bundle.spec, fine=ImageSpec(8, 30))
+    save_bundle(tmp_path, Bundle(bundle.params, small))
+    with pytest.raises(BundleError, match="cannot be built: image of 30 columns"):
         load_bundle(tmp_path)

@@ -36,6 +36,8 @@ SPEC = BundleSpec(
 CUBE = np.random.default_rng(0).normal(
     size=(RADAR.num_tx, RADAR.num_rx, RADAR.num_chirps, RADAR.num_samples)
 )
+COUPLING = np.random.default_rng(2).normal(size=(RADAR.num_tx, RADAR.num_rx, 16, 2))
+COUPLING = (60 * COUPLING).astype(np.float32).view(np.complex64)[..., 0]
 
 # What the docstring of jradar.export tells users to write.
 READER = """
@@ -66,7 +68,7 @@ def exported(tmp_path_factory):
         lambda leaf: jnp.asarray(0.3 * rng.normal(size=leaf.shape), leaf.dtype), shapes
     )
     path = tmp_path_factory.mktemp("export") / "model.jradar"
-    export_function(path, Bundle(params, SPEC), steps=3)
+    export_function(path, Bundle(params, SPEC), coupling=COUPLING, steps=3)
     return params, path
 
 
@@ -80,8 +82,8 @@ def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
         env={"JAX_PLATFORMS": "cpu", "PATH": ""},
         check=True,
     )
-    cloud = jax.jit(
-        lambda cube: enhance(
+    reference = jax.jit(
+        lambda cube, coupling: enhance(
             jax.random.key(7),
             cube,
             conditional_denoiser(NETWORK, params, SPEC.noise),
@@ -89,20 +91,23 @@ def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
             coarse=SPEC.coarse,
             fine=SPEC.fine,
             num_slices=2,
-            points=SPEC.points,
+            points={**SPEC.points, "coupling": coupling},
             noise=SPEC.noise,
             steps=3,
         ),
-    )(jnp.asarray(CUBE, jnp.complex64))
+    )
+    cube = jnp.asarray(CUBE, jnp.complex64)
+    cloud, without = reference(cube, COUPLING), reference(cube, 0 * COUPLING)
     out = np.load(tmp_path / "out.npz")
     np.testing.assert_array_equal(out["valid"], cloud.valid)
     np.testing.assert_allclose(out["xyz"], cloud.xyz, atol=1e-4)
     assert 0 < out["valid"].sum()
+    assert not np.allclose(out["xyz"], without.xyz, atol=1e-3)
 
     function = load_function(path)
     xyz, _ = function.call(7, CUBE)
     np.testing.assert_array_equal(xyz, out["xyz"])
-    assert function.header["radar"] == RADAR.name
+    assert function.header["radar"] == RADAR.name and function.header["coupling"]
     with pytest.raises(ValueError, match="was made for"):
         function.call(7, CUBE[:1])
 
@@ -127,6 +132,10 @@ def test_damage_is_found(exported, tmp_path):
 
 
 def test_unknown_platform_and_missing_extra(exported, tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match="coupling of 3 tx x 4 rx x 8 range bins"):
+        export_function(
+            tmp_path / "x", Bundle(exported[0], SPEC), coupling=COUPLING[..., :8]
+        )
     with pytest.raises(ValueError, match="expected some of"):
         export_function(tmp_path / "x", Bundle(exported[0], SPEC), platforms=["gpu"])
     monkeypatch.setitem(sys.modules, "flatbuffers", None)

@@ -8,7 +8,7 @@ recordings of your own or on ColoRadar, prepare them with `jradar prepare` and n
 folder: --config.data.path=FOLDER. Not run to the end yet.
 """
 
-from ml_collections import ConfigDict
+from ml_collections import ConfigDict, config_dict
 
 
 def get_config():
@@ -64,6 +64,9 @@ def get_config():
     config.loss.mask_misses = False  # no error of the range where the LiDAR saw nothing
 
     config.train = ConfigDict()
+    # Weights to start from: a run's workdir, a bundle, or a file for load_pretrained.
+    config.train.initial = config_dict.placeholder(str)
+    config.train.attention_order = config_dict.placeholder(str)  # of OpenAI's weights
     config.train.steps = 20_000
     config.train.batch_size = 8
     config.train.learning_rate = 5e-4

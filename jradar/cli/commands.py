@@ -190,9 +190,11 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
     """A trained model as one file that runs without jradar: ADC cube to dense cloud."""
     from jradar.bundle import load_bundle
     from jradar.export import export_function
+    from jradar.radar import read_coupling
 
     bundle = load_bundle(options.weights)
-    export_function(options.output, bundle, steps=options.steps)
+    coupling = read_coupling(options.coupling) if options.coupling else None
+    export_function(options.output, bundle, coupling=coupling, steps=options.steps)
     return {
         "takes": f"seed, cube {list(bundle.spec.radar.cube_shape)} of complex64",
         "weights": bundle.spec.purpose,

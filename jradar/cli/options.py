@@ -74,6 +74,9 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("weights", metavar="BUNDLE", help="bundle folder")
     sub.add_argument("-o", "--output", metavar="FILE", required=True)
     sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
+    sub.add_argument(
+        "--coupling", metavar="FILE", help="this radar's own, coupling_calib.txt"
+    )
     return top
 
 

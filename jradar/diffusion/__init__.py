@@ -3,7 +3,8 @@
 NoiseSpec                        noise levels, a static argument
 training_sigma, loss_weight, karras_sigmas, log_sigmas
 UNet, PRESETS                    the network
-load_pretrained, read_state, Transfer   published weights for it
+load_pretrained, save_prior      trained weights for it: published, or of one's own
+read_state, Transfer             their file, and what was loaded
 precondition, conditional_denoiser   network -> D(x; sigma), given a condition
 denoising_loss, LossSpec, target_mask, occupancy_denoising_loss   training
 lpips, load_lpips, LpipsWeights  the perceptual distance
@@ -42,6 +43,7 @@ from jradar.diffusion.pretrained import (
     Transfer as Transfer,
     load_pretrained as load_pretrained,
     read_state as read_state,
+    save_prior as save_prior,
 )
 from jradar.diffusion.solvers import (
     SOLVERS as SOLVERS,

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import safetensors.numpy
+from flax.traverse_util import flatten_dict
 
-from jradar.diffusion import UNet, load_pretrained, read_state
-from tests.diffusion.networks import apply, random_params
+from jradar.diffusion import UNet, load_pretrained, read_state, save_prior
+from tests.diffusion.networks import apply, build, random_params
 from tests.diffusion.reference_unet import State, adm, edm
 
 SIZES = {"channels": 8, "multipliers": (1, 2), "blocks": 1}
@@ -77,7 +78,7 @@ def test_the_network_first_is_the_published_one(tmp_path, kind, shape, stem):
     safetensors.numpy.save_file(state, path)
     network, args = network_for(kind, stem), arguments(image, stem)
     params = random_params(network, *args)
-    order = "new" if kind == "adm new" else "legacy"
+    order = {"adm new": "new", "adm legacy": "legacy"}.get(kind)
     params, report = load_pretrained(path, network, params, attention_order=order)
     output = apply(network, params, *args)[0]
     np.testing.assert_allclose(
@@ -153,12 +154,80 @@ def test_other_tensors_are_refused(tmp_path, song):
         (short, "8 parameters missing"),
         (deep, r"0 parameters missing .*1 too many \['enc.0_block1"),
         (fourier, r"an NCSN\+\+ \(ve\) state dict"),
-        ({"a": np.zeros(3)}, "neither a state dict of EDM nor of ADM"),
+        ({"a": np.zeros(3)}, "nor a state dict of EDM nor of ADM"),
     ):
         with pytest.raises(ValueError, match=message):
             load_pretrained(save(path, bad), network, params)
-    with pytest.raises(ValueError, match="attention_order='old', expected one of"):
-        load_pretrained(path, network, params, attention_order="old")
+
+
+def test_what_an_adm_file_does_not_tell_or_cannot_be_is_refused(tmp_path):
+    state, image, _ = published("adm legacy", (4, 8))
+    network, path = network_for("adm legacy", (2, 4)), tmp_path / "w.npz"
+    params = shapes_of(network, arguments(image, (2, 4)))
+    save(path, state)
+    for order in (None, "old"):
+        with pytest.raises(
+            ValueError, match=f"attention_order={order!r} for .* an ADM"
+        ):
+            load_pretrained(path, network, params, attention_order=order)
+    twice = {
+        f"out.2.{k}": np.repeat(state[f"out.2.{k}"], 2, 0) for k in ("weight", "bias")
+    }
+    message = "6 outputs for 3 colours, .* guided-diffusion, .* 1000 discrete steps"
+    with pytest.raises(ValueError, match=message):
+        save(path, state | twice)
+        load_pretrained(path, network, params, attention_order="legacy")
+
+
+def test_a_prior_of_our_own_fills_the_trunk_alone(tmp_path):
+    network, params, args = build()
+    path = tmp_path / "prior.safetensors"
+    save_prior(path, network, params)
+    start = shapes_of(network, (*args[:2], args[2][..., :1]))  # another condition
+    loaded, report = load_pretrained(path, network, start)
+    jax.tree.map(
+        np.testing.assert_array_equal,
+        loaded["params"]["trunk"],
+        params["params"]["trunk"],
+    )
+    assert not any(leaf.any() for leaf in jax.tree.leaves(loaded["params"]["tower"]))
+    assert report.new and all(n.startswith("params/tower/") for n in report.new)
+    assert len(report.loaded) == len(jax.tree.leaves(params["params"]["trunk"]))
+    for change, message in (
+        ({"stem": (2, 2)}, r"is of a network with stem = \[1, 4\], not \[2, 2\]"),
+        ({"noise_scale": 1000.0}, "with noise_scale = 1.0, not 1000.0"),
+        ({"head_channels": 4}, "with head_channels = 64, not 4"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            load_pretrained(path, network.clone(**change), start)
+
+
+def test_weights_of_our_own_that_do_not_fit_are_refused(tmp_path):
+    network, params, _ = build()
+    flat = {k: np.asarray(v) for k, v in flatten_dict(params, sep="/").items()}
+    stem, tower = "params/trunk/stem/bias", "params/tower/input/bias"
+    path = save(tmp_path / "w.npz", flat)
+    loaded, report = load_pretrained(
+        path, network, jax.tree.map(jnp.zeros_like, params)
+    )
+    jax.tree.map(np.testing.assert_array_equal, loaded, params)
+    assert len(report.loaded) == len(flat) and not report.new
+
+    def without(name):
+        return {k: v for k, v in flat.items() if k != name}
+
+    for bad, message in (
+        (without(stem), r"1 parameters missing \['params/trunk/stem/bias'\], 0 too"),
+        (without(tower), r"1 parameters missing \['params/tower/input/bias'\]"),
+        (flat | {"params/more": np.zeros(1)}, r"1 too many \['params/more'\]"),
+        (flat | {stem: np.zeros(9)}, r"stem/bias makes \(9,\), the network has \(8,"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            load_pretrained(save(path, bad), network, params)
+    prior = tmp_path / "prior.safetensors"
+    safetensors.numpy.save_file(flat, prior, {"network": "[1]"})
+    with pytest.raises(ValueError, match="prior.safetensors is not usable"):
+        load_pretrained(prior, network, params)
 
 
 def test_unusable_files_are_refused(tmp_path, monkeypatch):
