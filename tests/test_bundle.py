@@ -7,7 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.bundle import Bundle, BundleError, BundleSpec, load_bundle, save_bundle
+from jradar import bundle as bundles
+from jradar.bundle import (
+    Bundle,
+    BundleError,
+    BundleSpec,
+    default_bundle,
+    load_bundle,
+    save_bundle,
+    shipped_bundles,
+)
 from jradar.diffusion import NoiseSpec, UNet
 from jradar.radar import RadarSpec
 from jradar.range_image import ImageSpec
@@ -98,3 +107,25 @@ def test_damaged_files_are_refused(tmp_path, bundle):
     (tmp_path / "bundle.json").write_text("{")
     with pytest.raises(BundleError, match="not usable"):
         load_bundle(tmp_path)
+
+
+def test_shipped_bundles_are_found_by_name(tmp_path, bundle, monkeypatch):
+    monkeypatch.setattr(bundles, "WEIGHTS", tmp_path / "weights")
+    assert shipped_bundles() == {}
+    with pytest.raises(BundleError, match="no weights 'jradar-sim'; or train"):
+        default_bundle()
+    save_bundle(tmp_path / "weights" / "other", bundle)
+    (tmp_path / "weights" / "empty").mkdir()
+    with pytest.raises(BundleError, match="'jradar-sim', only other: name one"):
+        default_bundle()
+    save_bundle(tmp_path / "weights" / "jradar-sim", bundle)
+    assert [*shipped_bundles()] == ["jradar-sim", "other"]
+    assert load_bundle(default_bundle()).spec == bundle.spec
+
+
+def test_what_is_shipped_is_whole_and_small():
+    folders = shipped_bundles().values()
+    for folder in folders:
+        assert load_bundle(folder).spec.purpose, folder
+    size = sum(p.stat().st_size for f in folders for p in f.iterdir())
+    assert size <= 25_000_000

@@ -5,7 +5,7 @@ write_scores, read_scores        the file of scores, from which all else is made
 mean_interval, Estimate          means of correlated frames, with intervals
 compare_paired, compare_methods, Comparison
                                  do two methods differ, frame by frame?
-summarise, markdown, scenes_table, csv_table, write_tables
+summarise, markdown, scenes_table, overview, csv_table, write_tables
                                  tables: of all scores, the paper's, for spreadsheets
 read_runs, comparison_table      several runs side by side
 save_clouds, load_clouds         clouds of a few frames, kept with the scores
@@ -41,6 +41,7 @@ from jradar.evaluation.statistics import (
 from jradar.evaluation.tables import (
     csv_table as csv_table,
     markdown as markdown,
+    overview as overview,
     scenes_table as scenes_table,
     summarise as summarise,
     write_tables as write_tables,

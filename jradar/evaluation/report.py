@@ -6,10 +6,13 @@
     RUN/evaluation/*.png              pictures
     RUN/evaluation/report.html        all of them in one file
 
-Only the scores must be there.
+Only the scores must be there. Beside the report stand its own pictures, curves.png
+(Fig. 6), clouds.png (Fig. 5) and training.png, and each cloud as
+clouds/SEQUENCE_FRAME/NAME.ply.
 """
 
 import json
+import re
 import webbrowser
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -18,19 +21,29 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from jradar.data import write_ply
 from jradar.evaluation.scores import Scores, read_scores
-from jradar.evaluation.tables import COLUMNS, markdown, scenes_table, summarise
+from jradar.evaluation.tables import (
+    COLUMNS,
+    markdown,
+    paper_tables,
+    scenes_table,
+    summarise,
+)
 from jradar.files import atomic_path
+from jradar.types import PointCloud
 from jradar.viz import (
     CloudFrame,
     clouds_figure,
     error_curves_figure,
     learning_curve_figure,
+    save_figure,
     write_report,
 )
 
 MAX_CLOUD_BYTES = 1 << 30
 SPARSE = 2000  # points
+OWN = ("curves.png", "clouds.png", "training.png")
 SHOWN_SCORES = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
 
@@ -83,7 +96,10 @@ def build_report(run: Path | str) -> Path:
     summary = summarise(scores)
     truths = [*dict.fromkeys(row["truth"] for row in summary)]
     tables = {
-        f"Scenes, against {truth}": scenes_table(summary, truth=truth, intervals=True)
+        f"Scenes, against {truth}": "\n".join(
+            scenes_table(summary, truth=truth, scenes=scenes, intervals=True)
+            for scenes in paper_tables([r for r in summary if r["truth"] == truth])
+        )
         for truth in truths
     }
     tables["Every score"] = markdown(summary, milliseconds=True)
@@ -93,21 +109,38 @@ def build_report(run: Path | str) -> Path:
         by_method = errors.setdefault(row["scene"], {})
         if row["truth_points"]:
             by_method.setdefault(row["method"], []).append(row["chamfer"])
-    figures: dict[str, Figure | Path | bytes] = {
-        "Chamfer distance": error_curves_figure(errors)
-    }
+    drawn = {"Chamfer distance": ("curves.png", error_curves_figure(errors))}
     frames = []
     if (folder / "clouds.npz").is_file():
         clouds = load_clouds(folder / "clouds.npz")
         frames = _frames(clouds, first)
-        figures["Clouds"] = _clouds_figure(clouds)
-    figures |= {path.stem: path for path in sorted(folder.glob("*.png"))}
+        drawn["Clouds"] = ("clouds.png", _clouds_figure(clouds))
+        _write_clouds(folder / "clouds", clouds)
     if (run / "metrics.jsonl").is_file():
-        figures["Training"] = learning_curve_figure(run / "metrics.jsonl")
+        figure = learning_curve_figure(run / "metrics.jsonl")
+        drawn["Training"] = ("training.png", figure)
+    figures: dict[str, Path] = {}
+    for title, (name, figure) in drawn.items():
+        save_figure(figure, folder / name)
+        figures[title] = folder / name
+    others = [p for p in sorted(folder.glob("*.png")) if p.name not in OWN]
+    figures |= {path.stem: path for path in others}
     path = folder / "report.html"
     title = f"{run.resolve().name}: {', '.join(errors)}"
     write_report(path, title=title, tables=tables, figures=figures, frames=frames)
     return path
+
+
+def _write_clouds(folder: Path, clouds) -> None:
+    """Every cloud as PLY, in place of those that were there."""
+    with atomic_path(folder) as scratch:
+        scratch.mkdir()
+        for (_, sequence, frame), named in clouds.items():
+            for name, xyz in named.items():
+                file = f"{re.sub(r'[^A-Za-z0-9.+-]+', '_', name)}.ply"
+                write_ply(
+                    scratch / f"{sequence}_{frame}" / file, PointCloud.from_xyz(xyz)
+                )
 
 
 def open_report(run: Path | str, *, show: bool = True) -> Path:
