@@ -44,6 +44,7 @@ from jradar.viz import (
 MAX_CLOUD_BYTES = 1 << 30
 SPARSE = 2000  # points
 OWN = ("curves.png", "clouds.png", "training.png")
+OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
 SHOWN_SCORES = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
 
@@ -137,10 +138,9 @@ def _write_clouds(folder: Path, clouds) -> None:
         scratch.mkdir()
         for (_, sequence, frame), named in clouds.items():
             for name, xyz in named.items():
-                file = f"{re.sub(r'[^A-Za-z0-9.+-]+', '_', name)}.ply"
-                write_ply(
-                    scratch / f"{sequence}_{frame}" / file, PointCloud.from_xyz(xyz)
-                )
+                file = re.sub(r"[^A-Za-z0-9.+-]+", "_", name) + ".ply"
+                cloud = PointCloud(xyz, np.ones(len(xyz), bool))
+                write_ply(scratch / f"{sequence}_{frame}" / file, cloud)
 
 
 def open_report(run: Path | str, *, show: bool = True) -> Path:
@@ -161,10 +161,13 @@ def open_report(run: Path | str, *, show: bool = True) -> Path:
 
 
 def _clouds_figure(clouds) -> Figure:
-    """The first frame of each scene, sparse clouds with larger points."""
+    """The first frame of each scene, sparse clouds with larger points.
+
+    Of the four detectors only OS-CFAR, as in the paper.
+    """
     scenes: dict[str, dict[str, np.ndarray]] = {}
     for (scene, _, _), named in clouds.items():
-        scenes.setdefault(scene, named)
+        scenes.setdefault(scene, {n: x for n, x in named.items() if n not in OTHERS})
     every = [cloud for named in scenes.values() for cloud in named.items()]
     sparse = {name for name, _ in every} - {
         name for name, xyz in every if len(xyz) >= SPARSE
