@@ -8,6 +8,7 @@ compare_paired, compare_methods, Comparison
 summarise, markdown, scenes_table, overview, csv_table, write_tables
                                  tables: of all scores, the paper's, for spreadsheets
 read_runs, comparison_table      several runs side by side
+runs_table, frames_csv           one run minus another, frame by frame
 save_clouds, load_clouds         clouds of a few frames, kept with the scores
 build_report, open_report        a run's tables, curves and clouds in one HTML file
 """
@@ -25,7 +26,9 @@ from jradar.evaluation.report import (
 )
 from jradar.evaluation.runs import (
     comparison_table as comparison_table,
+    frames_csv as frames_csv,
     read_runs as read_runs,
+    runs_table as runs_table,
 )
 from jradar.evaluation.scores import (
     read_scores as read_scores,
