@@ -49,7 +49,8 @@ def ship(folder, config, records):
     )
     save_bundle(folder / "jradar-sim", Bundle(params, spec))
     save_bundle(folder / "more", Bundle(params, spec))
-    other = dataclasses.replace(spec, num_slices=3)
+    far = dataclasses.replace(spec.fine, max_range_m=15.0)
+    other = dataclasses.replace(spec, fine=far)
     save_bundle(folder / "other", Bundle(params, other))
 
 
