@@ -4,6 +4,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from experiments import build, demo
@@ -41,11 +42,16 @@ def ship(folder, config, records):
     """A bundle with random weights that fits the config, and one that does not."""
     spec = build.build_spec(config, records)
     pair = build.build_pairs(spec, records)[0]
-    params = spec.network.init(
+    shapes = jax.eval_shape(
+        spec.network.init,
         jax.random.key(0),
         jnp.zeros((1, *pair.lidar.shape, 2)),
         jnp.zeros(1),
-        pair.condition[None],
+        jnp.asarray(pair.condition[None]),
+    )
+    rng = np.random.default_rng(0)
+    params = jax.tree.map(
+        lambda leaf: 0.1 * rng.normal(size=leaf.shape).astype(np.float32), shapes
     )
     save_bundle(folder / "jradar-sim", Bundle(params, spec))
     save_bundle(folder / "more", Bundle(params, spec))
