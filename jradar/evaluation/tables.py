@@ -148,15 +148,18 @@ def overview(scores: Sequence[dict[str, Any]]) -> str:
 
     Against the first truth.
     """
-    truth = scores[0]["truth"]
-    rows = [row for row in scores if row["truth"] == truth]
+    rows = [row for row in scores if row["truth"] == scores[0]["truth"]]
+    tables = (scenes_table(summarise(rows), scenes=part) for part in paper_tables(rows))
+    return "\n".join([pooled_table(rows), *tables])
+
+
+def pooled_table(scores: Sequence[dict[str, Any]]) -> str:
+    """Means over the frames of all scenes, with milliseconds, a row for each method."""
     together = [
         row | {"scene": "all", "sequence": f"{row['scene']} {row['sequence']}"}
-        for row in rows
+        for row in scores
     ]
-    means = markdown(summarise(together), milliseconds=True)
-    tables = (scenes_table(summarise(rows), scenes=part) for part in paper_tables(rows))
-    return "\n".join([means, *tables])
+    return markdown(summarise(together), milliseconds=True)
 
 
 def paper_tables(scores: Iterable[dict[str, Any]]) -> list[list[str]]:
