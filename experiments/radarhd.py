@@ -1,7 +1,7 @@
 """The task `radarhd`: polar radar images to LiDAR occupancy, on real pairs.
 
 The diffusion half of the main model alone: its network, loss, sampler and loop with
-another spec. What is drawn is an occupancy image of -1 and 1; a pixel is occupied where
+another spec. What is drawn is an occupancy image of 0 and 1; a pixel is occupied where
 it exceeds a threshold, which is chosen for each method on trajectories of their own.
 """
 
@@ -26,7 +26,9 @@ from jradar.data.radarhd import LIDAR, RadarHD, open_radarhd, polar_to_points
 from jradar.files import atomic_path, write_text
 from jradar.metrics import THRESHOLDS_M, compare_on_host
 
-LIMITS = np.linspace(-0.95, 0.95, 39)  # of the drawn value, to choose from
+LIMITS = 1 / (
+    1 + np.exp(-np.arange(-5.0, 4.1, 0.25))
+)  # of the drawn value, to choose from
 CHOSEN_BY = "f_score_0.2"
 SHOWN = 4  # frames in the picture
 Draw = Callable[[jax.Array, jax.Array], jax.Array]
@@ -36,7 +38,7 @@ class Item(NamedTuple):
     """Images of one pair as the network takes them."""
 
     condition: np.ndarray  # [range, radar azimuth, history], 0 .. 1
-    target: np.ndarray  # [range, azimuth, 1], -1 or 1
+    target: np.ndarray  # [range, azimuth, 1], 0 or 1
 
 
 class Items(Sequence):
@@ -53,7 +55,7 @@ class Items(Sequence):
         """Item `index`."""
         turned, i = divmod(int(index), len(self._pairs))
         condition = self._pairs.history(i, self._history).astype(np.float32) / 255
-        target = np.where(self._pairs[i].lidar, 1.0, -1.0).astype(np.float32)[..., None]
+        target = self._pairs[i].lidar.astype(np.float32)[..., None]
         if turned:
             condition, target = condition[:, ::-1], target[:, ::-1]
         return Item(condition, target)
@@ -87,7 +89,7 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
         return mean_scores([r for r in rows if r["limit"] == limits[r["method"]]])
 
     loss = {
-        "diffusion": diffusion.denoising_loss,
+        "diffusion": diffusion.occupancy_denoising_loss,
         "regression": baselines.occupancy_loss,
     }[config.method]
     state = training.train(
@@ -172,7 +174,7 @@ def make_draws(
     if config.method == "regression":
         return {
             "direct regression": drawn(
-                lambda _, denoise, shape: baselines.occupancy_estimate(
+                lambda _, denoise, shape: baselines.regression_estimate(
                     denoise, shape, noise=noise
                 )
             )

@@ -29,13 +29,6 @@ def regression_loss(
     return jnp.mean((estimate - clean) ** 2)
 
 
-def occupancy_estimate(
-    denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
-) -> Image:
-    """Estimate of images that are 1 where occupied and -1 elsewhere, within -1 .. 1."""
-    return jnp.tanh(regression_estimate(denoise, shape, noise=noise))
-
-
 def occupancy_loss(
     key: Key[Array, ""],
     denoise: Denoiser,
@@ -44,14 +37,13 @@ def occupancy_loss(
     noise: NoiseSpec,
     step: int | Int[Array, ""] = 0,
 ) -> Float[Array, ""]:
-    """Squared error and Dice of the occupancy (RadarHD, Prabhakara et al. 2023).
+    """Squared error and Dice of pixels that are 0 or 1 (RadarHD, Prabhakara et al.).
 
-    Both of the probabilities (estimate + 1) / 2, Dice over each image; `key` and `step`
-    are not used.
+    For the prediction "occupancy", whose estimate is a probability; Dice over each
+    image. `key` and `step` are not used.
     """
-    share = (occupancy_estimate(denoise, clean.shape, noise=noise) + 1) / 2
-    truth = (clean + 1) / 2
-    both = (share * truth).sum((1, 2, 3))
-    either = (share + truth).sum((1, 2, 3))
+    share = regression_estimate(denoise, clean.shape, noise=noise)
+    both = (share * clean).sum((1, 2, 3))
+    either = (share + clean).sum((1, 2, 3))
     dice = 1 - 2 * both / jnp.maximum(either, 1e-6)
-    return jnp.mean((share - truth) ** 2) + dice.mean()
+    return jnp.mean((share - clean) ** 2) + dice.mean()

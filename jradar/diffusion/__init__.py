@@ -5,7 +5,7 @@ training_sigma, loss_weight, karras_sigmas, log_sigmas
 UNet, PRESETS                    the network
 load_pretrained, read_state, Transfer   published weights for it
 precondition, conditional_denoiser   network -> D(x; sigma), given a condition
-denoising_loss, LossSpec, target_mask           training
+denoising_loss, LossSpec, target_mask, occupancy_denoising_loss   training
 lpips, load_lpips, LpipsWeights  the perceptual distance
 sample                           sampling with one of SOLVERS
 solve, heun_step, heun_churn, multistep_table   its parts
@@ -18,6 +18,7 @@ from jradar.diffusion.denoiser import (
 from jradar.diffusion.losses import (
     LossSpec as LossSpec,
     denoising_loss as denoising_loss,
+    occupancy_denoising_loss as occupancy_denoising_loss,
     target_mask as target_mask,
 )
 from jradar.diffusion.noise import (

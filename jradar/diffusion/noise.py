@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-PREDICTIONS = ("edm", "clean")
+PREDICTIONS = ("edm", "clean", "gaussian", "occupancy")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,7 +20,8 @@ class NoiseSpec:
     """EDM's settings; `sigma_data` is the standard deviation of the clean images.
 
     `prediction` is what the network predicts: "edm" a mixture of image and noise,
-    "clean" the image (`scalings`).
+    "clean" the image, "gaussian" the image and how sure it is of each pixel,
+    "occupancy" the log-odds of pixels that are 0 or 1 (`precondition`).
     """
 
     sigma_data: float = 0.5
@@ -44,6 +45,11 @@ class NoiseSpec:
             raise ValueError(
                 f"prediction = {self.prediction!r}, expected one of {PREDICTIONS}"
             )
+        if self.prediction == "occupancy" and self.sigma_data > 0.5:
+            raise ValueError(
+                f"sigma_data = {self.sigma_data}, expected at most 0.5: "
+                "that of pixels that are 0 or 1"
+            )
 
 
 def training_sigma(
@@ -58,7 +64,7 @@ def loss_weight(
 ) -> Float[Array, "*batch"]:
     """Weight of the squared error that makes the network's target unit variance."""
     data = noise.sigma_data
-    if noise.prediction == "clean":
+    if noise.prediction in ("clean", "occupancy"):
         return jnp.full_like(sigma, 1 / data**2)
     return (sigma**2 + data**2) / (sigma * data) ** 2
 

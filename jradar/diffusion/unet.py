@@ -72,7 +72,8 @@ class UNet(nn.Module):
 
     `form` is the kind of block, "adm" or "ddpm++"; `remat` trades time for memory in
     training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks). Patches of
-    `condition_stem` pixels of the condition make one of its grid.
+    `condition_stem` pixels of the condition make one of its grid. Without
+    `detail_channels` no pixel has a way around the trunk.
     """
 
     channels: int = 64
@@ -207,7 +208,7 @@ class Trunk(nn.Module):
             )
 
         x = x.astype(self.dtype)
-        detail = self._detail(x, embedding)
+        detail = self._detail(x, embedding) if self.detail_channels else None
         patches = fold(x, self.stem)
         first = self.channels if song else width[0]
         h = conv(first, self.dtype, name="stem")(patches)
@@ -256,6 +257,8 @@ class Trunk(nn.Module):
         )
         patch = math.prod(self.stem)
         coarse = conv(self.outputs * patch, self.dtype, zero=True, name="output")(h)
+        if detail is None:
+            return unfold(coarse, self.stem).astype(jnp.float32)
         fine = unfold(self._dense(self.detail_channels * patch, "unfold")(h), self.stem)
         fine = nn.silu(jnp.concatenate([fine, detail], -1))
         fine = conv(self.outputs, self.dtype, zero=True, name="refine")(fine)

@@ -104,6 +104,8 @@ def simulate_cube(
     )
     shape = (radar.num_chirps, radar.num_tx, radar.num_rx, radar.num_samples)
     cube = jnp.moveaxis(blocks.reshape(shape), 0, 2)
+    if not noise_power:
+        return cube
     real, imaginary = jnp.sqrt(noise_power / 2) * jax.random.normal(
         key, (2, *radar.cube_shape)
     )

@@ -5,6 +5,7 @@ capture_figure, samples_figure, angle_spectra_figure, preparation_figure
 plane_figure                     polar images and clouds in the plane
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
+realism_figure, Seen             simulated frames beside real ones
 save_figure                      any of them as PNG
 write_report, CloudFrame         one HTML file with clouds to turn
 """
@@ -17,6 +18,7 @@ from jradar.viz.figures import (
     save_figure as save_figure,
 )
 from jradar.viz.preparation import preparation_figure as preparation_figure
+from jradar.viz.realism import Seen as Seen, realism_figure as realism_figure
 from jradar.viz.report import (
     CloudFrame as CloudFrame,
     write_report as write_report,

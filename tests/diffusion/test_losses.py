@@ -9,6 +9,7 @@ from jradar.diffusion import (
     LossSpec,
     NoiseSpec,
     denoising_loss,
+    occupancy_denoising_loss,
     precondition,
     target_mask,
     training_sigma,
@@ -28,11 +29,14 @@ def mean_square(a, b):
     return ((a - b) ** 2).mean((1, 2, 3))
 
 
-@pytest.mark.parametrize("prediction", ["edm", "clean"])
+@pytest.mark.parametrize("prediction", ["edm", "clean", "gaussian"])
 def test_loss_of_a_silent_network_is_1(prediction):
     noise = NoiseSpec(prediction=prediction)
     clean = 0.5 * jax.random.normal(jax.random.key(0), (4000, 2, 2, 1))
-    denoise = precondition(lambda x, c_noise: jnp.zeros_like(x), noise)
+    outputs = 2 if prediction == "gaussian" else 1
+    denoise = precondition(
+        lambda x, c_noise: jnp.zeros((*x.shape[:-1], outputs)), noise
+    )
     loss = denoising_loss(KEY, denoise, clean, noise=noise)
     np.testing.assert_allclose(loss, 1, rtol=0.03)
 
@@ -47,6 +51,52 @@ def test_prediction_clean_is_the_network_itself():
     np.testing.assert_allclose(seen[0], x / np.hypot(0.3, 0.7), rtol=1e-5)
     with pytest.raises(ValueError, match="prediction = 'noise', expected one of"):
         NoiseSpec(prediction="noise")
+
+
+def test_gaussian_is_the_posterior_mean_of_a_pixel_with_that_prior():
+    noise, sigma, clean = NoiseSpec(prediction="gaussian", sigma_data=0.5), 0.3, 0.2
+    mean, spread = 0.15, 0.25  # of the prior of this pixel
+    said = jnp.array([mean / 0.5, 4 * np.arctanh(np.log(spread / 0.5) / 4)])
+    denoise = precondition(lambda x, c_noise: said[None, None, None], noise)
+    grid = np.linspace(-3, 3, 20001)  # Bayes' rule, summed
+    x = clean + 0.1
+    weight = np.exp(-((grid - mean) ** 2) / (2 * spread**2))
+    weight *= np.exp(-((x - grid) ** 2) / (2 * sigma**2))
+    expected = (weight * grid).sum() / weight.sum()
+    found = denoise(jnp.full((1, 1, 1, 1), x), sigma)
+    np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+def test_occupancy_is_the_posterior_of_a_pixel_that_is_0_or_1():
+    share, sigma, x = 0.09, 0.4, 0.7
+    noise = NoiseSpec(prediction="occupancy", sigma_data=(share * (1 - share)) ** 0.5)
+    denoise = precondition(lambda x, c_noise: jnp.full_like(x, 0.8), noise)
+    odds = share / (1 - share) * np.exp(0.8)
+    odds *= np.exp(-((x - 1) ** 2) / (2 * sigma**2) + x**2 / (2 * sigma**2))
+    found = denoise(jnp.full((1, 1, 1, 1), x), sigma)
+    np.testing.assert_allclose(found, odds / (1 + odds), rtol=1e-5)
+    with pytest.raises(ValueError, match="sigma_data = 0.7, expected at most 0.5"):
+        NoiseSpec(prediction="occupancy", sigma_data=0.7)
+
+
+def test_cross_entropy_is_1_for_the_prior_and_falls_with_what_is_known():
+    share = 0.09
+    noise = NoiseSpec(
+        prediction="occupancy",
+        sigma_data=(share * (1 - share)) ** 0.5,
+        log_mean=7.0,  # so much noise that pixels say nothing
+        log_std=0.1,
+    )
+    clean = jax.random.bernoulli(KEY, share, (64, 32, 32, 1)).astype(float)
+
+    def loss(said):
+        denoise = precondition(lambda x, c_noise: said, noise)
+        return occupancy_denoising_loss(KEY, denoise, clean, noise=noise)
+
+    np.testing.assert_allclose(loss(jnp.zeros_like(clean)), 1, rtol=0.03)
+    assert loss(6 * clean - 3) < 0.5
+    slope = jax.grad(lambda shift: loss(shift * jnp.ones_like(clean)))(0.0)
+    assert abs(slope) < 0.02  # the prior is the best constant
 
 
 def test_terms_are_the_equations():

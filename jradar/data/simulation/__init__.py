@@ -8,10 +8,12 @@ simulate_set, check_set, SETS    the benchmark set jradar-sim, with digests
 simulate                         the command
 
 What is modelled: materials (materials), speckle, mirrors, corners and first-order
-ghosts (echoes), antennas, noise, leakage and the ADC (link, radar), hand-held motion
-(motion), returns lost and glass looked through (lidar), clocks that drift apart
-(sequence). What is not: diffraction, a second bounce between walls, phase noise,
-interference, limbs that swing.
+ghosts (echoes), antennas, noise, leakage and the ADC (link, radar), channels that
+nobody calibrated (radar), phase noise and chirps that start late (synthesiser), mounts
+beside their calibration (rig), hand-held motion (motion), returns lost and glass looked
+through (lidar), streams whose frames lie apart in time (sequence). What is not:
+diffraction, a second bounce between walls, interference, limbs that swing, stamps that
+are wrong (5 ms at walking pace would be 5 mm).
 """
 
 from jradar.data.simulation.benchmark_set import (

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from jradar.data.simulation.radar import Hardware
+from jradar.data.simulation.radar import Hardware, channel_factors
 from jradar.data.simulation.rig import EXTRINSICS
 from jradar.files import atomic_path
 from jradar.radar import RadarSpec
@@ -87,14 +87,18 @@ def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
     half = radar.num_samples // 2
     phase = 2 * np.pi * np.arange(radar.num_samples) / radar.num_samples
     blackman = 0.42 - 0.5 * np.cos(phase) + 0.08 * np.cos(2 * phase)
-    coupling = np.fft.fft(hardware.leakage * blackman)[..., 1 : half + 1]
+    calibrated = folder.name == "cascade"  # the coupling lies behind it
+    leakage = hardware.leakage
+    if not calibrated:
+        leakage = leakage * channel_factors(hardware, radar)
+    coupling = np.fft.fft(leakage * blackman)[..., 1 : half + 1]
     numbers = coupling.ravel().view(float)
     (folder / "coupling_calib.txt").write_text(
         f"num_tx:{radar.num_tx}\nnum_rx:{radar.num_rx}\nnum_range_bins:{half}\n"
         f"num_doppler_bins:{radar.num_chirps}\n"
         "data:" + ",".join(f"{number:.6g}" for number in numbers) + "\n"
     )
-    if not hardware.frequency.any():
+    if not calibrated:
         return
     calibration = {
         "numRx": radar.num_rx,

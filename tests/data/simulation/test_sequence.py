@@ -24,7 +24,7 @@ from jradar.data.simulation.benchmark_set import (
 )
 from jradar.data.simulation.capture import dca1000_bytes, simulate_capture, write_cfg
 from jradar.data.simulation.coloradar_files import write_calib
-from jradar.data.simulation.radar import make_hardware
+from jradar.data.simulation.radar import channel_factors, make_hardware
 from jradar.data.simulation.sequence import EPOCH_S, imu_records, make_setting
 from jradar.lidar import rigid_transform, transform
 from jradar.radar import (
@@ -97,7 +97,8 @@ def test_the_calib_folder_says_what_was_simulated(folder):
 def test_the_coupling_file_removes_the_leakage(folder):
     coupling = read_coupling(folder.parent / "calib/single_chip/coupling_calib.txt")
     hardware = make_hardware("single_chip", RADAR)
-    cube = np.broadcast_to(hardware.leakage[:, :, None], RADAR.cube_shape)
+    leakage = hardware.leakage * channel_factors(hardware, RADAR)
+    cube = np.broadcast_to(leakage[:, :, None], RADAR.cube_shape)
     spectrum, power = range_doppler(
         jnp.asarray(cube, jnp.complex64), range_window="blackman"
     )
