@@ -27,6 +27,7 @@ from jradar.evaluation.tables import (
     COLUMNS,
     markdown,
     paper_tables,
+    pooled_table,
     scenes_table,
     summarise,
 )
@@ -42,6 +43,7 @@ from jradar.viz import (
 )
 
 MAX_CLOUD_BYTES = 1 << 30
+MAX_REPORT_BYTES = 10_000_000
 SPARSE = 2000  # points
 OWN = ("curves.png", "clouds.png", "training.png")
 OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
@@ -96,7 +98,9 @@ def build_report(run: Path | str) -> Path:
     scores = read_scores(folder / "frames.jsonl")
     summary = summarise(scores)
     truths = [*dict.fromkeys(row["truth"] for row in summary)]
-    tables = {
+    first = [row for row in scores if row["truth"] == truths[0]]
+    tables = {f"All scenes, against {truths[0]}": pooled_table(first)}
+    tables |= {
         f"Scenes, against {truth}": "\n".join(
             scenes_table(summary, truth=truth, scenes=scenes, intervals=True)
             for scenes in paper_tables([r for r in summary if r["truth"] == truth])
@@ -104,7 +108,6 @@ def build_report(run: Path | str) -> Path:
         for truth in truths
     }
     tables["Every score"] = markdown(summary, milliseconds=True)
-    first = [row for row in scores if row["truth"] == truths[0]]
     errors: dict[str, dict[str, list[float]]] = {}
     for row in first:
         by_method = errors.setdefault(row["scene"], {})
@@ -128,7 +131,14 @@ def build_report(run: Path | str) -> Path:
     figures |= {path.stem: path for path in others}
     path = folder / "report.html"
     title = f"{run.resolve().name}: {', '.join(errors)}"
-    write_report(path, title=title, tables=tables, figures=figures, frames=frames)
+    write_report(
+        path,
+        title=title,
+        tables=tables,
+        figures=figures,
+        frames=frames,
+        max_bytes=MAX_REPORT_BYTES,
+    )
     return path
 
 
