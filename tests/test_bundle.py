@@ -1,6 +1,11 @@
 """Bundles: round trip, and every way in which one can be unusable."""
 
 import json
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -129,3 +134,19 @@ def test_what_is_shipped_is_whole_and_small():
         assert load_bundle(folder).spec.purpose, folder
     size = sum(p.stat().st_size for f in folders for p in f.iterdir())
     assert size <= 25_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_wheel_holds_the_weights(tmp_path, bundle):
+    root = Path(__file__).parents[1]
+    for name in ("pyproject.toml", "README.md", "LICENSE", ".gitignore"):
+        shutil.copy(root / name, tmp_path)
+    shutil.copytree(root / "jradar", tmp_path / "jradar")
+    save_bundle(tmp_path / "jradar" / "weights" / "tiny", bundle)
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", tmp_path / "w"]
+    subprocess.run([*command, tmp_path], check=True)
+    (wheel,) = (tmp_path / "w").glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    for name in ("bundle.json", "weights.safetensors"):
+        assert f"jradar/weights/tiny/{name}" in names

@@ -17,6 +17,7 @@ import webbrowser
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -149,7 +150,8 @@ def _write_clouds(folder: Path, clouds) -> None:
         for (_, sequence, frame), named in clouds.items():
             for name, xyz in named.items():
                 file = re.sub(r"[^A-Za-z0-9.+-]+", "_", name) + ".ply"
-                cloud = PointCloud(xyz, np.ones(len(xyz), bool))
+                valid: Any = np.ones(len(xyz), bool)
+                cloud = PointCloud(xyz, valid)
                 write_ply(scratch / f"{sequence}_{frame}" / file, cloud)
 
 

@@ -57,10 +57,10 @@ def comparison_table(
     With the 95 % interval and both p-values of `compare_paired`; `truth` is the first
     one unless named. Raises ValueError where nothing is called `reference`.
     """
-    truth = truth or scores[0]["truth"]
-    by_method = _by_method(scores, truth)
+    against = truth or str(scores[0]["truth"])
+    by_method = _by_method(scores, against)
     if reference not in by_method:
-        raise ValueError(f"{reference=} is none of {[*by_method]} against {truth!r}")
+        raise ValueError(f"{reference=} is none of {[*by_method]} against {against!r}")
     lines = [
         f"| {COLUMNS[score]}, minus {reference} | difference | 95 % interval "
         "| p, t-test | p, sign flips | frames | left out |",
@@ -84,12 +84,12 @@ def runs_table(
     Methods that scored the same in both are left out. Raises ValueError where the runs
     have no method in common.
     """
-    truth = truth or first[0]["truth"]
-    sides = [_by_method(scores, truth) for scores in (first, second)]
+    against = truth or str(first[0]["truth"])
+    sides = [_by_method(scores, against) for scores in (first, second)]
     common = [method for method in sides[0] if method in sides[1]]
     if not common:
         raise ValueError(
-            f"no method in common against {truth!r}: {[*sides[0]]} and {[*sides[1]]}"
+            f"no method in common against {against!r}: {[*sides[0]]} and {[*sides[1]]}"
         )
     lines = [
         "| method | score | second minus first | 95 % interval | p, t-test "
