@@ -25,6 +25,7 @@ from jradar.progress import progress
 from jradar.range_image import ImageSpec
 
 SPLIT = "test"
+REGRESSION = "-regression"
 
 
 def run_evaluation(config: ConfigDict, workdir: Path) -> None:
@@ -67,13 +68,17 @@ run_training = run_evaluation  # nothing is trained
 
 
 def learned(config: ConfigDict, bundles: dict[str, Bundle]) -> dict[str, Method]:
-    """Methods of each bundle; those of another than the default bear its name."""
+    """Methods of each bundle, the default's first; a name that is taken gets its own.
+
+    A bundle called `..-regression` was trained by direct regression.
+    """
     methods: dict[str, Method] = {}
-    for name, bundle in bundles.items():
-        options = ConfigDict(config.to_dict())
-        options.sampling.validity_threshold = bundle.spec.validity_threshold
-        for method, call in build_methods(options, bundle).items():
-            methods[method if name == DEFAULT else f"{name}: {method}"] = call
+    for name in sorted(bundles, key=lambda name: (name != DEFAULT, name)):
+        spec, options = bundles[name].spec, ConfigDict(config.to_dict())
+        options.method = "regression" if name.endswith(REGRESSION) else "diffusion"
+        options.sampling.validity_threshold = spec.validity_threshold
+        for method, call in build_methods(options, bundles[name]).items():
+            methods[f"{name}: {method}" if method in methods else method] = call
     return methods
 
 
