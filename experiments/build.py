@@ -58,11 +58,16 @@ def prepared_data(config: ConfigDict, workdir: Path) -> Path:
             frames=frames,
             advance=lambda: show(next(done)),
         )
+    prepare(config, recordings, records)
+    return records
+
+
+def prepare(config: ConfigDict, recordings: Path, records: Path) -> None:
+    """Prepare recordings as the config says, for the field of view of its images."""
     spec = data.PrepareSpec(
         **config.prepare.to_dict(), lidar=LidarSpec(**view(config.image))
     )
     data.prepare(recordings, records, spec, workers=1)
-    return records
 
 
 def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:

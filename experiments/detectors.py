@@ -171,6 +171,7 @@ def score_records(
                 truths=truths,
                 scene=scene_of(name),
                 sequence=name,
+                warm_up=not done,
             )
             for row in rows:
                 yield row

@@ -34,10 +34,9 @@ from experiments.detectors import (
     choose_rates,
     detector_methods,
     points_of,
-    scene_of,
-    score_records,
 )
-from jradar import data, diffusion, evaluation, training, viz
+from experiments.results import write_results
+from jradar import data, diffusion, training, viz
 from jradar.baselines import regression_estimate
 from jradar.bundle import Bundle, load_bundle, save_bundle
 from jradar.metrics import compare_on_host
@@ -45,7 +44,6 @@ from jradar.pipeline import draw_range_image
 from jradar.range_image import decode_target, encode_target, unproject
 
 FRAMES_IN_FIGURE = 4
-CLOUDS_IN_REPORT = 12
 
 
 def run_training(config: ConfigDict, workdir: Path) -> None:
@@ -147,7 +145,7 @@ def validate(
 def run_evaluation(config: ConfigDict, workdir: Path) -> None:
     """Score the workdir's bundle beside the detectors: tables, pictures, a report."""
     bundle = load_bundle(workdir / "bundle")
-    folder, out = prepared_data(config, workdir), workdir / "evaluation"
+    folder = prepared_data(config, workdir)
     view = View(bundle.spec.radar, bundle.spec.fine)
     rates = choose_rates(
         view,
@@ -157,30 +155,16 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
     )
     methods = {**detector_methods(view, rates), **build_methods(config, bundle)}
     records = data.Records(folder, config.evaluation.split)
-    pairs = build_pairs(bundle.spec, records)
-    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
-    every = config.evaluation.every
-    rows = score_records(key, view, records, pairs, methods, every=every)
-    evaluation.write_scores(out / "frames.jsonl", rows)
-    evaluation.write_tables(out / "frames.jsonl")
-    shown = [
-        Frame(records[int(i)], pairs[int(i)])
-        for i in np.linspace(0, len(records) - 1, CLOUDS_IN_REPORT).astype(int)
-    ]
-    clouds = _clouds(config, shown, methods)
-    evaluation.save_clouds(out / "clouds.npz", clouds)
-    spec = bundle.spec
-    some = [*clouds.values()][:: CLOUDS_IN_REPORT // FRAMES_IN_FIGURE]
-    columns = {
-        name: np.stack([data.lidar_image(frame[name], spec.fine) for frame in some])
-        for name in some[0]
-    }
-    viz.save_figure(viz.samples_figure(columns, spec.fine), out / "samples.png")
-    report = evaluation.build_report(workdir)
-    table = evaluation.markdown(
-        evaluation.summarise(evaluation.read_scores(out / "frames.jsonl"))
+    print(bundle.spec.purpose, end="\n\n")
+    write_results(
+        jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY),
+        workdir,
+        view,
+        records,
+        build_pairs(bundle.spec, records),
+        methods,
+        every=config.evaluation.every,
     )
-    print(f"{spec.purpose}\n\n{table}\nreport: {report}")
 
 
 def build_methods(config: ConfigDict, bundle: Bundle) -> dict[str, Method]:
@@ -236,18 +220,3 @@ def regressed(config: ConfigDict, bundle: Bundle) -> Method:
         return unproject(image, spec.fine)
 
     return lambda _, frame: cloud(frame.pair.condition)
-
-
-def _clouds(config, shown, methods):
-    """Clouds of some frames by scene, sequence and frame, then by method."""
-    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
-    clouds = {}
-    for number, frame in enumerate(shown):
-        prepared = frame.prepared
-        named = {"LiDAR": prepared.lidar_xyz}
-        for name, method in methods.items():
-            cloud = method(jax.random.fold_in(key, number), frame)
-            named[name] = points_of(cloud)
-        place = (scene_of(prepared.sequence), prepared.sequence, prepared.frame)
-        clouds[place] = named
-    return clouds

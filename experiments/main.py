@@ -23,7 +23,7 @@ from ml_collections import config_flags
 
 from jradar.files import lock_folder, use_compilation_cache
 
-TASKS = ("enhance", "radarhd", "rpdnet", "pretrain")  # modules beside this one
+TASKS = ("enhance", "demo", "radarhd", "rpdnet", "pretrain")  # modules beside this one
 
 CONFIG = config_flags.DEFINE_config_file("config", None, "File of the experiment.")
 WORKDIR = flags.DEFINE_string("workdir", None, "Folder for everything it writes.")

@@ -30,12 +30,12 @@ from experiments.detectors import (
     View,
     f_score,
     points_of,
-    score_records,
     seen_points,
     view_of,
 )
 from experiments.radarhd import load_weights, save_weights
-from jradar import data, evaluation, training
+from experiments.results import write_results
+from jradar import data, training
 from jradar.baselines import (
     RPDNet,
     label_cells,
@@ -155,8 +155,10 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
         data.Records(folder, "validation"),
         frames=config.evaluation.frames_for_limit,
     )
-    rows = score_records(
+    print(f"cells of probability {limit} and more")
+    write_results(
         jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY),
+        workdir,
         view,
         records,
         data.PairSource(records, view.fine, view.fine, num_slices=1),
@@ -167,12 +169,6 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
         },
         every=config.evaluation.every,
     )
-    path = workdir / "evaluation" / "frames.jsonl"
-    evaluation.write_scores(path, rows)
-    evaluation.write_tables(path)
-    report = evaluation.build_report(workdir)
-    table = evaluation.markdown(evaluation.summarise(evaluation.read_scores(path)))
-    print(f"cells of probability {limit} and more\n\n{table}\nreport: {report}")
 
 
 def build_detector(config: ConfigDict) -> RPDNet:

@@ -4,6 +4,9 @@ weights.safetensors    parameters of the network, named by their path
 bundle.json            everything needed to use them: network, noise levels, image
                        specs, codec, options of the radar points; what they were
                        trained on and for how many steps; the weights' digest
+
+Bundles that come with the package are folders of `jradar/weights`, named after what
+they were trained on.
 """
 
 import dataclasses
@@ -27,6 +30,8 @@ from jradar.range_image import CHANNELS, ImageSpec
 
 FORMAT = 2
 MAX_JSON_BYTES = 1 << 20
+WEIGHTS = Path(__file__).with_name("weights")  # what the package ships
+DEFAULT = "jradar-sim"
 
 
 class BundleError(ValueError):
@@ -119,6 +124,24 @@ def load_bundle(folder: Path | str) -> Bundle:
     _check_shapes(weights_path, flat, spec)
     params = flax.traverse_util.unflatten_dict(flat, sep="/")
     return Bundle(jax.tree.map(jnp.asarray, params), spec)
+
+
+def shipped_bundles() -> dict[str, Path]:
+    """Folders of the bundles that come with the package, by name; there may be none."""
+    found = sorted(path.parent for path in WEIGHTS.glob("*/bundle.json"))
+    return {folder.name: folder for folder in found}
+
+
+def default_bundle() -> Path:
+    """The shipped bundle `jradar-sim`; BundleError where it is not shipped."""
+    shipped = shipped_bundles()
+    if DEFAULT not in shipped:
+        others = f", only {', '.join(shipped)}: name one" if shipped else ""
+        raise BundleError(
+            f"this version ships no weights {DEFAULT!r}{others}; or train a model, and "
+            "name the folder `bundle` in its workdir as --weights"
+        )
+    return shipped[DEFAULT]
 
 
 def _check_shapes(path, flat, spec):

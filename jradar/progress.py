@@ -51,12 +51,13 @@ def _bar(what, total, first, unit):
 
 def _lines(what, total, first, unit):
     """Prints a line when ten seconds have passed since the last, and at the end."""
-    rate, last = _Rate(first, total, unit), [-math.inf]
+    rate, printed = _Rate(first, total, unit), {"at": -math.inf, "done": first - 1}
 
     def show(done, note=""):
         speed, now = rate(done), time.monotonic()
-        if now - last[0] >= SECONDS_BETWEEN_LINES or done == total:
-            last[0] = now
+        ends = done == total and done != printed["done"]
+        if ends or now - printed["at"] >= SECONDS_BETWEEN_LINES:
+            printed.update(at=now, done=done)
             parts = (f"{what} {done}/{total}", note, speed)
             print("  ".join(p for p in parts if p), file=sys.stderr, flush=True)
 

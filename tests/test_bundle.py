@@ -2,6 +2,11 @@
 
 import dataclasses
 import json
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +14,16 @@ import numpy as np
 import pytest
 from flax.traverse_util import flatten_dict, unflatten_dict
 
-from jradar.bundle import Bundle, BundleError, BundleSpec, load_bundle, save_bundle
+from jradar import bundle as bundles
+from jradar.bundle import (
+    Bundle,
+    BundleError,
+    BundleSpec,
+    default_bundle,
+    load_bundle,
+    save_bundle,
+    shipped_bundles,
+)
 from jradar.diffusion import NoiseSpec, UNet
 from jradar.radar import RadarSpec
 from jradar.range_image import ImageSpec
@@ -122,3 +136,41 @@ def test_weights_of_another_network_are_named(tmp_path, bundle):
     save_bundle(tmp_path, Bundle(bundle.params, small))
     with pytest.raises(BundleError, match="cannot be built: image of 30 columns"):
         load_bundle(tmp_path)
+
+
+def test_shipped_bundles_are_found_by_name(tmp_path, bundle, monkeypatch):
+    monkeypatch.setattr(bundles, "WEIGHTS", tmp_path / "weights")
+    assert shipped_bundles() == {}
+    with pytest.raises(BundleError, match="no weights 'jradar-sim'; or train"):
+        default_bundle()
+    save_bundle(tmp_path / "weights" / "other", bundle)
+    (tmp_path / "weights" / "empty").mkdir()
+    with pytest.raises(BundleError, match="'jradar-sim', only other: name one"):
+        default_bundle()
+    save_bundle(tmp_path / "weights" / "jradar-sim", bundle)
+    assert [*shipped_bundles()] == ["jradar-sim", "other"]
+    assert load_bundle(default_bundle()).spec == bundle.spec
+
+
+def test_what_is_shipped_is_whole_and_small():
+    folders = shipped_bundles().values()
+    for folder in folders:
+        assert load_bundle(folder).spec.purpose, folder
+    size = sum(p.stat().st_size for f in folders for p in f.iterdir())
+    assert size <= 25_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_wheel_holds_the_weights(tmp_path, bundle):
+    root = Path(__file__).parents[1]
+    for name in ("pyproject.toml", "README.md", "LICENSE", ".gitignore"):
+        shutil.copy(root / name, tmp_path)
+    shutil.copytree(root / "jradar", tmp_path / "jradar")
+    save_bundle(tmp_path / "jradar" / "weights" / "tiny", bundle)
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", tmp_path / "w"]
+    subprocess.run([*command, tmp_path], check=True)
+    (wheel,) = (tmp_path / "w").glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    for name in ("bundle.json", "weights.safetensors"):
+        assert f"jradar/weights/tiny/{name}" in names

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+from jradar import bundle as bundles
 from jradar.bundle import save_bundle
 from jradar.cli import main
 from tests.data.test_coloradar import (
@@ -179,6 +180,39 @@ def test_enhance_writes_a_finite_cloud(
         assert np.isfinite(file["xyz"]).all() and file["range_image"].shape == (8, 32)
         assert len(file["xyz"]) == (file["range_image"] > 0).sum()
     assert (tmp_path / "out" / "capture.png").stat().st_size > 10_000
+
+
+def test_enhance_times_every_stage_of_several_frames(
+    sequence,
+    bundle,  # noqa: F811
+    capsys,
+    tmp_path,
+    monkeypatch,
+):
+    monkeypatch.setattr(bundles, "WEIGHTS", tmp_path)
+    save_bundle(tmp_path / "jradar-sim", bundle)
+    few = ["--frames", "10:", "--steps", "1", "-o", str(tmp_path / "few")]
+    result = run_json(capsys, "enhance", str(sequence), *few)
+    assert [row["frame"] for row in result["enhanced"]] == [10, 11]
+    stages = result["milliseconds of a frame"]
+    assert len(stages) == 6 and all(value > 0 for value in stages.values())
+    drawing = sum(stages.values()) - stages["writing"]
+    rate = result["frames a second, without writing"]
+    assert rate == pytest.approx(1000 / drawing) and result["compiling (s)"] > 0.1
+    one = ["--frame", "11", "--steps", "1", "-o", str(tmp_path / "one")]
+    alone = run_json(capsys, "enhance", str(sequence), "--weights", "jradar-sim", *one)
+    assert alone["enhanced points"] == result["enhanced"][1]["enhanced points"]
+    for name in ("radar.ply", "enhanced.ply"):
+        same = (tmp_path / "few" / "000011" / name).read_bytes()
+        assert (tmp_path / "one" / name).read_bytes() == same
+
+
+def test_without_shipped_weights_enhance_says_so(
+    three_tx, capsys, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(bundles, "WEIGHTS", tmp_path / "none")
+    assert main(["enhance", three_tx, "-o", str(tmp_path / "out")]) == 5
+    assert "ships no weights 'jradar-sim'" in capsys.readouterr().err
 
 
 def truncated(folder):

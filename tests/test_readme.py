@@ -1,15 +1,55 @@
-"""The README: its Python example runs, its TOML example describes a radar."""
+"""What the documents show works: Python and TOML here, shell commands parse and run."""
 
+import argparse
+import contextlib
+import importlib
+import os
 import re
+import shlex
+import subprocess
+import sys
 from pathlib import Path
 
+import jax.numpy as jnp
+import pytest
+
+from experiments import main as experiments_main
+from jradar.cli import options
+from jradar.cli.commands import simulate
+from jradar.data import open_recording
 from jradar.radar import RadarSpec
 
-README = (Path(__file__).parents[1] / "README.md").read_text()
+ROOT = Path(__file__).parents[1]
+FILES = ("README", "experiments/README", "jradar/data/README", "benchmarks/README")
+TEXTS = {name: (ROOT / f"{name}.md").read_text() for name in FILES}
+README = TEXTS["README"]
 
 
-def blocks(language):
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+def blocks(language, name="README"):
+    return re.findall(rf"```{language}\n(.*?)```", TEXTS[name], re.DOTALL)
+
+
+def commands():
+    """(file, command) of every line of every shell block, without its comment."""
+    for name in FILES:
+        for block in blocks("bash", name):
+            for line in block.splitlines():
+                command = re.sub(r"\s+#.*", "", line).strip()
+                if command and not command.startswith("python3 -m venv"):
+                    yield name, command
+
+
+COMMANDS = [*dict.fromkeys(command for _, command in commands())]
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory):
+    """A folder in which sim/hall_0 is a recording."""
+    pytest.importorskip("embreex")
+    folder = tmp_path_factory.mktemp("readme")
+    arguments = ["simulate", "--scene", "hall", "--frames", "1"]
+    simulate(options.parser().parse_args([*arguments, "-o", str(folder / "sim")]))
+    return folder
 
 
 def test_python_example_runs_and_finds_its_target():
@@ -22,16 +62,162 @@ def test_python_example_runs_and_finds_its_target():
     assert names["cloud"].velocity[0] < -1 and (names["image"] > 0).any()
 
 
-def test_toml_example_is_a_radar(tmp_path):
-    (text,) = blocks("toml")
+def test_frames_become_conditions_and_a_turn_is_found_by_its_gradient():
+    first, second = blocks("python", "experiments/README")
+    names = {}
+    exec(first, names)
+    assert names["conditions"].shape == (3, 16, 16, 12)
+    assert (jnp.abs(names["conditions"]).max((1, 2, 3)) > 0).all()
+    exec(second, names)
+    assert abs(names["yaw"] - 0.1) < 1e-3
+
+
+def test_a_recording_is_opened_from_python(simulated, monkeypatch):
+    (code,) = blocks("python", "jradar/data/README")
+    monkeypatch.chdir(simulated)
+    names = {}
+    exec(code, names)
+    assert names["cube"].shape == names["recording"].radar.cube_shape
+    assert names["cloud"].valid.any() and len(names["scan"]) > 1000
+
+
+def test_a_case_of_ones_own_is_timed(capsys):
+    (code,) = blocks("python", "benchmarks/README")
+    exec(code, {})
+    median, peer, ratio = capsys.readouterr().out.split()
+    assert peer == "NumPy" and float(median) > 0 and float(ratio) > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("README", (2, 4, 128, 128)), ("jradar/data/README", (3, 4, 64, 128))],
+)
+def test_toml_example_is_a_radar(tmp_path, name, shape):
+    text = blocks("toml", name)[0]
     path = tmp_path / "radar.toml"
     path.write_text(text)
-    assert RadarSpec.from_toml(path).cube_shape == (2, 4, 128, 128)
+    assert RadarSpec.from_toml(path).cube_shape == shape
+
+
+def test_the_example_of_a_capture_has_known_keys_and_says_what_is_missing(tmp_path):
+    text = blocks("toml", "jradar/data/README")[1]
+    (tmp_path / "capture.toml").write_text(text)
+    with pytest.raises(FileNotFoundError, match=r"profile\.cfg|adc_data\.bin"):
+        open_recording(tmp_path)
 
 
 def test_two_commands_do_all_the_set_up():
     section = README.split("## Run it")[1].split("\n## ")[0]
     commands = re.findall(r"```bash\n(.*)\n```", section)
-    assert len(commands) == 2
+    assert len(commands) == 2 and "configs/demo.py" in commands[0]
     for command in commands:
         assert command.startswith("python3 -m venv .venv && .venv/bin/pip install")
+
+
+def test_links_lead_to_files():
+    for name, text in TEXTS.items():
+        for target in re.findall(r"\]\((?!http)([^)#]+)\)", text):
+            assert (ROOT / name).parent.joinpath(target).exists(), f"{name}: {target}"
+
+
+def words_of(command):
+    """The program's arguments, and the variables set before it."""
+    words = shlex.split(command)
+    count = next(i for i, w in enumerate(words) if not re.match(r"[A-Z_]+=", w))
+    return words[count:], dict(word.split("=", 1) for word in words[:count])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_parses(command, monkeypatch):
+    words, _ = words_of(command)
+    if words[0] == "jradar":
+        options.parser().parse_args(words[1:])
+        return
+    assert words[:2] == ["python", "-m"], command
+    module, arguments = words[2], words[3:]
+    if module == "experiments.main":
+        given = dict(word[2:].split("=", 1) for word in arguments)
+        assert {"config", "workdir"} <= given.keys() and (
+            ROOT / given["config"]
+        ).exists()
+        path = given.pop("config").removesuffix(".py").replace("/", ".")
+        known = {*experiments_main._keys(importlib.import_module(path).get_config())}
+        changed = {key.removeprefix("config.") for key in given if "config." in key}
+        assert changed <= known and given.keys() <= {"workdir", "mode"} | {
+            f"config.{key}" for key in known
+        }
+        return
+    seen = []
+    parse = argparse.ArgumentParser.parse_args
+
+    def stop(parser, given=None, namespace=None):
+        seen.append(parse(parser, given, namespace))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
+    loaded = importlib.import_module(module)
+    if module == "benchmarks.bench_data":  # takes a number, no options
+        assert callable(loaded.main) and int(arguments[0]) > 0
+        return
+    with contextlib.suppress(KeyboardInterrupt):
+        loaded.main(arguments)
+    assert seen
+
+
+STANDS_FOR = {  # of the user's own
+    "PATH": "sim/hall_0",
+    "adc_data.bin": "capture/hall_0/adc_data.bin",
+    "profile.cfg": "capture/hall_0/awr1843.cfg",
+    "coloradar/12_21_2020_ec_hallways_run0": "sim/hall_0",
+}
+NOT_RUN = {  # and why
+    "python -m benchmarks.run": "half an hour; the quick one is run",
+    "jradar simulate --set jradar-sim -o sim": "minutes; the mini set is run by smoke",
+    "--scheduler": "needs a Dask cluster",
+    "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
+    "--config=experiments/configs/default.py": "days of training",
+    "jradar enhance PATH -o out": "needs shipped weights",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_commands_run_one_after_another(tmp_path):
+    """In one folder; those of the experiments first, whose runs the others need."""
+    pytest.importorskip("embreex")
+    program = Path(sys.executable).parent
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "JRADAR_CACHE": ""}
+    for name in ("experiments", "benchmarks"):
+        (tmp_path / name).symlink_to(ROOT / name)
+
+    def run(words):
+        done = subprocess.run(
+            [str(program / words[0]), *words[1:]],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, f"{words}\n{done.stdout}\n{done.stderr}"
+
+    def simulated(*arguments):
+        run(["python", "-m", "jradar.cli", "simulate", *arguments])
+
+    simulated("--scene", "hall", "--frames", "3", "-o", "sim")
+    simulated(*"--scene hall --frames 3 --format capture -o capture".split())
+    simulated("--set", "jradar-sim-mini", "--frames", "2", "-o", "coloradar")
+    ordered = [command for name, command in commands() if name.startswith("exp")]
+    ran = 0
+    for command in dict.fromkeys([*ordered, *COMMANDS]):
+        if any(command == k or (k[0] == "-" and k in command) for k in NOT_RUN):
+            continue
+        words, variables = words_of(command)
+        if variables:
+            continue
+        words = [STANDS_FOR.get(word, word) for word in words]
+        if words[0] == "jradar":
+            words = ["python", "-m", "jradar.cli", *words[1:]]
+            words += ["--no-open"] if "view" in words else []
+        run(words)
+        ran += 1
+    assert ran > 15

@@ -60,70 +60,30 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def enhance(options: argparse.Namespace) -> dict[str, Any]:
-    """The dense cloud that a trained model draws for a frame."""
-    from jradar.bundle import load_bundle
+    """The dense clouds that a trained model draws for one frame or several."""
+    from jradar.cli.enhancing import enhance_frames, named_bundle
 
-    params, spec = load_bundle(options.weights)
+    bundle = named_bundle(options.weights)
+    if options.frames:
+        options.frame = options.frames.start or 0
     recording, cube = _open(options)
-    import jax
-
-    from jradar import data, diffusion, radar as radar_room, viz
-    from jradar.pipeline import draw_range_image
-    from jradar.range_image import condition_image, unproject
-
-    cloud = _points(cube, recording, **spec.points)
-    image = jax.jit(
-        lambda key, condition: draw_range_image(
-            key,
-            condition,
-            diffusion.conditional_denoiser(spec.network, params, spec.noise),
-            fine=spec.fine,
-            noise=spec.noise,
-            codec=spec.codec,
-            validity_threshold=spec.validity_threshold,
-            steps=options.steps,
-        )
-    )(
-        jax.random.key(options.seed),
-        condition_image(cloud, spec.coarse, num_slices=spec.num_slices),
-    )
-    dense = unproject(image, spec.fine)
-    weights = {
-        "folder": str(options.weights),
-        "purpose": spec.purpose,
-        "training steps": spec.steps_seen,
-        "trained on": f"{spec.trained_on}, radar {spec.radar.name}",
-    }
-    notes = []
+    frames = range(options.frame, options.frame + 1)
+    if options.frames:
+        frames = range(*options.frames.indices(len(recording.cubes)))
+    spec, notes = bundle.spec, []
     if not recording.radar.has_elevation:
         notes.append(
             "this radar has one row of antennas and measures no elevation: the "
             "condition is flat, and heights in the result come from the model alone"
         )
-    figure = viz.capture_figure(
-        radar_room.power_map(cube),
-        recording.radar,
-        cloud,
-        spec.fine,
-        dense=dense,
-        lidar=data.nearest_scan(recording, options.frame),
-        title=f"{recording.name}, frame {options.frame}; weights: {spec.purpose}",
-    )
-    folder = Path(options.output)
-    names = ("radar.ply", "enhanced.ply", "enhanced.npz", "capture.png")
-    data.write_ply(folder / names[0], cloud)
-    data.write_ply(folder / names[1], dense)
-    columns = data.valid_points(dense) | {"range_image": image}
-    data.write_npz(folder / names[2], columns)
-    viz.save_figure(figure, folder / names[3])
-    return {
-        **_summary(recording, notes),
-        "frame": options.frame,
-        "weights": weights,
-        "radar points": int(cloud.valid.sum()),
-        "enhanced points": int(dense.valid.sum()),
-        "written": [str(folder / name) for name in names],
+    weights = {
+        "folder": options.weights or "as shipped",
+        "purpose": spec.purpose,
+        "training steps": spec.steps_seen,
+        "trained on": f"{spec.trained_on}, radar {spec.radar.name}",
     }
+    drawn = enhance_frames(bundle, recording, cube, frames, _points, options)
+    return {**_summary(recording, notes), "weights": weights, **drawn}
 
 
 def prepare(options: argparse.Namespace) -> dict[str, Any]:
@@ -188,11 +148,11 @@ def view(options: argparse.Namespace) -> dict[str, Any]:
 
 def export(options: argparse.Namespace) -> dict[str, Any]:
     """A trained model as one file that runs without jradar: ADC cube to dense cloud."""
-    from jradar.bundle import load_bundle
+    from jradar.cli.enhancing import named_bundle
     from jradar.export import export_function
     from jradar.radar import read_coupling
 
-    bundle = load_bundle(options.weights)
+    bundle = named_bundle(options.weights)
     coupling = read_coupling(options.coupling) if options.coupling else None
     export_function(options.output, bundle, coupling=coupling, steps=options.steps)
     return {

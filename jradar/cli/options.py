@@ -60,9 +60,13 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--remove-static", action="store_true", help="movers only")
     sub = _add(kinds, commands.enhance)
     _recording(sub)
-    _frame(sub)
+    _frame(sub, several=True)
     _output(sub)
-    sub.add_argument("--weights", metavar="BUNDLE", required=True, help="bundle folder")
+    sub.add_argument(
+        "--weights",
+        metavar="BUNDLE",
+        help="bundle folder, or the name of shipped weights (jradar-sim)",
+    )
     sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
     sub.add_argument("--seed", type=int, default=0, help="of the drawn sample")
     _prepare(_add(kinds, commands.prepare, PREPARE_HELP))
@@ -71,7 +75,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("run", metavar="RUN", help="workdir of an experiment")
     sub.add_argument("--no-open", action="store_true", help="only say where it is")
     sub = _add(kinds, commands.export, has_path=False)
-    sub.add_argument("weights", metavar="BUNDLE", help="bundle folder")
+    sub.add_argument("weights", metavar="BUNDLE", help="bundle folder, or shipped name")
     sub.add_argument("-o", "--output", metavar="FILE", required=True)
     sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
     sub.add_argument(
@@ -122,9 +126,17 @@ def _recording(sub):
     )
 
 
-def _frame(sub):
-    """Which frame."""
-    sub.add_argument("--frame", type=int, default=0, help="which frame (default 0)")
+def _frame(sub, *, several: bool = False):
+    """Which frame, or which frames."""
+    which = sub.add_mutually_exclusive_group()
+    which.add_argument("--frame", type=int, default=0, help="which frame (default 0)")
+    if several:
+        which.add_argument(
+            "--frames",
+            type=_frames,
+            metavar="A:B",
+            help="from A up to B, each in a folder of its own below DIR",
+        )
     sub.add_argument(
         "--frames-as-chirps",
         action="store_true",

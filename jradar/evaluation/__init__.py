@@ -5,9 +5,10 @@ write_scores, read_scores        the file of scores, from which all else is made
 mean_interval, Estimate          means of correlated frames, with intervals
 compare_paired, compare_methods, Comparison
                                  do two methods differ, frame by frame?
-summarise, markdown, scenes_table, csv_table, write_tables
+summarise, markdown, scenes_table, overview, csv_table, write_tables
                                  tables: of all scores, the paper's, for spreadsheets
 read_runs, comparison_table      several runs side by side
+runs_table, frames_csv           one run minus another, frame by frame
 save_clouds, load_clouds         clouds of a few frames, kept with the scores
 build_report, open_report        a run's tables, curves and clouds in one HTML file
 """
@@ -25,7 +26,9 @@ from jradar.evaluation.report import (
 )
 from jradar.evaluation.runs import (
     comparison_table as comparison_table,
+    frames_csv as frames_csv,
     read_runs as read_runs,
+    runs_table as runs_table,
 )
 from jradar.evaluation.scores import (
     read_scores as read_scores,
@@ -41,6 +44,7 @@ from jradar.evaluation.statistics import (
 from jradar.evaluation.tables import (
     csv_table as csv_table,
     markdown as markdown,
+    overview as overview,
     scenes_table as scenes_table,
     summarise as summarise,
     write_tables as write_tables,

@@ -30,14 +30,16 @@ def score_frames(
     truths: Mapping[str, Truth],
     scene: str,
     sequence: str = "",
+    warm_up: bool = True,
 ) -> Iterator[dict[str, Any]]:
     """Scores of each method on each frame of one sequence, against each truth.
 
     `frames` gives its length and `frames[i]`, in the order of time; rows are those of
     `scores.py`. The same key for a frame serves all methods.
     `milliseconds` is the wall time of the method on that frame until its cloud is
-    computed; a call on the first frame, not counted, has compiled it. A method whose
-    shapes change from frame to frame compiles again, and that counts.
+    computed; a call on the first frame, not counted, has compiled it (`warm_up=False`:
+    another sequence's has). A method whose shapes change from frame to frame compiles
+    again, and that counts.
     """
     if not methods or not truths:
         raise ValueError(f"{len(methods)} methods and {len(truths)} truths to score")
@@ -45,7 +47,7 @@ def score_frames(
         frame, frame_key = frames[index], jax.random.fold_in(key, index)
         true_clouds = {name: _points(truth(frame)) for name, truth in truths.items()}
         for name, method in methods.items():
-            if index == 0:
+            if warm_up and index == 0:
                 jax.block_until_ready(method(frame_key, frame))
             start = time.perf_counter()
             cloud = jax.block_until_ready(method(frame_key, frame))

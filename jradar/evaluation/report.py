@@ -6,31 +6,48 @@
     RUN/evaluation/*.png              pictures
     RUN/evaluation/report.html        all of them in one file
 
-Only the scores must be there.
+Only the scores must be there. Beside the report stand its own pictures, curves.png
+(Fig. 6), clouds.png (Fig. 5) and training.png, and each cloud as
+clouds/SEQUENCE_FRAME/NAME.ply.
 """
 
 import json
+import re
 import webbrowser
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from jradar.data import write_ply
 from jradar.evaluation.scores import Scores, read_scores
-from jradar.evaluation.tables import COLUMNS, markdown, scenes_table, summarise
+from jradar.evaluation.tables import (
+    COLUMNS,
+    markdown,
+    paper_tables,
+    pooled_table,
+    scenes_table,
+    summarise,
+)
 from jradar.files import atomic_path
+from jradar.types import PointCloud
 from jradar.viz import (
     CloudFrame,
     clouds_figure,
     error_curves_figure,
     learning_curve_figure,
+    save_figure,
     write_report,
 )
 
 MAX_CLOUD_BYTES = 1 << 30
+MAX_REPORT_BYTES = 10_000_000
 SPARSE = 2000  # points
+OWN = ("curves.png", "clouds.png", "training.png")
+OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
 SHOWN_SCORES = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
 
@@ -82,32 +99,60 @@ def build_report(run: Path | str) -> Path:
     scores = read_scores(folder / "frames.jsonl")
     summary = summarise(scores)
     truths = [*dict.fromkeys(row["truth"] for row in summary)]
-    tables = {
-        f"Scenes, against {truth}": scenes_table(summary, truth=truth, intervals=True)
+    first = [row for row in scores if row["truth"] == truths[0]]
+    tables = {f"All scenes, against {truths[0]}": pooled_table(first)}
+    tables |= {
+        f"Scenes, against {truth}": "\n".join(
+            scenes_table(summary, truth=truth, scenes=scenes, intervals=True)
+            for scenes in paper_tables([r for r in summary if r["truth"] == truth])
+        )
         for truth in truths
     }
     tables["Every score"] = markdown(summary, milliseconds=True)
-    first = [row for row in scores if row["truth"] == truths[0]]
     errors: dict[str, dict[str, list[float]]] = {}
     for row in first:
         by_method = errors.setdefault(row["scene"], {})
         if row["truth_points"]:
             by_method.setdefault(row["method"], []).append(row["chamfer"])
-    figures: dict[str, Figure | Path | bytes] = {
-        "Chamfer distance": error_curves_figure(errors)
-    }
+    drawn = {"Chamfer distance": ("curves.png", error_curves_figure(errors))}
     frames = []
     if (folder / "clouds.npz").is_file():
         clouds = load_clouds(folder / "clouds.npz")
         frames = _frames(clouds, first)
-        figures["Clouds"] = _clouds_figure(clouds)
-    figures |= {path.stem: path for path in sorted(folder.glob("*.png"))}
+        drawn["Clouds"] = ("clouds.png", _clouds_figure(clouds))
+        _write_clouds(folder / "clouds", clouds)
     if (run / "metrics.jsonl").is_file():
-        figures["Training"] = learning_curve_figure(run / "metrics.jsonl")
+        figure = learning_curve_figure(run / "metrics.jsonl")
+        drawn["Training"] = ("training.png", figure)
+    figures: dict[str, Path] = {}
+    for title, (name, figure) in drawn.items():
+        save_figure(figure, folder / name)
+        figures[title] = folder / name
+    others = [p for p in sorted(folder.glob("*.png")) if p.name not in OWN]
+    figures |= {path.stem: path for path in others}
     path = folder / "report.html"
     title = f"{run.resolve().name}: {', '.join(errors)}"
-    write_report(path, title=title, tables=tables, figures=figures, frames=frames)
+    write_report(
+        path,
+        title=title,
+        tables=tables,
+        figures=figures,
+        frames=frames,
+        max_bytes=MAX_REPORT_BYTES,
+    )
     return path
+
+
+def _write_clouds(folder: Path, clouds) -> None:
+    """Every cloud as PLY, in place of those that were there."""
+    with atomic_path(folder) as scratch:
+        scratch.mkdir()
+        for (_, sequence, frame), named in clouds.items():
+            for name, xyz in named.items():
+                file = re.sub(r"[^A-Za-z0-9.+-]+", "_", name) + ".ply"
+                valid: Any = np.ones(len(xyz), bool)
+                cloud = PointCloud(xyz, valid)
+                write_ply(scratch / f"{sequence}_{frame}" / file, cloud)
 
 
 def open_report(run: Path | str, *, show: bool = True) -> Path:
@@ -128,10 +173,13 @@ def open_report(run: Path | str, *, show: bool = True) -> Path:
 
 
 def _clouds_figure(clouds) -> Figure:
-    """The first frame of each scene, sparse clouds with larger points."""
+    """The first frame of each scene, sparse clouds with larger points.
+
+    Of the four detectors only OS-CFAR, as in the paper.
+    """
     scenes: dict[str, dict[str, np.ndarray]] = {}
     for (scene, _, _), named in clouds.items():
-        scenes.setdefault(scene, named)
+        scenes.setdefault(scene, {n: x for n, x in named.items() if n not in OTHERS})
     every = [cloud for named in scenes.values() for cloud in named.items()]
     sparse = {name for name, _ in every} - {
         name for name, xyz in every if len(xyz) >= SPARSE

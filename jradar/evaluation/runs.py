@@ -1,14 +1,18 @@
 """Several runs side by side: their scores as one list, and who differs from whom."""
 
+import csv
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import jax
 from jaxtyping import Array, Key
 
-from jradar.evaluation.scores import F_SCORES, Scores, read_scores
+from jradar.evaluation.scores import F_SCORES, IDENTITY, Scores, read_scores
 from jradar.evaluation.statistics import Comparison, compare_methods
 from jradar.evaluation.tables import COLUMNS
+
+COMPARED = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
 
 def read_runs(runs: Sequence[Path | str]) -> Scores:
@@ -53,13 +57,10 @@ def comparison_table(
     With the 95 % interval and both p-values of `compare_paired`; `truth` is the first
     one unless named. Raises ValueError where nothing is called `reference`.
     """
-    truth = truth or scores[0]["truth"]
-    by_method: dict[str, Scores] = {}
-    for row in scores:
-        if row["truth"] == truth:
-            by_method.setdefault(row["method"], []).append(row)
+    against = truth or str(scores[0]["truth"])
+    by_method = _by_method(scores, against)
     if reference not in by_method:
-        raise ValueError(f"{reference=} is none of {[*by_method]} against {truth!r}")
+        raise ValueError(f"{reference=} is none of {[*by_method]} against {against!r}")
     lines = [
         f"| {COLUMNS[score]}, minus {reference} | difference | 95 % interval "
         "| p, t-test | p, sign flips | frames | left out |",
@@ -72,6 +73,67 @@ def comparison_table(
             )
             lines.append(f"| {method} | {_cells(found, score)} |")
     return "\n".join(lines) + "\n"
+
+
+def runs_table(
+    key: Key[Array, ""], first: Scores, second: Scores, *, truth: str | None = None
+) -> str:
+    """Each method in the second run minus the same in the first, frame by frame.
+
+    Markdown, a line for each method and score, columns as in `comparison_table`.
+    Methods that scored the same in both are left out. Raises ValueError where the runs
+    have no method in common.
+    """
+    against = truth or str(first[0]["truth"])
+    sides = [_by_method(scores, against) for scores in (first, second)]
+    common = [method for method in sides[0] if method in sides[1]]
+    if not common:
+        raise ValueError(
+            f"no method in common against {against!r}: {[*sides[0]]} and {[*sides[1]]}"
+        )
+    lines = [
+        "| method | score | second minus first | 95 % interval | p, t-test "
+        "| p, sign flips | frames | left out |",
+        "|---" * 8 + "|",
+    ]
+    same = []
+    for i, method in enumerate(common):
+        rows = [side[method] for side in sides]
+        if _results(rows[0], method) == _results(rows[1], method):
+            same.append(method)
+            continue
+        for score in COMPARED:
+            found = compare_methods(
+                jax.random.fold_in(key, i), rows[1], rows[0], score=score
+            )
+            lines.append(f"| {method} | {COLUMNS[score]} | {_cells(found, score)} |")
+    text = "\n".join(lines) + "\n"
+    return text + (f"\nThe same in both: {', '.join(same)}.\n" if same else "")
+
+
+def frames_csv(first: Scores, second: Scores) -> str:
+    """Every frame's scores in both runs and their difference, as CSV."""
+    found = {tuple(row[f] for f in IDENTITY): row for row in first}
+    text = io.StringIO()
+    write = csv.writer(text, lineterminator="\n").writerow
+    parts = ("first", "second", "difference")
+    write([*IDENTITY, *(f"{score} {part}" for score in COMPARED for part in parts)])
+    for row in second:
+        place = tuple(row[f] for f in IDENTITY)
+        if (before := found.get(place)) is not None:
+            pairs = [(before[score], row[score]) for score in COMPARED]
+            numbers = [x for a, b in pairs for x in (a, b, b - a)]
+            write([*place, *(f"{x:.6g}" if x == x else "" for x in numbers)])
+    return text.getvalue()
+
+
+def _by_method(scores: Scores, truth: str) -> dict[str, Scores]:
+    """Rows of each method against a truth."""
+    found: dict[str, Scores] = {}
+    for row in scores:
+        if row["truth"] == truth:
+            found.setdefault(row["method"], []).append(row)
+    return found
 
 
 def _cells(found: Comparison, score: str) -> str:

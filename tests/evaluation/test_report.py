@@ -68,6 +68,7 @@ def test_damaged_clouds_are_refused(tmp_path, damage):
 
 def test_report_holds_tables_curves_and_clouds(run):
     text = build_report(run).read_text()
+    assert "All scenes, against LiDAR" in text
     assert "Scenes, against LiDAR" in text and "Scenes, against re-projected" in text
     assert text.count("data:image/png") == 3  # curves, clouds, training
     assert "Hallways, run3, 7" in text and "<th>ms</th>" in text

@@ -1,11 +1,22 @@
 """Several runs: names say which run, what all share stands once, differences."""
 
+import csv
+import io
 import re
 
 import jax
 import pytest
 
-from jradar.evaluation import comparison_table, read_runs, summarise, write_scores
+from experiments import compare
+from jradar.evaluation import (
+    comparison_table,
+    frames_csv,
+    read_runs,
+    read_scores,
+    runs_table,
+    summarise,
+    write_scores,
+)
 from tests.evaluation import invented
 
 KEY = jax.random.key(0)
@@ -56,3 +67,54 @@ def test_differences_from_a_reference(runs):
     assert "| 60 | 0 |" in short
     with pytest.raises(ValueError, match="reference='ours' is none of"):
         comparison_table(KEY, read_runs(runs), reference="ours")
+
+
+def scores_of(runs):
+    return [read_scores(run / "evaluation" / "frames.jsonl") for run in runs]
+
+
+def test_one_run_minus_another(runs):
+    first, second = scores_of(runs)
+    table = runs_table(KEY, first, second)
+    lines = [line for line in table.splitlines() if line.startswith("| jradar")]
+    assert ["CD (m)" in line for line in lines] == [True, False, False]
+    (cell,) = re.findall(r"CD \(m\) \| ([+-][\d.]+)", lines[0])
+    differences = [
+        b["chamfer"] - a["chamfer"]
+        for a, b in zip(
+            (row for row in first if row["method"] == "jradar"),
+            (row for row in second if row["method"] == "jradar"),
+            strict=True,
+        )
+    ]
+    assert float(cell) == pytest.approx(sum(differences) / 60, abs=6e-4)
+    assert "+0.000" in lines[1] and "| 1 | 1 |" in lines[1]  # MHD is the same
+    assert table.endswith("The same in both: OS-CFAR.\n") and "RPDNet" not in table
+    with pytest.raises(ValueError, match="no method in common"):
+        runs_table(KEY, first, [row | {"method": "other"} for row in second])
+
+
+def test_every_frame_of_both_runs_stands_in_the_csv(runs):
+    first, second = scores_of(runs)
+    rows = [*csv.DictReader(io.StringIO(frames_csv(first, second)))]
+    assert len(rows) == 2 * 60  # two methods that both have
+    for row in rows:
+        factor = 1.5 if row["method"] == "jradar" else 1.0
+        ratio = float(row["chamfer second"]) / float(row["chamfer first"])
+        assert ratio == pytest.approx(factor, rel=1e-4)
+
+
+def test_runs_are_compared_by_a_command(runs, tmp_path, capsys):
+    long, short = map(str, runs)
+    path = tmp_path / "frames.csv"
+    assert compare.main([long, short, "--frames", str(path)]) == 0
+    assert "second minus first" in capsys.readouterr().out
+    assert len(path.read_text().splitlines()) == 121
+    assert compare.main([long, short, "--reference", "RPDNet"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("minus RPDNet") == 3 and "jradar (short)" in out
+    assert compare.main([long, "--reference", "nothing"]) == 2
+    assert "is none of" in capsys.readouterr().err
+    assert compare.main([long, str(tmp_path / "gone")]) == 2
+    assert compare.main([long]) == 2
+    assert "expected two runs" in capsys.readouterr().err

@@ -11,6 +11,7 @@ import pytest
 from jradar.evaluation import (
     csv_table,
     markdown,
+    overview,
     scenes_table,
     summarise,
     write_scores,
@@ -139,5 +140,19 @@ def test_tables_are_made_again_from_the_file_alone(tmp_path):
     faster = [row | {"milliseconds": 0.1} for row in ROWS]  # times are no result
     write_scores(path, faster)
     assert {p.name: p.read_bytes() for p in write_tables(path)} == first
-    assert scenes_table(summarise(ROWS)) in first["table.md"].decode()
+    for scenes in (["Hallways", "Outdoor"], ["Hall"]):  # the paper's Tables I and II
+        table = scenes_table(summarise(ROWS), scenes=scenes)
+        assert table in first["table.md"].decode()
     assert "re-projected" in first["table.tex"].decode()
+
+
+def test_overview_has_every_method_over_all_scenes_and_its_time():
+    text = overview(ROWS)
+    first, one, two = text.split("| method ")[1:]
+    assert "| ms |" in first and "Hallways | Outdoor |" in one and "Hall |" in two
+    against = ROWS[0]["truth"]
+    ours = [r for r in ROWS if r["method"] == "jradar" and r["truth"] == against]
+    cells = next(line for line in first.splitlines() if "jradar" in line).split(" | ")
+    mean = sum(row["chamfer"] for row in ours) / len(ours)
+    assert float(cells[1]) == pytest.approx(mean, abs=6e-4)
+    assert int(cells[-2]) == len(ours) and "re-projected" not in text

@@ -22,3 +22,10 @@ def test_rate_leaves_the_first_step_out(capsys, monkeypatch, seconds, total, exp
             now += seconds
             show(done)
     assert expected in capsys.readouterr().err
+
+
+def test_the_end_is_said_once(capsys):
+    with progress("scoring", 3) as show:
+        for done in (1, 2, 3, 3, 3):
+            show(done)
+    assert capsys.readouterr().err.count("scoring 3/3") == 1
