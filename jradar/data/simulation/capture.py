@@ -2,10 +2,10 @@
 
 FAMILY_SEED/adc_data.bin      int16, [frame][chirp][tx][rx], I0 I1 Q0 Q1
 FAMILY_SEED/awr1843.cfg       the radar's configuration
-FAMILY_SEED/timestamps.txt    of the frames, seconds since 1970
 FAMILY_SEED/lidar.bag         /livox/lidar (CustomMsg), /livox/imu, ROS 1
-FAMILY_SEED/groundtruth/      poses of the base, as ColoRadar writes them
-FAMILY_SEED/transforms/       base_to_single_chip.txt, base_to_livox.txt
+FAMILY_SEED/poses.txt         of the base, as TUM writes them: t x y z qx qy qz qw
+FAMILY_SEED/capture.toml      what all that is, so that every command reads the folder
+FAMILY_SEED/timestamps.txt    when the radar's frames truly began, seconds since 1970
 """
 
 import importlib
@@ -79,22 +79,33 @@ def simulate_capture(
         scratch.mkdir()
         write_cfg(scratch / "awr1843.cfg", radar, frame_period_s=0.1)
         files.write_stamps(scratch, EPOCH_S + stamps)
-        (scratch / "transforms").mkdir()
-        for sensor in ("single_chip", "livox"):
-            lines = (" ".join(map(repr, row)) for row in EXTRINSICS[sensor])
-            path = scratch / "transforms" / f"base_to_{sensor}.txt"
-            path.write_text("\n".join(lines) + "\n")
         poses = stream_stamps(setting, "groundtruth", frames / 10.0)
         xyz, turn = sensor_pose(setting.scene.platform, "base", poses)
-        files.write_stamps(scratch / "groundtruth", EPOCH_S + poses)
-        rows = np.column_stack([xyz, Rotation.from_matrix(turn).as_quat()])
-        files.write_rows(scratch / "groundtruth" / "groundtruth_poses.txt", rows)
+        turned = Rotation.from_matrix(turn).as_quat()
+        rows = np.column_stack([EPOCH_S + poses, xyz, turned])
+        np.savetxt(scratch / "poses.txt", rows, fmt="%.6f")
+        write_description(scratch / "capture.toml", start_time_s=EPOCH_S + stamps[0])
         with open(scratch / "adc_data.bin", "wb") as samples:
             for frame in radar_frames(setting, "single_chip", stamps):
                 samples.write(dca1000_bytes(np.asarray(frame)))
                 advance()
         _write_bag(scratch / "lidar.bag", bags, setting, frames)
     return folder
+
+
+def write_description(path: Path, *, start_time_s: float) -> None:
+    """The `capture.toml` of a simulated capture."""
+    place = {
+        sensor: f"xyz = {[*map(float, xyz)]}\nquaternion = {[*map(float, turn)]}\n"
+        for sensor, (xyz, turn) in EXTRINSICS.items()
+    }
+    path.write_text(
+        '[radar]\nfile = "adc_data.bin"\ndescription = "awr1843.cfg"\n'
+        f"start_time_s = {start_time_s:.6f}\n{place['single_chip']}\n"
+        f'[lidar]\nfile = "lidar.bag"\ntopic = "/livox/lidar"\n{place["livox"]}\n'
+        '[poses]\nfile = "poses.txt"\n',
+        encoding="utf-8",
+    )
 
 
 def dca1000_bytes(frame: np.ndarray) -> bytes:

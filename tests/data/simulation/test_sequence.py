@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jradar.data.capture import open_capture
 from jradar.data.dca1000 import open_dca1000
 from jradar.data.simulation import (
     SETS,
@@ -25,6 +26,7 @@ from jradar.data.simulation.benchmark_set import (
 from jradar.data.simulation.capture import dca1000_bytes, simulate_capture, write_cfg
 from jradar.data.simulation.coloradar_files import write_calib
 from jradar.data.simulation.radar import channel_factors, make_hardware
+from jradar.data.simulation.rig import EXTRINSICS
 from jradar.data.simulation.sequence import EPOCH_S, imu_records, make_setting
 from jradar.lidar import rigid_transform, transform
 from jradar.radar import (
@@ -161,6 +163,15 @@ def test_a_capture_holds_a_bag_of_the_livox(tmp_path):
     assert message.timebase == stamp and message.points[-1].offset_time < 1e8
     some = np.array([(p.x, p.y, p.z) for p in message.points])
     assert 0.5 < (some != 0).any(-1).mean() <= 1
+    recording = open_capture(capture)
+    assert recording.cubes[0].shape == RADAR.cube_shape
+    start = np.loadtxt(capture / "timestamps.txt")
+    np.testing.assert_allclose(recording.cubes.stamps[0], start, atol=1e-4)
+    assert 0.5 * 20_000 < len(recording.lidar[0]) <= 20_000
+    first, last = recording.poses.stamps[[0, -1]]
+    assert first < start < last
+    calib = np.array(EXTRINSICS["livox"][0])
+    np.testing.assert_allclose(recording.base_from_lidar[:3, 3], calib)
 
 
 def test_a_resting_imu_feels_gravity_alone():
