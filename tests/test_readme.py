@@ -176,6 +176,8 @@ NOT_RUN = {  # and why
     "--scheduler": "needs a Dask cluster",
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
     "--config=experiments/configs/default.py": "days of training",
+    "--config=experiments/configs/coloradar.py": "days of training",
+    "python -m experiments.realism SAMPLES -o runs/realism": "see test_realism",
     "jradar enhance PATH -o out": "needs shipped weights",
 }
 
