@@ -10,11 +10,8 @@ import pytest
 from jradar import bundle as bundles
 from jradar.bundle import save_bundle
 from jradar.cli import main
-from tests.data.test_coloradar import (
-    root as root,
-    sequence as sequence,
-    write_radar,
-)
+from tests.data.coloradar_writer import write_radar
+from tests.data.conftest import root as root, sequence as sequence
 from tests.data.test_cubes import random_cube, save, save_studio
 from tests.test_bundle import bundle  # noqa: F401  (a fixture)
 

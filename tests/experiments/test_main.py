@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import pytest
 
 from experiments import build, radarhd, rpdnet
+from experiments.configs import default
 from jradar.data import Records
 
 ROOT = Path(__file__).parents[2]
@@ -35,6 +36,7 @@ def start(workdir, *flags, config="smoke", cache=None):
     environment = {**os.environ}
     if cache:
         environment |= {"XDG_CACHE_HOME": str(cache), "JRADAR_CACHE": ""}
+        del environment["JAX_COMPILATION_CACHE_DIR"]
     command = [sys.executable, "-m", "experiments.main"]
     command += [f"--config=experiments/configs/{config}.py", f"--workdir={workdir}"]
     return subprocess.Popen(
@@ -64,7 +66,7 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(records, tmp_pa
     cache = {"cache": tmp_path / "cache"}
     process = start(killed, *small, **cache)
     steps = killed / "checkpoints"
-    deadline = time.monotonic() + 200
+    deadline = time.monotonic() + 600
     while not (steps.exists() and any(p.name == "8" for p in steps.iterdir())):
         assert process.poll() is None and time.monotonic() < deadline
         time.sleep(0.02)
