@@ -44,18 +44,21 @@ class Timing(NamedTuple):
     peers_ms: dict[str, float]
 
     @property
-    def best_peer(self) -> str:
-        """Name of the fastest peer."""
-        return min(self.peers_ms, key=lambda name: self.peers_ms[name])
+    def best_peer(self) -> str | None:
+        """Name of the fastest peer; None where none is installed."""
+        return min(self.peers_ms, key=lambda name: self.peers_ms[name], default=None)
 
     @property
-    def ratio(self) -> float:
-        """Our median over the fastest peer's."""
-        return self.median_ms / self.peers_ms[self.best_peer]
+    def ratio(self) -> float | None:
+        """Our median over the fastest peer's; None where there is none."""
+        peer = self.best_peer
+        return None if peer is None else self.median_ms / self.peers_ms[peer]
 
 
-def measure(case: Case, *, seconds: float = 3.0, max_rounds: int = 200) -> Timing:
-    """Time a case for about `seconds`, at least five rounds.
+def measure(
+    case: Case, *, seconds: float = 3.0, least: int = 5, most: int = 200
+) -> Timing:
+    """Time a case for about `seconds`, in `least` to `most` rounds.
 
     Raises ValueError for a peer whose result is not ours.
     """
@@ -67,11 +70,11 @@ def measure(case: Case, *, seconds: float = 3.0, max_rounds: int = 200) -> Timin
             raise ValueError(f"{case.name}: the result of {name} is not ours")
     times: dict[str, list[float]] = {name: [] for name in calls}
     begin = time.perf_counter()
-    for count in range(max_rounds):
+    for count in range(1, most + 1):
         for name in random.sample([*calls], len(calls)):
             jax.block_until_ready(calls[name]())
             times[name].append(_elapsed(calls[name]))
-        if count >= 4 and time.perf_counter() - begin > seconds:
+        if count >= least and time.perf_counter() - begin > seconds:
             break
     medians = {name: 1e3 * statistics.median(values) for name, values in times.items()}
     ours = medians.pop("")

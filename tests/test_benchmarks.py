@@ -28,6 +28,11 @@ def test_ratio_is_to_the_fastest_peer():
     assert timing.best_peer == "fast" and timing.ratio == 0.5
 
 
+def test_without_a_peer_there_is_no_ratio():
+    timing = Timing("x", 1.0, 3.0, 2.0, {})
+    assert timing.best_peer is None and timing.ratio is None
+
+
 def test_peers_that_are_not_installed_are_left_out(capsys):
     def missing():
         import no_such_package  # noqa: F401
