@@ -177,6 +177,7 @@ NOT_RUN = {  # and why
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
     "--config=experiments/configs/default.py": "days of training",
     "--config=experiments/configs/coloradar.py": "days of training",
+    "--config=experiments/configs/radarhd.py": "hours of training",
     "python -m experiments.realism SAMPLES -o runs/realism": "see test_realism",
     "jradar enhance PATH -o out": "needs shipped weights",
 }

