@@ -66,7 +66,7 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(records, tmp_pa
     cache = {"cache": tmp_path / "cache"}
     process = start(killed, *small, **cache)
     steps = killed / "checkpoints"
-    deadline = time.monotonic() + 600
+    deadline = time.monotonic() + 200
     while not (steps.exists() and any(p.name == "8" for p in steps.iterdir())):
         assert process.poll() is None and time.monotonic() < deadline
         time.sleep(0.02)
