@@ -63,8 +63,8 @@ def network(unet: UNet, weights: Any, x: Any, c_noise: Any, condition: Any) -> A
             return functional.avg_pool2d(h, 2)
         return functional.interpolate(h, scale_factor=2) if way == "up" else h
 
-    def fold(h):
-        high, wide = unet.stem
+    def fold(h, stem):
+        high, wide = stem
         h = h.unflatten(3, (-1, wide)).unflatten(2, (-1, high))
         return h.permute(0, 3, 5, 1, 2, 4).flatten(1, 3)
 
@@ -101,7 +101,7 @@ def network(unet: UNet, weights: Any, x: Any, c_noise: Any, condition: Any) -> A
         return h + attention(name, h) if f"{name}/qkv/kernel" in weights else h
 
     features = []
-    h = conv("tower/input", condition)
+    h = conv("tower/input", fold(condition, unet.condition_stem))
     for level in range(len(unet.multipliers)):
         if level:
             h = conv(f"tower/down{level}", functional.silu(h), 2)
@@ -116,11 +116,7 @@ def network(unet: UNet, weights: Any, x: Any, c_noise: Any, condition: Any) -> A
     for layer in ("embed0", "embed1"):
         embedding = functional.silu(dense(f"trunk/{layer}", embedding))
 
-    detail = conv("trunk/detail", x) + angles("trunk/detail_angles", x)
-    level = dense("trunk/detail_affine", embedding)[:, :, None, None]
-    scale, shift = level.chunk(2, 1)
-    detail = detail * (1 + scale) + shift
-    patches = fold(x)
+    patches = fold(x, unet.stem)
     h = conv("trunk/stem", patches) + angles("trunk/angles", patches)
     skips = []
     for level in range(len(unet.multipliers)):
@@ -139,6 +135,12 @@ def network(unet: UNet, weights: Any, x: Any, c_noise: Any, condition: Any) -> A
         for i in range(unet.blocks + 1):
             h = block(f"dec{level}_block{i}", torch.cat([h, skips.pop()], 1))
     h = functional.silu(norm("trunk/norm", h))
-    fine = torch.cat([unfold(pointwise("trunk/unfold", h)), detail], 1)
+    fine = unfold(pointwise("trunk/unfold", h))
+    if not unet.detail_channels:
+        return fine
+    detail = conv("trunk/detail", x) + angles("trunk/detail_angles", x)
+    level = dense("trunk/detail_affine", embedding)[:, :, None, None]
+    scale, shift = level.chunk(2, 1)
+    fine = torch.cat([fine, detail * (1 + scale) + shift], 1)
     fine = conv("trunk/refine", functional.silu(fine))
     return unfold(conv("trunk/output", h)) + fine

@@ -166,9 +166,15 @@ def build_pairs(spec: BundleSpec, records: Any) -> data.PairSource:
 
 
 def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
-    """Adam behind a clipped gradient, with a warm-up of the learning rate."""
-    rate = optax.linear_schedule(0.0, train.learning_rate, train.warmup_steps)
-    return optax.chain(optax.clip_by_global_norm(train.clip_norm), optax.adam(rate))
+    """AdamW behind a clipped gradient; the rate warms up, then falls as a cosine."""
+    warmup = min(train.warmup_steps, train.steps // 2)
+    rate = optax.warmup_cosine_decay_schedule(
+        0.0, train.learning_rate, warmup, train.steps
+    )
+    return optax.chain(
+        optax.clip_by_global_norm(train.clip_norm),
+        optax.adamw(rate, weight_decay=train.weight_decay),
+    )
 
 
 def build_loss(

@@ -14,12 +14,17 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 import safetensors.numpy
 from flax.traverse_util import flatten_dict, unflatten_dict
 from ml_collections import ConfigDict
 
-from experiments.build import INIT_KEY, SAMPLE_KEY, TRAIN_KEY, check_workdir
+from experiments.build import (
+    INIT_KEY,
+    SAMPLE_KEY,
+    TRAIN_KEY,
+    build_optimizer,
+    check_workdir,
+)
 from jradar import baselines, diffusion, evaluation, training, viz
 from jradar.data.loading import Batches
 from jradar.data.radarhd import LIDAR, RadarHD, open_radarhd, polar_to_points
@@ -139,17 +144,6 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
 def build_network(config: ConfigDict) -> tuple[diffusion.UNet, diffusion.NoiseSpec]:
     """The network and its noise levels."""
     return diffusion.UNet(**config.network), diffusion.NoiseSpec(**config.noise)
-
-
-def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
-    """AdamW behind a clipped gradient; the rate warms up, then falls as a cosine."""
-    rate = optax.warmup_cosine_decay_schedule(
-        0.0, train.learning_rate, train.warmup_steps, train.steps, 0.0
-    )
-    return optax.chain(
-        optax.clip_by_global_norm(train.clip_norm),
-        optax.adamw(rate, weight_decay=train.weight_decay),
-    )
 
 
 def make_draws(

@@ -49,7 +49,7 @@ def get_config():
     config.noise.rho = 7.0
     config.noise.log_mean = -1.2
     config.noise.log_std = 1.2
-    config.noise.prediction = "edm"  # or "clean"
+    config.noise.prediction = "edm"  # clean or gaussian
 
     config.network = ConfigDict()
     config.network.preset = "tiny"
@@ -72,6 +72,7 @@ def get_config():
     config.train.learning_rate = 5e-4
     config.train.warmup_steps = 500
     config.train.clip_norm = 1.0
+    config.train.weight_decay = 1e-2
     config.train.ema_decay = 0.999
     config.train.checkpoint_every = 500
     config.train.evaluate_every = 2000  # the one-step estimate on validation frames

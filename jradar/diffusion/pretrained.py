@@ -5,7 +5,8 @@ state dicts of NVIDIA's EDM (SongUNet with the DDPM++ settings, DhariwalUNet) an
 OpenAI's ADM where it knows continuous noise levels, as in the consistency models. The
 scripts that come with the experiments make these from the published pickles, which are
 never read here. What a published network lacks starts at zero, so that the network
-first is the published one on the patches' means (see `published`).
+first is the published one on the patches' means (see `published`); one without a
+full-resolution path has a head of its own, and takes all but the published output.
 """
 
 import json
@@ -89,7 +90,8 @@ def load_pretrained(
         loaded[target] = jnp.asarray(tensor)
     new = [name for name in flat if name not in loaded]
     blocks = [n for n in unused if re.match(r"enc|dec|input_|output_|middle_", n)]
-    surplus = [name for name in blocks if not any(part in name for part in DROPPED)]
+    spared = (*DROPPED, "aux_conv")  # there is a head of our own
+    surplus = [name for name in blocks if not any(part in name for part in spared)]
     _check_complete(path, [name for name in new if not _is_new(name)], surplus)
     start = {n: jnp.zeros_like(flat[n]) for n in new if n.startswith(ZERO)}
     start |= {n: jnp.zeros_like(flat[n]) for n in new if "_condition/" in n}

@@ -74,7 +74,8 @@ class UNet(nn.Module):
     `form` is the kind of block, "adm" or "ddpm++"; `remat` trades time for memory in
     training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks). Patches of
     `condition_stem` pixels of the condition make one of its grid. Without
-    `detail_channels` no pixel has a way around the trunk. For comparison
+    `detail_channels` no pixel has a way around the trunk, and a linear map of each
+    patch's features is the head: the image is drawn patch by patch. For comparison
     `condition_at_input` resizes the condition to the image, as further channels of it.
     """
 
@@ -264,9 +265,10 @@ class Trunk(nn.Module):
             norm(1e-6 if self.form == "ddpm++" else 1e-5, self.dtype, "norm")(h)
         )
         patch = math.prod(self.stem)
-        coarse = conv(self.outputs * patch, self.dtype, zero=True, name="output")(h)
         if detail is None:
+            coarse = self._dense(self.outputs * patch, "unfold", zero=True)(h)
             return unfold(coarse, self.stem).astype(jnp.float32)
+        coarse = conv(self.outputs * patch, self.dtype, zero=True, name="output")(h)
         fine = unfold(self._dense(self.detail_channels * patch, "unfold")(h), self.stem)
         fine = nn.silu(jnp.concatenate([fine, detail], -1))
         fine = conv(self.outputs, self.dtype, zero=True, name="refine")(fine)

@@ -93,6 +93,20 @@ def test_the_network_first_is_the_published_one(tmp_path, kind, shape, stem):
     }  # fmt: skip
 
 
+def test_a_network_without_the_full_path_keeps_its_own_head(tmp_path):
+    state, image, _ = published("song", (8, 16))
+    network = network_for("song", (1, 4)).clone(detail_channels=0)
+    path = tmp_path / "weights.safetensors"
+    safetensors.numpy.save_file(state, path)
+    params = shapes_of(network, arguments(image, (1, 4)))
+    _, report = load_pretrained(path, network, params)
+    assert {n for n in report.new if n.startswith("unfold")} == {
+        "unfold/kernel", "unfold/bias",
+    }  # fmt: skip
+    assert report.unused == ("dec.0_aux_conv.bias", "dec.0_aux_conv.weight")
+    assert len(report.loaded) == len(state) - 2
+
+
 @pytest.fixture(scope="module")
 def song():
     """A state dict, and a network and parameters that fit it."""

@@ -81,6 +81,22 @@ def test_every_pixel_reaches_the_output_on_its_own():
     assert change[9] > 2 * jnp.delete(change[8:12], 1).min() > 0
 
 
+def test_without_the_full_path_an_image_is_drawn_patch_by_patch():
+    network, params, (x, c_noise, condition) = build(detail_channels=0)
+    trunk = params["params"]["trunk"]
+    assert trunk["unfold"]["kernel"].shape == (8, 4 * 2)
+    assert not {"output", "refine", "detail"} & trunk.keys()
+    # The last map alone, of one column of a patch: that column changes everywhere.
+    kernel = trunk["unfold"]["kernel"]
+    trunk = {**trunk, "unfold": {**trunk["unfold"], "kernel": kernel.at[:, 4].add(1.0)}}
+    change = apply(
+        network, {"params": {**params["params"], "trunk": trunk}}, x, c_noise, condition
+    )
+    change = np.asarray(change - apply(network, params, x, c_noise, condition))
+    places = np.argwhere(np.abs(change).max((0, 1)) > 1e-6)
+    assert {(column % 4, channel) for column, channel in places.tolist()} == {(2, 0)}
+
+
 def test_remat_in_bfloat16_is_nearly_the_same_function():
     network, params, args = build()
     expected = apply(network, params, *args)
