@@ -87,7 +87,7 @@ def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
     points = ("capacity", "detector", "false_alarm_rate", "guard", "train")
     flips = ("flip_azimuth", "flip_elevation")
     return BundleSpec(
-        network=build_network(config.network),
+        network=build_network(config),
         noise=diffusion.NoiseSpec(**config.noise),
         coarse=ImageSpec(*image.coarse, **sees),
         fine=ImageSpec(*image.fine, **sees),
@@ -107,15 +107,16 @@ def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
     )
 
 
-def build_network(network: ConfigDict) -> diffusion.UNet:
-    """A preset, with whatever the config says differently."""
-    fields = dict(network)
+def build_network(config: ConfigDict) -> diffusion.UNet:
+    """A preset, with whatever the config says differently, for its prediction."""
+    fields = dict(config.network)
     preset = fields.pop("preset")
     if preset not in diffusion.PRESETS:
         raise ValueError(
             f"network.preset = {preset!r}, expected one of {[*diffusion.PRESETS]}"
         )
-    return diffusion.UNet(**{**diffusion.PRESETS[preset], **fields})
+    outputs = 4 if config.noise.prediction == "gaussian" else 2
+    return diffusion.UNet(**diffusion.PRESETS[preset] | {"outputs": outputs} | fields)
 
 
 def initial_weights(train: ConfigDict) -> Path | None:

@@ -48,7 +48,7 @@ FRAMES_IN_FIGURE = 4
 
 def run_training(config: ConfigDict, workdir: Path) -> None:
     """Train, save the bundle, evaluate it. Resumes where the workdir stands."""
-    build_network(config.network)  # what is wrong with these shows before the data
+    build_network(config)  # what is wrong with these shows before the data
     initial_weights(config.train)
     check_workdir(config, workdir)
     records = data.Records(prepared_data(config, workdir), "train")

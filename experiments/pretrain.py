@@ -38,7 +38,7 @@ PRIOR = "prior.safetensors"
 
 def run_training(config: ConfigDict, workdir: Path) -> None:
     """Train, save the prior, evaluate it. Resumes where the workdir stands."""
-    network = build_network(config.network)
+    network = build_network(config)
     initial_weights(config.train)  # a missing file shows before anything is written
     photographs, chosen, apart = open_photographs(config)
     check_workdir(config, workdir)
@@ -100,7 +100,7 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
 
 def run_evaluation(config: ConfigDict, workdir: Path) -> None:
     """What the workdir's prior makes of noisy photographs, and draws from noise."""
-    network = build_network(config.network)
+    network = build_network(config)
     noise = diffusion.NoiseSpec(**config.noise)
     photographs, _, apart = open_photographs(config)
     checked = checked_batch(config, photographs, apart)

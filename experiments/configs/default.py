@@ -23,7 +23,7 @@ def get_config():
     config.data = ConfigDict()
     config.data.path = ""
     config.data.set = "jradar-sim"
-    config.data.frames = 40  # of each of its sequences
+    config.data.frames = 20  # of each of its sequences
 
     # How it is then prepared; its field of view is that of the images.
     config.prepare = ConfigDict()
@@ -42,14 +42,15 @@ def get_config():
     config.image.num_slices = 8
     config.image.codec = "log"  # log, linear or inverse
 
+    # Noise so strong that the condition has to be used; the weak one is Bayes' part.
     config.noise = ConfigDict()
     config.noise.sigma_data = 0.68
     config.noise.sigma_min = 0.002
     config.noise.sigma_max = 80.0
     config.noise.rho = 7.0
-    config.noise.log_mean = -1.2
-    config.noise.log_std = 1.2
-    config.noise.prediction = "edm"  # clean or gaussian
+    config.noise.log_mean = 0.5
+    config.noise.log_std = 1.5
+    config.noise.prediction = "gaussian"  # or edm, clean
 
     config.network = ConfigDict()
     config.network.preset = "tiny"
@@ -67,15 +68,15 @@ def get_config():
     # Weights to start from: a run's workdir, a bundle, or a file for load_pretrained.
     config.train.initial = config_dict.placeholder(str)
     config.train.attention_order = config_dict.placeholder(str)  # of OpenAI's weights
-    config.train.steps = 20_000
+    config.train.steps = 3600
     config.train.batch_size = 8
-    config.train.learning_rate = 5e-4
-    config.train.warmup_steps = 500
+    config.train.learning_rate = 1e-3
+    config.train.warmup_steps = 100
     config.train.clip_norm = 1.0
     config.train.weight_decay = 1e-2
-    config.train.ema_decay = 0.999
-    config.train.checkpoint_every = 500
-    config.train.evaluate_every = 2000  # the one-step estimate on validation frames
+    config.train.ema_decay = 0.995
+    config.train.checkpoint_every = 200
+    config.train.evaluate_every = 900  # the one-step estimate on validation frames
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

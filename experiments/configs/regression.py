@@ -12,5 +12,6 @@ from experiments.configs import default
 def get_config():
     config = default.get_config()
     config.method = "regression"
+    config.noise.prediction = "clean"
     config.purpose = "direct regression, a baseline: no diffusion model to sample from"
     return config

@@ -140,7 +140,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
         main = default.get_config()
         for name in ("network", "noise"):  # a prior is of no use with others
             assert config[name].to_dict() == main[name].to_dict()
-        assert build.build_network(config.network).outputs == 2
+        assert build.build_network(config).outputs == 2
         return
     spec = build.build_spec(config, Records(records, "train"))
     assert spec.radar.cube_shape == (3, 4, 16, 64)

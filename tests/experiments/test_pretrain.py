@@ -90,7 +90,7 @@ def test_a_run_ends_with_a_prior_that_starts_the_main_task(config, tmp_path, cap
     assert table in capsys.readouterr().out and "| 0.05 |" in table
     assert (tmp_path / "evaluation" / "samples.png").stat().st_size > 5000
 
-    network = build.build_network(config.network)
+    network = build.build_network(config)
     train = transfer.get_config().train
     train.initial = str(tmp_path)
     scratch = main_state(network)
