@@ -183,10 +183,10 @@ def build_loss(
 ) -> Callable[..., jax.Array]:
     """Eq. 12 with the config's weights; LPIPS is loaded where it has one.
 
-    The method "regression" has a squared error of its own, and no weights.
+    The method "regression" has a squared error of its own, and no other terms.
     """
     if method == "regression":
-        return regression_loss
+        return functools.partial(regression_loss, range_weight=loss.range_weight)
     if method != "diffusion":
         raise ValueError(f"{method=}, expected diffusion or regression")
     weights = dict(loss)

@@ -4,7 +4,6 @@ What is chosen by looking, the detectors' false-alarm rates, is chosen on the va
 split; the scores are those of the config's split.
 """
 
-import functools
 import sys
 from pathlib import Path
 from typing import Any
@@ -41,7 +40,7 @@ from jradar.baselines import regression_estimate
 from jradar.bundle import Bundle, load_bundle, save_bundle
 from jradar.metrics import compare_on_host
 from jradar.pipeline import draw_range_image
-from jradar.range_image import decode_target, encode_target, unproject
+from jradar.range_image import close_gaps, decode_target, encode_target, unproject
 
 FRAMES_IN_FIGURE = 4
 
@@ -56,7 +55,11 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
     source = build_pairs(spec, records)
     batches = data.Batches(source, seed=config.seed, batch_size=config.train.batch_size)
     print(f"{len(records)} training frames", file=sys.stderr, flush=True)
-    encode = functools.partial(encode_target, spec=spec.fine, codec=spec.codec)
+
+    def encode(lidar):
+        closed = close_gaps(lidar, reach=config.image.gap_pixels)
+        return encode_target(closed, spec.fine, codec=spec.codec)
+
     first = source[0]
     optimizer = build_optimizer(config.train)
     state = training.create_state(

@@ -13,6 +13,6 @@ from experiments.configs import default
 
 def get_config():
     config = default.get_config()
-    config.network.stem = (4, 4)
-    config.network.condition_stem = (4, 1)
+    config.network.stem = (16, 16)
+    config.network.condition_stem = (8, 2)
     return config

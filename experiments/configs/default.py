@@ -41,14 +41,16 @@ def get_config():
     config.image.max_range_m = 12.0
     config.image.num_slices = 8
     config.image.codec = "log"  # log, linear or inverse
+    # A LiDAR's beams leave pixels empty: gaps as wide as this are closed in training.
+    config.image.gap_pixels = 2
 
     # Noise so strong that the condition has to be used; the weak one is Bayes' part.
     config.noise = ConfigDict()
-    config.noise.sigma_data = 0.68
+    config.noise.sigma_data = 0.75  # measured, gaps closed
     config.noise.sigma_min = 0.002
     config.noise.sigma_max = 80.0
     config.noise.rho = 7.0
-    config.noise.log_mean = 0.5
+    config.noise.log_mean = 1.0
     config.noise.log_std = 1.5
     config.noise.prediction = "gaussian"  # or edm, clean
 
@@ -58,6 +60,7 @@ def get_config():
     # Eq. 12; LPIPS needs the extra `lpips`.
     config.loss = ConfigDict()
     config.loss.squared = 1.0
+    config.loss.range_weight = 4.0  # validity has the larger error
     config.loss.absolute = 0.0
     config.loss.perceptual = 0.0
     config.loss.perceptual_network = "alexnet"  # or vgg16

@@ -9,7 +9,7 @@ these differ. Losses are called as `denoising_loss` is.
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
-from jradar.diffusion import Denoiser, NoiseSpec
+from jradar.diffusion import Denoiser, NoiseSpec, channel_weights
 
 Image = Float[Array, "batch row column channel"]
 
@@ -27,11 +27,15 @@ def regression_loss(
     clean: Image,
     *,
     noise: NoiseSpec,
+    range_weight: float = 1.0,
     step: int | Int[Array, ""] = 0,
 ) -> Float[Array, ""]:
-    """Mean squared error of the estimate; `key` and `step` are not used."""
+    """Mean squared error of the estimate, as `LossSpec` weights its channels.
+
+    `key` and `step` are not used.
+    """
     estimate = regression_estimate(denoise, clean.shape, noise=noise)
-    return jnp.mean((estimate - clean) ** 2)
+    return jnp.mean(channel_weights(clean, range_weight) * (estimate - clean) ** 2)
 
 
 def occupancy_loss(

@@ -6,7 +6,8 @@ UNet, PRESETS                    the network
 load_pretrained, save_prior      trained weights for it: published, or of one's own
 read_state, Transfer             their file, and what was loaded
 precondition, conditional_denoiser   network -> D(x; sigma), given a condition
-denoising_loss, LossSpec, target_mask, occupancy_denoising_loss   training
+denoising_loss, occupancy_denoising_loss, LossSpec   training
+target_mask, channel_weights     what counts in it
 lpips, load_lpips, LpipsWeights  the perceptual distance
 sample                           sampling with one of SOLVERS
 solve, heun_step, heun_churn, multistep_table   its parts
@@ -18,6 +19,7 @@ from jradar.diffusion.denoiser import (
 )
 from jradar.diffusion.losses import (
     LossSpec as LossSpec,
+    channel_weights as channel_weights,
     denoising_loss as denoising_loss,
     occupancy_denoising_loss as occupancy_denoising_loss,
     target_mask as target_mask,

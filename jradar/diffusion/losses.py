@@ -27,11 +27,13 @@ Perceptual = Callable[[Image, Image], Float[Array, " batch"]]
 class LossSpec:
     """Weights of Eq. 12; the last two terms count below the level `below_sigma` only.
 
-    The perceptual term is computed at every `perceptual_every`-th step, and weighs as
-    much more there.
+    The squared error of the first channel, the range, counts `range_weight` times as
+    much as that of another. The perceptual term is computed at every
+    `perceptual_every`-th step, and weighs as much more there.
     """
 
     squared: float = 1.0
+    range_weight: float = 1.0
     perceptual: float = 0.0
     absolute: float = 0.0
     below_sigma: float = math.inf
@@ -39,7 +41,7 @@ class LossSpec:
 
     def __post_init__(self):
         """Refuse weights below 0 and intervals below 1."""
-        for name in ("squared", "perceptual", "absolute"):
+        for name in ("squared", "range_weight", "perceptual", "absolute"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} = {getattr(self, name)}, expected 0 or more")
         if self.perceptual_every < 1:
@@ -80,7 +82,8 @@ def denoising_loss(
     per_value = jnp.maximum(total, 1) * len(clean)
     near = jnp.where(sigma < weights.below_sigma, 1.0, 0.0)
 
-    loss = weights.squared * (loss_weight(levels, noise) * error**2).sum() / per_value
+    square = channel_weights(clean, weights.range_weight) * error**2
+    loss = weights.squared * (loss_weight(levels, noise) * square).sum() / per_value
     if weights.absolute:
         distance = (near[:, None, None, None] * jnp.abs(error)).sum() / per_value
         loss += weights.absolute * distance
@@ -120,6 +123,16 @@ def occupancy_denoising_loss(
     start = jax.nn.sigmoid(prior(noise))
     entropy = -start * jnp.log(start) - (1 - start) * jnp.log1p(-start)
     return loss.mean() / entropy
+
+
+def channel_weights(image: Image, range_weight: float) -> Float[Array, " channel"]:
+    """Weights of the channels of `image`, the first's so many times the others'.
+
+    Their mean is 1.
+    """
+    channels = image.shape[-1]
+    weights = jnp.ones(channels, image.dtype).at[0].set(range_weight)
+    return weights * (channels / weights.sum())
 
 
 def _when(due, distance, *images):

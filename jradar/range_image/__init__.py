@@ -4,10 +4,12 @@ ImageSpec                        field of view and pixels, a static argument
 project, unproject               cloud to image of metres and back
 project_slices, condition_image  one channel per slice of the range axis
 encode_target, decode_target     image of metres to network values and back
+close_gaps                       fills pixels between a LiDAR's beams
 """
 
 from jradar.range_image.codec import (
     CHANNELS as CHANNELS,
+    close_gaps as close_gaps,
     condition_image as condition_image,
     decode_range as decode_range,
     decode_target as decode_target,

@@ -107,6 +107,36 @@ def condition_image(
     return jnp.concatenate([values[name] for name in channels], -1)
 
 
+@functools.partial(jax.jit, static_argnames=("reach", "agreement"))
+def close_gaps(image: Image, *, reach: int = 2, agreement: float = 0.05) -> Image:
+    """`image` of metres with the pixels between neighbouring beams filled.
+
+    An image is finer than a LiDAR's beams, so that a wall has empty pixels in a pattern
+    that no radar can tell. One between two returns that face each other, in a row, a
+    column or a diagonal, at most `reach` pixels away, lies on the line between them; on
+    the nearer one where their ranges differ by more than the share `agreement`.
+    """
+    margin = [(0, 0)] * (image.ndim - 2) + [(reach, reach)] * 2
+    padded = jnp.pad(image, margin)
+    rows, columns = image.shape[-2:]
+
+    def shifted(down, right):
+        down, right = reach + down, reach + right
+        return padded[..., down : down + rows, right : right + columns]
+
+    filled = image
+    pairs = [(a, b) for a in range(1, reach + 1) for b in range(1, reach + 1)]
+    for a, b in sorted((p for p in pairs if sum(p) <= reach + 1), key=sum):
+        for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            one, other = shifted(-a * down, -a * right), shifted(b * down, b * right)
+            nearer = jnp.minimum(one, other)
+            between = (b * one + a * other) / (a + b)
+            alike = jnp.abs(one - other) <= agreement * nearer
+            found = jnp.where(alike, between, nearer)
+            filled = jnp.where((filled == 0) & (nearer > 0), found, filled)
+    return filled
+
+
 def fill_misses(value: Image, hit: Bool[Array, "*batch row column"]) -> Image:
     """`value` where `hit`, elsewhere a smooth continuation; 0 if nothing was hit.
 

@@ -107,9 +107,7 @@ def test_a_run_ends_with_a_prior_that_starts_the_main_task(config, tmp_path, cap
     for name in towers:
         np.testing.assert_array_equal(before[name], after[name])
     changed = [n for n in trunk if not np.array_equal(before[n], after[n])]
-    assert {"trunk/stem/kernel", "trunk/output/kernel", "trunk/refine/kernel"} <= {
-        *changed
-    }
+    assert {"trunk/stem/kernel", "trunk/unfold/kernel"} <= {*changed}
     conditions = [n for n in trunk if n.endswith("_condition/kernel")]
     assert conditions and not any(after[name].any() for name in conditions)
 
