@@ -162,10 +162,10 @@ def score_records(
     }
     with progress("scoring", sum(map(len, index.values())), unit="frames") as show:
         done = 0
-        for name in names:
+        for number, name in enumerate(names):
             frames = _Frames(records, pairs, index[name])
             rows = evaluation.score_frames(
-                key,
+                jax.random.fold_in(key, number),
                 frames,
                 methods,
                 truths=truths,

@@ -1,6 +1,6 @@
 """A trained model as one folder, which `enhance` loads.
 
-weights.safetensors    parameters of the network, named by their path
+weights.safetensors    parameters of the network in half precision, named by their path
 bundle.json            everything needed to use them: network, noise levels, image
                        specs, codec, options of the radar points; what they were
                        trained on and for how many steps; the weights' digest
@@ -68,7 +68,7 @@ def save_bundle(folder: Path | str, bundle: Bundle) -> None:
     """Write a bundle; what stood in its place is replaced when it is complete."""
     flat = flax.traverse_util.flatten_dict(bundle.params, sep="/")
     weights = safetensors.numpy.save(
-        {k: np.asarray(v) for k, v in flat.items()},
+        {k: np.asarray(v, np.float16) for k, v in flat.items()},
         {"network": json.dumps(_to_json(bundle.spec.network))},
     )
     fields = dataclasses.fields(BundleSpec)
@@ -83,7 +83,10 @@ def save_bundle(folder: Path | str, bundle: Bundle) -> None:
 
 
 def load_bundle(folder: Path | str) -> Bundle:
-    """Read a bundle. Raises BundleError, with the reason, for one that is not whole."""
+    """Read a bundle, its parameters as float32.
+
+    Raises BundleError, with the reason, for one that is not whole.
+    """
     folder = Path(folder)
     description_path, weights_path = (
         folder / "bundle.json",
@@ -123,7 +126,7 @@ def load_bundle(folder: Path | str) -> Bundle:
         raise BundleError(f"{weights_path} is not usable: {error}") from error
     _check_shapes(weights_path, flat, spec)
     params = flax.traverse_util.unflatten_dict(flat, sep="/")
-    return Bundle(jax.tree.map(jnp.asarray, params), spec)
+    return Bundle(jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), params), spec)
 
 
 def shipped_bundles() -> dict[str, Path]:

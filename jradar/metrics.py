@@ -79,7 +79,7 @@ def compare_on_host(
         forth = back = np.full(1, np.nan)
     else:
         forth, back = (
-            KDTree(other).query(points)[0]
+            KDTree(other).query(points, workers=-1)[0]
             for points, other in (clouds, reversed(clouds))
         )
     return _scores(forth, back, np, thresholds_m, mean_of_both)

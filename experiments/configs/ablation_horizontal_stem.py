@@ -1,6 +1,7 @@
 r"""Ablation: a horizontal stem as the paper has it, patches four times as wide as high.
 
-    python -m experiments.main --config=experiments/configs/ablation_horizontal_stem.py \
+    python -m experiments.main \
+        --config=experiments/configs/ablation_horizontal_stem.py \
         --config.data.path=RECORDS --workdir=runs/ablation_horizontal_stem
 
 The paper's stem takes 128 x 512 pixels to a square grid; so does this one, with as many

@@ -125,14 +125,15 @@ def occupancy_denoising_loss(
     return loss.mean() / entropy
 
 
-def channel_weights(image: Image, range_weight: float) -> Float[Array, " channel"]:
+def channel_weights(image: Image, range_weight: float) -> Float[Array, "1 1 1 channel"]:
     """Weights of the channels of `image`, the first's so many times the others'.
 
     Their mean is 1.
     """
     channels = image.shape[-1]
-    weights = jnp.ones(channels, image.dtype).at[0].set(range_weight)
-    return weights * (channels / weights.sum())
+    weights = jnp.ones((1, 1, 1, channels), image.dtype)
+    weights = weights.at[..., 0].set(range_weight)
+    return weights * (channels / (range_weight + channels - 1))
 
 
 def _when(due, distance, *images):

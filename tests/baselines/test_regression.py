@@ -37,6 +37,13 @@ def test_the_mean_of_all_answers_has_the_least_squared_error():
     np.testing.assert_allclose(gradient(clean.mean(0, keepdims=True)), 0, atol=1e-6)
 
 
+def test_the_range_counts_as_in_the_denoising_loss():
+    clean = jnp.zeros((1, 2, 2, 2))
+    off = jnp.broadcast_to(jnp.array([0.3, 0.1]), clean.shape)
+    loss = regression_loss(KEY, answer(off), clean, noise=NOISE, range_weight=4.0)
+    assert float(loss) == pytest.approx((1.6 * 0.09 + 0.4 * 0.01) / 2, rel=1e-4)
+
+
 def occupied(share):
     """A denoiser whose estimate is this share of occupied pixels."""
     odds = jnp.log(share / (1 - share)) - prior(RARE)

@@ -111,6 +111,16 @@ def test_terms_are_the_equations():
     np.testing.assert_allclose(loss, expected, rtol=1e-5)
 
 
+def test_the_range_counts_as_often_as_it_is_told():
+    levels = training_sigma(jax.random.split(KEY)[0], (64,), NOISE)
+    scale = jnp.mean((levels**2 + 0.25) / (0.5 * levels) ** 2)
+    weighted = denoising_loss(
+        KEY, shifted, CLEAN, noise=NOISE, weights=LossSpec(range_weight=4.0)
+    )
+    square = (1.6 * 0.2**2 + 0.4 * 0.1**2) / 2  # 4 to 1, and 1 on average
+    np.testing.assert_allclose(weighted, scale * square, rtol=1e-5)
+
+
 def test_masked_values_count_nowhere():
     mask = jnp.zeros_like(CLEAN).at[:, :2, :, 0].set(1.0)
     spec = LossSpec(squared=0.0, absolute=1.0, perceptual=1.0)

@@ -7,6 +7,7 @@ import pytest
 
 from jradar.range_image import (
     ImageSpec,
+    close_gaps,
     condition_image,
     decode_range,
     decode_target,
@@ -79,3 +80,27 @@ def test_condition_says_presence_place_and_power():
 def test_condition_of_an_empty_cloud_is_zero():
     cloud = PointCloud.from_xyz(np.zeros((5, 3), np.float32))
     assert not condition_image(cloud, SPEC, num_slices=4).any()
+
+
+def test_a_wall_seen_by_few_beams_is_closed_and_no_wider():
+    wall = 4 + 0.03 * np.arange(16)[:, None] + 0.02 * np.arange(24)
+    seen = np.zeros((16, 24), np.float32)
+    seen[2:14:2, 3:20:2] = wall[2:14:2, 3:20:2]  # every other row and column
+    seen[6, 9] = 0  # and a beam that did not return: no neighbour is 2 pixels away
+    closed = np.asarray(close_gaps(seen, reach=2))
+    inside = np.zeros(seen.shape, bool)
+    inside[2:13, 3:20] = True
+    np.testing.assert_array_equal(closed > 0, inside & (closed > 0))
+    missing = np.argwhere(inside & (closed == 0)).tolist()  # it and its neighbours
+    assert missing == [[5, 9], [6, 8], [6, 9], [6, 10], [7, 9]]
+    np.testing.assert_allclose(closed[closed > 0], wall[closed > 0], rtol=1e-6)
+    np.testing.assert_array_equal(close_gaps(closed)[seen > 0], seen[seen > 0])
+    np.testing.assert_array_equal(close_gaps(seen, reach=0), seen)
+    both = jnp.stack([seen, jnp.zeros_like(seen)])
+    np.testing.assert_array_equal(close_gaps(both), [closed, np.zeros_like(seen)])
+
+
+def test_between_two_surfaces_the_nearer_one_hides_the_other():
+    row = np.float32([[0, 2, 0, 6, 0, 0, 6.1, 0, 0, 0, 6]])
+    expected = [[0, 2, 2, 6, 6 + 0.1 / 3, 6 + 0.2 / 3, 6.1, 0, 0, 0, 6]]
+    np.testing.assert_allclose(close_gaps(row), expected, rtol=1e-6)
