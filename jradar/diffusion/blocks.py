@@ -104,6 +104,11 @@ def resample(x, way):
 def fold(x, stem):
     """Patches of `stem` pixels to channels, [row and column in the patch, channel]."""
     batch, rows, columns, channels = x.shape
+    if rows % stem[0] or columns % stem[1]:
+        raise ValueError(
+            f"image of {rows} x {columns} pixels, expected a multiple of the patches "
+            f"of {stem[0]} x {stem[1]}"
+        )
     grid = (rows // stem[0], columns // stem[1])
     x = x.reshape(batch, grid[0], stem[0], grid[1], stem[1], channels)
     return x.transpose(0, 1, 3, 2, 4, 5).reshape(batch, *grid, -1)

@@ -114,6 +114,11 @@ def test_patches_fold_and_unfold():
     np.testing.assert_array_equal(blocks.unfold(folded, (2, 4)), x)
 
 
+def test_patches_that_do_not_fill_an_image_are_refused():
+    with pytest.raises(ValueError, match="4 x 6 pixels, expected a multiple .* 2 x 4"):
+        blocks.fold(jnp.zeros((1, 4, 6, 1)), (2, 4))
+
+
 def test_unknown_form_is_refused():
     with pytest.raises(ValueError, match="form = 'vit', expected one of"):
         UNet(form="vit")

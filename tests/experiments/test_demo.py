@@ -22,6 +22,7 @@ def config():
     config = config_file.get_config()
     config.image.update(coarse=(8, 8), fine=(16, 64))
     config.network.update(channels=8, multipliers=(1, 2), attention_levels=(1,))
+    config.network.update(stem=(2, 8), condition_stem=(1, 1))
     config.sampling.steps = 2
     config.evaluation.detectors = ("os", "ca")
     return config

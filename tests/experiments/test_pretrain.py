@@ -44,6 +44,7 @@ def config(photographs):
     config.data.update(path=str(photographs), validation=4)
     config.image.update(coarse=(4, 4), fine=(8, 32))
     config.network.update(channels=4, multipliers=(1,), attention_levels=(), blocks=0)
+    config.network.update(stem=(2, 8), condition_stem=(1, 1))
     config.train.update(steps=4, batch_size=3, checkpoint_every=2, evaluate_every=2)
     config.train.warmup_steps = 1
     config.sampling.steps = 2

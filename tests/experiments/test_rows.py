@@ -18,6 +18,7 @@ def bundle(records):
     config = regression.get_config()
     config.image.update(coarse=(8, 8), fine=(16, 64))
     config.network.update(channels=8, multipliers=(1, 2), attention_levels=())
+    config.network.update(stem=(2, 8), condition_stem=(1, 1))
     frames = data.Records(records, "train")
     spec = build.build_spec(config, frames)
     pairs = build.build_pairs(spec, frames)
