@@ -36,10 +36,9 @@ def test_direct_regression_draws_what_the_network_says(bundle):
     # A network that answers 5 m everywhere, by the bias of its last layer.
     metres = jnp.asarray(5.0)
     value = encode_range(metres, max_range_m=spec.fine.max_range_m, codec=spec.codec)
-    sigma, data_sigma = spec.noise.sigma_max, spec.noise.sigma_data
-    out = np.array([value, 1.0]) * np.hypot(sigma, data_sigma) / (sigma * data_sigma)
+    out = np.float32([value, 1.0]) / spec.noise.sigma_data
     changed = jax.tree.map(lambda x: x, params)
-    changed["params"]["trunk"]["refine"]["bias"] = np.asarray(out, np.float32)
+    changed["params"]["trunk"]["unfold"]["bias"] = np.tile(out, 2 * 8)
     methods = enhance.build_methods(config, Bundle(changed, spec))
     assert [*methods] == ["direct regression"]
     frame = Frame(frames[0], pairs[0])
