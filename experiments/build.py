@@ -98,6 +98,7 @@ def build_spec(config: ConfigDict, records: data.Records) -> BundleSpec:
         trained_on=f"{len(records)} frames {records.digest[:12]}",
         purpose=config.purpose,
         validity_threshold=config.sampling.validity_threshold,
+        temperature=config.sampling.temperature,
         points={
             name: tuple(value) if isinstance(value, list) else value
             for name, value in options.items()

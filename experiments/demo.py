@@ -74,9 +74,8 @@ def learned(config: ConfigDict, bundles: dict[str, Bundle]) -> dict[str, Method]
     """
     methods: dict[str, Method] = {}
     for name in sorted(bundles, key=lambda name: (name != DEFAULT, name)):
-        spec, options = bundles[name].spec, ConfigDict(config.to_dict())
+        options = ConfigDict(config.to_dict())
         options.method = "regression" if name.endswith(REGRESSION) else "diffusion"
-        options.sampling.validity_threshold = spec.validity_threshold
         for method, call in build_methods(options, bundles[name]).items():
             methods[f"{name}: {method}" if method in methods else method] = call
     return methods

@@ -173,13 +173,13 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
 def build_methods(config: ConfigDict, bundle: Bundle) -> dict[str, Method]:
     """What a trained model draws, the quickest first: its rows of the tables."""
     if config.method == "regression":
-        return {"direct regression": regressed(config, bundle)}
+        return {"direct regression": regressed(bundle)}
     steps, solver = config.sampling.steps, config.sampling.solver
-    limit = config.sampling.validity_threshold
+    limit = bundle.spec.validity_threshold
     return {
         "one-step estimate": sampled(bundle, validity_threshold=limit, steps=1),
         f"jradar, {solver.capitalize()} {steps}": sampled(
-            bundle, validity_threshold=limit, steps=steps, solver=solver
+            bundle, **bundle.spec.sampling, steps=steps, solver=solver
         ),
     }
 
@@ -204,7 +204,7 @@ def sampled(bundle: Bundle, **options: Any) -> Method:
     return lambda key, frame: cloud(key, frame.pair.condition)
 
 
-def regressed(config: ConfigDict, bundle: Bundle) -> Method:
+def regressed(bundle: Bundle) -> Method:
     """The cloud of a network that was trained by direct regression."""
     params, spec = bundle
 
@@ -218,7 +218,7 @@ def regressed(config: ConfigDict, bundle: Bundle) -> Method:
             values[0],
             spec.fine,
             codec=spec.codec,
-            validity_threshold=config.sampling.validity_threshold,
+            validity_threshold=spec.validity_threshold,
         )
         return unproject(image, spec.fine)
 

@@ -38,7 +38,7 @@ def solver_methods(bundle: Bundle, solvers: tuple[str, ...]) -> dict[str, Method
             bundle,
             solver=solver,
             steps=steps_of(solver, evaluations),
-            validity_threshold=bundle.spec.validity_threshold,
+            **bundle.spec.sampling,
         )
         for solver in solvers
         for evaluations in EVALUATIONS

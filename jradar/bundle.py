@@ -53,8 +53,17 @@ class BundleSpec:
     trained_on: str
     purpose: str = ""  # said to users of the weights, "smoke test" for one
     validity_threshold: float = 0.0
+    temperature: float = 1.0
     # Options of `radar_points` for the condition.
     points: dict[str, Any] = dataclasses.field(default_factory=dict, hash=False)
+
+    @property
+    def sampling(self) -> dict[str, float]:
+        """Options of `draw_range_image` that were chosen on validation data."""
+        return {
+            "validity_threshold": self.validity_threshold,
+            "temperature": self.temperature,
+        }
 
 
 class Bundle(NamedTuple):

@@ -79,7 +79,7 @@ def export_function(
             points=points,
             noise=spec.noise,
             codec=spec.codec,
-            validity_threshold=spec.validity_threshold,
+            **spec.sampling,
             **sampling,
         )
         return cloud.xyz, cloud.valid

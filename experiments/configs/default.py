@@ -85,6 +85,7 @@ def get_config():
     config.sampling.steps = 18
     config.sampling.solver = "heun"
     config.sampling.validity_threshold = 0.0
+    config.sampling.temperature = 1.0
 
     # Detectors beside the model, each at the rate that serves it best on validation.
     config.evaluation = ConfigDict()

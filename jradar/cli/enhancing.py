@@ -116,7 +116,7 @@ def _stages(bundle, recording, to_points, options) -> Stages:
             fine=spec.fine,
             noise=spec.noise,
             codec=spec.codec,
-            validity_threshold=spec.validity_threshold,
+            **spec.sampling,
             steps=options.steps,
         )
 

@@ -50,6 +50,7 @@ def sample(
     noise: NoiseSpec,
     solver: str = "heun",
     steps: int = 18,
+    temperature: float = 1.0,
     churn: float = 0.0,
     churn_range: tuple[float, float] = (0.0, math.inf),
     churn_noise: float = 1.0,
@@ -58,10 +59,12 @@ def sample(
     """Draw images of `shape` [*batch, row, column, channel] with one of `SOLVERS`.
 
     `steps=1` is the one-step estimate, nearly the mean of all images that the
-    condition allows. `churn` > 0 adds noise in every step of Heun (`heun_churn`).
+    condition allows. `temperature` scales the noise that a draw starts from: below 1
+    images differ less from one another, and none is as unlikely. `churn` > 0 adds
+    noise in every step of Heun (`heun_churn`).
     """
     start_key, churn_key = jax.random.split(key) if churn else (key, key)
-    start = noise.sigma_max * jax.random.normal(start_key, shape)
+    start = temperature * noise.sigma_max * jax.random.normal(start_key, shape)
     schedule = log_sigmas if solver.startswith("dpm++") else karras_sigmas
     sigmas = schedule(steps, noise)
     if not churn:

@@ -106,6 +106,16 @@ def test_samples_have_the_mean_and_covariance_of_the_data(options):
     np.testing.assert_allclose(np.cov(images.T), COVARIANCE, atol=0.012)
 
 
+def test_temperature_narrows_what_is_drawn_about_its_mean():
+    # The ODE of Gaussian data is linear: deviations shrink by the same factor.
+    drawn = [
+        sample(jax.random.key(0), gaussian, (64, 8, 8, 1), noise=NOISE, steps=40,
+               temperature=t) for t in (1.0, 0.5)
+    ]  # fmt: skip
+    np.testing.assert_allclose(drawn[1] - MEAN, 0.5 * (drawn[0] - MEAN), atol=5e-3)
+    assert float(drawn[1].std()) == pytest.approx(0.5 * SPREAD, rel=0.02)
+
+
 def test_churn_is_random_and_without_levels_to_churn_is_heun():
     start = 80.0 * jax.random.normal(jax.random.key(0), (2, 4, 4, 1))
     sigmas = karras_sigmas(8, NOISE)
