@@ -132,7 +132,7 @@ class UNet(nn.Module):
 
     def __call__(
         self, x: Image, c_noise: Float[Array, " batch"], condition: Condition
-    ) -> Image:
+    ) -> Float[Array, "batch row column output"]:
         """`encode` and `decode` in one: what training and initialisation call."""
         return self.decode(x, c_noise, self.encode(condition))
 
@@ -142,7 +142,7 @@ class UNet(nn.Module):
 
     def decode(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features
-    ) -> Image:
+    ) -> Float[Array, "batch row column output"]:
         """Output of the network for noisy images and the condition's features."""
         if not self.condition_at_input:
             return self.trunk(x, c_noise, features)

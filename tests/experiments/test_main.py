@@ -140,7 +140,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
         main = default.get_config()
         for name in ("network", "noise"):  # a prior is of no use with others
             assert config[name].to_dict() == main[name].to_dict()
-        assert build.build_network(config).outputs == 2
+        assert build.build_network(config).outputs == 4
         return
     spec = build.build_spec(config, Records(records, "train"))
     assert spec.radar.cube_shape == (3, 4, 16, 64)
@@ -150,7 +150,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
     found, params = jax.eval_shape(
         spec.network.init_with_output, jax.random.key(0), image, jnp.ones(1), condition
     )
-    assert found.shape == image.shape
+    assert found.shape == (*image.shape[:-1], spec.network.outputs)
     names = str(jax.tree.structure(params))
     assert ("tower" in names) != spec.network.condition_at_input
 
