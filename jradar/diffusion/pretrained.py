@@ -35,6 +35,7 @@ from jradar.files import atomic_path
 MAX_FILE_BYTES = 4 << 30
 ATTENTION_ORDERS = ("legacy", "new")
 OWN, TOWER = "params/trunk/", "params/tower/"  # begin the names of our own weights
+HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
 # Fields of a network that the shapes of its parameters do not show.
 UNSHAPED = ("form", "stem", "head_channels", "noise_scale")
 # New parameters that must be zero for the network to be the published one.
@@ -65,7 +66,7 @@ def load_pretrained(
     state = read_state(path)
     if any(name.startswith(OWN) for name in state):
         _check_network(path, network)
-        return _load_own(path, state, params)
+        return _load_own(path, state, params, network)
     if "input_blocks.0.0.weight" in state:
         if attention_order not in ATTENTION_ORDERS:
             raise ValueError(
@@ -132,8 +133,12 @@ def read_state(path: Path | str) -> State:
     )
 
 
-def _load_own(path, state, params):
-    """Weights of our own; those of a prior leave the condition's tower as it is."""
+def _load_own(path, state, params, network):
+    """Weights of our own; those of a prior leave the condition's tower as it is.
+
+    Those of a network with half the outputs, trained for "clean", make the means of
+    "gaussian": its spreads start as those of the data.
+    """
     flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
     new = [name for name in flat if name not in state]
     unused = [name for name in state if name not in flat]
@@ -141,10 +146,19 @@ def _load_own(path, state, params):
     _check_complete(path, [] if new == tower else new, unused)
     loaded = {}
     for name, tensor in state.items():
+        if name.startswith(HEADS) and 2 * tensor.shape[-1] == flat[name].shape[-1]:
+            tensor = _with_spreads(tensor, network.outputs // 2)
         _check_shape(path, name, tensor, flat[name])
         loaded[name] = jnp.asarray(tensor, flat[name].dtype)
     params = flax.traverse_util.unflatten_dict(flat | loaded, sep="/")
     return params, Transfer(tuple(sorted(loaded)), tuple(new), ())
+
+
+def _with_spreads(tensor, means):
+    """Outputs [.., pixel and mean] as [.., pixel and mean or spread], spreads of 0."""
+    pixels = tensor.reshape(*tensor.shape[:-1], -1, means)
+    both = np.concatenate([pixels, np.zeros_like(pixels)], -1)
+    return both.reshape(*tensor.shape[:-1], -1)
 
 
 def _unshaped(network):

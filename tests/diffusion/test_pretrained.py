@@ -216,6 +216,19 @@ def test_a_prior_of_our_own_fills_the_trunk_alone(tmp_path):
             load_pretrained(path, network.clone(**change), start)
 
 
+def test_weights_for_images_start_a_network_of_means_and_spreads(tmp_path):
+    network, params, args = build(detail_channels=0)
+    flat = {k: np.asarray(v) for k, v in flatten_dict(params, sep="/").items()}
+    both = network.clone(outputs=4)
+    start = shapes_of(both, args)
+    loaded, _ = load_pretrained(save(tmp_path / "w.npz", flat), both, start)
+    output = apply(both, loaded, *args)
+    np.testing.assert_allclose(
+        output[..., :2], apply(network, params, *args), atol=1e-6
+    )
+    assert not output[..., 2:].any()
+
+
 def test_weights_of_our_own_that_do_not_fit_are_refused(tmp_path):
     network, params, _ = build()
     flat = {k: np.asarray(v) for k, v in flatten_dict(params, sep="/").items()}
