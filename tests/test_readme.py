@@ -179,7 +179,6 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/radarhd.py": "hours of training",
     "python -m experiments.realism SAMPLES -o runs/realism": "see test_realism",
-    "jradar enhance PATH -o out": "needs shipped weights",
 }
 
 
