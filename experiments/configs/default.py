@@ -5,7 +5,13 @@ r"""The paper's image sizes on the simulated ColoRadar, with a network for a CPU
 
 Every field of the main task is here; other configs are differences from it. To train on
 recordings of your own or on ColoRadar, prepare them with `jradar prepare` and name the
-folder: --config.data.path=FOLDER. Not run to the end yet.
+folder: --config.data.path=FOLDER. An hour on one core, after the simulation.
+
+2026-11-21, 10 core minutes each with gaps left open and equal weights, Heun 18 on 48
+validation frames, Chamfer distance and F-score at 0.2 m: "gaussian" with patches of
+16 x 16 pixels 1.03 m, 36.0 %; of 8 x 16 1.10 m, 30.8 %; of 8 x 32 1.12 m, 31.9 %;
+"clean" with 16 x 16 1.71 m, 25.5 %; OS-CFAR 1.17 m, 31.1 %. As it stands now, with
+3,600 steps, on 40 frames: see `finetune`.
 """
 
 from ml_collections import ConfigDict, config_dict

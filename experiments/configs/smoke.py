@@ -20,6 +20,6 @@ def get_config():
     config.train.update(steps=120, warmup_steps=20, checkpoint_every=60)
     config.train.evaluate_every = 60
     config.train.ema_decay = 0.98
-    config.evaluation.update(detectors=("ca", "os"), frames_for_rates=6)
+    config.evaluation.update(detectors=("ca", "os"), frames_for_rates=6, every=1)
     config.evaluation.frames_while_training = 2
     return config
