@@ -20,8 +20,6 @@ from jradar.data import Records
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "experiments" / "configs").glob("[!_]*.py"))
 SMALL = [
-    "--config.image.coarse=(8, 8)",
-    "--config.image.fine=(16, 64)",
     "--config.network.channels=8",
     "--config.evaluation.detectors=('os',)",
     "--config.train.batch_size=4",
@@ -90,7 +88,7 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(records, tmp_pa
     assert card["data_digest"] == Records(records, "train").digest
 
     for change, message in (
-        ("--config.train.learning_rate=0.1", "train.learning_rate was 0.0005, now 0.1"),
+        ("--config.train.learning_rate=0.1", "train.learning_rate was 0.001, now 0.1"),
         ("--config.seed=1", "seed was 0, now 1"),
     ):
         code, out, err = finish(start(killed, *small, change))

@@ -22,7 +22,7 @@ def config(records):
     config.network.update(channels=4, levels=3)
     config.train.update(steps=6, batch_size=4, warmup_steps=1, ema_decay=0.5)
     config.train.update(checkpoint_every=2, evaluate_every=6)
-    config.evaluation.update(frames_for_limit=2, frames_while_training=2)
+    config.evaluation.update(frames_for_limit=2, frames_while_training=2, every=1)
     return config
 
 
@@ -53,7 +53,7 @@ def test_it_learns_a_mask_that_a_threshold_cannot_give(config):
     labels = (maps > 0.7) & (np.arange(16) < 8)[:, None]
     batch = training.Batch(jnp.asarray(maps), jnp.asarray(labels, jnp.float32))
     detector = rpdnet.build_detector(config)
-    config.train.update(learning_rate=2e-2, adversarial=0.0)
+    config.train.update(learning_rate=2e-2, adversarial=0.0, steps=150)
     optimizer = build_optimizer(config.train)
     params = rpdnet_params(jax.random.key(0, impl="rbg"), detector, (16, 16))
     state = training.TrainState(
