@@ -25,7 +25,7 @@ from jradar import data, evaluation
 from jradar.lidar import shared_field_of_view
 from jradar.metrics import compare_on_host
 from jradar.progress import progress
-from jradar.radar import DETECTORS, Cells, RadarSpec, cell_points, largest_window
+from jradar.radar import DETECTORS, RadarSpec, cell_points, largest_window
 from jradar.range_image import ImageSpec, unproject
 from jradar.types import PointCloud
 
@@ -122,13 +122,20 @@ def detected(_, frame, *, view, detector, rate):
         guard=guard,
         train=train,
     )
-    return seen_points(frame.prepared.cells, mask, view)
+    return seen_points(frame.prepared, mask, view)
 
 
-def seen_points(cells: Cells, mask: Any, view: View) -> PointCloud:
-    """Points of the cells in `mask` that lie within the model's view."""
+def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
+    """Points of a frame's cells in `mask` that lie within the model's view."""
     guard, train = largest_window(view.radar.cube_shape, (2, 2), (4, 4))
-    cloud = cell_points(cells, mask, view.radar, guard=guard, train=train)
+    cloud = cell_points(
+        prepared.cells,
+        mask,
+        view.radar,
+        guard=guard,
+        train=train,
+        range_bias_m=prepared.range_bias_m,
+    )
     seen = shared_field_of_view(
         np.asarray(cloud.xyz),
         azimuth=view.fine.azimuth,

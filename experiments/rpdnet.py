@@ -45,7 +45,6 @@ from jradar.baselines import (
     sensor_velocities,
 )
 from jradar.metrics import compare_on_host
-from jradar.radar import Cells
 from jradar.types import PointCloud
 
 LIMITS = (0.05, 0.15, 0.25, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the probability
@@ -79,6 +78,7 @@ class LabelledMaps(Sequence):
             frame.cells.power,
             self._records.radar,
             min_snr_db=self._min_snr_db,
+            range_bias_m=frame.range_bias_m,
         )
         values = map_values(frame.cells.power)
         return training.Batch(values[..., None], label[..., None].astype(np.float32))
@@ -164,7 +164,7 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
         data.PairSource(records, view.fine, view.fine, num_slices=1),
         {
             "RPDNet": lambda _, frame: marked_points(
-                frame.prepared.cells, view, probability, limit
+                frame.prepared, view, probability, limit
             )
         },
         every=config.evaluation.every,
@@ -210,10 +210,11 @@ def cell_probability(config: ConfigDict, params: Any) -> Probability:
 
 
 def marked_points(
-    cells: Cells, view: View, probability: Probability, limit: float
+    prepared: data.PreparedFrame, view: View, probability: Probability, limit: float
 ) -> PointCloud:
     """Points of the cells whose probability is at least `limit`."""
-    return seen_points(cells, probability(np.asarray(cells.power)) >= limit, view)
+    power = np.asarray(prepared.cells.power)
+    return seen_points(prepared, probability(power) >= limit, view)
 
 
 def choose_limit(
@@ -226,7 +227,7 @@ def choose_limit(
 
     def mean_score(limit):
         scores = [
-            f_score(seen_points(frame.cells, cells >= limit, view), frame)
+            f_score(seen_points(frame, cells >= limit, view), frame)
             for frame, cells in zip(prepared, found, strict=True)
         ]
         return float(np.mean(scores))
@@ -247,7 +248,7 @@ def validate(
     chamfer = []
     for i in np.linspace(0, len(records) - 1, min(count, len(records))).astype(int):
         frame = records[int(i)]
-        xyz = points_of(marked_points(frame.cells, view, probability, limit))
+        xyz = points_of(marked_points(frame, view, probability, limit))
         chamfer.append(compare_on_host(xyz, frame.lidar_xyz).chamfer)
     nothing = 2 * view.fine.max_range_m  # the Chamfer distance where there is no cloud
     return {

@@ -40,7 +40,7 @@ def get_config():
     config.noise.sigma_min = 0.05
     config.noise.sigma_max = 20.0
     config.noise.rho = 7.0
-    config.noise.log_mean = 0.0  # below 0.2 a pixel's own value decides
+    config.noise.log_mean = 1.2  # below 0.2 a pixel's own value decides
     config.noise.log_std = 1.2
 
     # Patches of 16 x 32 pixels of the LiDAR's and 16 x 4 of the radar's image are the
@@ -57,16 +57,16 @@ def get_config():
     config.network.outputs = 1
 
     config.train = ConfigDict()
-    config.train.steps = 1200
-    config.train.batch_size = 16
+    config.train.steps = 5400
+    config.train.batch_size = 8
     config.train.learning_rate = 1e-3
     config.train.warmup_steps = 100
     config.train.clip_norm = 1.0
     config.train.weight_decay = 1e-2
     config.train.mirror = True  # left and right are alike: half of the pairs turned
     config.train.ema_decay = 0.995
-    config.train.checkpoint_every = 50
-    config.train.evaluate_every = 300
+    config.train.checkpoint_every = 300
+    config.train.evaluate_every = 900
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

@@ -37,19 +37,21 @@ def label_cells(
     radar: RadarSpec,
     *,
     min_snr_db: float = 3.0,
+    range_bias_m: float = 0.0,
 ) -> Bool[np.ndarray, "doppler range"]:
     """Cells at a LiDAR point whose power is `min_snr_db` above the map's median.
 
     Points and the radar's own velocity in m/s are in the radar's frame. Velocities that
     the radar cannot tell apart share a cell; points beyond its range have none. With
-    noise of 12 antennas, 3 dB is exceeded by 2 cells in 1000.
+    noise of 12 antennas, 3 dB is exceeded by 2 cells in 1000. Ranges are measured
+    `range_bias_m` too long.
     """
     num_doppler, num_range = power.shape
     distance = np.linalg.norm(lidar_xyz, axis=-1)
     known = distance > 0
     distance, xyz = distance[known], lidar_xyz[known]
     receding = -(xyz @ velocity) / distance
-    column = np.rint(distance / radar.range_resolution_m).astype(int)
+    column = np.rint((distance + range_bias_m) / radar.range_resolution_m).astype(int)
     row = np.rint(receding / radar.velocity_resolution_mps).astype(int)
     row = (row + num_doppler // 2) % num_doppler
     inside = column < num_range

@@ -122,6 +122,7 @@ def prepare_frame(
         cells=jax.tree.map(np.asarray, cells),
         radar=jax.tree.map(np.asarray, cloud),
         lidar_xyz=steps.xyz[steps.visible],
+        range_bias_m=recording.range_bias_m,
     )
     return frame, steps, trusted_xyz
 

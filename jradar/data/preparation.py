@@ -162,6 +162,9 @@ def _difference(found, wanted, key):
     if isinstance(old, dict) and isinstance(new, dict):
         field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
         return f"{field} was {old.get(field)}, now {new.get(field)}"
+    if key == "names":
+        gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
+        return f"{len(gone)} are gone {gone[:3]}, {len(added)} were added {added[:3]}"
     return f"{old}, now {new}"
 
 

@@ -41,6 +41,7 @@ class PreparedFrame(NamedTuple):
     cells: Cells  # of the whole range-Doppler map
     radar: PointCloud  # of the condition
     lidar_xyz: Float[np.ndarray, "point 3"]  # preprocessed, in the radar's frame
+    range_bias_m: float = 0.0  # by how much the cells' ranges are too long
 
 
 def to_bytes(frame: PreparedFrame) -> bytes:
@@ -51,6 +52,7 @@ def to_bytes(frame: PreparedFrame) -> bytes:
         "stamps": np.array([frame.stamp, frame.lidar_stamp], np.float64),
         "world_from_radar": np.asarray(frame.world_from_radar, np.float64),
         "lidar_xyz": np.asarray(frame.lidar_xyz, np.float32),
+        "range_bias_m": np.array(frame.range_bias_m, np.float64),
         "cells.power": np.asarray(frame.cells.power, np.float32),
         "cells.azimuth": np.asarray(frame.cells.azimuth, np.float16),
         "cells.elevation": np.asarray(frame.cells.elevation, np.float16),
@@ -80,6 +82,7 @@ def from_bytes(record: bytes) -> PreparedFrame:
             ),
             radar=PointCloud(**{k: arrays[f"radar.{k}"] for k in PointCloud._fields}),
             lidar_xyz=arrays["lidar_xyz"],
+            range_bias_m=float(arrays.get("range_bias_m", 0.0)),
         )
     except (safetensors.SafetensorError, KeyError, UnicodeDecodeError) as error:
         raise ValueError(f"a record is not a prepared frame: {error}") from error

@@ -53,6 +53,11 @@ def test_labels_need_power_and_wrap_around_in_velocity():
         velocity = np.array([cells * step, 0, 0])
         found = label_cells(ahead, velocity, power, RADAR)
         np.testing.assert_array_equal(found, expected)
+    nearer = ahead - np.array([[3 * RADAR.range_resolution_m, 0, 0]])
+    biased = label_cells(
+        nearer, np.zeros(3), power, RADAR, range_bias_m=3 * RADAR.range_resolution_m
+    )
+    np.testing.assert_array_equal(biased, expected)
     beyond = np.array([[40 * RADAR.range_resolution_m, 0, 0], [0, 0, 0]])
     assert not label_cells(beyond, np.zeros(3), power, RADAR).any()
 

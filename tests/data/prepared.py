@@ -30,4 +30,5 @@ def invented_frame(number, sequence="run0", points=64, lidar_points=500):
             cloud(points), np.arange(points) % 3 > 0, column(), column(), column()
         ),
         lidar_xyz=cloud(lidar_points),
+        range_bias_m=0.07,
     )

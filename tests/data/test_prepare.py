@@ -114,6 +114,9 @@ def test_other_options_are_refused(root, prepared):
         prepare(root, prepared, other, workers=1)
     with pytest.raises(ValueError, match="other frames"):
         prepare(root, prepared, SPEC, workers=1, frames=slice(0, 2))
+    sequence = find_sources(root)[0].path
+    with pytest.raises(ValueError, match=r"other names: \d are gone \['.*0 were added"):
+        prepare(sequence, prepared, SPEC, workers=1)
 
 
 def test_a_folder_of_something_else_is_left_alone(root, tmp_path):

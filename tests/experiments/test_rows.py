@@ -1,5 +1,7 @@
 """Rows of the tables: direct regression, MUSIC; records that models must not see."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +9,13 @@ import pytest
 
 from experiments import build, enhance
 from experiments.configs import regression
-from experiments.detectors import Frame, detector_methods, points_of, view_of
+from experiments.detectors import (
+    Frame,
+    detector_methods,
+    points_of,
+    seen_points,
+    view_of,
+)
 from jradar import data
 from jradar.bundle import Bundle
 from jradar.range_image import encode_range
@@ -54,6 +62,21 @@ def test_the_rows_of_other_angles_say_so(records):
     rates = {"os": 1e-3}
     assert [*detector_methods(view, rates)] == ["OS-CFAR"]
     assert [*detector_methods(view, rates, angles="music")] == ["OS-CFAR, MUSIC"]
+
+
+def test_ranges_of_detections_are_without_the_radars_bias(records):
+    frames = data.Records(records, "test")
+    view, frame = view_of(frames), frames[0]
+    wide = view._replace(fine=dataclasses.replace(view.fine, max_range_m=100.0))
+    mask = np.asarray(frame.cells.power) >= np.sort(frame.cells.power, axis=None)[-20]
+    mask[:, : mask.shape[1] // 4] = False  # far enough to be nearer
+    plain, mended = (
+        points_of(seen_points(frame._replace(range_bias_m=bias), mask, wide))
+        for bias in (0.0, 0.3)
+    )
+    assert len(plain) == len(mended) > 0
+    lengths = [np.linalg.norm(xyz, axis=-1) for xyz in (plain, mended)]
+    np.testing.assert_allclose(lengths[0] - 0.3, lengths[1], atol=1e-5)
 
 
 def test_models_are_not_trained_on_directions_by_music(bundle):
