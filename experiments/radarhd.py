@@ -116,8 +116,8 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
 
 
 def run_evaluation(config: ConfigDict, workdir: Path) -> None:
-    """Score the workdir's weights; limits, table, per-frame scores and a picture."""
-    params = load_weights(workdir / "weights.safetensors")
+    """Score the weights; limits, table, per-frame scores and a picture."""
+    params = load_weights(Path(config.weights or workdir / "weights.safetensors"))
     draws = make_draws(config, params)
     pairs = open_radarhd(config.data.path)
     chosen = pairs.of(config.data.threshold_trajectories)
@@ -160,9 +160,9 @@ def make_draws(
 
         return jax.jit(images)
 
-    def sample(steps):
+    def sample(**options):
         return lambda key, denoise, shape: diffusion.sample(
-            key, denoise, shape, noise=noise, steps=steps
+            key, denoise, shape, noise=noise, **options
         )
 
     if config.method == "regression":
@@ -173,10 +173,12 @@ def make_draws(
                 )
             )
         }
-    draws = {"one-step estimate": drawn(sample(1))}
+    draws = {"one-step estimate": drawn(sample(steps=1))}
     if not one_step_only:
-        steps = config.sampling.steps
-        draws[f"diffusion, Heun {steps}"] = drawn(sample(steps))
+        steps, temperature = config.sampling.steps, config.sampling.temperature
+        draws[f"diffusion, Heun {steps}"] = drawn(
+            sample(steps=steps, temperature=temperature)
+        )
     return draws
 
 

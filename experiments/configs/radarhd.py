@@ -3,9 +3,13 @@ r"""RadarHD's real pairs, one radar image in, an occupancy image out: diffusion.
     python -m experiments.main --config=experiments/configs/radarhd.py \
         --config.data.path=dataset_5 --workdir=runs/radarhd
 
+    python -m experiments.main --config=experiments/configs/radarhd.py \
+        --config.data.path=dataset_5 --workdir=runs/radarhd_test --mode=eval \
+        --config.weights=experiments/results/radarhd.safetensors
+
 `data.path` is the public folder dataset_5, or the packed part of its training pairs.
-`--mode=eval` scores the workdir's weights on the folder's test pairs, or, where there
-are none, on the training trajectories that were kept apart.
+`--mode=eval` scores weights on the folder's test pairs, or, where there are none, on
+the training trajectories that were kept apart.
 
 2026-11-21, 1,200 steps on one core (4 s each; with a convolution of 3 x 3 for the head,
 which is linear by now): on trajectories 138 and 140 the one-
@@ -31,6 +35,7 @@ def get_config():
     config.data.every = 4  # of the frames of these, one is scored
 
     config.method = "diffusion"  # or "regression"
+    config.weights = ""  # to evaluate; the workdir's own where none are named
 
     # The network says what radar and surroundings tell of a pixel, Bayes adds what
     # its own noisy value tells: no pixel's noise has to pass through a coarse patch.
@@ -70,5 +75,6 @@ def get_config():
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18
+    config.sampling.temperature = 1.0
     config.sampling.batch_size = 8
     return config

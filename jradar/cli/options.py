@@ -195,7 +195,7 @@ def _simulate(sub):
     _output(sub)
     sub.add_argument("--scene", choices=FAMILIES, help="kind of scene")
     sub.add_argument(
-        "--set", metavar="NAME", help="a whole set, jradar-sim or jradar-sim-mini"
+        "--set", metavar="NAME", help="a whole set: jradar-sim, or -test or -mini"
     )
     sub.add_argument(
         "--frames",

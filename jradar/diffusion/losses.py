@@ -41,7 +41,9 @@ class LossSpec:
 
     def __post_init__(self):
         """Refuse weights below 0 and intervals below 1."""
-        for name in ("squared", "range_weight", "perceptual", "absolute"):
+        if not self.range_weight > 0:
+            raise ValueError(f"range_weight = {self.range_weight}, expected above 0")
+        for name in ("squared", "perceptual", "absolute"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} = {getattr(self, name)}, expected 0 or more")
         if self.perceptual_every < 1:

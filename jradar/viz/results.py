@@ -14,7 +14,7 @@ from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 MAX_CURVE_POINTS = 2000
 Points = Float[np.ndarray, "_ 3"]
@@ -141,7 +141,7 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
     """
     records = _read_metrics(Path(path))
     names = {name for record in records for name in record} - {"step"}
-    names = sorted(names, key=lambda name: (name != "loss", name))
+    names = sorted(names, key=lambda name: (name != "loss", "/" not in name, name))
     figure = Figure(
         figsize=(6.4 * min(len(names), 2), 3.4 * math.ceil(len(names) / 2)),
         layout="constrained",
@@ -156,10 +156,11 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
         thin = max(len(steps) // MAX_CURVE_POINTS, 1)
         axes.plot(steps[::thin], values[::thin], color="C0", alpha=0.25, linewidth=0.8)
         axes.plot(steps[span - 1 :][::thin], smooth[::thin], color="C0", linewidth=1.8)
-        if len(values) and values.min() > 0:
+        if values.min() > 0 and values.max() > 3 * values.min():
             axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axes.yaxis.set_major_formatter(ScalarFormatter())
-            axes.yaxis.set_minor_formatter(ScalarFormatter())
+            axes.yaxis.set_minor_formatter(NullFormatter())
         axes.set(xlabel="step", title=name.replace("_", " "))
         axes.grid(alpha=0.3, which="both")
         axes.spines[["top", "right"]].set_visible(False)

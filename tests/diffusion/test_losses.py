@@ -161,6 +161,8 @@ def test_a_miss_has_a_validity_but_no_range():
 
 
 def test_impossible_weights_are_refused():
+    with pytest.raises(ValueError, match="range_weight = 0.0, expected above 0"):
+        LossSpec(range_weight=0.0)
     with pytest.raises(ValueError, match="squared = -1.0, expected 0 or more"):
         LossSpec(squared=-1.0)
     with pytest.raises(ValueError, match="perceptual_every = 0, expected 1"):

@@ -70,8 +70,12 @@ def test_a_run_ends_with_its_table_and_goes_on_from_its_checkpoint(
     assert "138, 140" in table and table in capsys.readouterr().out
     assert (tmp_path / "evaluation" / "samples.png").stat().st_size > 5000
     assert (tmp_path / "weights.safetensors").stat().st_size < 2e6
-    radarhd.run_evaluation(config, tmp_path)
-    assert (tmp_path / "evaluation" / "table.md").read_text() == table
+    elsewhere = tmp_path / "elsewhere"
+    with pytest.raises(FileNotFoundError, match="no weights at .*elsewhere"):
+        radarhd.run_evaluation(config, elsewhere)
+    config.weights = str(tmp_path / "weights.safetensors")
+    radarhd.run_evaluation(config, elsewhere)
+    assert (elsewhere / "evaluation" / "table.md").read_text() == table
 
 
 def test_the_limit_with_the_best_mean_is_chosen():

@@ -4,7 +4,7 @@ make_scene, FAMILIES             procedural scenes from a seed
 make_setting, radar_frames, lidar_scans    what the sensors see, in memory
 simulate_sequence                a sequence in ColoRadar's layout
 simulate_capture                 DCA1000 samples, .cfg, and a bag of a Livox
-simulate_set, check_set, SETS    the benchmark set jradar-sim, with digests
+simulate_set, check_set, SETS    the benchmark sets jradar-sim.., with digests
 simulate                         the command
 
 What is modelled: materials (materials), speckle, mirrors, corners and first-order

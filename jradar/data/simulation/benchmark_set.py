@@ -1,5 +1,8 @@
 """Named sets of simulated sequences, split so that no layout is in two splits.
 
+`jradar-sim` is to train on; `jradar-sim-test` has many more layouts to test on;
+`jradar-sim-mini` is one layout for each split, to try things out.
+
 A set's folder holds ColoRadar's layout, `splits.json`, which preparation reads, and
 `manifest.json`: splits, seeds, and a digest of every sequence. Sets are made anew by
 anyone, and a copy is checked by its digests. Samples are sums in float32, whose order
@@ -23,7 +26,11 @@ SPLIT_SEEDS = {
     "jradar-sim": {
         "train": tuple(range(16)),
         "validation": (100, 101),
-        "test": tuple(range(200, 212)),  # many: layouts differ more than frames do
+        "test": (200, 201, 202, 203),
+    },
+    "jradar-sim-test": {  # few frames of many layouts, which differ more than frames do
+        "validation": (100, 101),
+        "test": tuple(range(200, 248)),
     },
     "jradar-sim-mini": {"train": (0,), "validation": (100,), "test": (200,)},
 }
