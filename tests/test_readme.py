@@ -173,6 +173,8 @@ STANDS_FOR = {  # of the user's own
 NOT_RUN = {  # and why
     "python -m benchmarks.run": "half an hour; the quick one is run",
     "jradar simulate --set jradar-sim -o sim": "minutes; the mini set is run by smoke",
+    "--set jradar-sim-test": "minutes, too",
+    "jradar prepare sim-test -o records/test": "needs that",
     "--scheduler": "needs a Dask cluster",
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
     "--config=experiments/configs/default.py": "an hour of training",
