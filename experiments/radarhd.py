@@ -160,9 +160,9 @@ def make_draws(
 
         return jax.jit(images)
 
-    def sample(**options):
+    def sample(steps):
         return lambda key, denoise, shape: diffusion.sample(
-            key, denoise, shape, noise=noise, **options
+            key, denoise, shape, noise=noise, steps=steps
         )
 
     if config.method == "regression":
@@ -173,12 +173,10 @@ def make_draws(
                 )
             )
         }
-    draws = {"one-step estimate": drawn(sample(steps=1))}
+    draws = {"one-step estimate": drawn(sample(1))}
     if not one_step_only:
-        steps, temperature = config.sampling.steps, config.sampling.temperature
-        draws[f"diffusion, Heun {steps}"] = drawn(
-            sample(steps=steps, temperature=temperature)
-        )
+        steps = config.sampling.steps
+        draws[f"diffusion, Heun {steps}"] = drawn(sample(steps))
     return draws
 
 

@@ -75,6 +75,5 @@ def get_config():
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18
-    config.sampling.temperature = 1.0
     config.sampling.batch_size = 8
     return config
