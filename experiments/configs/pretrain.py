@@ -5,8 +5,11 @@ r"""A prior from photographs for the main task: the same network, without a cond
 
 `data.path` is a folder of JPEG, PNG or WebP files. The workdir's `prior.safetensors`
 is what `transfer` starts from; it is written anew at every evaluation. Network, noise
-levels and image are the main task's: a prior is of no use with others. Not run to the
-end yet.
+levels and image are the main task's: a prior is of no use with others.
+
+2026-11-22, 550 steps on 33 photographs, 10 minutes on one core: at the noise 0.2, 0.8
+and 3.2 the error of photographs kept apart is 0.100, 0.098 and 0.131, that of the mean
+photograph 0.424. What it is good for: see `transfer`.
 """
 
 from ml_collections import ConfigDict
