@@ -13,12 +13,12 @@ the training trajectories that were kept apart.
 
 2026-11-22, 5,400 steps on one core (1.28 s each beside another run): on trajectories
 138 and 140, 124 frames, Heun 18 has a Chamfer distance of 0.219 m, MHD 0.158 m, F-score
-68.6 % at 0.2 m; the one-step estimate 0.233 m, 0.145 m, 71.4 %: a sample says which of
-the possible rooms it is, the estimate hedges, and a low threshold on it finds most. On
+68.6 % at 0.2 m; the one-step estimate 0.233 m, 0.145 m, 71.4 %; intervals overlap. On
 136 and 137 the estimate had F-scores of 64.6, 70.1, 73.2, 74.3, 75.4 and 75.5 % after
-every 900 steps, so by then it is the data or the network that is short, not the steps.
-A temperature of 0.6 or 0.2 cost samples 5 and 28 points after 1,800 steps, the mean of
-an estimate and its mirror image gained 0.8. Before, 1,200 steps of 16 at weaker noise
+every 900 steps; the rate fell to nothing meanwhile, so this does not say whether data,
+network or steps limit it. After 1,800 steps, on every 32nd frame of these, temperatures
+of 0.6 and 0.2 cost samples 5 and 28 points, and the mean of an estimate and its mirror
+image gained 0.8. Before, 1,200 steps of 16 at weaker noise
 (log_mean 0) reached 0.302 m, 0.235 m, 57.3 % and 0.277 m, 0.181 m, 66.1 %.
 """
 
