@@ -166,7 +166,7 @@ def main(argv: list[str] | None = None) -> int:
     panels: dict[str, dict[str, list]] = {}
     for row in means:
         lines = panels.setdefault(row["cloud"], {})
-        line = lines.setdefault(f"{row['slices']} slices", [])
+        line = lines.setdefault(f"{row['slices']} slice{'s' * (row['slices'] > 1)}", [])
         line.append((int(row["size"].split("x")[1]), 100 * row["chamfer"]))
     figure = curves_figure(
         panels,
