@@ -222,6 +222,16 @@ def view(image: ConfigDict) -> dict[str, Any]:
     }
 
 
+def check_mirror(config: ConfigDict) -> None:
+    """Refuse to mirror pairs whose view is wider to one side."""
+    low, high = config.image.azimuth_deg
+    if config.train.mirror and low != -high:
+        raise ValueError(
+            f"image.azimuth_deg = ({low:g}, {high:g}) is no view to mirror: expected "
+            "the same to both sides, or train.mirror = False"
+        )
+
+
 def check_workdir(config: ConfigDict, workdir: Path) -> None:
     """Refuse to go on with another config than the workdir was started with."""
     path = workdir / "config.json"

@@ -21,6 +21,7 @@ from experiments.build import (
     build_optimizer,
     build_pairs,
     build_spec,
+    check_mirror,
     check_workdir,
     initial_weights,
     prepared_data,
@@ -49,11 +50,17 @@ def run_training(config: ConfigDict, workdir: Path) -> None:
     """Train, save the bundle, evaluate it. Resumes where the workdir stands."""
     build_network(config)  # what is wrong with these shows before the data
     initial_weights(config.train)
+    check_mirror(config)
     check_workdir(config, workdir)
     records = data.Records(prepared_data(config, workdir), "train")
     spec = build_spec(config, records)
     source = build_pairs(spec, records)
-    batches = data.Batches(source, seed=config.seed, batch_size=config.train.batch_size)
+    batches = data.Batches(
+        source,
+        seed=config.seed,
+        batch_size=config.train.batch_size,
+        change=data.mirrored if config.train.mirror else None,
+    )
     print(f"{len(records)} training frames", file=sys.stderr, flush=True)
 
     def encode(lidar):

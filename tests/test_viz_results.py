@@ -84,6 +84,9 @@ def test_learning_curve(tmp_path):
     assert smooth.get_xdata()[0] == 19
     np.testing.assert_allclose(smooth.get_ydata()[0], loss[:20].mean())
     save_figure(figure, tmp_path / "curve.png")
+    path.write_text('{"step": 0, "loss": 1}\n{"step": 1, "loss": 1, "chamfer": 2}\n')
+    alone = learning_curve_figure(path).axes[1].lines[1]
+    assert len(alone.get_xdata()) == 1 and alone.get_marker() == "o"
 
 
 @pytest.mark.parametrize(

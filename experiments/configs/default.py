@@ -29,7 +29,7 @@ def get_config():
     config.data = ConfigDict()
     config.data.path = ""
     config.data.set = "jradar-sim"
-    config.data.frames = 20  # of each of its sequences
+    config.data.frames = 4  # of each of its sequences
 
     # How it is then prepared; its field of view is that of the images.
     config.prepare = ConfigDict()
@@ -79,6 +79,7 @@ def get_config():
     config.train.attention_order = config_dict.placeholder(str)  # of OpenAI's weights
     config.train.steps = 3600
     config.train.batch_size = 8
+    config.train.mirror = True  # half of the pairs, left to right
     config.train.learning_rate = 1e-3
     config.train.warmup_steps = 100
     config.train.clip_norm = 1.0

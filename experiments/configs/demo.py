@@ -18,7 +18,7 @@ def get_config():
     config.purpose = ""
     config.data.set = "jradar-sim-test"
     config.data.frames = 1  # of each layout
-    config.data.layouts = 3  # of each family, of the set's test split; it has 48
+    config.data.layouts = 3  # of each family, of the set's test split; it has 192
     config.evaluation.every = 1
     config.evaluation.rates = {"so": 1e-3, "ca": 1e-2, "go": 1e-2, "os": 1e-3}
     return config

@@ -201,7 +201,7 @@ def _simulate(sub):
         "--frames",
         type=_at_least_1,
         metavar="N",
-        help="of each sequence (50; 40 in a set)",
+        help="of each sequence (50; 4 in a set)",
     )
     sub.add_argument("--seed", type=int, default=0, help="of the scene (default 0)")
     sub.add_argument(

@@ -13,7 +13,7 @@ estimate_time_offset, propose_offset                 between the sensors' clocks
 prepare, PrepareSpec             recordings to records of training pairs
  .. prepare_frame, matches_of     one frame of them, and which belong together
 find_sources                     the recordings below a folder, and their splits
-Records, PairSource, Batches     records to images, and to batches by step
+Records, PairSource, Batches     records to images, and to batches by step (mirrored)
 open_radarhd                     RadarHD's pairs of polar images
 simulation                       a ColoRadar that the project makes itself
 read_cloud                       clouds from PCD, PLY and KITTI files
@@ -59,6 +59,7 @@ from jradar.data.loading import (
     Pair as Pair,
     PairSource as PairSource,
     lidar_image as lidar_image,
+    mirrored as mirrored,
 )
 from jradar.data.matching import (
     Matches as Matches,

@@ -7,7 +7,7 @@ frames: `Records`, or a list of them held in memory.
 
 import concurrent.futures
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -57,6 +57,16 @@ class PairSource(Sequence):
         return Pair(*map(np.asarray, images))
 
 
+def mirrored(pair: Pair, random: np.random.Generator) -> Pair:
+    """The pair or, as often, its mirror image: a radar knows no left and right.
+
+    For images that see as far to one side as to the other.
+    """
+    if random.random() < 0.5:
+        return pair
+    return Pair(pair.condition[:, ::-1], pair.lidar[:, ::-1])
+
+
 def lidar_image(
     xyz: Float[np.ndarray, "point 3"], spec: ImageSpec
 ) -> Float[np.ndarray, "row column"]:
@@ -104,8 +114,13 @@ class Batches(Sequence):
         process_index: int = 0,
         num_processes: int = 1,
         prefetch: int = 2,
+        change: Callable[[Any, np.random.Generator], Any] | None = None,
     ):
-        """`batch_size` counts the items of all processes together."""
+        """`batch_size` counts the items of all processes together.
+
+        `change` alters items by chance, as `mirrored` does: anew whenever one is drawn,
+        and always alike for the same seed.
+        """
         if not len(source):
             raise ValueError("no frames to draw batches from")
         if batch_size % num_processes or not 0 <= process_index < num_processes:
@@ -117,7 +132,8 @@ class Batches(Sequence):
             import grain
         except ImportError as error:
             raise ImportError(EXTRA) from error
-        self._items = grain.MapDataset.source(source).seed(seed).shuffle().repeat()
+        items = grain.MapDataset.source(source).seed(seed).shuffle().repeat()
+        self._items = items if change is None else items.random_map(change)
         self._batch_size, self._part = batch_size, batch_size // num_processes
         self._first = process_index * self._part
         self._prefetch = prefetch

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 MAX_CURVE_POINTS = 2000
+MAX_DOTS = 30  # values that are drawn each
 Points = Float[np.ndarray, "_ 3"]
 
 
@@ -137,7 +138,8 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
     """Every number of a `metrics.jsonl` over the steps, an axis each.
 
     Faint: each step; strong: the mean of the last `window` steps, or of a tenth of all
-    where there are few. A torn last line, of a run that goes on, is left out.
+    where there are few, dotted where there are very few. A torn last line, of a run
+    that goes on, is left out.
     """
     records = _read_metrics(Path(path))
     names = {name for record in records for name in record} - {"step"}
@@ -155,7 +157,11 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
         smooth = (sums[span:] - sums[:-span]) / span
         thin = max(len(steps) // MAX_CURVE_POINTS, 1)
         axes.plot(steps[::thin], values[::thin], color="C0", alpha=0.25, linewidth=0.8)
-        axes.plot(steps[span - 1 :][::thin], smooth[::thin], color="C0", linewidth=1.8)
+        dots = (
+            "o" if len(values) < MAX_DOTS else None
+        )  # a line through one shows nothing
+        style = {"color": "C0", "linewidth": 1.8, "marker": dots}
+        axes.plot(steps[span - 1 :][::thin], smooth[::thin], **style)
         if values.min() > 0 and values.max() > 3 * values.min():
             axes.set_yscale("log")
             axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))

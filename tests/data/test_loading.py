@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.data.loading import Batches, PairSource, lidar_image
+from jradar.data.loading import Batches, PairSource, lidar_image, mirrored
 from jradar.range_image import ImageSpec, condition_image, project
 from jradar.types import PointCloud
 from tests.data.prepared import invented_frame
@@ -90,6 +90,34 @@ def test_pairs_are_stacked_leaf_by_leaf(pairs):
     known = {pair.lidar.tobytes() for pair in pairs[:]}
     assert all(image.tobytes() in known for image in batch.lidar)
     assert jax.tree.structure(batch).num_leaves == 2
+
+
+def test_pairs_are_mirrored_by_chance_and_always_alike(pairs):
+    def drawn(**process):
+        batches = Batches(pairs[1:], seed=0, batch_size=8, change=mirrored, **process)
+        return np.stack([batches[step].lidar for step in range(8)])
+
+    whole, known = drawn(), {pair.lidar.tobytes() for pair in pairs[1:]}
+    flat = whole.reshape(-1, *FINE.shape)
+    as_is = np.array([image.tobytes() in known for image in flat])
+    turned = np.array([image[:, ::-1].tobytes() in known for image in flat])
+    assert (as_is ^ turned).all() and 16 < turned.sum() < 48
+    np.testing.assert_array_equal(drawn(), whole)
+    halves = [drawn(process_index=i, num_processes=2) for i in range(2)]
+    np.testing.assert_array_equal(np.concatenate(halves, axis=1), whole)
+
+
+def test_a_scene_seen_in_a_mirror_gives_the_mirrored_pair():
+    """Clouds with y turned round give the images turned left to right."""
+    frame, across = invented_frame(0), np.array([1, -1, 1], np.float32)
+    seen = frame._replace(
+        radar=frame.radar._replace(xyz=frame.radar.xyz * across),
+        lidar_xyz=frame.lidar_xyz * across,
+    )
+    one, other = PairSource([frame, seen], COARSE, FINE, num_slices=2)[:]
+    turn = np.random.default_rng(0)  # its first number is 0.64
+    for image, expected in zip(mirrored(one, turn), other, strict=True):
+        np.testing.assert_allclose(image, expected, atol=1e-5)
 
 
 def test_a_damaged_item_is_an_error_of_its_batch():

@@ -104,6 +104,7 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(records, tmp_pa
         (["--mode=fly"], 2, "fly"),
         (["stray"], 2, "unexpected argument 'stray'"),
         (["--config.network.preset=huge"], 2, "network.preset = 'huge', expected one"),
+        (["--config.image.azimuth_deg=(-60.0, 30.0)"], 2, "no view to mirror"),
         (["--mode=eval"], 5, "no weights at"),
     ],
 )

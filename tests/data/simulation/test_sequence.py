@@ -205,7 +205,7 @@ def test_splits_share_no_layout_and_the_manifest_finds_a_changed_file(
         tuple(p) for split, *p in set_sequences("jradar-sim-test") if split == "test"
     }
     others = {tuple(p) for split, *p in set_sequences("jradar-sim") if split != "test"}
-    assert len(tested) == 6 * 48 and not tested & others
+    assert len(tested) == 6 * 192 and not tested & others
     tiny = {"train": (("corridor", 5),), "test": (("corridor", 6),)}
     monkeypatch.setitem(SETS, "tiny", tiny)
     path = simulate_set("tiny", tmp_path, frames=1)
