@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 MAX_CURVE_POINTS = 2000
-MAX_DOTS = 30  # values that are drawn each
+MAX_DOTS = 30  # more than these make a line that is seen without
 Points = Float[np.ndarray, "_ 3"]
 
 
@@ -157,9 +157,7 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
         smooth = (sums[span:] - sums[:-span]) / span
         thin = max(len(steps) // MAX_CURVE_POINTS, 1)
         axes.plot(steps[::thin], values[::thin], color="C0", alpha=0.25, linewidth=0.8)
-        dots = (
-            "o" if len(values) < MAX_DOTS else None
-        )  # a line through one shows nothing
+        dots = "o" if len(values) <= MAX_DOTS else None
         style = {"color": "C0", "linewidth": 1.8, "marker": dots}
         axes.plot(steps[span - 1 :][::thin], smooth[::thin], **style)
         if values.min() > 0 and values.max() > 3 * values.min():
