@@ -159,8 +159,10 @@ def score_records(
     The truth is the prepared LiDAR cloud, and the same cloud after its range image.
     """
     truths = {
-        "LiDAR": lambda frame: PointCloud.from_xyz(frame.prepared.lidar_xyz),
-        "LiDAR as an image": lambda frame: unproject(frame.pair.lidar, view.fine),
+        "LiDAR": lambda frame: frame.prepared.lidar_xyz,
+        "LiDAR as an image": lambda frame: points_of(
+            unproject(frame.pair.lidar, view.fine)
+        ),
     }
     names = list(dict.fromkeys(name for name, _ in records.where))
     index = {

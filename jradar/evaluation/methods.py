@@ -2,7 +2,9 @@
 
 A frame is whatever the methods and the truths know how to read: a pair of images, an
 item of a data set. The truth is a function of the frame too, so that one run can score
-against several: the LiDAR cloud, and the same cloud after its range image.
+against several: the points of the LiDAR, and the same after their range image. It stays
+on the host: the number of points changes from frame to frame, and JAX would compile
+for each.
 """
 
 import math
@@ -19,7 +21,7 @@ from jradar.metrics import compare_on_host
 from jradar.types import PointCloud
 
 Method = Callable[[Key[Array, ""], Any], PointCloud]
-Truth = Callable[[Any], PointCloud]
+Truth = Callable[[Any], np.ndarray]
 
 
 def score_frames(
@@ -34,8 +36,9 @@ def score_frames(
 ) -> Iterator[dict[str, Any]]:
     """Scores of each method on each frame of one sequence, against each truth.
 
-    `frames` gives its length and `frames[i]`, in the order of time; rows are those of
-    `scores.py`. The same key for a frame serves all methods.
+    `frames` gives its length and `frames[i]`, in the order of time; a truth returns a
+    frame's points `[point, 3]`; rows are those of `scores.py`. The same key for a frame
+    serves all methods.
     `milliseconds` is the wall time of the method on that frame until its cloud is
     computed; a call on the first frame, not counted, has compiled it (`warm_up=False`:
     another sequence's has). A method whose shapes change from frame to frame compiles
@@ -45,15 +48,15 @@ def score_frames(
         raise ValueError(f"{len(methods)} methods and {len(truths)} truths to score")
     for index in range(len(frames)):
         frame, frame_key = frames[index], jax.random.fold_in(key, index)
-        true_clouds = {name: _points(truth(frame)) for name, truth in truths.items()}
+        true_points = {name: truth(frame) for name, truth in truths.items()}
         for name, method in methods.items():
             if warm_up and index == 0:
                 jax.block_until_ready(method(frame_key, frame))
             start = time.perf_counter()
             cloud = jax.block_until_ready(method(frame_key, frame))
             milliseconds = 1e3 * (time.perf_counter() - start)
-            found = _points(cloud)
-            for truth_name, truth in true_clouds.items():
+            found = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+            for truth_name, truth in true_points.items():
                 yield {
                     "scene": scene,
                     "sequence": sequence,
@@ -75,7 +78,3 @@ def _scores(found, truth):
     distances = (scores.chamfer, scores.modified_hausdorff)
     values = [float(value) for value in (*distances, *scores.f_score)]
     return dict(zip((*DISTANCES, *F_SCORES), values, strict=True))
-
-
-def _points(cloud: PointCloud) -> np.ndarray:
-    return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]

@@ -13,6 +13,7 @@ from experiments.detectors import (
     Frame,
     detector_methods,
     points_of,
+    score_records,
     seen_points,
     view_of,
 )
@@ -94,3 +95,19 @@ def test_a_config_for_own_recordings_asks_for_them(tmp_path):
         build.prepared_data(config, tmp_path)
     with pytest.raises(ValueError, match="method='guess', expected diffusion or"):
         build.build_loss(config.loss, method="guess")
+
+
+def test_frames_with_more_or_fewer_points_are_scored_without_compiling(records, caplog):
+    frames = data.Records(records, "train")
+    assert len({len(frames[i].lidar_xyz) for i in range(3)}) > 1
+    view = view_of(frames)
+    pairs = [data.Pair(None, np.ones(view.fine.shape, np.float32))] * len(frames)
+    methods = detector_methods(view, {"os": 1e-3})
+    with jax.log_compiles():
+        rows = score_records(jax.random.key(0), view, frames, pairs, methods)
+        first = next(rows)
+        assert any("Compiling" in message for message in caplog.messages)
+        caplog.clear()
+        others = [next(rows) for _ in range(5)]
+    assert len({row["truth_points"] for row in (first, *others)}) > 2
+    assert not [message for message in caplog.messages if "Compiling" in message]
