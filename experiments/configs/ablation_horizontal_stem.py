@@ -7,9 +7,9 @@ r"""Ablation: a horizontal stem as the paper has it, patches four times as wide 
 The paper's stem takes 128 x 512 pixels to a square grid; so does this one, with as many
 pixels in a patch as the square patches of `default`.
 
-2026-11-22, on 96 layouts of 20 frames, 550 steps of each, 48 validation frames, Heun 18
-at 0.6: 1.17 m and 36.6 % (F-score at 0.2 m) against 1.07 m and 40.1 % of `default`;
-frame by frame -3.4 points (-5.5 to -1.4) and 0.10 m (-0.01 to 0.21).
+2026-11-22, 550 steps of each, a frame of each of 96 validation layouts, Heun 18 at 0.6:
+1.19 m and 36.4 % (F-score at 0.2 m) against 1.16 m and 38.7 % of `default`; frame by
+frame -2.4 points (-4.0 to -0.7) and 0.04 m (-0.04 to 0.11).
 """
 
 from experiments.configs import default
