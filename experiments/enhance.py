@@ -40,7 +40,7 @@ from jradar import data, diffusion, training, viz
 from jradar.baselines import regression_estimate
 from jradar.bundle import Bundle, load_bundle, save_bundle
 from jradar.metrics import compare_on_host
-from jradar.pipeline import draw_range_image
+from jradar.pipeline import AGREEMENT, draw_range_image
 from jradar.range_image import close_gaps, decode_target, encode_target, unproject
 
 FRAMES_IN_FIGURE = 4
@@ -183,12 +183,16 @@ def build_methods(config: ConfigDict, bundle: Bundle) -> dict[str, Method]:
         return {"direct regression": regressed(bundle)}
     steps, solver = config.sampling.steps, config.sampling.solver
     limit = bundle.spec.validity_threshold
-    return {
+    several = {**bundle.spec.sampling, **AGREEMENT, "draws": config.sampling.draws}
+    methods = {
         "one-step estimate": sampled(bundle, validity_threshold=limit, steps=1),
         f"jradar, {solver.capitalize()} {steps}": sampled(
             bundle, **bundle.spec.sampling, steps=steps, solver=solver
         ),
     }
+    if config.sampling.draws > 1:
+        methods[f"jradar, {config.sampling.draws} draws"] = sampled(bundle, **several)
+    return methods
 
 
 def sampled(bundle: Bundle, **options: Any) -> Method:

@@ -79,8 +79,7 @@ def export_function(
             points=points,
             noise=spec.noise,
             codec=spec.codec,
-            **spec.sampling,
-            **sampling,
+            **{**spec.sampling, **sampling},
         )
         return cloud.xyz, cloud.valid
 

@@ -6,8 +6,23 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jradar.diffusion import ConditionalDenoiser, NoiseSpec, sample
 from jradar.radar import RadarSpec, radar_points
-from jradar.range_image import ImageSpec, condition_image, decode_target, unproject
+from jradar.range_image import (
+    ImageSpec,
+    agreed_range,
+    condition_image,
+    decode_target,
+    unproject,
+)
 from jradar.types import PointCloud
+
+# Options of `draw_range_image` that take about as long as the paper's 18 steps of one
+# draw, 40 evaluations of the network for 35; chosen on validation frames.
+AGREEMENT: dict[str, Any] = {
+    "draws": 8,
+    "solver": "ipndm3",
+    "steps": 5,
+    "temperature": 1.0,
+}
 
 
 def enhance(
@@ -44,20 +59,26 @@ def draw_range_image(
     codec: str = "log",
     validity_threshold: float = 0.0,
     steps: int = 18,
+    draws: int = 1,
     **solving: Any,
 ) -> Float[Array, "fine_row fine_column"]:
     """A LiDAR-like range image in metres, 0 for a miss, given a `condition_image`.
 
-    `steps=1` is the one-step estimate; `solving` are further options of `sample`.
+    `steps=1` is the one-step estimate; `solving` are further options of `sample`. Of
+    more than one of `draws`, taken at once, it is what they agree on (`agreed_range`);
+    `AGREEMENT` holds options for that. Raises ValueError for less than one.
     """
+    if draws < 1:
+        raise ValueError(f"draws={draws}, expected at least 1")
     values = sample(
         key,
         denoise(condition[None]),
-        (1, *fine.shape, 2),
+        (draws, *fine.shape, 2),
         noise=noise,
         steps=steps,
         **solving,
     )
-    return decode_target(
-        values[0], fine, codec=codec, validity_threshold=validity_threshold
+    images = decode_target(
+        values, fine, codec=codec, validity_threshold=validity_threshold
     )
+    return images[0] if draws == 1 else agreed_range(images)

@@ -162,7 +162,9 @@ def test_enhance_says_what_the_weights_and_the_radar_are_worth(
     assert any("one row of antennas" in note for note in result["notes"])
 
 
+@pytest.mark.parametrize("sampling", [["--steps", "3"], ["--draws", "4"]])
 def test_enhance_writes_a_finite_cloud(
+    sampling,
     three_tx,
     bundle,  # noqa: F811
     capsys,
@@ -170,7 +172,7 @@ def test_enhance_writes_a_finite_cloud(
 ):
     save_bundle(tmp_path / "bundle", bundle)
     weights = ["--weights", str(tmp_path / "bundle"), "-o", str(tmp_path / "out")]
-    assert main(["enhance", three_tx, *weights, "--steps", "3"]) == 0
+    assert main(["enhance", three_tx, *weights, *sampling]) == 0
     out = capsys.readouterr().out
     assert "training steps" in out and "one row" not in out
     with np.load(tmp_path / "out" / "enhanced.npz") as file:

@@ -3,9 +3,11 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jradar import enhance
 from jradar.diffusion import NoiseSpec
+from jradar.pipeline import draw_range_image
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.range_image import ImageSpec, encode_target, project
 
@@ -45,6 +47,22 @@ def test_the_denoisers_image_becomes_the_cloud():
     assert seen == [(1, 8, 8, 12)]  # encoded once
     assert cloud.xyz.shape == (16 * 32, 3)
     np.testing.assert_allclose(project(cloud, FINE), lidar, atol=1e-4)
+
+
+def test_of_several_draws_comes_what_they_agree_on():
+    near, far = jnp.full(FINE.shape, 3.0), jnp.full(FINE.shape, 6.0)
+    draws = jnp.stack([near, far, far + 0.1, jnp.zeros(FINE.shape)])
+
+    def oracle(condition):
+        return lambda x, sigma: encode_target(draws, FINE)
+
+    sampling = dict(fine=FINE, noise=NoiseSpec(), steps=2)
+    condition = jnp.zeros((8, 8, 12))
+    key = jax.random.key(0)
+    image = draw_range_image(key, condition, oracle, draws=4, **sampling)
+    np.testing.assert_allclose(image, 6.05, atol=1e-4)
+    with pytest.raises(ValueError, match="draws=0, expected at least 1"):
+        draw_range_image(key, condition, oracle, draws=0, **sampling)
 
 
 def test_vmap_over_frames_equals_the_loop():

@@ -148,13 +148,14 @@ def view(options: argparse.Namespace) -> dict[str, Any]:
 
 def export(options: argparse.Namespace) -> dict[str, Any]:
     """A trained model as one file that runs without jradar: ADC cube to dense cloud."""
-    from jradar.cli.enhancing import named_bundle
+    from jradar.cli.enhancing import named_bundle, sampling_options
     from jradar.export import export_function
     from jradar.radar import read_coupling
 
     bundle = named_bundle(options.weights)
     coupling = read_coupling(options.coupling) if options.coupling else None
-    export_function(options.output, bundle, coupling=coupling, steps=options.steps)
+    sampling = sampling_options(bundle.spec, options)
+    export_function(options.output, bundle, coupling=coupling, **sampling)
     return {
         "takes": f"seed, cube {list(bundle.spec.radar.cube_shape)} of complex64",
         "weights": bundle.spec.purpose,

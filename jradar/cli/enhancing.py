@@ -22,7 +22,7 @@ from jradar.bundle import (
     load_bundle,
     shipped_bundles,
 )
-from jradar.pipeline import draw_range_image
+from jradar.pipeline import AGREEMENT, draw_range_image
 from jradar.progress import progress
 from jradar.range_image import condition_image, unproject
 from jradar.types import PointCloud
@@ -104,6 +104,13 @@ def enhance_frames(
     return {**found[0], **_times(watch), "written": written}
 
 
+def sampling_options(spec: BundleSpec, options: argparse.Namespace) -> dict[str, Any]:
+    """Options of `draw_range_image` for `--draws` and `--steps`."""
+    several = {**AGREEMENT, "draws": options.draws} if options.draws > 1 else {}
+    steps = {"steps": options.steps} if options.steps else {}
+    return {**spec.sampling, **several, **steps}
+
+
 def _stages(bundle, recording, to_points, options) -> Stages:
     """The way of a frame, cut where it is timed."""
     params, spec = bundle
@@ -116,8 +123,7 @@ def _stages(bundle, recording, to_points, options) -> Stages:
             fine=spec.fine,
             noise=spec.noise,
             codec=spec.codec,
-            **spec.sampling,
-            steps=options.steps,
+            **sampling_options(spec, options),
         )
 
     return Stages(

@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="BUNDLE",
         help="bundle folder, or the name of shipped weights (jradar-sim)",
     )
-    sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
+    _sampling(sub)
     sub.add_argument("--seed", type=int, default=0, help="of the drawn sample")
     _prepare(_add(kinds, commands.prepare, PREPARE_HELP))
     _simulate(_add(kinds, commands.simulate, has_path=False))
@@ -77,11 +77,24 @@ def parser() -> argparse.ArgumentParser:
     sub = _add(kinds, commands.export, has_path=False)
     sub.add_argument("weights", metavar="BUNDLE", help="bundle folder, or shipped name")
     sub.add_argument("-o", "--output", metavar="FILE", required=True)
-    sub.add_argument("--steps", type=_at_least_1, default=18, help="sampling steps")
+    _sampling(sub)
     sub.add_argument(
         "--coupling", metavar="FILE", help="this radar's own, coupling_calib.txt"
     )
     return top
+
+
+def _sampling(sub):
+    """How the diffusion model is sampled."""
+    sub.add_argument(
+        "--draws",
+        type=_at_least_1,
+        default=1,
+        help="more than one: what so many quick draws agree on; 8 take about as long",
+    )
+    sub.add_argument(
+        "--steps", type=_at_least_1, help="of a draw (18; of one of several, 5)"
+    )
 
 
 def _add(kinds, command: Callable, more: str = "", *, has_path: bool = True):

@@ -71,7 +71,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 Image = Float[Array, "batch row column channel"]
 Condition = Float[Array, "batch coarse_row coarse_column slice"]
-Features = Sequence[Float[Array, "batch _ _ _"]]
+Features = Sequence[Float[Array, "_ _ _ _"]]  # of as many conditions as images, or 1
 
 
 class UNet(nn.Module):
@@ -143,12 +143,16 @@ class UNet(nn.Module):
     def decode(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features
     ) -> Float[Array, "batch row column output"]:
-        """Output of the network for noisy images and the condition's features."""
+        """Output of the network for noisy images and the condition's features.
+
+        Those of one condition serve all images of the batch.
+        """
         if not self.condition_at_input:
             return self.trunk(x, c_noise, features)
         (condition,) = features
         shape = (*condition.shape[:-3], *x.shape[1:3], condition.shape[-1])
         resized = jax.image.resize(condition, shape, "linear")
+        resized = jnp.broadcast_to(resized, (*x.shape[:-1], condition.shape[-1]))
         return self.trunk(jnp.concatenate([x, resized], -1), c_noise, ())
 
 

@@ -5,8 +5,10 @@ project, unproject               cloud to image of metres and back
 project_slices, condition_image  one channel per slice of the range axis
 encode_target, decode_target     image of metres to network values and back
 close_gaps                       fills pixels between a LiDAR's beams
+agreed_range                     what several images of one scene agree on
 """
 
+from jradar.range_image.agreement import agreed_range as agreed_range
 from jradar.range_image.codec import (
     CHANNELS as CHANNELS,
     close_gaps as close_gaps,

@@ -137,6 +137,16 @@ def test_encoding_once_equals_the_whole_network():
     np.testing.assert_allclose(denoised, expected, atol=1e-5)
 
 
+@pytest.mark.parametrize("at_input", [False, True])
+def test_one_condition_serves_a_batch(at_input):
+    network, params, (x, _, condition) = build(condition_at_input=at_input)
+    denoise = conditional_denoiser(network, params, NoiseSpec())
+    one = denoise(condition[:1])(x, 0.7)
+    each = denoise(jnp.repeat(condition[:1], len(x), 0))(x, 0.7)
+    assert one.shape == x.shape
+    np.testing.assert_allclose(one, each, atol=1e-5)
+
+
 def test_gradients_are_finite_and_reach_every_parameter():
     network, params, args = build()
 

@@ -23,7 +23,7 @@ def config():
     config.image.update(coarse=(8, 8), fine=(16, 64))
     config.network.update(channels=8, multipliers=(1, 2), attention_levels=(1,))
     config.network.update(stem=(2, 8), condition_stem=(1, 1))
-    config.sampling.steps = 2
+    config.sampling.update(steps=2, draws=2)
     config.evaluation.detectors = ("os", "ca")
     return config
 
@@ -75,8 +75,8 @@ def test_shipped_weights_are_scored_beside_the_detectors(
     assert "No trained weights" not in out and "other is for another" in err
     rows = read_scores(workdir / "evaluation" / "frames.jsonl")
     methods = [*dict.fromkeys(row["method"] for row in rows)]
-    assert methods[:4] == ["OS-CFAR", "CA-CFAR", "one-step estimate", "jradar, Heun 2"]
-    assert methods[4:] == [f"more: {name}" for name in methods[2:4]]
+    drawn = ["one-step estimate", "jradar, Heun 2", "jradar, 2 draws"]
+    assert methods == ["OS-CFAR", "CA-CFAR", *drawn, *(f"more: {d}" for d in drawn)]
     clouds = load_clouds(workdir / "evaluation" / "clouds.npz")
     for named in clouds.values():
         assert [*named] == ["radar", *methods, "LiDAR"]
