@@ -30,7 +30,7 @@ def get_config():
     config.data = ConfigDict()
     config.data.path = ""
     config.data.set = "jradar-sim"
-    config.data.frames = 4  # of each of its sequences
+    config.data.frames = 1  # of each of its sequences
 
     # How it is then prepared; its field of view is that of the images.
     config.prepare = ConfigDict()

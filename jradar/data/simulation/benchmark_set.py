@@ -1,8 +1,8 @@
 """Named sets of simulated sequences, split so that no layout is in two splits.
 
-`jradar-sim` is to train on and `jradar-sim-test` to test on, both with few frames of
-many layouts, which differ more than the frames of one; `jradar-sim-mini` is one layout
-for each split, to try things out.
+`jradar-sim` is to train on and `jradar-sim-test` to test on, both with a frame of each
+of many layouts, which differ more than the frames of one; `jradar-sim-mini` is one
+layout for each split, to try things out.
 
 A set's folder holds ColoRadar's layout, `splits.json`, which preparation reads, and
 `manifest.json`: splits, seeds, and a digest of every sequence. Sets are made anew by
@@ -25,7 +25,7 @@ from jradar.files import write_text
 MANIFEST = "manifest.json"
 SPLIT_SEEDS = {
     "jradar-sim": {
-        "train": tuple(range(96)),
+        "train": (*range(96), *range(1000, 1288)),
         "validation": (100, 101, 102, 103),
         "test": (200, 201, 202, 203),
     },
@@ -42,7 +42,7 @@ SETS: dict[str, dict[str, tuple[tuple[str, int], ...]]] = {
     }
     for name, splits in SPLIT_SEEDS.items()
 }
-FRAMES = 4  # of each sequence, unless told otherwise
+FRAMES = 1  # of each sequence, unless told otherwise
 
 
 def set_sequences(name: str) -> list[tuple[str, str, int]]:

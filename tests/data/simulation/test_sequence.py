@@ -197,7 +197,7 @@ def test_splits_share_no_layout_and_the_manifest_finds_a_changed_file(
     tmp_path, monkeypatch
 ):
     scenes = [pair for _, *pair in set_sequences("jradar-sim")]
-    assert len({tuple(pair) for pair in scenes}) == len(scenes)
+    assert len({tuple(pair) for pair in scenes}) == len(scenes) == 6 * (384 + 4 + 4)
     assert {split for split, *_ in set_sequences("jradar-sim")} == {
         *("train", "validation", "test")
     }
