@@ -1,7 +1,8 @@
 """How long does a cloud take to become a range image, beside NumPy's `minimum.at`?
 
 The peers do the whole job, from x, y, z to the image, with two indices per point or
-with one flat index, which NumPy handles faster.
+with one flat index, which NumPy handles faster. And what eight images agree on, beside
+NumPy with a loop over them.
 """
 
 import math
@@ -11,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.harness import Case
-from jradar.range_image import ImageSpec, project, project_slices
+from jradar.range_image import ImageSpec, agreed_range, project, project_slices
 from jradar.types import PointCloud
 
 FINE = ImageSpec(height=128, width=512)
@@ -29,6 +30,15 @@ def cases() -> Iterator[Case]:
         "16 slices of 4,096 points with power and velocity to 64 x 64",
         lambda: project_slices(cloud, COARSE, num_slices=16),
         {"minimum.at, one slice, range only": lambda: project_on_host(xyz, COARSE)},
+    )
+    rng = np.random.default_rng(0)
+    draws = rng.uniform(3, 4, (8, *FINE.shape)).astype(np.float32)
+    draws *= rng.random(draws.shape) < 0.8
+    yield Case(
+        "what 8 images of 128 x 512 agree on",
+        lambda: agreed_range(draws),
+        {"NumPy, draw by draw": lambda: agreed_on_host(draws)},
+        same=lambda ours, peer: np.allclose(ours, peer, atol=1e-5),
     )
 
 
@@ -86,3 +96,16 @@ def project_on_host(xyz, spec, *, flat=True):
     row, column, distance = pixels_on_host(xyz, spec)
     index = row * spec.width + column if flat else (row, column)
     return scatter_on_host(index, distance, spec)
+
+
+def agreed_on_host(images, share=0.375, tolerance_m=0.2):
+    """`agreed_range` in NumPy."""
+    most, agreed = np.zeros(images.shape[1:]), np.zeros(images.shape[1:], "f4")
+    for image in images:
+        near = (np.abs(images - image) <= tolerance_m) & (images > 0) & (image > 0)
+        count = near.sum(0)
+        mean = np.where(near, images, 0).sum(0) / np.maximum(count, 1)
+        nearer = (count == most) & (mean < agreed)
+        agreed = np.where((count > most) | nearer, mean, agreed)
+        most = np.maximum(most, count)
+    return np.where(most >= share * len(images), agreed, 0)
