@@ -90,7 +90,7 @@ def _sampling(sub):
         "--draws",
         type=_at_least_1,
         default=1,
-        help="more than one: what so many quick draws agree on; 8 take a fifth longer",
+        help="more than one: what so many quick draws agree on; 8 take about as long",
     )
     sub.add_argument(
         "--steps", type=_at_least_1, help="of a draw (18; of one of several, 5)"
