@@ -11,8 +11,9 @@ folder: --config.data.path=FOLDER. An hour on one core, after the simulation.
 validation frames, Chamfer distance and F-score at 0.2 m: "gaussian" with patches of
 16 x 16 pixels 1.03 m, 36.0 %; of 8 x 16 1.10 m, 30.8 %; of 8 x 32 1.12 m, 31.9 %;
 "clean" with 16 x 16 1.71 m, 25.5 %; OS-CFAR 1.17 m, 31.1 %. As it stands now: 550
-steps, to which ablations are compared, 1.16 m, 38.7 % (a frame of each of 96 validation
-layouts); 3,600 on 96 layouts of 20 frames 0.792 m, 57.1 % (40 frames).
+steps on 576 layouts of 4 frames, to which ablations are compared, 1.16 m, 38.7 % (a
+frame of each of 96 validation layouts); 3,600 on 96 layouts of 20 frames 0.792 m, 57.1
+% (40 frames).
 """
 
 from ml_collections import ConfigDict, config_dict
