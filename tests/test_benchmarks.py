@@ -57,8 +57,6 @@ SLOW = ("bench_data", "bench_training")  # CI runs them, and every case, anyway
     [pytest.param(r, marks=[pytest.mark.slow] if r in SLOW else []) for r in ROOMS],
 )
 def test_cases_have_names_of_their_own_and_peers(room):
-    if room == "bench_training":
-        pytest.importorskip("torch", reason="its only peer, of the extra bench")
     cases = [*importlib.import_module(f"benchmarks.{room}").cases()]
     assert len({case.name for case in cases}) == len(cases)
     assert all(case.peers for case in cases)
