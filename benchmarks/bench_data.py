@@ -28,16 +28,16 @@ from jradar.data import (
     PrepareSpec,
     Records,
     matches_of,
-    open_recording,
     prepare,
     prepare_frame,
 )
 from jradar.data.frames import radar_side
-from jradar.data.recording import calibrated_cube
 from jradar.data.records import to_bytes
-from jradar.data.simulation import simulate_sequence
 from jradar.lidar import preprocess
 from jradar.range_image import ImageSpec
+from jradar.recordings import open_recording
+from jradar.recordings.recording import calibrated_cube
+from jradar.simulation import simulate_sequence
 
 SPEC = PrepareSpec()
 FRAMES = 6

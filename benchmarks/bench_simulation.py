@@ -18,11 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.harness import Case, available
-from jradar.data.simulation import make_setting, simulate_sequence
-from jradar.data.simulation.lidar import ouster_rays, scan
-from jradar.data.simulation.radar import frame_paths, sample_frame
-from jradar.data.simulation.scene import cast, placements
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
+from jradar.simulation import make_setting, simulate_sequence
+from jradar.simulation.radar import frame_paths, sample_frame
+from jradar.simulation.scanner import ouster_rays, scan
+from jradar.simulation.scene import cast, placements
 
 RADAR = RadarSpec.awr1843()
 TIME_S = 1.0

@@ -22,12 +22,12 @@ from ml_collections import ConfigDict
 from jradar import data, diffusion, training
 from jradar.baselines import regression_loss
 from jradar.bundle import BundleError, BundleSpec
-from jradar.data.simulation import set_sequences, simulate_set
 from jradar.files import write_text
 from jradar.lidar import LidarSpec
 from jradar.progress import progress
 from jradar.radar import azimuth_bins
 from jradar.range_image import ImageSpec
+from jradar.simulation import set_sequences, simulate_set
 
 TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(3)
 

@@ -65,7 +65,7 @@ def _run(config, workdir):
     if config.task not in TASKS:
         raise ValueError(f"task = {config.task!r}, expected one of {TASKS}")
     join_processes()  # before a task's module may use a device
-    task = importlib.import_module(f"experiments.{config.task}")
+    task = importlib.import_module(f"experiments.tasks.{config.task}")
     run = {"train": task.run_training, "eval": task.run_evaluation}[MODE.value]
     first = jax.process_index() == 0
     try:

@@ -10,9 +10,9 @@ import pytest
 from jradar import bundle as bundles
 from jradar.bundle import save_bundle
 from jradar.cli import main
-from tests.data.coloradar_writer import write_radar
-from tests.data.conftest import root as root, sequence as sequence
-from tests.data.test_cubes import random_cube, save, save_studio
+from tests.recordings.coloradar_writer import write_radar
+from tests.recordings.conftest import root as root, sequence as sequence
+from tests.recordings.test_cubes import random_cube, save, save_studio
 from tests.test_bundle import bundle  # noqa: F401  (a fixture)
 
 OPENRADAR = """
@@ -42,7 +42,7 @@ def three_tx(tmp_path):
     import jax
 
     from jradar.radar import RadarSpec, simulate_cube
-    from tests.data.small_sequence import room_echoes
+    from tests.recordings.small_sequence import room_echoes
 
     radar = RadarSpec.awr1843(num_chirps=32, num_samples=64)
     echoes = room_echoes(np.random.default_rng(0))

@@ -6,7 +6,7 @@ import pytest
 
 from jradar.cli import main
 from jradar.data import Records
-from tests.data.small_sequence import write_sequence, write_stamps
+from tests.recordings.small_sequence import write_sequence, write_stamps
 
 
 @pytest.fixture(scope="module")

@@ -17,27 +17,31 @@ FLOORS = {
     "types": 1,
     "nearest": 1,
     "progress": 1,
+    "errors": 1,
     "radar": 2,
     "range_image": 2,
     "lidar": 2,
     "diffusion": 2,
     "metrics": 2,
-    "pipeline": 3,
-    "data": 3,
-    "viz": 3,
-    "baselines": 3,
-    "bundle": 3,
-    "training": 4,
-    "evaluation": 4,
-    "export": 4,
-    "cli": 5,
+    "model": 3,
+    "recordings": 3,
+    "data": 4,
+    "simulation": 4,
+    "viz": 4,
+    "baselines": 4,
+    "training": 5,
+    "evaluation": 5,
+    "export": 5,
+    "cli": 6,
 }
 ROOMS = (
     "radar",
     "range_image",
     "lidar",
     "diffusion",
+    "recordings",
     "data",
+    "simulation",
     "baselines",
     "training",
     "evaluation",
@@ -60,7 +64,7 @@ def imported_names(module):
 
 
 def public_functions():
-    for room in ("metrics", "pipeline", "bundle", "files", *ROOMS):
+    for room in ("metrics", "model", "files", *ROOMS):
         module = importlib.import_module(f"jradar.{room}")
         for name, value in vars(module).items():
             function = inspect.unwrap(value) if callable(value) else None

@@ -16,8 +16,7 @@ import pytest
 from experiments import main as experiments_main
 from jradar.cli import options
 from jradar.cli.commands import simulate
-from jradar.data import open_recording
-from jradar.radar import RadarSpec
+from jradar.recordings import open_recording, radar_from_toml
 
 ROOT = Path(__file__).parents[1]
 FILES = ("README", "experiments/README", "jradar/data/README", "benchmarks/README")
@@ -96,7 +95,7 @@ def test_toml_example_is_a_radar(tmp_path, name, shape):
     text = blocks("toml", name)[0]
     path = tmp_path / "radar.toml"
     path.write_text(text)
-    assert RadarSpec.from_toml(path).cube_shape == shape
+    assert radar_from_toml(path).cube_shape == shape
 
 
 def test_the_example_of_a_capture_has_known_keys_and_says_what_is_missing(tmp_path):
@@ -182,7 +181,7 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/finetune.py": "starts from that",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/radarhd.py": "hours of training",
-    "python -m experiments.realism SAMPLES -o runs/realism": "see test_realism",
+    "python -m experiments.studies.realism SAMPLES -o runs/realism": "see test_realism",
 }
 
 

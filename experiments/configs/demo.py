@@ -5,7 +5,7 @@ r"""The demonstration: methods side by side on invented rooms that none was trai
 
 A frame of three layouts of each scene family is simulated, and goes through the CFAR
 detectors and the weights that the package ships. Nothing is trained. Detectors have
-the rates that `python -m experiments.detectors` chose on the validation split of the
+the rates that `experiments.studies.detectors` chose on the validation split of the
 simulated set (48 frames of its 12 layouts, 2026-11-21).
 """
 

@@ -7,7 +7,7 @@ from typing import Any
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """What a recording, a bag or a cloud holds, and whether it can be read."""
-    from jradar.data import describe, describe_file
+    from jradar.recordings import describe, describe_file
 
     if (found := describe_file(options.path)) is not None:
         return found
@@ -26,7 +26,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
 def points(options: argparse.Namespace) -> dict[str, Any]:
     """Detections of a frame, as PLY, NPZ and a picture."""
     recording, cube = _open(options)
-    from jradar import data, radar as radar_room, viz
+    from jradar import radar as radar_room, recordings, viz
     from jradar.range_image import ImageSpec
 
     radar = recording.radar
@@ -43,12 +43,12 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
         radar,
         cloud,
         ImageSpec(64, 64, max_range_m=radar.max_range_m),
-        lidar=data.nearest_scan(recording, options.frame),
+        lidar=recordings.nearest_scan(recording, options.frame),
         title=f"{recording.name}, frame {options.frame}",
     )
     folder = Path(options.output)
-    data.write_ply(folder / "radar.ply", cloud)
-    data.write_npz(folder / "radar.npz", data.valid_points(cloud))
+    recordings.write_ply(folder / "radar.ply", cloud)
+    recordings.write_npz(folder / "radar.npz", recordings.valid_points(cloud))
     viz.save_figure(figure, folder / "capture.png")
     return {
         **_summary(recording),
@@ -134,7 +134,7 @@ def prepare(options: argparse.Namespace) -> dict[str, Any]:
 
 def simulate(options: argparse.Namespace) -> dict[str, Any]:
     """Recordings of a simulated scene, or the whole set jradar-sim."""
-    from jradar.data.simulation import simulate as simulate_all
+    from jradar.simulation import simulate as simulate_all
 
     return simulate_all(options)
 
@@ -150,7 +150,7 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
     """A trained model as one file that runs without jradar: ADC cube to dense cloud."""
     from jradar.cli.enhancing import named_bundle, sampling_options
     from jradar.export import export_function
-    from jradar.radar import read_coupling
+    from jradar.recordings import read_coupling
 
     bundle = named_bundle(options.weights)
     coupling = read_coupling(options.coupling) if options.coupling else None
@@ -202,7 +202,7 @@ def _preview(recording, spec, options):
 
 def _open(options):
     """The recording and its calibrated frame that the options name."""
-    from jradar.data import calibrated_cube, open_recording
+    from jradar.recordings import calibrated_cube, open_recording
 
     recording = open_recording(
         options.path,
@@ -240,7 +240,7 @@ def _points(cube, recording, *, guard=(2, 2), train=(4, 4), **options):
 
 def _time_offset(recording):
     """What the motion that both sensors saw says of their clocks."""
-    from jradar.data import propose_offset
+    from jradar.recordings import propose_offset
 
     try:
         seconds, confidence = propose_offset(recording)

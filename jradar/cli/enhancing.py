@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from jradar import data, diffusion, radar as radar_room, viz
+from jradar import diffusion, radar as radar_room, recordings, viz
 from jradar.bundle import (
     Bundle,
     BundleSpec,
@@ -62,7 +62,7 @@ def named_bundle(name: str | None) -> Bundle:
 
 def enhance_frames(
     bundle: Bundle,
-    recording: data.Recording,
+    recording: recordings.Recording,
     first: Any,
     frames: range,
     to_points: Callable[..., PointCloud],
@@ -79,7 +79,7 @@ def enhance_frames(
     found = []
     with progress("enhancing", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
-            cube = watch("read", data.calibrated_cube, recording, frame)
+            cube = watch("read", recordings.calibrated_cube, recording, frame)
             cloud = watch("radar processing", stages.radar, cube)
             condition = watch("condition", stages.condition, cloud)
             image = watch("sampling", stages.sampling, condition)
@@ -163,11 +163,11 @@ def _write(folder: Path, recording, frame, spec: BundleSpec, cube, cloud, image,
         cloud,
         spec.fine,
         dense=dense,
-        lidar=data.nearest_scan(recording, frame),
+        lidar=recordings.nearest_scan(recording, frame),
         title=f"{recording.name}, frame {frame}; weights: {spec.purpose}",
     )
-    data.write_ply(folder / "radar.ply", cloud)
-    data.write_ply(folder / "enhanced.ply", dense)
-    columns = data.valid_points(dense) | {"range_image": image}
-    data.write_npz(folder / "enhanced.npz", columns)
+    recordings.write_ply(folder / "radar.ply", cloud)
+    recordings.write_ply(folder / "enhanced.ply", dense)
+    columns = recordings.valid_points(dense) | {"range_image": image}
+    recordings.write_npz(folder / "enhanced.npz", columns)
     viz.save_figure(figure, folder / "capture.png")

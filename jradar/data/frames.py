@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.data.matching import Matches, match_nearest
-from jradar.data.recording import Recording, calibrated_cube
 from jradar.data.records import PreparedFrame
 from jradar.lidar import LidarSpec, LidarSteps, interpolate_poses, preprocess
 from jradar.radar import (
@@ -23,7 +22,8 @@ from jradar.radar import (
     cell_points,
     largest_window,
 )
-from jradar.radar.readers import toml
+from jradar.recordings.recording import Recording, calibrated_cube
+from jradar.recordings.text_files import toml
 from jradar.types import PointCloud
 
 

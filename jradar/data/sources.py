@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from jradar.data.coloradar import is_coloradar
 from jradar.data.coloradar_splits import paper_split
-from jradar.data.cubes import open_recording
-from jradar.data.recording import Recording
 from jradar.data.records import read_json
+from jradar.recordings.coloradar import is_coloradar
+from jradar.recordings.cubes import open_recording
+from jradar.recordings.recording import Recording
 
 SPLITS = ("train", "validation", "test")
 

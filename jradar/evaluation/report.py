@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from jradar.data import write_ply
 from jradar.evaluation.scores import Scores, read_scores
 from jradar.evaluation.tables import (
     COLUMNS,
@@ -33,6 +32,7 @@ from jradar.evaluation.tables import (
     summarise,
 )
 from jradar.files import atomic_path
+from jradar.recordings import write_ply
 from jradar.types import PointCloud
 from jradar.viz import (
     CloudFrame,

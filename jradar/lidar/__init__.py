@@ -24,7 +24,7 @@ from jradar.lidar.ground import (
     floor_plane as floor_plane,
     ground_mask as ground_mask,
 )
-from jradar.lidar.preparation import (
+from jradar.lidar.preprocess import (
     LidarSpec as LidarSpec,
     LidarSteps as LidarSteps,
     preprocess as preprocess,

@@ -42,11 +42,6 @@ from jradar.radar.cfar import (
     os_cfar as os_cfar,
     so_cfar as so_cfar,
 )
-from jradar.radar.coloradar_calib import (
-    FrequencyPhase as FrequencyPhase,
-    read_coupling as read_coupling,
-    read_frequency_phase as read_frequency_phase,
-)
 from jradar.radar.direction import directions as directions
 from jradar.radar.echoes import (
     Echo as Echo,
@@ -78,4 +73,3 @@ from jradar.radar.subspace import (
     music_spectrum as music_spectrum,
     smoothed_covariance as smoothed_covariance,
 )
-from jradar.radar.ti_cfg import CaptureSpec as CaptureSpec

@@ -18,12 +18,10 @@ sin el) at position (a, e) is 2 pi d (a u + e w), d the spacing in wavelengths.
 import dataclasses
 import difflib
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jradar.radar import coloradar_calib, readers, ti_cfg
 from jradar.radar.devices import DEVICES
 
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
@@ -168,7 +166,7 @@ class RadarSpec:
         """Width of a Doppler bin, lambda / (2 T_c num_chirps)."""
         return 2 * self.max_velocity_mps / self.num_chirps
 
-    # Named devices and files
+    # Named devices
 
     @classmethod
     def awr1843(cls, **changes: Any) -> "RadarSpec":
@@ -209,47 +207,6 @@ class RadarSpec:
                 f"(or name a device: {', '.join(DEVICES)})"
             )
         return cls(**values)
-
-    @classmethod
-    def from_toml(cls, path: Path | str) -> "RadarSpec":
-        """Radar from the `[radar]` table of a TOML file (example in the README)."""
-        return cls._of_file(path, readers.toml(path).get("radar", {}))
-
-    @classmethod
-    def from_mmwave_studio_log(cls, path: Path | str) -> "RadarSpec":
-        """Radar from the log that mmWave Studio writes beside `adc_data.bin`."""
-        return cls._of_file(path, readers.mmwave_studio_log(path))
-
-    @classmethod
-    def from_cfg(cls, path: Path | str, *, device: str = "xwr1843") -> "RadarSpec":
-        """Radar from a `.cfg` of TI's mmWave SDK, sent to the board `device`.
-
-        Raises ValueError for real samples, for frames that are no RadarSpec (several
-        kinds of chirps, transmitters that fire together, a transmitter twice in a turn)
-        and for a carrier outside the board's band.
-        """
-        return cls._of_file(path, ti_cfg.radar_fields(path, device))
-
-    @classmethod
-    def from_coloradar(
-        cls, folder: Path | str, *, tx_firing_order: tuple[int, ...] | None = None
-    ) -> "RadarSpec":
-        """Radar from ColoRadar's `calib/single_chip` or `calib/cascade`.
-
-        `tx_firing_order` is not in the files: for the cascade TI's default is taken.
-        Warns of the cascade's times, whose units are repaired. The frame period is not
-        known.
-        """
-        values = coloradar_calib.radar_fields(folder, tx_firing_order)
-        return cls._of_file(folder, values)
-
-    @classmethod
-    def _of_file(cls, path: Path | str, values: dict[str, Any]) -> "RadarSpec":
-        """Radar from the fields in a file, which an error names."""
-        try:
-            return cls.from_dict(values)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from error
 
 
 def _converted(key: str, value: Any, kind: Any) -> Any:

@@ -13,11 +13,11 @@ from jradar.training.checkpoints import (
     CheckpointError as CheckpointError,
     Checkpoints as Checkpoints,
 )
-from jradar.training.devices import join_processes as join_processes
 from jradar.training.loop import (
     Interrupted as Interrupted,
     train as train,
 )
+from jradar.training.parallel import join_processes as join_processes
 from jradar.training.state import TrainState as TrainState, create_state as create_state
 from jradar.training.step import (
     Batch as Batch,

@@ -20,7 +20,7 @@ import numpy as np
 import orbax.checkpoint as ocp
 from absl import logging
 
-from jradar.training.devices import wait_for_all
+from jradar.training.parallel import wait_for_all
 from jradar.training.state import TrainState
 
 

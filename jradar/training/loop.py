@@ -20,8 +20,8 @@ from jaxtyping import Array, Key
 
 from jradar.progress import progress
 from jradar.training.checkpoints import Checkpoints
-from jradar.training.devices import data_mesh, parallel_step, preempted, replicate
 from jradar.training.logs import step_log
+from jradar.training.parallel import data_mesh, parallel_step, preempted, replicate
 from jradar.training.retries import (
     NotFinite,
     check_finite,

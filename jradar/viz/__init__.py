@@ -10,6 +10,10 @@ save_figure                      any of them as PNG
 write_report, CloudFrame         one HTML file with clouds to turn
 """
 
+from experiments.studies.realism_figure import (
+    Seen as Seen,
+    realism_figure as realism_figure,
+)
 from jradar.viz.figures import (
     angle_spectra_figure as angle_spectra_figure,
     capture_figure as capture_figure,
@@ -17,9 +21,7 @@ from jradar.viz.figures import (
     samples_figure as samples_figure,
     save_figure as save_figure,
 )
-from jradar.viz.preparation import preparation_figure as preparation_figure
-from jradar.viz.realism import Seen as Seen, realism_figure as realism_figure
-from jradar.viz.report import (
+from jradar.viz.page import (
     CloudFrame as CloudFrame,
     write_report as write_report,
 )
@@ -28,3 +30,4 @@ from jradar.viz.results import (
     error_curves_figure as error_curves_figure,
     learning_curve_figure as learning_curve_figure,
 )
+from jradar.viz.steps import preparation_figure as preparation_figure

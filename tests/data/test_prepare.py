@@ -14,11 +14,16 @@ import numpy as np
 import pytest
 
 from jradar.data.frames import PrepareSpec
-from jradar.data.preparation import prepare
+from jradar.data.prepare import prepare
 from jradar.data.records import Records
 from jradar.data.sources import find_sources
 from jradar.lidar import LidarSpec
-from tests.data.small_sequence import SIDE, write_sequence, write_splits, write_stamps
+from tests.recordings.small_sequence import (
+    SIDE,
+    write_sequence,
+    write_splits,
+    write_stamps,
+)
 
 SPEC = PrepareSpec(
     capacity=128,
@@ -183,7 +188,7 @@ def test_a_dask_scheduler_writes_the_same_bytes(root, prepared, tmp_path):
 def test_killed_and_started_again_it_writes_the_same_bytes(root, prepared, tmp_path):
     code = (
         "import sys; from tests.data.test_prepare import SPEC; "
-        "from jradar.data.preparation import prepare; "
+        "from jradar.data.prepare import prepare; "
         "prepare(sys.argv[1], sys.argv[2], SPEC, workers=1)"
     )
     command = [sys.executable, "-c", code, str(root), str(tmp_path / "dst")]

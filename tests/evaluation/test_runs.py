@@ -7,7 +7,7 @@ import re
 import jax
 import pytest
 
-from experiments import compare
+from experiments.studies import compare
 from jradar.evaluation import (
     comparison_table,
     frames_csv,

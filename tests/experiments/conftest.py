@@ -6,7 +6,7 @@ from experiments import build
 from experiments.configs import default
 from jradar.data import PrepareSpec, prepare
 from jradar.lidar import LidarSpec
-from tests.data.small_sequence import write_sequence, write_splits
+from tests.recordings.small_sequence import write_sequence, write_splits
 
 
 @pytest.fixture(scope="session")

@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import build, demo
+from experiments import build
 from experiments.configs import demo as config_file
-from jradar import bundle as bundles, data
+from experiments.tasks import demo
+from jradar import bundle as bundles, recordings
 from jradar.bundle import Bundle, save_bundle
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.evaluation import load_clouds, read_scores
 from jradar.lidar import LidarSpec
-from tests.data.small_sequence import write_sequence, write_splits
+from tests.recordings.small_sequence import write_sequence, write_splits
 
 
 @pytest.fixture
@@ -93,7 +94,7 @@ def test_clouds_pictures_and_scores_stand_beside_the_report(
     assert {"report.html", "table.md", "table.tex", "table.csv"} | pictures <= names
     files = {path.name for path in (out / "clouds" / "lab_200_1").iterdir()}
     assert files == {"radar.ply", "OS-CFAR.ply", "CA-CFAR.ply", "LiDAR.ply"}
-    cloud = data.read_cloud(out / "clouds" / "lab_200_1" / "LiDAR.ply")
+    cloud = recordings.read_cloud(out / "clouds" / "lab_200_1" / "LiDAR.ply")
     truth = load_clouds(out / "clouds.npz")["lab", "lab_200", 1]["LiDAR"]
     assert (cloud["x"] == truth[:, 0]).all() and len(truth) > 100
     rows = read_scores(out / "frames.jsonl")

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from experiments import build, radarhd, rpdnet
+from experiments import build
 from experiments.configs import default
+from experiments.tasks import radarhd, rpdnet
 from jradar.data import Records
 
 ROOT = Path(__file__).parents[2]

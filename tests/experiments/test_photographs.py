@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import photographs as module
-from experiments.photographs import Photographs, crop
+from experiments.tasks import photographs as module
+from experiments.tasks.photographs import Photographs, crop
 
 
 def ramp(rows, columns):

@@ -7,8 +7,9 @@ import pytest
 from flax.traverse_util import flatten_dict
 from PIL import Image
 
-from experiments import build, pretrain
+from experiments import build
 from experiments.configs import default, pretrain as pretrain_config, transfer
+from experiments.tasks import pretrain
 from jradar import training
 from jradar.bundle import BundleError
 from tests.diffusion.networks import random_params

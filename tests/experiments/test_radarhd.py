@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from experiments import radarhd
 from experiments.configs import radarhd as default, radarhd_regression
-from jradar.data.radarhd import LIDAR, RADAR, open_radarhd
+from experiments.radarhd_pairs import LIDAR, RADAR, open_radarhd
+from experiments.tasks import radarhd
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.realism import (
+from experiments.studies.realism import (
     CROPPED,
     MAX_RANGE_M,
     Pair,

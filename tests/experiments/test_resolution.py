@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from experiments import resolution
+from experiments.studies import resolution
 from jradar.radar import RadarSpec, direction_sines
 
 

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import build, enhance
+from experiments import build
 from experiments.configs import regression
-from experiments.detectors import (
+from experiments.studies.detectors import (
     Frame,
     detector_methods,
     points_of,
@@ -17,6 +17,7 @@ from experiments.detectors import (
     seen_points,
     view_of,
 )
+from experiments.tasks import enhance
 from jradar import data
 from jradar.bundle import Bundle
 from jradar.range_image import encode_range

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import rpdnet
 from experiments.build import build_optimizer
 from experiments.configs import rpdnet as default
-from experiments.detectors import view_of
+from experiments.studies.detectors import view_of
+from experiments.tasks import rpdnet
 from jradar import data, evaluation, training
 from jradar.baselines import rpdnet_params
 

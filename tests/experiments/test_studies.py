@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import projection, solvers
+from experiments.studies import projection, solvers
 from jradar.diffusion import NoiseSpec, sample
 from jradar.range_image import ImageSpec, pixel_directions
 

@@ -10,9 +10,9 @@ from jradar.radar import (
     calibrate_channels,
     calibrate_frequency_phase,
     range_doppler,
-    read_coupling,
     subtract_coupling,
 )
+from jradar.recordings import radar_from_coloradar, read_coupling
 
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=32)
 SHAPE = (3, 4, 8, 32)
@@ -154,7 +154,7 @@ def test_slope_in_another_unit_is_refused():
 
 def test_real_coupling_fits_the_single_chip(samples):
     calib = samples / "coloradar_calib_reconstructed" / "single_chip"
-    radar = RadarSpec.from_coloradar(calib)
+    radar = radar_from_coloradar(calib)
     coupling = read_coupling(calib / "coupling_calib.txt")
     silence, _ = range_doppler(jnp.zeros(radar.cube_shape, complex))
     actual = np.asarray(subtract_coupling(silence, jnp.array(coupling)))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec
+from jradar.recordings import radar_from_studio_log, radar_from_toml
 
 TOML = """
 [radar]
@@ -80,16 +81,16 @@ def test_impossible_radar_is_refused(values, message):
 def test_toml_names_a_device_and_changes_it(tmp_path):
     path = tmp_path / "radar.toml"
     path.write_text(TOML)
-    assert RadarSpec.from_toml(path) == RadarSpec.awr1642(num_chirps=64)
+    assert radar_from_toml(path) == RadarSpec.awr1642(num_chirps=64)
     path.write_text(TOML + "slope = 3")
     with pytest.raises(ValueError, match="radar.toml: unknown radar field 'slope'"):
-        RadarSpec.from_toml(path)
+        radar_from_toml(path)
     path.write_text("[radar")
     with pytest.raises(ValueError, match="not valid TOML"):
-        RadarSpec.from_toml(path)
+        radar_from_toml(path)
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match="not a text file"):
-        RadarSpec.from_toml(path)
+        radar_from_toml(path)
 
 
 LOG = """\
@@ -107,7 +108,7 @@ API:ProfileConfig,0,1435384036,10000,600,6000,0,0,621,0,256,10000,0,0,30,0,
 def test_studio_log_gives_transmitters_in_firing_order(tmp_path):
     path = tmp_path / "log.txt"
     path.write_text(LOG)
-    radar = RadarSpec.from_mmwave_studio_log(path)
+    radar = radar_from_studio_log(path)
     assert radar.tx_positions == RadarSpec.awr1843().tx_positions
     assert radar.start_frequency_hz == pytest.approx(77e9, rel=1e-6)
     assert radar.slope_hz_per_s == pytest.approx(29.98e12, rel=1e-3)
@@ -129,10 +130,10 @@ def test_unusable_studio_log_is_refused(tmp_path, old, new, message):
     path = tmp_path / "log.txt"
     path.write_text(LOG.replace(old, new, 1))
     with pytest.raises(ValueError, match=message):
-        RadarSpec.from_mmwave_studio_log(path)
+        radar_from_studio_log(path)
 
 
 def test_real_studio_log(samples):
-    radar = RadarSpec.from_mmwave_studio_log(samples / "dca1000" / "LogFile_0.txt")
+    radar = radar_from_studio_log(samples / "dca1000" / "LogFile_0.txt")
     assert radar.cube_shape == (1, 4, 1, 256)
     assert radar.range_resolution_m == pytest.approx(0.1953, abs=1e-4)

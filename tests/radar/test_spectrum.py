@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from jradar.radar import doppler_bins, noise_gain, power_map, range_doppler, window
+from jradar.radar import (
+    doppler_bins,
+    noise_gain,
+    power_map,
+    range_doppler,
+    window,
+)
 
 
 def tone(chirps, samples, doppler_bin, range_bin):

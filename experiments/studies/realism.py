@@ -1,0 +1,306 @@
+r"""How like real frames the simulated ones are: a picture and a few numbers.
+
+    python -m experiments.studies.realism SAMPLES -o runs/realism
+
+SAMPLES is a folder of real frames, which are not part of jradar:
+
+    openradar/doppler_example_1.npy    a capture of OpenRadar's (PreSenseRadar)
+    coloradar_pairs/                   pairs of ColoRadar (Radar-Diffusion):
+      range_azimuth_heatmap/N.png      [range 128, azimuth 64], 8 bits
+      lidar_pcl_bev_polar_img/N.png    [range 160, azimuth 100], 0.1 m and 1.8 degrees
+
+The capture stands beside a simulated frame with its chirps. Pairs stand beside frames
+of simulated sequences, turned into pictures by the recipe of the real ones: Blackman
+window, 32 azimuths, power summed over elevation and velocity, over its 30 % quantile,
+in dB, from 0 to the frame's largest. Their authors took LiDAR and radar to be in one
+place, so the simulated LiDAR points are left where they are, too.
+
+Numbers to compare, not a score: the real frames are eight, of other rooms.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Complex, Float
+
+from jradar.radar import RadarSpec, radar_points, range_doppler
+from jradar.simulation import (
+    FAMILIES,
+    lidar_scans,
+    make_setting,
+    radar_frames,
+)
+from jradar.simulation.radar import make_hardware
+
+CAPTURE = Path("openradar") / "doppler_example_1.npy"
+PAIRS = Path("coloradar_pairs")
+OPENRADAR = {  # of OpenRadar's example, in its own words
+    "start_frequency_hz": 77.4201e9,
+    "slope_hz_per_s": 60e12,
+    "sample_rate_hz": 2.5e6,
+    "idle_time_s": 30e-6,
+    "ramp_end_time_s": 62e-6,
+}
+MAX_RANGE_M, AZIMUTHS = 16.0, 32  # of the pairs' pictures, before they are widened
+CROPPED = 6  # range bins at either end that are black
+NEAR_SENSOR_M = 0.6  # heights of LiDAR points that are neither floor nor ceiling
+TIME_S, SEED = 2.0, 200  # of the simulated frames, from the test split
+RATE = 1e-3  # of false alarms
+ABOVE_FLOOR_DB = 12.0
+LEAKY = 4  # range bins of the leakage, which the numbers of the map leave out
+
+
+class Pair(NamedTuple):
+    """A polar radar image over the azimuth's sine, and LiDAR points in the plane."""
+
+    image: Float[np.ndarray, "range azimuth"]  # 0 to 1; left is the last column
+    lidar: Float[np.ndarray, "point 2"]
+
+
+def read_capture(path: Path) -> tuple[Complex[np.ndarray, "2 4 128 128"], RadarSpec]:
+    """OpenRadar's example as a cube, its numbers unwrapped, and its radar."""
+    if not path.exists():
+        raise ValueError(f"no {path}: SAMPLES holds {CAPTURE} and {PAIRS}, see --help")
+    stored = np.load(path, allow_pickle=False)
+    if stored.shape != (128, 8, 128):
+        raise ValueError(
+            f"{path} has shape {stored.shape}, expected (128, 8, 128): chirps, "
+            "antennas, samples"
+        )
+    real, imaginary = (
+        part.astype("u2").view("i2").astype(np.float32)
+        for part in (stored.real, stored.imag)
+    )
+    cube = (real + 1j * imaginary).reshape(128, 2, 4, 128).transpose(1, 2, 0, 3)
+    return cube, RadarSpec.awr1642(**OPENRADAR)
+
+
+def read_pairs(folder: Path) -> list[Pair]:
+    """The real pairs of a folder."""
+    from matplotlib.image import imread
+
+    pairs = []
+    for path in sorted((folder / "range_azimuth_heatmap").glob("*.png")):
+        image = np.asarray(imread(path), np.float64)
+        polar = np.asarray(imread(folder / "lidar_pcl_bev_polar_img" / path.name))
+        if image.ndim != 2 or polar.ndim != 2:
+            raise ValueError(f"{path} and its LiDAR picture: expected grey pictures")
+        pairs.append(Pair(image[::-1, ::-1], polar_points(polar[::-1, ::-1] > 0)))
+    if not pairs:
+        raise ValueError(f"no range_azimuth_heatmap/*.png in {folder}, see --help")
+    return pairs
+
+
+def polar_points(mask: np.ndarray) -> np.ndarray:
+    """Points `[point, 2]` of an occupancy mask [range, azimuth], right to left."""
+    row, column = np.nonzero(mask)
+    distance = (row + 0.5) * MAX_RANGE_M / mask.shape[0]
+    azimuth = np.radians(np.linspace(-90, 90, mask.shape[1]))[column]
+    return distance[:, None] * np.stack([np.cos(azimuth), np.sin(azimuth)], -1)
+
+
+def polar_mask(xyz: Float[np.ndarray, "point 3"]) -> np.ndarray:
+    """The mask of LiDAR points ahead, [160, 100], as the pairs' pictures hold it."""
+    ahead = (xyz[:, 0] > 0) & (np.abs(xyz[:, 2]) < NEAR_SENSOR_M)
+    x, y, _ = xyz[ahead].T
+    row = (np.hypot(x, y) / 0.1).astype(int)
+    column = np.rint((np.degrees(np.arctan2(y, x)) + 90) / 180 * 99).astype(int)
+    mask = np.zeros((160, 100), bool)
+    mask[row[row < 160], column[row < 160]] = True
+    return mask
+
+
+def azimuth_image(
+    cube: Complex[np.ndarray, "tx rx chirp sample"], radar: RadarSpec
+) -> Float[np.ndarray, "range azimuth"]:
+    """Range-azimuth image by the recipe of the pairs, 0 to 1; columns over the sine."""
+    window = np.blackman(radar.num_samples)
+    spectra = np.fft.fft2(cube * window)
+    cycles = np.fft.fftfreq(radar.num_chirps)[None, :] * radar.firing_position[:, None]
+    spectra *= np.exp(-2j * np.pi * cycles / radar.num_tx)[:, None, :, None]
+    spectra = spectra.reshape(radar.num_virtual, *spectra.shape[2:])
+    places = radar.virtual_positions
+    power = np.zeros((radar.num_samples, AZIMUTHS))
+    for elevation in np.unique(places[:, 1]):
+        row = np.zeros((AZIMUTHS, *spectra.shape[1:]), complex)
+        mine = places[:, 1] == elevation
+        row[places[mine, 0]] = spectra[mine]
+        power += (np.abs(np.fft.fft(row, axis=0)) ** 2).sum(1).T
+    power = np.fft.fftshift(power, axes=1)
+    power[:CROPPED] = power[-CROPPED:] = 0
+    level = 10 * np.log10(power / np.quantile(power, 0.3) + 1)
+    return level / level.max()
+
+
+def simulated_pair(family: str) -> tuple[Complex[np.ndarray, "..."], Pair]:
+    """A frame of a family, its image and what the LiDAR saw at the time."""
+    setting, stamps = make_setting(family, SEED), np.array([TIME_S])
+    (frame,) = radar_frames(setting, "single_chip", stamps)
+    frame = np.asarray(frame, np.float32)
+    cube = frame[..., 0] + 1j * frame[..., 1]
+    (scan,) = lidar_scans(setting, stamps - 0.05)
+    seen = scan[np.any(scan[:, :3] != 0, 1), :3] * [-1, -1, 1]
+    radar, _ = setting.radars["single_chip"]
+    return cube, Pair(azimuth_image(cube, radar), polar_points(polar_mask(seen)))
+
+
+def simulated_capture(family: str, radar: RadarSpec) -> Complex[np.ndarray, "..."]:
+    """A frame of a family as a radar with other chirps would have it."""
+    setting = make_setting(family, SEED)
+    radars = {"single_chip": (radar, make_hardware("single_chip", radar))}
+    setting = setting._replace(radars=radars)
+    (frame,) = radar_frames(setting, "single_chip", np.array([TIME_S]))
+    frame = np.asarray(frame, np.float32)
+    return frame[..., 0] + 1j * frame[..., 1]
+
+
+def map_statistics(
+    cube: Complex[np.ndarray, "..."], radar: RadarSpec
+) -> tuple[dict[str, float], np.ndarray, np.ndarray]:
+    """Numbers of a frame's range-Doppler map; the map, and its points."""
+    frame = jnp.asarray(cube, jnp.complex64)
+    power = np.asarray(range_doppler(frame)[1], np.float64)
+    cloud = radar_points(frame, radar, false_alarm_rate=RATE)
+    xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+    level = 10 * np.log10(power / np.median(power))[:, LEAKY:]
+    still = np.zeros(len(power), bool)
+    still[len(power) // 2 - 2 : len(power) // 2 + 3] = True
+    return (
+        {
+            "peak over median (dB)": level.max(),
+            f"cells over median + {ABOVE_FLOOR_DB:g} dB (%)": 100
+            * (level > ABOVE_FLOOR_DB).mean(),
+            "power within 2 bins of zero velocity (%)": 100
+            * power[still, LEAKY:].sum()
+            / power[:, LEAKY:].sum(),
+            f"points at a false-alarm rate of {RATE:g}": float(len(xyz)),
+        },
+        power,
+        xyz,
+    )
+
+
+def pair_statistics(pairs: Sequence[Pair]) -> dict[str, float]:
+    """Numbers of pairs: how full the images are, how near their peaks lie to LiDAR."""
+    kept = [pair.image[CROPPED:-CROPPED] for pair in pairs]
+    apart = np.concatenate([peak_distances(pair) for pair in pairs])
+    mirrored = [pair._replace(lidar=pair.lidar * [1, -1]) for pair in pairs]
+    by_chance = np.concatenate([peak_distances(pair) for pair in mirrored])
+    return {
+        "mean of the image (% of its largest dB)": 100
+        * float(np.mean([image.mean() for image in kept])),
+        "cells over half of the largest dB (%)": 100
+        * float(np.mean([(image > 0.5).mean() for image in kept])),
+        "peaks within 0.2 m of LiDAR (%)": 100 * float((apart < 0.2).mean()),
+        "peaks within 0.5 m of LiDAR (%)": 100 * float((apart < 0.5).mean()),
+        "peaks within 0.5 m of LiDAR mirrored, by chance (%)": 100
+        * float((by_chance < 0.5).mean()),
+        "peaks to LiDAR, median (m)": float(np.median(apart)),
+    }
+
+
+def peak_distances(pair: Pair) -> Float[np.ndarray, " azimuth"]:
+    """Distances in the plane to LiDAR of the strongest cell of each azimuth to 60 deg.
+
+    Images have columns over the sine, so many that beams overlap.
+    """
+    from scipy.spatial import KDTree
+
+    rows, columns = pair.image.shape
+    sine = 2 * np.arange(columns) / columns - 1
+    ahead = np.flatnonzero(np.abs(sine) < np.sin(np.radians(60)))
+    distance = pair.image[:, ahead].argmax(0) * MAX_RANGE_M / rows
+    plane = distance[:, None] * np.stack(
+        [np.sqrt(1 - sine[ahead] ** 2), sine[ahead]], -1
+    )
+    if not len(pair.lidar):
+        return np.full(len(plane), np.inf)
+    return np.asarray(KDTree(pair.lidar).query(plane)[0])
+
+
+def over_angles(image: Float[np.ndarray, "range azimuth"]) -> np.ndarray:
+    """The image over 90 equal angles from -90 to 90 degrees instead of sines."""
+    sine = 2 * np.arange(image.shape[1]) / image.shape[1] - 1
+    angles = np.sin(np.radians(np.linspace(-90, 90, 90)))
+    return np.stack([np.interp(angles, sine, row) for row in image])
+
+
+def table(columns: dict[str, dict[str, float]]) -> str:
+    """Markdown: a row for each number, a column for each kind of frame."""
+    names = list(dict.fromkeys(key for numbers in columns.values() for key in numbers))
+    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for name in names:
+        cells = (f"{numbers[name]:.3g}" for numbers in columns.values())
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def compare(samples: Path, output: Path, families: Sequence[str]) -> str:
+    """Draw `realism.png` and write `realism.md` to `output`; returns the tables."""
+    from jradar import viz
+
+    cube, radar = read_capture(samples / CAPTURE)
+    real_pairs = read_pairs(samples / PAIRS)
+    made = [simulated_pair(family)[1] for family in families]
+    numbers, power, xyz = map_statistics(cube, radar)
+    simulated = [
+        map_statistics(simulated_capture(family, radar), radar) for family in families
+    ]
+    first = simulated[0]
+    pictures = zip(
+        ("real", "simulated"),
+        ((power, xyz, real_pairs, ()), (*first[1:], made, tuple(families))),
+        strict=True,
+    )
+    rows = {
+        name: viz.Seen(
+            power,
+            xyz,
+            np.stack([over_angles(pair.image) for pair in pairs[:4]]),
+            [pair.lidar for pair in pairs[:4]],
+            titles[:4],
+        )
+        for name, (power, xyz, pairs, titles) in pictures
+    }
+    maps = {"real, OpenRadar": numbers}
+    maps |= {f: seen[0] for f, seen in zip(families, simulated, strict=True)}
+    images = {"real, ColoRadar": pair_statistics(real_pairs)}
+    images |= {f: pair_statistics([p]) for f, p in zip(families, made, strict=True)}
+    images["all simulated"] = pair_statistics(made)
+    text = f"{table(maps)}\n\n{table(images)}\n"
+    output.mkdir(parents=True, exist_ok=True)
+    figure = viz.realism_figure(rows, radar, max_range_m=MAX_RANGE_M)
+    viz.save_figure(figure, output / "realism.png")
+    (output / "realism.md").write_text(text)
+    return text
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Compare as the flags say."""
+    parser = argparse.ArgumentParser(
+        prog="experiments.studies.realism",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("samples", type=Path, help="folder of real frames")
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument(
+        "--scenes", nargs="+", choices=FAMILIES, default=list(FAMILIES), help="to make"
+    )
+    options = parser.parse_args(argv)
+    try:
+        print(compare(options.samples, options.output, options.scenes))
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    print(f"picture: {options.output / 'realism.png'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,260 @@
+"""Recordings to prepared frames: matching, radar points, what of the LiDAR is visible.
+
+The work is cut into blocks of a sequence's matched frames; each becomes one shard, is
+written in one step and described beside it, so that a preparation that was stopped goes
+on where it stood, and any number of workers writes the same bytes. One worker runs in
+this process; several run in Dask's local cluster, or in the cluster at `scheduler`,
+whose machines must see the same files.
+"""
+
+import contextlib
+import dataclasses
+import functools
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jradar import __version__
+from jradar.data.frames import PrepareSpec, matches_of, prepare_frame
+from jradar.data.matching import Matches, check_dropped
+from jradar.data.records import (
+    FORMAT,
+    PreparedFrame,
+    finished_shard,
+    read_json,
+    write_shard,
+)
+from jradar.data.sources import Source, find_sources
+from jradar.files import lock_folder, write_text
+from jradar.progress import progress
+from jradar.recordings.recording import Recording
+
+
+class Job(NamedTuple):
+    """One shard to write."""
+
+    source: Source
+    matches: Matches
+    path: str
+    about: dict[str, Any]
+
+
+def prepare(
+    path: Path | str,
+    folder: Path | str,
+    spec: PrepareSpec,
+    *,
+    frames: slice = slice(None),
+    workers: int = 2,
+    scheduler: str | None = None,
+    keep_going: bool = False,
+    **opening: Any,
+) -> dict[str, Any]:
+    """Prepare all recordings at `path` into `folder`; returns the manifest.
+
+    `frames` are taken of each sequence; `opening` goes to `open_recording`. With
+    `keep_going`, frames that cannot be read are dropped and counted; otherwise the
+    first raises its ValueError. So does a folder that was prepared with other options,
+    and a sequence that loses more than half of its frames. A script that asks for
+    several workers needs `if __name__ == "__main__"` around the call.
+    """
+    folder = Path(folder).absolute()
+    sources = find_sources(path, **opening)
+    with lock_folder(folder):
+        head = _head(sources, spec, frames)
+        _check_options(folder, head)
+        for scratch in folder.glob("*/.*-*"):  # of a killed run: the folder is ours
+            shutil.rmtree(scratch)
+        write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
+        jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
+        descriptions = {}
+        total = sum(len(job.matches.radar) for job in jobs)
+        done = 0
+        with progress("preparing", total, unit="frames") as show:
+            for job, description in _run(jobs, spec, keep_going, workers, scheduler):
+                descriptions[job.path] = description
+                done += len(job.matches.radar)
+                show(done, job.source.name)
+        manifest = head | {
+            "complete": True,
+            "sequences": [
+                _summary(source, jobs, descriptions, spec, frames) for source in sources
+            ],
+        }
+        write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
+    return manifest
+
+
+def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, Any]:
+    """Write the shard of a job, unless it stands; returns its description."""
+    path = Path(job.path)
+    if (found := finished_shard(path, job.about)) is not None:
+        return found
+    recording = _opened(job.source)
+    failed: dict[str, str] = {}
+
+    def frames() -> Iterator[PreparedFrame]:
+        for i, j in zip(job.matches.radar, job.matches.lidar, strict=True):
+            try:
+                frame, *_ = prepare_frame(recording, int(i), int(j), spec)
+            except ValueError as error:
+                if not keep_going:
+                    raise
+                failed[str(i)] = str(error)
+                continue
+            yield frame
+
+    return write_shard(path, frames(), job.about, failed)
+
+
+@functools.lru_cache(maxsize=4)
+def _opened(source: Source) -> Recording:
+    """A source, opened once in each process."""
+    return source.open()
+
+
+def _head(sources, spec, frames):
+    """The manifest before any frame: what decides the shards' bytes."""
+    radars = {source.open().radar for source in sources}
+    if len(radars) > 1:
+        names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
+        raise ValueError(
+            f"the sequences were recorded with {len(radars)} radars ({', '.join(names)}"
+            "), expected one: prepare them apart"
+        )
+    return {
+        "format": FORMAT,
+        "jradar": __version__,
+        "complete": False,
+        "radar": dataclasses.asdict(radars.pop()),
+        "options": dataclasses.asdict(spec),
+        "frames": [frames.start, frames.stop],
+        "names": [source.name for source in sources],
+    }
+
+
+def _check_options(folder, head):
+    """Refuse a folder that was prepared with other options or from other sources."""
+    if not (folder / "manifest.json").exists():
+        if any(entry.name != ".lock" for entry in folder.iterdir()):
+            raise ValueError(
+                f"{folder} is neither empty nor a preparation: choose another -o"
+            )
+        return
+    found, wanted = read_json(folder / "manifest.json"), json.loads(json.dumps(head))
+    for key in ("radar", "options", "frames", "names"):
+        if found.get(key) != wanted[key]:
+            raise ValueError(
+                f"{folder} was prepared with other {key}: "
+                f"{_difference(found, wanted, key)}; choose another -o"
+            )
+
+
+def _difference(found, wanted, key):
+    """The first field that differs, as text."""
+    old, new = found.get(key), wanted[key]
+    if isinstance(old, dict) and isinstance(new, dict):
+        field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
+        return f"{field} was {old.get(field)}, now {new.get(field)}"
+    if key == "names":
+        gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
+        return f"{len(gone)} are gone {gone[:3]}, {len(added)} were added {added[:3]}"
+    return f"{old}, now {new}"
+
+
+def _jobs(source, folder, spec, frames):
+    """The shards of a source: blocks of its matched frames."""
+    recording = _opened(source)
+    matches = _chosen(recording, spec, frames)
+    digest = hashlib.sha256(
+        json.dumps(dataclasses.asdict(spec), sort_keys=True).encode()
+    ).hexdigest()
+    for block, first in enumerate(range(0, len(matches.radar), spec.block)):
+        part = slice(first, first + spec.block)
+        radar, lidar = matches.radar[part], matches.lidar[part]
+        about = {
+            "sequence": source.name,
+            "matched": [radar.tolist(), lidar.tolist()],
+            "options_sha256": digest,
+        }
+        path = folder / source.name / f"{block:04d}.array_record"
+        yield Job(source, Matches(radar, lidar, {}), str(path), about)
+
+
+def _chosen(recording, spec, frames):
+    """Matches of the frames that were asked for; too many dropped is an error."""
+    matches = matches_of(recording, spec)
+    wanted = range(*frames.indices(len(recording.cubes)))
+    dropped = {i: why for i, why in matches.dropped.items() if i in wanted}
+    check_dropped(recording.name, len(wanted), dropped)
+    keep = np.isin(matches.radar, wanted)
+    return Matches(matches.radar[keep], matches.lidar[keep], dropped)
+
+
+def _summary(source, jobs, descriptions, spec, frames):
+    """A sequence's entry in the manifest; too many dropped or failed is an error."""
+    recording = _opened(source)
+    shards = [descriptions[job.path] for job in jobs if job.source == source]
+    dropped = dict(_chosen(recording, spec, frames).dropped)
+    for shard in shards:
+        dropped |= {int(i): why for i, why in shard["failed"].items()}
+    count = len(range(*frames.indices(len(recording.cubes))))
+    check_dropped(source.name, count, dropped)
+    reasons = [*dropped.values()]
+    keys = ("file", "frames", "bytes", "sha256")
+    return {
+        "name": source.name,
+        "split": source.split,
+        "frames": sum(len(shard["frames"]) for shard in shards),
+        "dropped": {why: reasons.count(why) for why in dict.fromkeys(reasons)},
+        "notes": list(recording.notes),
+        "shards": [{key: shard[key] for key in keys} for shard in shards],
+    }
+
+
+def _run(jobs, spec, keep_going, workers, scheduler):
+    """Jobs with their descriptions, as they are finished."""
+    if scheduler is None and workers == 1:
+        for job in jobs:
+            yield job, prepare_block(job, spec, keep_going)
+        return
+    with _cluster(workers, scheduler) as client:
+        from distributed import as_completed
+
+        futures = {
+            client.submit(prepare_block, job, spec, keep_going, pure=False): job
+            for job in jobs
+        }
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+@contextlib.contextmanager
+def _cluster(workers, scheduler):
+    """A client of the scheduler, or of a cluster of processes on this machine."""
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise ImportError(
+            "more than one worker needs: pip install 'jradar[data]'"
+        ) from error
+    if scheduler is not None:
+        with Client(scheduler, timeout=10) as client:
+            yield client
+        return
+    # Read from files by workers that share the machine: no dashboard, local sockets.
+    local = LocalCluster(
+        n_workers=workers,
+        threads_per_worker=1,
+        dashboard_address=None,  # type: ignore
+        host="127.0.0.1",
+        local_directory=os.environ.get("TMPDIR", "/tmp"),
+    )
+    with local, Client(local) as client:
+        yield client

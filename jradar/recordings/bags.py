@@ -1,0 +1,278 @@
+"""LiDAR clouds in ROS bags, through the package `rosbags`; no ROS is needed.
+
+    recording.bag                     ROS 1
+    folder with metadata.yaml         ROS 2, SQLite or MCAP; or a single .db3 or .mcap
+
+Clouds are `sensor_msgs/PointCloud2`, of any fields and paddings, or Livox's
+`CustomMsg`, whose points lie in the message as a table: 19 bytes each in ROS 1, 20 in
+ROS 2's CDR, where the last one lacks its padding.
+"""
+
+import functools
+import itertools
+import os
+import struct
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from jradar.recordings.recording import Stream
+
+LIVOX_POINT = ("offset_time", "x", "y", "z", "reflectivity", "tag", "line")
+LIVOX_FORMATS = ("u4", "f4", "f4", "f4", "u1", "u1", "u1")
+LIVOX_OFFSETS = (0, 4, 8, 12, 16, 17, 18)
+FIELD_FORMATS = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")  # of PointCloud2
+INTENSITIES = ("intensity", "reflectivity", "i")
+NS = 1_000_000_000
+OTHER_CLOCK_S = 10.0  # by which a sensor's clock may differ without a word
+READING = threading.Lock()  # a reader has one place in its file
+
+
+class LidarStream(Stream):
+    """Clouds of one topic: float32 [point, 4], x y z intensity, the LiDAR's frame.
+
+    Points that are not finite, or at (0, 0, 0), are missing returns and left out.
+    """
+
+    def __init__(self, path: Path, topic: str, kind: str):
+        """Pass once over the messages of `topic` for their stamps."""
+        self.path, self.topic, self.kind = path, topic, kind
+        self.is_ros1 = path.suffix == ".bag"
+        stamps = np.zeros((0, 2), np.int64)
+        with READING:
+            found = [(time, self._stamp(raw)) for time, raw in self._messages()]
+        if found:
+            stamps = np.array(found, np.int64)
+        self._times = stamps[:, 0]
+        seconds, notes = self._stamps(stamps[:, 1])
+        super().__init__(self._read_cloud, len(stamps), seconds, notes)
+
+    def read_points(self, index: int) -> dict[str, np.ndarray]:
+        """All that cloud `index` tells of its points, under the names of its fields.
+
+        Of Livox, `offset_time` is in nanoseconds after the cloud's stamp.
+        """
+        raw = self._message(index)
+        try:
+            decode = _livox if self.kind.endswith("CustomMsg") else _point_cloud2
+            points = decode(raw, self.is_ros1)
+        except (ValueError, struct.error) as error:
+            raise ValueError(
+                f"{self.path}: message {index} of {self.topic}: {error}"
+            ) from error
+        columns = {name: points[name] for name in points.dtype.names or ()}
+        if not {"x", "y", "z"} <= columns.keys():
+            raise ValueError(
+                f"{self.path}: the clouds of {self.topic} have the fields "
+                f"{[*columns]}, expected x, y and z among them"
+            )
+        xyz = np.stack([columns[name] for name in "xyz"], -1)
+        seen = np.isfinite(xyz).all(-1) & xyz.any(-1)
+        return {name: column[seen] for name, column in columns.items()}
+
+    def _read_cloud(self, index) -> Float[np.ndarray, "point 4"]:
+        columns = self.read_points(index)
+        found = [columns[name] for name in INTENSITIES if name in columns]
+        intensity = found[0] if found else np.zeros_like(columns["x"])
+        table = [columns["x"], columns["y"], columns["z"], intensity]
+        return np.stack(table, -1, dtype=np.float32, casting="same_kind")
+
+    def _message(self, index):
+        """Bytes of message `index`; several may have the same time."""
+        time = int(self._times[index])
+        before = int(np.searchsorted(self._times, time))
+        with READING:
+            messages = self._messages(time, time + 1)
+            for _, raw in itertools.islice(messages, index - before, None):
+                return raw
+        raise ValueError(f"{self.path} changed while it was read")
+
+    def _messages(
+        self, start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[int, bytes]]:
+        """Times in nanoseconds and bytes of the topic's messages in their order."""
+        reader = _reader(self.path)
+        connections = [c for c in reader.connections if c.topic == self.topic]
+        try:
+            for _, time, raw in reader.messages(connections, start, stop):
+                yield time, bytes(raw)
+        except Exception as error:
+            raise ValueError(_damaged(self.path, error)) from error
+
+    def _stamp(self, raw):
+        """Nanoseconds in the header that all clouds begin with; 0 where it is cut."""
+        form = "<4xII" if self.is_ros1 else "<4xiI" if raw[1:2] == b"\1" else ">4xiI"
+        if len(raw) < struct.calcsize(form):
+            return 0
+        seconds, nanoseconds = struct.unpack_from(form, raw)
+        return seconds * NS + nanoseconds
+
+    def _stamps(self, headers):
+        """Seconds of the headers where they are good, else of the bag, with a note."""
+        fault = "zero" if (headers == 0).any() else "not rising"
+        if (headers == 0).any() or (np.diff(headers) <= 0).any():
+            return self._times / NS, (
+                f"{self.topic}: the stamps in the headers are {fault}; the times of "
+                "recording are taken instead",
+            )
+        late = np.median(self._times - headers) / NS if len(headers) else 0.0
+        if abs(late) > OTHER_CLOCK_S:
+            return headers / NS, (
+                f"{self.topic}: the LiDAR's clock is {late:,.3f} s behind the "
+                "recording's; its own stamps are taken",
+            )
+        return headers / NS, ()
+
+
+def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
+    """Clouds of a bag; `topic` may be left out where only one holds clouds.
+
+    Raises ValueError for a bag that is damaged, naming the command that repairs it, and
+    for a topic that is not there or does not hold clouds, naming those that do.
+    """
+    topics = bag_topics(path)
+    clouds = [name for name, (kind, _) in topics.items() if is_cloud_type(kind)]
+    if topic is None and len(clouds) == 1:
+        topic = clouds[0]
+    if topic not in clouds:
+        asked = f"no clouds on {topic}" if topic else f"{len(clouds)} topics of clouds"
+        named = ", ".join(f"{name} ({kind})" for name, (kind, _) in topics.items())
+        raise ValueError(
+            f"{path}: {asked}, expected one of {clouds or 'PointCloud2 or CustomMsg'}; "
+            f"the bag holds {named or 'nothing'}"
+        )
+    return LidarStream(Path(path), topic, topics[topic][0])
+
+
+def bag_topics(path: Path | str) -> dict[str, tuple[str, int]]:
+    """Type and number of messages of every topic; reads the bag's index only."""
+    with READING:
+        topics = _reader(Path(path)).topics.items()
+        return {name: (str(info.msgtype), info.msgcount) for name, info in topics}
+
+
+def is_cloud_type(kind: str) -> bool:
+    """Whether messages of this type are clouds that `open_bag` reads."""
+    return kind == "sensor_msgs/msg/PointCloud2" or (
+        kind.startswith("livox_") and kind.endswith("/msg/CustomMsg")
+    )
+
+
+def _reader(path) -> Any:
+    """The open reader of a bag, one for each process."""
+    if not path.exists():
+        raise FileNotFoundError(f"no such bag: {path}")
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    stats = [file.stat() for file in files]
+    version = tuple((stat.st_mtime_ns, stat.st_size) for stat in stats)
+    return _open_reader(path, os.getpid(), version)
+
+
+@functools.lru_cache(maxsize=64)
+def _open_reader(path, _process, _version):
+    try:
+        from rosbags import rosbag1, rosbag2
+    except ImportError as error:
+        raise ImportError("bags need rosbags: pip install 'jradar[ros]'") from error
+    try:
+        kind = rosbag1.Reader if path.suffix == ".bag" else rosbag2.Reader
+        reader = kind(path)
+        reader.open()
+    except Exception as error:  # it may stumble over anything in a damaged file
+        raise ValueError(_damaged(path, error)) from error
+    return reader
+
+
+def _damaged(path, error):
+    """What to say of a bag that cannot be read."""
+    parts = {part.suffix for part in path.iterdir()} if path.is_dir() else {path.suffix}
+    repair = "ros2 bag reindex FOLDER, or sqlite3 FILE.db3 .recover"
+    if ".bag" in parts:
+        repair = f"rosbag reindex {path}"
+    elif ".mcap" in parts:
+        repair = f"mcap recover {path if path.is_file() else 'FILE.mcap'} -o new.mcap"
+    return (
+        f"{path} is not a whole bag ({type(error).__name__}: {error}): was the "
+        f"recording cut off? try `{repair}`"
+    )
+
+
+@functools.cache
+def _point_cloud2_decoders():
+    """Decoders of ROS 1's and of ROS 2's serialisation."""
+    from rosbags.typesys import Stores, get_typestore
+
+    ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+    return ros1, get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+
+
+def _point_cloud2(raw, is_ros1):
+    """Points of a sensor_msgs/PointCloud2 as a structured array."""
+    try:
+        decode = _point_cloud2_decoders()[not is_ros1]
+        message: Any = decode(raw, "sensor_msgs/msg/PointCloud2")
+    except Exception as error:  # of a damaged message
+        raise ValueError(f"not a whole PointCloud2: {error}") from error
+    order = ">" if message.is_bigendian else "<"
+    fields: dict[str, Any] = {}
+    for field in message.fields:  # PCL pads with several fields of one name
+        fields.setdefault(field.name, field)
+    for field in fields.values():
+        if not 0 < field.datatype < len(FIELD_FORMATS):
+            raise ValueError(
+                f"field {field.name} has the unknown type {field.datatype}"
+            )
+    step, height, width = message.point_step, message.height, message.width
+    points = np.dtype(
+        {
+            "names": [*fields],
+            "formats": [
+                (order + FIELD_FORMATS[f.datatype], (f.count,) if f.count > 1 else ())
+                for f in fields.values()
+            ],
+            "offsets": [field.offset for field in fields.values()],
+            "itemsize": step,
+        }
+    )
+    row = message.row_step if height > 1 else width * step
+    if row < width * step or height * row > len(message.data):
+        raise ValueError(
+            f"{height} x {width} points of {step} bytes in rows of {row} bytes, the "
+            f"data holds {len(message.data):,} bytes"
+        )
+    table = np.ndarray((height, width), points, message.data, strides=(row, step))
+    return table.ravel()
+
+
+def _livox(raw, is_ros1):
+    """Points of a Livox CustomMsg as a structured array."""
+    order, body, align = "<", memoryview(raw), 1
+    if is_ros1:
+        body = body[4:]  # the header's sequence number, which ROS 2 dropped
+    else:
+        order, body, align = "<" if raw[1:2] == b"\1" else ">", body[4:], 8
+    (name,) = struct.unpack_from(order + "8xI", body)
+    start = -(-(12 + name) // align) * align
+    # timebase u64, point_num u32, lidar_id u8, rsvd u8[3], and the array's own count
+    (count,) = struct.unpack_from(order + "16xI", body, start)
+    size = 19 if is_ros1 else 20
+    points = np.dtype(
+        {
+            "names": LIVOX_POINT,
+            "formats": [order + form for form in LIVOX_FORMATS],
+            "offsets": LIVOX_OFFSETS,
+            "itemsize": size,
+        }
+    )
+    table = bytes(body[start + 20 :])
+    unpadded = count * size - (count > 0 and not is_ros1)
+    if not unpadded <= len(table) <= unpadded + 3:
+        raise ValueError(
+            f"{count:,} points of {size} bytes need {unpadded:,}, it holds "
+            f"{len(table):,}"
+        )
+    return np.frombuffer(table + b"\0", points, count)

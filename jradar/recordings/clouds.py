@@ -1,0 +1,75 @@
+"""Point clouds from files and to files."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jradar.files import atomic_path
+from jradar.recordings.pcd import read_pcd
+from jradar.recordings.ply import read_ply
+from jradar.types import PointCloud
+
+
+def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
+    """Columns x, y, z and what else a .pcd, .ply or .bin file holds of its points.
+
+    A .bin file is float32 [point, 4], x y z intensity, as KITTI and ColoRadar have it.
+    All points are kept, missing returns too. Raises ValueError where a file is not of
+    the size that its header claims.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such cloud: {path}")
+    readers = {".pcd": read_pcd, ".ply": read_ply, ".bin": _read_kitti}
+    if path.suffix not in readers:
+        raise ValueError(f"{path}: expected a cloud that ends in {', '.join(readers)}")
+    columns = readers[path.suffix](path)
+    if not {"x", "y", "z"} <= columns.keys():
+        raise ValueError(f"{path} holds {[*columns]}, expected x, y and z among them")
+    return columns
+
+
+def _read_kitti(path):
+    if path.stat().st_size % 16:
+        raise ValueError(
+            f"{path} holds {path.stat().st_size:,} bytes, expected 16 for each point "
+            "(float32 x y z intensity): truncated?"
+        )
+    table = np.fromfile(path, "<f4").reshape(-1, 4)
+    return dict(zip(("x", "y", "z", "intensity"), table.T, strict=True))
+
+
+def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
+    """The valid points of one cloud: `xyz` [point, 3], and what else it measured."""
+    valid = np.asarray(cloud.valid)
+    measured = {k: v for k, v in cloud._asdict().items() if v is not None}
+    del measured["valid"]
+    return {k: np.asarray(v)[valid] for k, v in measured.items()}
+
+
+def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
+    """Write named arrays as a compressed NPZ file."""
+    with atomic_path(path) as scratch, scratch.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def write_ply(path: Path | str, cloud: PointCloud) -> None:
+    """Write the valid points of one cloud as binary PLY, all properties float32.
+
+    trimesh's writer has no room for velocity and power, and none for an empty cloud.
+    """
+    columns = valid_points(cloud)
+    xyz = columns.pop("xyz")
+    columns = dict(zip("xyz", xyz.T, strict=True)) | columns
+    table = np.stack([*columns.values()], -1).astype("<f4")
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment jradar: metres, x forward, y left, z up",
+        f"element vertex {len(table)}",
+        *(f"property float {name}" for name in columns),
+        "end_header\n",
+    ]
+    with atomic_path(path) as scratch:
+        scratch.write_bytes("\n".join(header).encode("ascii") + table.tobytes())

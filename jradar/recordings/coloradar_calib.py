@@ -1,0 +1,235 @@
+"""Calibration folders of the ColoRadar data set (Kramer et al. 2022), text files only.
+
+    calib/single_chip/   waveform_cfg.txt  antenna_cfg.txt  coupling_calib.txt
+    calib/cascade/       the same, and phase_frequency_calib.txt (JSON)
+
+Arrays keep the files' order of transmitters, which is that of the ADC frames.
+"""
+
+import json
+import math
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from jradar.radar import RadarSpec
+from jradar.radar.devices import CASCADE
+from jradar.recordings.text_files import radar_of, read_text
+
+# Key of the waveform file: field of the radar. All in SI units.
+FIELDS = {
+    "num_adc_samples_per_chirp": "num_samples",
+    "num_chirps_per_frame": "num_chirps",
+    "adc_sample_frequency": "sample_rate_hz",
+    "start_frequency": "start_frequency_hz",
+    "frequency_slope": "slope_hz_per_s",
+    "idle_time": "idle_time_s",
+    "adc_start_time": "adc_start_time_s",
+    "ramp_end_time": "ramp_end_time_s",
+}
+COUNTS = ("num_tx", "num_rx", "num_adc_samples_per_chirp", "num_chirps_per_frame")
+
+
+class FrequencyPhase(NamedTuple):
+    """Response of every antenna pair to one far target, for the cascade."""
+
+    frequency: Float[np.ndarray, "tx rx"]  # of the beat, in range bins
+    phase: Complex[np.ndarray, "tx rx"]
+    slope_hz_per_s: float  # with which it was measured
+    sample_rate_hz: float
+
+
+def radar_from_coloradar(
+    folder: Path | str, *, tx_firing_order: tuple[int, ...] | None = None
+) -> RadarSpec:
+    """The radar of ColoRadar's `calib/single_chip` or `calib/cascade`.
+
+    `tx_firing_order` is not in the files: for the cascade TI's default is taken.
+    Warns of the cascade's times, whose units are repaired. The frame period is not
+    known.
+    """
+    return radar_of(folder, radar_fields(folder, tx_firing_order))
+
+
+def radar_fields(
+    folder: Path | str, tx_firing_order: tuple[int, ...] | None = None
+) -> dict[str, Any]:
+    """Fields of the radar in a folder such as `calib/single_chip`.
+
+    The cascade's order of firing is not in the files: its array gets TI's default.
+    Warns of times that are repaired, as the cascade's shipped file needs it.
+    """
+    folder = Path(folder)
+    path = folder / "waveform_cfg.txt"
+    if not path.is_file():
+        raise ValueError(f"no {path}, expected a folder such as calib/single_chip")
+    waveform, antennas = _waveform(path), _antennas(folder / "antenna_cfg.txt")
+    for kind in ("tx", "rx"):
+        if len(antennas[kind]) != waveform[f"num_{kind}"]:
+            raise ValueError(
+                f"{folder}: antenna_cfg.txt places {len(antennas[kind])} {kind} "
+                f"antennas, waveform_cfg.txt has num_{kind} = {waveform[f'num_{kind}']}"
+            )
+    order = tx_firing_order
+    if order is None and antennas["tx"] == CASCADE["tx_positions"]:
+        order = CASCADE["tx_firing_order"]
+    return {
+        "name": f"coloradar {folder.name}",
+        **{field: waveform[key] for key, field in FIELDS.items()},
+        "tx_positions": antennas["tx"],
+        "rx_positions": antennas["rx"],
+        "design_frequency_hz": antennas["F_design"] * 1e9,
+        **({"tx_firing_order": tuple(order)} if order else {}),
+    }
+
+
+def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
+    """Leakage between antennas in range bins 1 .. N/2, for `subtract_coupling`."""
+    head, _, data = read_text(path).partition("data:")
+    pairs = (line.partition(":") for _, line in _lines(head))
+    values = {key.strip(): value for key, _, value in pairs}
+    keys = ("num_tx", "num_rx", "num_range_bins")
+    if missing := [key for key in keys if key not in values]:
+        raise ValueError(
+            f"{path}: no {', '.join(missing)}, expected lines 'key: value', then data"
+        )
+    shape = [_count(path, key, values[key].strip()) for key in keys]
+    halves = _numbers(path, [v for v in data.split(",") if v.strip()])
+    if halves.size != 2 * math.prod(shape):
+        raise ValueError(
+            f"{path} holds {halves.size:,} numbers, {shape[0]} tx x {shape[1]} rx x "
+            f"{shape[2]} range bins of complex ones need {2 * math.prod(shape):,}: "
+            "truncated?"
+        )
+    return halves.view(complex).reshape(shape)
+
+
+def read_frequency_phase(path: Path | str) -> FrequencyPhase:
+    """Measured frequencies and phases of `phase_frequency_calib.txt`."""
+    try:
+        values = json.loads(read_text(path))["antennaCalib"]
+        shape = [_count(path, key, values[key]) for key in ("numTx", "numRx")]
+        measured = [values["frequencySlope"], values["samplingRate"]]
+        slope, rate = _numbers(path, measured).tolist()
+        frequency = _numbers(path, values["frequencyCalibrationMatrix"])
+        phase = _numbers(path, values["phaseCalibrationMatrix"])
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path} is not valid JSON: {error}") from error
+    except (KeyError, TypeError) as error:
+        raise ValueError(
+            f"{path}: {error!r}, expected antennaCalib with numTx, numRx, "
+            "samplingRate, frequencySlope, frequencyCalibrationMatrix and "
+            "phaseCalibrationMatrix"
+        ) from error
+    pairs = math.prod(shape)
+    if (frequency.size, phase.size) != (pairs, 2 * pairs):
+        raise ValueError(
+            f"{path} holds {frequency.size} frequencies and {phase.size} halves of "
+            f"phases, {shape[0]} tx x {shape[1]} rx need {pairs} and {2 * pairs}"
+        )
+    if not (slope > 0 and rate > 0):
+        raise ValueError(
+            f"{path}: frequencySlope = {slope}, samplingRate = {rate}, expected more "
+            "than 0"
+        )
+    phases = phase.view(complex).reshape(shape)
+    if not phases.all():
+        raise ValueError(f"{path}: a phase is 0, expected complex numbers of some size")
+    return FrequencyPhase(frequency.reshape(shape), phases, slope, rate)
+
+
+def _waveform(path: Path) -> dict[str, Any]:
+    """Values of a waveform file, times in seconds."""
+    values: dict[str, Any] = {}
+    for number, line in _lines(read_text(path)):
+        key, *rest = line.split()
+        if key not in COUNTS and key not in FIELDS:
+            continue
+        if len(rest) != 1:
+            raise ValueError(f"{path}, line {number}: {line!r}, expected 'key value'")
+        if key in COUNTS:
+            values[key] = _count(path, key, rest[0])
+        else:
+            values[key] = float(_numbers(path, rest)[0])
+    if missing := [key for key in (*COUNTS, *FIELDS) if key not in values]:
+        raise ValueError(f"{path}: no {', '.join(dict.fromkeys(missing))}")
+    start, end = values["adc_start_time"], values["ramp_end_time"]
+    if start > 1e-3:  # no chirp is so long: microseconds
+        values["adc_start_time"] = _repair(path, "adc_start_time", start, 1e-6)
+    if 0 < end < 1e-8:  # nor so short: scaled by 1e-6 twice
+        values["ramp_end_time"] = _repair(path, "ramp_end_time", end, 1e6)
+    return values
+
+
+def _repair(path: Path, key: str, seconds: float, factor: float) -> float:
+    """A time in the unit that it must be meant in, said in a warning."""
+    warnings.warn(
+        f"{path}: {key} = {seconds:g} s cannot be, taken as {seconds * factor:g} s "
+        "(known of ColoRadar's cascade)",
+        stacklevel=5,
+    )
+    return seconds * factor
+
+
+def _antennas(path: Path) -> dict[str, Any]:
+    """Positions `tx` and `rx` in half wavelengths, and `F_design` in GHz."""
+    found: dict[str, Any] = {"tx": {}, "rx": {}}
+    for number, line in _lines(read_text(path)):
+        match line.split():
+            case ["tx" | "rx" as kind, *place] if len(place) == 3:
+                index, azimuth, elevation = _numbers(path, place)
+                found[kind][index] = (azimuth, elevation)
+            case ["num_tx" | "num_rx" | "F_design" as key, value]:
+                found[key] = float(_numbers(path, [value])[0])
+            case _:
+                raise ValueError(
+                    f"{path}, line {number}: {line!r}, expected 'tx index azimuth "
+                    "elevation', 'rx ..', num_tx, num_rx or F_design"
+                )
+    if "F_design" not in found:
+        raise ValueError(f"{path}: no F_design, the design frequency in GHz")
+    for kind in ("tx", "rx"):
+        places = found[kind]
+        count = int(found.get(f"num_{kind}", len(places)))
+        if not count or sorted(places) != list(range(count)):
+            raise ValueError(
+                f"{path}: {kind} antennas {[int(i) for i in sorted(places)]}, expected "
+                f"each of 0 to {count - 1} once"
+            )
+        if any(half % 1 for place in places.values() for half in place):
+            raise ValueError(
+                f"{path}: {kind} antennas at {[*places.values()]}, expected whole half "
+                "wavelengths"
+            )
+        found[kind] = tuple(tuple(map(int, places[i])) for i in range(count))
+    return found
+
+
+def _lines(text: str) -> Iterator[tuple[int, str]]:
+    """Numbered lines without comments and blank lines."""
+    for number, line in enumerate(text.splitlines(), 1):
+        if line := line.partition("#")[0].strip():
+            yield number, line
+
+
+def _numbers(path: Path | str, values: Any) -> np.ndarray:
+    """Finite numbers in float64."""
+    try:
+        numbers = np.array(values, dtype=float)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}, expected numbers") from error
+    if numbers.ndim != 1 or not np.isfinite(numbers).all():
+        raise ValueError(f"{path}: expected a list of finite numbers")
+    return numbers
+
+
+def _count(path: Path | str, key: str, value: Any) -> int:
+    """A whole number, more than 0."""
+    number = float(_numbers(path, [value])[0])
+    if number < 1 or number % 1:
+        raise ValueError(f"{path}: {key} = {value}, expected a whole number above 0")
+    return int(number)

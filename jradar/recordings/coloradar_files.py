@@ -1,0 +1,190 @@
+"""What ColoRadar's folders are made of: numbered files, stamps, tables, transforms.
+
+File N belongs to line N of the stream's stamps, counted from 0; where the numbers begin
+with 1, as in ColoRadar+, from 1.
+"""
+
+import os
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from jradar.lidar import rigid_transform
+from jradar.recordings.recording import Stream
+
+MAX_TEXT_BYTES = 64 << 20  # an IMU at 300 Hz writes 1 MB a minute
+MAX_CLOUD_BYTES = 256 << 20
+NANOSECONDS = 1e12  # stamps above are no seconds
+FARTHEST_M = 5.0  # of a sensor from the base of a rig that people carry
+
+
+def file_stream(
+    folder: Path, prefix: str, stamps: Path, read: Callable[[Path], np.ndarray]
+) -> Stream:
+    """The files `<prefix>_<N>.bin` in numeric order; lists the folder, opens no file.
+
+    Gaps, and stamps that do not fit, are said in the stream's notes. Raises ValueError
+    where there is no such file, or one number twice.
+    """
+    found = _numbered(folder, prefix)
+    numbers = np.array(sorted(found))
+    notes: list[str] = []
+    first, last = numbers[[0, -1]].tolist()
+    label = f"{folder.parent.parent.name}/{folder.parent.name}/{prefix}"
+    if missing := last - first + 1 - len(numbers):
+        gap = first + int(np.argmax(np.diff(numbers) > 1)) + 1
+        notes.append(
+            f"{label}_<N>.bin: {missing} of the numbers {first} to {last} are missing, "
+            f"first {gap}"
+        )
+    times = None
+    if stamps.is_file():
+        times = read_stamps(stamps, notes)
+        origin = 0 if first > 1 and len(times) > last else first
+        if origin != first or first > 1:
+            notes.append(
+                f"{label}_<N>.bin: the first number is {first}, taken as line "
+                f"{first - origin + 1} of the stamps"
+            )
+        lines = numbers - origin
+        stamped = lines < len(times)
+        if unstamped := np.count_nonzero(~stamped):
+            notes.append(
+                f"{label}_<N>.bin: {len(times)} stamps for {len(numbers)} files: "
+                f"{unstamped} files without a stamp are left out"
+            )
+        if (spare := len(times) - 1 - int(lines[-1])) > 0:
+            notes.append(
+                f"{label}_<N>.bin: the last {spare} of {len(times)} stamps have no file"
+            )
+        numbers, times = numbers[stamped], times[lines[stamped]]
+    else:
+        notes.append(f"{label}_<N>.bin: no {stamps.name}, times are not known")
+    paths = [folder / found[number] for number in numbers.tolist()]
+    return Stream(lambda item: read(paths[item]), len(paths), times, tuple(notes))
+
+
+def _numbered(folder: Path, prefix: str) -> dict[int, str]:
+    """Number and name of each of the stream's files."""
+    found: dict[int, str] = {}
+    names = sorted(os.listdir(folder)) if folder.is_dir() else []
+    for name in names:
+        if match := re.fullmatch(rf"{prefix}_([0-9]{{1,9}})\.bin", name):
+            other = found.setdefault(int(match[1]), name)
+            if other != name:
+                raise ValueError(f"{folder} holds {other} and {name}, expected one")
+    if not found:
+        what = f"{len(names)} other files" if folder.is_dir() else "no such folder"
+        raise ValueError(f"no {prefix}_<N>.bin in {folder} ({what})")
+    return found
+
+
+def read_stamps(path: Path, notes: list[str]) -> Float[np.ndarray, " item"]:
+    """Seconds, one a line; whole nanoseconds become seconds.
+
+    What does not rise is added to `notes`.
+    """
+    stamps = read_table(path, 1)[:, 0]
+    if stamps.max() > NANOSECONDS:
+        stamps = stamps * 1e-9
+    label = f"{path.parent.parent.name}/{path.parent.name}/{path.name}"
+    steps = np.diff(stamps)
+    for count, what in (
+        (np.count_nonzero(steps < 0), "go back"),
+        (np.count_nonzero(steps == 0), "repeat the one before"),
+    ):
+        if count:
+            notes.append(f"{label}: {count} of {len(stamps)} stamps {what}")
+    return stamps
+
+
+def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
+    """Finite numbers between spaces, `columns` a line.
+
+    Raises ValueError for a large file, another number of columns, no numbers, NaN.
+    """
+    if (size := path.stat().st_size) > MAX_TEXT_BYTES:
+        raise ValueError(
+            f"{path} holds {size:,} bytes, at most {MAX_TEXT_BYTES:,} are read"
+        )
+    if not size or not path.read_bytes().strip():
+        raise ValueError(f"{path} is empty, expected {columns} numbers a line")
+    try:
+        table = np.loadtxt(path, ndmin=2, comments=None, encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not a text file: {error.reason}") from error
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: {error}, expected {columns} numbers a line"
+        ) from None
+    if table.shape[1] != columns or not len(table):
+        raise ValueError(
+            f"{path} has {table.shape[1]} numbers a line, expected {columns}"
+        )
+    if len(bad := np.flatnonzero(~np.isfinite(table).all(1))):
+        raise ValueError(
+            f"{path}: {len(bad)} lines hold NaN or infinite numbers, the first is "
+            f"number {bad[0] + 1}"
+        )
+    return table
+
+
+def read_samples(path: Path, dtype: str, axes: dict[str, int]) -> np.ndarray:
+    """All numbers of a binary file with axes of these names and sizes, flat.
+
+    Raises ValueError, with the bytes found and needed, for a file of another size.
+    """
+    size = path.stat().st_size
+    needed = int(np.prod([*axes.values()])) * np.dtype(dtype).itemsize
+    if size != needed:
+        shape = " x ".join(f"{count} {name}" for name, count in axes.items())
+        raise ValueError(
+            f"{path} holds {size:,} bytes, {shape} of {dtype} need {needed:,}: "
+            f"{'truncated' if size < needed else 'of another configuration'}?"
+        )
+    return np.fromfile(path, dtype)
+
+
+def read_records(path: Path, fields: int) -> Float[np.ndarray, "point field"]:
+    """Records of `fields` float32 each; an empty file holds none."""
+    size, record = path.stat().st_size, 4 * fields
+    if size % record or size > MAX_CLOUD_BYTES:
+        raise ValueError(
+            f"{path} holds {size:,} bytes, expected a multiple of {record} ({fields} "
+            f"float32 a point), at most {MAX_CLOUD_BYTES:,}: truncated?"
+        )
+    return np.fromfile(path, "<f4").reshape(-1, fields).astype(np.float32, copy=False)
+
+
+def read_transform(path: Path) -> Float[np.ndarray, "4 4"]:
+    """`base_to_<sensor>.txt`: x y z, then qx qy qz qw; takes the sensor's points to
+    the base's frame.
+
+    Raises ValueError for a quaternion that is no rotation, and for millimetres.
+    """
+    if path.stat().st_size > 4096:
+        raise ValueError(f"{path} is no transform: expected two lines of numbers")
+    try:
+        numbers = np.array(path.read_text("utf-8-sig").split(), float)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}, expected numbers") from error
+    if numbers.size != 7 or not np.isfinite(numbers).all():
+        raise ValueError(
+            f"{path} holds {numbers.size} numbers, expected 7 finite ones: x y z, then "
+            "qx qy qz qw"
+        )
+    distance, length = np.linalg.norm(numbers[:3]), np.linalg.norm(numbers[3:])
+    if abs(length - 1) > 0.01:
+        raise ValueError(
+            f"{path}: the quaternion {numbers[3:]} has length {length:.4g}, expected "
+            "1: is the order x y z, then qx qy qz qw?"
+        )
+    if distance > FARTHEST_M:
+        raise ValueError(
+            f"{path}: the sensor lies {distance:.4g} m from the base, expected at most "
+            f"{FARTHEST_M:g} m: millimetres?"
+        )
+    return rigid_transform(numbers[:3], numbers[3:])

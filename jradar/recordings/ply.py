@@ -1,0 +1,142 @@
+"""Stanford's PLY files: the vertices with all their properties, in any encoding.
+
+A header of text lists elements (vertex, face, ..) and the properties of each; their
+rows follow in the same order. A property may be a list, a count before its values.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jradar.recordings.pcd import LEAST_TEXT, MAX_HEADER, columns_of_words, need
+
+TYPES = {
+    **{"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"},
+    **{"uchar": "u1", "ushort": "u2", "uint": "u4", "float32": "f4", "float64": "f8"},
+    **{"int8": "i1", "int16": "i2", "int32": "i4"},
+    **{"uint8": "u1", "uint16": "u2", "uint32": "u4"},
+}
+ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+class Property(NamedTuple):
+    """A number of each row, or with a type of `length` a list of numbers."""
+
+    name: str
+    type: str
+    length: str = ""
+
+
+class Element(NamedTuple):
+    """A table of a PLY file."""
+
+    name: str
+    rows: int
+    properties: list[Property]
+
+
+def read_ply(path: Path) -> dict[str, np.ndarray]:
+    """Columns of a PLY file's vertices, without lists; ValueError for damaged files."""
+    with path.open("rb") as file:
+        begin = file.read(MAX_HEADER)
+    end = begin.find(b"end_header")
+    start = begin.find(b"\n", end) + 1
+    if not begin.startswith(b"ply") or end < 0 or not start:
+        raise ValueError(f"{path}: no header from `ply` to `end_header`: a PLY file?")
+    try:
+        order, elements = _header(begin[:end].decode("ascii", "replace"))
+        names = [element.name for element in elements]
+        before = elements[: names.index("vertex") + 1]
+        for element in before:
+            np.dtype([(p.name, p.type) for p in element.properties])  # names differ
+    except (KeyError, IndexError, ValueError) as error:
+        raise ValueError(f"{path}: damaged PLY header: {error}") from error
+    for element in before:  # each takes at least this much of the file
+        least = LEAST_TEXT * len(element.properties) - 1
+        if order:
+            least = sum(
+                np.dtype(p.length or p.type).itemsize for p in element.properties
+            )
+        need(path, start, element.rows, max(least, 1))
+    if not order:
+        return _text(path, path.read_bytes()[start:].split(), before)
+    columns = {}
+    for element in before:
+        columns, start = _rows(path, start, element, order)
+    return columns
+
+
+def _header(text):
+    """Byte order (empty for text) and elements."""
+    order, elements = None, []
+    for line in text.splitlines():
+        words = line.split()
+        if words[:1] == ["format"]:
+            order = ORDERS[words[1]]
+        elif words[:1] == ["element"]:
+            if int(words[2]) < 0:
+                raise ValueError(line)
+            elements.append(Element(words[1], int(words[2]), []))
+        elif words[:2] == ["property", "list"]:
+            _, _, length, kind, name = words
+            elements[-1].properties.append(Property(name, TYPES[kind], TYPES[length]))
+        elif words[:1] == ["property"]:
+            _, kind, name = words
+            elements[-1].properties.append(Property(name, TYPES[kind]))
+    if order is None:
+        raise ValueError("no format")
+    return order, elements
+
+
+def _rows(path, start, element, order):
+    """Columns of an element's numbers in binary, and where the next element begins."""
+    numbers = [p for p in element.properties if not p.length]
+    row = np.dtype([(p.name, order + p.type) for p in numbers])
+    if len(numbers) == len(element.properties):
+        need(path, start, element.rows, row.itemsize)
+        table = np.fromfile(path, row, element.rows, offset=start)
+        table = table.astype(row.newbyteorder("="))
+        end = start + element.rows * row.itemsize
+        return {name: table[name] for name in row.names or ()}, end
+    data, kept = path.read_bytes(), bytearray()
+    for _ in range(element.rows):
+        for entry in element.properties:
+            size = np.dtype(entry.type).itemsize
+            if entry.length:
+                form = np.dtype(order + entry.length)
+                length = np.frombuffer(data[start : start + form.itemsize], form)
+                start += form.itemsize
+                size *= int(length.sum())  # of one number, of none where the file ends
+            else:
+                kept += data[start : start + size]
+            if size < 0 or start + size > len(data):
+                raise ValueError(_cut(path, element))
+            start += size
+    if not numbers:
+        return {}, start
+    table = np.frombuffer(bytes(kept), row).astype(row.newbyteorder("="))
+    return {name: table[name] for name in row.names or ()}, start
+
+
+def _text(path, words, elements):
+    """Columns of the numbers of the last of `elements`, whose rows are words."""
+    at, kept = 0, list[bytes]()
+    for element in elements:
+        kept.clear()
+        for _ in range(element.rows):
+            for entry in element.properties:
+                if not entry.length:
+                    kept += words[at : at + 1]
+                at += 1
+                if entry.length and at <= len(words) and words[at - 1].isdigit():
+                    at += int(words[at - 1])
+                elif entry.length or at > len(words):
+                    raise ValueError(_cut(path, element))
+    numbers = [p for p in elements[-1].properties if not p.length]
+    row = np.dtype([(p.name, p.type) for p in numbers])
+    return columns_of_words(path, kept, row)
+
+
+def _cut(path, element):
+    return f"{path}: the rows of {element.name} are damaged, or the file is truncated"

@@ -1,0 +1,116 @@
+"""A recording: radar frames and what other sensors saw beside them, read when asked.
+
+Readers of every format return a `Recording`; preparation, the command line and the
+benchmarks know nothing else. What a recording lacks is None.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jradar.lidar import Poses, transform
+from jradar.radar import RadarSpec, calibrate_channels, calibrate_frequency_phase
+from jradar.recordings.coloradar_calib import FrequencyPhase
+
+
+class Stream(Sequence):
+    """Items of one sensor in the order of their recording; opening reads none."""
+
+    def __init__(
+        self,
+        read: Callable[[int], np.ndarray],
+        count: int,
+        stamps: np.ndarray | None = None,
+        notes: tuple[str, ...] = (),
+    ):
+        """`read(i)` returns item i of `count`; `stamps` are seconds, float64 [item].
+
+        `notes` say what is doubtful about the stream.
+        """
+        if stamps is not None and len(stamps) != count:
+            raise ValueError(f"{len(stamps)} stamps for {count} items")
+        self.stamps, self.notes = stamps, notes
+        self._read, self._count = read, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, index: int | slice) -> Any:
+        """Item `index`, read from its file."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"item {index} of {len(self)}")
+        return self._read(index % len(self))
+
+
+class Recording(NamedTuple):
+    """One sequence or capture. All transforms are 4 x 4 matrices in float64."""
+
+    name: str  # of the sequence, as records name it
+    path: Path
+    radar: RadarSpec
+    cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts
+    lidar: Stream | None = None  # float32 [point, 4]: x y z intensity, LiDAR's frame
+    poses: Poses | None = None  # of the base in the world
+    base_from_radar: Float[np.ndarray, "4 4"] | None = None
+    base_from_lidar: Float[np.ndarray, "4 4"] | None = None
+    coupling: Complex[np.ndarray, "tx rx half_range"] | None = None
+    frequency_phase: FrequencyPhase | None = None
+    channel_factors: Complex[np.ndarray, " virtual"] | None = None  # of a TI .cfg
+    range_bias_m: float = 0.0  # of a TI .cfg; to subtract from ranges
+    lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
+    notes: tuple[str, ...] = ()  # what was mended or is doubtful, for people
+
+
+def calibrated_cube(
+    recording: Recording, frame: int
+) -> Complex[Array | np.ndarray, "tx rx chirp sample"]:
+    """A frame with the calibration of its antennas, where the recording holds any.
+
+    The coupling is not in it: that is subtracted from a spectrum.
+    """
+    cube, measured = recording.cubes[frame], recording.frequency_phase
+    if recording.channel_factors is not None:
+        cube = calibrate_channels(cube, recording.channel_factors)
+    if measured is not None:
+        cube = calibrate_frequency_phase(
+            cube,
+            measured.frequency,
+            measured.phase,
+            recording.radar,
+            calibration_slope_hz_per_s=measured.slope_hz_per_s,
+            calibration_rate_hz=measured.sample_rate_hz,
+        )
+    return cube
+
+
+def radar_from_lidar(recording: Recording) -> Float[np.ndarray, "4 4"] | None:
+    """Transform of LiDAR points to the radar's frame; None where it is not known."""
+    if recording.base_from_radar is None or recording.base_from_lidar is None:
+        return None
+    return np.linalg.inv(recording.base_from_radar) @ recording.base_from_lidar
+
+
+def nearest_scan(
+    recording: Recording, frame: int, *, tolerance_s: float = 0.05
+) -> Float[np.ndarray, "point 3"] | None:
+    """The returns of the LiDAR scan nearest in time to a frame, in the radar's frame.
+
+    Points at (0, 0, 0) are missing returns and left out. None where there is no scan
+    within `tolerance_s`, or stamps or transforms are not known.
+    """
+    cubes, lidar, move = recording.cubes, recording.lidar, radar_from_lidar(recording)
+    if lidar is None or move is None or not len(lidar):
+        return None
+    if cubes.stamps is None or lidar.stamps is None:
+        return None
+    apart = np.abs(lidar.stamps - cubes.stamps[frame])
+    if apart.min() > tolerance_s:
+        return None
+    xyz = lidar[int(apart.argmin())][:, :3]
+    kept = np.isfinite(xyz).all(1) & (xyz != 0).any(1)
+    return transform(move, xyz[kept])

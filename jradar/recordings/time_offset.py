@@ -1,0 +1,188 @@
+r"""The time between the clocks of a radar and a LiDAR, from motion that both saw.
+
+Files of ADC samples carry no time, so the radar's may be off by seconds. How fast the
+scene moves, as each sensor sees it, rises and falls at the same moments:
+
+    radar    ___/\____/'\___          correlation of the two at every offset; the
+    LiDAR        ___/\____/'\___      highest is the offset, its lead over the next
+             ->|   |<- offset         highest says how far it can be trusted
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from jradar.radar import RadarSpec
+from jradar.recordings.recording import Recording, Stream
+
+MAX_FRAMES, MAX_CLOUDS = 200, 400  # that are read
+PERIOD_S = 0.1  # motion is looked at no more often
+SECTORS = (72, 18)  # directions, azimuth x elevation, whose ranges are compared
+LEAST_OVERLAP = 0.5  # of the shorter signal, at any offset
+
+
+def estimate_time_offset(
+    radar_stamps: Float[np.ndarray, " frame"],
+    radar_motion: Float[np.ndarray, " frame"],
+    lidar_stamps: Float[np.ndarray, " cloud"],
+    lidar_motion: Float[np.ndarray, " cloud"],
+    *,
+    max_offset_s: float = 5.0,
+) -> tuple[float, float]:
+    """Seconds to add to the radar's stamps, and the confidence in them, 0 to 1.
+
+    Normalised cross-correlation on a common clock of half the finer period, its peak
+    between samples from a parabola. The confidence is the correlation at the peak less
+    that of the next peak. Raises ValueError for signals of fewer than 8 samples, and
+    for stamps that do not rise.
+    """
+    if min(len(radar_stamps), len(lidar_stamps)) < 8:
+        raise ValueError(
+            f"{len(radar_stamps)} radar frames and {len(lidar_stamps)} clouds, "
+            "expected 8 or more of each to compare their motion"
+        )
+    for stamps in (radar_stamps, lidar_stamps):
+        if not (np.diff(stamps) > 0).all():
+            raise ValueError("the stamps do not rise, expected rising ones")
+    periods = [np.median(np.diff(stamps)) for stamps in (radar_stamps, lidar_stamps)]
+    step = 0.5 * float(min(periods))
+    least = LEAST_OVERLAP * min(np.ptp(radar_stamps), np.ptp(lidar_stamps)) / step
+    clock = np.arange(lidar_stamps[0], lidar_stamps[-1], step)
+    lidar = np.interp(clock, lidar_stamps, lidar_motion)
+    reach = int(np.ceil(max_offset_s / step))
+    offsets = np.arange(-reach, reach + 1) * step
+    correlation = np.zeros(len(offsets))
+    for at, offset in enumerate(offsets):
+        there = clock - offset  # on the radar's clock
+        both = (there >= radar_stamps[0]) & (there <= radar_stamps[-1])
+        if both.sum() >= least:
+            radar = np.interp(there[both], radar_stamps, radar_motion)
+            correlation[at] = _correlation(radar, lidar[both])
+    peak = int(correlation.argmax())
+    shift = 0.0
+    if 0 < peak < len(offsets) - 1:
+        left, top, right = correlation[peak - 1 : peak + 2]
+        bend = left - 2 * top + right
+        shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    confidence = max(correlation[peak] - _next_peak(correlation, peak), 0.0)
+    return float(offsets[peak] + shift * step), float(confidence)
+
+
+def propose_offset(
+    recording: Recording, *, max_offset_s: float = 5.0
+) -> tuple[float, float]:
+    """`estimate_time_offset` of a recording; reads some hundred frames of each sensor.
+
+    Raises ValueError where it has no LiDAR or no stamps, or is too short.
+    """
+    cubes, clouds = recording.cubes, recording.lidar
+    if clouds is None or clouds.stamps is None or cubes.stamps is None:
+        raise ValueError(f"{recording.name}: an offset needs stamps of both sensors")
+    frames = _chosen(cubes.stamps, -np.inf, np.inf)[:MAX_FRAMES]
+    first, last = cubes.stamps[frames[[0, -1]]] if len(frames) else (0.0, 0.0)
+    near = _chosen(clouds.stamps, first - max_offset_s, last + max_offset_s)[
+        :MAX_CLOUDS
+    ]
+    if min(len(frames), len(near)) < 9:
+        raise ValueError(
+            f"{recording.name}: {len(frames)} radar frames and {len(near)} clouds "
+            f"within {max_offset_s} s of them, expected 9 or more of each"
+        )
+    radar = recording.radar
+    if radar.num_chirps >= 8:
+        motion = np.array([radar_speed(cubes[int(i)], radar) for i in frames])
+    else:
+        motion = _changes(cubes, frames, _radar_change)
+        frames = frames[1:]
+    change = _changes(clouds, near, _lidar_change)
+    stamps = clouds.stamps[near]
+    return estimate_time_offset(
+        cubes.stamps[frames],
+        motion,
+        0.5 * (stamps[1:] + stamps[:-1]),
+        change / np.maximum(np.diff(stamps), 1e-6),
+        max_offset_s=max_offset_s,
+    )
+
+
+def radar_speed(
+    cube: Complex[np.ndarray, "tx rx chirp sample"], radar: RadarSpec
+) -> float:
+    """Mean speed in m/s over a frame's echoes, weighted by their power; 0 of silence.
+
+    Of one pair of antennas, and less the median over Doppler bins, which is noise.
+    """
+    chirps = (
+        cube[0, 0]
+        * np.hanning(radar.num_samples)
+        * np.hanning(radar.num_chirps)[:, None]
+    )
+    power = (np.abs(np.fft.fft2(chirps)) ** 2).sum(-1)
+    power = np.maximum(power - np.median(power), 0)
+    speed = np.abs(np.fft.fftfreq(radar.num_chirps)) * 2 * radar.max_velocity_mps
+    return float((power * speed).sum() / power.sum()) if power.any() else 0.0
+
+
+def _chosen(stamps, first, last):
+    """Indices of items from `first` to `last`, `PERIOD_S` apart."""
+    inside = np.flatnonzero((stamps >= first) & (stamps <= last))
+    if len(inside) < 2:
+        return inside
+    period = float(np.median(np.diff(stamps[inside])))
+    return inside[:: max(round(PERIOD_S / max(period, 1e-9)), 1)]
+
+
+def _changes(
+    items: Stream, chosen: np.ndarray, change: Callable[[np.ndarray, np.ndarray], float]
+) -> Float[np.ndarray, " change"]:
+    """`change` between each two that follow one another."""
+    before, result = items[int(chosen[0])], []
+    for index in chosen[1:]:
+        after = items[int(index)]
+        result.append(change(before, after))
+        before = after
+    return np.array(result)
+
+
+def _radar_change(before, after):
+    """Part of the power of a frame that is not as it was in the frame before."""
+    power = (np.abs(before) ** 2).sum() + (np.abs(after) ** 2).sum()
+    return float((np.abs(after - before) ** 2).sum() / power) if power else 0.0
+
+
+def _lidar_change(before, after):
+    """Median change in metres of the mean range in the directions that both saw."""
+    a, b = _mean_ranges(before), _mean_ranges(after)
+    seen = np.isfinite(a) & np.isfinite(b)
+    return float(np.median(np.abs(a - b)[seen])) if seen.any() else 0.0
+
+
+def _mean_ranges(cloud):
+    xyz = cloud[:, :3].astype(float)
+    ranges = np.linalg.norm(xyz, axis=1)
+    azimuth = (np.arctan2(xyz[:, 1], xyz[:, 0]) / (2 * np.pi)) % 1 * SECTORS[0]
+    rise = np.arcsin(np.clip(xyz[:, 2] / np.maximum(ranges, 1e-9), -1, 1)) / np.pi + 0.5
+    cell = np.minimum(azimuth.astype(int), SECTORS[0] - 1) * SECTORS[1]
+    cell += np.minimum((rise * SECTORS[1]).astype(int), SECTORS[1] - 1)
+    cells = SECTORS[0] * SECTORS[1]
+    with np.errstate(invalid="ignore"):
+        return np.bincount(cell, ranges, cells) / np.bincount(cell, minlength=cells)
+
+
+def _correlation(a, b):
+    """Pearson's correlation; 0 where one does not vary."""
+    a, b = a - a.mean(), b - b.mean()
+    scale = np.sqrt((a @ a) * (b @ b))
+    return a @ b / scale if scale > 1e-12 else 0.0
+
+
+def _next_peak(correlation, peak):
+    """The highest correlation outside the hill of the peak, 0 where there is none."""
+    left = right = peak
+    while left > 0 and correlation[left - 1] < correlation[left]:
+        left -= 1
+    while right < len(correlation) - 1 and correlation[right + 1] < correlation[right]:
+        right += 1
+    outside = np.append(correlation[:left], correlation[right + 1 :])
+    return max(outside.max(initial=0.0), 0.0)

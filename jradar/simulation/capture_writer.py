@@ -1,0 +1,227 @@
+"""The same scenes as a capture of one's own: DCA1000 samples, TI's .cfg, a Livox's bag.
+
+FAMILY_SEED/adc_data.bin      int16, [frame][chirp][tx][rx], I0 I1 Q0 Q1
+FAMILY_SEED/awr1843.cfg       the radar's configuration
+FAMILY_SEED/lidar.bag         /livox/lidar (CustomMsg), /livox/imu, ROS 1
+FAMILY_SEED/poses.txt         of the base, as TUM writes them: t x y z qx qy qz qw
+FAMILY_SEED/capture.toml      what all that is, so that every command reads the folder
+FAMILY_SEED/timestamps.txt    when the radar's frames truly began, seconds since 1970
+"""
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jradar.files import atomic_path
+from jradar.radar import RadarSpec
+from jradar.simulation import coloradar_writer as files
+from jradar.simulation.rig import EXTRINSICS, sensor_pose
+from jradar.simulation.scanner import (
+    MID360,
+    MID360_LINES,
+    mid360_rays,
+    scan,
+)
+from jradar.simulation.sequence import (
+    EPOCH_S,
+    Setting,
+    imu_records,
+    make_setting,
+    radar_frames,
+    stream_stamps,
+)
+
+FIRING_MASKS = (1, 4, 2)  # ColoRadar's order of the AWR1843's transmitters
+CUSTOM_POINT = """\
+uint32 offset_time
+float32 x
+float32 y
+float32 z
+uint8 reflectivity
+uint8 tag
+uint8 line
+"""
+CUSTOM_MSG = """\
+std_msgs/Header header
+uint64 timebase
+uint32 point_num
+uint8 lidar_id
+uint8[3] rsvd
+livox_ros_driver2/CustomPoint[] points
+"""
+STANDARD_GRAVITY = 9.80665  # Livox's IMU counts in it
+
+
+def simulate_capture(
+    family: str,
+    seed: int,
+    root: Path | str,
+    *,
+    frames: int = 50,
+    advance: Callable[[], None] = lambda: None,
+) -> Path:
+    """Write a capture of `frames` frames to `root/FAMILY_SEED`; returns the folder.
+
+    Needs rosbags (the extra `ros`).
+    """
+    if frames < 1:
+        raise ValueError(f"frames = {frames}, expected 1 or more")
+    bags = _rosbags()
+    setting = make_setting(family, seed, sensor="single_chip")
+    radar, _ = setting.radars["single_chip"]
+    stamps = stream_stamps(setting, "single_chip", frames / 10.0)
+    folder = Path(root) / setting.scene.name
+    with atomic_path(folder) as scratch:
+        scratch.mkdir()
+        write_cfg(scratch / "awr1843.cfg", radar, frame_period_s=0.1)
+        files.write_stamps(scratch, EPOCH_S + stamps)
+        poses = stream_stamps(setting, "groundtruth", frames / 10.0)
+        xyz, turn = sensor_pose(setting.scene.platform, "base", poses)
+        turned = Rotation.from_matrix(turn).as_quat()
+        rows = np.column_stack([EPOCH_S + poses, xyz, turned])
+        np.savetxt(scratch / "poses.txt", rows, fmt="%.6f")
+        write_description(scratch / "capture.toml", start_time_s=EPOCH_S + stamps[0])
+        with open(scratch / "adc_data.bin", "wb") as samples:
+            for frame in radar_frames(setting, "single_chip", stamps):
+                samples.write(dca1000_bytes(np.asarray(frame)))
+                advance()
+        _write_bag(scratch / "lidar.bag", bags, setting, frames)
+    return folder
+
+
+def write_description(path: Path, *, start_time_s: float) -> None:
+    """The `capture.toml` of a simulated capture."""
+    place = {
+        sensor: f"xyz = {[*map(float, xyz)]}\nquaternion = {[*map(float, turn)]}\n"
+        for sensor, (xyz, turn) in EXTRINSICS.items()
+    }
+    path.write_text(
+        '[radar]\nfile = "adc_data.bin"\ndescription = "awr1843.cfg"\n'
+        f"start_time_s = {start_time_s:.6f}\n{place['single_chip']}\n"
+        f'[lidar]\nfile = "lidar.bag"\ntopic = "/livox/lidar"\n{place["livox"]}\n'
+        '[poses]\nfile = "poses.txt"\n',
+        encoding="utf-8",
+    )
+
+
+def dca1000_bytes(frame: np.ndarray) -> bytes:
+    """A frame [tx, rx, chirp, sample, 2] in the order in which the card stores it."""
+    tx, rx, chirps, samples, _ = frame.shape
+    pairs = frame.transpose(2, 0, 1, 3, 4).reshape(chirps, tx, rx, samples // 2, 2, 2)
+    return np.ascontiguousarray(pairs.swapaxes(-1, -2)).astype("<i2").tobytes()
+
+
+def write_cfg(path: Path, radar: RadarSpec, *, frame_period_s: float) -> None:
+    """A `.cfg` of TI's mmWave SDK that sets an AWR1843 up as `radar` is."""
+    profile = [
+        *(0, radar.start_frequency_hz / 1e9, radar.idle_time_s * 1e6),
+        *(radar.adc_start_time_s * 1e6, radar.ramp_end_time_s * 1e6, 0, 0),
+        *(radar.slope_hz_per_s / 1e12, 0, radar.num_samples),
+        *(radar.sample_rate_hz / 1e3, 0, 0, 30),
+    ]
+    masks, period_ms = FIRING_MASKS[: radar.num_tx], frame_period_s * 1e3
+    lines = [
+        "% Written by jradar simulate: ColoRadar's single chip",
+        "sensorStop",
+        "flushCfg",
+        "dfeDataOutputMode 1",
+        f"channelCfg 15 {sum(masks)} 0",
+        "adcCfg 2 1",
+        "adcbufCfg -1 0 0 1 1",
+        "profileCfg " + " ".join(f"{round(v, 9):.12g}" for v in profile),
+        *(f"chirpCfg {k} {k} 0 0 0 0 0 {mask}" for k, mask in enumerate(masks)),
+        f"frameCfg 0 {len(masks) - 1} {radar.num_chirps} 0 {period_ms:g} 1 0",
+        "lvdsStreamCfg -1 0 1 0",
+        "compRangeBiasAndRxChanPhase 0.0" + " 1 0" * 12,
+        "sensorStart",
+    ]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def _write_bag(path: Path, bags: Any, setting: Setting, frames: int) -> None:
+    """LiDAR frames and IMU records of the Livox."""
+    store = bags.typesys.get_typestore(bags.typesys.Stores.ROS1_NOETIC)
+    for name, text in (("CustomPoint", CUSTOM_POINT), ("CustomMsg", CUSTOM_MSG)):
+        kind = f"livox_ros_driver2/msg/{name}"
+        store.register(bags.typesys.get_types_from_msg(text, kind))
+    stamps = stream_stamps(setting, "lidar", frames / 10.0)
+    with bags.rosbag1.Writer(path) as bag:
+        kind = "livox_ros_driver2/msg/CustomMsg"
+        points = bag.add_connection("/livox/lidar", kind, typestore=store)
+        for frame, time_s in enumerate(stamps):
+            message = _livox_message(store, setting, frame, float(time_s))
+            stamp = message.timebase
+            bag.write(points, stamp, store.serialize_ros1(message, kind))
+        kind = "sensor_msgs/msg/Imu"
+        inertial = bag.add_connection("/livox/imu", kind, typestore=store)
+        times = stream_stamps(setting, "imu", frames / 10.0)
+        for time_s, record in zip(times, imu_records(setting, times), strict=True):
+            stamp = round((EPOCH_S + time_s) * 1e6) * 1000
+            message = _imu_message(store, stamp, record)
+            bag.write(inertial, stamp, store.serialize_ros1(message, kind))
+
+
+def _livox_message(store: Any, setting: Setting, frame: int, time_s: float) -> Any:
+    """A CustomMsg of one scan; returns that are lost stay in it as (0, 0, 0)."""
+    directions, seconds = mid360_rays(frame)
+    random = np.random.default_rng([setting.seed, 3, frame])
+    platform = setting.scene.platform
+    cloud = scan(
+        random, setting.scene, platform, time_s, directions, seconds, lidar=MID360
+    )
+    types = store.types
+    stamp = round((EPOCH_S + time_s) * 1e6) * 1000
+    offsets = np.rint(seconds * 1e9).astype(int).tolist()
+    brightness = np.clip(cloud[:, 3], 0, 255).astype(int).tolist()
+    point = types["livox_ros_driver2/msg/CustomPoint"]
+    points = [
+        point(offset, x, y, z, bright, 0, k % MID360_LINES)
+        for k, (offset, (x, y, z), bright) in enumerate(
+            zip(offsets, cloud[:, :3].tolist(), brightness, strict=True)
+        )
+    ]
+    return types["livox_ros_driver2/msg/CustomMsg"](
+        header=_header(types, stamp, "livox_frame"),
+        timebase=stamp,
+        point_num=len(points),
+        lidar_id=0,
+        rsvd=np.zeros(3, np.uint8),
+        points=points,
+    )
+
+
+def _imu_message(store: Any, stamp: int, record: np.ndarray) -> Any:
+    """An Imu message of the base's IMU, with forces in units of gravity."""
+    types = store.types
+    vector = types["geometry_msgs/msg/Vector3"]
+    unknown = np.zeros(9)
+    return types["sensor_msgs/msg/Imu"](
+        header=_header(types, stamp, "livox_frame"),
+        orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+        orientation_covariance=unknown,
+        angular_velocity=vector(*record[3:].tolist()),
+        angular_velocity_covariance=unknown,
+        linear_acceleration=vector(*(record[:3] / STANDARD_GRAVITY).tolist()),
+        linear_acceleration_covariance=unknown,
+    )
+
+
+def _header(types: Any, stamp: int, frame: str) -> Any:
+    """A header with a stamp in nanoseconds."""
+    time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
+    return types["std_msgs/msg/Header"](seq=0, stamp=time, frame_id=frame)
+
+
+def _rosbags() -> Any:
+    """The package rosbags with the modules that are needed."""
+    try:
+        package = importlib.import_module("rosbags")
+        for module in ("rosbag1", "typesys"):
+            importlib.import_module(f"rosbags.{module}")
+    except ImportError as error:
+        raise ImportError("bags need rosbags: pip install 'jradar[ros]'") from error
+    return package

@@ -1,0 +1,114 @@
+"""Files of ColoRadar's layout (Kramer et al. 2022): the calib folder and its records.
+
+    calib/transforms/base_to_X.txt          calib/single_chip/..   calib/cascade/..
+    SEQUENCE/single_chip/adc_samples/       timestamps.txt  data/frame_N.bin
+    SEQUENCE/lidar/                         timestamps.txt  pointclouds/lidar_..N.bin
+    SEQUENCE/groundtruth/  imu/             timestamps.txt  and one text file
+
+Shipped heat maps and point clouds are left out: they are made from the samples.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from jradar.files import atomic_path
+from jradar.radar import RadarSpec
+from jradar.simulation.radar import Hardware, channel_factors
+from jradar.simulation.rig import EXTRINSICS
+
+WAVEFORM = {  # key of the file: field of the radar, in the converter's order
+    "num_rx": "num_rx",
+    "num_tx": "num_tx",
+    "num_adc_samples_per_chirp": "num_samples",
+    "num_chirps_per_frame": "num_chirps",
+    "adc_sample_frequency": "sample_rate_hz",
+    "start_frequency": "start_frequency_hz",
+    "idle_time": "idle_time_s",
+    "adc_start_time": "adc_start_time_s",
+    "ramp_end_time": "ramp_end_time_s",
+    "frequency_slope": "slope_hz_per_s",
+}
+IN_CALIB = ("single_chip", "cascade", "lidar", "imu")
+NOTE = "simulated.txt"
+CALIBRATED_AT_BIN = 100.0  # of the target that the phase calibration was made with
+
+
+def write_calib(folder: Path, radars: dict[str, tuple[RadarSpec, Hardware]]) -> None:
+    """The `calib` folder of a rig with these radars, in one step.
+
+    Raises ValueError where there is a `calib` that was not written here.
+    """
+    if folder.exists() and not (folder / NOTE).exists():
+        raise ValueError(
+            f"{folder} was not simulated: write to a folder of its own, lest the "
+            "calibration of real recordings is replaced"
+        )
+    with atomic_path(folder) as scratch:
+        transforms = scratch / "transforms"
+        transforms.mkdir(parents=True)
+        (scratch / NOTE).write_text("Written by `jradar simulate`.\n")
+        for sensor in IN_CALIB:
+            lines = (" ".join(map(repr, row)) for row in EXTRINSICS[sensor])
+            (transforms / f"base_to_{sensor}.txt").write_text("\n".join(lines) + "\n")
+        for sensor, (radar, hardware) in radars.items():
+            (scratch / sensor).mkdir()
+            _write_radar(scratch / sensor, radar, hardware)
+
+
+def write_stamps(folder: Path, stamps: Float[np.ndarray, " item"]) -> None:
+    """`timestamps.txt`: seconds since 1970, to the microsecond."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = "".join(f"{stamp:.6f}\n" for stamp in stamps)
+    (folder / "timestamps.txt").write_text(text)
+
+
+def write_rows(path: Path, rows: Float[np.ndarray, "item column"]) -> None:
+    """A text file with one record a line."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(" ".join(f"{v:.9g}" for v in row) + "\n" for row in rows))
+
+
+def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
+    """Waveform, antennas and calibration of one radar."""
+    waveform = (f"{key} {getattr(radar, field)!r}" for key, field in WAVEFORM.items())
+    (folder / "waveform_cfg.txt").write_text("\n".join(waveform) + "\n")
+    antennas = [
+        f"num_rx {radar.num_rx}",
+        f"num_tx {radar.num_tx}",
+        f"F_design {radar.design_frequency_hz / 1e9!r}",
+    ]
+    for kind, places in (("rx", radar.rx_positions), ("tx", radar.tx_positions)):
+        antennas += [f"{kind} {k} {a} {e}" for k, (a, e) in enumerate(places)]
+    (folder / "antenna_cfg.txt").write_text("\n".join(antennas) + "\n")
+
+    half = radar.num_samples // 2
+    phase = 2 * np.pi * np.arange(radar.num_samples) / radar.num_samples
+    blackman = 0.42 - 0.5 * np.cos(phase) + 0.08 * np.cos(2 * phase)
+    calibrated = folder.name == "cascade"  # the coupling lies behind it
+    leakage = hardware.leakage
+    if not calibrated:
+        leakage = leakage * channel_factors(hardware, radar)
+    coupling = np.fft.fft(leakage * blackman)[..., 1 : half + 1]
+    numbers = coupling.ravel().view(float)
+    (folder / "coupling_calib.txt").write_text(
+        f"num_tx:{radar.num_tx}\nnum_rx:{radar.num_rx}\nnum_range_bins:{half}\n"
+        f"num_doppler_bins:{radar.num_chirps}\n"
+        "data:" + ",".join(f"{number:.6g}" for number in numbers) + "\n"
+    )
+    if not calibrated:
+        return
+    calibration = {
+        "numRx": radar.num_rx,
+        "numTx": radar.num_tx,
+        "frequencySlope": radar.slope_hz_per_s,
+        "samplingRate": radar.sample_rate_hz,
+        "frequencyCalibrationMatrix": [
+            round(CALIBRATED_AT_BIN + f, 9) for f in hardware.frequency.ravel().tolist()
+        ],
+        "phaseCalibrationMatrix": hardware.phase.ravel().view(float).round(9).tolist(),
+    }
+    path = folder / "phase_frequency_calib.txt"
+    path.write_text(json.dumps({"antennaCalib": calibration}))

@@ -1,0 +1,83 @@
+"""Furniture of simulated rooms: each a solid on z = 0, drawn from a generator."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from jradar.simulation.solids import Solid, box, join, moved, pole
+
+
+def pick(random: np.random.Generator, makers: list[Callable]) -> Callable:
+    """One of several functions."""
+    return makers[random.integers(len(makers))]
+
+
+def hall_item(random: np.random.Generator) -> Solid:
+    """Something that stands in corridors."""
+    return pick(random, [cabinet, bench, waste_bin, shelf])(random)
+
+
+def cabinet(random: np.random.Generator) -> Solid:
+    """A cabinet of metal or wood."""
+    size = (random.uniform(0.5, 1.0), 0.45, random.uniform(0.8, 1.9))
+    return box(size, str(random.choice(["metal", "metal", "wood"])))
+
+
+def bench(random: np.random.Generator) -> Solid:
+    """A bench of wood on two legs of metal."""
+    seat = moved(box((1.3, 0.4, 0.05), "wood"), (0, 0, 0.43))
+    legs = [moved(box((0.05, 0.35, 0.43), "metal"), (x, 0, 0)) for x in (-0.5, 0.5)]
+    return join([seat, *legs])
+
+
+def waste_bin(random: np.random.Generator) -> Solid:
+    """A bin of metal or plastic."""
+    return pole(0.2, random.uniform(0.5, 0.9), str(random.choice(["metal", "plastic"])))
+
+
+def table(random: np.random.Generator) -> Solid:
+    """A table with a screen on it."""
+    width = random.uniform(1.2, 1.8)
+    top = moved(box((width, 0.75, 0.03), "wood"), (0, 0, 0.71))
+    legs = [
+        moved(box((0.04, 0.04, 0.71), "metal"), (x * (width / 2 - 0.05), y * 0.33, 0))
+        for x in (-1, 1)
+        for y in (-1, 1)
+    ]
+    screen = moved(
+        box((0.55, 0.03, 0.35), "plastic"), (random.uniform(-0.3, 0.3), 0.2, 0.85)
+    )
+    return join([top, *legs, screen])
+
+
+def shelf(random: np.random.Generator) -> Solid:
+    """A shelf of metal with boxes in it."""
+    height = random.uniform(1.4, 2.1)
+    boards = [
+        moved(box((0.9, 0.35, 0.03), "metal"), (0, 0, z))
+        for z in np.linspace(0.1, height, 5)
+    ]
+    posts = [
+        moved(box((0.04, 0.04, height), "metal"), (x, y, 0))
+        for x in (-0.43, 0.43)
+        for y in (-0.15, 0.15)
+    ]
+    boxes = [
+        moved(
+            box((random.uniform(0.2, 0.5), 0.25, 0.25), "wood"),
+            (random.uniform(-0.25, 0.25), 0, z + 0.03),
+        )
+        for z in np.linspace(0.1, height, 5)[:-1]
+    ]
+    return join([*boards, *posts, *boxes])
+
+
+def chair(random: np.random.Generator) -> Solid:
+    """A chair on one leg."""
+    parts = [
+        moved(box((0.45, 0.45, 0.05), "plastic"), (0, 0, 0.43)),
+        moved(box((0.05, 0.42, 0.5), "plastic"), (-0.22, 0, 0.48)),
+        pole(0.03, 0.43, "metal", sides=8),
+        moved(box((0.5, 0.06, 0.04), "metal"), (0, 0, 0.02)),
+    ]
+    return join(parts)

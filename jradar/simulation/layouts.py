@@ -1,0 +1,362 @@
+"""Procedural scenes in the manner of ColoRadar's places, each a function of a seed.
+
+hallways   a ring of corridors with doors, columns, lockers, rooms behind drywall
+mine       a winding tunnel with rough rock walls, timber and pipes
+lab        a hall of shelves, tables and chairs with people about
+outdoor    a yard among buildings: trees, poles, parked and moving cars
+corridor   one long corridor with a glass front
+hall       a high entrance hall with columns, glass and people
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from jradar.simulation.furniture import (
+    bench,
+    cabinet,
+    chair,
+    hall_item,
+    pick,
+    shelf,
+    table,
+)
+from jradar.simulation.motion import walk
+from jradar.simulation.scene import Body, Scene, make_body
+from jradar.simulation.solids import (
+    Solid,
+    boulder,
+    box,
+    car,
+    join,
+    moved,
+    person,
+    pole,
+    sheet,
+    slab,
+    tree,
+    wall,
+)
+from jradar.simulation.tunnel import tunnel
+
+EYE_M = 1.2  # height at which the rig is carried
+
+
+def make_scene(family: str, seed: int) -> Scene:
+    """The scene number `seed` of a family; ValueError for a family that is not known.
+
+    The same family and seed give the same scene, on every machine.
+    """
+    if family not in FAMILIES:
+        raise ValueError(f"scene {family!r}, expected one of {', '.join(FAMILIES)}")
+    random = np.random.default_rng([seed, *family.encode()])
+    statics, movers, way, speed = FAMILIES[family](random)
+    world = make_body(random, join(statics))
+    bodies = [world, *movers]
+    at_eye = np.column_stack([way, np.full(len(way), random.uniform(-0.15, 0.15))])
+    at_eye[:, 2] += EYE_M
+    platform = walk(random, at_eye, speed_mps=speed, rounding_m=0.7, hand_held=True)
+    return Scene(f"{family}_{seed}", tuple(bodies), platform)
+
+
+def hallways(random: np.random.Generator):
+    """A ring of corridors about a core, and rooms behind some of its walls."""
+    length, depth = random.uniform(16, 26), random.uniform(9, 16)
+    width, height = random.uniform(1.9, 2.8), random.uniform(2.4, 3.0)
+    outer = _ring(length, depth)
+    inner = _ring(length - 2 * width, depth - 2 * width, offset=width)
+    back = _ring(length + 7, depth + 7, offset=-3.5)
+    floor = slab((-4, -4), (length + 4, depth + 4), 0.0, "floor")
+    top = slab((-4, -4), (length + 4, depth + 4), height, "ceiling")
+    parts = [floor, top]
+    for k in range(4):
+        a, b = outer[k], outer[(k + 1) % 4]
+        kinds = ["wood", "metal", "wood", "column", "glass"]
+        parts.append(_wall(random, b, a, height, "drywall", kinds))
+        a, b = inner[k], inner[(k + 1) % 4]
+        parts.append(
+            _wall(random, a, b, height, "drywall", ["wood", "metal", "column"])
+        )
+        a, b = back[k], back[(k + 1) % 4]
+        parts.append(wall(tuple(b), tuple(a), height, "concrete"))
+    for _ in range(random.integers(6, 11)):  # along the walls of the corridors
+        corner = int(random.integers(4))
+        parts.append(_along(random, outer, corner, 0.28, hall_item(random)))
+    for _ in range(8):  # behind the drywall, where only the radar looks
+        x = random.uniform(width + 0.6, length - width - 0.6)
+        y = random.uniform(width + 0.6, depth - width - 0.6)
+        parts.append(
+            moved(cabinet(random), (x, y, 0), yaw=random.integers(4) * np.pi / 2)
+        )
+    middle = _ring(length - width, depth - width, offset=width / 2)
+    parts += _lamps(random, middle, height)
+    movers = [_walker(random, middle + random.uniform(-0.4, 0.4)) for _ in range(2)]
+    way = middle if random.random() < 0.5 else middle[::-1]
+    return parts, movers, way, random.uniform(0.8, 1.2)
+
+
+def mine(random: np.random.Generator):
+    """A closed drift through rock."""
+    rock, middle = tunnel(random)
+    parts = [rock]
+    step = len(middle) // 14
+    for k in range(0, len(middle), step):
+        here, there = middle[k], middle[(k + 1) % len(middle)]
+        yaw = float(np.arctan2(*(there - here)[::-1]))
+        side = random.choice([-1, 1])
+        aside = np.array([-np.sin(yaw), np.cos(yaw)]) * side * random.uniform(1.1, 1.4)
+        spot = (*(here + aside), 0.0)
+        draw = random.random()
+        if draw < 0.35:
+            parts.append(moved(boulder(random, random.uniform(0.2, 0.5), "rock"), spot))
+        elif draw < 0.65:
+            parts.append(moved(box((0.2, 0.2, 2.1), "wood"), spot, yaw=yaw))
+        elif draw < 0.85:
+            parts.append(moved(pole(0.08, 2.0, "metal"), spot))
+        else:
+            parts.append(moved(box((1.2, 0.7, 0.9), "metal"), spot, yaw=yaw))
+    movers = [_walker(random, middle[:: len(middle) // 12])]
+    return parts, movers, middle[:: len(middle) // 24], random.uniform(0.7, 1.1)
+
+
+def lab(random: np.random.Generator):
+    """A furnished hall."""
+    length, depth = random.uniform(10, 15), random.uniform(8, 11)
+    height = random.uniform(2.8, 4.0)
+    parts = _shell(random, length, depth, height, "drywall", ["glass", "wood", "metal"])
+    parts += [
+        moved(box((0.4, 0.4, height), "concrete"), (length * f, depth / 2, 0))
+        for f in (0.33, 0.66)
+    ]
+    lane = 1.7  # kept free along the walls' furniture, for walking
+    for _ in range(random.integers(9, 14)):
+        x = random.uniform(lane + 1, length - lane - 1)
+        y = random.uniform(lane + 0.8, depth - lane - 0.8)
+        item = pick(random, [table, cabinet, shelf, chair])(random)
+        parts.append(moved(item, (x, y, 0), yaw=random.integers(8) * np.pi / 4))
+    walls = _ring(length, depth)
+    for k in range(4):
+        for _ in range(3):
+            item = pick(random, [cabinet, shelf, chair])(random)
+            parts.append(_along(random, walls, k, 0.4, item))
+    for _ in range(2):
+        spot = random.uniform([lane, lane], [length - lane, depth - lane])
+        parts.append(
+            moved(
+                person(random.uniform(1.6, 1.9)), (*spot, 0), yaw=random.uniform(0, 6)
+            )
+        )
+    way = _ring(length - 2 * lane, depth - 2 * lane, offset=lane)
+    movers = [_walker(random, way + random.normal(size=(4, 2)) * 0.3) for _ in range(2)]
+    return parts, movers, way, random.uniform(0.6, 1.0)
+
+
+def outdoor(random: np.random.Generator):
+    """A yard among buildings."""
+    parts = [slab((-30, -30), (30, 30), 0.0, "asphalt")]
+    for k in range(3):
+        angle = k * 2.1 + random.uniform(0, 0.8)
+        centre = random.uniform(13, 18) * np.array([np.cos(angle), np.sin(angle)])
+        along = random.uniform(5, 9) * np.array([-np.sin(angle), np.cos(angle)])
+        kinds = ["glass", "metal", "glass", "column"]
+        front = random.choice(["brick", "concrete"])
+        parts.append(_wall(random, centre + along, centre - along, 6.0, front, kinds))
+        parts.append(
+            wall(tuple(centre * 1.5 + along), tuple(centre * 1.5 - along), 6.0, front)
+        )
+    for _ in range(random.integers(7, 12)):
+        spot = _ring_spot(random, 4.5, 16)
+        parts.append(moved(tree(random, random.uniform(3, 6)), (*spot, 0)))
+    for _ in range(random.integers(4, 7)):
+        spot = _ring_spot(random, 4.5, 14)
+        parts.append(moved(pole(random.uniform(0.05, 0.1), 5.0, "metal"), (*spot, 0)))
+    for _ in range(random.integers(3, 6)):
+        spot = _ring_spot(random, 8.5, 14)
+        parts.append(
+            moved(car(random.uniform(3.9, 4.7)), (*spot, 0), yaw=random.uniform(0, 6))
+        )
+    for _ in range(4):
+        spot = _ring_spot(random, 5.5, 15)
+        parts.append(
+            moved(boulder(random, random.uniform(0.3, 0.9), "grass"), (*spot, 0))
+        )
+    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], -1)
+    road = np.column_stack([6.8 * circle, np.zeros(8)])
+    movers = [
+        make_body(
+            random, car(4.3), motion=walk(random, road, speed_mps=4.0, rounding_m=1.0)
+        ),
+        _walker(random, 5.0 * circle[::-1]),
+        _walker(random, 2.0 * circle),
+    ]
+    return (
+        parts,
+        movers,
+        3.4 * circle[:: random.choice([-1, 1])],
+        random.uniform(0.9, 1.3),
+    )
+
+
+def corridor(random: np.random.Generator):
+    """A long corridor whose one side is glass between posts."""
+    length, width = random.uniform(24, 34), random.uniform(2.2, 3.2)
+    height = random.uniform(2.6, 3.2)
+    parts = [
+        slab((0, -9), (length, width + 4), 0.0, "floor"),
+        slab((0, 0), (length, width), height, "ceiling"),
+        _wall(
+            random,
+            (0.0, width),
+            (length, width),
+            height,
+            "concrete",
+            ["wood", "metal", "column"],
+        ),
+        wall((0, 0), (0, width), height, "concrete", openings=((0.5, 1.0, "metal"),)),
+        wall((length, width), (length, 0), height, "concrete"),
+        sheet(
+            [(0, 0, 0.1), (length, 0, 0.1), (length, 0, height), (0, 0, height)],
+            "glass",
+        ),
+        wall((length, -8.0), (0, -8.0), 4.0, "brick", openings=((4.0, 3.0, "glass"),)),
+    ]
+    for x in np.arange(0.0, length, random.uniform(1.8, 3.0)):
+        parts.append(moved(box((0.06, 0.12, height), "metal"), (x, 0.0, 0)))
+    for _ in range(5):  # outside, behind the glass
+        spot = (random.uniform(2, length - 2), random.uniform(-6.5, -1.5), 0.0)
+        parts.append(
+            moved(tree(random, 3.5) if random.random() < 0.6 else car(4.2), spot)
+        )
+    for _ in range(random.integers(3, 6)):
+        x = random.uniform(1, length - 1)
+        parts.append(moved(hall_item(random), (x, width - 0.3, 0), yaw=np.pi))
+    aside = width / 2 + np.array([-0.3, 0.3])
+    way = np.array(
+        [
+            (1.5, aside[0]),
+            (length - 1.5, aside[0]),
+            (length - 1.5, aside[1]),
+            (1.5, aside[1]),
+        ]
+    )
+    parts += _lamps(random, way[:2] + [0, 0.3], height)
+    return (
+        parts,
+        [_walker(random, way[::-1] + [0, 0.15])],
+        way,
+        random.uniform(0.8, 1.2),
+    )
+
+
+def hall(random: np.random.Generator):
+    """A high hall with columns and a glass front."""
+    length, depth = random.uniform(16, 24), random.uniform(12, 16)
+    height = random.uniform(4.5, 6.5)
+    parts = _shell(random, length, depth, height, "concrete", ["metal", "wood", "open"])
+    parts.append(
+        sheet(
+            [(1, 0.4, 0.1), (length - 1, 0.4, 0.1), (length - 1, 0.4, 4), (1, 0.4, 4)],
+            "glass",
+        )
+    )
+    for x in np.arange(4.0, length - 3, random.uniform(3.5, 5.0)):
+        for y in (depth * 0.3, depth * 0.7):
+            shape = pole(0.3, height, "concrete", sides=16)
+            parts.append(moved(shape, (x, y, 0)))
+    parts.append(moved(box((3.0, 0.8, 1.1), "wood"), (length / 2, depth / 2, 0)))
+    for _ in range(random.integers(5, 9)):
+        spot = random.uniform([2, 2], [length - 2, depth - 2])
+        item = pick(random, [chair, table, bench])(random)
+        parts.append(moved(item, (*spot, 0), yaw=random.uniform(0, 6)))
+    way = _ring(length - 4.4, depth - 4.4, offset=2.2)
+    cross = np.array(
+        [
+            (3, depth / 2 + 1.2),
+            (length - 3, depth / 2 + 1.2),
+            (length - 3, depth / 2 - 1.2),
+            (3, depth / 2 - 1.2),
+        ]
+    )
+    movers = [
+        _walker(random, cross),
+        _walker(random, way[::-1] * 0.97),
+        _walker(random, cross[::-1] + 0.4),
+    ]
+    return parts, movers, way, random.uniform(0.8, 1.2)
+
+
+FAMILIES: dict[str, Callable] = {
+    "hallways": hallways,
+    "mine": mine,
+    "lab": lab,
+    "outdoor": outdoor,
+    "corridor": corridor,
+    "hall": hall,
+}
+
+
+def _ring(length: float, depth: float, *, offset: float = 0.0) -> np.ndarray:
+    """Corners of a rectangle, the long way round to the left."""
+    corners = [(0, 0), (length, 0), (length, depth), (0, depth)]
+    return np.array(corners, float) + offset
+
+
+def _ring_spot(
+    random: np.random.Generator, near: float, far: float | int
+) -> np.ndarray:
+    """A place between two circles."""
+    angle, radius = random.uniform(0, 2 * np.pi), random.uniform(near, far)
+    return radius * np.array([np.cos(angle), np.sin(angle)])
+
+
+def _wall(random, start, end, height, material, kinds) -> Solid:
+    """A wall with openings of these kinds every few metres."""
+    length = float(np.hypot(*np.subtract(end, start)))
+    openings, at = [], random.uniform(0.8, 2.0)
+    while at < length - 1.8:
+        kind = str(random.choice(kinds))
+        wide = {"glass": 1.6, "column": 0.3}.get(kind, 0.95)
+        openings.append((at, wide, kind))
+        at += wide + random.uniform(1.2, 3.5)
+    return wall(tuple(start), tuple(end), height, material, openings=tuple(openings))
+
+
+def _shell(random, length, depth, height, material, kinds) -> list[Solid]:
+    """Floor, ceiling and four walls."""
+    corners = _ring(length, depth)
+    parts = [
+        slab((-0.2, -0.2), (length + 0.2, depth + 0.2), 0.0, "floor"),
+        slab((-0.2, -0.2), (length + 0.2, depth + 0.2), height, "ceiling"),
+    ]
+    for k in range(4):
+        a, b = corners[(k + 1) % 4], corners[k]
+        parts.append(_wall(random, a, b, height, material, kinds))
+    return parts
+
+
+def _along(random, corners, side: int, gap: float, item: Solid) -> Solid:
+    """An item at the wall from one corner to the next."""
+    a, b = corners[side], corners[(side + 1) % 4]
+    along = (b - a) / np.linalg.norm(b - a)
+    inward = np.array([-along[1], along[0]])
+    spot = a + (b - a) * random.uniform(0.12, 0.88) + gap * inward
+    return moved(item, (*spot, 0), yaw=float(np.arctan2(along[1], along[0])))
+
+
+def _lamps(random, line, height) -> list[Solid]:
+    """Lamps under the ceiling along a line."""
+    lamps, every = [], random.uniform(2.5, 4.0)
+    for a, b in zip(line, np.roll(line, -1, 0), strict=True):
+        length = float(np.linalg.norm(b - a))
+        for at in np.arange(1.0, length, every):
+            spot = (*(a + (b - a) * at / length), height - 0.08)
+            lamps.append(moved(box((0.6, 0.3, 0.07), "metal"), spot))
+    return lamps
+
+
+def _walker(random, way) -> Body:
+    """A person who walks along a way."""
+    ground = np.column_stack([way, np.zeros(len(way))])
+    motion = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
+    return make_body(random, person(random.uniform(1.55, 1.95)), motion=motion)

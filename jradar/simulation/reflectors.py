@@ -1,0 +1,200 @@
+"""Flat faces, right-angled edges and corners of a scene: what reflects like a mirror.
+
+The world's flat faces are found once. Where two of them stand at right angles and face
+each other they form an edge, where three do, a corner: the wave returns after two or
+three reflections, from the image of the radar behind the edge or the corner.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from jaxtyping import Float, Int
+
+from jradar.simulation.scene import Body
+
+LEAST_SIDE_M = 0.15  # of a flat face
+RIGHT_ANGLE = 0.02  # cosine up to which two faces count as perpendicular
+TOUCH_M = 0.02  # gap over which they count as joined
+LEAST_EDGE_M = 0.15
+
+
+class Facets(NamedTuple):
+    """Flat faces, in the body's frame."""
+
+    centre: Float[np.ndarray, "facet 3"]
+    normal: Float[np.ndarray, "facet 3"]
+    area_m2: Float[np.ndarray, " facet"]
+    material: Int[np.ndarray, " facet"]
+
+
+class Edges(NamedTuple):
+    """Concave right angles; `inward` points from each face to where the other is."""
+
+    start: Float[np.ndarray, "edge 3"]
+    along: Float[np.ndarray, "edge 3"]  # unit vector
+    length_m: Float[np.ndarray, " edge"]
+    inward: Float[np.ndarray, "edge 2 3"]
+    material: Int[np.ndarray, "edge 2"]
+    width_m: Float[np.ndarray, " edge"]  # of the smaller face
+    facets: Int[np.ndarray, "edge 2"]
+
+
+class Corners(NamedTuple):
+    """Points where three faces meet at right angles."""
+
+    xyz: Float[np.ndarray, "corner 3"]
+    inward: Float[np.ndarray, "corner 3 3"]
+    material: Int[np.ndarray, "corner 3"]
+    side_m: Float[np.ndarray, " corner"]
+
+
+class Reflectors(NamedTuple):
+    """All of a scene: the facets of each body, edges and corners of the world."""
+
+    facets: tuple[Facets, ...]
+    edges: Edges
+    corners: Corners
+
+
+def find_reflectors(bodies: tuple[Body, ...]) -> Reflectors:
+    """The reflectors of a scene's bodies, the first of which is the world."""
+    found = [_facets(body) for body in bodies]
+    edges = _edges(*found[0])
+    return Reflectors(
+        tuple(facets for facets, _ in found), edges, _corners(found[0][0], edges)
+    )
+
+
+def _facets(body: Body) -> tuple[Facets, list[np.ndarray]]:
+    """Flat faces of some size, and the outline's corners of each."""
+    solid = body.solid
+    mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
+    rows, outlines = [], []
+    large = np.asarray(mesh.facets_area) > LEAST_SIDE_M**2
+    for faces in (f for f, keep in zip(mesh.facets, large, strict=True) if keep):
+        normal = body.normals[faces[0]].astype(float)
+        points = np.unique(solid.vertices[solid.faces[faces]].reshape(-1, 3), axis=0)
+        sides = np.linalg.svd(points - points.mean(0), full_matrices=False)[2][:2]
+        extent = np.ptp(points @ sides.T, axis=0)
+        if extent.min() < LEAST_SIDE_M:
+            continue
+        area = float(mesh.area_faces[faces].sum())
+        rows.append((points.mean(0), normal, area, solid.material[faces[0]]))
+        outlines.append(points)
+    if not rows:
+        empty = np.zeros((0, 3))
+        return Facets(empty, empty, np.zeros(0), np.zeros(0, int)), []
+    centre, normal, area, material = zip(*rows, strict=True)
+    return (
+        Facets(np.array(centre), np.array(normal), np.array(area), np.array(material)),
+        outlines,
+    )
+
+
+def _edges(facets: Facets, outlines: list[np.ndarray]) -> Edges:
+    """Concave edges between pairs of perpendicular facets that touch."""
+    rows = []
+    low = np.array([outline.min(0) for outline in outlines]).reshape(-1, 3) - TOUCH_M
+    high = np.array([outline.max(0) for outline in outlines]).reshape(-1, 3) + TOUCH_M
+    for i in range(len(outlines)):
+        upright = np.abs(facets.normal @ facets.normal[i]) < RIGHT_ANGLE
+        touching = ((low < high[i]) & (high > low[i])).all(1)
+        touching[: i + 1] = False
+        for j in np.flatnonzero(upright & touching):
+            rows += _edges_of_pair(facets, outlines, i, j)
+    if not rows:
+        none = np.zeros((0, 3))
+        return Edges(
+            *(none, none, np.zeros(0), np.zeros((0, 2, 3))),
+            *(np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 2), int)),
+        )
+    return Edges(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _edges_of_pair(facets, outlines, i, j):
+    """Edges of two perpendicular facets, one for each side on which they face."""
+    along = np.cross(facets.normal[i], facets.normal[j])
+    along /= np.linalg.norm(along)
+    heights = [
+        (outlines[a] - facets.centre[b]) @ facets.normal[b] for a, b in ((i, j), (j, i))
+    ]
+    sides = [
+        [
+            sign
+            for sign in (-1, 1)
+            if (sign * h).max() > 0.1 and (sign * h).min() < TOUCH_M
+        ]
+        for h in heights
+    ]
+    for side_of_j in sides[0]:  # where facet i lies, as seen from plane j
+        for side_of_i in sides[1]:
+            first = _crossing(outlines[i], side_of_j * heights[0], along)
+            second = _crossing(outlines[j], side_of_i * heights[1], along)
+            if first is None or second is None:
+                continue
+            low, high = max(first[0], second[0]), min(first[1], second[1])
+            if high - low < LEAST_EDGE_M:
+                continue
+            normals = np.stack([facets.normal[i], facets.normal[j]])
+            reach = [
+                (facets.centre[f] * n).sum()
+                for f, n in zip((i, j), normals, strict=True)
+            ]
+            base = normals.T @ reach + along * low
+            inward = np.stack([side_of_i * normals[0], side_of_j * normals[1]])
+            width = min((side_of_j * heights[0]).max(), (side_of_i * heights[1]).max())
+            material = facets.material[[i, j]]
+            yield base, along, high - low, inward, material, width, np.array([i, j])
+
+
+def _crossing(outline, height, along):
+    """Stretch of a facet along an edge, just inside it; None where it is not there."""
+    at, inside = outline @ along, height > TOUCH_M
+    if inside.all():
+        return None
+    ends = [
+        at[k] + (at[m] - at[k]) * (TOUCH_M - height[k]) / (height[m] - height[k])
+        for k in np.flatnonzero(inside)
+        for m in np.flatnonzero(~inside)
+    ]
+    return (min(ends), max(ends)) if ends else None
+
+
+def _corners(facets: Facets, edges: Edges) -> Corners:
+    """Where an edge ends on a facet that stands across it, and two more edges begin."""
+    rows = []
+    edges_of = [
+        np.flatnonzero((edges.facets == f).any(1)) for f in range(len(facets.centre))
+    ]
+    across = np.abs(np.abs(edges.along @ facets.normal.T) - 1) < RIGHT_ANGLE
+    at = edges.along @ facets.centre.T - (edges.along * edges.start).sum(1)[:, None]
+    for end, sign in ((np.zeros(len(at)), 1.0), (edges.length_m, -1.0)):
+        ends = across & (np.abs(at - end[:, None]) < 2 * TOUCH_M)
+        for k, f in np.argwhere(ends):
+            xyz = edges.start[k] + at[k, f] * edges.along[k]
+            if _joined(edges, edges_of[f], xyz, edges.facets[k]):
+                inward = [*edges.inward[k], sign * edges.along[k]]
+                material = [*edges.material[k], facets.material[f]]
+                side = min(edges.length_m[k], edges.width_m[k])
+                rows.append((xyz, np.array(inward), np.array(material), side))
+    if not rows:
+        return Corners(
+            np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), int), np.zeros(0)
+        )
+    corners = Corners(*(np.array(column) for column in zip(*rows, strict=True)))
+    # Each is found from its three edges, with inward vectors in another order.
+    inside = corners.xyz + 0.1 * corners.inward.sum(1)
+    _, first = np.unique(np.round(inside, 1), axis=0, return_index=True)
+    return Corners(*(column[np.sort(first)] for column in corners))
+
+
+def _joined(edges, some, xyz, pair):
+    """Whether both facets of a pair have one of `some` edges that reaches a point."""
+    offset = xyz - edges.start[some]
+    along = (offset * edges.along[some]).sum(1)
+    near = (along > -2 * TOUCH_M) & (along < edges.length_m[some] + 2 * TOUCH_M)
+    aside = offset - along[:, None] * edges.along[some]
+    near &= (aside**2).sum(1) < (2 * TOUCH_M) ** 2
+    reached = edges.facets[some[near]]
+    return all((reached == other).any() for other in pair)

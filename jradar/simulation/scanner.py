@@ -1,0 +1,143 @@
+"""LiDARs in a scene: rays cast while the head turns and the rig moves.
+
+Every ray leaves from where the sensor is at its own time; bodies stand where they are
+in the middle of the scan. A return is lost where it is too weak: it falls with the
+square of the range, with the cosine of incidence and the albedo. Rays go on behind
+glass, which returns them itself only head-on. What returns nothing is (0, 0, 0, 0), as
+the Ouster's driver writes it.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from jradar.simulation.materials import MATERIALS
+from jradar.simulation.motion import Motion
+from jradar.simulation.rig import sensor_pose
+from jradar.simulation.scene import NUDGE_M, Scene, cast, placements
+
+PANES = 2  # of glass that a ray passes
+PANE_TRANSMISSION = 0.8  # both ways through one
+PANE_HEAD_ON = 0.998  # cosine above which the pane itself returns the ray
+
+
+@dataclasses.dataclass(frozen=True)
+class LidarSpec:
+    """A LiDAR: Ouster OS1-64 (gen 1) unless told otherwise."""
+
+    name: str = "lidar"  # as in the rig
+    period_s: float = 0.1
+    least_range_m: float = 0.5
+    reach_m: float = (
+        45.0  # at which an albedo of 0.1, met head-on, returns every 2nd ray
+    )
+    noise_m: float = 0.012
+    fading_db: float = 2.0  # standard deviation of a return's strength
+
+
+OUSTER = LidarSpec()
+MID360 = LidarSpec("livox", 0.1, 0.1, 40.0, 0.02)
+OUSTER_ROWS, OUSTER_COLUMNS = 64, 1024
+MID360_POINTS, MID360_LINES = 20_000, 4
+
+
+def ouster_rays() -> tuple[Float[np.ndarray, "65536 3"], Float[np.ndarray, " 65536"]]:
+    """Directions and times of a scan, row by row: +-16.6 degrees, clockwise from x."""
+    elevation = np.radians(np.linspace(16.6, -16.6, OUSTER_ROWS))[:, None]
+    column = np.arange(OUSTER_COLUMNS)[None]
+    azimuth = -2 * np.pi * column / OUSTER_COLUMNS
+    directions = _directions(azimuth, elevation)
+    seconds = np.broadcast_to(
+        column * OUSTER.period_s / OUSTER_COLUMNS,
+        elevation.shape[:1] + column.shape[1:],
+    )
+    return directions.reshape(-1, 3), seconds.reshape(-1)
+
+
+def mid360_rays(
+    frame: int,
+) -> tuple[Float[np.ndarray, "20000 3"], Float[np.ndarray, " 20000"]]:
+    """Directions and times of a frame: 360 x (-7 .. 52) degrees, never twice the same.
+
+    Four lines draw a rosette whose two turns have no common period. The real pattern is
+    Livox's own; this one covers the same field with as many points.
+    """
+    seconds = np.arange(MID360_POINTS) * MID360.period_s / MID360_POINTS
+    time_s = seconds + frame * MID360.period_s
+    line = np.arange(MID360_POINTS) % MID360_LINES
+    azimuth = 2 * np.pi * (29.3 * time_s + line / MID360_LINES)
+    swing = np.arcsin(np.sin(2 * np.pi * 29.3 * 7 * (5**0.5 - 1) / 2 * time_s + line))
+    elevation = np.radians(22.5 + 29.5 * swing / (np.pi / 2))
+    return _directions(azimuth, elevation), seconds
+
+
+def scan(
+    random: np.random.Generator,
+    scene: Scene,
+    platform: Motion,
+    time_s: float,
+    directions: Float[np.ndarray, "ray 3"],
+    seconds: Float[np.ndarray, " ray"],
+    *,
+    lidar: LidarSpec = OUSTER,
+) -> Float[np.ndarray, "ray 4"]:
+    """x, y, z (metres, at each ray's own time) and intensity, float32 in LiDAR frame.
+
+    `seconds` are the rays' times after the scan's start at `time_s`.
+    """
+    places = placements(scene, time_s + lidar.period_s / 2)
+    when, ray_time = np.unique(seconds, return_inverse=True)
+    if len(when) > OUSTER_COLUMNS:  # 0.1 ms is 0.1 mm
+        when, ray_time = when[::20], ray_time // 20
+    xyz, turn = sensor_pose(platform, lidar.name, time_s + when)
+    origins = xyz.astype(np.float32)[ray_time]
+    local = directions.astype(np.float32)
+    world = np.einsum("rij,rj->ri", turn.astype(np.float32)[ray_time], local)
+    distance, strength = _returns(scene, places, origins, world)
+
+    fading = 10 ** (lidar.fading_db / 10 * random.standard_normal(len(local)))
+    signal = strength * lidar.reach_m**2 / 0.1 / np.maximum(distance, 0.1) ** 2
+    weak = np.clip(1 / np.maximum(signal, 1e-6), 0, 4) ** 0.5  # noisier where weaker
+    noise = lidar.noise_m * (1 + weak) * random.standard_normal(len(local))
+    heard = signal * fading > 1
+    heard &= (distance > lidar.least_range_m) & np.isfinite(distance)
+    measured = np.where(heard, distance + noise, 0.0)
+    intensity = np.where(heard, np.minimum(5 * np.sqrt(signal * fading), 2000), 0.0)
+    cloud = np.column_stack([measured[:, None] * local, np.rint(intensity)])
+    return cloud.astype(np.float32)
+
+
+def _returns(scene, places, origins, directions):
+    """Distance of what returns each ray, and albedo times cosine there."""
+    albedo = np.array([material.albedo for material in MATERIALS])
+    clear = np.array([material.clear for material in MATERIALS])
+    hits = cast(scene, places, origins, directions)
+    distance = hits.distance.astype(float)
+    strength = np.where(hits.body < 0, 0.0, albedo[hits.material] * hits.cosine)
+    live = np.flatnonzero((hits.body >= 0) & clear[hits.material])
+    cosine, passed = hits.cosine[live], 1.0
+    for _ in range(PANES):
+        head_on = cosine > PANE_HEAD_ON
+        strength[live[head_on]] = passed
+        live, passed = live[~head_on], passed * PANE_TRANSMISSION
+        if not live.size:
+            break
+        start = distance[live] + NUDGE_M
+        begin = origins[live] + start[:, None].astype(np.float32) * directions[live]
+        hits = cast(scene, places, begin, directions[live])
+        distance[live] = start + hits.distance
+        glass = (hits.body >= 0) & clear[hits.material]
+        found = np.where(hits.body < 0, 0.0, albedo[hits.material] * hits.cosine)
+        strength[live] = passed * found
+        live, cosine = live[glass], hits.cosine[glass]
+    return distance, strength
+
+
+def _directions(azimuth, elevation):
+    """Unit vectors."""
+    ground = np.cos(elevation)
+    z = np.broadcast_to(
+        np.sin(elevation), np.broadcast_shapes(azimuth.shape, elevation.shape)
+    )
+    return np.stack([ground * np.cos(azimuth), ground * np.sin(azimuth), z], -1)

@@ -1,0 +1,167 @@
+"""A scene of rigid bodies, and rays cast through it at any time.
+
+Body 0 is the world that stands still. Every body has a search tree of its own, in its
+own frame and made once; rays are turned into the frames of the bodies they come near.
+For the radar each body also carries points spread over its surface, each with a complex
+reflectivity of its own (a circular Gaussian: the speckle of what is smaller than a
+range bin) that it keeps from frame to frame.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jradar.simulation.materials import MATERIALS
+from jradar.simulation.motion import Motion, pose_at, velocity_at
+from jradar.simulation.solids import Solid
+
+NUDGE_M = 1e-3  # past a surface, to go on behind it
+
+
+class Body(NamedTuple):
+    """A rigid body in its own frame."""
+
+    solid: Solid
+    normals: Float[np.ndarray, "face 3"]
+    tree: Any  # embree's scene
+    radius_m: float  # of a sphere about the frame's origin that holds it
+    motion: Motion | None  # None where it stands still
+    points: Float[np.ndarray, "point 3"]
+    point_face: Int[np.ndarray, " point"]
+    reflectivity: Float[np.ndarray, " point"]  # magnitude, of mean square 1
+    area_m2: Float[np.ndarray, " point"]
+
+
+class Scene(NamedTuple):
+    """The world, what moves in it, and the way of the sensors through it."""
+
+    name: str
+    bodies: tuple[Body, ...]
+    platform: Motion
+
+
+class Hits(NamedTuple):
+    """Where rays first meet a surface; distance is infinite where they do not."""
+
+    distance: Float[np.ndarray, " ray"]
+    body: Int[np.ndarray, " ray"]
+    face: Int[np.ndarray, " ray"]
+    material: Int[np.ndarray, " ray"]
+    cosine: Float[np.ndarray, " ray"]  # of the angle to the normal, 0 to 1
+
+
+class Placement(NamedTuple):
+    """A body's place at one time."""
+
+    xyz: Float[np.ndarray, " 3"]
+    turn: Float[np.ndarray, "3 3"]  # from the body's frame to the world's
+    velocity: Float[np.ndarray, " 3"]
+    spin: Float[np.ndarray, " 3"]  # angular velocity, rad/s in the world
+
+
+def make_body(
+    random: np.random.Generator, solid: Solid, *, motion: Motion | None = None
+) -> Body:
+    """A body of a solid; its scatterers are drawn from `random`."""
+    corners = solid.vertices[solid.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    double_area = np.linalg.norm(across, axis=-1)
+    normals = across / np.maximum(double_area, 1e-12)[:, None]
+    density = np.array([material.points_per_m2 for material in MATERIALS])
+    expected = density[solid.material] * double_area / 2
+    count = random.poisson(expected.sum())
+    face = np.searchsorted(
+        np.cumsum(expected), random.uniform(0, expected.sum(), count)
+    )
+    face = np.minimum(face, len(expected) - 1)
+    u, v = random.random((2, count))
+    u, v = np.where(u + v > 1, (1 - u, 1 - v), (u, v))
+    a, b, c = np.moveaxis(corners[face], 1, 0)
+    return Body(
+        solid=solid,
+        normals=normals.astype(np.float32),
+        tree=_tree(solid),
+        radius_m=float(np.linalg.norm(solid.vertices, axis=-1).max()),
+        motion=motion,
+        points=a + u[:, None] * (b - a) + v[:, None] * (c - a),
+        point_face=face,
+        reflectivity=np.sqrt(random.exponential(size=count)),
+        area_m2=1 / density[solid.material[face]],
+    )
+
+
+def placements(scene: Scene, time_s: float) -> list[Placement]:
+    """Where every body is at a time."""
+    still = Placement(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
+    found = []
+    for body in scene.bodies:
+        if body.motion is None:
+            found.append(still)
+            continue
+        xyz, turn = pose_at(body.motion, float(time_s))
+        moving = velocity_at(body.motion, float(time_s))
+        found.append(Placement(xyz, turn, *moving))
+    return found
+
+
+def cast(
+    scene: Scene,
+    places: list[Placement],
+    origins: Float[np.ndarray, "ray 3"],
+    directions: Float[np.ndarray, "ray 3"],
+) -> Hits:
+    """First surfaces along rays with unit directions, in the world's frame."""
+    origins = np.ascontiguousarray(origins, np.float32)
+    directions = np.ascontiguousarray(directions, np.float32)
+    world, *movers = scene.bodies
+    found = world.tree.run(origins, directions, output=1)
+    face = found["primID"]
+    missed = face < 0
+    distance = np.where(missed, np.float32(np.inf), found["tfar"])
+    body = np.where(missed, -1, 0)
+    cosine = np.abs(np.einsum("rc,rc->r", directions, world.normals[face]))
+    material = world.solid.material[face]
+    for index, (mover, place) in enumerate(zip(movers, places[1:], strict=True), 1):
+        near = _near(mover, place, origins, directions, distance)
+        if not near.size:
+            continue
+        turn = place.turn.astype(np.float32)
+        start = (origins[near] - place.xyz.astype(np.float32)) @ turn
+        along = directions[near] @ turn
+        found = mover.tree.run(start, along, output=1)
+        hit = (found["primID"] >= 0) & (found["tfar"] < distance[near])
+        ray, its = near[hit], found["primID"][hit]
+        distance[ray], body[ray], face[ray] = found["tfar"][hit], index, its
+        material[ray] = mover.solid.material[its]
+        cosine[ray] = np.abs(np.einsum("rc,rc->r", along[hit], mover.normals[its]))
+    return Hits(distance, body, face, np.where(body < 0, -1, material), cosine)
+
+
+def _near(
+    body: Body,
+    place: Placement,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    reach_m: np.ndarray,
+) -> Int[np.ndarray, " near"]:
+    """Indices of the rays that pass the sphere about a body before they end."""
+    towards = place.xyz.astype(np.float32) - origins
+    along = np.einsum("rc,rc->r", towards, directions)
+    aside = np.einsum("rc,rc->r", towards, towards) - along**2
+    near = (aside < body.radius_m**2) & (along > -body.radius_m)
+    return np.flatnonzero(near & (along - body.radius_m < reach_m))
+
+
+def _tree(solid: Solid) -> Any:
+    """Embree's search tree of a solid."""
+    try:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+    except ImportError as error:
+        raise ImportError(
+            "simulation needs embreex: pip install 'jradar[sim]'"
+        ) from error
+    tree = EmbreeScene()
+    TriangleMesh(tree, solid.vertices.astype("f4"), solid.faces.astype("i4"))
+    return tree

@@ -1,0 +1,26 @@
+"""A data set of one sequence in ColoRadar's layout."""
+
+import pytest
+
+from tests.recordings.coloradar_writer import (
+    write_calib,
+    write_lidar,
+    write_poses,
+    write_radar,
+)
+
+
+@pytest.fixture
+def root(tmp_path):
+    """A data set of one sequence, `ec_hallways_run0`, with all that the release has."""
+    folder = tmp_path / "12_21_2020_ec_hallways_run0"
+    write_calib(tmp_path / "calib")
+    write_radar(folder)
+    write_lidar(folder)
+    write_poses(folder)
+    return tmp_path
+
+
+@pytest.fixture
+def sequence(root):
+    return root / "12_21_2020_ec_hallways_run0"

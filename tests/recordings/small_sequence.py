@@ -1,0 +1,128 @@
+"""A small sequence in ColoRadar's layout: a room with a pillar, byte by byte."""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jradar.radar import RadarSpec, Scatterers, simulate_cube
+from jradar.recordings import radar_from_coloradar
+
+WAVEFORM = {
+    "num_rx": 4,
+    "num_tx": 3,
+    "num_adc_samples_per_chirp": 64,
+    "num_chirps_per_frame": 16,
+    "adc_sample_frequency": 10.666e6,
+    "start_frequency": 77e9,
+    "idle_time": 110e-6,
+    "adc_start_time": 7e-6,
+    "ramp_end_time": 20e-6,
+    "frequency_slope": 1e14,
+}
+ANTENNAS = """\
+num_rx 4
+num_tx 3
+F_design 76.8
+rx 0 0 0
+rx 1 1 0
+rx 2 2 0
+rx 3 3 0
+tx 0 0 0
+tx 1 4 0
+tx 2 2 1
+"""
+SIDE = 5.0  # metres from the radar to each wall
+PILLAR = np.array([3.0, 0.8])
+
+
+def write_calib(root: Path) -> RadarSpec:
+    """The calib folder with radar and LiDAR where the base is; returns the radar."""
+    folder = root / "calib" / "single_chip"
+    folder.mkdir(parents=True)
+    lines = [f"{key} {value}" for key, value in WAVEFORM.items()]
+    (folder / "waveform_cfg.txt").write_text("\n".join(lines) + "\n")
+    (folder / "antenna_cfg.txt").write_text(ANTENNAS)
+    (root / "calib" / "transforms").mkdir()
+    for name in ("single_chip", "lidar"):
+        path = root / "calib" / "transforms" / f"base_to_{name}.txt"
+        path.write_text("0 0 0\n0 0 0 1\n")
+    return radar_from_coloradar(folder)
+
+
+def room_scan(rng) -> np.ndarray:
+    """[point, 4] of a square room's walls, floor and ceiling, and a round pillar."""
+    azimuth, elevation = np.meshgrid(
+        np.linspace(-np.pi, np.pi, 240, endpoint=False), np.linspace(-0.3, 0.3, 24)
+    )
+    wall = SIDE / np.maximum(abs(np.cos(azimuth)), abs(np.sin(azimuth)))
+    ground = np.minimum(wall, 1.2 / np.maximum(abs(np.tan(elevation)), 1e-6))
+    turn = np.arctan2(PILLAR[1], PILLAR[0])
+    ground = np.where(abs(azimuth - turn) < 0.06, np.hypot(*PILLAR), ground)
+    xyz = [
+        ground * np.cos(azimuth),
+        ground * np.sin(azimuth),
+        ground * np.tan(elevation),
+    ]
+    scan = np.stack([*xyz, np.full_like(ground, 100.0)], -1).reshape(-1, 4)
+    scan[:, :3] += rng.normal(0, 0.01, (len(scan), 3))
+    scan[::50] = 0  # missing returns
+    return scan.astype("<f4")
+
+
+def room_echoes(rng) -> Scatterers:
+    """The wall ahead and the pillar."""
+    y, z = rng.uniform(-3, 3, 40), rng.uniform(-1, 1, 40)
+    wall = np.stack([np.full(40, SIDE), y, z], -1)
+    pillar = np.stack([*np.tile(PILLAR, (10, 1)).T, rng.uniform(-0.8, 0.8, 10)], -1)
+    xyz = np.concatenate([wall, pillar])
+    return Scatterers(
+        jnp.asarray(xyz, jnp.float32), jnp.zeros(50), jnp.full(50, 50.0, jnp.float32)
+    )
+
+
+def write_sequence(root: Path, name="run0", frames=6, lidar_delay=0.01, seed=0) -> Path:
+    """Write a sequence below `root`, whose calib is made if need be."""
+    if (root / "calib").is_dir():
+        radar = radar_from_coloradar(root / "calib" / "single_chip")
+    else:
+        radar = write_calib(root)
+    rng = np.random.default_rng(seed)
+    folder = root / name
+    stamps = 1000.0 + 0.1 * np.arange(frames)
+    adc, lidar = folder / "single_chip" / "adc_samples", folder / "lidar"
+    for data in (adc / "data", lidar / "pointclouds", folder / "groundtruth"):
+        data.mkdir(parents=True)
+    for i in range(frames):
+        cube = np.asarray(
+            simulate_cube(
+                jax.random.key(seed * 1000 + i),
+                room_echoes(rng),
+                radar,
+                noise_power=100.0,
+            )
+        )
+        samples = np.stack([cube.real, cube.imag], -1).round().astype("<i2")
+        (adc / "data" / f"frame_{i}.bin").write_bytes(samples.tobytes())
+        scan = room_scan(rng).tobytes()
+        (lidar / "pointclouds" / f"lidar_pointcloud_{i}.bin").write_bytes(scan)
+    write_stamps(adc, stamps)
+    write_stamps(lidar, stamps + lidar_delay)
+    poses = 1000.0 - 0.5 + 0.05 * np.arange(20 + 2 * frames)
+    write_stamps(folder / "groundtruth", poses)
+    lines = [f"{0.5 * (t - 1000)} 0 0 0 0 0 1" for t in poses]
+    path = folder / "groundtruth" / "groundtruth_poses.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def write_stamps(folder: Path, stamps) -> None:
+    """A `timestamps.txt`, microseconds as ColoRadar has them."""
+    (folder / "timestamps.txt").write_text("".join(f"{t:6f}\n" for t in stamps))
+
+
+def write_splits(root: Path, splits: dict[str, str]) -> None:
+    """A `splits.json`."""
+    (root / "splits.json").write_text(json.dumps(splits))

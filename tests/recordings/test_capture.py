@@ -1,0 +1,236 @@
+"""Captures of one's own: places, times, poses, and descriptions that are wrong."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jradar.lidar import Poses, transform
+from jradar.recordings import accumulate, open_capture, open_recording, read_tum
+from jradar.recordings.recording import Stream
+
+CFG = """\
+channelCfg 15 1 0
+adcCfg 2 1
+adcbufCfg -1 0 0 1 1
+profileCfg 0 77 267 7 57.14 0 0 70 1 8 5209 0 0 30
+chirpCfg 0 0 0 0 0 0 0 1
+frameCfg 0 0 4 0 100 1 0
+"""
+CAPTURE = """\
+[radar]
+file = "adc_data.bin"
+description = "radar.cfg"
+start_time_s = 1000.5
+xyz = [0.1, 0.2, 0.3]
+rpy_degrees = [0, 0, 90]
+
+[lidar]
+file = "livox.bag"
+xyz = [0, 0, 1]
+rpy_degrees = [0, 30, 0]
+accumulate = 3
+
+[poses]
+file = "poses.txt"
+"""
+FRAMES = 5
+SPEED = 2.0  # of the base along the world's x axis, m/s
+
+
+def clouds():
+    """A wall that stands at x = 10 in the world, seen from the moving LiDAR, level."""
+    for i in range(6):
+        here = 10 - SPEED * 0.1 * i
+        yield [(here, float(y), 0.5 * i) for y in range(-2, 3)]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A capture: five frames, six clouds, a trajectory."""
+    words = np.arange(FRAMES * 4 * 4 * 8 * 2, dtype="<i2")
+    (tmp_path / "adc_data.bin").write_bytes(words.tobytes())
+    (tmp_path / "radar.cfg").write_text(CFG)
+    poses = ["# t x y z qx qy qz qw"]
+    poses += [f"{1000 + 0.1 * i} {SPEED * 0.1 * i} 0 0 0 0 0 1" for i in range(-1, 8)]
+    (tmp_path / "poses.txt").write_text("\n".join(poses))
+    write_bag(tmp_path / "livox.bag")
+    return tmp_path
+
+
+def write_bag(path):
+    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="pip install jradar[ros]")
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    name = "livox_ros_driver2/msg/Custom"
+    point = "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+    point += "uint8 reflectivity\nuint8 tag\nuint8 line\n"
+    message = "std_msgs/Header header\nuint64 timebase\nuint32 point_num\n"
+    message += "uint8 lidar_id\nuint8[3] rsvd\nlivox_ros_driver2/CustomPoint[] points\n"
+    store.register(get_types_from_msg(point, name + "Point"))
+    store.register(get_types_from_msg(message, name + "Msg"))
+    with rosbag1.Writer(path) as writer:
+        topic = writer.add_connection("/livox/lidar", name + "Msg", typestore=store)
+        for i, rows in enumerate(clouds()):
+            data = struct.pack("<IIII", i, 1000, i * 10**8, 0)
+            data += struct.pack("<QIB3xI", 0, len(rows), 0, len(rows))
+            data += b"".join(struct.pack("<IfffBBB", 0, *row, 7, 0, 0) for row in rows)
+            writer.write(topic, 1000 * 10**9 + i * 10**8, data)
+
+
+def describe(folder, *replacements, text=CAPTURE):
+    for old, new in replacements:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "capture.toml").write_text(text)
+    return folder
+
+
+def test_everything_lies_where_the_description_says(folder):
+    recording = open_capture(describe(folder))
+    assert recording.name == folder.name and len(recording.cubes) == FRAMES
+    assert recording.cubes[1].shape == (1, 4, 4, 8)
+    np.testing.assert_allclose(recording.cubes.stamps, 1000.5 + 0.1 * np.arange(5))
+    np.testing.assert_allclose(recording.lidar.stamps, 1000 + 0.1 * np.arange(6))
+    assert len(recording.poses.stamps) == 9
+    # Turned to the left by 90 degrees, the radar's x axis is the base's y axis.
+    ahead = np.array([[1.0, 0, 0]])
+    moved = transform(recording.base_from_radar, ahead)
+    np.testing.assert_allclose(moved, [[0.1, 1.2, 0.3]], atol=1e-12)
+    # Pitched by 30 degrees, the LiDAR looks down.
+    moved = transform(recording.base_from_lidar, ahead)
+    np.testing.assert_allclose(moved, [[np.cos(np.pi / 6), 0, 0.5]], atol=1e-12)
+    assert recording.notes == ()
+
+
+def test_clouds_around_each_are_laid_over_it_by_the_poses(folder):
+    level = ("rpy_degrees = [0, 30, 0]", "quaternion = [0, 0, 0, 1]")
+    recording = open_capture(describe(folder, level))
+    cloud = recording.lidar[2]
+    assert cloud.shape == (15, 4) and cloud.dtype == np.float32
+    np.testing.assert_allclose(cloud[:, 0], 10 - SPEED * 0.2, atol=1e-5)
+    assert sorted(set(cloud[:, 2])) == [0.5, 1.0, 1.5]  # of clouds 1, 2 and 3
+    assert len(recording.lidar[0]) == len(recording.lidar[5]) == 10
+    alone = open_capture(describe(folder, level, ("accumulate = 3", ""))).lidar
+    assert len(alone[2]) == 5
+
+
+def test_accumulating_follows_a_turn():
+    """Neighbours seen by a turning, shifted LiDAR fall on the same point."""
+    stamps = np.arange(3.0)
+    half = np.radians([0, 20, 50]) / 2
+    turn = np.stack([0 * half, 0 * half, np.sin(half), np.cos(half)], -1)
+    poses = Poses(stamps, np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]]), turn)
+    base_from_lidar = np.eye(4)
+    base_from_lidar[:3, 3] = [0.3, -0.2, 1.0]
+    seen = []
+    for i, angle in enumerate(np.radians([0, 20, 50])):
+        x, y, z = np.array([4.0, 3, 2]) - poses.xyz[i]
+        cos, sin = np.cos(angle), np.sin(angle)
+        base = np.array([cos * x + sin * y, cos * y - sin * x, z])
+        seen.append(np.array([[*(base - base_from_lidar[:3, 3]), i]], np.float32))
+    clouds = Stream(seen.__getitem__, 3, stamps)
+    together = accumulate(clouds, 3, poses, base_from_lidar)[1]
+    np.testing.assert_allclose(
+        together[:, :3], np.tile(seen[1][:, :3], (3, 1)), atol=1e-5
+    )
+    assert together[:, 3].tolist() == [0, 1, 2]
+
+
+def test_neighbours_without_a_pose_are_left_out(folder):
+    text = (folder / "poses.txt").read_text().splitlines()
+    (folder / "poses.txt").write_text("\n".join(text[4:]))  # from 1000.2 s on
+    recording = open_capture(describe(folder))
+    assert len(recording.lidar[2]) == 10 and len(recording.lidar[0]) == 5
+    assert len(recording.lidar[3]) == 15
+
+
+@pytest.mark.parametrize(
+    ("time", "start", "note"),
+    [
+        ("offset_s = 0.25", 1000.25, None),
+        ("offset_s = -0.2", 999.8, None),
+        ("", 1000.0, "the radar is taken to start with the LiDAR"),
+        ("start_time_s = 2000", 2000.0, "have no time in common"),
+    ],
+)
+def test_start_of_the_radar(folder, time, start, note):
+    recording = open_capture(describe(folder, ("start_time_s = 1000.5", time)))
+    assert recording.cubes.stamps[0] == pytest.approx(start)
+    assert [note in text for text in recording.notes] == ([True] if note else [])
+
+
+def test_radar_alone(folder):
+    text = '[radar]\nfile = "adc_data.bin"\ndescription = "radar.cfg"\n'
+    recording = open_capture(describe(folder, text=text))
+    assert recording.lidar is None and recording.poses is None
+    assert recording.cubes.stamps[0] == 0 and recording.notes == ()
+    np.testing.assert_array_equal(recording.base_from_radar, np.eye(4))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("description =", "descripton =", "'descripton', expected description"),
+        ("[lidar]", "[lidr]", "unknown table 'lidr', expected lidar"),
+        ("rpy_degrees", "rpy_degree", "'rpy_degree', expected rpy_degrees"),
+        ('file = "adc_data.bin"', "", r"\[radar\] lacks file"),
+        ('file = "adc_data.bin"', "file = 3", r"file = 3, expected a text"),
+        ("accumulate = 3", "accumulate = 2.5", "2.5, expected an integer"),
+        ("accumulate = 3", "accumulate = 0", "0 clouds to accumulate"),
+        ("1000.5", "true", "start_time_s = True, expected a number"),
+        ("1000.5", "1000.5\noffset_s = 1", "start_time_s and offset_s: keep one"),
+        ("1000.5", "1.7e18", "milliseconds or nanoseconds"),
+        ("1000.5", "1\nframe_period_s = 0.0", "frame_period_s"),
+        ("[0.1, 0.2, 0.3]", "[100, 0, 0]", "are they millimetres"),
+        ("[0.1, 0.2, 0.3]", "[1, 0]", r"xyz = \[1, 0\], expected 3 numbers"),
+        ("[0.1, 0.2, 0.3]", '["1", 0, 0]', "expected 3 numbers"),
+        ("xyz = [0, 0, 1]", "quaternion = [0, 0, 0, 1]", "keep one"),
+        ("rpy_degrees = [0, 0, 90]", "quaternion = [0, 0, 0, 2]", "of length 1"),
+        ("livox.bag", "other.bag", "no such bag"),
+        ("poses.txt", "other.txt", "no such file of poses"),
+        ("[poses]", "[poses", "not valid TOML"),
+        ("[radar]", "radar = 3\n[rad]", "radar = 3, expected a table"),
+    ],
+)
+def test_wrong_descriptions_are_named(folder, old, new, message):
+    text = CAPTURE.replace(old, new, 1)
+    if new.startswith("radar"):
+        text = "radar = 3\n"
+    with pytest.raises((ValueError, FileNotFoundError), match=message):
+        open_capture(describe(folder, text=text))
+
+
+def test_capture_is_a_recording_like_others(folder):
+    recording = open_recording(describe(folder))
+    assert recording.lidar is not None and recording.cubes.stamps[0] == 1000.5
+    with pytest.raises(ValueError, match="description = .*radar.cfg.* has no meaning"):
+        open_recording(folder, folder / "radar.cfg")
+
+
+def test_no_description(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such description of a capture"):
+        open_capture(tmp_path)
+    with pytest.raises(ValueError, match=r"no \[radar\] table"):
+        open_capture(describe(tmp_path, text=""))
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 1", "line 2: .* expected 8 numbers"),
+        ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1", "line 2: time 1.0 after 1.0"),
+        ("1 0 0 0 0 0 0 1\n2 0 0 nan 0 0 0 1", "line 2"),
+        ("1 0 0 0 0 0 0 0", "quaternion qx qy qz qw of length 1"),
+        ("1 0 0 0 0 0 0 1", "holds 1 poses, expected 2 or more"),
+        ("t x y z", "line 1: 't x y z'"),
+        ("", "holds 0 poses"),
+    ],
+)
+def test_wrong_poses_are_named(tmp_path, lines, message):
+    path = Path(tmp_path) / "poses.txt"
+    path.write_text(lines)
+    with pytest.raises(ValueError, match=message):
+        read_tum(path)

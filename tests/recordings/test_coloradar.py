@@ -1,0 +1,247 @@
+"""ColoRadar sequences come back as they were written, wherever their parts lie."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from jradar.recordings import (
+    calibrated_cube,
+    coloradar_lidar,
+    coloradar_poses,
+    nearest_scan,
+    open_coloradar,
+    open_recording,
+    radar_from_lidar,
+)
+from tests.recordings.coloradar_writer import (
+    CHIRPS,
+    RX,
+    SAMPLES,
+    START,
+    TRANSFORMS,
+    TX,
+    expected_cube,
+    stamps_text,
+    write,
+    write_calib,
+    write_radar,
+)
+
+
+def test_every_sample_lies_where_it_was_written(sequence):
+    recording = open_coloradar(sequence)
+    assert recording.name == "12_21_2020_ec_hallways_run0"
+    assert recording.radar.cube_shape == (TX, RX, CHIRPS, SAMPLES)
+    assert len(recording.cubes) == 12
+    for frame in (0, 1, 2, 10, 11):  # 10 comes after 9, not after 1
+        assert recording.cubes[frame].dtype == np.complex64
+        np.testing.assert_array_equal(recording.cubes[frame], expected_cube(frame))
+    np.testing.assert_allclose(
+        recording.cubes.stamps, START + np.arange(12) / 10, rtol=0, atol=1e-6
+    )
+
+
+def test_lidar_and_poses_come_along(sequence):
+    recording = open_coloradar(sequence)
+    assert recording.lidar is not None and recording.poses is not None
+    scan = recording.lidar[3]
+    np.testing.assert_array_equal(scan, np.array([[-3, 0, 0, 7], [0, 0, 0, 0]], "f4"))
+    assert recording.lidar.stamps is not None
+    assert recording.lidar.stamps[0] == pytest.approx(START + 0.01, abs=1e-6)
+    np.testing.assert_allclose(recording.poses.xyz[4], [0.4, 0, 0.5])
+    np.testing.assert_allclose(
+        recording.poses.quaternion[4], [0, 0, math.sin(0.2), math.cos(0.2)]
+    )
+    np.testing.assert_array_equal(coloradar_lidar(sequence)[0], scan)
+    np.testing.assert_array_equal(coloradar_poses(sequence).xyz, recording.poses.xyz)
+
+
+def test_the_published_point_lands_where_it_must(sequence):
+    recording = open_coloradar(sequence)
+    seen = nearest_scan(recording, 5)
+    np.testing.assert_allclose(seen, [[2.888, -0.190, 0.061]], atol=5e-4)
+    matrix = radar_from_lidar(recording)
+    assert matrix is not None
+    yaw = math.degrees(math.atan2(matrix[1, 0], matrix[0, 0]))
+    assert yaw == pytest.approx(177.708, abs=1e-3)
+    np.testing.assert_allclose(matrix[:3, 3], [-0.10994, -0.07009, 0.06118], atol=1e-5)
+
+
+def test_the_published_point_with_the_data_sets_own_values(root, sequence, samples):
+    calib = samples / "coloradar_calib_reconstructed"
+    write_radar(sequence, "cascade", count=1)
+    recording = open_coloradar(sequence, sensor="single_chip", calib=calib)
+    assert recording.radar.cube_shape == (3, 4, 128, 128)
+    assert recording.coupling is not None and recording.coupling.shape == (3, 4, 64)
+    matrix = radar_from_lidar(recording)
+    assert matrix is not None
+    np.testing.assert_allclose(
+        matrix @ [-3, 0, 0, 1], [2.888, -0.190, 0.061, 1], atol=5e-4
+    )
+    cascade = radar_from_lidar(open_coloradar(sequence, sensor="cascade", calib=calib))
+    assert cascade is not None
+    np.testing.assert_allclose(cascade[:3, 3], [-0.14008, 0.10489, 0.12618], atol=1e-5)
+
+
+def test_opening_reads_no_frame(sequence):
+    for path in [*sequence.rglob("*.bin")]:
+        path.write_bytes(b"x" * 3)
+    recording = open_coloradar(sequence)
+    assert len(recording.cubes) == 12 and recording.lidar is not None
+    with pytest.raises(ValueError, match="frame_4.bin holds 3 bytes"):
+        _ = recording.cubes[4]
+    with pytest.raises(ValueError, match="lidar_pointcloud_4.bin holds 3 bytes"):
+        _ = recording.lidar[4]
+
+
+# Where things lie
+
+
+@pytest.mark.parametrize("calib", ["inside", "beside", "above", "kitti"])
+def test_calib_is_found_where_users_unpack_it(tmp_path, calib, monkeypatch):
+    folder, place = {
+        "inside": ("ec_hallways_run0", "ec_hallways_run0/calib"),
+        "beside": ("ec_hallways_run0", "calib"),
+        "above": ("data/ec_hallways_run0", "calib"),
+        "kitti": ("root/kitti/ec_hallways_run0", "root/calib"),
+    }[calib]
+    write_radar(tmp_path / folder, count=1)
+    write_calib(tmp_path / place)
+    recording = open_coloradar(tmp_path / folder)
+    assert recording.base_from_radar is not None
+    assert recording.notes == (f"calibration: {tmp_path / place}",)
+    monkeypatch.chdir(tmp_path / folder)
+    assert open_coloradar(".").name == "ec_hallways_run0"
+
+
+def test_calib_beside_the_target_of_a_link(root, sequence, tmp_path_factory):
+    link = tmp_path_factory.mktemp("links") / "run"
+    link.symlink_to(sequence)
+    assert len(open_coloradar(link).cubes) == 12
+
+
+def test_missing_calib_says_where_it_was_looked_for(tmp_path):
+    write_radar(tmp_path / "run", count=1)
+    with pytest.raises(
+        ValueError, match=r"no calib/single_chip/waveform_cfg.txt .*run"
+    ):
+        open_coloradar(tmp_path / "run")
+
+
+def test_the_radar_is_chosen(root, sequence):
+    write_calib(root / "calib", ["cascade"])
+    write_radar(sequence, "cascade", count=3)
+    both = open_coloradar(sequence)
+    assert both.radar.name == "coloradar single_chip" and len(both.cubes) == 12
+    assert "radar: single_chip; cascade was recorded as well" in both.notes
+    cascade = open_coloradar(sequence, sensor="cascade", tx_firing_order=(1, 0))
+    assert cascade.radar.name == "coloradar cascade" and len(cascade.cubes) == 3
+    assert cascade.radar.tx_firing_order == (1, 0)
+    assert cascade.base_from_radar is not None
+    np.testing.assert_allclose(cascade.base_from_radar[:3, 3], [0.03, 0.12, -0.09])
+    with pytest.raises(ValueError, match="sensor='radar', expected one of"):
+        open_coloradar(sequence, sensor="radar")
+
+
+def test_a_radar_without_raw_samples(root, sequence):
+    message = "has no cascade/adc_samples/data, it has those of single_chip"
+    with pytest.raises(ValueError, match=message):
+        open_coloradar(sequence, sensor="cascade")
+    (root / "run" / "cascade" / "heatmaps").mkdir(parents=True)
+    with pytest.raises(ValueError, match="no <radar>/adc_samples/data: .* a download"):
+        open_recording(root / "run")
+
+
+def test_only_a_radar(tmp_path):
+    write_radar(tmp_path / "run", count=2)
+    write_calib(tmp_path / "calib", transforms={})
+    recording = open_coloradar(tmp_path / "run")
+    assert recording.lidar is None and recording.poses is None
+    assert recording.base_from_radar is None and radar_from_lidar(recording) is None
+    assert nearest_scan(recording, 0) is None
+    assert any("base_to_single_chip.txt" in note for note in recording.notes)
+
+
+def test_a_sequence_that_was_unpacked_in_part(root):
+    folder = root / "12_21_2020_ec_hallways_run1"
+    write_radar(folder, count=2)
+    write(folder / "lidar/timestamps.txt", stamps_text(2, 10))
+    write(folder / "groundtruth/timestamps.txt", stamps_text(2, 10))
+    recording = open_coloradar(folder)
+    assert recording.lidar is None and recording.poses is None
+
+
+def test_coloradar_plus_numbers_from_1_and_has_one_radar(tmp_path):
+    write_radar(tmp_path / "run", "cascade", count=3, first=1)
+    transforms = {"radar": TRANSFORMS["cascade"], "lidar": TRANSFORMS["lidar"]}
+    write_calib(tmp_path / "calib", ["cascade"], transforms)
+    recording = open_coloradar(tmp_path / "run")
+    assert recording.base_from_radar is not None and len(recording.notes) == 1
+    for frame in range(3):
+        np.testing.assert_array_equal(recording.cubes[frame], expected_cube(frame))
+    np.testing.assert_allclose(recording.cubes.stamps, START + np.arange(3) / 10)
+
+
+def test_open_recording_takes_a_sequence_and_names_those_in_a_folder(root, sequence):
+    assert len(open_recording(sequence).cubes) == 12
+    assert len(open_recording(sequence, root / "calib").cubes) == 12
+    message = r"is no recording itself, name one that it holds: .*ec_hallways_run0"
+    with pytest.raises(ValueError, match=message):
+        open_recording(root)
+    sequence.rename(root / "kitti")
+    (root / "kitti" / "run").mkdir()
+    with pytest.raises(ValueError, match="name one that it holds: .*kitti"):
+        open_recording(root)
+
+
+# Calibration
+
+
+def test_coupling_and_frequency_phase_are_read_and_applied(root, sequence):
+    bins = SAMPLES // 2
+    halves = ", ".join(str(n) for n in range(2 * TX * RX * bins))
+    write(
+        root / "calib/single_chip/coupling_calib.txt",
+        f"num_tx:{TX}\nnum_rx:{RX}\nnum_range_bins:{bins}\nnum_doppler_bins:1\n"
+        f"data:{halves}\n",
+    )
+    measured = {
+        "numTx": TX,
+        "numRx": RX,
+        "frequencySlope": 50e12,
+        "samplingRate": 5.333e6,
+        "frequencyCalibrationMatrix": [10.0, 10.5, 11.0, 9.0],
+        "phaseCalibrationMatrix": [1, 0, 0, 2, -1, 0, 0.6, 0.8],
+    }
+    path = root / "calib/single_chip/phase_frequency_calib.txt"
+    write(path, json.dumps({"antennaCalib": measured}))
+    recording = open_coloradar(sequence)
+    assert recording.coupling is not None
+    assert recording.coupling[1, 0, 2] == 2 * 10 + 1j * (2 * 10 + 1)
+    shift, phase = [0, 0.5, 1, -1], [1, 2j, -1, 0.6 + 0.8j]
+    scale = 1.00000000377e14 / 50e12 * 5.333e6 / 10666000.0
+    expected = expected_cube(1).reshape(TX * RX, CHIRPS, SAMPLES)
+    for pair in range(TX * RX):
+        for n in range(SAMPLES):
+            turn = np.exp(-2j * math.pi * shift[pair] * scale * n / SAMPLES)
+            expected[pair, :, n] *= turn / phase[pair]
+    cube = np.asarray(calibrated_cube(recording, 1)).reshape(expected.shape)
+    np.testing.assert_allclose(cube, expected, rtol=2e-5, atol=1e-2)
+
+
+def test_factors_of_channels_are_applied(sequence):
+    factors = np.array([1, 1j, -1, 0.5], np.complex64)
+    recording = open_coloradar(sequence)._replace(channel_factors=factors)
+    cube = np.asarray(calibrated_cube(recording, 0))
+    expected = expected_cube(0) * factors.reshape(TX, RX, 1, 1)
+    np.testing.assert_allclose(cube, expected, rtol=1e-6)
+
+
+def test_calibration_of_another_array_is_refused(root, sequence):
+    path = root / "calib/single_chip/coupling_calib.txt"
+    write(path, "num_tx:1\nnum_rx:1\nnum_range_bins:1\nnum_doppler_bins:1\ndata:1,2\n")
+    message = r"coupling_calib.txt is for an array of \(1, 1, 1\).* needs \(2, 2, 4\)"
+    with pytest.raises(ValueError, match=message):
+        open_coloradar(sequence)

@@ -1,0 +1,295 @@
+"""ColoRadar's files: numbers and stamps, records, text; every variant and fault."""
+
+import os
+import struct
+import warnings
+
+import numpy as np
+import pytest
+
+from jradar.recordings import (
+    coloradar_clouds,
+    coloradar_heatmaps,
+    coloradar_imu,
+    coloradar_lidar,
+    coloradar_poses,
+    nearest_scan,
+    open_coloradar,
+    open_recording,
+)
+from tests.recordings.coloradar_writer import (
+    FRAME_BYTES,
+    START,
+    expected_cube,
+    frame_bytes,
+    stamps_text,
+    write,
+    write_poses,
+)
+
+# Numbers and stamps
+
+
+def test_a_gap_in_the_numbers_keeps_each_file_at_its_own_stamp(sequence):
+    for missing in (4, 5, 9):
+        (sequence / "single_chip/adc_samples/data" / f"frame_{missing}.bin").unlink()
+    recording = open_coloradar(sequence)
+    assert "3 of the numbers 0 to 11 are missing, first 4" in recording.notes[1]
+    kept = [0, 1, 2, 3, 6, 7, 8, 10, 11]
+    np.testing.assert_allclose(recording.cubes.stamps, START + np.array(kept) / 10)
+    np.testing.assert_array_equal(recording.cubes[4], expected_cube(6))
+
+
+def test_a_few_frames_of_a_sequence_with_all_stamps(sequence):
+    for missing in (0, 1, 2, 3, 4, 10, 11):
+        (sequence / "single_chip/adc_samples/data" / f"frame_{missing}.bin").unlink()
+    recording = open_coloradar(sequence)
+    notes = "\n".join(recording.notes)
+    assert "first number is 5, taken as line 6" in notes
+    assert "the last 2 of 12 stamps have no file" in notes
+    np.testing.assert_allclose(recording.cubes.stamps, START + np.arange(5, 10) / 10)
+
+
+def test_stamps_cut_with_the_frames_belong_to_the_first_number(sequence):
+    data = sequence / "single_chip/adc_samples"
+    for missing in range(7):
+        (data / "data" / f"frame_{missing}.bin").unlink()
+    write(data / "timestamps.txt", stamps_text(5, 10))
+    recording = open_coloradar(sequence)
+    assert "first number is 7, taken as line 1" in "\n".join(recording.notes)
+    np.testing.assert_allclose(recording.cubes.stamps, START + np.arange(5) / 10)
+
+
+@pytest.mark.parametrize(
+    ("count", "items", "note"),
+    [
+        (10, 10, "10 stamps for 12 files: 2 files without a stamp are left out"),
+        (15, 12, "the last 3 of 15 stamps have no file"),
+    ],
+)
+def test_other_numbers_of_stamps_than_files(sequence, count, items, note):
+    at = sequence / "single_chip/adc_samples/timestamps.txt"
+    write(at, stamps_text(count, 10))
+    recording = open_coloradar(sequence)
+    assert len(recording.cubes) == items
+    assert any(note in said for said in recording.notes)
+
+
+def test_frames_without_stamps(sequence):
+    (sequence / "single_chip/adc_samples/timestamps.txt").unlink()
+    recording = open_coloradar(sequence)
+    assert recording.cubes.stamps is None and len(recording.cubes) == 12
+    assert "times are not known" in recording.notes[1]
+    assert nearest_scan(recording, 0) is None
+
+
+def test_integer_nanoseconds_and_blank_lines(sequence):
+    lines = "\r\n\r\n".join(str(int(START * 1e9) + n * 10**8) for n in range(12))
+    write(sequence / "single_chip/adc_samples/timestamps.txt", "\ufeff" + lines)
+    stamps = open_coloradar(sequence).cubes.stamps
+    np.testing.assert_allclose(stamps, START + np.arange(12) / 10, rtol=0, atol=1e-6)
+
+
+def test_stamps_that_do_not_rise_are_said(sequence):
+    times = START + np.array([0, 1, 2, 2, 4, 3, 6, 7, 8, 9, 10, 11]) / 10
+    text = "\n".join(f"{time:6f}" for time in times)
+    write(sequence / "single_chip/adc_samples/timestamps.txt", text)
+    notes = "\n".join(open_coloradar(sequence).notes)
+    assert "adc_samples/timestamps.txt: 1 of 12 stamps go back" in notes
+    assert "1 of 12 stamps repeat the one before" in notes
+
+
+def test_foreign_files_and_two_of_one_number(sequence):
+    data = sequence / "single_chip/adc_samples/data"
+    for name in ("._frame_1.bin", "frame_1.bin.part", "frame_x.bin", ".DS_Store"):
+        write(data / name, b"?")
+    assert len(open_coloradar(sequence).cubes) == 12
+    write(data / "frame_03.bin", b"?")
+    with pytest.raises(ValueError, match="frame_03.bin and frame_3.bin, expected one"):
+        open_coloradar(sequence)
+
+
+def test_a_folder_without_frames(sequence):
+    data = sequence / "single_chip/adc_samples/data"
+    for path in data.iterdir():
+        path.rename(path.with_suffix(".dat"))
+    with pytest.raises(ValueError, match=r"no frame_<N>.bin in .*12 other files"):
+        open_coloradar(sequence)
+
+
+# Records
+
+
+@pytest.mark.parametrize("size", [0, 1, 2, 3, 4, FRAME_BYTES - 1, FRAME_BYTES + 4])
+def test_frames_of_another_size_are_refused(sequence, size):
+    path = sequence / "single_chip/adc_samples/data/frame_2.bin"
+    path.write_bytes((frame_bytes(2) + b"1234")[:size])
+    recording = open_coloradar(sequence)
+    needed = (
+        rf"frame_2.bin holds {size:,} bytes, 2 tx x 2 rx x 4 chirps x 8 samples x 2 "
+        rf"halves of <i2 need {FRAME_BYTES}"
+    )
+    with pytest.raises(ValueError, match=needed):
+        _ = recording.cubes[2]
+    np.testing.assert_array_equal(recording.cubes[3], expected_cube(3))
+
+
+@pytest.mark.parametrize("size", range(33))
+def test_lidar_of_any_length(sequence, size):
+    path = sequence / "lidar/pointclouds/lidar_pointcloud_0.bin"
+    path.write_bytes(path.read_bytes()[:size])
+    lidar = coloradar_lidar(sequence)
+    if size % 16 == 0:  # whole points, or none
+        assert lidar[0].shape == (size // 16, 4)
+    else:
+        with pytest.raises(ValueError, match=f"holds {size} bytes, .* multiple of 16"):
+            _ = lidar[0]
+
+
+def test_an_empty_scan_is_no_points(sequence):
+    for path in (sequence / "lidar/pointclouds").iterdir():
+        path.write_bytes(b"")
+    seen = nearest_scan(open_coloradar(sequence), 0)
+    assert seen is not None and seen.shape == (0, 3)
+
+
+def test_the_nearest_scan_in_time(sequence):
+    write(sequence / "lidar/timestamps.txt", stamps_text(12, 10, START + 0.3))
+    for n in range(12):
+        path = sequence / "lidar/pointclouds" / f"lidar_pointcloud_{n}.bin"
+        path.write_bytes(struct.pack("<4f", 1.0 + n, 0, 0, 0))
+    recording = open_coloradar(sequence)
+    seen = nearest_scan(recording, 5)
+    assert seen is not None
+    assert np.linalg.norm(seen) == pytest.approx(3, abs=0.2)  # frame 5 is scan 2
+    assert nearest_scan(recording, 0) is None
+    assert nearest_scan(recording, 0, tolerance_s=0.31) is not None
+
+
+def test_radar_clouds_and_heatmaps(sequence):
+    at = sequence / "single_chip/pointclouds"
+    write(at / "timestamps.txt", stamps_text(2, 10))
+    write(at / "data/radar_pointcloud_0.bin", struct.pack("<5f", 1, 2, 3, 400, -0.5))
+    write(at / "data/radar_pointcloud_1.bin", b"")
+    clouds = coloradar_clouds(sequence)
+    np.testing.assert_array_equal(clouds[0], np.array([[1, 2, 3, 400, -0.5]], "f4"))
+    assert clouds[1].shape == (0, 5)
+
+    at = sequence / "single_chip/heatmaps"
+    write(at / "timestamps.txt", stamps_text(1, 10))
+    write(at / "data/heatmap_0.bin", struct.pack("<24f", *range(24)))
+    write(
+        sequence / "calib/single_chip/heatmap_cfg.txt",
+        "num_range_bins 3\nnum_elevation_bins 2\nnum_azimuth_bins 2\n"
+        "range_bin_width 0.125\nazimuth_bins -0.5 0.5\n",
+    )
+    heatmaps = coloradar_heatmaps(
+        sequence, sensor="single_chip", calib=sequence / "calib"
+    )
+    assert heatmaps[0].shape == (2, 2, 3, 2)
+    assert heatmaps[0][1, 0, 2, 1] == 1 * 12 + 0 * 6 + 2 * 2 + 1
+    released = coloradar_heatmaps(sequence, sensor="single_chip")
+    with pytest.raises(ValueError, match="holds 96 bytes, .* need 524,288: truncated"):
+        _ = released[0]
+
+
+def test_imu_and_vicon(sequence):
+    write(sequence / "imu/timestamps.txt", stamps_text(3, 300))
+    write(sequence / "imu/imu_data.txt", "0 1 9.8 .1 .2 .3\n" * 2)
+    with pytest.warns(UserWarning, match="3 stamps for 2 lines of imu_data.txt"):
+        imu = coloradar_imu(sequence)
+    np.testing.assert_array_equal(imu.acceleration, [[0, 1, 9.8]] * 2)
+    np.testing.assert_array_equal(imu.angular_velocity, [[0.1, 0.2, 0.3]] * 2)
+    assert len(imu.stamps) == 2
+    write_poses(sequence, "vicon", count=4)
+    assert len(coloradar_poses(sequence, source="vicon").stamps) == 4
+    with pytest.raises(ValueError, match="source='gps'"):
+        coloradar_poses(sequence, source="gps")
+
+
+def test_poses_come_at_rising_times(sequence):
+    times = START + np.array([0, 2, 1, 1, 3])
+    write(sequence / "groundtruth/timestamps.txt", "\n".join(map(repr, times.tolist())))
+    rows = "".join(f"{n} 0 0 0 0 0 1\n" for n in range(5))
+    write(sequence / "groundtruth/groundtruth_poses.txt", rows)
+    with pytest.warns(UserWarning, match="1 of 5 stamps"):
+        poses = coloradar_poses(sequence)
+    np.testing.assert_array_equal(poses.stamps - START, [0, 1, 2, 3])
+    np.testing.assert_array_equal(poses.xyz[:, 0], [0, 2, 1, 4])
+
+
+# Text files
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "is empty, expected 1 numbers a line"),
+        (b"\n \n", "is empty"),
+        (b"# only a comment\n", "expected 1 numbers"),
+        (b"\x80\xff\x00\x01" * 9, "is not a text file|expected 1 numbers"),
+        (b"1608568420.25\nNaN\n", "1 lines hold NaN .* number 2"),
+        (b"1608568420.25\ninf\n", "1 lines hold NaN or infinite"),
+        (b"1608568420.25 1\n", "has 2 numbers a line, expected 1"),
+        (b"1608568420.25\n1 2\n", "expected 1 numbers a line"),
+        (b"1608568420,25\n", "expected 1 numbers a line"),
+        (b"yesterday\n", "expected 1 numbers a line"),
+    ],
+)
+def test_unusable_stamps_are_refused(sequence, content, message):
+    write(sequence / "single_chip/adc_samples/timestamps.txt", content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(ValueError, match=rf"timestamps.txt.*({message})"):
+            open_coloradar(sequence)
+
+
+def test_a_billion_stamps_are_refused_before_they_are_read(sequence):
+    with (sequence / "lidar/timestamps.txt").open("wb") as file:
+        file.truncate(18 * 10**9)  # takes no room on the disk
+    with pytest.raises(ValueError, match="18,000,000,000 bytes, at most 67,108,864"):
+        open_coloradar(sequence)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "-145 90 -25\n0 0 0.7071068 0.7071068\n",
+            "172.* m from the base.*millimetres",
+        ),
+        ("0 0 0\n0 0 0 0.5\n", "length 0.5, expected 1"),
+        ("0 0 0\n0 0 0 0\n", "length 0, expected 1"),
+        ("0 0 0\n0 0 1\n", "holds 6 numbers, expected 7"),
+        ("0 0 nan\n0 0 0 1\n", "expected 7 finite"),
+        ("0 0 zero\n0 0 0 1\n", "expected numbers"),
+        (b"\xff\xfe\x80", "expected numbers"),
+        ("0 " * 9999, "is no transform"),
+    ],
+)
+def test_unusable_transforms_are_refused(root, sequence, text, message):
+    write(root / "calib/transforms/base_to_lidar.txt", text)
+    with pytest.raises(ValueError, match=rf"base_to_lidar.txt.*{message}"):
+        open_coloradar(sequence)
+
+
+def test_poses_that_are_no_rotations_are_refused(sequence):
+    rows = "0 0 0 0 0 0 1\n" * 3 + "0 0 0 1 1 1 1\n" + "0 0 0 0 0 0 1\n" * 10
+    write(sequence / "groundtruth/groundtruth_poses.txt", rows)
+    with pytest.raises(ValueError, match="line 4 of .* length 2, expected 1"):
+        open_coloradar(sequence)
+
+
+def test_links_that_lead_in_circles_end_in_an_error(root, sequence):
+    loop = sequence / "single_chip/adc_samples/data/frame_0.bin"
+    loop.unlink()
+    loop.symlink_to(loop)
+    recording = open_coloradar(sequence)
+    with pytest.raises(OSError, match="frame_0.bin"):
+        _ = recording.cubes[0]
+    circle = root / "circle"
+    os.symlink(circle, circle)
+    with pytest.raises(FileNotFoundError, match="circle"):
+        open_recording(circle)
+    (sequence / "calib").symlink_to(sequence / "calib")  # the one beside is taken
+    assert len(open_coloradar(sequence).cubes) == 12

@@ -1,0 +1,165 @@
+"""Streams read when asked; what `describe` says of rates, faults and single files."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from jradar.lidar import Poses, rigid_transform
+from jradar.radar import RadarSpec
+from jradar.recordings import Recording, Stream, describe, describe_file
+
+RADAR = RadarSpec.awr1843(num_samples=8, num_chirps=4)
+EVERY_100_MS = np.arange(10) / 10
+
+
+def cubes(stamps, count=10):
+    return Stream(
+        lambda item: np.full(RADAR.cube_shape, item - 3j, np.complex64), count, stamps
+    )
+
+
+def scans(stamps):
+    scan = np.array([[1, 2, 3, 4], [0, 0, 0, 0], [np.nan, 0, 0, 0]], np.float32)
+    return Stream(lambda item: scan[: 1 + item % 3], len(stamps), stamps)
+
+
+def recording(tmp_path, stamps, **others):
+    return Recording("run", tmp_path, RADAR, cubes(stamps), **others)
+
+
+def test_a_stream_reads_what_is_asked_for_and_nothing_else():
+    asked = []
+
+    def read(item):
+        asked.append(item)
+        return np.array([item])
+
+    stream = Stream(read, 5, np.arange(5.0), ("a note",))
+    assert len(stream) == 5 and stream.notes == ("a note",) and not asked
+    assert stream[-1].tolist() == [4] and [a.tolist() for a in stream[1:3]] == [
+        [1],
+        [2],
+    ]
+    assert asked == [4, 1, 2]
+    for item in (5, -6):
+        with pytest.raises(IndexError, match=f"item {item} of 5"):
+            stream[item]
+    with pytest.raises(ValueError, match="4 stamps for 5 items"):
+        Stream(read, 5, np.arange(4.0))
+
+
+def test_a_steady_stream_has_no_faults(tmp_path):
+    found = describe(recording(tmp_path, EVERY_100_MS))
+    [timing] = found["streams"]
+    assert timing["stream"] == "radar" and timing["items"] == found["frames"] == 10
+    assert timing["rate_hz"] == pytest.approx(10)
+    assert timing["seconds"] == pytest.approx(0.9)
+    assert timing["longest_gap_s"] == pytest.approx(0.1)
+    assert [timing[k] for k in ("gaps", "repeated", "backwards")] == [0, 0, 0]
+    assert found["readable"] == {
+        "frame 0": "yes, counts up to 3",
+        "frame 9": "yes, counts up to 9",
+    }
+    assert found["calibration"] == ["none"] and found["transforms"] == {}
+
+
+def test_gaps_repeats_and_steps_back_are_counted(tmp_path):
+    stamps = np.array([0, 1, 2, 2, 3, 7, 8, 7.5, 8.5, 9.5]) / 10
+    [timing] = describe(recording(tmp_path, stamps))["streams"]
+    assert timing["rate_hz"] == pytest.approx(10)
+    assert (timing["gaps"], timing["repeated"], timing["backwards"]) == (1, 1, 1)
+    assert timing["longest_gap_s"] == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("stamps", [None, np.zeros(10)])
+def test_unknown_times_have_no_rate(tmp_path, stamps):
+    [timing] = describe(recording(tmp_path, stamps))["streams"]
+    assert timing["rate_hz"] is None and timing["gaps"] is None
+    assert timing["repeated"] == (None if stamps is None else 9)
+
+
+def test_company_of_lidar_and_poses(tmp_path):
+    poses = Poses(np.array([0.25, 1.0]), np.zeros((2, 3)), np.eye(4)[[3, 3]])
+    lidar = scans(np.array([0.0, 0.34, 0.851, 0.16]))
+    found = describe(recording(tmp_path, EVERY_100_MS, lidar=lidar, poses=poses))
+    expected = sum(min(abs(lidar.stamps - stamp)) <= 0.05 for stamp in EVERY_100_MS)
+    assert found["frames with a LiDAR scan"] == expected == 4
+    assert found["frames with a pose"] == 7  # 0.3 to 0.9
+    assert [s["stream"] for s in found["streams"]] == ["radar", "lidar", "poses"]
+    assert found["readable"]["scan 0"] == "yes, 1 points, 1 of them returns"
+    assert found["readable"]["scan 3"] == "yes, 1 points, 1 of them returns"
+
+
+def test_no_scans_at_all(tmp_path):
+    lidar = Stream(lambda item: np.zeros((0, 4), np.float32), 0, np.zeros(0))
+    found = describe(recording(tmp_path, EVERY_100_MS, lidar=lidar))
+    assert found["frames with a LiDAR scan"] == 0
+    assert [*found["readable"]] == ["frame 0", "frame 9"]
+
+
+def test_what_cannot_be_read_is_said(tmp_path):
+    def read(item):
+        raise ValueError(f"frame_{item}.bin holds 3 bytes")
+
+    broken = recording(tmp_path, EVERY_100_MS)._replace(cubes=Stream(read, 10))
+    readable = describe(broken)["readable"]
+    assert readable["frame 9"] == "cannot be read: frame_9.bin holds 3 bytes"
+
+
+def test_transforms_calibration_and_losses(tmp_path):
+    half = math.sqrt(0.5)
+    described = describe(
+        recording(
+            tmp_path,
+            EVERY_100_MS,
+            base_from_radar=rigid_transform(np.zeros(3), np.array([0, 0, half, half])),
+            base_from_lidar=rigid_transform(
+                np.array([1.0, 0, 2]), np.array([0, 0, 0, 1.0])
+            ),
+            coupling=np.ones((3, 4, 4), complex),
+            channel_factors=np.ones(12, complex),
+            range_bias_m=0.07,
+            lost_bytes=np.array([0, 5, 0, 7, 0, 0, 0, 0, 0, 0]),
+            notes=("mended",),
+        )
+    )
+    radar, lidar, between = described["transforms"].values()
+    np.testing.assert_allclose(radar["yaw_pitch_roll_deg"], [90, 0, 0], atol=1e-9)
+    assert lidar["xyz_m"] == [1, 0, 2]
+    np.testing.assert_allclose(between["xyz_m"], [0, -1, 2], atol=1e-12)
+    np.testing.assert_allclose(between["yaw_pitch_roll_deg"], [-90, 0, 0], atol=1e-9)
+    assert described["calibration"] == [
+        "coupling, 3 x 4 x 4 [tx, rx, range bin]",
+        "factors of 12 virtual antennas",
+        "range bias 0.07 m",
+    ]
+    assert (described["lost bytes"], described["frames with losses"]) == (12, 2)
+    assert described["notes"] == ["mended"]
+    assert json.loads(json.dumps(described)) == described
+
+
+def test_points_and_bounds_of_a_cloud(tmp_path):
+    path = tmp_path / "lidar_pointcloud_7.bin"
+    points = [[1, -2, 3, 9], [0, 0, 0, 0], [np.nan, 1, 1, 1], [-4, 5, 0.5, 1]]
+    path.write_bytes(np.array(points, "<f4").tobytes())
+    found = describe_file(path)
+    assert found is not None
+    assert (found["points"], found["finite and not (0, 0, 0)"]) == (4, 2)
+    assert found["lowest_m"] == [-4, -2, 0.5] and found["highest_m"] == [1, 5, 3]
+    path.write_bytes(b"")
+    empty = describe_file(path)
+    assert empty is not None and empty["points"] == 0 and "lowest_m" not in empty
+    assert describe_file(tmp_path / "adc_data.bin") is None
+
+
+def test_topics_of_a_bag(tmp_path):
+    pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
+    from tests.recordings.test_bags import LIVOX, START, livox, livox_rows, write_bag
+
+    messages = [("/l", LIVOX, START + n, livox(livox_rows(2), START)) for n in range(3)]
+    path = write_bag(tmp_path, "mcap", messages)
+    topics = [{"topic": "/l", "type": LIVOX, "messages": 3}]
+    for bag in (path, path / "mcap.mcap"):
+        assert describe_file(bag) == {"bag": str(bag), "topics": topics}

@@ -1,0 +1,44 @@
+"""Small scenes with known answers, seen from a platform at a known place."""
+
+import numpy as np
+import pytest
+
+from jradar.simulation.motion import STILL, Motion, loop
+from jradar.simulation.reflectors import find_reflectors
+from jradar.simulation.scene import Scene, make_body
+from jradar.simulation.solids import join, moved, sheet
+
+pytest.importorskip("embreex", reason="the extra `sim` is not installed")
+
+
+def straight(speed_mps=0.0, height=1.2):
+    """A platform that passes x = y = 0 along x at time 0."""
+    corners = np.array([(-20, 0), (20, 0), (20, -40), (-20, -40)], float)
+    curve = loop(np.column_stack([corners, np.full(4, height)]), rounding_m=0.5)
+    at = np.linspace(5, 35, 30_001)
+    start = at[np.abs(curve(at)[:, 0]).argmin()]
+    return Motion(
+        curve, float(curve.x[-1]), speed_mps, start, np.array([0, 1.0, 0]), STILL
+    )
+
+
+def world(solids, *, movers=(), speed_mps=0.0):
+    """A scene and its reflectors; `movers` are pairs of solid and motion."""
+    random = np.random.default_rng(0)
+    bodies = [make_body(random, join(list(solids)))]
+    bodies += [make_body(random, solid, motion=motion) for solid, motion in movers]
+    return Scene("test", tuple(bodies), straight(speed_mps)), find_reflectors(
+        tuple(bodies)
+    )
+
+
+def corner_reflector(xyz, side=0.2):
+    """Three squares of metal that open towards where x is smaller, on edge."""
+    square = [(0, 0), (side, 0), (side, side), (0, side)]
+    sheets = [
+        sheet([(u, v, 0.0) for u, v in square], "metal"),
+        sheet([(u, 0.0, v) for u, v in square], "metal"),
+        sheet([(0.0, u, v) for u, v in square], "metal"),
+    ]
+    solid = moved(join(sheets), (0, 0, 0), yaw=np.pi * 0.75)
+    return moved(solid, xyz)
