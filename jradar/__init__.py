@@ -13,7 +13,12 @@ One frame's way through the package, which is also the order of its rooms:
       -> metrics, viz
     ground truth: LiDAR scan -> lidar.preprocess -> range_image.project
 
-`enhance` is all of it in one function. Rooms are loaded when they are first named.
+`load_model` and `enhance` are all of it:
+
+    model = jradar.load_model("jradar-sim")
+    cloud = jradar.enhance(key, cube, model)
+
+A room is loaded when it is first named.
 """
 
 import importlib
@@ -37,7 +42,7 @@ if TYPE_CHECKING:
         types as types,
         viz as viz,
     )
-    from jradar.pipeline import enhance as enhance
+    from jradar.model import enhance as enhance, load_model as load_model
     from jradar.types import PointCloud as PointCloud
 
 __version__ = "0.1.0"
@@ -45,26 +50,32 @@ __version__ = "0.1.0"
 __all__ = [
     "PointCloud",
     "baselines",
-    "bundle",
     "data",
     "diffusion",
     "enhance",
     "evaluation",
     "export",
     "lidar",
+    "load_model",
     "metrics",
-    "pipeline",
+    "model",
     "radar",
     "range_image",
+    "recordings",
+    "simulation",
     "training",
     "types",
     "viz",
 ]
-NAMES = {"enhance": "jradar.pipeline", "PointCloud": "jradar.types"}
+NAMES = {
+    "PointCloud": "jradar.types",
+    "enhance": "jradar.model",
+    "load_model": "jradar.model",
+}
 
 
 def __getattr__(name: str) -> Any:
-    """Load a room, or one of the few names on the top level, on first use."""
+    """Load a room, or one of the names in NAMES, on first use."""
     if name in NAMES:
         return getattr(importlib.import_module(NAMES[name]), name)
     if name in __all__:

@@ -1,12 +1,12 @@
-r"""The whole function from ADC cube to dense cloud, with weights, in one file.
+r"""One file that turns an ADC cube into a dense cloud and runs without jradar.
 
-The file runs without jradar's source: its first line is a JSON header, what follows is
-`jax.export`'s serialised form of
+The first line of the file is a JSON header. The rest is what `jax.export` serialises
+for the function
 
     (seed, cube [tx, rx, chirp, sample]) -> (xyz [point, 3], valid [point])
 
-The header holds the digest of all that follows, since a flipped bit in the weights
-would otherwise go unnoticed. Where only JAX is installed:
+The header holds a digest of the function, because a flipped bit in the weights would
+otherwise go unnoticed. To use the file where only JAX is installed:
 
     header, function = open("model.jradar", "rb").read().split(b"\n", 1)
     assert hashlib.sha256(function).hexdigest() == json.loads(header)["sha256"]
@@ -24,10 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from jradar.bundle import Bundle
-from jradar.diffusion import conditional_denoiser
 from jradar.files import atomic_path
-from jradar.pipeline import enhance
+from jradar.model import Model, enhance
 
 FORMAT = "jradar function 1"
 MAX_HEADER_BYTES = 1 << 16
@@ -35,7 +33,7 @@ PLATFORMS = ("cpu", "cuda", "tpu")
 
 
 class ExportedFunction(NamedTuple):
-    """A loaded file: the function, and its header."""
+    """An exported function and the header of its file."""
 
     call: Callable[
         [int, Complex[Array, "tx rx chirp sample"]],
@@ -46,44 +44,33 @@ class ExportedFunction(NamedTuple):
 
 def export_function(
     path: Path | str,
-    bundle: Bundle,
+    model: Model,
     *,
     coupling: Complex[np.ndarray, "tx rx half_range"] | None = None,
     platforms: Sequence[str] = ("cpu",),
-    **sampling: Any,
+    **drawing: Any,
 ) -> None:
-    """Write `enhance` with the bundle's weights; `sampling` are its options.
+    """Write `enhance` with a model's weights as one file.
 
-    The radar and its frame's size are the bundle's. `coupling` is that of the unit the
-    file is for, as `read_coupling` reads it, and is kept in the file. Raises ValueError
-    for the coupling of another array, ImportError without the extra `export`.
+    The radar and the size of its frame are the model's. `coupling` is the calibration
+    of one unit (`read_coupling`); it becomes part of the file. `drawing` are options of
+    `model.draw`. Raises ValueError for the coupling of another array, ImportError
+    without the extra `export`.
     """
     _check_extra()
     unknown = [name for name in platforms if name not in PLATFORMS]
     if unknown or not platforms:
         raise ValueError(f"platforms {platforms}, expected some of {PLATFORMS}")
-    params, spec = bundle
-    radar, points = spec.radar, spec.points
+    spec, radar = model.spec, model.spec.radar
     if coupling is not None:
-        points = {**points, "coupling": jnp.asarray(coupling, jnp.complex64)}
+        coupling = jnp.asarray(coupling, jnp.complex64)
 
     def function(seed, cube):
-        cloud = enhance(
-            jax.random.key(seed),
-            cube,
-            conditional_denoiser(spec.network, params, spec.noise),
-            radar=radar,
-            coarse=spec.coarse,
-            fine=spec.fine,
-            num_slices=spec.num_slices,
-            points=points,
-            noise=spec.noise,
-            codec=spec.codec,
-            **{**spec.sampling, **sampling},
-        )
+        key = jax.random.key(seed)
+        cloud = enhance(key, cube, model, coupling=coupling, **drawing)
         return cloud.xyz, cloud.valid
 
-    shape = (radar.num_tx, radar.num_rx, radar.num_chirps, radar.num_samples)
+    shape = radar.cube_shape
     exported = jax.export.export(jax.jit(function), platforms=tuple(platforms))(
         jax.ShapeDtypeStruct((), jnp.uint32), jax.ShapeDtypeStruct(shape, jnp.complex64)
     )
@@ -98,14 +85,14 @@ def export_function(
         "purpose": spec.purpose,
         "trained_on": spec.trained_on,
         "steps_seen": spec.steps_seen,
-        "sampling": {name: str(value) for name, value in sampling.items()},
+        "sampling": {name: _printed(value) for name, value in drawing.items()},
     }
     with atomic_path(path) as scratch:
         scratch.write_bytes(json.dumps(header).encode() + b"\n" + content)
 
 
 def load_function(path: Path | str) -> ExportedFunction:
-    """Read what `export_function` wrote. Raises ValueError for a damaged file."""
+    """Load a file of `export_function`. Raises ValueError for a damaged file."""
     _check_extra()
     path = Path(path)
     with path.open("rb") as file:
@@ -121,20 +108,25 @@ def load_function(path: Path | str) -> ExportedFunction:
             raise ValueError(f"{path} has format {found!r}, expected {FORMAT!r}")
         content = file.read()
     if hashlib.sha256(content).hexdigest() != digest:
-        raise ValueError(f"{path} does not match its digest: is it damaged?")
+        raise ValueError(f"{path} does not match its digest: export again")
     exported = jax.export.deserialize(bytearray(content))
 
     def call(seed, cube) -> Any:
         shape = tuple(header["cube"])
         if cube.shape != shape:
-            raise ValueError(f"a cube of {cube.shape}, {path} was made for {shape}")
+            raise ValueError(f"cube has shape {cube.shape}, {path} expects {shape}")
         return exported.call(jnp.uint32(seed), jnp.asarray(cube, jnp.complex64))
 
     return ExportedFunction(call, header)
 
 
+def _printed(value: Any) -> Any:
+    """An option of `draw` as JSON takes it: a solver by its name."""
+    return getattr(value, "name", value)
+
+
 def _check_extra():
-    """Name the extra where the package that serialises is missing."""
+    """Raise ImportError naming the extra if flatbuffers is missing."""
     try:
         import flatbuffers  # noqa: F401
     except ImportError as error:

@@ -1,7 +1,6 @@
 """Checks the shapes in every signature while tests run; names the real samples."""
 
 import os
-import tempfile
 from pathlib import Path
 
 import pytest
@@ -9,11 +8,11 @@ from jaxtyping import install_import_hook
 
 install_import_hook("jradar", "beartype.beartype")
 
-os.environ["JRADAR_CACHE"] = "off"  # a test that wants it says so
-os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.5"
-if "PYTEST_XDIST_WORKER" not in os.environ:  # workers and their processes share this
-    _compiled = tempfile.TemporaryDirectory(prefix="jradar-tests-")
-    os.environ["JAX_COMPILATION_CACHE_DIR"] = _compiled.name
+from jradar.files import use_compilation_cache  # noqa: E402  (after the hook)
+
+use_compilation_cache()  # compiled programs are kept from one run to the next
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
+os.environ["JRADAR_CACHE"] = "off"  # the tests of the cache turn it on themselves
 
 SAMPLES = Path(__file__).parents[2] / "shared" / "samples"
 

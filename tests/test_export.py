@@ -3,40 +3,24 @@
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.bundle import Bundle, BundleSpec
-from jradar.diffusion import NoiseSpec, UNet, conditional_denoiser
 from jradar.export import export_function, load_function
-from jradar.pipeline import enhance
-from jradar.radar import RadarSpec
+from jradar.model import enhance
+from jradar.radar import PointSpec
 from jradar.range_image import ImageSpec
+from tests.models import tiny_model
 
 pytest.importorskip("flatbuffers", reason="needs jradar[export]")
 
-RADAR = RadarSpec.awr1843(num_chirps=16, num_samples=32)
-NETWORK = UNet(channels=4, multipliers=(1,), blocks=1, attention_levels=(), stem=(1, 2))
-SPEC = BundleSpec(
-    network=NETWORK,
-    noise=NoiseSpec(),
-    coarse=ImageSpec(8, 8),
-    fine=ImageSpec(8, 16),
-    radar=RADAR,
-    num_slices=2,
-    codec="log",
-    steps_seen=1,
-    trained_on="a test",
-    points={"capacity": 16},
-)
-CUBE = np.random.default_rng(0).normal(
-    size=(RADAR.num_tx, RADAR.num_rx, RADAR.num_chirps, RADAR.num_samples)
-)
-COUPLING = np.random.default_rng(2).normal(size=(RADAR.num_tx, RADAR.num_rx, 16, 2))
+MODEL = tiny_model(fine=ImageSpec(8, 16), points=PointSpec(capacity=16))
+RADAR = MODEL.spec.radar
+CUBE = np.random.default_rng(0).normal(size=RADAR.cube_shape)
+COUPLING = np.random.default_rng(2).normal(size=(RADAR.num_tx, RADAR.num_rx, 32, 2))
 COUPLING = (60 * COUPLING).astype(np.float32).view(np.complex64)[..., 0]
 
 # What the docstring of jradar.export tells users to write.
@@ -55,65 +39,42 @@ np.savez(sys.argv[3], xyz=xyz, valid=valid)
 
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
-    """The bundle and the file made from it."""
-    shapes = jax.eval_shape(
-        NETWORK.init,
-        jax.random.key(0),
-        jnp.zeros((1, 8, 16, 2)),
-        jnp.zeros(1),
-        jnp.zeros((1, 8, 8, 6)),
-    )
-    rng = np.random.default_rng(1)
-    params = jax.tree.map(
-        lambda leaf: jnp.asarray(0.3 * rng.normal(size=leaf.shape), leaf.dtype), shapes
-    )
+    """The file made from the model."""
     path = tmp_path_factory.mktemp("export") / "model.jradar"
-    export_function(path, Bundle(params, SPEC), coupling=COUPLING, steps=3)
-    return params, path
+    export_function(path, MODEL, coupling=COUPLING, draws=1, steps=3)
+    return path
 
 
 def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
-    params, path = exported
     np.save(tmp_path / "cube.npy", CUBE)
     (tmp_path / "reader.py").write_text(READER)
     subprocess.run(
-        [sys.executable, "reader.py", str(path), "cube.npy", "out.npz"],
+        [sys.executable, "reader.py", str(exported), "cube.npy", "out.npz"],
         cwd=tmp_path,
         env={"JAX_PLATFORMS": "cpu", "PATH": ""},
         check=True,
     )
-    reference = jax.jit(
-        lambda cube, coupling: enhance(
-            jax.random.key(7),
-            cube,
-            conditional_denoiser(NETWORK, params, SPEC.noise),
-            radar=RADAR,
-            coarse=SPEC.coarse,
-            fine=SPEC.fine,
-            num_slices=2,
-            points={**SPEC.points, "coupling": coupling},
-            noise=SPEC.noise,
-            steps=3,
-        ),
-    )
     cube = jnp.asarray(CUBE, jnp.complex64)
-    cloud, without = reference(cube, COUPLING), reference(cube, 0 * COUPLING)
+    cloud, without = (
+        enhance(jax.random.key(7), cube, MODEL, coupling=coupling, draws=1, steps=3)
+        for coupling in (COUPLING, 0 * COUPLING)
+    )
     out = np.load(tmp_path / "out.npz")
     np.testing.assert_array_equal(out["valid"], cloud.valid)
     np.testing.assert_allclose(out["xyz"], cloud.xyz, atol=1e-4)
     assert 0 < out["valid"].sum()
     assert not np.allclose(out["xyz"], without.xyz, atol=1e-3)
 
-    function = load_function(path)
+    function = load_function(exported)
     xyz, _ = function.call(7, CUBE)
     np.testing.assert_array_equal(xyz, out["xyz"])
     assert function.header["radar"] == RADAR.name and function.header["coupling"]
-    with pytest.raises(ValueError, match="was made for"):
+    with pytest.raises(ValueError, match="expects"):
         function.call(7, CUBE[:1])
 
 
 def test_damage_is_found(exported, tmp_path):
-    good = Path(exported[1]).read_bytes()
+    good = exported.read_bytes()
     flipped = bytearray(good)
     flipped[len(good) * 3 // 4] ^= 1
     header, content = good.split(b"\n", 1)
@@ -133,11 +94,9 @@ def test_damage_is_found(exported, tmp_path):
 
 def test_unknown_platform_and_missing_extra(exported, tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="coupling of 3 tx x 4 rx x 8 range bins"):
-        export_function(
-            tmp_path / "x", Bundle(exported[0], SPEC), coupling=COUPLING[..., :8]
-        )
+        export_function(tmp_path / "x", MODEL, coupling=COUPLING[..., :8])
     with pytest.raises(ValueError, match="expected some of"):
-        export_function(tmp_path / "x", Bundle(exported[0], SPEC), platforms=["gpu"])
+        export_function(tmp_path / "x", MODEL, platforms=["gpu"])
     monkeypatch.setitem(sys.modules, "flatbuffers", None)
     with pytest.raises(ImportError, match=r"jradar\[export\]"):
-        load_function(exported[1])
+        load_function(exported)

@@ -1,0 +1,263 @@
+"""A model on disk, and the three functions from a cube to a dense cloud."""
+
+import dataclasses
+import functools
+import json
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from flax.traverse_util import flatten_dict, unflatten_dict
+from jradar.errors import ModelError
+
+import jradar
+from jradar import model as models
+from jradar.diffusion import PREDICTIONS, SOLVERS, NoiseSpec
+from jradar.model import (
+    Model,
+    condition,
+    draw,
+    enhance,
+    load_model,
+    save_model,
+    shipped_models,
+)
+from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
+from jradar.range_image import ImageSpec, encode_target, project
+from tests.models import tiny_model
+
+RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
+FINE = ImageSpec(8, 32)
+LIDAR = 4.0 + np.sin(np.arange(8 * 32.0)).reshape(FINE.shape)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return tiny_model(fine=ImageSpec(8, 32, azimuth=(-1.0, 0.5)))
+
+
+def echoes(key):
+    """A cube of 20 targets in front of the radar."""
+    place = jax.random.uniform(key, (20, 3), minval=-1.0, maxval=1.0)
+    targets = Scatterers(
+        place + jnp.array([3.0, 0.0, 0.0]), jnp.zeros(20), jnp.full(20, 50.0)
+    )
+    return simulate_cube(key, targets, RADAR, noise_power=1.0)
+
+
+class Oracle(nn.Module):
+    """A network that answers with stored images, whatever it is shown."""
+
+    images: tuple
+    sigma_data: float = 0.5
+
+    def __call__(self, x, c_noise, condition):
+        """Encode and decode."""
+        return self.decode(x, c_noise, self.encode(condition))
+
+    def encode(self, condition):
+        """Return the condition as it is."""
+        return condition
+
+    def decode(self, x, c_noise, features):
+        """Return the stored images."""
+        target = encode_target(jnp.asarray(self.images), FINE) / self.sigma_data
+        return jnp.broadcast_to(target, x.shape)
+
+
+def oracle(*images):
+    """A model whose clean images are `images`, one for each draw."""
+    stored = tuple(tuple(map(tuple, image.tolist())) for image in images)
+    spec = dataclasses.replace(
+        tiny_model().spec,
+        network=Oracle(stored),
+        noise=NoiseSpec(prediction=PREDICTIONS["clean"]),
+        codec="log",
+    )
+    return Model({}, spec)
+
+
+def test_the_networks_image_becomes_the_cloud():
+    cloud = enhance(
+        jax.random.key(1), echoes(jax.random.key(0)), oracle(LIDAR), draws=1
+    )
+    assert cloud.xyz.shape == (8 * 32, 3)
+    np.testing.assert_allclose(project(cloud, FINE), LIDAR, atol=1e-4)
+
+
+def test_several_draws_give_what_they_agree_on():
+    near, far = np.full(FINE.shape, 3.0), np.full(FINE.shape, 6.0)
+    model = oracle(near, far, far + 0.1, np.zeros(FINE.shape))
+    key, image = jax.random.key(0), jnp.zeros((8, 8, 12))
+    agreed = draw(key, image, model, draws=4, steps=2)
+    np.testing.assert_allclose(agreed, 6.05, atol=1e-4)
+    with pytest.raises(ValueError, match="draws=0, expected 1 or more"):
+        draw(key, image, model, draws=0)
+
+
+def test_a_regression_model_answers_once_and_draws_no_samples(model):
+    spec = dataclasses.replace(oracle(LIDAR).spec, method="regression")
+    key, image = jax.random.key(0), jnp.zeros((8, 8, 12))
+    np.testing.assert_allclose(draw(key, image, Model({}, spec)), LIDAR, atol=1e-4)
+    with pytest.raises(ValueError, match="draws, steps: a model trained by regression"):
+        draw(key, image, Model({}, spec), draws=1, steps=3)
+    with pytest.raises(ValueError, match="method = 'magic', expected one of"):
+        dataclasses.replace(model.spec, method="magic")
+
+
+def test_jit_and_vmap_take_the_model_as_an_argument(model):
+    keys = jax.random.split(jax.random.key(0), 2)
+    cubes = jnp.stack([echoes(key) for key in keys])
+    options = {"draws": 1, "steps": 2}
+    over_frames = jax.vmap(functools.partial(enhance, **options), in_axes=(0, 0, None))
+    batched = jax.jit(over_frames)(keys, cubes, model)
+    for i in range(2):
+        alone = enhance(keys[i], cubes[i], model, **options)
+        np.testing.assert_allclose(batched.xyz[i], alone.xyz, atol=1e-3)
+
+
+def test_a_gradient_reaches_the_parameters(model):
+    image = condition(echoes(jax.random.key(0)), model)
+
+    def mean_range(model):
+        key, heun = jax.random.key(1), SOLVERS["heun"]
+        return draw(key, image, model, draws=1, steps=2, solver=heun).mean()
+
+    slope = jax.grad(mean_range)(model)
+    assert isinstance(slope, Model) and slope.spec == model.spec
+    sizes = [float(jnp.abs(leaf).sum()) for leaf in jax.tree.leaves(slope.params)]
+    assert np.isfinite(sizes).all() and sum(sizes) > 0
+
+
+def test_another_radars_cube_is_told_apart(model):
+    cube = jnp.zeros((2, 4, 16, 64), jnp.complex64)
+    with pytest.raises(ValueError, match=r"cube has shape \(2, 4, 16, 64\)"):
+        condition(cube, model)
+    other = RadarSpec.awr1642(num_chirps=16, num_samples=64)
+    assert condition(cube, model, radar=other).shape == (8, 8, 12)
+
+
+def test_round_trip_is_exact_except_for_half_precision(tmp_path, model):
+    save_model(tmp_path / "m", model)
+    save_model(tmp_path / "m", model)  # replaces the first
+    loaded = load_model(tmp_path / "m")
+    assert loaded.spec == model.spec and hash(loaded.spec) == hash(model.spec)
+    assert jax.tree.structure(loaded) == jax.tree.structure(model)
+    halved = jax.tree.map(lambda v: v.astype(jnp.float16), model.params)
+    jax.tree.map(np.testing.assert_array_equal, loaded.params, halved)
+    assert {v.dtype for v in jax.tree.leaves(loaded)} == {jnp.dtype("float32")}
+    names = sorted(path.name for path in (tmp_path / "m").iterdir())
+    assert names == ["model.json", "weights.safetensors"]
+    assert [path.name for path in tmp_path.iterdir()] == ["m"]
+
+
+def test_a_missing_model_is_named_with_the_shipped_ones(tmp_path):
+    expected = r"no model at .*nowhere: expected a folder .*shipped model: jradar-sim"
+    with pytest.raises(ModelError, match=expected):
+        load_model(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("format", 99, "format 99, this version reads 3"),
+        ("method", "magic", "not usable: method = 'magic'"),
+        ("noise", {"sigma_data": -1.0, "prediction": "edm"}, "sigma_data = -1"),
+        ("network", {"kind": "unet", "chanels": 3}, "not usable: .*chanels"),
+        ("codec", None, "not usable"),
+        ("surprise", 1, "not usable: .*surprise"),
+    ],
+)
+def test_an_unusable_description_is_refused(tmp_path, model, field, value, message):
+    save_model(tmp_path, model)
+    path = tmp_path / "model.json"
+    values = json.loads(path.read_text()) | {field: value}
+    if value is None:
+        del values[field]
+    path.write_text(json.dumps(values))
+    with pytest.raises(ModelError, match=message):
+        load_model(tmp_path)
+
+
+def test_damaged_files_are_refused(tmp_path, model):
+    save_model(tmp_path, model)
+    weights = tmp_path / "weights.safetensors"
+    good = weights.read_bytes()
+    flipped = bytearray(good)
+    flipped[-5] ^= 1
+    for bad in (bytes(flipped), good[:-1], b""):
+        weights.write_bytes(bad)
+        with pytest.raises(
+            ModelError, match=r"does not match the digest in model\.json"
+        ):
+            load_model(tmp_path)
+    weights.write_bytes(good)
+    (tmp_path / "model.json").write_text("{")
+    with pytest.raises(ModelError, match="not usable"):
+        load_model(tmp_path)
+
+
+def test_weights_of_another_network_are_named(tmp_path, model):
+    flat = flatten_dict(model.params, sep="/")
+    name = "params/trunk/stem/bias"
+    for leaf, message in (
+        (jnp.zeros(9), rf"{name} is \(9,\), expected \(8,\) \(1 differ\)"),
+        (None, rf"{name} is missing, expected \(8,\) \(1 differ\)"),
+    ):
+        changed = {k: v for k, v in (flat | {name: leaf}).items() if v is not None}
+        save_model(tmp_path, Model(unflatten_dict(changed, sep="/"), model.spec))
+        with pytest.raises(ModelError, match=rf"does not fit its network: {message}"):
+            load_model(tmp_path)
+    params = unflatten_dict(flat | {"params/more": jnp.zeros(2)}, sep="/")
+    save_model(tmp_path, Model(params, model.spec))
+    with pytest.raises(ModelError, match=r"params/more is \(2,\), expected no such"):
+        load_model(tmp_path)
+    small = dataclasses.replace(model.spec, fine=ImageSpec(8, 30))
+    save_model(tmp_path, Model(model.params, small))
+    with pytest.raises(ModelError, match="cannot be built: image of 30 columns"):
+        load_model(tmp_path)
+
+
+def test_shipped_models_are_found_by_name(tmp_path, model, monkeypatch):
+    monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
+    assert shipped_models() == {}
+    with pytest.raises(ModelError, match="shipped model: none is shipped"):
+        load_model("jradar-sim")
+    save_model(tmp_path / "weights" / "other", model)
+    (tmp_path / "weights" / "empty").mkdir()
+    save_model(tmp_path / "weights" / "jradar-sim", model)
+    assert [*shipped_models()] == ["jradar-sim", "other"]
+    assert load_model("jradar-sim").spec == model.spec
+
+
+def test_the_shipped_model_is_whole_and_small():
+    folders = shipped_models()
+    assert "jradar-sim" in folders
+    for name in folders:
+        spec = jradar.load_model(name).spec
+        assert spec.purpose and spec.points == PointSpec(false_alarm_rate=1.0)
+    size = sum(p.stat().st_size for f in folders.values() for p in f.iterdir())
+    assert size <= 25_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_wheel_holds_the_weights(tmp_path, model):
+    root = Path(__file__).parents[1]
+    for name in ("pyproject.toml", "README.md", "LICENSE", ".gitignore"):
+        shutil.copy(root / name, tmp_path)
+    shutil.copytree(root / "jradar", tmp_path / "jradar")
+    save_model(tmp_path / "jradar" / "weights" / "tiny", model)
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", tmp_path / "w"]
+    subprocess.run([*command, tmp_path], check=True)
+    (wheel,) = (tmp_path / "w").glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    for name in ("model.json", "weights.safetensors"):
+        assert f"jradar/weights/tiny/{name}" in names
