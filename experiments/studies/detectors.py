@@ -25,7 +25,7 @@ from jradar import data, evaluation
 from jradar.lidar import shared_field_of_view
 from jradar.metrics import compare_on_host
 from jradar.progress import progress
-from jradar.radar import DETECTORS, RadarSpec, cell_points, largest_window
+from jradar.radar import DETECTORS, PointSpec, RadarSpec, cell_points, detect
 from jradar.range_image import ImageSpec, unproject
 from jradar.types import PointCloud
 
@@ -114,26 +114,18 @@ def f_score(cloud: PointCloud, prepared: data.PreparedFrame) -> float:
 
 def detected(_, frame, *, view, detector, rate):
     """Points of a detector within the model's view."""
-    guard, train = largest_window(view.radar.cube_shape, (2, 2), (4, 4))
-    mask = DETECTORS[detector](
-        frame.prepared.cells.power,
-        false_alarm_rate=rate,
-        channels=view.radar.num_virtual,
-        guard=guard,
-        train=train,
-    )
+    points = PointSpec(detector=detector, false_alarm_rate=rate).fitted(view.radar)
+    mask = detect(frame.prepared.cells.power, view.radar, points=points)
     return seen_points(frame.prepared, mask, view)
 
 
 def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
     """Points of a frame's cells in `mask` that lie within the model's view."""
-    guard, train = largest_window(view.radar.cube_shape, (2, 2), (4, 4))
     cloud = cell_points(
         prepared.cells,
         mask,
         view.radar,
-        guard=guard,
-        train=train,
+        points=PointSpec().fitted(view.radar),
         range_bias_m=prepared.range_bias_m,
     )
     seen = shared_field_of_view(

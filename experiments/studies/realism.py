@@ -28,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float
 
-from jradar.radar import RadarSpec, radar_points, range_doppler
+from jradar.radar import PointSpec, RadarSpec, radar_points, range_doppler
 from jradar.simulation import (
     FAMILIES,
     lidar_scans,
@@ -165,7 +165,7 @@ def map_statistics(
     """Numbers of a frame's range-Doppler map; the map, and its points."""
     frame = jnp.asarray(cube, jnp.complex64)
     power = np.asarray(range_doppler(frame)[1], np.float64)
-    cloud = radar_points(frame, radar, false_alarm_rate=RATE)
+    cloud = radar_points(frame, radar, points=PointSpec(false_alarm_rate=RATE))
     xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
     level = 10 * np.log10(power / np.median(power))[:, LEAKY:]
     still = np.zeros(len(power), bool)

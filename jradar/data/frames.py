@@ -14,13 +14,12 @@ from jradar.data.matching import Matches, match_nearest
 from jradar.data.records import PreparedFrame
 from jradar.lidar import LidarSpec, LidarSteps, interpolate_poses, preprocess
 from jradar.radar import (
-    DETECTORS,
     Cells,
+    PointSpec,
     RadarSpec,
     all_cells,
-    azimuth_bins,
     cell_points,
-    largest_window,
+    detect,
 )
 from jradar.recordings.recording import Recording, calibrated_cube
 from jradar.recordings.text_files import toml
@@ -41,8 +40,8 @@ class PrepareSpec:
     detector: str = "os"
     false_alarm_rate: float = 1.0
     visible_false_alarm_rate: float = 1e-3
-    guard: tuple[int, int] = (2, 2)  # cells in (doppler, range)
-    train: tuple[int, int] = (4, 4)
+    guard: tuple[int, int] = PointSpec.guard  # cells in (doppler, range)
+    train: tuple[int, int] = PointSpec.train
     angles: str = "fft"
     flip_azimuth: bool = False
     flip_elevation: bool = False
@@ -151,42 +150,30 @@ def radar_side(
     cube, coupling, radar: RadarSpec, spec: PrepareSpec, range_bias_m: float
 ) -> tuple[Cells, PointCloud, PointCloud]:
     """Cells of a cube, the condition's cloud and that of the visibility filter."""
-    guard, train = largest_window(radar.cube_shape, spec.guard, spec.train)
+    points = PointSpec(
+        detector=spec.detector,
+        guard=spec.guard,
+        train=spec.train,
+        capacity=spec.capacity,
+        flip_azimuth=spec.flip_azimuth,
+        flip_elevation=spec.flip_elevation,
+        angles=spec.angles,
+    ).fitted(radar)
+    cells = all_cells(cube, radar, points=points, coupling=coupling)
+    of_filter = cells
+    if spec.angles != "fft":
+        by_fft = dataclasses.replace(points, angles="fft")
+        of_filter = all_cells(cube, radar, points=by_fft, coupling=coupling)
 
-    def cells_by(method):
-        return all_cells(
-            cube,
-            radar,
-            coupling=coupling,
-            num_azimuth=azimuth_bins(radar),
-            flip_azimuth=spec.flip_azimuth,
-            flip_elevation=spec.flip_elevation,
-            method=method,
-        )
-
-    cells = cells_by(spec.angles)
-    of_filter = cells if spec.angles == "fft" else cells_by("fft")
-
-    def points(cells, rate):
-        mask = DETECTORS[spec.detector](
-            cells.power,
-            false_alarm_rate=rate,
-            channels=radar.num_virtual,
-            guard=guard,
-            train=train,
-        )
+    def cloud(cells, rate):
+        at_rate = dataclasses.replace(points, false_alarm_rate=rate)
+        mask = detect(cells.power, radar, points=at_rate)
         return cell_points(
-            cells,
-            mask,
-            radar,
-            capacity=spec.capacity,
-            guard=guard,
-            train=train,
-            range_bias_m=range_bias_m,
+            cells, mask, radar, points=points, range_bias_m=range_bias_m
         )
 
     return (
         cells,
-        points(cells, spec.false_alarm_rate),
-        points(of_filter, spec.visible_false_alarm_rate),
+        cloud(cells, spec.false_alarm_rate),
+        cloud(of_filter, spec.visible_false_alarm_rate),
     )

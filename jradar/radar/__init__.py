@@ -29,12 +29,8 @@ from jradar.radar.calibration import (
     compensate_tdm as compensate_tdm,
     subtract_coupling as subtract_coupling,
 )
-from jradar.radar.cells import (
-    Cells as Cells,
-    all_cells as all_cells,
-    cell_points as cell_points,
-)
 from jradar.radar.cfar import (
+    DETECTORS as DETECTORS,
     ca_cfar as ca_cfar,
     go_cfar as go_cfar,
     largest_window as largest_window,
@@ -51,8 +47,11 @@ from jradar.radar.multipliers import (
     false_alarm_multiplier as false_alarm_multiplier,
 )
 from jradar.radar.points import (
-    DETECTORS as DETECTORS,
-    detections_to_points as detections_to_points,
+    Cells as Cells,
+    PointSpec as PointSpec,
+    all_cells as all_cells,
+    cell_points as cell_points,
+    detect as detect,
     radar_points as radar_points,
 )
 from jradar.radar.sensor import RadarSpec as RadarSpec

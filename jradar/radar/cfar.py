@@ -31,6 +31,7 @@ from jaxtyping import Array, Bool, Float
 
 from jradar.radar.multipliers import KINDS, false_alarm_multiplier
 
+GUARD, TRAIN = (2, 2), (4, 4)  # cells on a side in (doppler, range)
 STATIC = ("false_alarm_rate", "channels", "guard", "train")
 MAX_COMPARISONS = 96  # in one fused kernel; XLA stops vectorising beyond about 100
 
@@ -44,8 +45,8 @@ def ca_cfar(
     *,
     false_alarm_rate: float,
     channels: int = 1,
-    guard: tuple[int, int] = (2, 2),
-    train: tuple[int, int] = (4, 4),
+    guard: tuple[int, int] = GUARD,
+    train: tuple[int, int] = TRAIN,
 ) -> Mask:
     """Cell averaging: the noise is the mean of all training cells.
 
@@ -60,8 +61,8 @@ def go_cfar(
     *,
     false_alarm_rate: float,
     channels: int = 1,
-    guard: tuple[int, int] = (2, 2),
-    train: tuple[int, int] = (4, 4),
+    guard: tuple[int, int] = GUARD,
+    train: tuple[int, int] = TRAIN,
 ) -> Mask:
     """Greatest of: the noise is the greater of the means of two halves.
 
@@ -76,8 +77,8 @@ def so_cfar(
     *,
     false_alarm_rate: float,
     channels: int = 1,
-    guard: tuple[int, int] = (2, 2),
-    train: tuple[int, int] = (4, 4),
+    guard: tuple[int, int] = GUARD,
+    train: tuple[int, int] = TRAIN,
 ) -> Mask:
     """Smallest of: the noise is the smaller of the means of two halves.
 
@@ -92,8 +93,8 @@ def os_cfar(
     *,
     false_alarm_rate: float,
     channels: int = 1,
-    guard: tuple[int, int] = (2, 2),
-    train: tuple[int, int] = (4, 4),
+    guard: tuple[int, int] = GUARD,
+    train: tuple[int, int] = TRAIN,
     rank: float = 0.75,
 ) -> Mask:
     """Ordered statistic: the noise is the training cell of rank `rank * cells`.
@@ -112,13 +113,16 @@ def os_cfar(
     return _count_below(level, padded, guard, train) >= jnp.asarray(k)
 
 
+DETECTORS = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}
+
+
 @functools.partial(jax.jit, static_argnames=("kind", "guard", "train", "rank"))
 def noise_floor(
     power: Map,
     *,
     kind: str = "ca",
-    guard: tuple[int, int] = (2, 2),
-    train: tuple[int, int] = (4, 4),
+    guard: tuple[int, int] = GUARD,
+    train: tuple[int, int] = TRAIN,
     rank: float = 0.75,
 ) -> Map:
     """What a detector of `kind` compares a cell with, before the multiplier.

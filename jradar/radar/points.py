@@ -1,157 +1,350 @@
-"""Detections to a point cloud: the paper's section III-A in one function."""
+"""Radar cube to point cloud: the paper's section III-A.
 
+There are two ways, which give the same points:
+
+    cube --radar_points--> PointCloud                          detected cells only
+    cube --all_cells--> Cells --cell_points(mask)--> PointCloud        every cell
+
+`radar_points` finds the directions of the cells that its CFAR detector marks.
+`all_cells` finds the directions of every cell once, so that masks of several detectors,
+with a threshold or learned, can be compared. Both take a `PointSpec`.
+"""
+
+import dataclasses
 import functools
+import math
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from jradar.radar import cells, cfar
-from jradar.radar.angle import Peaks, angle_spectrum, spectrum_peaks
-from jradar.radar.calibration import compensate_tdm
-from jradar.radar.cells import ANGLES
+from jradar.radar.angle import (
+    Peaks,
+    angle_spectrum,
+    azimuth_bins,
+    spectrum_peaks,
+)
+from jradar.radar.calibration import compensate_tdm, subtract_coupling
+from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_floor
 from jradar.radar.direction import directions
+from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
+from jradar.radar.spectrum import range_doppler
+from jradar.radar.subspace import music_directions
 from jradar.types import PointCloud
 
-DETECTORS = {
-    "ca": cfar.ca_cfar,
-    "go": cfar.go_cfar,
-    "so": cfar.so_cfar,
-    "os": cfar.os_cfar,
-}
-DETECTION = ("detector", "false_alarm_rate", "guard", "train", "remove_static")
-PLACES = ("radar", "capacity", "peaks", "range_bias_m", *ANGLES)
-SPECTRA = 64  # angle spectra that are held at a time
+ANGLES = ("fft", "music")
+WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
+SPECTRA = 64  # angle spectra that are held in memory at a time
+
+Cube = Complex[Array, "tx rx chirp sample"]
+Coupling = Complex[Array, "tx rx half_range"]
+Spectrum = Complex[Array, "virtual doppler range"]
+Map = Float[Array, "doppler range"]
+Mask = Bool[Array, "doppler range"]
+Values = Float[Array, " point"]
+Index = Int[Array, " point"]
 
 
-@functools.partial(jax.jit, static_argnames=(*PLACES, *DETECTION))
-def radar_points(
-    cube: Complex[Array, "tx rx chirp sample"],
-    radar: RadarSpec,
-    *,
-    coupling: Complex[Array, "tx rx half_range"] | None = None,
-    range_bias_m: float = 0.0,
-    capacity: int = 1024,
-    detector: str = "os",
-    false_alarm_rate: float = 1e-3,
-    guard: tuple[int, int] = (2, 2),
-    train: tuple[int, int] = (4, 4),
-    peaks: int = 1,
-    num_azimuth: int = 64,
-    num_elevation: int = 32,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
-    refine: bool = True,
-    remove_static: bool = False,
-) -> PointCloud:
-    """The `capacity` strongest detections of one frame, strongest first.
+@dataclasses.dataclass(frozen=True)
+class PointSpec:
+    """How radar points are detected and located.
 
-    One frame; `vmap` it. A cell is detected on the power summed over antennas by the
-    CFAR `detector` ("ca", "go", "so" or "os"), with its window in (doppler, range)
-    cells; its angles come from the same cell across antennas. Velocity is in m/s, power
-    in ADC counts squared, SNR the power over the mean of the training cells. `refine`
-    places range, velocity and angles between bins. Elevation is 0 for an array with one
-    row. `flip_azimuth` and `flip_elevation` are for a sensor that is mounted the other
-    way round.
-
-    `peaks` is how many targets a cell may show, each a point of its own, with power and
-    SNR in proportion to its peak among the cell's `spectrum_peaks`. `coupling` is what
-    `read_coupling` reads, and has the spectra made with the window that it asks for;
-    `range_bias_m` is subtracted from ranges; channels are calibrated beforehand, on the
-    cube. Raises ValueError for a cube that is not the radar's.
+    `guard` and `train` are the cells of the CFAR window in (doppler, range). `peaks` is
+    the number of targets that one cell may hold: each becomes a point, with power and
+    SNR in proportion to its peak among the cell's `spectrum_peaks`. `refine` places
+    range, velocity and angles between bins. The flips are for a sensor that is mounted
+    upside down. `angles` is "fft", or "music" for azimuths by `music_directions`, which
+    uses its own bins.
     """
-    if detector not in DETECTORS:
-        raise ValueError(f"{detector=}, expected one of {[*DETECTORS]}")
-    spectrum, power = cells.spectra(cube, radar, coupling, remove_static)
-    mask = DETECTORS[detector](
-        power,
-        false_alarm_rate=false_alarm_rate,
-        channels=radar.num_virtual,
-        guard=guard,
-        train=train,
-    )
-    noise = cfar.noise_floor(power, guard=guard, train=train)
-    return detections_to_points(
-        spectrum,
-        power,
-        noise,
-        mask,
-        radar,
-        range_bias_m=range_bias_m,
-        capacity=capacity,
-        peaks=peaks,
-        num_azimuth=num_azimuth,
-        num_elevation=num_elevation,
-        flip_azimuth=flip_azimuth,
-        flip_elevation=flip_elevation,
-        refine=refine,
-    )
 
+    detector: str = "os"
+    false_alarm_rate: float = 1e-3
+    guard: tuple[int, int] = GUARD
+    train: tuple[int, int] = TRAIN
+    capacity: int = 1024  # points of the cloud, padding included
+    peaks: int = 1
+    num_azimuth: int = 64
+    num_elevation: int = 32
+    flip_azimuth: bool = False
+    flip_elevation: bool = False
+    refine: bool = True
+    remove_static: bool = False
+    angles: str = "fft"
 
-@functools.partial(jax.jit, static_argnames=PLACES)
-def detections_to_points(
-    spectrum: Complex[Array, "virtual doppler range"],
-    power: Float[Array, "doppler range"],
-    noise: Float[Array, "doppler range"],
-    mask: Bool[Array, "doppler range"],
-    radar: RadarSpec,
-    *,
-    range_bias_m: float = 0.0,
-    capacity: int = 1024,
-    peaks: int = 1,
-    num_azimuth: int = 64,
-    num_elevation: int = 32,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
-    refine: bool = True,
-) -> PointCloud:
-    """Points of the cells in `mask`, strongest first, padded to `capacity`.
+    def __post_init__(self):
+        """Refuse values that no radar could use, naming the field."""
+        for field, choices in (("detector", tuple(DETECTORS)), ("angles", ANGLES)):
+            if (value := getattr(self, field)) not in choices:
+                raise ValueError(f"{field} = {value!r}, expected one of {choices}")
+        if not 0 < self.false_alarm_rate <= 1:
+            rate = self.false_alarm_rate
+            raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
+        for field in ("capacity", "peaks", "num_azimuth", "num_elevation"):
+            if (value := getattr(self, field)) < 1:
+                raise ValueError(f"{field} = {value}, expected 1 or more")
+        if self.angles == "music" and self.peaks > 1:
+            raise ValueError(
+                f"angles = 'music' with peaks = {self.peaks}: MUSIC finds one direction "
+                "for each cell, expected peaks = 1 or angles = 'fft'"
+            )
 
-    One frame; `vmap` it. Range bin 0, the sensor itself, is never a point.
-    """
-    strongest, cell = cells.strongest_cells(power, mask, radar, capacity, range_bias_m)
-    range_bin, doppler_bin = cells.bins_of(power, cell, refine)
-    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
-    bins = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
-    options = {
-        "interpolate": refine,
-        "flip_azimuth": flip_azimuth,
-        "flip_elevation": flip_elevation,
-    }
-    floor = noise.ravel()[cell]
-    if peaks == 1:
-        azimuth, elevation = directions(snapshot, radar, **bins, **options)
-    else:
-        found = jax.lax.map(
-            lambda snapshot: spectrum_peaks(
-                angle_spectrum(snapshot, radar, **bins), radar, count=peaks, **options
-            ),
-            snapshot,
-            batch_size=SPECTRA,
+    def fitted(self, radar: RadarSpec) -> "PointSpec":
+        """Return the spec with a CFAR window and azimuth bins that suit the radar."""
+        guard, train = largest_window(radar.cube_shape[2:], self.guard, self.train)
+        return dataclasses.replace(
+            self, guard=guard, train=train, num_azimuth=azimuth_bins(radar)
         )
-        strongest, azimuth, elevation, of = _strongest_peaks(strongest, found, capacity)
-        range_bin, doppler_bin, floor = range_bin[of], doppler_bin[of], floor[of]
-    return cells.cloud(
-        range_bin * radar.range_resolution_m - range_bias_m,
-        doppler_bin * radar.velocity_resolution_mps,
-        azimuth,
-        elevation,
-        strongest,
-        floor,
+
+
+class Cells(NamedTuple):
+    """Power, summed over antennas, and strongest direction in radians of each cell."""
+
+    power: Float[Array, "*batch doppler range"]
+    azimuth: Float[Array, "*batch doppler range"]
+    elevation: Float[Array, "*batch doppler range"]
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
+def radar_points(
+    cube: Cube,
+    radar: RadarSpec,
+    *,
+    points: PointSpec = PointSpec(),
+    coupling: Coupling | None = None,
+    range_bias_m: float = 0.0,
+) -> PointCloud:
+    """Return the strongest detections of one frame, strongest first.
+
+    Velocity is in m/s, power in ADC counts squared; the SNR compares the power with the
+    mean of the training cells. Elevation is 0 for an array with one row. `coupling` is
+    the leakage for `subtract_coupling`, `range_bias_m` is subtracted from ranges;
+    channels are calibrated beforehand, on the cube. One frame; `vmap` it. Raises
+    ValueError for a cube that does not fit the radar.
+    """
+    spectrum, power = _spectra(cube, radar, points, coupling)
+    mask = detect(power, radar, points=points)
+    strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
+    snapshot = _steady(snapshot, power, cell, radar, points)
+    if points.peaks == 1:
+        azimuth, elevation = _directions(snapshot, radar, points)
+    else:
+        peaks = _peaks(snapshot, radar, points)
+        strongest, azimuth, elevation, of = _strongest_peaks(strongest, peaks)
+        cell = cell[of]
+    return _cloud(
+        power, cell, strongest, azimuth, elevation, radar, points, range_bias_m
     )
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "points"))
+def all_cells(
+    cube: Cube,
+    radar: RadarSpec,
+    *,
+    points: PointSpec = PointSpec(),
+    coupling: Coupling | None = None,
+) -> Cells:
+    """Return the power and direction of every cell of one frame; `vmap` it.
+
+    `points.peaks` and the options of detection are not used. Raises ValueError for a
+    cube that does not fit the radar.
+    """
+    spectrum, power = _spectra(cube, radar, points, coupling)
+    snapshot = spectrum.reshape(radar.num_virtual, -1).T
+    snapshot = _steady(snapshot, power, jnp.arange(power.size), radar, points)
+    azimuth, elevation = _directions(snapshot, radar, points)
+    return Cells(power, azimuth.reshape(power.shape), elevation.reshape(power.shape))
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
+def cell_points(
+    cells: Cells,
+    mask: Mask,
+    radar: RadarSpec,
+    *,
+    points: PointSpec = PointSpec(),
+    range_bias_m: float = 0.0,
+) -> PointCloud:
+    """Return the points of the cells in `mask`, strongest first; one frame, `vmap` it.
+
+    With the mask of `detect`, these are the points of `radar_points`.
+    """
+    power, azimuth, elevation = cells
+    strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    azimuth, elevation = azimuth.ravel()[cell], elevation.ravel()[cell]
+    return _cloud(
+        power, cell, strongest, azimuth, elevation, radar, points, range_bias_m
+    )
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "points"))
+def detect(
+    power: Float[Array, "*batch doppler range"], radar: RadarSpec, *, points: PointSpec
+) -> Bool[Array, "*batch doppler range"]:
+    """Return the cells that the CFAR detector of `points` marks in the summed power.
+
+    Raises ValueError where the window does not fit into the map.
+    """
+    return DETECTORS[points.detector](
+        power,
+        false_alarm_rate=points.false_alarm_rate,
+        channels=radar.num_virtual,
+        guard=points.guard,
+        train=points.train,
+    )
+
+
+def _spectra(
+    cube: Cube, radar: RadarSpec, points: PointSpec, coupling: Coupling | None
+) -> tuple[Spectrum, Map]:
+    """`range_doppler` of the cube without its coupling.
+
+    `remove_static` removes the coupling too, because it is steady.
+    """
+    if cube.shape != radar.cube_shape:
+        raise ValueError(
+            f"cube has shape {cube.shape}, {radar.name} needs [tx, rx, chirp, sample] "
+            f"= {radar.cube_shape}: one frame, or another radar?"
+        )
+    if coupling is None or points.remove_static:
+        return range_doppler(cube, remove_static=points.remove_static)
+    spectrum, _ = range_doppler(cube, range_window="blackman")
+    spectrum = subtract_coupling(spectrum, coupling)
+    return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
+
+
+def _strongest_cells(
+    power: Map, mask: Mask, radar: RadarSpec, points: PointSpec, range_bias_m: float
+) -> tuple[Values, Index]:
+    """Power and flat index of the strongest cells in `mask`, padded with power 0.
+
+    Three kinds of range bins are excluded: bin 0, which is the sensor itself; bins that
+    the bias moves to 0 or below; and the last two, into which the window spreads the
+    leakage of the antennas.
+    """
+    first = max(1, math.floor(range_bias_m / radar.range_resolution_m + 0.5) + 1)
+    candidates = jnp.where(mask, power, 0.0).at[:, :first].set(0.0)
+    candidates = candidates.at[:, -WRAPPED:].set(0.0).ravel()
+    count = min(points.capacity, candidates.size)
+    strongest, cell = jax.lax.top_k(candidates, count)
+    padding = (0, points.capacity - count)
+    return jnp.pad(strongest, padding), jnp.pad(cell, padding)
+
+
+def _bins(power: Map, cell: Index, points: PointSpec) -> tuple[Values, Values]:
+    """Range bin and signed Doppler bin of flat cells."""
+    num_doppler, num_range = power.shape
+    row, column = jnp.divmod(cell, num_range)
+    doppler_bin = (row - num_doppler // 2).astype(power.dtype)
+    range_bin = column.astype(power.dtype)
+    if points.refine:
+        left, right = jnp.maximum(column - 1, 0), jnp.minimum(column + 1, num_range - 1)
+        range_bin += parabola_offset(
+            power[row, left], power[row, column], power[row, right]
+        )
+    if points.refine and num_doppler > 2:
+        below, above = (row - 1) % num_doppler, (row + 1) % num_doppler
+        doppler_bin += parabola_offset(
+            power[below, column], power[row, column], power[above, column]
+        )
+    return range_bin, doppler_bin
+
+
+def _steady(
+    snapshot: Complex[Array, "point virtual"],
+    power: Map,
+    cell: Index,
+    radar: RadarSpec,
+    points: PointSpec,
+) -> Complex[Array, "point virtual"]:
+    """Snapshots of the cells as if their targets did not move."""
+    _, doppler_bin = _bins(power, cell, points)
+    return compensate_tdm(snapshot, doppler_bin, radar)
+
+
+def _directions(snapshot, radar: RadarSpec, points: PointSpec) -> tuple[Values, Values]:
+    """Azimuth and elevation of the strongest direction of each snapshot."""
+    flips = {
+        "flip_azimuth": points.flip_azimuth,
+        "flip_elevation": points.flip_elevation,
+    }
+    if points.angles == "music":
+        return music_directions(snapshot, radar, **flips)
+    return directions(
+        snapshot,
+        radar,
+        num_azimuth=points.num_azimuth,
+        num_elevation=points.num_elevation,
+        interpolate=points.refine,
+        **flips,
+    )
+
+
+def _peaks(snapshot, radar: RadarSpec, points: PointSpec) -> Peaks:
+    """The strongest directions of each snapshot, a few spectra at a time."""
+
+    def peaks_of(snapshot):
+        spectrum = angle_spectrum(
+            snapshot,
+            radar,
+            num_azimuth=points.num_azimuth,
+            num_elevation=points.num_elevation,
+        )
+        return spectrum_peaks(
+            spectrum,
+            radar,
+            count=points.peaks,
+            interpolate=points.refine,
+            flip_azimuth=points.flip_azimuth,
+            flip_elevation=points.flip_elevation,
+        )
+
+    return jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
 
 
 def _strongest_peaks(
-    power: Float[Array, " cell"], found: Peaks, capacity: int
-) -> tuple[Array, Array, Array, Int[Array, " point"]]:
-    """Power, azimuth, elevation and cell of the strongest peaks of all cells.
+    power: Values, peaks: Peaks
+) -> tuple[Values, Values, Values, Index]:
+    """Power, azimuth, elevation and place in `power` of the strongest of all peaks.
 
-    A cell's first peak has the cell's power, so that no weaker cell has one to add.
+    A cell's first peak has the power of its cell. The peaks of all cells therefore
+    include the strongest ones of the frame.
     """
-    share = found.power / jnp.maximum(found.power[:, :1], 1e-30)
-    powers = jnp.where(found.valid, power[:, None] * share, 0.0)
-    strongest, peak = jax.lax.top_k(powers.ravel(), capacity)
-    azimuth, elevation = found.azimuth.ravel()[peak], found.elevation.ravel()[peak]
-    return strongest, azimuth, elevation, peak // found.power.shape[-1]
+    share = peaks.power / jnp.maximum(peaks.power[:, :1], 1e-30)
+    powers = jnp.where(peaks.valid, power[:, None] * share, 0.0)
+    strongest, peak = jax.lax.top_k(powers.ravel(), len(power))
+    azimuth, elevation = peaks.azimuth.ravel()[peak], peaks.elevation.ravel()[peak]
+    return strongest, azimuth, elevation, peak // powers.shape[-1]
+
+
+def _cloud(
+    power: Map,
+    cell: Index,
+    strongest: Values,
+    azimuth: Values,
+    elevation: Values,
+    radar: RadarSpec,
+    points: PointSpec,
+    range_bias_m: float,
+) -> PointCloud:
+    """The cloud of the cells; those without power are padding."""
+    range_bin, doppler_bin = _bins(power, cell, points)
+    noise = noise_floor(power, guard=points.guard, train=points.train).ravel()[cell]
+    distance = range_bin * radar.range_resolution_m - range_bias_m
+    ground = distance * jnp.cos(elevation)
+    xyz = [
+        ground * jnp.cos(azimuth),
+        ground * jnp.sin(azimuth),
+        distance * jnp.sin(elevation),
+    ]
+    valid = strongest > 0
+    return PointCloud(
+        xyz=jnp.where(valid[:, None], jnp.stack(xyz, -1), 0.0),
+        valid=valid,
+        velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
+        power=strongest,
+        snr=jnp.where(valid, strongest / jnp.maximum(noise, 1e-30), 0.0),
+    )
