@@ -14,6 +14,7 @@ from scipy import ndimage
 from benchmarks.bench_detectors import footprint
 from benchmarks.harness import Case, available
 from jradar.radar import (
+    PointSpec,
     RadarSpec,
     all_cells,
     direction_sines,
@@ -165,7 +166,8 @@ def _frame():
 
         return jax.jit(run)
 
-    points = from_samples(lambda *args: radar_points(*args, false_alarm_rate=0.1))
+    spec = PointSpec(false_alarm_rate=0.1)
+    points = from_samples(lambda *args: radar_points(*args, points=spec))
     cells = from_samples(all_cells)
 
     def spectra(raw=raw):
@@ -175,7 +177,7 @@ def _frame():
 
     def spectra_and_floor():
         """What SciPy needs for spectra and the ordered floor alone, no angles."""
-        cells = footprint((2, 2), (4, 4))
+        cells = footprint(spec.guard, spec.train)
         k = int(np.ceil(0.75 * cells.sum()))
         return ndimage.rank_filter(spectra(), k - 1, footprint=cells, mode="wrap")
 

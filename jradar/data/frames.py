@@ -1,17 +1,19 @@
-"""One radar frame and its LiDAR scan to what a record holds (sections III-A, V-A)."""
+"""One radar frame and its LiDAR scan to a prepared frame (sections III-A, V-A)."""
 
 import dataclasses
 import difflib
 import functools
+import math
 from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Complex, Float
 
 from jradar.data.matching import Matches, match_nearest
 from jradar.data.records import PreparedFrame
+from jradar.errors import UsageError
 from jradar.lidar import LidarSpec, LidarSteps, interpolate_poses, preprocess
 from jradar.radar import (
     Cells,
@@ -28,12 +30,13 @@ from jradar.types import PointCloud
 
 @dataclasses.dataclass(frozen=True)
 class PrepareSpec:
-    """How frames are prepared; the manifest holds it.
+    """Options of preparation; the manifest of the records contains them.
 
-    The visibility filter needs radar points that can be trusted, so it has a detection
-    rate of its own; the condition's approaches 1 (section III-A). `angles` is how the
-    directions of the cells are found, "fft" or "music"; those of the filter, and so the
-    truth, are always found by FFT.
+    The condition uses nearly every cell (`false_alarm_rate` close to 1, section III-A).
+    The visibility filter of the LiDAR trusts only points that are detected at
+    `visible_false_alarm_rate`. `angles` is how directions are found for the condition,
+    "fft" or "music"; the filter always uses "fft". Raises ValueError for values that
+    cannot be used.
     """
 
     capacity: int = 1024  # points of the radar cloud
@@ -46,32 +49,79 @@ class PrepareSpec:
     flip_azimuth: bool = False
     flip_elevation: bool = False
     tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
-    block: int = 32  # frames of a shard
+    block: int = 32  # frames in a shard
     lidar: LidarSpec = LidarSpec()
+
+    def __post_init__(self):
+        """Refuse values that cannot be used, naming the field."""
+        _ = self.points, self.visible_points
+        if not 0 <= self.tolerance_s < math.inf:
+            raise ValueError(f"tolerance_s = {self.tolerance_s}, expected 0 or more")
+        if self.block < 1:
+            raise ValueError(f"block = {self.block}, expected 1 or more frames")
+
+    @property
+    def points(self) -> PointSpec:
+        """Options of the condition's points."""
+        return PointSpec(
+            capacity=self.capacity,
+            detector=self.detector,
+            false_alarm_rate=self.false_alarm_rate,
+            guard=self.guard,
+            train=self.train,
+            angles=self.angles,
+            flip_azimuth=self.flip_azimuth,
+            flip_elevation=self.flip_elevation,
+        )
+
+    @property
+    def visible_points(self) -> PointSpec:
+        """Options of the points that the visibility filter trusts."""
+        rate = self.visible_false_alarm_rate
+        return dataclasses.replace(self.points, false_alarm_rate=rate, angles="fft")
 
     @classmethod
     def from_toml(cls, path: Path | str) -> "PrepareSpec":
-        """The fields in a TOML file, those of the LiDAR in its table [lidar].
+        """Return the fields in a TOML file; its table [lidar] is the `LidarSpec`.
 
-        Raises ValueError for an unknown field, naming the nearest.
+        Raises UsageError for unknown fields and for values that cannot be used.
         """
-        values = toml(path)
-        lidar = _known(path, values.pop("lidar", {}), LidarSpec)
-        return cls(**_known(path, values, cls), lidar=LidarSpec(**lidar))
+        try:
+            values = toml(path)
+            lidar = _fields(values.pop("lidar", {}), LidarSpec)
+            return cls(**_fields(values, cls), lidar=LidarSpec(**lidar))
+        except ValueError as error:
+            raise UsageError(f"{path}: {error}") from error
 
 
-def _known(path, values: Any, spec: Any) -> dict[str, Any]:
-    """The values as fields of `spec`, lists as tuples."""
-    names = [field.name for field in dataclasses.fields(spec)]
-    for name in values:
-        if name not in names:
-            near = difflib.get_close_matches(name, names, 1) or [", ".join(names)]
-            raise ValueError(f"{path}: unknown field {name!r}, expected {near[0]}")
+def _fields(values: Any, spec: Any) -> dict[str, Any]:
+    """The values of a TOML table as fields of `spec`, lists as tuples."""
+    if not isinstance(values, dict):
+        raise ValueError(f"lidar = {values!r}, expected a table [lidar]")
+    defaults = {field.name: field.default for field in dataclasses.fields(spec)}
+    for name, value in values.items():
+        if name not in defaults:
+            near = difflib.get_close_matches(name, defaults, 1) or [", ".join(defaults)]
+            raise ValueError(f"unknown field {name!r}, expected {near[0]}")
+        if not _is_like(value, defaults[name]):
+            like = 1.0 if defaults[name] is None else defaults[name]
+            like = [*like] if isinstance(like, tuple) else like
+            raise ValueError(f"{name} = {value!r}, expected a value such as {like!r}")
     return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
 
 
+def _is_like(value: Any, default: Any) -> bool:
+    """Whether a TOML value has the type of a default; None stands for a number."""
+    if isinstance(default, tuple):
+        same_length = isinstance(value, list) and len(value) == len(default)
+        return same_length and all(map(_is_like, value, default))
+    if default is None or isinstance(default, float):
+        return isinstance(value, int | float) and not isinstance(value, bool)
+    return type(value) is type(default)
+
+
 def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
-    """The recording's matched frames; ValueError where it has no LiDAR or no times."""
+    """Return the matched frames; raises ValueError without LiDAR or time stamps."""
     lidar, cubes = recording.lidar, recording.cubes
     if lidar is None or lidar.stamps is None or cubes.stamps is None:
         lacks = "no LiDAR" if lidar is None else "no time stamps"
@@ -90,18 +140,22 @@ def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
 def prepare_frame(
     recording: Recording, radar_index: int, lidar_index: int, spec: PrepareSpec
 ) -> tuple[PreparedFrame, LidarSteps, Float[np.ndarray, "echo 3"]]:
-    """One radar frame with its LiDAR scan, on the host, and what decided its truth.
+    """Prepare one radar frame with its LiDAR scan, on the host.
 
-    That is every step of the LiDAR's preparation, and the radar points that it trusts.
+    Also returns the steps of the LiDAR's preparation and the radar points that the
+    visibility filter trusted. Raises ValueError without LiDAR or time stamps.
     """
     cubes, lidar = recording.cubes, recording.lidar
     if lidar is None or lidar.stamps is None or cubes.stamps is None:
         raise ValueError(f"{recording.path} lacks a LiDAR or the times of its sensors")
     stamp = float(cubes.stamps[radar_index])
     lidar_stamp = float(lidar.stamps[lidar_index])
-    cube = calibrated_cube(recording, radar_index)
     cells, cloud, trusted = radar_side(
-        cube, recording.coupling, recording.radar, spec, recording.range_bias_m
+        calibrated_cube(recording, radar_index),
+        recording.radar,
+        spec,
+        coupling=recording.coupling,
+        range_bias_m=recording.range_bias_m,
     )
     world_from_radar, world_from_lidar = sensor_poses(recording, stamp, lidar_stamp)
     trusted_xyz = np.asarray(trusted.xyz)[np.asarray(trusted.valid)]
@@ -129,9 +183,9 @@ def prepare_frame(
 def sensor_poses(
     recording: Recording, stamp: float, lidar_stamp: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """World from radar and world from LiDAR, each at its own time, on the host.
+    """Return world from radar and world from LiDAR, each at its own time, on the host.
 
-    Without a trajectory the rig stands still, and the world is its base.
+    Without a trajectory the rig is at rest and its base is the world.
     """
     base = np.stack([np.eye(4)] * 2)
     if recording.poses is not None:
@@ -147,33 +201,22 @@ def sensor_poses(
 
 @functools.partial(jax.jit, static_argnames=("radar", "spec", "range_bias_m"))
 def radar_side(
-    cube, coupling, radar: RadarSpec, spec: PrepareSpec, range_bias_m: float
+    cube: Complex[Array | np.ndarray, "tx rx chirp sample"],
+    radar: RadarSpec,
+    spec: PrepareSpec,
+    *,
+    coupling: Complex[Array | np.ndarray, "tx rx half_range"] | None = None,
+    range_bias_m: float = 0.0,
 ) -> tuple[Cells, PointCloud, PointCloud]:
-    """Cells of a cube, the condition's cloud and that of the visibility filter."""
-    points = PointSpec(
-        detector=spec.detector,
-        guard=spec.guard,
-        train=spec.train,
-        capacity=spec.capacity,
-        flip_azimuth=spec.flip_azimuth,
-        flip_elevation=spec.flip_elevation,
-        angles=spec.angles,
-    ).fitted(radar)
-    cells = all_cells(cube, radar, points=points, coupling=coupling)
-    of_filter = cells
-    if spec.angles != "fft":
-        by_fft = dataclasses.replace(points, angles="fft")
-        of_filter = all_cells(cube, radar, points=by_fft, coupling=coupling)
+    """Return the cells, the condition's cloud and the visibility filter's cloud."""
+    condition, trusted = spec.points.fitted(radar), spec.visible_points.fitted(radar)
+    cells = all_cells(cube, radar, points=condition, coupling=coupling)
+    trusted_cells = cells
+    if condition.angles != trusted.angles:
+        trusted_cells = all_cells(cube, radar, points=trusted, coupling=coupling)
 
-    def cloud(cells, rate):
-        at_rate = dataclasses.replace(points, false_alarm_rate=rate)
-        mask = detect(cells.power, radar, points=at_rate)
-        return cell_points(
-            cells, mask, radar, points=points, range_bias_m=range_bias_m
-        )
+    def cloud(cells, points):
+        mask = detect(cells.power, radar, points=points)
+        return cell_points(cells, mask, radar, points=points, range_bias_m=range_bias_m)
 
-    return (
-        cells,
-        cloud(cells, spec.false_alarm_rate),
-        cloud(of_filter, spec.visible_false_alarm_rate),
-    )
+    return cells, cloud(cells, condition), cloud(trusted_cells, trusted)

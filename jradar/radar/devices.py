@@ -1,18 +1,54 @@
-"""Named radars: chirp and antennas of devices that data sets were recorded with.
+"""Boards and recorded devices, each under one name.
 
-AWR1843 (and ColoRadar's single chip): two transmitters in the row of the receivers, the
-third half a wavelength above it; in units of half wavelengths, seen from behind:
+A board has antennas and a band; its waveform is configured by a `.cfg` of TI's SDK,
+by mmWave Studio, or by fields of a `RadarSpec`. A recorded device adds the waveform
+and the order of transmitters of a public data set. The AWR1843 in ColoRadar has this
+virtual array, in half wavelengths, seen from behind:
 
     elevation 1          t2 t2 t2 t2
     elevation 0    t0 t0 t0 t0 t1 t1 t1 t1      azimuth 0 .. 7
 
-Sources: ColoRadar (Kramer et al. 2022) and its converter; TI's MMWCAS reference design
-for the cascade, whose firing order ColoRadar does not document: TI's default is taken.
+Sources: TI's user guides; ColoRadar (Kramer et al. 2022) and its converter; TI's
+MMWCAS reference design for the cascade. ColoRadar does not document the cascade's
+firing order: TI's default is assumed.
 """
 
+import dataclasses
+import difflib
 from typing import Any
 
 ROW_OF_RECEIVERS = ((0, 0), (1, 0), (2, 0), (3, 0))
+
+
+@dataclasses.dataclass(frozen=True)
+class Board:
+    """Antennas and band of a single-chip board that TI's tools configure.
+
+    Positions are (azimuth, elevation) in half wavelengths at the design frequency, in
+    the order of the antennas' bits in a mask. `studio_chip` is the chip's name in logs
+    of mmWave Studio.
+    """
+
+    tx_positions: tuple[tuple[int, int], ...]
+    rx_positions: tuple[tuple[int, int], ...] = ROW_OF_RECEIVERS
+    band_hz: tuple[float, float] = (76e9, 81e9)
+    design_frequency_hz: float = 76.8e9
+    studio_chip: str = ""
+
+
+ELEVATED_SECOND = ((0, 0), (2, 1), (4, 0))
+
+# The ISK's positions agree with TI's `antGeometry` commands for it; its design
+# frequency is taken from TI's IWR6843L board. Of the 6843's boards, ODS and AOP have
+# other antennas.
+BOARDS = {
+    "awr1443": Board(ELEVATED_SECOND),
+    "awr1642": Board(((0, 0), (4, 0)), studio_chip="AR1642"),
+    "awr1843": Board(ELEVATED_SECOND, studio_chip="AR1843"),
+    "iwr6843isk": Board(
+        ELEVATED_SECOND, band_hz=(60e9, 64e9), design_frequency_hz=62e9
+    ),
+}
 
 SINGLE_CHIP: dict[str, Any] = {
     "start_frequency_hz": 77e9,
@@ -23,9 +59,6 @@ SINGLE_CHIP: dict[str, Any] = {
     "idle_time_s": 110e-6,
     "adc_start_time_s": 7e-6,
     "ramp_end_time_s": 20e-6,
-    "tx_positions": ((0, 0), (4, 0), (2, 1)),
-    "rx_positions": ROW_OF_RECEIVERS,
-    "design_frequency_hz": 76.8e9,
 }
 
 CASCADE: dict[str, Any] = {
@@ -47,22 +80,38 @@ CASCADE: dict[str, Any] = {
     "tx_firing_order": (0, 1, 2, 6, 7, 8, 9, 10, 11, 3, 4, 5),
 }
 
-DEVICES: dict[str, dict[str, Any]] = {
-    "awr1843": SINGLE_CHIP,
-    "awr1642": SINGLE_CHIP | {"tx_positions": ((0, 0), (4, 0))},
+RECORDED: dict[str, dict[str, Any]] = {
+    "awr1642": SINGLE_CHIP,
+    "awr1843": SINGLE_CHIP | {"tx_positions": ((0, 0), (4, 0), (2, 1))},
     "cascade": CASCADE,
 }
 
-# Boards that TI's tools configure: positions of the transmitters in the order of their
-# bits in a mask. The ISK's agree with TI's `antGeometry` commands for it; its 62 GHz is
-# assumed, from TI's IWR6843L board. ODS and AOP boards have other arrays.
-ELEVATED_SECOND = ((0, 0), (2, 1), (4, 0))
-PHYSICAL_TX = {
-    "xwr1443": ELEVATED_SECOND,
-    "xwr1642": ((0, 0), (4, 0)),
-    "xwr1843": ELEVATED_SECOND,
-    "xwr6843isk": ELEVATED_SECOND,
-}
-BANDS_HZ = dict.fromkeys(PHYSICAL_TX, (76e9, 81e9)) | {"xwr6843isk": (60e9, 64e9)}
-DESIGN_FREQUENCIES_HZ = dict.fromkeys(PHYSICAL_TX, 76.8e9) | {"xwr6843isk": 62e9}
-STUDIO_CHIPS = {"AR1642": "xwr1642", "AR1843": "xwr1843"}  # as in mmWave Studio's logs
+
+def board(name: str) -> Board:
+    """Return the board of that name; ValueError if it is unknown."""
+    _check_known(name, BOARDS)
+    return BOARDS[name]
+
+
+def device_fields(name: str) -> dict[str, Any]:
+    """Return what is fixed in the `RadarSpec` of a device; ValueError if it is unknown.
+
+    A board that no data set was recorded with has antennas but no waveform.
+    """
+    _check_known(name, BOARDS | RECORDED)
+    antennas = {}
+    if name in BOARDS:
+        keys = ("tx_positions", "rx_positions", "design_frequency_hz")
+        antennas = {key: getattr(BOARDS[name], key) for key in keys}
+    return {"name": name, **antennas, **RECORDED.get(name, {})}
+
+
+def _check_known(name: str, names: dict[str, Any]) -> None:
+    """Raise ValueError for an unknown name, with the names and the nearest one."""
+    if name not in names:
+        near = difflib.get_close_matches(name, names, 1)
+        hint = f": did you mean {near[0]!r}?" if near else ""
+        raise ValueError(
+            f"device = {name!r}, expected one of {[*names]}{hint} "
+            "(ODS and AOP boards have other antennas)"
+        )

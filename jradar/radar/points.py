@@ -86,8 +86,8 @@ class PointSpec:
                 raise ValueError(f"{field} = {value}, expected 1 or more")
         if self.angles == "music" and self.peaks > 1:
             raise ValueError(
-                f"angles = 'music' with peaks = {self.peaks}: MUSIC finds one direction "
-                "for each cell, expected peaks = 1 or angles = 'fft'"
+                f"peaks = {self.peaks}, expected 1 with angles = 'music': it finds one "
+                "direction for each cell"
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from jradar.radar.devices import DEVICES
+from jradar.radar.devices import RECORDED, device_fields
 
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
 
@@ -169,44 +169,51 @@ class RadarSpec:
     # Named devices
 
     @classmethod
+    def named(cls, device: str, **changes: Any) -> "RadarSpec":
+        """Return a device of `jradar.radar.devices`, with fields that replace its own.
+
+        Raises ValueError as `from_dict`.
+        """
+        return cls.from_dict({"device": device, **changes})
+
+    @classmethod
     def awr1843(cls, **changes: Any) -> "RadarSpec":
-        """TI AWR1843 with ColoRadar's single-chip waveform: 3 TX x 4 RX, 16 m."""
-        return cls.from_dict({"device": "awr1843", **changes})
+        """Return TI's AWR1843 with ColoRadar's waveform: 3 TX x 4 RX, 16 m."""
+        return cls.named("awr1843", **changes)
 
     @classmethod
     def awr1642(cls, **changes: Any) -> "RadarSpec":
-        """TI AWR1642: one row of 2 TX x 4 RX, hence no elevation."""
-        return cls.from_dict({"device": "awr1642", **changes})
+        """Return TI's AWR1642: one row of 2 TX x 4 RX, hence no elevation."""
+        return cls.named("awr1642", **changes)
 
     @classmethod
     def cascade(cls, **changes: Any) -> "RadarSpec":
-        """TI MMWCAS cascade with ColoRadar's waveform: 12 TX x 16 RX, 86 wide."""
-        return cls.from_dict({"device": "cascade", **changes})
+        """Return TI's MMWCAS cascade with ColoRadar's waveform: 12 TX x 16 RX."""
+        return cls.named("cascade", **changes)
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "RadarSpec":
-        """Radar from its fields, or from a `device` and fields that replace its own.
+        """Return a radar from its fields, or from a `device` and fields that differ.
 
-        Raises ValueError for a field that is unknown, missing or of the wrong type.
+        Raises ValueError for an unknown device, and for a field that is unknown,
+        missing or of the wrong type.
         """
-        values = dict(values)
-        device = values.pop("device", None)
-        if device is not None and device not in DEVICES:
-            raise ValueError(f"device = {device!r}, expected one of {[*DEVICES]}")
+        given = dict(values)
+        device = given.pop("device", None)
+        complete = {"name": "radar"} if device is None else device_fields(device)
         fields = {field.name: field for field in dataclasses.fields(cls)}
-        for key, value in values.items():
+        for key, value in given.items():
             if key not in fields:
                 near = difflib.get_close_matches(key, fields, 1) or [", ".join(fields)]
                 raise ValueError(f"unknown radar field {key!r}, expected {near[0]}")
-            values[key] = _converted(key, value, fields[key].type)
-        values = {"name": device or "radar", **DEVICES.get(device or "", {}), **values}
+            complete[key] = _converted(key, value, fields[key].type)
         required = [f.name for f in fields.values() if f.default is dataclasses.MISSING]
-        if missing := [key for key in required if key not in values]:
+        if missing := [key for key in required if key not in complete]:
             raise ValueError(
                 f"missing radar fields: {', '.join(missing)} "
-                f"(or name a device: {', '.join(DEVICES)})"
+                f"(or start from a device: {', '.join(RECORDED)})"
             )
-        return cls(**values)
+        return cls(**complete)
 
 
 def _converted(key: str, value: Any, kind: Any) -> Any:

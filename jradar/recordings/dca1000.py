@@ -56,7 +56,7 @@ def open_dca1000(
     *,
     iq_order: str | None = None,
     allow_partial: bool = False,
-    device: str = "xwr1843",
+    device: str = "awr1843",
 ) -> Recording:
     """A capture and its radar: a `.cfg` (for `device`), a `.toml`, or a Studio log.
 

@@ -4,12 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from jradar.radar import RadarSpec
-from jradar.radar.devices import (
-    DESIGN_FREQUENCIES_HZ,
-    PHYSICAL_TX,
-    ROW_OF_RECEIVERS,
-    STUDIO_CHIPS,
-)
+from jradar.radar.devices import BOARDS
 from jradar.recordings.text_files import radar_of, read_text
 
 # Register units of mmWave Studio (TI mmWave Link interface control document).
@@ -54,8 +49,9 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
             f"{path}: no {', '.join(missing)}: is it the log of mmWave Studio?"
         )
     chip = commands["select_chip_version"][0]
-    if chip not in STUDIO_CHIPS:
-        raise ValueError(f"{path}: chip {chip}, expected one of {[*STUDIO_CHIPS]}")
+    boards = {b.studio_chip: name for name, b in BOARDS.items() if b.studio_chip}
+    if chip not in boards:
+        raise ValueError(f"{path}: chip {chip}, expected one of {[*boards]}")
     try:
         profile = [int(value) for value in commands["ProfileConfig"]]
         frame = [int(value) for value in commands["FrameConfig"][:5]]
@@ -69,9 +65,9 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         raise ValueError(f"{path}: incomplete configuration ({error})") from error
     if not is_complex:
         raise ValueError(f"{path}: real samples were recorded, expected complex ones")
-    board = STUDIO_CHIPS[chip]
+    board = BOARDS[boards[chip]]
     return {
-        "name": chip.lower(),
+        "name": boards[chip],
         "start_frequency_hz": profile[1] * FREQUENCY_HZ,
         "slope_hz_per_s": slope * SLOPE_HZ_PER_S,
         "sample_rate_hz": sample_rate_ksps * 1e3,
@@ -80,9 +76,9 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         "idle_time_s": idle * TIME_S,
         "adc_start_time_s": adc_start * TIME_S,
         "ramp_end_time_s": ramp_end * TIME_S,
-        "tx_positions": tuple(PHYSICAL_TX[board][tx] for tx in in_turn(path, fired)),
-        "rx_positions": tuple(p for p in ROW_OF_RECEIVERS if rx_mask >> p[0] & 1),
-        "design_frequency_hz": DESIGN_FREQUENCIES_HZ[board],
+        "tx_positions": tuple(board.tx_positions[tx] for tx in in_turn(path, fired)),
+        "rx_positions": tuple(p for p in board.rx_positions if rx_mask >> p[0] & 1),
+        "design_frequency_hz": board.design_frequency_hz,
         "frame_period_s": period * FRAME_PERIOD_S,
     }
 

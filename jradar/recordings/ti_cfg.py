@@ -19,12 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from jradar.radar import RadarSpec
-from jradar.radar.devices import (
-    BANDS_HZ,
-    DESIGN_FREQUENCIES_HZ,
-    PHYSICAL_TX,
-    ROW_OF_RECEIVERS,
-)
+from jradar.radar.devices import BOARDS, ROW_OF_RECEIVERS, board
 from jradar.recordings.studio_log import in_turn
 from jradar.recordings.text_files import radar_of, read_text
 
@@ -94,7 +89,7 @@ class CaptureSpec:
         )
 
 
-def radar_from_cfg(path: Path | str, *, device: str = "xwr1843") -> RadarSpec:
+def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
     """The radar that a `.cfg` of TI's mmWave SDK configures on the board `device`.
 
     Raises ValueError for real samples, for frames that are no RadarSpec (several
@@ -104,31 +99,27 @@ def radar_from_cfg(path: Path | str, *, device: str = "xwr1843") -> RadarSpec:
     return radar_of(path, radar_fields(path, device))
 
 
-def radar_fields(path: Path | str, device: str = "xwr1843") -> dict[str, Any]:
+def radar_fields(path: Path | str, device: str = "awr1843") -> dict[str, Any]:
     """Fields of the radar that a `.cfg` configures on the board `device`.
 
     The transmitters are in the order in which the frame fires them, which is also their
     order in the recorded file.
     """
-    if device not in PHYSICAL_TX:
-        raise ValueError(
-            f"device = {device!r}, expected one of {[*PHYSICAL_TX]}: of the 6843's "
-            "boards, ODS and AOP have arrays that are not known here"
-        )
+    antennas = board(device)
     commands = _frame_commands(path)
     profile, tx, rx = _turn(path, commands)
-    if max(tx) >= len(PHYSICAL_TX[device]):
+    if max(tx) >= len(antennas.tx_positions):
         raise ValueError(
             f"{path}: the frame fires transmitters {tx}, the {device} has "
-            f"{len(PHYSICAL_TX[device])}: another device?"
+            f"{len(antennas.tx_positions)}: another device?"
         )
     start_ghz, idle_us, adc_start_us, ramp_end_us = profile[1:5]
-    low_hz, high_hz = BANDS_HZ[device]
+    low_hz, high_hz = antennas.band_hz
     if not low_hz <= start_ghz * 1e9 <= high_hz:
         raise ValueError(
             f"{path}: chirps start at {start_ghz} GHz, the {device} works from "
             f"{low_hz / 1e9:.0f} to {high_hz / 1e9:.0f} GHz: name the device, one of "
-            f"{[*PHYSICAL_TX]} (not for a 6843 ODS or AOP, whose array is another)"
+            f"{[*BOARDS]} (not for a 6843 ODS or AOP, whose array is another)"
         )
     turns, _, period_ms = commands["frameCfg"][-1][2:5]
     return {
@@ -141,9 +132,9 @@ def radar_fields(path: Path | str, device: str = "xwr1843") -> dict[str, Any]:
         "idle_time_s": idle_us * 1e-6,
         "adc_start_time_s": adc_start_us * 1e-6,
         "ramp_end_time_s": ramp_end_us * 1e-6,
-        "tx_positions": tuple(PHYSICAL_TX[device][t] for t in tx),
-        "rx_positions": tuple(ROW_OF_RECEIVERS[r] for r in rx),
-        "design_frequency_hz": DESIGN_FREQUENCIES_HZ[device],
+        "tx_positions": tuple(antennas.tx_positions[t] for t in tx),
+        "rx_positions": tuple(antennas.rx_positions[r] for r in rx),
+        "design_frequency_hz": antennas.design_frequency_hz,
         "frame_period_s": period_ms * 1e-3,
     }
 

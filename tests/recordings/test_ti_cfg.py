@@ -72,16 +72,16 @@ def test_array_axis_is_the_firing_order(write):
 @pytest.mark.parametrize(
     ("device", "changes", "positions"),
     [
-        ("xwr1443", [], ((0, 0), (4, 0), (2, 1))),
+        ("awr1443", [], ((0, 0), (4, 0), (2, 1))),
         (
-            "xwr1642",
+            "awr1642",
             [
                 ("chirpCfg 1 1 0 0 0 0 0 4", "chirpCfg 1 1 0 0 0 0 0 2"),
                 ("0 2 16", "0 1 16"),
             ],
             ((0, 0), (4, 0)),
         ),
-        ("xwr6843isk", [("0 77 ", "0 60.25 ")], ((0, 0), (4, 0), (2, 1))),
+        ("iwr6843isk", [("0 77 ", "0 60.25 ")], ((0, 0), (4, 0), (2, 1))),
     ],
 )
 def test_each_board_has_its_positions(write, device, changes, positions):
@@ -144,7 +144,7 @@ def test_comments_may_be_in_another_encoding(write):
         ("256", "many", "line 8: profileCfg: could not convert"),
         ("256", "nan", "line 8: .* expected at least 11 numbers"),
         ("57.14", "50", "radar.cfg: sampling ends 56.15 us into the chirp"),
-        ("0 77 ", "0 60 ", "start at 60.0 GHz, the xwr1843 works from 76 to 81 GHz"),
+        ("0 77 ", "0 60 ", "start at 60.0 GHz, the awr1843 works from 76 to 81 GHz"),
     ],
 )
 def test_unusable_configuration_is_refused(write, old, new, message):
@@ -153,10 +153,10 @@ def test_unusable_configuration_is_refused(write, old, new, message):
 
 
 def test_unknown_or_other_board_is_refused(write):
-    with pytest.raises(ValueError, match="'xwr6843ods', expected one of .*ODS and AOP"):
-        radar_from_cfg(write(), device="xwr6843ods")
-    with pytest.raises(ValueError, match=r"\[0, 2, 1\], the xwr1642 has 2"):
-        radar_from_cfg(write(), device="xwr1642")
+    with pytest.raises(ValueError, match="'iwr6843ods', expected one of .*ODS and AOP"):
+        radar_from_cfg(write(), device="iwr6843ods")
+    with pytest.raises(ValueError, match=r"\[0, 2, 1\], the awr1642 has 2"):
+        radar_from_cfg(write(), device="awr1642")
 
 
 def test_complex_2x_warns_of_the_image_band(write):
@@ -212,7 +212,7 @@ def test_every_real_file_is_read_or_refused_with_the_reason(samples):
         if "6843" in path.name:
             with pytest.raises(ValueError, match="start at 60.0 GHz"):
                 radar_from_cfg(path)
-        device = "xwr6843isk" if "6843" in path.name else "xwr1843"
+        device = "iwr6843isk" if "6843" in path.name else "awr1843"
         radar = radar_from_cfg(path, device=device)
         capture = CaptureSpec.from_cfg(path)
         assert radar.num_rx == 4
