@@ -1,0 +1,42 @@
+"""Errors that a user can mend, and the exit codes of all commands.
+
+    0    ok
+    2    usage or config
+    3    environment: lock held, disk full, missing extra
+    4    bad data
+    5    no usable checkpoint or model
+    130  interrupted
+
+A run that saved its state after SIGTERM ends with 143 (`training.Interrupted`).
+"""
+
+
+class UsageError(ValueError):
+    """A wrong option or config, or an input that the user has to name."""
+
+
+class ModelError(ValueError):
+    """A model that is missing, damaged or of another format."""
+
+
+class CheckpointError(ValueError):
+    """Checkpoints of which none can be used."""
+
+
+EXIT_CODES: dict[type[BaseException], int] = {
+    UsageError: 2,
+    FileNotFoundError: 2,
+    ModelError: 5,
+    CheckpointError: 5,
+    OSError: 3,
+    ImportError: 3,
+    ValueError: 4,
+    FloatingPointError: 4,
+    KeyboardInterrupt: 130,
+}
+
+
+def exit_code(error: BaseException) -> int | None:
+    """Return the exit code of an error, or None for a fault of the program."""
+    kinds = EXIT_CODES.items()
+    return next((code for kind, code in kinds if isinstance(error, kind)), None)
