@@ -1,8 +1,8 @@
 """`jradar enhance`: frames of a recording through a trained model, every stage timed.
 
-The stages of a frame are compiled before the first one, which is timed apart: what
-stands beside a stage is the median of running it. All frames are drawn with the same
-noise, so that a frame does not depend on which others were asked for.
+The stages of `jradar.enhance` are compiled before the first frame, so their times are
+of running them alone. Every frame uses the same noise: its result does not depend on
+which other frames are enhanced.
 """
 
 import argparse
@@ -10,161 +10,125 @@ import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 
-from jradar import diffusion, radar as radar_room, recordings, viz
-from jradar.bundle import (
-    Bundle,
-    BundleSpec,
-    default_bundle,
-    load_bundle,
-    shipped_bundles,
-)
-from jradar.pipeline import AGREEMENT, draw_range_image
+from jradar import recordings, viz
+from jradar.cli.reading import frame_points, open_frames, summary
+from jradar.model import Model, ModelSpec, draw, load_model
 from jradar.progress import progress
+from jradar.radar import power_map
 from jradar.range_image import condition_image, unproject
-from jradar.types import PointCloud
 
 WRITTEN = ("radar.ply", "enhanced.ply", "enhanced.npz", "capture.png")
-
-
-class Stages(NamedTuple):
-    """What is compiled, each a function of the one before."""
-
-    radar: Callable[[Any], Any]
-    condition: Callable[[Any], Any]
-    sampling: Callable[[Any], Any]
-    back_projection: Callable[[Any], Any]
+FLAT = (
+    "this radar has one row of antennas and measures no elevation: heights in the "
+    "result come from the model alone"
+)
 
 
 class Stopwatch(dict[str, list[float]]):
-    """Seconds that calls took, by what they were for."""
+    """The seconds of each call, by stage."""
 
-    def __call__(self, what: str, call: Callable, *given: Any) -> Any:
-        """The call's result, once it is ready."""
+    def __call__(self, stage: str, call: Callable, *arguments: Any) -> Any:
+        """Return the call's result, once it is ready."""
         begin = time.perf_counter()
-        result = jax.block_until_ready(call(*given))
-        self.setdefault(what, []).append(time.perf_counter() - begin)
+        result = jax.block_until_ready(call(*arguments))
+        self.setdefault(stage, []).append(time.perf_counter() - begin)
         return result
 
 
-def named_bundle(name: str | None) -> Bundle:
-    """The bundle in a folder or shipped under a name; the default where none is named.
-
-    Raises BundleError where there is none.
-    """
-    if name is None:
-        return load_bundle(default_bundle())
-    return load_bundle(shipped_bundles().get(name, Path(name)))
-
-
-def enhance_frames(
-    bundle: Bundle,
-    recording: recordings.Recording,
-    first: Any,
-    frames: range,
-    to_points: Callable[..., PointCloud],
-    options: argparse.Namespace,
-) -> dict[str, Any]:
-    """Draw and write the frames; `first` is the first one's cube.
-
-    `to_points(cube, recording, **options)` is the radar processing.
-    """
-    spec, watch = bundle.spec, Stopwatch()
-    stages = watch(
-        "compiling", _compiled, _stages(bundle, recording, to_points, options), first
-    )
-    found = []
+def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
+    """Enhance the frames that the options name, and write the results."""
+    model = load_model(options.model)
+    recording, frames = open_frames(options)
+    spec, watch = model.spec, Stopwatch()
+    stages = watch("compiling", _compiled_stages, model, recording, options)
+    rows = []
     with progress("enhancing", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
-            cube = watch("read", recordings.calibrated_cube, recording, frame)
-            cloud = watch("radar processing", stages.radar, cube)
-            condition = watch("condition", stages.condition, cloud)
-            image = watch("sampling", stages.sampling, condition)
-            dense = watch("back-projection", stages.back_projection, image)
+            values = [watch("read", recordings.calibrated_cube, recording, frame)]
+            for name, stage in stages.items():
+                values.append(watch(name, stage, model, values[-1]))
+            cube, cloud, _, image, dense = values
             folder = Path(options.output)
             if options.frames:
                 folder = folder / f"{frame:06d}"
             drawn = cube, cloud, image, dense
             watch("writing", _write, folder, recording, frame, spec, *drawn)
-            found.append(
-                {
-                    "frame": frame,
-                    "radar points": int(cloud.valid.sum()),
-                    "enhanced points": int(dense.valid.sum()),
-                }
-            )
+            row = {
+                "frame": frame,
+                "radar points": int(cloud.valid.sum()),
+                "enhanced points": int(dense.valid.sum()),
+            }
+            rows.append(row)
             if len(frames) > 1:
                 show(done)
     written = [str(Path(options.output) / name) for name in WRITTEN]
-    if options.frames:
-        return {"enhanced": found, **_times(watch), "written": [options.output]}
-    return {**found[0], **_times(watch), "written": written}
+    return {
+        **summary(recording, () if recording.radar.has_elevation else (FLAT,)),
+        "model": {
+            "name": str(options.model),
+            "purpose": spec.purpose,
+            "training steps": spec.steps_seen,
+            "trained on": f"{spec.trained_on}, radar {spec.radar.name}",
+        },
+        **({"enhanced": rows} if options.frames else rows[0]),
+        **_times(watch),
+        "written": [options.output] if options.frames else written,
+    }
 
 
-def sampling_options(spec: BundleSpec, options: argparse.Namespace) -> dict[str, Any]:
-    """Options of `draw_range_image` for `--draws` and `--steps`."""
-    several = {**AGREEMENT, "draws": options.draws} if options.draws > 1 else {}
-    steps = {"steps": options.steps} if options.steps else {}
-    return {**spec.sampling, **several, **steps}
+def _compiled_stages(model: Model, recording, options) -> dict[str, Callable]:
+    """The stages of `jradar.enhance`, compiled; each takes the result of the last."""
+    spec = model.spec
 
+    def radar_processing(_model, cube):
+        return frame_points(cube, recording, spec.points)
 
-def _stages(bundle, recording, to_points, options) -> Stages:
-    """The way of a frame, cut where it is timed."""
-    params, spec = bundle
+    def condition(_model, cloud):
+        return condition_image(cloud, spec.coarse, num_slices=spec.num_slices)
 
-    def sampling(condition):
-        return draw_range_image(
-            jax.random.key(options.seed),
-            condition,
-            diffusion.conditional_denoiser(spec.network, params, spec.noise),
-            fine=spec.fine,
-            noise=spec.noise,
-            codec=spec.codec,
-            **sampling_options(spec, options),
-        )
+    def sampling(model, condition):
+        key = jax.random.key(options.seed)
+        return draw(key, condition, model, draws=options.draws, steps=options.steps)
 
-    return Stages(
-        lambda cube: to_points(cube, recording, **spec.points),
-        lambda cloud: condition_image(cloud, spec.coarse, num_slices=spec.num_slices),
-        sampling,
-        lambda image: unproject(image, spec.fine),
-    )
+    def back_projection(_model, image):
+        return unproject(image, spec.fine)
 
-
-def _compiled(stages: Stages, given: Any) -> Stages:
-    """The stages compiled for what each gets from the one before."""
-    compiled = []
-    for stage in stages:
-        compiled.append(jax.jit(stage).lower(given).compile())
-        given = jax.eval_shape(stage, given)
-    return Stages(*compiled)
+    value: Any = jax.ShapeDtypeStruct(recording.radar.cube_shape, jnp.complex64)
+    compiled = {}
+    for stage in (radar_processing, condition, sampling, back_projection):
+        name = stage.__name__.replace("_", " ")
+        compiled[name] = jax.jit(stage).lower(model, value).compile()
+        value = jax.eval_shape(stage, model, value)
+    return compiled
 
 
 def _times(watch: Stopwatch) -> dict[str, Any]:
-    """Milliseconds of each stage of a frame, and how many frames a second that is."""
+    """The median time of each stage, the frame rate, and the time of compiling."""
     (compiling,) = watch.pop("compiling")
-    stages = {what: 1e3 * statistics.median(times) for what, times in watch.items()}
+    stages = {name: 1e3 * statistics.median(times) for name, times in watch.items()}
     drawing = sum(stages.values()) - stages["writing"]
     return {
-        "milliseconds of a frame": stages,
-        "frames a second, without writing": 1e3 / drawing,
+        "milliseconds per frame": stages,
+        "frames per second without writing": 1e3 / drawing,
         "compiling (s)": compiling,
     }
 
 
-def _write(folder: Path, recording, frame, spec: BundleSpec, cube, cloud, image, dense):
-    """The clouds, the range image and a picture of a frame."""
+def _write(folder: Path, recording, frame, spec: ModelSpec, cube, cloud, image, dense):
+    """Write the clouds, the range image and a picture of one frame."""
     figure = viz.capture_figure(
-        radar_room.power_map(cube),
+        power_map(cube),
         recording.radar,
         cloud,
         spec.fine,
         dense=dense,
         lidar=recordings.nearest_scan(recording, frame),
-        title=f"{recording.name}, frame {frame}; weights: {spec.purpose}",
+        title=f"{recording.name}, frame {frame}; model: {spec.purpose}",
     )
     recordings.write_ply(folder / "radar.ply", cloud)
     recordings.write_ply(folder / "enhanced.ply", dense)

@@ -1,11 +1,15 @@
-"""Results of commands as lines that people read, with tables in columns."""
+"""The result of a command as indented lines, with tables in columns."""
 
 from collections.abc import Iterator
 from typing import Any
 
 
 def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
-    """Nested dictionaries and lists as indented lines."""
+    """Yield the lines of a dictionary; empty and missing values are left out.
+
+    Values can be nested dictionaries, lists, and lists of dictionaries with equal keys,
+    which become tables.
+    """
     for key, item in value.items():
         if isinstance(item, dict) and item:
             yield f"{indent}{key}"
@@ -21,7 +25,7 @@ def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
 
 
 def _table(rows):
-    """Dictionaries with the same keys as lines of a table."""
+    """The lines of a table, from dictionaries with the same keys."""
     cells = [[*rows[0]], *([_short(v) for v in row.values()] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     for row in cells:
@@ -29,7 +33,7 @@ def _table(rows):
 
 
 def _short(value):
-    """A value with as many digits as people read."""
+    """A value as text, numbers with about four digits."""
     if isinstance(value, float):
         return f"{value:.4g}" if abs(value) < 1 else f"{value:.2f}"
     if isinstance(value, bool):

@@ -1,0 +1,69 @@
+"""From options to a recording, its frames and their radar points."""
+
+import argparse
+from typing import Any
+
+import jax
+
+from jradar.errors import UsageError
+from jradar.radar import PointSpec, radar_points, strongest_echoes
+from jradar.recordings import Recording, open_recording
+from jradar.types import PointCloud
+
+
+def opening(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `open_recording` that the user gave."""
+    values = {
+        "description": options.radar,
+        "sensor": options.sensor,
+        "iq_order": options.iq_order,
+        "allow_partial": options.allow_partial,
+        "device": options.device,
+    }
+    return {name: value for name, value in values.items() if value}
+
+
+def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
+    """Open the recording and return it with the frames of `--frame` or `--frames`.
+
+    Raises UsageError for a frame that the recording does not have.
+    """
+    recording = open_recording(
+        options.path, frames_as_chirps=options.frames_as_chirps, **opening(options)
+    )
+    count = len(recording.cubes)
+    frames = range(options.frame, options.frame + 1)
+    if chosen := getattr(options, "frames", None):
+        frames = range(*chosen.indices(count))
+    if not frames or frames.start < 0 or frames.stop > count:
+        asked = f"--frames from {chosen.start}" if chosen else f"--frame {frames.start}"
+        raise UsageError(f"{asked}: {options.path} has frames 0 to {count - 1}")
+    return recording, frames
+
+
+def frame_points(
+    cube: jax.Array, recording: Recording, points: PointSpec
+) -> PointCloud:
+    """Return the radar points of a frame; windows and angle bins are fitted to it."""
+    return radar_points(
+        cube,
+        recording.radar,
+        points=points.fitted(recording.radar),
+        coupling=recording.coupling,
+        range_bias_m=recording.range_bias_m,
+    )
+
+
+def echoes(cloud: PointCloud, recording: Recording) -> list[dict[str, Any]]:
+    """Return the strongest echoes of a cloud as rows of a table."""
+    return [echo._asdict() for echo in strongest_echoes(cloud, recording.radar)]
+
+
+def summary(recording: Recording, notes: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return the first lines of a result: which recording was read."""
+    return {
+        "recording": str(recording.path),
+        "radar": recording.radar.name,
+        "frames": len(recording.cubes),
+        "notes": [*recording.notes, *notes],
+    }
