@@ -40,7 +40,7 @@ from jradar.diffusion import (
     sample,
     write_params,
 )
-from jradar.errors import ModelError
+from jradar.errors import ModelError, UsageError
 from jradar.files import atomic_path
 from jradar.radar import PointSpec, RadarSpec, radar_points
 from jradar.range_image import (
@@ -222,7 +222,7 @@ def _draw_regression(
 ) -> Float[Array, "fine_row fine_column"]:
     """The network's one estimate; `key` is not used."""
     if sampling:
-        raise ValueError(
+        raise UsageError(
             f"{', '.join(sampling)}: a model trained by regression draws no samples, "
             "leave these options out"
         )
