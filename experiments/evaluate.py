@@ -1,26 +1,95 @@
-"""What an evaluation leaves in a workdir: scores, tables, clouds, pictures, report."""
+"""The evaluation that tasks and studies share: methods, scores, tables, report.
 
-from collections.abc import Iterator
+A method is a function from a key and a `Frame` to a PointCloud. `write_results` scores
+a dictionary of methods on records, and writes
+
+    evaluation/frames.jsonl    every score of every frame; all else is made from it
+    evaluation/table.*, report.html, clouds.npz, samples.png, ...
+"""
+
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from experiments.studies.detectors import (
-    Frame,
-    Method,
-    View,
-    points_of,
-    scene_of,
-    score_records,
-)
 from jradar import data, evaluation, viz
+from jradar.evaluation import Method
+from jradar.metrics import compare_on_host
+from jradar.progress import progress
+from jradar.radar import RadarSpec
+from jradar.range_image import ImageSpec, unproject
+from jradar.types import PointCloud
 
 CLOUDS_IN_REPORT = 18
 SCENES_IN_FIGURE = 6
 
-Place = tuple[str, int]  # sequence, frame of its radar
+
+class Frame(NamedTuple):
+    """What a method is given: the prepared frame and its images."""
+
+    prepared: data.PreparedFrame
+    pair: data.Pair | None
+
+
+class View(NamedTuple):
+    """The radar, and the image whose field of view counts."""
+
+    radar: RadarSpec
+    fine: ImageSpec
+
+
+def view_of(records: data.Records) -> View:
+    """Return the records' radar, and a 128 x 512 image of their field of view."""
+    seen = records.manifest["options"]["lidar"]
+    fine = ImageSpec(
+        128,
+        512,
+        azimuth=tuple(seen["azimuth"]),
+        elevation=tuple(seen["elevation"]),
+        max_range_m=seen["max_range_m"],
+    )
+    return View(records.radar, fine)
+
+
+def points_of(cloud: PointCloud) -> np.ndarray:
+    """Return the valid points of a cloud."""
+    return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+
+
+def scene_of(sequence: str) -> str:
+    """Return the scene under which a sequence is scored."""
+    try:
+        return data.scene(sequence)
+    except ValueError:
+        return sequence.rpartition("_")[0] or sequence
+
+
+def spread(total: int, count: int) -> list[int]:
+    """Return at most `count` indices, evenly spread over `total` items."""
+    return np.linspace(0, total - 1, min(count, total)).astype(int).tolist()
+
+
+def mean_scores(
+    clouds: Sequence[PointCloud], frames: Sequence[data.PreparedFrame], view: View
+) -> dict[str, float]:
+    """Return the mean Chamfer distance and F-score at 0.2 m of some frames.
+
+    An empty cloud counts as a Chamfer distance of twice the view's range.
+    """
+    scores = [
+        compare_on_host(points_of(cloud), frame.lidar_xyz)
+        for cloud, frame in zip(clouds, frames, strict=True)
+    ]
+    chamfer = [
+        np.nan_to_num(score.chamfer, nan=2 * view.fine.max_range_m) for score in scores
+    ]
+    f_score = [np.nan_to_num(score.f_score[1]) for score in scores]
+    return {
+        "chamfer": float(np.mean(chamfer)),
+        "f_score_0.2": float(np.mean(f_score)),
+    }
 
 
 def write_results(
@@ -33,28 +102,46 @@ def write_results(
     *,
     every: int = 1,
 ) -> None:
-    """Score methods on every so many frames of each sequence; prints the tables.
+    """Score methods on every `every`-th frame of each sequence, and print the tables.
 
-    Clouds of some frames, spread over all of them, are kept for the report.
+    The report shows the clouds of some frames, spread over all of them.
     """
     out = workdir / "evaluation"
-    scored = _scored(records, every)
-    places = [place for sequence in scored.values() for place in sequence]
-    index = np.linspace(0, len(places) - 1, min(CLOUDS_IN_REPORT, len(places)))
-    shown = [places[int(i)] for i in index]
-    drawn: dict[tuple[Place, str], Any] = {}
-    watched = {n: _watched(n, m, {*shown}, drawn) for n, m in methods.items()}
-    rows = score_records(key, view, records, pairs, watched, every=every)
-    evaluation.write_scores(out / "frames.jsonl", _numbered(rows, scored))
+    scored = [i for index in _scored(records, every).values() for i in index]
+    shown = [scored[i] for i in spread(len(scored), CLOUDS_IN_REPORT)]
+    drawn: dict[tuple[int, str], PointCloud] = {}
+
+    def watched(name, method):
+        """The method, keeping its clouds of the frames that are shown."""
+        places = {records.where[i]: i for i in shown}
+
+        def call(key, frame):
+            cloud = method(key, frame)
+            place = frame.prepared.sequence, frame.prepared.frame
+            if place in places:
+                drawn[places[place], name] = cloud
+            return cloud
+
+        return call
+
+    rows = score_records(
+        key,
+        view,
+        records,
+        pairs,
+        {name: watched(name, method) for name, method in methods.items()},
+        every=every,
+    )
+    evaluation.write_scores(out / "frames.jsonl", rows)
     evaluation.write_tables(out / "frames.jsonl")
 
     clouds = {}
-    for name, number in shown:
-        prepared = records[records.where.index((name, number))]
-        found = {m: points_of(drawn[(name, number), m]) for m in methods}
-        clouds[scene_of(name), name, number] = {
+    for i in shown:
+        sequence, frame = records.where[i]
+        prepared = records[i]
+        clouds[scene_of(sequence), sequence, frame] = {
             "radar": points_of(prepared.radar),
-            **found,
+            **{name: points_of(drawn[i, name]) for name in methods},
             "LiDAR": np.asarray(prepared.lidar_xyz),
         }
     evaluation.save_clouds(out / "clouds.npz", clouds)
@@ -64,30 +151,63 @@ def write_results(
     print(f"{evaluation.overview(scores)}\nreport: {report}")
 
 
-def _scored(records: data.Records, every: int) -> dict[str, list[Place]]:
-    """Frames that are scored, by sequence, in the order of `score_records`."""
-    places: dict[str, list[Place]] = {}
-    for name, number in records.where:
-        places.setdefault(name, []).append((name, number))
-    return {name: found[::every] for name, found in places.items()}
+def score_records(
+    key: jax.Array,
+    view: View,
+    records: data.Records,
+    pairs: Any,
+    methods: dict[str, Method],
+    *,
+    every: int = 1,
+) -> Iterator[dict[str, Any]]:
+    """Yield scores of methods on every `every`-th frame of each sequence.
+
+    There are two truths: the prepared LiDAR cloud, and that cloud after its range
+    image. A row's `frame` is the number of the radar frame in its recording.
+    """
+    truths = {
+        "LiDAR": lambda frame: frame.prepared.lidar_xyz,
+        "LiDAR as an image": lambda frame: points_of(
+            unproject(frame.pair.lidar, view.fine)
+        ),
+    }
+    scored, done = _scored(records, every), 0
+    with progress("scoring", sum(map(len, scored.values())), unit="frames") as show:
+        for number, (sequence, index) in enumerate(scored.items()):
+            rows = evaluation.score_frames(
+                jax.random.fold_in(key, number),
+                _Frames(records, pairs, index),
+                methods,
+                truths=truths,
+                scene=scene_of(sequence),
+                sequence=sequence,
+                warm_up=not done,
+            )
+            for row in rows:
+                yield row | {"frame": records.where[index[row["frame"]]][1]}
+                show(done + row["frame"] + 1, sequence)
+            done += len(index)
 
 
-def _watched(name: str, method: Method, shown: set[Place], drawn: dict) -> Method:
-    """The method, whose clouds of the frames that are shown are kept in `drawn`."""
-
-    def call(key: jax.Array, frame: Frame):
-        cloud = method(key, frame)
-        if (place := (frame.prepared.sequence, frame.prepared.frame)) in shown:
-            drawn[place, name] = cloud
-        return cloud
-
-    return call
+def _scored(records: data.Records, every: int) -> dict[str, list[int]]:
+    """Indices of the frames that are scored, by sequence."""
+    found: dict[str, list[int]] = {}
+    for i, (sequence, _) in enumerate(records.where):
+        found.setdefault(sequence, []).append(i)
+    return {sequence: index[::every] for sequence, index in found.items()}
 
 
-def _numbered(rows, scored: dict[str, list[Place]]) -> Iterator[dict[str, Any]]:
-    """Rows with the radar's number of a frame in the place of the scored one's."""
-    for row in rows:
-        yield row | {"frame": scored[row["sequence"]][row["frame"]][1]}
+class _Frames:
+    """Some frames of one sequence."""
+
+    def __init__(self, records, pairs, index):
+        self._records, self._pairs, self._index = records, pairs, index
+
+    def __len__(self):
+        return len(self._index)
+
+    def __getitem__(self, i):
+        return Frame(self._records[self._index[i]], self._pairs[self._index[i]])
 
 
 def _samples(clouds, view: View):

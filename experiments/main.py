@@ -3,11 +3,12 @@ r"""Run an experiment.
     python -m experiments.main --config=experiments/configs/smoke.py \
         --workdir=runs/smoke
 
-Fields of the config are overridden by `--config.train.steps=10`. The same command goes
-on where an interrupted run stopped. `--mode=eval` scores the trained model again.
+`--config.train.steps=10` overrides a field of the config. The same command resumes an
+interrupted run. `--mode=eval` evaluates the trained model again.
 
-What JAX compiles is kept in ~/.cache/jradar (JRADAR_CACHE=off: not). Several processes
-train together where JAX_COORDINATOR_ADDRESS names the first: see `training.devices`.
+Compiled programs are cached in ~/.cache/jradar; JRADAR_CACHE=off disables the cache.
+Several processes train together if JAX_COORDINATOR_ADDRESS names the first one: see
+`jradar.training.parallel`.
 """
 
 import contextlib
@@ -16,84 +17,83 @@ import importlib
 import re
 import runpy
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 from absl import flags, logging
-from ml_collections import config_flags
+from ml_collections import ConfigDict, config_flags
 
+from experiments.command import exit_code_of
+from jradar.errors import UsageError
 from jradar.files import lock_folder, use_compilation_cache
 
-TASKS = ("enhance", "demo", "radarhd", "rpdnet", "pretrain")  # modules beside this one
-
-CONFIG = config_flags.DEFINE_config_file("config", None, "File of the experiment.")
-WORKDIR = flags.DEFINE_string("workdir", None, "Folder for everything it writes.")
-MODE = flags.DEFINE_enum("mode", "train", ["train", "eval"], "What to do.")
-flags.mark_flags_as_required(["config", "workdir"])
+TASKS = ("enhance", "demo", "radarhd", "rpdnet", "pretrain")  # of experiments.tasks
 
 
 def main(argv: list[str]) -> int:
     """Parse flags, run, and return the exit code."""
+    if "--help" in argv:
+        print(__doc__)
+        return 0
+    return exit_code_of(lambda: _run(*_parse(argv)))
+
+
+def _flags(argv):
+    """The flags, not yet parsed."""
+    values = flags.FlagValues()
+    config_flags.DEFINE_config_file(
+        "config", None, "file of the experiment", flag_values=values, sys_argv=argv
+    )
+    flags.DEFINE_string("workdir", None, "folder for all results", flag_values=values)
+    flags.DEFINE_enum(
+        "mode", "train", ["train", "eval"], "what to do", flag_values=values
+    )
+    flags.mark_flags_as_required(["config", "workdir"], flag_values=values)
+    return values
+
+
+def _parse(argv: list[str]) -> tuple[ConfigDict, Path, str]:
+    """The config, the workdir and the mode. Raises UsageError for a wrong flag."""
+    values = _flags(argv)
     try:
-        rest = flags.FLAGS(argv)
+        rest = values(argv)
         if len(rest) > 1:
-            raise flags.Error(f"unexpected argument {rest[1]!r}")
-        config, workdir = CONFIG.value, Path(WORKDIR.value)
-        config.lock()  # a missing file only shows when the config is first used
+            raise UsageError(f"unexpected argument {rest[1]!r}")
+        config = values.config
+        config.lock()  # an unreadable file only shows when the config is first used
     except (flags.Error, AttributeError, KeyError, TypeError, ValueError, OSError) as e:
-        if "--help" in argv:
-            raise
-        print(f"error: {_explain(argv, e)}", file=sys.stderr)
-        return 2
+        raise UsageError(_explain(argv, e)) from e
+    if config.task not in TASKS:
+        raise UsageError(f"task = {config.task!r}, expected one of {TASKS}")
+    return config, Path(values.workdir), values.mode
+
+
+def _run(config: ConfigDict, workdir: Path, mode: str) -> int:
+    """Train or evaluate. The first process of a run locks the shared workdir."""
     logging.set_verbosity(logging.WARNING)
-
     use_compilation_cache()
-    try:
-        return _run(config, workdir)
-    except KeyboardInterrupt:  # before the first step or after the last
-        return 130
-    except (ValueError, FloatingPointError, OSError, ImportError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return _exit_code(error)
-
-
-def _run(config, workdir):
-    """Do what the flags say. Processes of one run share a workdir, the first locks."""
     import jax
 
     from jradar.training import Interrupted, join_processes
 
-    if config.task not in TASKS:
-        raise ValueError(f"task = {config.task!r}, expected one of {TASKS}")
     join_processes()  # before a task's module may use a device
+    from experiments import train
+
     task = importlib.import_module(f"experiments.tasks.{config.task}")
-    run = {"train": task.run_training, "eval": task.run_evaluation}[MODE.value]
-    first = jax.process_index() == 0
     try:
-        with lock_folder(workdir) if first else contextlib.nullcontext():
-            run(config, workdir)
+        with contextlib.nullcontext() if jax.process_index() else lock_folder(workdir):
+            if mode == "train":
+                train.run(task, config, workdir)
+            elif not jax.process_index():
+                task.evaluate(config, workdir)
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code
     return 0
 
 
-def _exit_code(error):
-    """Exit code of an error that a user can mend."""
-    from jradar.bundle import BundleError
-    from jradar.training import CheckpointError
-
-    codes = {
-        BundleError: 5,
-        CheckpointError: 5,
-        ValueError: 2,
-        OSError: 3,
-        ImportError: 3,
-    }
-    return next((c for kind, c in codes.items() if isinstance(error, kind)), 4)
-
-
-def _explain(argv, error):
-    """One line for a wrong flag; an unknown config key with the nearest valid one."""
+def _explain(argv: list[str], error: BaseException) -> str:
+    """One line for a wrong flag; for an unknown config key, the nearest valid one."""
     given = dict(re.findall(r"^--(config[^=]*)=(.*)$", "\n".join(argv), re.MULTILINE))
     path = given.pop("config", None)
     if path and not Path(path).is_file():
@@ -107,7 +107,7 @@ def _explain(argv, error):
     return " ".join(str(error).split())
 
 
-def _keys(config, prefix=""):
+def _keys(config: ConfigDict, prefix: str = "") -> Iterator[str]:
     """Dotted keys of a config."""
     for key, value in config.items():
         yield f"{prefix}{key}"

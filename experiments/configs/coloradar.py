@@ -3,8 +3,8 @@ r"""The paper's setting on the real ColoRadar data set; for a GPU.
     python -m experiments.main --config=experiments/configs/coloradar.py \
         --config.data.path=RECORDS --workdir=runs/coloradar
 
-Prepare the downloaded set first, `jradar prepare COLORADAR -o RECORDS`: its split is
-the paper's. Not run to the end yet.
+Prepare the downloaded set first: `jradar prepare COLORADAR -o RECORDS` uses the paper's
+split. It has not been run to the end yet.
 """
 
 from experiments.configs import paper

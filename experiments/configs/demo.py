@@ -1,12 +1,11 @@
-r"""The demonstration: methods side by side on invented rooms that none was trained on.
+r"""The demonstration: detectors and shipped models on simulated rooms, new to all.
 
     python -m experiments.main --config=experiments/configs/demo.py \
         --workdir=runs/demo
 
-A frame of three layouts of each scene family is simulated, and goes through the CFAR
-detectors and the weights that the package ships. Nothing is trained. Detectors have
-the rates that `experiments.studies.detectors` chose on the validation split of the
-simulated set (48 frames of its 12 layouts, 2026-11-21).
+Simulates one frame of three layouts of each scene family, and scores the CFAR detectors
+and the models that the package ships. Nothing is trained. The false-alarm rates were
+chosen on a validation split by `experiments.studies.detectors`.
 """
 
 from experiments.configs import default
@@ -15,10 +14,10 @@ from experiments.configs import default
 def get_config():
     config = default.get_config()
     config.task = "demo"
-    config.purpose = ""
-    config.data.set = "jradar-sim-test"
-    config.data.frames = 1  # of each layout
-    config.data.layouts = 3  # of each family, of the set's test split; it has 192
+    config.purpose = "a demonstration: nothing is trained"
+    config.data.set = "jradar-sim-1-test"
+    config.data.frames = 1  # per layout
+    config.data.layouts = 3  # per family, of the 192 in the test split
     config.evaluation.every = 1
     config.evaluation.rates = {"so": 1e-3, "ca": 1e-2, "go": 1e-2, "os": 1e-3}
     return config

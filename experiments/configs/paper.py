@@ -1,9 +1,10 @@
-r"""The paper's network on the simulated ColoRadar; for a GPU.
+r"""The paper's network on simulated ColoRadar scenes; for a GPU.
 
     python -m experiments.main --config=experiments/configs/paper.py \
         --workdir=runs/paper
 
-The trunk of EDM's FFHQ network, a horizontal stem, Eq. 12. Not run to the end yet.
+The trunk of EDM's FFHQ network, a horizontal stem, and Eq. 12. It has not been run to
+the end yet.
 """
 
 from experiments.configs import paper_loss

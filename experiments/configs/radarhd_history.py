@@ -1,10 +1,9 @@
-r"""RadarHD's real pairs with the last radar images as channels of the condition.
+r"""RadarHD's real pairs with 41 radar images in a condition, as in RadarHD.
 
     python -m experiments.main --config=experiments/configs/radarhd_history.py \
         --config.data.path=dataset_5 --workdir=runs/radarhd_history
 
-For the whole public folder: RadarHD itself takes 41 images. Differs from `radarhd` in
-one field.
+It needs the whole public folder. Differs from `radarhd` in one field.
 """
 
 from experiments.configs import radarhd

@@ -1,10 +1,10 @@
-r"""The paper's own captures, AWR1843BOOST and Livox Mid-360; for a GPU.
+r"""The paper's own kind of captures, AWR1843BOOST and Livox Mid-360; for a GPU.
 
     python -m experiments.main --config=experiments/configs/selfmade.py \
         --config.data.path=RECORDS --workdir=runs/selfmade
 
-Captures of the same kind, each described by a capture.toml, prepared by `jradar
-prepare CAPTURES -o RECORDS`. Not run to the end yet.
+Describe each capture by a capture.toml, and prepare them with `jradar prepare CAPTURES
+-o RECORDS`. It has not been run to the end yet.
 """
 
 from experiments.configs import coloradar

@@ -1,10 +1,10 @@
-r"""Smoke test: the whole way on small images, in a minute or two on 2 cores.
+r"""Smoke test: everything on small images, in two to three minutes on 2 cores.
 
     python -m experiments.main --config=experiments/configs/smoke.py \
         --workdir=runs/smoke
 
-It proves the plumbing: simulation, preparation, training, evaluation, report. The
-network sees too little to be of use.
+Runs simulation, preparation, training, evaluation and the report. The network sees too
+little data to be useful.
 """
 
 from experiments.configs import default
@@ -12,8 +12,8 @@ from experiments.configs import default
 
 def get_config():
     config = default.get_config()
-    config.purpose = "a smoke test: these weights prove the plumbing, nothing else"
-    config.data.update(set="jradar-sim-mini", frames=2)
+    config.purpose = "a smoke test: this model is not useful"
+    config.data.update(set="jradar-sim-1-mini", frames=2)
     config.prepare.capacity = 512
     config.image.update(coarse=(16, 16), fine=(32, 128))
     config.network.update(channels=16, multipliers=(1, 2), attention_levels=(1,))

@@ -1,44 +1,42 @@
-r"""Do two runs differ? The scores of the same frames, with paired tests.
+r"""Compare the scores of runs frame by frame, with paired tests.
 
     python -m experiments.studies.compare runs/first runs/second
     python -m experiments.studies.compare runs/first runs/second --frames frames.csv
     python -m experiments.studies.compare runs/first --reference OS-CFAR
 
-Every method that both runs have is subtracted frame by frame; tests allow for frames
-that follow one another. With `--reference`, every method of all the runs is compared
-with one of them.
+Two runs: every method that both contain, second minus first. With `--reference`: every
+method of all the runs minus that one. The tests allow for correlated frames.
 """
 
-import argparse
 import sys
+from argparse import Namespace
 
 import jax
 
+from experiments.command import run_study, study_parser
 from jradar import evaluation
+from jradar.errors import UsageError
 from jradar.evaluation.runs import COMPARED
 from jradar.files import write_text
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Print the comparison; 2 where the runs do not go together."""
-    parser = argparse.ArgumentParser(prog="experiments.studies.compare")
+    """Print the comparison and return the exit code."""
+    parser = study_parser("compare", __doc__, output="")
     parser.add_argument("runs", nargs="+", metavar="RUN", help="workdir of a run")
     parser.add_argument("--reference", metavar="METHOD", help="compare all with this")
     parser.add_argument("--frames", metavar="FILE", help="write every frame as CSV")
-    options = parser.parse_args(argv)
-    try:
-        print(_tables(options))
-    except (ValueError, FileNotFoundError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return run_study(lambda options: print(tables(options)), parser, argv)
 
 
-def _tables(options: argparse.Namespace) -> str:
-    """What the options ask for, in Markdown."""
+def tables(options: Namespace) -> str:
+    """Return the comparison in Markdown."""
     key = jax.random.key(0)
     if options.reference:
         scores = evaluation.read_runs(options.runs)
+        methods = [*dict.fromkeys(row["method"] for row in scores)]
+        if options.reference not in methods:
+            raise UsageError(f"--reference {options.reference!r} is none of {methods}")
         return "\n".join(
             evaluation.comparison_table(
                 key, scores, reference=options.reference, score=score
@@ -46,7 +44,7 @@ def _tables(options: argparse.Namespace) -> str:
             for score in COMPARED
         )
     if len(options.runs) != 2:
-        raise ValueError(f"{len(options.runs)} runs, expected two runs or --reference")
+        raise UsageError(f"{len(options.runs)} runs, expected two runs or --reference")
     path = "{}/evaluation/frames.jsonl"
     first, second = (evaluation.read_scores(path.format(r)) for r in options.runs)
     if options.frames:

@@ -1,25 +1,25 @@
-r"""How like real frames the simulated ones are: a picture and a few numbers.
+r"""Compare simulated frames with real ones: a picture and a few numbers.
 
     python -m experiments.studies.realism SAMPLES -o runs/realism
 
 SAMPLES is a folder of real frames, which are not part of jradar:
 
-    openradar/doppler_example_1.npy    a capture of OpenRadar's (PreSenseRadar)
-    coloradar_pairs/                   pairs of ColoRadar (Radar-Diffusion):
+    openradar/doppler_example_1.npy    a capture from OpenRadar (PreSenseRadar)
+    coloradar_pairs/                   pairs from ColoRadar (Radar-Diffusion):
       range_azimuth_heatmap/N.png      [range 128, azimuth 64], 8 bits
       lidar_pcl_bev_polar_img/N.png    [range 160, azimuth 100], 0.1 m and 1.8 degrees
 
-The capture stands beside a simulated frame with its chirps. Pairs stand beside frames
-of simulated sequences, turned into pictures by the recipe of the real ones: Blackman
-window, 32 azimuths, power summed over elevation and velocity, over its 30 % quantile,
-in dB, from 0 to the frame's largest. Their authors took LiDAR and radar to be in one
-place, so the simulated LiDAR points are left where they are, too.
+The capture is compared with a simulated frame of the same chirps. The pairs are
+compared with simulated frames turned into pictures by the same recipe: Blackman window,
+32 azimuths, power summed over elevation and velocity, divided by its 30 % quantile, in
+dB, from 0 to the frame's largest. The authors of the pairs treat LiDAR and radar as one
+place, so simulated LiDAR points are not moved to the radar either.
 
-Numbers to compare, not a score: the real frames are eight, of other rooms.
+The real frames are eight, of other rooms: the numbers are a comparison, not a score.
 """
 
-import argparse
 import sys
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -28,6 +28,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float
 
+from experiments.command import run_study, study_parser
+from experiments.studies.realism_figure import Row, realism_figure
+from experiments.tables import markdown_table
+from jradar import viz
+from jradar.errors import UsageError
+from jradar.files import write_text
 from jradar.radar import PointSpec, RadarSpec, radar_points, range_doppler
 from jradar.simulation import (
     FAMILIES,
@@ -39,33 +45,35 @@ from jradar.simulation.radar import make_hardware
 
 CAPTURE = Path("openradar") / "doppler_example_1.npy"
 PAIRS = Path("coloradar_pairs")
-OPENRADAR = {  # of OpenRadar's example, in its own words
+OPENRADAR = {  # the chirps of OpenRadar's example
     "start_frequency_hz": 77.4201e9,
     "slope_hz_per_s": 60e12,
     "sample_rate_hz": 2.5e6,
     "idle_time_s": 30e-6,
     "ramp_end_time_s": 62e-6,
 }
-MAX_RANGE_M, AZIMUTHS = 16.0, 32  # of the pairs' pictures, before they are widened
+MAX_RANGE_M, AZIMUTHS = 16.0, 32  # of the pairs' pictures, before interpolation
 CROPPED = 6  # range bins at either end that are black
-NEAR_SENSOR_M = 0.6  # heights of LiDAR points that are neither floor nor ceiling
+NEAR_SENSOR_M = 0.6  # LiDAR points farther up or down are floor or ceiling
 TIME_S, SEED = 2.0, 200  # of the simulated frames, from the test split
-RATE = 1e-3  # of false alarms
+RATE = 1e-3  # false-alarm rate
 ABOVE_FLOOR_DB = 12.0
-LEAKY = 4  # range bins of the leakage, which the numbers of the map leave out
+LEAKY = 4  # range bins of leakage, excluded from the numbers of the map
 
 
-class Pair(NamedTuple):
-    """A polar radar image over the azimuth's sine, and LiDAR points in the plane."""
+class PolarFrame(NamedTuple):
+    """A polar radar image over the sine of azimuth, and LiDAR points in the plane."""
 
     image: Float[np.ndarray, "range azimuth"]  # 0 to 1; left is the last column
     lidar: Float[np.ndarray, "point 2"]
 
 
 def read_capture(path: Path) -> tuple[Complex[np.ndarray, "2 4 128 128"], RadarSpec]:
-    """OpenRadar's example as a cube, its numbers unwrapped, and its radar."""
+    """Return OpenRadar's example as a cube, with signed samples, and its radar."""
     if not path.exists():
-        raise ValueError(f"no {path}: SAMPLES holds {CAPTURE} and {PAIRS}, see --help")
+        raise UsageError(
+            f"no {path}: expected SAMPLES to contain {CAPTURE} and {PAIRS}, see --help"
+        )
     stored = np.load(path, allow_pickle=False)
     if stored.shape != (128, 8, 128):
         raise ValueError(
@@ -80,8 +88,8 @@ def read_capture(path: Path) -> tuple[Complex[np.ndarray, "2 4 128 128"], RadarS
     return cube, RadarSpec.awr1642(**OPENRADAR)
 
 
-def read_pairs(folder: Path) -> list[Pair]:
-    """The real pairs of a folder."""
+def read_pairs(folder: Path) -> list[PolarFrame]:
+    """Return the real pairs of a folder."""
     from matplotlib.image import imread
 
     pairs = []
@@ -90,14 +98,14 @@ def read_pairs(folder: Path) -> list[Pair]:
         polar = np.asarray(imread(folder / "lidar_pcl_bev_polar_img" / path.name))
         if image.ndim != 2 or polar.ndim != 2:
             raise ValueError(f"{path} and its LiDAR picture: expected grey pictures")
-        pairs.append(Pair(image[::-1, ::-1], polar_points(polar[::-1, ::-1] > 0)))
+        pairs.append(PolarFrame(image[::-1, ::-1], polar_points(polar[::-1, ::-1] > 0)))
     if not pairs:
-        raise ValueError(f"no range_azimuth_heatmap/*.png in {folder}, see --help")
+        raise UsageError(f"no range_azimuth_heatmap/*.png in {folder}, see --help")
     return pairs
 
 
 def polar_points(mask: np.ndarray) -> np.ndarray:
-    """Points `[point, 2]` of an occupancy mask [range, azimuth], right to left."""
+    """Return points `[point, 2]` of a mask [range, azimuth], from right to left."""
     row, column = np.nonzero(mask)
     distance = (row + 0.5) * MAX_RANGE_M / mask.shape[0]
     azimuth = np.radians(np.linspace(-90, 90, mask.shape[1]))[column]
@@ -105,7 +113,7 @@ def polar_points(mask: np.ndarray) -> np.ndarray:
 
 
 def polar_mask(xyz: Float[np.ndarray, "point 3"]) -> np.ndarray:
-    """The mask of LiDAR points ahead, [160, 100], as the pairs' pictures hold it."""
+    """Return the mask [160, 100] of the LiDAR points ahead, like the real pictures."""
     ahead = (xyz[:, 0] > 0) & (np.abs(xyz[:, 2]) < NEAR_SENSOR_M)
     x, y, _ = xyz[ahead].T
     row = (np.hypot(x, y) / 0.1).astype(int)
@@ -118,7 +126,10 @@ def polar_mask(xyz: Float[np.ndarray, "point 3"]) -> np.ndarray:
 def azimuth_image(
     cube: Complex[np.ndarray, "tx rx chirp sample"], radar: RadarSpec
 ) -> Float[np.ndarray, "range azimuth"]:
-    """Range-azimuth image by the recipe of the pairs, 0 to 1; columns over the sine."""
+    """Return a range-azimuth image, 0 to 1, by the recipe of the real pairs.
+
+    Columns are evenly spaced in the sine of azimuth.
+    """
     window = np.blackman(radar.num_samples)
     spectra = np.fft.fft2(cube * window)
     cycles = np.fft.fftfreq(radar.num_chirps)[None, :] * radar.firing_position[:, None]
@@ -137,8 +148,8 @@ def azimuth_image(
     return level / level.max()
 
 
-def simulated_pair(family: str) -> tuple[Complex[np.ndarray, "..."], Pair]:
-    """A frame of a family, its image and what the LiDAR saw at the time."""
+def simulated_pair(family: str) -> tuple[Complex[np.ndarray, "..."], PolarFrame]:
+    """Return a simulated cube, and its image with the LiDAR points of that time."""
     setting, stamps = make_setting(family, SEED), np.array([TIME_S])
     (frame,) = radar_frames(setting, "single_chip", stamps)
     frame = np.asarray(frame, np.float32)
@@ -146,11 +157,11 @@ def simulated_pair(family: str) -> tuple[Complex[np.ndarray, "..."], Pair]:
     (scan,) = lidar_scans(setting, stamps - 0.05)
     seen = scan[np.any(scan[:, :3] != 0, 1), :3] * [-1, -1, 1]
     radar, _ = setting.radars["single_chip"]
-    return cube, Pair(azimuth_image(cube, radar), polar_points(polar_mask(seen)))
+    return cube, PolarFrame(azimuth_image(cube, radar), polar_points(polar_mask(seen)))
 
 
 def simulated_capture(family: str, radar: RadarSpec) -> Complex[np.ndarray, "..."]:
-    """A frame of a family as a radar with other chirps would have it."""
+    """Return a simulated cube of a radar with other chirps."""
     setting = make_setting(family, SEED)
     radars = {"single_chip": (radar, make_hardware("single_chip", radar))}
     setting = setting._replace(radars=radars)
@@ -162,7 +173,7 @@ def simulated_capture(family: str, radar: RadarSpec) -> Complex[np.ndarray, "...
 def map_statistics(
     cube: Complex[np.ndarray, "..."], radar: RadarSpec
 ) -> tuple[dict[str, float], np.ndarray, np.ndarray]:
-    """Numbers of a frame's range-Doppler map; the map, and its points."""
+    """Return statistics of a frame's range-Doppler map, the map, and its points."""
     frame = jnp.asarray(cube, jnp.complex64)
     power = np.asarray(range_doppler(frame)[1], np.float64)
     cloud = radar_points(frame, radar, points=PointSpec(false_alarm_rate=RATE))
@@ -185,8 +196,8 @@ def map_statistics(
     )
 
 
-def pair_statistics(pairs: Sequence[Pair]) -> dict[str, float]:
-    """Numbers of pairs: how full the images are, how near their peaks lie to LiDAR."""
+def pair_statistics(pairs: Sequence[PolarFrame]) -> dict[str, float]:
+    """Return how full the images are, and how near their peaks lie to LiDAR points."""
     kept = [pair.image[CROPPED:-CROPPED] for pair in pairs]
     apart = np.concatenate([peak_distances(pair) for pair in pairs])
     mirrored = [pair._replace(lidar=pair.lidar * [1, -1]) for pair in pairs]
@@ -204,10 +215,10 @@ def pair_statistics(pairs: Sequence[Pair]) -> dict[str, float]:
     }
 
 
-def peak_distances(pair: Pair) -> Float[np.ndarray, " azimuth"]:
-    """Distances in the plane to LiDAR of the strongest cell of each azimuth to 60 deg.
+def peak_distances(pair: PolarFrame) -> Float[np.ndarray, " azimuth"]:
+    """Return the distance to LiDAR of the strongest cell of each azimuth.
 
-    Images have columns over the sine, so many that beams overlap.
+    Azimuths are within 60 degrees; beams of neighbouring columns overlap.
     """
     from scipy.spatial import KDTree
 
@@ -224,82 +235,61 @@ def peak_distances(pair: Pair) -> Float[np.ndarray, " azimuth"]:
 
 
 def over_angles(image: Float[np.ndarray, "range azimuth"]) -> np.ndarray:
-    """The image over 90 equal angles from -90 to 90 degrees instead of sines."""
+    """Return the image over 90 equal angles from -90 to 90 degrees."""
     sine = 2 * np.arange(image.shape[1]) / image.shape[1] - 1
     angles = np.sin(np.radians(np.linspace(-90, 90, 90)))
     return np.stack([np.interp(angles, sine, row) for row in image])
 
 
 def table(columns: dict[str, dict[str, float]]) -> str:
-    """Markdown: a row for each number, a column for each kind of frame."""
-    names = list(dict.fromkeys(key for numbers in columns.values() for key in numbers))
-    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
-    for name in names:
-        cells = (f"{numbers[name]:.3g}" for numbers in columns.values())
-        lines.append(f"| {name} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+    """Return Markdown: a row for each number, a column for each kind of frame."""
+    names = dict.fromkeys(name for numbers in columns.values() for name in numbers)
+    rows = [[n, *(f"{found[n]:.3g}" for found in columns.values())] for n in names]
+    return markdown_table(["", *columns], rows)
 
 
-def compare(samples: Path, output: Path, families: Sequence[str]) -> str:
-    """Draw `realism.png` and write `realism.md` to `output`; returns the tables."""
-    from jradar import viz
+def main(argv: list[str] | None = None) -> int:
+    """Run the study and return the exit code."""
+    parser = study_parser("realism", __doc__)
+    parser.add_argument("samples", type=Path, help="folder of real frames")
+    parser.add_argument(
+        "--scenes", nargs="+", choices=FAMILIES, default=[*FAMILIES], help="to simulate"
+    )
+    return run_study(study, parser, argv)
 
-    cube, radar = read_capture(samples / CAPTURE)
-    real_pairs = read_pairs(samples / PAIRS)
+
+def study(options: Namespace) -> None:
+    """Draw `realism.png`, and write and print `realism.md`."""
+    families: list[str] = options.scenes
+    cube, radar = read_capture(options.samples / CAPTURE)
+    real_pairs = read_pairs(options.samples / PAIRS)
     made = [simulated_pair(family)[1] for family in families]
-    numbers, power, xyz = map_statistics(cube, radar)
+    numbers, *seen = map_statistics(cube, radar)
     simulated = [
         map_statistics(simulated_capture(family, radar), radar) for family in families
     ]
-    first = simulated[0]
-    pictures = zip(
-        ("real", "simulated"),
-        ((power, xyz, real_pairs, ()), (*first[1:], made, tuple(families))),
-        strict=True,
-    )
     rows = {
-        name: viz.Seen(
-            power,
-            xyz,
+        name: Row(
+            *maps,
             np.stack([over_angles(pair.image) for pair in pairs[:4]]),
             [pair.lidar for pair in pairs[:4]],
             titles[:4],
         )
-        for name, (power, xyz, pairs, titles) in pictures
+        for name, maps, pairs, titles in (
+            ("real", seen, real_pairs, ()),
+            ("simulated", simulated[0][1:], made, tuple(families)),
+        )
     }
     maps = {"real, OpenRadar": numbers}
-    maps |= {f: seen[0] for f, seen in zip(families, simulated, strict=True)}
+    maps |= {f: found[0] for f, found in zip(families, simulated, strict=True)}
     images = {"real, ColoRadar": pair_statistics(real_pairs)}
     images |= {f: pair_statistics([p]) for f, p in zip(families, made, strict=True)}
     images["all simulated"] = pair_statistics(made)
-    text = f"{table(maps)}\n\n{table(images)}\n"
-    output.mkdir(parents=True, exist_ok=True)
-    figure = viz.realism_figure(rows, radar, max_range_m=MAX_RANGE_M)
-    viz.save_figure(figure, output / "realism.png")
-    (output / "realism.md").write_text(text)
-    return text
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Compare as the flags say."""
-    parser = argparse.ArgumentParser(
-        prog="experiments.studies.realism",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("samples", type=Path, help="folder of real frames")
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument(
-        "--scenes", nargs="+", choices=FAMILIES, default=list(FAMILIES), help="to make"
-    )
-    options = parser.parse_args(argv)
-    try:
-        print(compare(options.samples, options.output, options.scenes))
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print(f"picture: {options.output / 'realism.png'}")
-    return 0
+    text = f"{table(maps)}\n{table(images)}"
+    figure = realism_figure(rows, radar, max_range_m=MAX_RANGE_M)
+    viz.save_figure(figure, options.output / "realism.png")
+    write_text(options.output / "realism.md", text)
+    print(f"{text}\npicture: {options.output / 'realism.png'}")
 
 
 if __name__ == "__main__":

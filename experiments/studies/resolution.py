@@ -1,19 +1,21 @@
-"""What Capon and MUSIC see of two targets that the Fourier spectrum shows as one.
+r"""Draw two close targets that Capon and MUSIC resolve and the FFT does not.
 
     python -m experiments.studies.resolution -o angles.png
 
-Simulates two equal targets in one range-Doppler cell of an AWR1843, closer together in
-azimuth than its beam is wide, and draws the three spectra of that cell.
+Simulates two equal targets in one range-Doppler cell of an AWR1843, closer in azimuth
+than its beam width, and draws the three angular spectra of that cell.
 """
 
-import argparse
 import sys
+from argparse import Namespace
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.command import run_study, study_parser
+from jradar import viz
 from jradar.radar import (
     RadarSpec,
     Scatterers,
@@ -37,17 +39,15 @@ class Spectra(NamedTuple):
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Draw the picture that the flags ask for."""
-    parser = argparse.ArgumentParser(
-        prog="experiments.studies.resolution", description=__doc__
-    )
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="a PNG")
+    """Run the study and return the exit code."""
+    parser = study_parser("resolution", __doc__, output="the picture, a PNG")
     parser.add_argument("--apart", type=float, default=9.0, help="degrees (default 9)")
-    parser.add_argument("--snr", type=float, default=40.0, help="dB in the cell (40)")
-    options = parser.parse_args(argv)
+    parser.add_argument("--snr", type=float, default=40.0, help="dB (default 40)")
+    return run_study(study, parser, argv)
 
-    from jradar import viz
 
+def study(options: Namespace) -> None:
+    """Draw the spectra."""
     radar = RadarSpec.awr1843()
     targets_deg = (options.apart / 2, -options.apart / 2)
     spectra = two_target_spectra(radar, targets_deg, snr_db=options.snr)
@@ -61,13 +61,12 @@ def main(argv: list[str] | None = None) -> int:
     )
     viz.save_figure(figure, options.output)
     print(options.output)
-    return 0
 
 
 def two_target_spectra(
     radar: RadarSpec, azimuths_deg: tuple[float, float], *, snr_db: float
 ) -> Spectra:
-    """Spectra of a cell with equal targets, whose echoes are an eighth turn apart."""
+    """Return the spectra of a cell with two equal targets at different phases."""
     azimuth = np.radians(azimuths_deg)
     distance = DISTANCE_BINS * radar.range_resolution_m
     distance = distance + np.array([[0.0], [radar.wavelength_m / 16]])
@@ -93,7 +92,7 @@ def two_target_spectra(
 
 
 def beam_width_deg(radar: RadarSpec) -> float:
-    """Width at half power of a beam straight ahead, 0.886 / length."""
+    """Return the width at half power of a beam straight ahead, 0.886 / length."""
     columns = int(radar.virtual_positions[:, 0].max()) + 1
     return float(np.degrees(0.886 / (columns * radar.spacing_wavelengths)))
 

@@ -1,8 +1,8 @@
 """A folder of photographs as luminance crops, each a pure function of its generator.
 
-JPEG, PNG and WebP files, also in folders below, are found by name and their headers
-read; pixels are decoded when they are asked for, and those asked for last are kept.
-What is no such image, too large or smaller than a crop is left out, and said why.
+JPEG, PNG and WebP files are found by name, also in subfolders, and their headers are
+read. Pixels are decoded on access, and the last ones are cached. Files that are not
+such images, are too large or smaller than a crop are left out, each with its reason.
 """
 
 import functools
@@ -18,23 +18,26 @@ from PIL import Image, ImageOps
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
 FORMATS = ("JPEG", "PNG", "WEBP")
-MODES = ("L", "LA", "P", "RGB", "RGBA", "CMYK", "YCbCr")  # 8 bits a colour
+MODES = ("L", "LA", "P", "RGB", "RGBA", "CMYK", "YCbCr")  # 8 bits per channel
 MAX_FILE_BYTES = 1 << 26
 MAX_PIXELS = 1 << 26
-KEPT_PIXELS = 1 << 22  # of a photograph; what has more is made smaller on reading
+KEPT_PIXELS = 1 << 22  # larger photographs are shrunk on reading
 KEPT = 64  # photographs in memory
-ORIENTATION = 0x0112  # a tag of EXIF; from 5 on, rows and columns are exchanged
+ORIENTATION = 0x0112  # EXIF tag; values of 5 and more exchange rows and columns
 
 
 class Photographs(Sequence):
-    """Luminances [row, column] of the usable files of a folder, in order of names."""
+    """Luminances [row, column] of a folder's usable files, in order of names."""
 
     def __init__(self, folder: Path | str, *, smallest: tuple[int, int]):
-        """`smallest` are the rows and columns that a photograph needs.
+        """`smallest` is the least number of rows and columns of a photograph.
 
-        `skipped` says why a file was left out. Raises ValueError where none is left.
+        `skipped` maps each file that was left out to the reason. Raises
+        FileNotFoundError without the folder, ValueError without a usable file.
         """
         self.folder, self.skipped = Path(folder), dict[str, str]()
+        if not self.folder.is_dir():
+            raise FileNotFoundError(f"no such folder: {self.folder}")
         self._paths: list[Path] = []
         for path in sorted(self.folder.rglob("*")):
             if path.suffix.lower() not in SUFFIXES or not path.is_file():
@@ -46,8 +49,8 @@ class Photographs(Sequence):
         if not self._paths:
             first = "".join(f"; {k}: {v}" for k, v in [*self.skipped.items()][:1])
             raise ValueError(
-                f"{self.folder} has no photographs, expected some of "
-                f"{smallest[1]} x {smallest[0]} pixels or more as {SUFFIXES}{first}"
+                f"{self.folder} contains no photographs of at least {smallest[1]} x "
+                f"{smallest[0]} pixels as {SUFFIXES}{first}"
             )
         self._read = functools.lru_cache(KEPT)(
             lambda index: _luminance(self._paths[index], smallest)
@@ -55,7 +58,7 @@ class Photographs(Sequence):
 
     @property
     def digest(self) -> str:
-        """SHA-256 over names below the folder and sizes of the files that are used."""
+        """SHA-256 over relative names and sizes of the usable files."""
         names = [
             f"{p.relative_to(self.folder)} {p.stat().st_size}" for p in self._paths
         ]
@@ -65,7 +68,7 @@ class Photographs(Sequence):
         return len(self._paths)
 
     def __getitem__(self, index: Any) -> UInt8[np.ndarray, "row column"]:
-        """Photograph `index`. Raises ValueError for a damaged file."""
+        """Return photograph `index`. Raises ValueError for a damaged file."""
         return self._read(range(len(self))[index])
 
 
@@ -74,10 +77,10 @@ def crop(
     photograph: UInt8[np.ndarray, "row column"],
     shape: tuple[int, int],
 ) -> Float[np.ndarray, "crop_row crop_column"]:
-    """A part of a photograph as `shape` pixels of -1, black, to 1.
+    """Return a random part of a photograph as `shape` pixels, -1 (black) to 1.
 
-    Its place, its size between `shape` and the whole, and whether left and right are
-    exchanged are drawn; what is larger is averaged down.
+    Its place, its size (from `shape` to the whole photograph) and a left-right flip are
+    drawn from `rng`. Larger parts are averaged down.
     """
     rows, columns = photograph.shape
     largest = min(rows / shape[0], columns / shape[1])
@@ -94,21 +97,21 @@ def crop(
 
 
 def _open(path):
-    """The image of a file, not yet decoded, by the readers of FORMATS alone."""
+    """The image of a file, not yet decoded, read as one of FORMATS."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about its size, which is looked at here
+        warnings.simplefilter("ignore")  # its size is checked by `_fault`
         return Image.open(path, formats=FORMATS)
 
 
 def _fault(path, smallest):
-    """Why a file cannot be used, as far as its header tells; else an empty text."""
+    """Why a file's header makes it unusable; an empty text for a usable file."""
     if (size := path.stat().st_size) > MAX_FILE_BYTES:
         return f"{size:,} bytes, expected at most {MAX_FILE_BYTES:,}"
     try:
         with _open(path) as image:
             columns, rows = image.size
             mode = image.mode
-            # To look for it in a PNG is to decode that.
+            # Reading EXIF from a PNG would decode the whole image.
             if image.format != "PNG" and image.getexif().get(ORIENTATION, 1) >= 5:
                 columns, rows = rows, columns
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
@@ -123,13 +126,13 @@ def _fault(path, smallest):
 
 
 def _luminance(path, smallest):
-    """Pixels of a file, upright, with no more than KEPT_PIXELS unless a crop needs."""
+    """Pixels of a file, upright; at most KEPT_PIXELS, unless a crop needs more."""
     try:
         with _open(path) as image:
-            image.draft("L", image.size)  # a JPEG then skips its colours
+            image.draft("L", image.size)  # a JPEG decodes faster without colours
             image = ImageOps.exif_transpose(image.convert("L"))
     except (OSError, SyntaxError, ValueError) as error:
-        raise ValueError(f"{path} is damaged, take it away: {error}") from error
+        raise ValueError(f"{path} is damaged, remove it: {error}") from error
     columns, rows = image.size
     shrink = (KEPT_PIXELS / (rows * columns)) ** 0.5
     shrink = max(shrink, smallest[0] / rows, smallest[1] / columns)

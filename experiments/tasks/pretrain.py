@@ -1,8 +1,8 @@
 """The task `pretrain`: an unconditional prior for the main network, from photographs.
 
-A crop's luminance, -1 .. 1, takes the place of the range, and every pixel is valid; the
-condition is empty, and its tower, which learns nothing from that, is no part of the
-prior. Crops are a pure function of the seed, the step and the photographs.
+A crop's luminance, -1 to 1, takes the place of the range, and every pixel is valid. The
+condition is empty, so its tower learns nothing and is left out of the prior. Crops are
+a pure function of the seed, the step and the photographs.
 """
 
 import sys
@@ -17,110 +17,90 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
-from experiments.build import (
-    INIT_KEY,
-    SAMPLE_KEY,
-    TRAIN_KEY,
-    build_network,
-    build_optimizer,
-    check_workdir,
-    initial_weights,
-    start_from,
-)
+from experiments import build
+from experiments.tables import markdown_table
 from experiments.tasks.photographs import Photographs, crop
+from experiments.train import Training
+from experiments.weights import initial_weights, start_from
 from jradar import diffusion, training, viz
+from jradar.errors import ModelError, UsageError
 from jradar.files import write_text
 
-CHECKED, SHOWN = 16, 4  # crops of photographs that were kept apart
+VALIDATION_CROPS, SHOWN = 16, 4
 LEVELS = (0.05, 0.2, 0.8, 3.2)  # of noise, in the table
 PRIOR = "prior.safetensors"
 
 
-def run_training(config: ConfigDict, workdir: Path) -> None:
-    """Train, save the prior, evaluate it. Resumes where the workdir stands."""
-    network = build_network(config)
-    initial_weights(config.train)  # a missing file shows before anything is written
-    photographs, chosen, apart = open_photographs(config)
-    check_workdir(config, workdir)
-    print(f"{len(chosen)} photographs to train on", file=sys.stderr, flush=True)
-    noise = diffusion.NoiseSpec(**config.noise)
-    optimizer = build_optimizer(config.train)
+def check(config: ConfigDict) -> None:
+    """Raise UsageError for a config that cannot be trained."""
+    build.build_network(config)
+    initial_weights(config.train)
+    if not config.data.path:
+        raise UsageError("no photographs: pass a folder of them as --config.data.path")
+
+
+def setup(config: ConfigDict, workdir: Path) -> Training:
+    """Return the network's training on crops of photographs."""
+    network, noise = build.build_network(config), build.build_noise(config)
+    optimizer = build.build_optimizer(config.train)
+    photographs, chosen, kept = open_photographs(config)
     image, _, condition = _inputs(config)
     state = training.create_state(
-        jax.random.fold_in(jax.random.key(config.seed, impl="rbg"), INIT_KEY),
+        build.random_key(config, build.INIT_KEY),
         network,
         optimizer,
         image_shape=image.shape[1:],
         condition_shape=condition.shape[1:],
     )
-    state = start_from(config.train, network, state)
-    checked = checked_batch(config, photographs, apart)
-    key = jax.random.key(config.seed)
+    batch = validation_batch(config, photographs, kept)
 
     @jax.jit
-    def score(params):
+    def loss(params):
         denoise = diffusion.conditional_denoiser(network, params, noise)
+        key = build.random_key(config, build.SAMPLE_KEY)
         return diffusion.denoising_loss(
-            jax.random.fold_in(key, SAMPLE_KEY),
-            denoise(checked.condition),
-            checked.target,
-            noise=noise,
+            key, denoise(batch.condition), batch.target, noise=noise
         )
 
-    def evaluate(state, step):
-        if not jax.process_index():
-            diffusion.save_prior(workdir / PRIOR, network, state.ema_params)
-        return {"loss": float(score(state.ema_params))}
-
-    training.train(
-        jax.random.fold_in(key, TRAIN_KEY),
-        state,
-        training.make_train_step(
+    return Training(
+        state=start_from(config.train, network, state),
+        step=training.make_train_step(
             network, optimizer, noise, ema_decay=config.train.ema_decay
         ),
-        lambda step: batch_at(config, photographs, chosen, step),
-        steps=config.train.steps,
-        workdir=workdir,
-        checkpoint_every=config.train.checkpoint_every,
-        evaluate_every=config.train.evaluate_every,
-        evaluate=evaluate,
-    )
-    if jax.process_index():
-        return
-    training.write_model_card(
-        workdir,
-        config=config.to_dict(),
+        batch_at=lambda step: batch_at(config, photographs, chosen, step),
+        validate=lambda state, _: {"loss": float(loss(state.ema_params))},
+        save=lambda state: diffusion.save_prior(
+            workdir / PRIOR, network, state.ema_params
+        ),
+        trained_on=f"{len(chosen)} photographs",
         data_digest=photographs.digest,
-        seed=config.seed,
-        steps=config.train.steps,
-        purpose=f"a prior from {len(chosen)} photographs",
     )
-    run_evaluation(config, workdir)
 
 
-def run_evaluation(config: ConfigDict, workdir: Path) -> None:
-    """What the workdir's prior makes of noisy photographs, and draws from noise."""
-    network = build_network(config)
-    noise = diffusion.NoiseSpec(**config.noise)
-    photographs, _, apart = open_photographs(config)
-    checked = checked_batch(config, photographs, apart)
-    path = initial_weights(ConfigDict({"initial": str(workdir)}))
+def evaluate(config: ConfigDict, workdir: Path) -> None:
+    """Write how well the workdir's prior denoises photographs, and what it draws."""
+    network, noise = build.build_network(config), build.build_noise(config)
+    path = workdir / PRIOR
+    if not path.is_file():
+        raise ModelError(f"no prior at {path}: train first, without --mode=eval")
+    photographs, _, kept = open_photographs(config)
+    batch = validation_batch(config, photographs, kept)
     shapes = jax.eval_shape(network.init, jax.random.key(0), *_inputs(config))
     empty = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     params, _ = diffusion.load_pretrained(path, network, empty)
     given = diffusion.conditional_denoiser(network, params, noise)
-    key = jax.random.fold_in(jax.random.key(config.seed), SAMPLE_KEY)
+    key = build.random_key(config, build.SAMPLE_KEY)
 
     @jax.jit
     def draw(key):
-        denoise = given(checked.condition[:SHOWN])
-        shape, steps = checked.target[:SHOWN].shape, config.sampling.steps
+        denoise = given(batch.condition[:SHOWN])
+        shape, steps = batch.target[:SHOWN].shape, config.sampling.steps
         return diffusion.sample(key, denoise, shape, noise=noise, steps=steps)
 
     out = workdir / "evaluation"
-    table = denoising_table(key, given(checked.condition), checked.target)
+    table = denoising_table(key, given(batch.condition), batch.target)
     write_text(out / "table.md", table)
-    images = {"photographs": checked.target[:SHOWN], "drawn from noise": draw(key)}
+    images = {"photographs": batch.target[:SHOWN], "drawn from noise": draw(key)}
     viz.save_figure(picture(images), out / "samples.png")
     print(f"{table}\nwritten to {out}")
 
@@ -128,19 +108,17 @@ def run_evaluation(config: ConfigDict, workdir: Path) -> None:
 def open_photographs(
     config: ConfigDict,
 ) -> tuple[Photographs, Sequence[int], Sequence[int]]:
-    """The config's photographs, those to train on and those kept apart."""
-    if not config.data.path:
-        raise ValueError("no photographs: name a folder of them as --config.data.path")
+    """Return the config's photographs, and the indices to train and to validate on."""
     photographs = Photographs(config.data.path, smallest=tuple(config.image.fine))
     for path, fault in photographs.skipped.items():
         print(f"left out {path}: {fault}", file=sys.stderr)
     every, count = config.data.validation, len(photographs)
     if not 2 <= every <= count:
-        raise ValueError(
+        raise UsageError(
             f"data.validation = {every} of {count} photographs: expected 2 to {count}"
         )
-    apart = range(0, count, every)
-    return photographs, [i for i in range(count) if i not in apart], apart
+    kept = range(0, count, every)
+    return photographs, [i for i in range(count) if i not in kept], kept
 
 
 def _inputs(config):
@@ -152,18 +130,18 @@ def _inputs(config):
 def batch_at(
     config: ConfigDict, photographs: Photographs, chosen: Sequence[int], step: int
 ) -> training.Batch:
-    """Crops of photographs that are drawn from `chosen`."""
+    """Return crops of photographs drawn from `chosen`."""
     rng = np.random.default_rng([config.seed, step])
     index = [chosen[i] for i in rng.integers(len(chosen), size=config.train.batch_size)]
     return _batch(config, [crop(rng, photographs[i], config.image.fine) for i in index])
 
 
-def checked_batch(
-    config: ConfigDict, photographs: Photographs, apart: Sequence[int]
+def validation_batch(
+    config: ConfigDict, photographs: Photographs, kept: Sequence[int]
 ) -> training.Batch:
-    """The same crops at any time, from all photographs that were kept apart in turn."""
+    """Return crops of the validation photographs in turn, the same at every call."""
     rng = np.random.default_rng(config.seed)
-    index = np.resize(apart, CHECKED)
+    index = np.resize(kept, VALIDATION_CROPS)
     crops = [crop(rng, photographs[i], config.image.fine) for i in index]
     return jax.tree.map(jnp.asarray, _batch(config, crops))
 
@@ -181,26 +159,25 @@ def denoising_table(
     denoise: diffusion.Denoiser,
     clean: Float[np.ndarray, "batch row column 2"],
 ) -> str:
-    """Errors (rms) of the luminance before and after denoising, by level, as Markdown.
+    """Return a Markdown table of the luminance's rms error after denoising, by level.
 
-    The mean of the photographs is what is known without looking.
+    The last column is the error of the photographs' mean, the best guess without an
+    image.
     """
 
     @jax.jit
     def error(sigma):
         noisy = clean + sigma * jax.random.normal(key, clean.shape)
-        away = (denoise(noisy, sigma) - clean)[..., 0]
-        return jnp.sqrt(jnp.mean(away**2))
+        difference = (denoise(noisy, sigma) - clean)[..., 0]
+        return jnp.sqrt(jnp.mean(difference**2))
 
-    lines = ["| noise | after denoising | the mean instead |", "|---|---|---|"]
-    mean = float(clean[..., 0].std())
-    for sigma in LEVELS:
-        lines.append(f"| {sigma} | {float(error(sigma)):.4f} | {mean:.4f} |")
-    return "\n".join(lines) + "\n"
+    mean = f"{float(clean[..., 0].std()):.4f}"
+    rows = [[str(sigma), f"{float(error(sigma)):.4f}", mean] for sigma in LEVELS]
+    return markdown_table(["noise", "after denoising", "the mean instead"], rows)
 
 
 def picture(images: dict[str, Any]) -> Figure:
-    """Luminances, a column for each name."""
+    """Return a figure with a column of luminances for each name."""
     figure = Figure(figsize=(6 * len(images), 1.7 * SHOWN), layout="constrained")
     for column, (name, batch) in enumerate(images.items()):
         for row, image in enumerate(np.asarray(batch)[..., 0]):

@@ -7,11 +7,12 @@
 or a packed .npz with `radar` uint8, `lidar_packed` (bits along the azimuth),
 `trajectory` and `frame`. Row i stands for the i-th of evenly spaced ranges from 0 to
 10.8 m, column j for the j-th of evenly spaced angles from -90 to 90 degrees, both ends
-included; the pixel of a point is the first whose range and angle are not below its own.
+included.
 """
 
 import dataclasses
 import functools
+import hashlib
 import math
 import re
 import zipfile
@@ -23,12 +24,12 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
-MAX_BYTES = 4 << 30  # of the arrays in a packed file
+MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
 
 
 @dataclasses.dataclass(frozen=True)
 class PolarSpec:
-    """The grid of a polar image."""
+    """The grid of polar images."""
 
     num_range: int = 256
     num_azimuth: int = 512
@@ -37,17 +38,17 @@ class PolarSpec:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """The numbers of rows and columns."""
         return self.num_range, self.num_azimuth
 
     @functools.cached_property
     def ranges(self) -> Float[np.ndarray, " range"]:
-        """Metres of each row."""
+        """The range of each row, in metres."""
         return np.linspace(0, self.max_range_m, self.num_range)
 
     @functools.cached_property
     def angles(self) -> Float[np.ndarray, " azimuth"]:
-        """Radians of each column, rising to the left."""
+        """The azimuth of each column in radians, positive to the left."""
         return np.linspace(*self.azimuth, self.num_azimuth)
 
 
@@ -55,7 +56,7 @@ RADAR, LIDAR = PolarSpec(num_azimuth=64), PolarSpec()
 
 
 class PolarPair(NamedTuple):
-    """A radar image and the LiDAR's occupancy at the same time."""
+    """A radar image and the LiDAR occupancy at the same time."""
 
     radar: UInt8[np.ndarray, "range radar_azimuth"]
     lidar: Bool[np.ndarray, "range azimuth"]
@@ -64,49 +65,34 @@ class PolarPair(NamedTuple):
 
 
 def polar_to_points(
-    occupied: Bool[np.ndarray, "range azimuth"], spec: PolarSpec = LIDAR
+    occupied: Bool[np.ndarray, "range azimuth"],
 ) -> Float[np.ndarray, "point 3"]:
-    """Points of the occupied pixels in the plane z = 0, on the host."""
-    if occupied.shape != spec.shape:
-        raise ValueError(f"image has shape {occupied.shape}, expected {spec.shape}")
+    """Return the points of the occupied pixels in the plane z = 0; on the host."""
+    if occupied.shape != LIDAR.shape:
+        raise ValueError(f"image has shape {occupied.shape}, expected {LIDAR.shape}")
     row, column = np.nonzero(occupied)
-    distance, azimuth = spec.ranges[row], spec.angles[column]
+    distance, azimuth = LIDAR.ranges[row], LIDAR.angles[column]
     xyz = [distance * np.cos(azimuth), distance * np.sin(azimuth), 0 * distance]
     return np.stack(xyz, -1)
 
 
-def points_to_polar(
-    xyz: Float[np.ndarray, "point 3"], spec: PolarSpec = LIDAR
-) -> Bool[np.ndarray, "range azimuth"]:
-    """Occupancy of the pixels that hold points within the grid, on the host."""
-    x, y = np.asarray(xyz, float)[:, :2].T
-    distance, azimuth = np.hypot(x, y), np.arctan2(y, x)
-    row = _first_not_below(spec.ranges, distance)
-    column = _first_not_below(spec.angles, azimuth)
-    inside = (distance > 0) & (row < spec.num_range) & (column < spec.num_azimuth)
-    inside &= azimuth >= spec.azimuth[0] - 1e-9
-    image = np.zeros(spec.shape, bool)
-    image[row[inside], column[inside]] = True
-    return image
-
-
-def _first_not_below(grid, values):
-    """Index of the first grid value that is not below, up to rounding."""
-    return np.searchsorted(grid, values - 1e-9)
-
-
 class RadarHD(Sequence):
-    """Pairs by index; trajectories and frames rise."""
+    """Pairs in the order of trajectories and frames, read on access."""
 
     def __init__(self, keys, read):
-        """`keys` are (trajectory, frame) of each pair; `read(i)` gives its images."""
+        """`keys` are (trajectory, frame) of each pair; `read(i)` returns its images."""
         self.keys, self._read = np.asarray(keys).reshape(-1, 2), read
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the trajectories and frames of the pairs."""
+        return hashlib.sha256(self.keys.astype("<i8").tobytes()).hexdigest()
 
     def __len__(self) -> int:
         return len(self.keys)
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Pair `index`, read from its files."""
+        """Return pair `index`."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -116,20 +102,21 @@ class RadarHD(Sequence):
         return PolarPair(radar, lidar, trajectory, frame)
 
     def of(self, trajectories: Sequence[int]) -> "RadarHD":
-        """The pairs of some trajectories; ValueError for one that there is not."""
-        there = set(self.keys[:, 0].tolist())
-        if missing := sorted(set(trajectories) - there):
-            raise ValueError(f"no trajectory {missing[0]}, there are {sorted(there)}")
+        """Return the pairs of trajectories. Raises ValueError for a missing one."""
+        known = set(self.keys[:, 0].tolist())
+        if missing := sorted(set(trajectories) - known):
+            raise ValueError(f"no trajectory {missing[0]}, expected of {sorted(known)}")
         return self._select(np.isin(self.keys[:, 0], list(trajectories)))
 
     def without(self, trajectories: Sequence[int]) -> "RadarHD":
-        """The pairs of all other trajectories."""
+        """Return the pairs of all other trajectories."""
         return self._select(~np.isin(self.keys[:, 0], list(trajectories)))
 
     def history(self, index: int, length: int) -> UInt8[np.ndarray, "..."]:
-        """Radar images [range, radar_azimuth, length] up to pair `index`, newest first.
+        """Return the last `length` radar images up to pair `index`, newest first.
 
-        Before a trajectory's first image, that one is repeated.
+        The axes are [range, radar_azimuth, image]. A trajectory's first image also
+        stands for the images before it.
         """
         first = np.searchsorted(self.keys[:, 0], self.keys[index, 0])
         past = np.maximum(index - np.arange(length), first)
@@ -142,10 +129,38 @@ class RadarHD(Sequence):
         return RadarHD(self.keys[index], lambda i: self._read(int(index[i])))
 
 
-def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
-    """The pairs of the public folder's `split`, or of a packed file (training only).
+class PolarItem(NamedTuple):
+    """A pair as the network takes it."""
 
-    Raises ValueError for what is neither, and for images without a partner.
+    condition: Float[np.ndarray, "range radar_azimuth history"]  # 0 to 1
+    target: Float[np.ndarray, "range azimuth 1"]  # 0 or 1
+
+
+class PolarItems(Sequence):
+    """Pairs as items; with `mirror` followed by all their mirror images."""
+
+    def __init__(self, pairs: RadarHD, *, history: int, mirror: bool = False):
+        """A condition consists of `history` radar images."""
+        self._pairs, self._history, self._mirror = pairs, history, mirror
+
+    def __len__(self) -> int:
+        return len(self._pairs) * (2 if self._mirror else 1)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return item `index`."""
+        mirrored, i = divmod(int(index), len(self._pairs))
+        condition = self._pairs.history(i, self._history).astype(np.float32) / 255
+        target = self._pairs[i].lidar.astype(np.float32)[..., None]
+        if mirrored:
+            condition, target = condition[:, ::-1], target[:, ::-1]
+        return PolarItem(condition, target)
+
+
+def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
+    """Return the pairs of the public folder's `split`, or of a packed training file.
+
+    Raises FileNotFoundError without `path`, and ValueError for a folder or file of
+    another kind and for images without a partner.
     """
     path = Path(path)
     if not path.exists():
@@ -155,8 +170,8 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
     folder = path / split
     if not (folder / "radar").is_dir() or not (folder / "lidar").is_dir():
         raise ValueError(
-            f"{path} has no {split}/radar and {split}/lidar, expected RadarHD's folder "
-            "dataset_5 or a packed .npz"
+            f"{path} does not contain {split}/radar and {split}/lidar: expected "
+            "RadarHD's folder dataset_5, or a packed .npz"
         )
     found = (NAME.fullmatch(p.name) for p in (folder / "radar").iterdir())
     keys = sorted((int(m[1]), int(m[2]), m[0][1:]) for m in found if m)
@@ -164,7 +179,7 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
     alone = [name for *_, name in keys if name not in lidar]
     if alone or not keys:
         what = f"L{alone[0]}" if alone else "R_<trajectory>_<frame>.png"
-        raise ValueError(f"{folder} holds no {what}: is the download complete?")
+        raise ValueError(f"{folder} does not contain {what}: incomplete download?")
 
     def read(i):
         name = keys[i][2]
@@ -176,7 +191,7 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
 
 
 def _packed(path: Path) -> RadarHD:
-    """Pairs of a packed file, held in memory."""
+    """Pairs of a packed file, kept in memory."""
     try:
         with zipfile.ZipFile(path) as archive:
             if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
@@ -188,15 +203,15 @@ def _packed(path: Path) -> RadarHD:
             keys = np.stack([arrays["trajectory"], arrays["frame"]], -1)
     except (zipfile.BadZipFile, KeyError, EOFError, OSError) as error:
         raise ValueError(
-            f"{path} is no packed file with radar, lidar_packed, trajectory and frame: "
-            f"{error}"
+            f"{path} is not a packed file with radar, lidar_packed, trajectory and "
+            f"frame: {error}"
         ) from error
     shapes = radar.shape[1:], (*packed.shape[1:-1], 8 * packed.shape[-1])
     if shapes != (RADAR.shape, LIDAR.shape) or not len(radar) == len(packed) == len(
         keys
     ):
         raise ValueError(
-            f"{path} holds images of {shapes}, expected {(RADAR.shape, LIDAR.shape)}"
+            f"{path} contains images of {shapes}, expected {(RADAR.shape, LIDAR.shape)}"
         )
     order = np.lexsort(keys.T[::-1])
 
@@ -219,4 +234,4 @@ def _read_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
                 )
             return np.asarray(image.convert("L"))
     except (UnidentifiedImageError, OSError, SyntaxError) as error:
-        raise ValueError(f"{path} is not a whole PNG: {error}") from error
+        raise ValueError(f"{path} is not a complete PNG: {error}") from error
