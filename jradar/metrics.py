@@ -1,12 +1,11 @@
-"""How far two clouds are apart: Chamfer, modified Hausdorff, F-score.
+"""Distances between two clouds: Chamfer, modified Hausdorff, F-score.
 
-All three come from one pass of nearest-neighbour distances, both ways, in metres. The
-kernel on masked clouds works under `jit`, `vmap` and `grad`; `compare_on_host` gives
-the same numbers from SciPy's tree, in float64. A comparison with an empty cloud is NaN:
-count such frames, and say so.
+All three follow from one pass of nearest-neighbour distances, both ways, in metres.
+`compare` takes masked clouds and works under `jit`, `vmap` and `grad`;
+`compare_on_host` returns the same numbers from SciPy's tree, in float64. A comparison
+with an empty cloud is NaN: count and report such frames.
 """
 
-import functools
 from typing import Any, NamedTuple
 
 import jax
@@ -35,40 +34,30 @@ class CloudMetrics(NamedTuple):
 def nearest_distances(
     a: PointCloud, b: PointCloud
 ) -> tuple[Float[Array, " point"], Float[Array, " other"]]:
-    """Distance of each point of `a` to `b`, and of each point of `b` to `a`, in metres.
+    """Return the distance of each point to the other cloud, both ways, in metres.
 
     One pair of clouds; `vmap` it. NaN for invalid points and against an empty cloud.
-    Differences are squared, never expanded, so close points keep their digits.
     """
     forth, back = squared_both_ways(a.xyz, a.valid, b.xyz, b.valid)
     return _root_or_nan(forth), _root_or_nan(back)
 
 
-@functools.partial(jax.jit, static_argnames=("thresholds_m", "mean_of_both"))
-def compare(
-    prediction: PointCloud,
-    truth: PointCloud,
-    *,
-    thresholds_m: tuple[float, ...] = THRESHOLDS_M,
-    mean_of_both: bool = False,
-) -> CloudMetrics:
-    """Scores of one cloud against another; `vmap` it over pairs of clouds.
+@jax.jit
+def compare(prediction: PointCloud, truth: PointCloud) -> CloudMetrics:
+    """Return the scores of one cloud against another; `vmap` it over pairs.
 
-    Chamfer is the sum of the two mean distances, or with `mean_of_both` their mean;
-    modified Hausdorff the larger of the two median distances.
+    Chamfer is the sum of the two mean distances, modified Hausdorff the larger of the
+    two median distances. Precision, recall and F-score are at `THRESHOLDS_M`.
     """
     forth, back = nearest_distances(prediction, truth)
-    return _scores(forth, back, jnp, thresholds_m, mean_of_both)
+    return _scores(forth, back, jnp)
 
 
-def compare_on_host(
-    prediction: np.ndarray,
-    truth: np.ndarray,
-    *,
-    thresholds_m: tuple[float, ...] = THRESHOLDS_M,
-    mean_of_both: bool = False,
-) -> CloudMetrics:
-    """`compare` for arrays of valid points `[point, 3]`, on the host in float64."""
+def compare_on_host(prediction: np.ndarray, truth: np.ndarray) -> CloudMetrics:
+    """Return the scores of `compare` for valid points `[point, 3]`, in float64; host.
+
+    Raises ValueError for another shape and for points that are not finite.
+    """
     clouds = [np.asarray(points, np.float64) for points in (prediction, truth)]
     for points in clouds:
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
@@ -82,27 +71,25 @@ def compare_on_host(
             KDTree(other).query(points, workers=-1)[0]
             for points, other in (clouds, reversed(clouds))
         )
-    return _scores(forth, back, np, thresholds_m, mean_of_both)
+    return _scores(forth, back, np)
 
 
 def _root_or_nan(squared):
-    """Distances from their squares, infinite ones as NaN, with a finite gradient."""
+    """Distances from their squares, NaN where infinite, with a finite gradient."""
     known = jnp.isfinite(squared)
     positive = known & (squared > 0)
     root = jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
     return jnp.where(known, root, jnp.nan)
 
 
-def _scores(
-    forth: Any, back: Any, xp: Any, thresholds_m: tuple[float, ...], mean_of_both: bool
-) -> CloudMetrics:
-    """Scores from the distances both ways, NaN ones ignored."""
+def _scores(forth: Any, back: Any, xp: Any) -> CloudMetrics:
+    """Scores from the distances both ways; NaN is ignored."""
     empty = xp.isnan(forth).all() | xp.isnan(back).all()
     if xp is np and empty:
         nan: Any = np.nan
-        nothing: Any = np.full(len(thresholds_m), np.nan)
+        nothing: Any = np.full(len(THRESHOLDS_M), np.nan)
         return CloudMetrics(nan, nan, nothing, nothing, nothing)
-    limits = xp.asarray(thresholds_m)
+    limits = xp.asarray(THRESHOLDS_M)
     precision, recall = (
         xp.nanmean(
             xp.where(xp.isnan(distance)[:, None], np.nan, distance[:, None] < limits),
@@ -112,7 +99,7 @@ def _scores(
     )
     both = precision + recall
     return CloudMetrics(
-        (xp.nanmean(forth) + xp.nanmean(back)) / (2 if mean_of_both else 1),
+        xp.nanmean(forth) + xp.nanmean(back),
         xp.maximum(xp.nanmedian(forth), xp.nanmedian(back)),
         2 * precision * recall / xp.where(both > 0, both, 1.0),
         precision,

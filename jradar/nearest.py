@@ -1,15 +1,15 @@
 """Nearest neighbours between two masked clouds, both ways: exact, fast, differentiable.
 
-On a CPU each cloud is sorted along a Z-shaped curve and cut into blocks of close points
-with a box around them. A block of queries visits the blocks of the other cloud, nearest
-box first, until the next box is farther than every query's neighbour so far:
+On a CPU each cloud is sorted along a Z-order curve and cut into blocks of close points,
+each with a bounding box. A block of queries visits the blocks of the other cloud,
+nearest box first, until the next box is farther than every neighbour found so far:
 
     +---------+     +-----+  +-----+     +-----+
-    | queries | <-- |  1  |  |  2  | ... |  k  |   stop: nothing in here is nearer
+    | queries | <-- |  1  |  |  2  | ... |  k  |   stop: no point in here is nearer
     +---------+     +-----+  +-----+     +-----+
 
 Small clouds, and all clouds on other devices, are compared by all pairs. Distances are
-sums of squared differences, never expanded, so that close points keep their digits.
+sums of squared differences, never expanded, so close points keep their precision.
 """
 
 import jax
@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 QUERY_BLOCK, TARGET_BLOCK = 128, 64  # points; the second a power of 2
-# Up to here all pairs take no longer, and compile in a tenth of the time.
+# Up to this size all pairs are as fast, and compile much faster.
 MAX_PAIRS = 1 << 20
 
 
@@ -28,10 +28,10 @@ def squared_both_ways(
     b: Float[Array, "other 3"],
     b_valid: Bool[Array, " other"],
 ) -> tuple[Float[Array, " point"], Float[Array, " other"]]:
-    """Squared distance of each point of `a` to `b` and of `b` to `a`; infinite if none.
+    """Return the squared distances from `a` to `b` and from `b` to `a`.
 
-    One pair of clouds; `vmap` it. Points that are invalid or not finite
-    are infinitely far from all others.
+    One pair of clouds; `vmap` it. Distances of points that are invalid or not finite,
+    and distances to an empty cloud, are infinite.
     """
     (forth, _), (back, _) = _nearest_both_ways(a, a_valid, b, b_valid)
     return forth, back
@@ -39,7 +39,7 @@ def squared_both_ways(
 
 @squared_both_ways.defjvp
 def _squared_both_ways_jvp(primals, tangents):
-    """Derivative through the nearest points alone: the search itself has none."""
+    """Derivative through the nearest points only: the search has no derivative."""
     (a, _, b, _), (a_moves, _, b_moves, _) = primals, tangents
     (forth, nearest_b), (back, nearest_a) = _nearest_both_ways(*primals)
 
@@ -53,7 +53,7 @@ def _squared_both_ways_jvp(primals, tangents):
 
 
 def _nearest_both_ways(a, a_valid, b, b_valid):
-    """(squared distance, index in the other cloud) of the nearest points, both ways."""
+    """(squared distance, index) of the nearest point in the other cloud, both ways."""
     if 0 in (len(a), len(b)):
         return tuple(
             (jnp.full(len(xyz), jnp.inf, xyz.dtype), jnp.zeros(len(xyz), jnp.int32))
@@ -85,7 +85,7 @@ def _all_pairs_both_ways(a, a_valid, b, b_valid):
 
 @jax.custom_batching.sequential_vmap
 def _pruned_both_ways(a, a_valid, b, b_valid):
-    """`_nearest_both_ways` by sorted blocks; a batch of clouds runs one by one."""
+    """`_nearest_both_ways` by sorted blocks; the clouds of a batch run one by one."""
     orders = _z_order(a, a_valid), _z_order(b, b_valid)
     sorted_points = [
         jnp.where(valid[order, None], xyz[order], jnp.inf)
@@ -107,7 +107,7 @@ def _pruned_both_ways(a, a_valid, b, b_valid):
 
 
 def _pruned_search(points, others):
-    """Squared distance and position of the nearest other; invalid are infinite."""
+    """Squared distance and position of the nearest point in `others`."""
     queries, query_boxes = _blocks(points, QUERY_BLOCK)
     targets, target_boxes = _blocks(others, TARGET_BLOCK)
 
@@ -149,10 +149,10 @@ def _pruned_search(points, others):
 def _nearest_boxes(low, high, target_low, target_high):
     """Numbers of the boxes, nearest first, and lower bounds of their squared distance.
 
-    Bound and number are sorted in one integer: sorting pairs takes four times as long.
+    Bound and number are sorted as one integer, which is faster than sorting pairs.
     """
     gap = jnp.maximum(jnp.maximum(target_low - high, low - target_high), 0.0)
-    # Smaller by a few roundings, so that no bound exceeds a distance it stands for.
+    # Reduced by a few roundings, so that no bound exceeds a distance to its points.
     bound = ((gap**2).sum(-1) * (1 - 1e-6)).astype(jnp.float32)
     number = jnp.arange(len(bound), dtype=jnp.uint32)
     mask = jnp.uint32((1 << _bits(len(bound))) - 1)
@@ -173,9 +173,9 @@ def _blocks(points, size):
 
 
 def _z_order(xyz, valid):
-    """Order of the points along Morton's curve through 1024^3 cells, invalid ones last.
+    """Order of the points along a Morton curve through 1024^3 cells, invalid ones last.
 
-    Two passes of a radix sort, each of a digit and the point's number in one integer.
+    Two passes of a radix sort, each over one digit and the point's number.
     """
     low = jnp.where(valid[:, None], xyz, jnp.inf).min(0)
     size = (jnp.where(valid[:, None], xyz, -jnp.inf).max(0) - low).max()
@@ -194,7 +194,7 @@ def _z_order(xyz, valid):
 
 
 def _spread(cell):
-    """Ten bits to every third bit of thirty."""
+    """Spread ten bits over every third bit of thirty."""
     for shift, mask in (
         (16, 0x30000FF),
         (8, 0x300F00F),
@@ -206,18 +206,18 @@ def _spread(cell):
 
 
 def _bits(count):
-    """Bits that hold the numbers below `count`, at least one."""
+    """Number of bits for the numbers below `count`, at least one."""
     return max(1, (count - 1).bit_length())
 
 
 def _squared_distance(xyz, other):
-    """Squared distance of points with x, y, z as leading axis."""
+    """Squared distance of points; the leading axis is x, y, z."""
     x, y, z = (xyz[axis] - other[axis] for axis in range(3))
     return x * x + y * y + z * z
 
 
 def _tree_min(values):
-    """Elementwise smallest: pairs of pairs, faster than a chain on a CPU."""
+    """Elementwise minimum by pairs of pairs: faster than a chain on a CPU."""
     while len(values) > 1:
         values = [
             jnp.minimum(*pair) for pair in zip(values[::2], values[1::2], strict=True)

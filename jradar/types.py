@@ -1,4 +1,4 @@
-"""The point cloud, and the words for axes that every docstring uses.
+"""The point cloud, and the names of axes that all docstrings use.
 
     tx, rx      transmit and receive antennas, in array order
     virtual     the tx-rx pairs, tx major: `virtual = tx * num_rx + rx`
@@ -14,7 +14,7 @@
     point       points of a cloud, padded to a fixed number
     level       resolutions of the network, level 0 the finest
 
-Frames are x forward, y left, z up, in metres; a velocity is positive when the target
+Frames are x forward, y left, z up, in metres. Velocities are positive when the target
 recedes.
 """
 
@@ -25,9 +25,9 @@ from jaxtyping import Array, Bool, Float
 
 
 class PointCloud(NamedTuple):
-    """A cloud of fixed size: the points that are not `valid` are padding.
+    """A cloud of fixed size: points that are not `valid` are padding.
 
-    What a sensor does not measure is None: a LiDAR has no velocity.
+    Quantities that a sensor does not measure are None, such as a LiDAR's velocity.
     """
 
     xyz: Float[Array, "*batch point 3"]
@@ -38,9 +38,9 @@ class PointCloud(NamedTuple):
 
     @classmethod
     def from_xyz(cls, xyz) -> "PointCloud":
-        """Cloud of points `[*batch point 3]`; NaN, infinite and (0, 0, 0) are invalid.
+        """Return the cloud of points `[*batch point 3]`.
 
-        LiDAR drivers write a missing return as (0, 0, 0).
+        NaN, infinite points and (0, 0, 0), a missing return of a LiDAR, are invalid.
         """
         xyz = jnp.asarray(xyz, jnp.float32)
         if xyz.ndim < 2 or xyz.shape[-1] != 3:

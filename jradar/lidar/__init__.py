@@ -1,12 +1,10 @@
 """Ground truth that the radar could have seen; host NumPy (section V-A.3).
 
-Poses, rigid_transform, transform    where sensors are, and clouds in another frame
-interpolate_poses, accumulate        a trajectory at other times; scans in one frame
-returns, shared_field_of_view        points that are echoes, and where a radar looks
-floor_plane, ground_mask             the floor: Patchwork++ on the levelled cloud
-ceiling_mask                         the same upside down
-voxel_filter, visible_mask           clusters of both clouds that the radar saw
-LidarSpec, preprocess, LidarSteps    all of it on one scan, step by step
+Poses         Poses, rigid_transform, transform, interpolate_poses
+Scans         returns (points that are echoes), accumulate, shared_field_of_view
+Floor         floor_plane, ground_mask, ceiling_mask         Patchwork++
+Visibility    visible_mask, voxel_filter                     clusters of both sensors
+All steps     LidarSpec, preprocess, LidarSteps
 """
 
 from jradar.lidar.align import (

@@ -2,7 +2,8 @@
 
 A transform `a_from_b` is a 4 x 4 matrix that takes points of frame b to frame a, so
 that `a_from_c = a_from_b @ b_from_c`. Quaternions are x y z w. Drivers write a missing
-return as (0, 0, 0): that is told before a cloud is moved, for afterwards it looks real.
+return as (0, 0, 0), which must be removed before a cloud is moved: afterwards it looks
+like a point.
 """
 
 from collections.abc import Sequence
@@ -24,16 +25,16 @@ class Poses(NamedTuple):
 def rigid_transform(
     xyz: Float[np.ndarray, "*batch 3"], quaternion: Float[np.ndarray, "*batch 4"]
 ) -> Float[np.ndarray, "*batch 4 4"]:
-    """Matrices of the poses `xyz` (metres) and `quaternion` (x y z w), on the host.
+    """Return the matrices of poses: `xyz` in metres, `quaternion` as x y z w; host.
 
-    Quaternions are normalised. Raises ValueError where one is zero or not finite.
+    Quaternions are normalised. Raises ValueError if one is zero or not finite.
     """
     xyz, quaternion = np.asarray(xyz, float), np.asarray(quaternion, float)
     length = np.linalg.norm(quaternion, axis=-1)
     if not (np.isfinite(length) & (length > 0)).all() or not np.isfinite(xyz).all():
         raise ValueError(
             f"xyz {xyz}, quaternion {quaternion}: expected finite numbers and a "
-            "quaternion x y z w of some length"
+            "quaternion x y z w that is not zero"
         )
     matrix = np.zeros((*xyz.shape[:-1], 4, 4))
     flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
@@ -46,8 +47,8 @@ def rigid_transform(
 def transform(
     a_from_b: Float[np.ndarray, "4 4"], xyz: Float[np.ndarray, "point 3"]
 ) -> Float[np.ndarray, "point 3"]:
-    """Points of frame b in frame a, on the host; keeps the points' precision."""
-    # Column by column: BLAS splits a product this narrow over threads that wait.
+    """Return points of frame b in frame a, on the host; keeps their precision."""
+    # Column by column: BLAS would split so narrow a product over waiting threads.
     columns = [xyz @ row[:3] + row[3] for row in a_from_b[:3]]
     return np.stack(columns, -1).astype(xyz.dtype)
 
@@ -55,9 +56,9 @@ def transform(
 def interpolate_poses(
     poses: Poses, stamps: Float[np.ndarray, " stamp"]
 ) -> Float[np.ndarray, "stamp 4 4"]:
-    """Transforms at other times, on the host: straight lines and slerp between poses.
+    """Return transforms at other times, by linear interpolation and slerp; host.
 
-    NaN at times outside the trajectory. Raises ValueError where its times do not rise.
+    Times outside the trajectory give NaN. Raises ValueError if its times do not rise.
     """
     times, wanted = np.asarray(poses.stamps, float), np.asarray(stamps, float)
     if len(times) < 2 or not (np.diff(times) > 0).all():
@@ -77,7 +78,7 @@ def interpolate_poses(
 
 
 def returns(xyz: Float[np.ndarray, "point 3"]) -> Bool[np.ndarray, " point"]:
-    """Points that are echoes: finite, and not at (0, 0, 0); on the host."""
+    """Return which points are echoes: finite, and not (0, 0, 0); on the host."""
     x, y, z = np.abs(xyz).T
     extent = x + y + z
     return (extent > 0) & (extent < np.inf)
@@ -91,10 +92,10 @@ def shared_field_of_view(
     max_range_m: float,
     min_range_m: float = 0.3,
 ) -> Bool[np.ndarray, " point"]:
-    """Points, in the radar's frame, where the radar can look; on the host.
+    """Return which points, in the radar's frame, lie in its field of view; host.
 
     Angles are (lowest, highest) in radians. Intervals are half open as in
-    `range_image.pixel_of`; NaN and (0, 0, 0) are outside.
+    `range_image.pixel_of`. NaN and (0, 0, 0) are outside.
     """
     x, y, z = xyz.T
     ground = np.hypot(x, y)
@@ -104,7 +105,7 @@ def shared_field_of_view(
         (y, x, lambda angle: (angle >= azimuth[0]) & (angle < azimuth[1])),
         (z, ground, lambda angle: (angle > elevation[0]) & (angle <= elevation[1])),
     ):
-        left = np.flatnonzero(inside)  # arctangents take most of the time
+        left = np.flatnonzero(inside)  # arctangents are the slow part
         inside[left] = within(np.arctan2(sine[left], cosine[left]))
     return inside
 
@@ -113,14 +114,16 @@ def accumulate(
     scans: Sequence[Float[np.ndarray, "_ column"]],
     transforms: Float[np.ndarray, "scan 4 4"],
 ) -> Float[np.ndarray, "point column"]:
-    """Several scans in one frame, for LiDARs whose single scan is sparse; on the host.
+    """Return several scans as one cloud, for LiDARs with sparse scans; on the host.
 
-    `transforms[i]` takes scan i to the common frame; columns behind x, y and z, such as
-    intensity, stay with their points. Missing returns are dropped, and
-    so are scans whose transform is NaN: `interpolate_poses` does not know them.
+    `transforms[i]` takes scan i to the common frame. Columns after x, y and z, such as
+    intensity, stay with their points. Missing returns are dropped, and so are scans
+    whose transform is NaN (see `interpolate_poses`).
     """
     if len(scans) != len(transforms):
-        raise ValueError(f"{len(scans)} scans and {len(transforms)} transforms")
+        raise ValueError(
+            f"{len(scans)} scans and {len(transforms)} transforms, expected as many"
+        )
     moved = [
         np.column_stack([transform(matrix, scan[:, :3]), scan[:, 3:]])[
             returns(scan[:, :3])

@@ -1,17 +1,19 @@
 """Floor and ceiling, by Patchwork++ (Lee et al. 2022), on the host.
 
 Patchwork++ fits small planes to the patches of a polar grid. It was made for cars: it
-wants the sensor's height, and takes any level patch below the sensor, a table too,
-until it has learnt the road's height from earlier scans. Here a scan stands for itself:
+needs the sensor's height, and accepts any level patch below the sensor, even a table,
+until it has learnt the height of the road from earlier scans. Here each scan is
+labelled independently:
 
-1. the floor is found as the level plane under the largest area (RANSAC over cells of
-   0.25 m that are flat), which gives the sensor's height and tilt;
-2. the cloud is levelled, and a new Patchwork++ labels it;
-3. what lies higher than 0.2 m, and 5 % of the distance, over the floor is given back,
-   and what lies within 0.06 m of it is added: patches at the feet of walls fit badly.
+1. the floor is the level plane with the largest area (RANSAC over flat cells of 0.25 m);
+   it gives the sensor's height and tilt;
+2. the cloud is levelled and labelled by a new Patchwork++;
+3. points more than 0.2 m plus 5 % of the distance above the floor are removed from the
+   mask; points within 0.06 m of it are added, because patches fit badly at the feet of
+   walls.
 
-The result is a function of the scan alone: no order of frames, workers or shards
-changes it. The ceiling is the floor of the cloud turned upside down.
+The result depends on the scan only, not on the order of frames, workers or shards. The
+ceiling is the floor of the cloud turned upside down.
 """
 
 import contextlib
@@ -26,20 +28,20 @@ from jaxtyping import Bool, Float
 
 from jradar.lidar.align import returns, transform
 
-CELL_M, FLAT_M = 0.25, 0.1  # a cell is flat if its points differ less in height
-MIN_AREA_M2 = 1.5  # of flat cells that make a floor
-MIN_SHARE = 0.35  # of all flat cells on that side of the sensor
-MIN_HEIGHT_M = 0.25  # level rings of one beam on far walls look like a floor at 0
+CELL_M, FLAT_M = 0.25, 0.1  # the heights in a flat cell differ by less than FLAT_M
+MIN_AREA_M2 = 1.5  # of a floor
+MIN_SHARE = 0.35  # of a floor among the flat cells on that side of the sensor
+MIN_HEIGHT_M = 0.25  # rings of one beam on far walls look like a floor at height 0
 NEAR_PLANE_M = 0.06
 MAX_TILT = math.radians(20)
-TRIALS, VOTERS = 200, 500  # planes tried, cells asked
-STEP_M, SLOPE = 0.2, 0.05  # of uneven ground, over the plane
-MIN_POINTS = 10  # of a patch: Patchwork++ does not look at fewer
+TRIALS, VOTERS = 200, 500  # planes that are tried, cells that vote
+STEP_M, SLOPE = 0.2, 0.05  # uneven ground above the plane: metres, and per metre
+MIN_POINTS = 10  # of a patch: Patchwork++ ignores smaller ones
 _STDOUT = threading.Lock()
 
 
 class Plane(NamedTuple):
-    """A level surface: unit normal, upwards, and the sensor's height over it."""
+    """A level surface: upward unit normal, and the height of the sensor above it."""
 
     normal: Float[np.ndarray, "3"]
     height_m: float
@@ -53,11 +55,12 @@ def ground_mask(
     max_range_m: float = 12.0,
     thickness_m: float = 0.08,
 ) -> Bool[np.ndarray, " point"]:
-    """Points of the floor, `thickness_m` above its local plane at most.
+    """Return which points belong to the floor, on the host.
 
-    Only points `among` are labelled; all within `max_range_m` help to find the floor.
-    A `sensor_height_m` takes the place of the search, for sensors that stand level and
-    know it. Nothing is ground where no floor is found. Host.
+    They lie at most `thickness_m` above its local plane. Only points in `among` are
+    labelled; all points within `max_range_m` help to find the floor. For a level sensor
+    of known height, `sensor_height_m` replaces the search. If no floor is found, the
+    mask is empty.
     """
     real = _within(xyz, max_range_m)
     ground = np.zeros(len(xyz), bool)
@@ -86,7 +89,7 @@ def ceiling_mask(
     max_range_m: float = 12.0,
     thickness_m: float = 0.08,
 ) -> Bool[np.ndarray, " point"]:
-    """Points of the ceiling: `ground_mask` upside down; none outdoors."""
+    """Return which points belong to the ceiling: `ground_mask` upside down."""
     return ground_mask(
         xyz * np.array([1, 1, -1], xyz.dtype),
         among=among,
@@ -98,11 +101,11 @@ def ceiling_mask(
 def floor_plane(
     xyz: Float[np.ndarray, "point 3"], *, max_range_m: float = 12.0
 ) -> Plane | None:
-    """The level plane below the sensor that holds the largest area, on the host.
+    """Return the level plane with the largest area below the sensor, on the host.
 
-    RANSAC over flat cells, with the same draws each time. None where it holds less than
-    1.5 square metres or 35 % of what is flat, tilts by more than 20 degrees, or is less
-    than 0.25 m below the sensor.
+    RANSAC over flat cells, always with the same random draws. None if the plane
+    has less than 1.5 square metres or 35 % of the flat cells, tilts by more than 20
+    degrees, or is less than 0.25 m below the sensor.
     """
     below = _within(xyz, max_range_m) & (xyz[:, 2] < -MIN_HEIGHT_M)
     cells = _flat_cells(xyz[below], max_range_m)
@@ -122,7 +125,7 @@ def floor_plane(
 
 
 def _largest_plane(cells):
-    """Mask of the cells near the best of many level planes through three of them."""
+    """Mask of the cells near the best of many level planes through three cells."""
     draws = np.random.default_rng(0).integers(len(cells), size=(TRIALS, 3))
     first, second, third = np.moveaxis(cells[draws], 1, 0)
     normals = np.cross(second - first, third - first)
@@ -144,7 +147,7 @@ def _within(xyz, max_range_m):
 
 
 def _flat_cells(xyz, max_range_m):
-    """Mean points `[cell, 3]` of the cells that hold two points or more, all level."""
+    """Mean points `[cell, 3]` of flat cells with two points or more."""
     half = math.ceil(max_range_m / CELL_M)
     column, row = np.floor(xyz[:, :2] / CELL_M).astype(np.int64).T + half
     key, size = column * (2 * half + 1) + row, (2 * half + 1) ** 2
@@ -170,7 +173,7 @@ def _levelling(normal):
 
 
 def _patchwork(xyz, height_m, max_range_m, thickness_m):
-    """Indices of ground points by a new Patchwork++, which has learnt nothing yet."""
+    """Indices of ground points by a new Patchwork++ without memory of other scans."""
     try:
         import pypatchworkpp
     except ImportError as error:
@@ -178,7 +181,7 @@ def _patchwork(xyz, height_m, max_range_m, thickness_m):
             "floor and ceiling need pypatchworkpp: pip install 'jradar[data]'"
         ) from error
     parameters = pypatchworkpp.Parameters()
-    parameters.enable_RNR = False  # wants intensities of one maker's scale
+    parameters.enable_RNR = False  # expects intensities on one maker's scale
     parameters.sensor_height = height_m
     parameters.min_range, parameters.max_range = 0.1, max_range_m
     parameters.num_min_pts = MIN_POINTS
@@ -192,9 +195,9 @@ def _patchwork(xyz, height_m, max_range_m, thickness_m):
 
 @contextlib.contextmanager
 def _stdout_to_nowhere() -> Iterator[None]:
-    """Silence C++: the library greets on file descriptor 1, where reports go.
+    """Redirect file descriptor 1: the C++ library prints a greeting there.
 
-    One thread at a time; what another thread prints meanwhile is lost.
+    One thread at a time; output of other threads is lost meanwhile.
     """
     with _STDOUT:
         kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)

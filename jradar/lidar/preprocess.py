@@ -1,8 +1,8 @@
-"""A LiDAR scan to the ground truth that a radar frame could show (V-A.3), on the host.
+"""LiDAR scan to ground truth that the radar could have seen (V-A.3), on the host.
 
     scan -> radar's frame -> shared field of view -> no floor -> no ceiling -> visible
 
-Each step is a function of its own; `preprocess` chains them and keeps every mask.
+Each step is a function; `preprocess` chains them and keeps every mask.
 """
 
 import dataclasses
@@ -19,9 +19,10 @@ from jradar.lidar.visible import visible_mask
 
 @dataclasses.dataclass(frozen=True)
 class LidarSpec:
-    """What becomes of a scan; lengths in metres, angles (lowest, highest) in radians.
+    """How scans are prepared; lengths in metres, angles (lowest, highest) in radians.
 
-    `sensor_height_m` of the radar over the floor is searched in each scan if None.
+    `sensor_height_m` is the height of the radar above the floor; None finds it in each
+    scan.
     """
 
     azimuth: tuple[float, float] = (-math.pi / 3, math.pi / 3)
@@ -36,7 +37,7 @@ class LidarSpec:
     max_points: int = 8000
 
     def __post_init__(self):
-        """Refuse intervals that hold nothing, and lengths that are none."""
+        """Refuse empty intervals and lengths that are not positive."""
         for name in ("azimuth", "elevation"):
             low, high = getattr(self, name)
             if not low < high:
@@ -60,7 +61,7 @@ class LidarSpec:
 class LidarSteps(NamedTuple):
     """A scan in the radar's frame, missing returns as NaN, and a mask for each step.
 
-    `ground` and `ceiling` are parts of `in_view`, and `visible` is what remains.
+    `ground`, `ceiling` and `visible` are disjoint parts of `in_view`.
     """
 
     xyz: Float[np.ndarray, "point 3"]
@@ -77,9 +78,10 @@ def preprocess(
     radar_from_lidar: Float[np.ndarray, "4 4"],
     spec: LidarSpec,
 ) -> LidarSteps:
-    """All steps on one scan, in the LiDAR's frame, with the radar points of its frame.
+    """Apply all steps to one scan; the ground truth is `steps.xyz[steps.visible]`.
 
-    The ground truth is `steps.xyz[steps.visible]`. A function of its inputs alone.
+    `lidar_xyz` is in the LiDAR's frame, `radar_xyz` in the radar's. The result depends
+    on the arguments only.
     """
     xyz = np.where(returns(lidar_xyz)[:, None], lidar_xyz, np.nan)
     xyz = transform(radar_from_lidar, xyz.astype(lidar_xyz.dtype))

@@ -1,9 +1,9 @@
-"""What the radar saw of a LiDAR scan: clusters of both clouds (V-A.3), on the host.
+"""LiDAR points that the radar could have seen (V-A.3), on the host.
 
-The clouds are clustered together (DBSCAN, Ester et al. 1996). LiDAR points of a cluster
-that holds no radar point are removed, so that the network is not taught to invent
-what the radar cannot see. The radar points should come from a detector at a useful
-false-alarm rate: the condition's own threshold near zero has points everywhere.
+Both clouds are clustered together (DBSCAN, Ester et al. 1996). LiDAR points of a
+cluster without a radar point are removed, so that the network does not learn to invent
+what the radar cannot see. The radar points should come from a detector with a useful
+false-alarm rate: the condition's threshold near zero yields points everywhere.
 """
 
 import numpy as np
@@ -22,12 +22,12 @@ def visible_mask(
     voxel_m: float = 0.15,
     max_points: int = 8000,
 ) -> Bool[np.ndarray, " point"]:
-    """LiDAR points in a cluster with a radar point; both clouds in one frame; host.
+    """Return which LiDAR points share a cluster with a radar point; host.
 
-    One LiDAR point of each voxel is clustered, with all radar points, and decides for
-    the others (see `voxel_filter`). A core point has `min_points` within `eps_m`, with
-    itself. LiDAR points that belong to no cluster stay if a radar point is within
-    `eps_m`: the radar saw them too.
+    Both clouds are in one frame. One LiDAR point of each voxel is clustered, together
+    with all radar points; the other points of the voxel follow it (see `voxel_filter`).
+    A core point has at least `min_points` within `eps_m`, itself included. LiDAR points
+    outside clusters are visible if a radar point lies within `eps_m`.
     """
     seen = np.zeros(len(lidar_xyz), bool)
     real = np.flatnonzero(returns(lidar_xyz))
@@ -49,10 +49,10 @@ def visible_mask(
 def voxel_filter(
     xyz: Float[np.ndarray, "point 3"], *, voxel_m: float, max_points: int
 ) -> tuple[Int[np.ndarray, " voxel"], Int[np.ndarray, " point"]]:
-    """Index of the first point in each voxel, and the voxel of each point; host.
+    """Return the index of the first point in each voxel, and the voxel of each point.
 
-    Voxels grow by a quarter until at most `max_points` are taken; `voxel_m = 0` takes
-    every point. Points must be finite.
+    Voxels grow by a quarter until there are at most `max_points`; `voxel_m = 0` keeps
+    every point. Points must be finite. Host.
     """
     if not voxel_m or not len(xyz):
         return np.arange(len(xyz)), np.arange(len(xyz))
@@ -77,6 +77,6 @@ def _dbscan(xyz, eps_m, min_points):
         raise ImportError(
             "clusters need scikit-learn: pip install 'jradar[data]'"
         ) from error
-    # The ball tree takes half the time of the k-d tree that "auto" would choose.
+    # The ball tree is faster here than the k-d tree that "auto" would choose.
     method = DBSCAN(eps=eps_m, min_samples=min_points, algorithm="ball_tree")
     return method.fit_predict(xyz)

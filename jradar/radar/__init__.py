@@ -1,24 +1,26 @@
-"""ADC cube to spectra to detections to points (section III-A of the paper).
+"""Radar cube to spectra to detections to points (section III-A of the paper).
 
-RadarSpec                        the radar, a static argument of what follows
-CaptureSpec                      how a .cfg has its samples streamed
-read_coupling, read_frequency_phase                 ColoRadar's calibration, and how
-calibrate_frequency_phase, subtract_coupling        it is applied
-calibrate_channels               a .cfg's
-range_doppler, power_map         spectra
-ca_, go_, so_, os_cfar           detection; noise_floor, false_alarm_multiplier
-compensate_tdm, directions       azimuth and elevation of each detection
-angle_spectrum, strongest_direction, spectrum_peaks              over all directions
-capon_spectrum, music_spectrum, music_directions         azimuths closer than a beam
-radar_points                     all of it
-all_cells, cell_points           directions of every cell first, detection afterwards
-Scatterers, simulate_cube        the way back: scatterers to an ADC cube
+A `RadarSpec` describes the sensor, a `PointSpec` the processing; both are static
+arguments. In the order of processing:
+
+Sensor       RadarSpec
+Calibration  calibrate_channels, calibrate_frequency_phase, subtract_coupling,
+             compensate_tdm
+Spectra      range_doppler, power_map, window
+Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
+             false_alarm_multiplier, detect
+Angles       directions                        strongest direction of each cell
+             angle_spectrum, direction_sines, strongest_direction, spectrum_peaks
+             capon_spectrum, music_spectrum, music_directions, smoothed_covariance
+Points       PointSpec, radar_points           cube to points of the detected cells
+             Cells, all_cells, cell_points     all directions first, any mask later
+             Echo, strongest_echoes            summary of a cloud, on the host
+Simulation   Scatterers, simulate_cube         the way back: scatterers to a cube
 """
 
 from jradar.radar.angle import (
     Peaks as Peaks,
     angle_spectrum as angle_spectrum,
-    azimuth_bins as azimuth_bins,
     direction_sines as direction_sines,
     spectrum_peaks as spectrum_peaks,
     strongest_direction as strongest_direction,
@@ -33,7 +35,6 @@ from jradar.radar.cfar import (
     DETECTORS as DETECTORS,
     ca_cfar as ca_cfar,
     go_cfar as go_cfar,
-    largest_window as largest_window,
     noise_floor as noise_floor,
     os_cfar as os_cfar,
     so_cfar as so_cfar,
@@ -60,8 +61,6 @@ from jradar.radar.simulate import (
     simulate_cube as simulate_cube,
 )
 from jradar.radar.spectrum import (
-    doppler_bins as doppler_bins,
-    noise_gain as noise_gain,
     power_map as power_map,
     range_doppler as range_doppler,
     window as window,

@@ -1,16 +1,15 @@
 """Azimuth and elevation from the phases across the virtual array.
 
-The elements are laid on their grid of half wavelengths, positions held by several
-tx-rx pairs averaged, and the grid is zero-padded and Fourier transformed: for a single
-target its peak is the maximum-likelihood direction, however sparse the rows are.
+The elements lie on a grid of half wavelengths; tx-rx pairs at the same position are
+averaged. The grid is zero-padded and Fourier transformed. For a single target, the peak
+of the spectrum is the maximum-likelihood direction, also with sparse rows.
 
     elements [row, column]  --2-D FFT-->  [elevation, azimuth], in direction sines
                                           w = sin el, u = sin az cos el
 
-An array with one row cannot tell elevations apart: its spectrum has one elevation bin,
-and its elevation is 0. Angles are those of an array whose positions grow to the left
-and upwards as seen from behind; `flip_azimuth` and `flip_elevation` are for a sensor
-that is mounted the other way round.
+An array with one row does not measure elevation: its spectrum has one elevation bin,
+and its elevation is 0. Positions grow to the left and upwards as seen from behind;
+`flip_azimuth` and `flip_elevation` are for a sensor that is mounted upside down.
 
 `jradar.radar.direction` finds the strongest direction faster, without this spectrum.
 """
@@ -28,11 +27,11 @@ from jradar.radar.sensor import RadarSpec
 
 Angle = Float[Array, "*batch"]
 FLIPS = ("flip_azimuth", "flip_elevation")
-NEARLY_ONE = 1 - 1e-6  # where the arcsine still has a finite slope
+NEARLY_ONE = 1 - 1e-6  # the slope of the arcsine is still finite here
 
 
 class Peaks(NamedTuple):
-    """Directions of a cell's peaks in radians, strongest first."""
+    """Directions of the peaks of a cell in radians, strongest first."""
 
     azimuth: Float[Array, "*batch peak"]
     elevation: Float[Array, "*batch peak"]
@@ -43,7 +42,7 @@ class Peaks(NamedTuple):
 def direction_sines(
     radar: RadarSpec, *, num_azimuth: int = 64, num_elevation: int = 32
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The bins' direction sines u `[azimuth]` and w `[elevation]`, on the host."""
+    """Return the direction sines of the bins: u `[azimuth]`, w `[elevation]`; host."""
 
     def sines(bins):
         return (np.arange(bins) - bins // 2) / (bins * radar.spacing_wavelengths)
@@ -52,7 +51,7 @@ def direction_sines(
 
 
 def azimuth_bins(radar: RadarSpec) -> int:
-    """Azimuth bins that suit an array, on the host: 64, or more for a wider one."""
+    """Return the number of azimuth bins for an array: 64, or more if it is wider."""
     columns = int(radar.virtual_positions[:, 0].max()) + 1
     return max(64, 1 << (columns - 1).bit_length())
 
@@ -60,7 +59,7 @@ def azimuth_bins(radar: RadarSpec) -> int:
 def check_sizes(
     shape: tuple[int, ...], radar: RadarSpec, num_azimuth: int, num_elevation: int
 ) -> tuple[int, int]:
-    """Rows and columns of the array, once the shapes are known to agree with them."""
+    """Return the rows and columns of the array; ValueError if shapes do not fit."""
     rows, columns = (int(size) for size in radar.virtual_positions[:, ::-1].max(0) + 1)
     if (radar.has_elevation and rows > num_elevation) or columns > num_azimuth:
         raise ValueError(
@@ -83,10 +82,10 @@ def angle_spectrum(
     num_azimuth: int = 64,
     num_elevation: int = 32,
 ) -> Float[Array, "*batch elevation azimuth"]:
-    """Power over direction of a cell's values across the antennas.
+    """Return the power of each snapshot over the directions of `direction_sines`.
 
-    Directions are those of `direction_sines`. Raises ValueError where the array has
-    more elements along an axis than the spectrum has bins.
+    Raises ValueError if the array has more elements along an axis than the spectrum
+    has bins.
     """
     rows, columns = check_sizes(snapshot.shape, radar, num_azimuth, num_elevation)
     num_elevation = num_elevation if radar.has_elevation else 1
@@ -101,24 +100,23 @@ def angle_spectrum(
     return spectrum.real**2 + spectrum.imag**2
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "interpolate", *FLIPS))
+@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
 def strongest_direction(
     spectrum: Float[Array, "*batch elevation azimuth"],
     radar: RadarSpec,
     *,
-    interpolate: bool = True,
     flip_azimuth: bool = False,
     flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
-    """Azimuth and elevation in radians of the peak of an `angle_spectrum`.
+    """Return azimuth and elevation in radians of the peak of an `angle_spectrum`.
 
-    `interpolate` places it between bins, by a parabola through the logarithms of its
-    neighbours, which also makes it differentiable. Bins with u^2 + w^2 > 1, which no
-    direction reaches, are passed over.
+    A parabola through the logarithms of its neighbours places the peak between bins and
+    makes it differentiable. Bins with u^2 + w^2 > 1, which are no directions, are
+    ignored.
     """
     visible = _visible(spectrum, radar)
     flat = jnp.where(visible, spectrum, -1.0).reshape(*spectrum.shape[:-2], -1)
-    u, w = _sines(spectrum, jnp.argmax(flat, -1), radar, interpolate)
+    u, w = _sines(spectrum, jnp.argmax(flat, -1), radar, True)
     return angles_of_sines(u, w, flip_azimuth, flip_elevation)
 
 
@@ -135,12 +133,12 @@ def spectrum_peaks(
     flip_azimuth: bool = False,
     flip_elevation: bool = False,
 ) -> Peaks:
-    """The `count` strongest local maxima of an `angle_spectrum`, strongest first.
+    """Return the `count` strongest local maxima of an `angle_spectrum`.
 
-    For cells that hold several targets. A maximum exceeds its eight neighbours among
-    the visible bins, and is `valid` if it is at most `within_db` below the strongest;
-    uniform rows have side lobes 13 dB down, sparse ones higher. The first peak is
-    `strongest_direction`. A spectrum over azimuth alone is one row of this one.
+    For cells that contain several targets. A maximum exceeds its eight neighbours among
+    the visible bins. It is `valid` if it lies at most `within_db` below the strongest:
+    uniform rows have side lobes 13 dB down, sparse rows higher ones. The first peak is
+    `strongest_direction`. A spectrum over azimuth only has one row.
     """
     *batch, num_elevation, num_azimuth = spectrum.shape
     if not 1 <= count <= num_elevation * num_azimuth:
@@ -153,7 +151,7 @@ def spectrum_peaks(
     seen = jnp.where(_visible(spectrum, radar), spectrum, -1.0)
     left = jnp.where(_is_local_maximum(seen), seen, -1.0).reshape(*batch, -1)
     bins, powers = [], []
-    for _ in range(count):  # faster than a sort while peaks are few
+    for _ in range(count):  # faster than a sort for a few peaks
         bins.append(jnp.argmax(left, -1))
         powers.append(jnp.take_along_axis(left, bins[-1][..., None], -1)[..., 0])
         left = jnp.where(jnp.arange(left.shape[-1]) == bins[-1][..., None], -1.0, left)
@@ -171,7 +169,7 @@ def angles_of_sines(
     flip_azimuth: bool,
     flip_elevation: bool,
 ) -> tuple[Angle, Angle]:
-    """Azimuth and elevation in radians of direction sines, with finite gradients."""
+    """Return azimuth and elevation in radians, with finite gradients."""
     w = jnp.clip(w, -NEARLY_ONE, NEARLY_ONE)
     sine = jnp.clip(u / jnp.sqrt(1 - w**2), -NEARLY_ONE, NEARLY_ONE)
     azimuth, elevation = jnp.arcsin(sine), jnp.arcsin(w)
@@ -182,7 +180,7 @@ def angles_of_sines(
 
 
 def _visible(spectrum: Float[Array, "*batch elevation azimuth"], radar: RadarSpec):
-    """Bins that some direction reaches, `[elevation, azimuth]`, on the host."""
+    """Bins that are directions, `[elevation, azimuth]`, on the host."""
     num_elevation, num_azimuth = spectrum.shape[-2:]
     u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
     return u**2 + w[:, None] ** 2 <= 1
@@ -191,7 +189,7 @@ def _visible(spectrum: Float[Array, "*batch elevation azimuth"], radar: RadarSpe
 def _is_local_maximum(
     power: Float[Array, "*batch elevation azimuth"],
 ) -> Bool[Array, "*batch elevation azimuth"]:
-    """Whether a bin exceeds its eight neighbours; the first of equal ones does."""
+    """Whether a bin exceeds its eight neighbours; of equal bins, the first does."""
     rows = (-1, 0, 1) if power.shape[-2] > 1 else (0,)
     highest = jnp.ones(power.shape, bool)
     for shift in ((row, column) for row in rows for column in (-1, 0, 1)):
@@ -214,7 +212,7 @@ def _sines(
     flat = spectrum.reshape(*batch, -1)
 
     def offset(step_row, step_column):
-        """Bins from the peak to the vertex of the parabola along an axis."""
+        """Bins from the peak to the vertex of the parabola along one axis."""
         near = [
             (row + k * step_row) % num_elevation * num_azimuth
             + (column + k * step_column) % num_azimuth

@@ -1,11 +1,11 @@
-"""Corrections of the antennas: before the spectra, on them, and before the angles.
+"""Corrections of antennas, on the cube, the spectra or the snapshots.
 
-calibrate_channels          factor of each virtual antenna (a .cfg's)         cube
-calibrate_frequency_phase   beat frequency and phase of each (ColoRadar's)    cube
-subtract_coupling           leakage from transmitters to receivers            spectrum
-compensate_tdm              phase of moving targets from chirp to chirp       snapshot
+calibrate_channels          cube        factor of each virtual antenna, from a .cfg
+calibrate_frequency_phase   cube        beat frequency and phase, from ColoRadar
+subtract_coupling           spectrum    leakage from transmitters to receivers
+compensate_tdm              snapshot    phase of moving targets from chirp to chirp
 
-Each takes the axes tx and rx, or virtual, in the order of the radar's array.
+The axes tx and rx, or virtual, are in the order of the radar's array.
 """
 
 import functools
@@ -24,10 +24,9 @@ def calibrate_channels(
     cube: Complex[Array, "*batch tx rx chirp sample"],
     factors: Complex[Array, "virtual"],
 ) -> Complex[Array, "*batch tx rx chirp sample"]:
-    """Multiply each virtual antenna's samples by its factor.
+    """Multiply the samples of each virtual antenna by its factor.
 
-    `CaptureSpec.channel_factors` holds those of a .cfg. Raises ValueError unless there
-    is one for each pair of tx and rx.
+    Raises ValueError unless there is one factor for each pair of tx and rx.
     """
     tx, rx = cube.shape[-4:-2]
     if factors.size != tx * rx:
@@ -51,11 +50,11 @@ def calibrate_frequency_phase(
     calibration_slope_hz_per_s: float,
     calibration_rate_hz: float,
 ) -> Complex[Array, "*batch tx rx chirp sample"]:
-    """Make all antenna pairs see a far target as the first one does.
+    """Equalise the antenna pairs: each then sees a far target as the first one does.
 
-    `frequency` (range bins) and `phase` are the pairs' responses to one target, with
-    the slope and the sampling rate of that measurement: delays scale with the slope,
-    bins with the rate. Raises ValueError for slopes or rates that are worlds apart.
+    `frequency` (range bins) and `phase` are the responses of the pairs to one target,
+    measured with the calibration's slope and sampling rate. Raises ValueError where
+    these differ from the radar's by a factor of 1000 or more.
     """
     slope = radar.slope_hz_per_s / calibration_slope_hz_per_s
     rate = calibration_rate_hz / radar.sample_rate_hz
@@ -78,14 +77,13 @@ def subtract_coupling(
     *,
     doppler_window: str = "hann",
 ) -> Complex[Array, "*batch virtual doppler range"]:
-    """Remove the leakage of ColoRadar's `coupling_calib.txt`, in ADC counts.
+    """Subtract the leakage in ColoRadar's `coupling_calib.txt`, in ADC counts.
 
-    The spectrum is one of `range_doppler(cube, range_window="blackman")` with the same
-    `doppler_window`: the file holds range bins 1 .. N/2 of the plain FFT behind that
-    window, and neither bin 0 nor the rest, so that no other window's spectrum follows
-    from it. Being steady, it lies about Doppler bin 0 as the window spreads it;
-    `remove_static` removes it anyway. Raises ValueError for a file of another array or
-    of another number of bins.
+    `range_doppler` must come from `range_doppler(cube, range_window="blackman")` with
+    the same `doppler_window`. The file contains range bins 1 .. N/2 of the plain FFT
+    after a Blackman window; without the other bins it cannot be converted to another
+    window. The leakage is steady, so it lies around Doppler bin 0, spread by the
+    Doppler window. Raises ValueError for another array or another number of bins.
     """
     virtual, chirps, samples = range_doppler.shape[-3:]
     tx, rx, half = coupling.shape
@@ -95,7 +93,7 @@ def subtract_coupling(
             f"virtual antennas and {samples // 2} bins, half of the spectrum's"
         )
     steady = np.fft.fftshift(np.fft.fft(window(doppler_window, chirps)).real)
-    total = samples * WINDOWS["blackman"][0]  # of the window
+    total = samples * WINDOWS["blackman"][0]  # sum of the window
     spread = jnp.asarray(steady / total, jnp.float32)
     leakage = coupling.reshape(virtual, 1, half) * spread[:, None]
     return range_doppler.at[..., 1 : half + 1].add(-leakage)
@@ -107,10 +105,10 @@ def compensate_tdm(
     doppler_bin: Float[Array, "*batch"] | Int[Array, "*batch"],
     radar: RadarSpec,
 ) -> Complex[Array, "*batch virtual"]:
-    """Undo the phase that a moving target gains between the transmitters' chirps.
+    """Undo the phase that a moving target gains between the chirps of transmitters.
 
     In signed Doppler bin k, transmitter t leads by 2 pi k f_t / (num_tx num_chirps),
-    with f_t its place in the firing order; k may lie between bins.
+    where f_t is its place in the firing order. `doppler_bin` may lie between bins.
     """
     lead = radar.firing_position / radar.num_tx / radar.num_chirps
     cycles = doppler_bin[..., None] * jnp.asarray(lead, jnp.float32)

@@ -1,24 +1,26 @@
 """Constant-false-alarm-rate (CFAR) detectors on range-Doppler maps.
 
-A cell x is compared with the noise around it, estimated from the `train` cells on every
-side, leaving out the `guard` cells nearest to it:
+A cell x is compared with the noise around it. The noise is estimated from the `train`
+cells on every side, without the `guard` cells next to x:
 
     a a a A t t t
-    a a g g g t t      guard = (1, 1), train = (1, 2), in (doppler, range);
-    a a g x g t t      train = (0, 2) and guard = (0, 1) leave the middle row:
-    a a g g g t t      a detector along range only. GO and SO compare the cells at
-    a a a t t t t      lower range (a, and A of x's own column) with the others.
+    a a g g g t t      guard = (1, 1), train = (1, 2), in (doppler, range)
+    a a g x g t t
+    a a g g g t t      GO and SO compare two halves: the cells at lower range
+    a a a t t t t      (a, and A in x's own column) and the other ones (t)
+
+With guard = (0, 1), train = (0, 2) only the middle row remains: a detector along range.
 
 Detectors take linear power summed over `channels` antennas, with trailing axes
-[doppler, range], and return a boolean mask of the same shape; leading axes are
-independent maps. Doppler wraps around; at the ends of the range axis the window keeps
-the cells that exist, and the multiplier is the one for their number. Sums never
+[doppler, range], and return a boolean mask of the same shape. Leading axes are
+independent maps. Doppler wraps around. At the ends of the range axis the window loses
+the cells beyond the map, and the multiplier accounts for the smaller number. Sums never
 subtract, so a strong target leaves no rounding error beside it.
 
 Multipliers are exact for square-law noise that is independent from cell to cell (see
-`multipliers`), and computed on the host, which is why the rate is static. A rate of 1
-turns every cell that is not zero into a detection: the paper's threshold "approaching
-zero". Windowed spectra have correlated noise: expect up to 1.5 times the rate.
+`multipliers`). They are computed on the host, so the rate is static. A rate of 1
+detects every cell that is not zero: the paper's threshold "approaching zero". Windowed
+spectra have correlated noise, which raises the rate by up to one half.
 """
 
 import functools
@@ -32,8 +34,9 @@ from jaxtyping import Array, Bool, Float
 from jradar.radar.multipliers import KINDS, false_alarm_multiplier
 
 GUARD, TRAIN = (2, 2), (4, 4)  # cells on a side in (doppler, range)
+RANK = 0.75  # of the ordered statistic, as a fraction of the training cells
 STATIC = ("false_alarm_rate", "channels", "guard", "train")
-MAX_COMPARISONS = 96  # in one fused kernel; XLA stops vectorising beyond about 100
+MAX_COMPARISONS = 96  # in one fused kernel: XLA stops vectorising beyond about 100
 
 Map = Float[Array, "*batch doppler range"]
 Mask = Bool[Array, "*batch doppler range"]
@@ -48,9 +51,9 @@ def ca_cfar(
     guard: tuple[int, int] = GUARD,
     train: tuple[int, int] = TRAIN,
 ) -> Mask:
-    """Cell averaging: the noise is the mean of all training cells.
+    """Cell averaging: detect above the mean of all training cells.
 
-    Raises ValueError where the window does not fit into the map.
+    Raises ValueError if the window does not fit into the map.
     """
     return _mean_cfar("ca", power, false_alarm_rate, channels, guard, train)
 
@@ -64,9 +67,9 @@ def go_cfar(
     guard: tuple[int, int] = GUARD,
     train: tuple[int, int] = TRAIN,
 ) -> Mask:
-    """Greatest of: the noise is the greater of the means of two halves.
+    """Greatest of: detect above the greater of the means of two halves.
 
-    Fewer false alarms where clutter begins. Raises ValueError as `ca_cfar`.
+    Gives fewer false alarms where clutter begins. Raises ValueError as `ca_cfar`.
     """
     return _mean_cfar("go", power, false_alarm_rate, channels, guard, train)
 
@@ -80,14 +83,14 @@ def so_cfar(
     guard: tuple[int, int] = GUARD,
     train: tuple[int, int] = TRAIN,
 ) -> Mask:
-    """Smallest of: the noise is the smaller of the means of two halves.
+    """Smallest of: detect above the smaller of the means of two halves.
 
-    Finds targets beside others. Raises ValueError as `ca_cfar`.
+    Finds targets beside other targets. Raises ValueError as `ca_cfar`.
     """
     return _mean_cfar("so", power, false_alarm_rate, channels, guard, train)
 
 
-@functools.partial(jax.jit, static_argnames=(*STATIC, "rank"))
+@functools.partial(jax.jit, static_argnames=STATIC)
 def os_cfar(
     power: Map,
     *,
@@ -95,15 +98,13 @@ def os_cfar(
     channels: int = 1,
     guard: tuple[int, int] = GUARD,
     train: tuple[int, int] = TRAIN,
-    rank: float = 0.75,
 ) -> Mask:
-    """Ordered statistic: the noise is the training cell of rank `rank * cells`.
+    """Ordered statistic: detect above the training cell at three quarters of the rank.
 
-    Decides by counting: x exceeds alpha times the k-th smallest cell exactly when at
-    least k cells lie below x / alpha, and no cell is sorted. Raises ValueError where
-    the window does not fit into the map.
+    No cell is sorted: x exceeds alpha times the k-th smallest cell exactly when at
+    least k cells lie below x / alpha. Raises ValueError as `ca_cfar`.
     """
-    cells, k = _ranks(power.shape, guard, train, rank)
+    cells, k = _ranks(power.shape, guard, train)
     multiplier = [
         false_alarm_multiplier("os", false_alarm_rate, n, rank=r, channels=channels)
         for n, r in zip(cells.tolist(), k.tolist(), strict=True)
@@ -116,25 +117,24 @@ def os_cfar(
 DETECTORS = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}
 
 
-@functools.partial(jax.jit, static_argnames=("kind", "guard", "train", "rank"))
+@functools.partial(jax.jit, static_argnames=("kind", "guard", "train"))
 def noise_floor(
     power: Map,
     *,
     kind: str = "ca",
     guard: tuple[int, int] = GUARD,
     train: tuple[int, int] = TRAIN,
-    rank: float = 0.75,
 ) -> Map:
-    """What a detector of `kind` compares a cell with, before the multiplier.
+    """The noise estimate of a detector of `kind`, without the multiplier.
 
-    The SNR of a cell is its power over this. The ordered statistic is exact to the bit:
-    bisection over the bits of float32, which are ordered like the numbers.
+    The SNR of a cell is its power over this. The ordered statistic is exact. It is
+    found by bisection over the bits of float32, which are ordered like the numbers.
     """
     if kind not in KINDS:
         raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
     if kind != "os":
         return _mean_floor(kind, power, guard, train)
-    _, k = _ranks(power.shape, guard, train, rank)
+    _, k = _ranks(power.shape, guard, train)
     ranks = jnp.asarray(k)
     keys = jax.lax.bitcast_convert_type(power.astype(jnp.float32), jnp.int32)
     padded = _pad(keys, guard, train, jnp.iinfo(jnp.int32).max)
@@ -152,7 +152,7 @@ def noise_floor(
 def largest_window(
     shape: tuple[int, ...], guard: tuple[int, int], train: tuple[int, int]
 ) -> tuple[tuple[int, int], tuple[int, int]]:
-    """The given `guard` and `train`, cut down to what fits a map [doppler, range]."""
+    """Return `guard` and `train` shrunk until they fit into a map [doppler, range]."""
     doppler, range_ = ((bins - 1) // 2 for bins in shape[-2:])
     train = (min(train[0], doppler), min(train[1], range_))
     guard = (min(guard[0], doppler - train[0]), min(guard[1], range_ - train[1]))
@@ -160,7 +160,7 @@ def largest_window(
 
 
 def _mean_cfar(kind, power, rate, channels, guard, train):
-    """Mask of a detector whose noise is made of means."""
+    """Mask of a detector whose noise estimate is a mean."""
     low, high = _cells_per_range_bin(power.shape, guard, train)
     multiplier = [
         false_alarm_multiplier(kind, rate, halves, channels=channels)
@@ -180,7 +180,7 @@ def _mean_floor(kind, power, guard, train):
         half * jnp.asarray(1 / np.maximum(cells, 1), power.dtype)
         for half, cells in zip(sums, (low, high), strict=True)
     ]
-    # At the ends of the range axis a half may be empty: the other one counts.
+    # At the ends of the range axis one half may be empty: use the other one.
     means = [
         jnp.where(jnp.asarray(cells > 0), mean, other)
         for mean, other, cells in zip(means, means[::-1], (low, high), strict=True)
@@ -188,17 +188,15 @@ def _mean_floor(kind, power, guard, train):
     return jnp.maximum(*means) if kind == "go" else jnp.minimum(*means)
 
 
-def _ranks(shape, guard, train, rank):
-    """Training cells of each range bin and the rank among them, `[range]`; host."""
-    if not 0 < rank <= 1:
-        raise ValueError(f"OS-CFAR {rank=}, expected a fraction, 0 < rank <= 1")
+def _ranks(shape, guard, train):
+    """Number of training cells of each range bin, and OS-CFAR's rank; host."""
     low, high = _cells_per_range_bin(shape, guard, train)
     cells = low + high
-    return cells, np.ceil(rank * cells - 1e-9).astype(int)
+    return cells, np.ceil(RANK * cells - 1e-9).astype(int)
 
 
 def _cells_per_range_bin(shape, guard, train):
-    """Training cells of each range bin in the two halves, `[range]` each; host."""
+    """Number of training cells of each range bin in the two halves; host."""
     for axis, bins, g, t in zip(
         ("Doppler", "range"), shape[-2:], guard, train, strict=True
     ):
@@ -213,7 +211,7 @@ def _cells_per_range_bin(shape, guard, train):
     if not any(train):
         raise ValueError(f"CFAR {train=}: expected training cells along some axis")
     (gd, gr), (td, tr) = guard, train
-    before = np.arange(shape[-1])  # bins that exist on the lower side
+    before = np.arange(shape[-1])  # number of bins at lower range
 
     def half(exist):
         window, guarded = (np.minimum(exist, n) for n in (gr + tr, gr))
@@ -223,7 +221,7 @@ def _cells_per_range_bin(shape, guard, train):
 
 
 def _pad(values, guard, train, fill):
-    """Map with room for the window: Doppler wraps around, range ends in `fill`."""
+    """Pad the map by the window: Doppler wraps around, range continues with `fill`."""
     doppler, range_ = (g + t for g, t in zip(guard, train, strict=True))
     if doppler:
         ends = values[..., -doppler:, :], values[..., :doppler, :]
@@ -233,7 +231,7 @@ def _pad(values, guard, train, fill):
 
 
 def _sliding_sum(values, size, axis) -> Any:
-    """Sums over `size` neighbours, by doubling; the axis gets shorter by size - 1."""
+    """Sums over `size` neighbours by doubling; shortens the axis by size - 1."""
     length = values.shape[axis] - size + 1
     total: Any = None
     offset, width = 0, 1
@@ -255,8 +253,8 @@ def _sliding_sum(values, size, axis) -> Any:
 def _sums_of_halves(power, guard, train):
     """Sums over the training cells at lower range and over those at higher range.
 
-    Down the columns first, then along range: `whole` columns of the window, `beyond`
-    the guard cells alone, and the two ends of the cell's own column.
+    Sums columns first, then along range. `whole` are complete columns of the window,
+    `beyond` the parts of columns outside the guard cells.
     """
     (gd, gr), (td, tr) = guard, train
     doppler, bins = power.shape[-2:]
@@ -285,12 +283,12 @@ def _sums_of_halves(power, guard, train):
 
 
 def _count_below(level, padded, guard, train):
-    """How many training cells lie below `level`, some rows of the window at a time."""
+    """Number of training cells below `level`, counted a few window rows at a time."""
     (gd, gr), (td, tr) = guard, train
     doppler, bins = level.shape[-2:]
     width = 2 * (gr + tr) + 1
     sides = [*range(tr), *range(width - tr, width)]
-    # XLA would make rows of it again, in kernels of their own.
+    # The barrier keeps XLA from computing the padding again for every row.
     padded = jax.lax.optimization_barrier(padded)
 
     def count(rows, columns, total):

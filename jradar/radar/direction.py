@@ -1,18 +1,18 @@
-"""The strongest direction of each detection, without its whole angle spectrum.
+"""The strongest direction of each snapshot, without its whole angle spectrum.
 
-Elements in row r see azimuth alone: their sum s_r(u) over every azimuth bin is one
-small matrix product. Over the elevation phase p = 2 pi d w, the power is then
+Elements of one row r differ in azimuth only. One small matrix product gives their sums
+s_r(u) for all azimuth bins. Over the elevation phase p = 2 pi d w, the power is then
 
     |sum_r s_r e^(-j r p)|^2 = sum_r |s_r|^2 + 2 Re sum_l c_l e^(-j l p)
 
-with c_l the products s_q conj(s_r) of rows q - r = l apart, added up:
+where c_l is the sum of s_q conj(s_r) over rows with q - r = l:
 
     one row      no elevation
-    two rows     the maximum is known: (|s_0| + |s_1|)^2, at p = arg(c_l) / l
+    two rows     closed form: the maximum (|s_0| + |s_1|)^2 is at p = arg(c_l) / l
     more rows    a real matrix product from lags to elevation bins
 
-The azimuth of the joint maximum is refined between bins, and the elevation evaluated
-there anew.
+The azimuth of the joint maximum is refined between bins; the elevation is then computed
+at the refined azimuth.
 """
 
 import functools
@@ -35,18 +35,19 @@ from jradar.radar.angle import (
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
 
-BLOCK = 64  # cells whose arrays stay in a core's cache; twice that for few rows
-SHORT = 16  # elements of a row that Horner's rule is unrolled for
+BLOCK = 64  # cells whose arrays stay in a core's cache; twice as many for few rows
+SHORT = 16  # longest row for which Horner's rule is unrolled
 TINY = 1e-30
+NUM_ELEVATION = 32  # bins
 
 
 class _Row(NamedTuple):
-    """Elements in one row: their places in the reordered snapshot, columns, weights."""
+    """Elements of one row: their part of the reordered snapshot, columns, weights."""
 
     row: int
     part: slice
     columns: np.ndarray
-    weights: np.ndarray  # 1 / how many elements share the position
+    weights: np.ndarray  # 1 / number of elements at the position
 
 
 Sums = list[tuple[Array, Array]]  # real and imaginary part of each row's sum
@@ -61,18 +62,17 @@ def directions(
     radar: RadarSpec,
     *,
     num_azimuth: int = 64,
-    num_elevation: int = 32,
+    num_elevation: int = NUM_ELEVATION,
     interpolate: bool = True,
     flip_azimuth: bool = False,
     flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
-    """Azimuth and elevation in radians of the strongest direction of each cell.
+    """Return azimuth and elevation in radians of the strongest direction.
 
-    What `strongest_direction` of the `angle_spectrum` says, an order of magnitude
-    faster. Arrays of two rows have their elevation from the phase between them (the
-    smallest where several fit), whatever `num_elevation`. `interpolate` places the
-    azimuth between bins, which also makes it differentiable. Raises ValueError as
-    `angle_spectrum` does.
+    The result is `strongest_direction` of the `angle_spectrum`, but much faster. For
+    arrays of two rows the elevation follows from the phase between them, independently
+    of `num_elevation`; if several fit, it is the smallest. `interpolate` places angles
+    between bins and makes them differentiable. Raises ValueError as `angle_spectrum`.
     """
     check_sizes(snapshot.shape, radar, num_azimuth, num_elevation)
     *batch, num_virtual = snapshot.shape
@@ -95,29 +95,27 @@ def directions(
     )
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "num_elevation"))
+@functools.partial(jax.jit, static_argnames="radar")
 def elevation_sines(
     snapshot: Complex[Array, "*batch virtual"],
     u: Float[Array, "*batch"],
     radar: RadarSpec,
-    *,
-    num_elevation: int = 32,
 ) -> Float[Array, "*batch"]:
-    """Direction sine w of the strongest elevation of each cell at its azimuth sine u.
+    """Return the direction sine w of the strongest elevation at azimuth sine u.
 
-    What `directions` does once it has u; 0 for an array of one row.
+    The last step of `directions`; 0 for an array of one row.
     """
-    check_sizes(snapshot.shape, radar, radar.num_virtual, num_elevation)
+    check_sizes(snapshot.shape, radar, radar.num_virtual, NUM_ELEVATION)
     order, rows = _rows(radar)
     cells = snapshot.reshape(-1, radar.num_virtual)[:, order].T
     scale = jnp.abs(cells).max(0)
     cells = cells / jnp.where(scale > 0, scale, 1.0)
-    w = _elevation_sine(cells, u.ravel(), rows, radar, num_elevation, True)
+    w = _elevation_sine(cells, u.ravel(), rows, radar, NUM_ELEVATION, True)
     return w.reshape(u.shape)
 
 
 def _rows(radar: RadarSpec) -> tuple[np.ndarray, list[_Row]]:
-    """The order that brings elements of a row together, and the rows in it."""
+    """The order that groups elements by row, and the rows in that order."""
     _, place, shared = np.unique(
         radar.virtual_positions, axis=0, return_inverse=True, return_counts=True
     )
@@ -136,7 +134,7 @@ def _rows(radar: RadarSpec) -> tuple[np.ndarray, list[_Row]]:
 def _in_blocks(
     function: Callable, cells: Complex[Array, "cell virtual"], block: int
 ) -> tuple[Array, ...]:
-    """`function` of `[cell, virtual]` in blocks, its results `[cell]` joined."""
+    """Apply `function` to blocks of `[cell, virtual]` and join its results `[cell]`."""
     count, num_virtual = cells.shape
     if count <= block:
         return function(cells)
@@ -158,7 +156,7 @@ def _azimuth_sine(
     u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
     power = _power_over_azimuth(_sums_over_bins(cells, rows, radar, u), rows, radar, w)
     seen = jnp.where((np.abs(u) <= 1)[:, None], power, -1.0)
-    # Two reductions without branches, where argmax would go cell by cell.
+    # Two vectorised reductions; argmax would run cell by cell.
     bins = np.arange(num_azimuth, dtype=np.int32)[:, None]
     index = jnp.where(seen == seen.max(0), bins, num_azimuth - 1).min(0)
     sine = jnp.asarray(u, jnp.float32)[index]
@@ -206,9 +204,9 @@ def _sums_over_bins(
     radar: RadarSpec,
     u: np.ndarray,
 ) -> Sums:
-    """The rows' sums towards every azimuth bin, `[azimuth, cell]` each.
+    """Sums of the rows towards every azimuth bin, `[azimuth, cell]` each.
 
-    Bins to the left and to the right share their products with cosines and sines.
+    Bins to the left and to the right share the products with cosines and sines.
     """
     half, (_, num_cells) = len(u) // 2, cells.shape
     turn = 2 * np.pi * radar.spacing_wavelengths * -u[half::-1]
@@ -239,7 +237,7 @@ def _sums_at(
     radar: RadarSpec,
     u: Float[Array, "cell"],
 ) -> Sums:
-    """The rows' sums towards one azimuth for each cell, `[cell]` each."""
+    """Sums of the rows towards one azimuth for each cell, `[cell]` each."""
     turn = 2 * np.pi * radar.spacing_wavelengths * u
     cosine, sine = jnp.cos(turn), jnp.sin(turn)
     sums = []
@@ -262,7 +260,7 @@ def _sums_at(
 
 
 def _lags(sums: Sums, rows: list[_Row]) -> tuple[Array, dict[int, tuple[Array, Array]]]:
-    """The power of all rows, and s_q conj(s_r) added up over rows of the same lag."""
+    """The power of all rows, and the sum of s_q conj(s_r) for each lag between rows."""
     constant = sum((real**2 + imag**2 for real, imag in sums), jnp.zeros(()))
     lags: dict[int, tuple[Array, Array]] = {}
     for q, (real_q, imag_q) in enumerate(sums):
@@ -287,8 +285,8 @@ def _power_over_azimuth(
     if len(rows) == 1:
         return constant
     if len(rows) == 2:
-        # c cos(p) + s sin(p) has its maximum |c + j s| at a phase that is visible, or
-        # else at the end of the visible phases that is nearer.
+        # c cos(p) + s sin(p) has its maximum |c + j s| at a visible phase, or else at
+        # the nearer end of the visible phases.
         ((lag, (real, imag)),) = lags.items()
         end = 2 * np.pi * radar.spacing_wavelengths * lag * highest
         cosine = np.where(end < np.pi, np.cos(end), -2.0).astype(np.float32)
@@ -306,7 +304,7 @@ def _power_over_elevation(
     radar: RadarSpec,
     w: np.ndarray,
 ) -> Float[Array, "elevation *batch"]:
-    """The power in every elevation bin, from the lags between rows."""
+    """Power in every elevation bin from the lags between rows."""
     phase = 2 * np.pi * radar.spacing_wavelengths * np.outer(w, [*lags])
     waves = np.stack([np.cos(phase), np.sin(phase)], -1).reshape(len(w), -1)
     waves = np.concatenate([np.ones((len(w), 1)), 2 * waves], -1).astype(np.float32)

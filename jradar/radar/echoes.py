@@ -1,4 +1,4 @@
-"""The strongest echoes of a frame, for people: a summary on the host."""
+"""The strongest echoes of a frame as a readable summary, on the host."""
 
 from typing import NamedTuple
 
@@ -7,9 +7,13 @@ import numpy as np
 from jradar.radar.sensor import RadarSpec
 from jradar.types import PointCloud
 
+MIN_RANGE_M = 0.5  # the coupling of the antennas is the strongest echo below it
+NEIGHBOURS = 3  # bins
+MOST = 5
+
 
 class Echo(NamedTuple):
-    """A peak of the range-Doppler map; range and velocity are those of its bin."""
+    """A peak of the range-Doppler map, with the range and velocity of its bin."""
 
     range_bin: int
     range_m: float
@@ -21,19 +25,11 @@ class Echo(NamedTuple):
     snr_db: float
 
 
-def strongest_echoes(
-    cloud: PointCloud,
-    radar: RadarSpec,
-    *,
-    count: int = 5,
-    min_range_m: float = 0.5,
-    apart: int = 3,
-) -> list[Echo]:
-    """The strongest points that are no neighbours of stronger ones, on the host.
+def strongest_echoes(cloud: PointCloud, radar: RadarSpec) -> list[Echo]:
+    """Return the `MOST` strongest echoes of a `radar_points` cloud, on the host.
 
-    Takes one cloud of `radar_points`. Neighbours lie within `apart` bins of each other
-    in range and in velocity. What is nearer than `min_range_m` is left out: there the
-    coupling of the antennas is the strongest echo.
+    A point is omitted if a stronger echo lies within `NEIGHBOURS` bins of it in range
+    and velocity, or if it is nearer than `MIN_RANGE_M`.
     """
     valid = np.asarray(cloud.valid)
     measured = (cloud.xyz, cloud.velocity, cloud.power, cloud.snr)
@@ -54,10 +50,10 @@ def strongest_echoes(
             snr_db=float(10 * np.log10(snr)),
         )
         neighbours = (
-            abs(echo.range_bin - other.range_bin) <= apart
-            and abs(echo.doppler_bin - other.doppler_bin) <= apart
+            abs(echo.range_bin - other.range_bin) <= NEIGHBOURS
+            and abs(echo.doppler_bin - other.doppler_bin) <= NEIGHBOURS
             for other in echoes
         )
-        if distance >= min_range_m and len(echoes) < count and not any(neighbours):
+        if distance >= MIN_RANGE_M and len(echoes) < MOST and not any(neighbours):
             echoes.append(echo)
     return echoes

@@ -1,7 +1,7 @@
 """Exact false-alarm multipliers of CFAR detectors, on the host in float64.
 
-A cell X and its noise estimate Z are independent; X is Gamma(M, 1) after summing the
-power of M channels. A detector that asks X > alpha Z has the false-alarm rate
+A cell X and its noise estimate Z are independent. X is Gamma(M, 1) after summing the
+power of M channels. A detector that tests X > alpha Z has the false-alarm rate
 
     P(alpha) = integral of Q(M, alpha z) dF_Z(z)
 
@@ -9,11 +9,11 @@ with Q the regularised upper incomplete gamma function. With P the lower one, F_
 
     CA   P(N M, N z)                        mean of N cells
     GO   P(n1 M, n1 z) P(n2 M, n2 z)        greater of the means of n1 and n2 cells
-    SO   1 - Q(n1 M, n1 z) Q(n2 M, n2 z)    smaller of them
+    SO   1 - Q(n1 M, n1 z) Q(n2 M, n2 z)    smaller of the two means
     OS   I_{P(M, z)}(k, N - k + 1)          k-th smallest of N cells
 
-one integral for all kinds (Gandhi & Kassam 1988; Rohling 1983), which the closed forms
-that exist for M = 1 confirm to 1e-9.
+One numerical integral serves all kinds (Gandhi & Kassam 1988; Rohling 1983). For M = 1
+it agrees with the closed forms.
 """
 
 import functools
@@ -24,7 +24,7 @@ import numpy as np
 from scipy import optimize, special
 
 KINDS = ("ca", "go", "so", "os")
-TAIL = 1e-18  # probability left out at either end of the integral
+TAIL = 1e-18  # probability omitted at either end of the integral
 
 
 @functools.cache
@@ -36,11 +36,11 @@ def false_alarm_multiplier(
     rank: int | None = None,
     channels: int = 1,
 ) -> float:
-    """Factor on the noise estimate of `cells` cells that yields the false-alarm rate.
+    """Return the factor on a noise estimate from `cells` cells that yields the rate.
 
-    `kind` is "ca", "go", "so" or "os"; `rank` counts from 1. For "go" and "so" `cells`
-    may be the sizes of the two halves; an empty half leaves the mean of the other.
-    Raises ValueError for an unknown kind and for numbers that are out of range.
+    `kind` is one of `KINDS`; `rank`, for "os", counts from 1. For "go" and "so" `cells`
+    may be the sizes of the two halves; if one half is empty, the mean of the other one
+    counts. Raises ValueError for an unknown kind and for numbers out of range.
     """
     if kind not in KINDS:
         raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
@@ -62,7 +62,7 @@ def false_alarm_multiplier(
         z, weight = _half_density(kind, halves, channels)
 
     def excess(log_alpha):
-        """ln(rate at this multiplier / rate asked for)."""
+        """ln(rate of this multiplier / wanted rate)."""
         exceeds = special.gammaincc(channels, math.exp(log_alpha) * z)
         return math.log(max(np.sum(weight * exceeds), 1e-300) / rate)
 
@@ -71,26 +71,26 @@ def false_alarm_multiplier(
 
 
 def _log_grid(shape, scale=1.0):
-    """Points z and step in ln z that integrate over Gamma(shape, 1) / scale."""
+    """Points z, and their step in ln z, to integrate over Gamma(shape, 1) / scale."""
     low, high = special.gammaincinv(shape, TAIL), special.gammainccinv(shape, TAIL)
     step = min(0.02, 0.1 / math.sqrt(shape))
     return np.exp(np.arange(math.log(low), math.log(high) + step, step)) / scale, step
 
 
 def _log_gamma_density(z, shape, scale=1.0):
-    """Ln of the density of Gamma(shape, 1) / scale, with respect to ln z."""
+    """Log density of Gamma(shape, 1) / scale with respect to ln z."""
     return shape * np.log(scale * z) - scale * z - special.gammaln(shape)
 
 
 def _mean_density(cells, channels):
-    """Points and weights of the mean of all cells."""
+    """Quadrature points and weights of the mean of all cells."""
     shape = cells * channels
     z, step = _log_grid(shape, cells)
     return z, np.exp(_log_gamma_density(z, shape, cells)) * step
 
 
 def _rank_density(cells, rank, channels):
-    """Points and weights of the cell of a rank."""
+    """Quadrature points and weights of the cell at a rank."""
     z, step = _log_grid(channels)
     below, above = special.gammainc(channels, z), special.gammaincc(channels, z)
     log_density = (
@@ -103,8 +103,8 @@ def _rank_density(cells, rank, channels):
 
 
 def _half_density(kind, halves, channels):
-    """Points and weights of the greater or smaller of the means of two halves."""
-    # The smaller half spreads widest and the larger one needs the finest step.
+    """Quadrature points and weights of the greater or smaller mean of two halves."""
+    # The smaller half has the widest density, the larger one needs the finest step.
     grids = [_log_grid(n * channels, n) for n in halves]
     step = min(step for _, step in grids)
     low, high = min(z[0] for z, _ in grids), max(z[-1] for z, _ in grids)

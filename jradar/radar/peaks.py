@@ -1,4 +1,4 @@
-"""Where between the bins a peak lies."""
+"""The position of a peak between bins."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -7,11 +7,11 @@ Power = Float[Array, "*batch"]
 
 
 def parabola_offset(before: Power, peak: Power, after: Power) -> Power:
-    """Bins from a peak to the vertex of the parabola through three log powers.
+    """Return the bins from a peak to the vertex of a parabola through three log powers.
 
-    Between -0.5 and 0.5, and 0 where the three do not bend downwards. Neighbours more
-    than 60 dB below the peak are rounding, and count as that. Differentiable, which the
-    position of a largest bin is not.
+    The result lies between -0.5 and 0.5; it is 0 where the three powers do not bend
+    downwards. Neighbours are raised to 60 dB below the peak, because anything lower is
+    rounding. Unlike the index of the largest bin, the offset is differentiable.
     """
     least = 1e-6 * peak + 1e-30
     before, peak, after = (

@@ -1,4 +1,4 @@
-"""The radar as a static description: chirp, antennas, and what follows from them.
+"""The radar as a static description: chirp, antennas and derived resolutions.
 
     frequency
       ^      adc start       ramp end
@@ -11,8 +11,8 @@
 
 Everything is in SI units. Antenna positions are (azimuth, elevation) in half
 wavelengths at the design frequency, growing to the left and upwards as the target
-sees phase lead; the phase of a plane wave from direction (u, w) = (sin az cos el,
-sin el) at position (a, e) is 2 pi d (a u + e w), d the spacing in wavelengths.
+sees phase lead. A plane wave from direction (u, w) = (sin az cos el, sin el) has the
+phase 2 pi d (a u + e w) at position (a, e), where d is the spacing in wavelengths.
 """
 
 import dataclasses
@@ -48,10 +48,10 @@ class RadarSpec:
     rx_positions: Positions
     design_frequency_hz: float
     tx_firing_order: tuple[int, ...] = ()  # array indices in time; () is array order
-    frame_period_s: float = 0.0  # from frame to frame; 0 where it is not known
+    frame_period_s: float = 0.0  # from frame to frame; 0 if unknown
 
     def __post_init__(self):
-        """Refuse a radar that cannot exist, naming the field."""
+        """Refuse a radar that cannot exist; the error names the field."""
         order = tuple(self.tx_firing_order) or tuple(range(self.num_tx))
         object.__setattr__(self, "tx_firing_order", order)
         if sorted(order) != list(range(self.num_tx)):
@@ -100,12 +100,12 @@ class RadarSpec:
 
     @property
     def has_elevation(self) -> bool:
-        """Whether the array has more than one row, and so can measure elevation."""
+        """Whether the array has several rows, and therefore measures elevation."""
         return bool(self.virtual_positions[:, 1].any())
 
     @property
     def firing_position(self) -> np.ndarray:
-        """When each transmitter fires within a turn, 0 first, `[tx]`."""
+        """Place of each transmitter in the firing order, `[tx]`; the first is 0."""
         return np.argsort(self.tx_firing_order)
 
     @property
@@ -117,12 +117,12 @@ class RadarSpec:
 
     @property
     def bandwidth_hz(self) -> float:
-        """Bandwidth that the ADC sees, B."""
+        """Bandwidth of the sampled part of a chirp, B."""
         return self.slope_hz_per_s * self.num_samples / self.sample_rate_hz
 
     @property
     def center_frequency_hz(self) -> float:
-        """Frequency in the middle of the samples, where Doppler and angles apply."""
+        """Frequency in the middle of the samples, used for Doppler and angles."""
         middle_s = self.adc_start_time_s + self.num_samples / (2 * self.sample_rate_hz)
         return self.start_frequency_hz + self.slope_hz_per_s * middle_s
 
@@ -217,7 +217,7 @@ class RadarSpec:
 
 
 def _converted(key: str, value: Any, kind: Any) -> Any:
-    """What the field `key` of type `kind` takes, from what files and callers give."""
+    """The value of a file or a caller as the type `kind` of the field `key`."""
     expected = {int: "an integer", float: "a number", str: "a text"}.get(kind, "a list")
     allowed = {int: int, float: (int, float), str: str}.get(kind, (list, tuple))
     if not isinstance(value, allowed) or isinstance(value, bool):

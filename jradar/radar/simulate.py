@@ -4,18 +4,18 @@ A scatterer at range R(t) = R + v t returns the beat signal
 
     a exp(2 pi j (2 R(t) / c * f(n) + d (a_az u + a_el w)))
 
-in sample n of the chirp that starts at time t, where the chirp's frequency is f(n); d
-is the spacing of the antenna positions, (u, w) = (sin az cos el, sin el) the direction.
-Its range may change by whole bins within a frame; within a chirp it stands still. A
-mirror may send the wave back another way than it came: then R is the mean of both legs,
-and transmitters and receivers see directions of their own. Waves are plane, antennas
-isotropic, and the amplitudes hold all of the radar equation.
+in sample n of the chirp that starts at time t. The chirp has the frequency f(n) there,
+d is the spacing of the antenna positions, and (u, w) = (sin az cos el, sin el) is the
+direction. The range may change by whole bins within a frame, but is constant within a
+chirp. After a reflection the wave may return on another path: then R is the mean of
+both legs, and transmitters and receivers see different directions. Waves are plane,
+antennas isotropic, and the amplitudes include the whole radar equation.
 
-The phase is a product of a phasor per chirp and one per sample, but for the range's
-change times the sample's frequency. That term is exact at the middle of blocks of a few
-chirps and linear about it, which is one matrix product per block. The error of a
-scatterer is at most 0.6 % of its amplitude up to the radar's `max_velocity_mps`, and
-grows with the square of the velocity.
+The signal is a phasor per chirp times a phasor per sample, apart from one term: the
+change of range times the sample's frequency. Over a block of a few chirps this term is
+linearised about the middle of the block, which takes one matrix product. The error is
+at most 0.6 % of the amplitude up to the radar's `max_velocity_mps`, and grows with the
+square of the velocity.
 """
 
 import math
@@ -28,16 +28,16 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jradar.radar.sensor import SPEED_OF_LIGHT, RadarSpec
 
-MOST_DRIFT = 0.105  # radians that the linear term spans; its square over 2 is the error
+MOST_DRIFT = 0.105  # radians in the linear term; the error is its square over 2
 
 
 class Scatterers(NamedTuple):
-    """Point scatterers; pad a set with amplitudes of zero."""
+    """Point scatterers; those with amplitude 0 are padding."""
 
     xyz: Float[Array, "point 3"]  # metres, at the frame's first chirp
     velocity: Float[Array, " point"]  # m/s, radial, positive when receding
     amplitude: Float[Array, " point"]  # of each sample, in ADC counts
-    departure: Float[Array, "point 3"] | None = None  # seen by the transmitters
+    departure: Float[Array, "point 3"] | None = None  # as seen by the transmitters
 
 
 @partial(jax.jit, static_argnames=("radar", "noise_power"))
@@ -48,10 +48,10 @@ def simulate_cube(
     *,
     noise_power: float = 0.0,
 ) -> Complex[Array, "tx rx chirp sample"]:
-    """ADC samples of one frame; `vmap` it over frames.
+    """Return the ADC samples of one frame; `vmap` it.
 
-    Complex white noise of mean power `noise_power` (counts squared) is added. Where a
-    scatterer has a `departure`, `xyz` is where the receivers see it.
+    Complex white noise of mean power `noise_power` (counts squared) is added. With
+    `departure`, `xyz` is the position as seen by the receivers.
     """
     distance, receive = _seen(scatterers.xyz, radar.rx_positions, radar)
     transmit = _steer(scatterers.xyz, distance, radar.tx_positions, radar)
@@ -59,7 +59,7 @@ def simulate_cube(
         leg, transmit = _seen(scatterers.departure, radar.tx_positions, radar)
         distance = (distance + leg) / 2
 
-    # Cycles that do not change within the frame, reduced before they meet small ones.
+    # Cycles that are constant within the frame, reduced mod 1 to keep small changes.
     middle = (radar.num_samples - 1) / 2
     middle_s = radar.adc_start_time_s + middle / radar.sample_rate_hz
     middle_hz = radar.start_frequency_hz + radar.slope_hz_per_s * middle_s
@@ -74,8 +74,8 @@ def simulate_cube(
     within_s = radar.turn_period_s * jnp.arange(block)[:, None] + firing_s
     within_s, first_s = within_s - within_s.mean(), within_s.mean()
 
-    # Of all blocks alike: phasors `[chirp tx rx point]`, and the drift about a block's
-    # middle. Only the beats differ, `[point sample]`, from block to block by a factor.
+    # The same in all blocks: phasors `[chirp tx rx point]`, and the drift about the
+    # middle. The beats `[point sample]` change by a constant factor between blocks.
     chirp = _turn(cycles_per_m * scatterers.velocity * within_s[..., None])
     chirps = ((weight * transmit) * chirp)[:, :, None] * receive
     drift = 2j * jnp.pi * cycles_per_m_sample * scatterers.velocity
@@ -85,12 +85,12 @@ def simulate_cube(
     )
 
     def beat(metres, moved):
-        """Phasors `[point sample]` of targets that far away, moved since the start."""
+        """Phasors `[point sample]` of targets at `metres` after they `moved`."""
         cycles = jnp.mod(cycles_per_m * moved, 1.0)[:, None]
         return _turn(cycles + cycles_per_m_sample * metres[:, None] * sample)
 
     def samples_of(beats, _):
-        """Samples `[chirp-tx-rx sample]` of one block, and the next block's beats."""
+        """Beats of the next block, and samples `[chirp-tx-rx sample]` of this one."""
         columns = jnp.concatenate([beats, beats * sample])
         product = both @ jnp.concatenate([columns.real, columns.imag])
         return beats * step, jax.lax.complex(*jnp.split(product, 2))
@@ -113,13 +113,13 @@ def simulate_cube(
 
 
 def _real_pairs(matrix):
-    """A complex matrix as a real one that takes real above imaginary parts to such."""
+    """A complex matrix as a real one, for real parts stacked on imaginary parts."""
     real, imaginary = matrix.real, matrix.imag
     return jnp.block([[real, -imaginary], [imaginary, real]])
 
 
 def _block(radar):
-    """Chirps in which nothing slower than `max_velocity_mps` drifts too far."""
+    """Number of chirps in a block: drift stays small up to `max_velocity_mps`."""
     drift = math.pi * radar.max_velocity_mps * radar.turn_period_s / 2
     most = max(int(MOST_DRIFT * radar.range_resolution_m / drift), 1)
     return max(k for k in range(1, most + 1) if radar.num_chirps % k == 0)
@@ -138,5 +138,5 @@ def _steer(xyz, distance, positions, radar):
 
 
 def _turn(cycles):
-    """Unit phasor after so many cycles."""
+    """Unit phasor of a phase in cycles."""
     return jnp.exp(2j * jnp.pi * cycles)

@@ -1,12 +1,13 @@
 """Range and Doppler spectra of an ADC cube.
 
-Windows are normalised to a coherent gain of 1: a target of amplitude a, centred in
-its bin, peaks at |a|; white noise of power P per sample has power P * gain in a cell,
-with `noise_gain` on the host. Complex samples make the whole spectrum positive range.
+Windows are normalised to a coherent gain of 1: a target of amplitude a in the middle
+of its bin peaks at |a|. White noise of power P per sample has power
+P * (w ** 2).sum() in a cell, where w is the product of both windows. The samples are
+complex, so the whole spectrum is positive range.
 
-Antennas are transformed one after the other, so that a spectrum is still in the cache
-when its power is added up. Zero velocity gets to the middle of the Doppler axis by
-alternating the signs of the chirps, which costs nothing.
+Antennas are transformed one after the other, so that each spectrum is still in the
+cache when its power is added up. The signs of the chirps alternate, which moves zero
+velocity to the middle of the Doppler axis at no cost.
 """
 
 import functools
@@ -23,7 +24,7 @@ WINDOWS = {  # coefficients of the cosine series, periodic
     "hamming": (0.54, 0.46),
     "blackman": (0.42, 0.5, 0.08),
 }
-STATIC = ("range_window", "doppler_window", "remove_static", "max_range_bins")
+STATIC = ("range_window", "doppler_window", "remove_static")
 
 Cube = Complex[Array, "*batch tx rx chirp sample"]
 Spectrum = Complex[Array, "*batch virtual doppler range"]
@@ -32,20 +33,15 @@ PowerMap = Float[Array, "*batch doppler range"]
 
 @functools.cache
 def window(kind: str, length: int) -> np.ndarray:
-    """Periodic window of `length` samples whose sum is 1, on the host in float64."""
+    """Return a periodic window whose sum is 1, on the host in float64."""
     if kind not in WINDOWS:
         raise ValueError(f"window {kind!r}, expected one of {[*WINDOWS]}")
     phase = 2 * np.pi * np.arange(length) / length
     terms = [(-1) ** k * a * np.cos(k * phase) for k, a in enumerate(WINDOWS[kind])]
     values = np.sum(terms, axis=0)
-    if not values.any():  # one sample leaves a periodic window nothing
+    if not values.any():  # a periodic window of one sample is 0
         values = np.ones(length)
     return values / values.sum()
-
-
-def noise_gain(kind: str, length: int) -> float:
-    """Power of white noise in a windowed cell over its power in a sample."""
-    return float((window(kind, length) ** 2).sum())
 
 
 @functools.partial(jax.jit, static_argnames=STATIC)
@@ -55,16 +51,14 @@ def range_doppler(
     range_window: str = "hann",
     doppler_window: str = "hann",
     remove_static: bool = False,
-    max_range_bins: int | None = None,
 ) -> tuple[Spectrum, PowerMap]:
-    """Spectra over samples and chirps, and their power summed over the antennas.
+    """Return spectra over samples and chirps, and their power summed over antennas.
 
     Zero velocity is in the middle of the doppler axis. `remove_static` subtracts the
-    mean over chirps, and with it all that stands still; `max_range_bins` drops the far
-    end of the range axis. Raises ValueError for an unknown window.
+    mean over chirps, which removes everything that stands still. Raises ValueError for
+    an unknown window.
     """
-    windows = range_window, doppler_window
-    return _transform(cube, windows, remove_static, max_range_bins, keep=True)
+    return _transform(cube, range_window, doppler_window, remove_static, keep=True)
 
 
 @functools.partial(jax.jit, static_argnames=STATIC)
@@ -74,25 +68,16 @@ def power_map(
     range_window: str = "hann",
     doppler_window: str = "hann",
     remove_static: bool = False,
-    max_range_bins: int | None = None,
 ) -> PowerMap:
-    """The power of `range_doppler` alone; the spectra are never stored."""
-    windows = range_window, doppler_window
-    return _transform(cube, windows, remove_static, max_range_bins, keep=False)[1]
+    """Return only the power of `range_doppler`; the spectra are never stored."""
+    _, power = _transform(cube, range_window, doppler_window, remove_static, keep=False)
+    return power
 
 
-def doppler_bins(num_chirps: int) -> np.ndarray:
-    """Signed bin of each index of the doppler axis, `[doppler]`, on the host."""
-    return np.arange(num_chirps) - num_chirps // 2
-
-
-def _transform(cube, windows, remove_static, max_range_bins, keep) -> Any:
-    """Spectra, if they are kept, and power, antenna by antenna."""
+def _transform(cube, range_window, doppler_window, remove_static, *, keep) -> Any:
+    """Spectra, or None unless they are kept, and power, antenna by antenna."""
     *batch, tx, rx, chirps, samples = cube.shape
-    bins = samples if max_range_bins is None else max_range_bins
-    if not 1 <= bins <= samples:
-        raise ValueError(f"{max_range_bins=}, expected 1 to {samples}")
-    weight = np.outer(window(windows[1], chirps), window(windows[0], samples))
+    weight = np.outer(window(doppler_window, chirps), window(range_window, samples))
     if chirps % 2 == 0:
         weight *= (-1.0) ** np.arange(chirps)[:, None]
     weight = jnp.asarray(weight, cube.real.dtype)
@@ -101,12 +86,12 @@ def _transform(cube, windows, remove_static, max_range_bins, keep) -> Any:
         if remove_static:
             antenna = antenna - antenna.mean(-2, keepdims=True)
         weighted = jax.lax.complex(antenna.real * weight, antenna.imag * weight)
-        spectrum = jnp.fft.fft2(weighted)[..., :bins]
+        spectrum = jnp.fft.fft2(weighted)
         power += spectrum.real**2 + spectrum.imag**2
         return power, spectrum if keep else None
 
     antennas = jnp.moveaxis(cube.reshape(*batch, tx * rx, chirps, samples), -3, 0)
-    start = jnp.zeros((*batch, chirps, bins), cube.real.dtype)
+    start = jnp.zeros((*batch, chirps, samples), cube.real.dtype)
     power, spectrum = jax.lax.scan(add, start, antennas)
     if spectrum is not None:
         spectrum = jnp.moveaxis(spectrum, 0, -3)

@@ -1,18 +1,18 @@
 """Azimuth of targets closer than a beam width: Capon (MVDR) and MUSIC.
 
-Both look at the covariance of the array's longest row of neighbouring elements. Echoes
-of one frame are coherent, which would merge them into one source; so the row is cut
-into overlapping subarrays whose covariances are averaged, forwards and, as the row is
-symmetric, conjugated backwards (Pillai & Kwon 1989):
+Both use the covariance of the longest row of neighbouring elements. Echoes of one frame
+are coherent, which would merge them into one source. The row is therefore cut into
+overlapping subarrays whose covariances are averaged, both forwards and, because the row
+is symmetric, conjugated and backwards (Pillai & Kwon 1989):
 
     row        o o o o o o o o
     subarrays  |-------|
                  |-------| ...    `subarray` elements each
 
-Cells may have several snapshots (frames, chirps or neighbouring cells); a single one is
-`snapshot[..., None, :]`. The pseudo-spectra lie on the sines u of `direction_sines`:
-peaks stand where targets are, their heights are no powers of targets. As one row,
-`pseudo[..., None, :]`, they go into `spectrum_peaks`.
+A cell may have several snapshots (frames, chirps or neighbouring cells); a single one
+is `snapshot[..., None, :]`. The pseudo-spectra lie on the sines u of `direction_sines`.
+Their peaks are at the targets, but the heights of the peaks are not powers. For
+`spectrum_peaks`, pass them as one row: `pseudo[..., None, :]`.
 """
 
 import functools
@@ -33,7 +33,8 @@ from jradar.radar.direction import elevation_sines
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
 
-BLOCK = 512  # cells whose spectra are held at a time
+BLOCK = 512  # cells whose spectra are held in memory at a time
+SOURCES, NUM_AZIMUTH = 2, 256  # of `music_directions`
 OPTIONS = ("radar", "num_azimuth", "subarray", "loading")
 
 
@@ -46,11 +47,11 @@ def capon_spectrum(
     subarray: int | None = None,
     loading: float = 1e-3,
 ) -> Float[Array, "*batch azimuth"]:
-    """Power 1 / (a^H R^-1 a) of the beam that passes u and least of all else.
+    """Return 1 / (a^H R^-1 a): the power of the minimum-variance beam (Capon 1969).
 
-    Capon (1969). `subarray` elements, by default two thirds of the row; `loading` is
-    added to R's diagonal in units of its mean. Raises ValueError where the subarray
-    does not fit in the row.
+    `subarray` is the number of elements, by default two thirds of the row; `loading` is
+    added to the diagonal of R, in units of its mean. Raises ValueError if the subarray
+    does not fit into the row.
     """
     covariance = smoothed_covariance(snapshot, radar, subarray=subarray)
     size = covariance.shape[-1]
@@ -77,10 +78,10 @@ def music_spectrum(
     subarray: int | None = None,
     loading: float = 1e-6,
 ) -> Float[Array, "*batch azimuth"]:
-    """Reciprocal of the steering vector's share that lies in the noise subspace.
+    """Return 1 / (share of the steering vector in the noise subspace) (Schmidt 1986).
 
-    Schmidt (1986). 1 where no target is; `loading` is the share where it ends growing.
-    Raises ValueError where the subarray does not fit in the row, or is not longer than
+    The share is 1 away from targets; `loading` is added to it and limits the peaks.
+    Raises ValueError if the subarray does not fit into the row, or is not longer than
     `num_sources`.
     """
     covariance = smoothed_covariance(snapshot, radar, subarray=subarray)
@@ -97,27 +98,22 @@ def music_spectrum(
     return 1 / (share + loading)
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "num_sources", "num_azimuth", *FLIPS)
-)
+@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
 def music_directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
     *,
-    num_sources: int = 2,
-    num_azimuth: int = 256,
     flip_azimuth: bool = False,
     flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
-    """Azimuth and elevation in radians of each cell, the azimuth by MUSIC.
+    """Return azimuth and elevation in radians of each snapshot, the azimuth by MUSIC.
 
-    Of the maxima of `music_spectrum`, whose heights are no powers, the one where the
-    row's plain beam is strongest. The elevation is the strongest there. One snapshot
-    for each cell.
+    Among the maxima of `music_spectrum`, whose heights are not powers, it takes the one
+    at which the conventional beam is strongest, then the strongest elevation there.
     """
     cells = snapshot.reshape(-1, radar.num_virtual)
     u = jax.lax.map(
-        lambda cell: _music_sine(cell, radar, num_sources, num_azimuth),
+        lambda cell: _music_sine(cell, radar),
         cells,
         batch_size=min(BLOCK, max(len(cells), 1)),
     ).reshape(snapshot.shape[:-1])
@@ -125,15 +121,15 @@ def music_directions(
     return angles_of_sines(u, w, flip_azimuth, flip_elevation)
 
 
-def _music_sine(cell, radar, num_sources, num_azimuth):
-    """Azimuth sine of one cell `[virtual]`, placed between the spectrum's bins."""
+def _music_sine(cell, radar):
+    """Azimuth sine of one snapshot `[virtual]`, placed between bins."""
     pseudo = music_spectrum(
-        cell[None], radar, num_sources=num_sources, num_azimuth=num_azimuth
+        cell[None], radar, num_sources=SOURCES, num_azimuth=NUM_AZIMUTH
     )
     average = jnp.asarray(_longest_row(radar))
     row = average @ cell
-    beam = jnp.abs(_steering(radar, len(row), num_azimuth).conj().T @ row)
-    u, _ = direction_sines(radar, num_azimuth=num_azimuth)
+    beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
+    u, _ = direction_sines(radar, num_azimuth=NUM_AZIMUTH)
     left, right = jnp.roll(pseudo, 1), jnp.roll(pseudo, -1)
     peak = (pseudo > left) & (pseudo >= right) & (np.abs(u) < 1)
     index = jnp.argmax(jnp.where(peak, beam, -1.0))
@@ -149,7 +145,7 @@ def smoothed_covariance(
     *,
     subarray: int | None = None,
 ) -> Complex[Array, "*batch element element"]:
-    """Covariance of a subarray: mean over snapshots, places and both directions."""
+    """Return a subarray's covariance: mean over snapshots, places, both directions."""
     if snapshot.shape[-1] != radar.num_virtual:
         raise ValueError(
             f"{snapshot.shape[-1]} values per snapshot, {radar.name} has "
@@ -173,7 +169,7 @@ def smoothed_covariance(
 
 
 def _longest_row(radar: RadarSpec) -> np.ndarray:
-    """Averages of antennas to the longest run of neighbours, `[element, virtual]`."""
+    """Matrix that averages antennas into the longest run, `[element, virtual]`."""
     columns, rows = radar.virtual_positions.T
     runs = []
     for row in np.unique(rows):
@@ -194,7 +190,7 @@ def _steering(radar: RadarSpec, size: int, num_azimuth: int) -> Array:
 
 
 def _mean_power(covariance: Complex[Array, "*batch element element"]) -> Array:
-    """Mean of the diagonal, `[*batch, 1, 1]`; 1 where all is zero."""
+    """Mean of the diagonal, `[*batch, 1, 1]`; 1 if it is 0."""
     level = jnp.trace(covariance, axis1=-2, axis2=-1).real / covariance.shape[-1]
     return jnp.where(level > 0, level, 1.0)[..., None, None]
 
@@ -205,8 +201,8 @@ def _signal_projector(
 ) -> Complex[Array, "*batch element element"]:
     """Projector on the eigenvectors of the `num_sources` largest eigenvalues.
 
-    Its derivative needs the gap between signal and noise only; that of single
-    eigenvectors would be infinite wherever two noise eigenvalues are equal.
+    Its derivative depends only on the gap between signal and noise. The derivatives of
+    single eigenvectors would be infinite where two noise eigenvalues are equal.
     """
     _, vectors = jnp.linalg.eigh(covariance)
     signal = vectors[..., -num_sources:]
@@ -215,7 +211,7 @@ def _signal_projector(
 
 @_signal_projector.defjvp
 def _signal_projector_jvp(num_sources, primals, tangents):
-    """First-order perturbation of a projector, sum over pairs (signal, noise)."""
+    """First-order perturbation of a projector: a sum over pairs (signal, noise)."""
     (covariance,), (change,) = primals, tangents
     values, vectors = jnp.linalg.eigh(covariance)
     noise, signal = vectors[..., :-num_sources], vectors[..., -num_sources:]
