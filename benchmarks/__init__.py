@@ -1,1 +1,1 @@
-"""Timings, one `bench_<room>` each; tests never hold any."""
+"""Benchmarks: one module `bench_<room>` for each room. Tests never measure times."""

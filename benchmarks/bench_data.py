@@ -1,11 +1,11 @@
 """How fast do recordings become training pairs, and pairs batches?
 
-    python -m benchmarks.bench_data [FRAMES]     frames per second, all told
+    python -m benchmarks.bench_data [FRAMES]     prints frames per second
 
-A frame is ColoRadar's: 786 kB of ADC samples and a scan of 65,536 points, here of a
-simulated hallway. The peer of the preparation loops over the scan's points in Python,
-as published preprocessing does, and makes the LiDAR image alone; that of loading reads
-the same arrays from compressed NumPy files, one a frame.
+A frame has the size of ColoRadar's: 786 kB of ADC samples and a scan of 65,536 points,
+from a simulated hallway. The peer of preparation loops over the scan's points in
+Python, as published preprocessing does, and computes only the LiDAR image. The peer of
+loading reads the same arrays from one compressed NumPy file per frame.
 """
 
 import atexit
@@ -53,7 +53,7 @@ COARSE, FINE = (
 
 
 def cases() -> Iterator[Case]:
-    """A frame's preparation, its parts, and reading it as images."""
+    """Yield the preparation of a frame, its two sides, and loading it as images."""
     root = _temporary()
     recording = open_recording(simulate_sequence("hallways", 0, root, frames=FRAMES))
     assert recording.lidar is not None
@@ -62,7 +62,7 @@ def cases() -> Iterator[Case]:
     loop = {"Python loop over points, image only": lambda: _loop(scan, FINE)}
     cube = calibrated_cube(recording, i)
     radar = functools.partial(
-        radar_side, cube, recording.coupling, recording.radar, SPEC, 0.0
+        radar_side, cube, recording.radar, SPEC, coupling=recording.coupling
     )
     frame, _, trusted = prepare_frame(recording, i, j, SPEC)
     lidar = functools.partial(
@@ -84,7 +84,7 @@ def cases() -> Iterator[Case]:
 
 
 def main(frames: str = "60") -> None:
-    """Print frames per second of preparation, records per second of loading."""
+    """Print the frames prepared and the records loaded per second."""
     root = _temporary()
     simulate_sequence("hallways", 0, root, frames=int(frames))
     for workers in (1, os.cpu_count() or 1):
@@ -94,7 +94,7 @@ def main(frames: str = "60") -> None:
         manifest = prepare(root, folder, spec, workers=workers)
         seconds = time.perf_counter() - start
         count = sum(sequence["frames"] for sequence in manifest["sequences"])
-        print(f"prepare, {workers} workers: {count / seconds:.2f} frames/s, all told")
+        print(f"prepare, {workers} workers: {count / seconds:.2f} frames/s")
     records = Records(folder)
     pairs = PairSource(records, COARSE, FINE, num_slices=8)
     for what, source in (("records", records), ("records as images", pairs)):
@@ -107,7 +107,7 @@ def main(frames: str = "60") -> None:
 
 
 def _temporary():
-    """A folder that goes away with the process."""
+    """A folder that is deleted at exit."""
     root = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, root, ignore_errors=True)
     return root

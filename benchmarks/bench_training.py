@@ -1,9 +1,9 @@
-"""Where does a training step's time go, and how long does PyTorch take for the same?
+"""Which part of a training step takes how long, and how long does PyTorch take?
 
-The networks `tiny` and `small` at half the paper's image sizes, in float32: forward
-pass, gradient, the optimiser with the moving average, and the whole step, which also
-draws noise. The peer is the same network in PyTorch; forward pass and gradient must be
-ours before they are timed. The optimiser is compared with PyTorch's fused Adam.
+Forward pass, gradient, optimiser with moving average, and the whole step, which also
+draws noise, of the networks `tiny` and `small` at half the paper's image sizes in
+float32. The peer is the same network in PyTorch: its forward pass and gradient must
+equal ours before they are timed. The optimiser is compared with PyTorch's fused Adam.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ OPTIMIZER = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(1e-4))
 
 
 def cases() -> Iterator[Case]:
-    """The parts of a step, preset by preset."""
+    """Yield the parts of a step for each preset."""
     for name in PRESET_NAMES:
         yield from _preset(name, UNet(**PRESETS[name]))
 
@@ -108,7 +108,7 @@ def _close_trees(ours, peer):
 
 
 class TorchPeer(NamedTuple):
-    """What PyTorch makes of a network's parameters and inputs."""
+    """The same network in PyTorch, with the same parameters and inputs."""
 
     network: UNet
     params: Any
@@ -116,7 +116,7 @@ class TorchPeer(NamedTuple):
     clean: np.ndarray
 
     def forward(self) -> Call:
-        """The output, channels last."""
+        """Return a call that computes the output, channels last."""
         import torch
 
         weights, inputs = torch_unet.to_torch(self.params, self.inputs)
@@ -129,7 +129,7 @@ class TorchPeer(NamedTuple):
         return run
 
     def gradient(self) -> Call:
-        """The gradient of the mean squared error, by name."""
+        """Return a call that computes the gradient of the mean squared error."""
         import torch
 
         weights, inputs = torch_unet.to_torch(self.params, self.inputs)
@@ -146,7 +146,7 @@ class TorchPeer(NamedTuple):
 
 
 def _torch_update(leaves, slopes):
-    """Clip, fused Adam and moving average in place."""
+    """A call that clips, steps fused Adam and averages, all in place."""
     import torch
 
     weights = [torch.from_numpy(np.array(leaf)).requires_grad_() for leaf in leaves]
@@ -166,7 +166,7 @@ def _torch_update(leaves, slopes):
 
 
 def _torch_step(peer, leaves, slopes):
-    """Gradient and update, one after the other."""
+    """A call that computes the gradient and then the update."""
     gradient, update = peer.gradient(), _torch_update(leaves, slopes)
 
     def run():

@@ -1,10 +1,10 @@
-"""Timing: compiling apart from running, peers in the same interleaved rounds.
+"""Time jradar's calls and their peers' in the same interleaved rounds.
 
-A case is named after what is computed and its size, and holds our call and its peers'.
-All of them run once to compile and once to warm up, when a case may compare our result
-with the peers'; then rounds in random order. In a round each call runs once untimed, so
-that none pays for the caches that another left, and once timed, until its result is
-ready. What counts is the ratio of medians to the best peer.
+Compiling is timed apart from running. All calls of a case run once to compile and once
+to warm up; results that should be equal are compared. Rounds follow, each in random
+order. In a round every call runs once untimed, so that no call pays for the caches that
+another left behind, and once timed until its result is ready. The figure of merit is
+the ratio of our median to the fastest peer's.
 """
 
 import random
@@ -22,10 +22,10 @@ Call = Callable[[], Any]
 
 
 class Case(NamedTuple):
-    """Our call, and the peers' under their names.
+    """Our call and the peers' calls, named after what is computed and its size.
 
-    `same(ours, peer)` says whether a peer's result is ours; None where the peers do
-    less than we do, or something else.
+    `same(ours, peer)` returns whether the results agree; None if the peers compute
+    less, or something else.
     """
 
     name: str
@@ -35,7 +35,7 @@ class Case(NamedTuple):
 
 
 class Timing(NamedTuple):
-    """Milliseconds of one case; `compile_ms` is the first call less a later one."""
+    """Milliseconds of one case; `compile_ms` is the first call minus the median."""
 
     name: str
     compile_ms: float
@@ -45,12 +45,12 @@ class Timing(NamedTuple):
 
     @property
     def best_peer(self) -> str | None:
-        """Name of the fastest peer; None where none is installed."""
+        """Name of the fastest peer; None without peers."""
         return min(self.peers_ms, key=lambda name: self.peers_ms[name], default=None)
 
     @property
     def ratio(self) -> float | None:
-        """Our median over the fastest peer's; None where there is none."""
+        """Our median divided by the fastest peer's; None without peers."""
         peer = self.best_peer
         return None if peer is None else self.median_ms / self.peers_ms[peer]
 
@@ -60,14 +60,14 @@ def measure(
 ) -> Timing:
     """Time a case for about `seconds`, in `least` to `most` rounds.
 
-    Raises ValueError for a peer whose result is not ours.
+    Raises ValueError for a peer whose result differs from ours.
     """
     calls = {"": case.ours, **case.peers}
     first = {name: _elapsed(call) for name, call in calls.items()}
     results = {name: jax.block_until_ready(call()) for name, call in calls.items()}
     for name in case.peers:
         if case.same and not case.same(results[""], results[name]):
-            raise ValueError(f"{case.name}: the result of {name} is not ours")
+            raise ValueError(f"{case.name}: the result of {name} differs from ours")
     times: dict[str, list[float]] = {name: [] for name in calls}
     begin = time.perf_counter()
     for count in range(1, most + 1):
@@ -84,9 +84,9 @@ def measure(
 
 
 def available(peers: dict[str, Callable[[], Call]]) -> Iterator[tuple[str, Call]]:
-    """The peers whose packages are installed; each is made by a function.
+    """Yield the peers that can be made; `peers` maps names to functions that make them.
 
-    Says why another one is left out: an old package may be there and yet not import.
+    Prints why a peer is left out: its package is missing or too old to import.
     """
     for name, make in peers.items():
         try:
@@ -96,7 +96,7 @@ def available(peers: dict[str, Callable[[], Call]]) -> Iterator[tuple[str, Call]
 
 
 def random_params(network: Any, *inputs: Any) -> Any:
-    """Parameters of a network, none 0: layers that start there hide what is behind."""
+    """Return random parameters, none 0: zero layers would hide the layers before."""
     rng = np.random.default_rng(1)
 
     def fill(leaf):
@@ -107,7 +107,7 @@ def random_params(network: Any, *inputs: Any) -> Any:
 
 
 def _elapsed(call):
-    """Seconds until the result of a call is ready."""
+    """Seconds that a call takes until its result is ready."""
     begin = time.perf_counter()
     jax.block_until_ready(call())
     return time.perf_counter() - begin

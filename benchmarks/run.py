@@ -1,7 +1,9 @@
-"""Every benchmark in one table: `python -m benchmarks.run [--quick] [--only ROOM]`.
+"""Run all benchmarks and print one table.
 
-The ratio is our median time over that of the fastest peer of the same run; below 1 we
-are faster. `--json FILE` writes all times. Close other programs first.
+    python -m benchmarks.run [--quick] [--only ROOM] [--json FILE]
+
+The ratio is our median time divided by the fastest peer's in the same run: below 1
+jradar is faster. Close other programs first.
 """
 
 import argparse
@@ -21,11 +23,15 @@ ROOMS = sorted(path.stem[6:] for path in Path(__file__).parent.glob("bench_*.py"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the benchmarks that the flags name."""
-    parser = argparse.ArgumentParser(prog="benchmarks.run", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a few rounds of each")
-    parser.add_argument("--only", choices=ROOMS, help="one room's benchmarks")
-    parser.add_argument("--json", metavar="FILE", help="write all times")
+    """Run the benchmarks that the options select."""
+    parser = argparse.ArgumentParser(
+        prog="benchmarks.run", description="Run all benchmarks."
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help="run a few rounds of each case"
+    )
+    parser.add_argument("--only", choices=ROOMS, help="run the benchmarks of one room")
+    parser.add_argument("--json", metavar="FILE", help="write all times to this file")
     options = parser.parse_args(argv)
     machine = {
         "date": time.strftime("%Y-%m-%d"),

@@ -1,4 +1,13 @@
-"""Recordings to training pairs, and pairs to batches."""
+"""Recordings to records of training pairs, and records to batches.
+
+find_sources, Source                  the recordings in a folder, and their splits
+SEQUENCES, scene, paper_split         ColoRadar's sequences as the paper divides them
+match_nearest, matches_of             radar frames and LiDAR scans of the same time
+PrepareSpec, prepare_frame            options, and one prepared frame
+prepare, Records                      folders of prepared frames: write and read
+PairSource, mirrored, lidar_image     prepared frames to images
+Batches                               shuffled batches by step
+"""
 
 from jradar.data.coloradar_splits import (
     SEQUENCES as SEQUENCES,

@@ -1,6 +1,6 @@
-"""ColoRadar's 52 sequences, and which of them the paper trains on (section V-A).
+"""ColoRadar's 52 sequences and the paper's split of them (section V-A).
 
-Names come with and without the date that the release puts before them.
+Functions take names with and without the date with which the release starts them.
 """
 
 import difflib
@@ -20,7 +20,7 @@ ENVIRONMENTS = {
     "edgar_classroom": ("2_23_2021", 6, "Edgar Mine"),
 }
 
-# Environment: its sequences, the first run first (run10 after run9).
+# The sequences of each environment, in the order of their runs (run10 after run9).
 SEQUENCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         place: tuple(f"{date}_{place}_run{run}" for run in range(runs))
@@ -30,9 +30,9 @@ SEQUENCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def environment(name: str) -> str:
-    """The environment of a sequence: a key of `SEQUENCES`.
+    """Return the environment of a sequence, a key of `SEQUENCES`.
 
-    Raises ValueError for a name that is none of the 52.
+    Raises ValueError for a name that is not one of the 52.
     """
     known = {
         alias: place
@@ -44,20 +44,20 @@ def environment(name: str) -> str:
         return known[name]
     near = difflib.get_close_matches(name, known, 3) or ["12_21_2020_ec_hallways_run0"]
     raise ValueError(
-        f"{name!r} is no sequence of ColoRadar, expected a name such as "
+        f"{name!r} is not a sequence of ColoRadar, expected a name such as "
         f"{', '.join(near)}"
     )
 
 
 def scene(name: str) -> str:
-    """The scene under which the paper's Table I counts a sequence: both mines are one.
+    """Return the scene of a sequence as the paper's Table I names it.
 
-    Arpg Lab and Longboard are in no row of that table.
+    The two mines are one scene. Arpg Lab and Longboard are not in that table.
     """
     return ENVIRONMENTS[environment(name)][2]
 
 
 def paper_split(name: str) -> str:
-    """Whether the paper trains or tests on a sequence: "train" for runs 0 to 2."""
+    """Return "train" for runs 0 to 2 of an environment and "test" for later runs."""
     environment(name)
     return "train" if int(name.rpartition("run")[2]) < TRAIN_RUNS else "test"

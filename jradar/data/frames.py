@@ -23,7 +23,7 @@ from jradar.radar import (
     cell_points,
     detect,
 )
-from jradar.recordings.recording import Recording, calibrated_cube
+from jradar.recordings.recording import Recording, Stream, calibrated_cube
 from jradar.recordings.text_files import toml
 from jradar.types import PointCloud
 
@@ -88,6 +88,9 @@ class PrepareSpec:
         """
         try:
             values = toml(path)
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+        try:
             lidar = _fields(values.pop("lidar", {}), LidarSpec)
             return cls(**_fields(values, cls), lidar=LidarSpec(**lidar))
         except ValueError as error:
@@ -122,19 +125,11 @@ def _is_like(value: Any, default: Any) -> bool:
 
 def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
     """Return the matched frames; raises ValueError without LiDAR or time stamps."""
-    lidar, cubes = recording.lidar, recording.cubes
-    if lidar is None or lidar.stamps is None or cubes.stamps is None:
-        lacks = "no LiDAR" if lidar is None else "no time stamps"
-        raise ValueError(
-            f"{recording.path} has {lacks}: training pairs need both sensors and their "
-            "times; describe the recording in a capture.toml"
-        )
+    stamps, _, lidar_stamps = _timed(recording)
     span = (-np.inf, np.inf)
     if (poses := recording.poses) is not None:
         span = (float(poses.stamps[0]), float(poses.stamps[-1]))
-    return match_nearest(
-        cubes.stamps, lidar.stamps, tolerance_s=spec.tolerance_s, span=span
-    )
+    return match_nearest(stamps, lidar_stamps, tolerance_s=spec.tolerance_s, span=span)
 
 
 def prepare_frame(
@@ -145,11 +140,8 @@ def prepare_frame(
     Also returns the steps of the LiDAR's preparation and the radar points that the
     visibility filter trusted. Raises ValueError without LiDAR or time stamps.
     """
-    cubes, lidar = recording.cubes, recording.lidar
-    if lidar is None or lidar.stamps is None or cubes.stamps is None:
-        raise ValueError(f"{recording.path} lacks a LiDAR or the times of its sensors")
-    stamp = float(cubes.stamps[radar_index])
-    lidar_stamp = float(lidar.stamps[lidar_index])
+    stamps, lidar, lidar_stamps = _timed(recording)
+    stamp, lidar_stamp = float(stamps[radar_index]), float(lidar_stamps[lidar_index])
     cells, cloud, trusted = radar_side(
         calibrated_cube(recording, radar_index),
         recording.radar,
@@ -178,6 +170,18 @@ def prepare_frame(
         range_bias_m=recording.range_bias_m,
     )
     return frame, steps, trusted_xyz
+
+
+def _timed(recording: Recording) -> tuple[np.ndarray, Stream, np.ndarray]:
+    """The radar's time stamps, the LiDAR's scans and their time stamps."""
+    lidar, cubes = recording.lidar, recording.cubes
+    if lidar is None or lidar.stamps is None or cubes.stamps is None:
+        lacks = "no LiDAR" if lidar is None else "no time stamps"
+        raise ValueError(
+            f"{recording.path} has {lacks}: training pairs need both sensors and their "
+            "times; describe the recording in a capture.toml"
+        )
+    return cubes.stamps, lidar, lidar.stamps
 
 
 def sensor_poses(

@@ -1,8 +1,9 @@
 """Prepared frames to batches of images, each a pure function of (seed, step).
 
-Images are made on reading, so that one preparation serves every size of image and every
-number of slices. `source` is anything with `len` and `source[i]` that gives prepared
-frames: `Records`, or a list of them held in memory.
+    Records --PairSource--> Pair --Batches--> stacked pairs of a step
+
+Images are computed on reading, so one preparation serves every size of image and every
+number of slices.
 """
 
 import concurrent.futures
@@ -16,19 +17,19 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.data.records import EXTRA, PreparedFrame
-from jradar.range_image import CHANNELS, ImageSpec, condition_image, project
+from jradar.range_image import ImageSpec, condition_image, project
 from jradar.types import PointCloud
 
 
 class Pair(NamedTuple):
-    """What goes into the network and what should come out; batches stack them."""
+    """The network's input and the range image that it should return."""
 
     condition: Float[np.ndarray, "*batch row column channel"]
     lidar: Float[np.ndarray, "*batch lidar_row lidar_column"]  # metres, 0 for a miss
 
 
 class PairSource(Sequence):
-    """Images of the frames in `source`, made when asked for."""
+    """The pairs of prepared frames, computed on reading."""
 
     def __init__(
         self,
@@ -37,19 +38,21 @@ class PairSource(Sequence):
         fine: ImageSpec,
         *,
         num_slices: int,
-        channels: tuple[str, ...] = CHANNELS,
     ):
-        """`coarse` is the view of the condition, `fine` that of the LiDAR."""
+        """`source` is `Records` or a list of frames.
+
+        `coarse` is the grid of the condition, `fine` the grid of the LiDAR image.
+        """
         self._source = source
         self._images = functools.partial(
-            _images, coarse=coarse, fine=fine, num_slices=num_slices, channels=channels
+            _images, coarse=coarse, fine=fine, num_slices=num_slices
         )
 
     def __len__(self) -> int:
         return len(self._source)
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Pair `index`."""
+        """Return pair `index`, or a list of pairs."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         frame = self._source[index]
@@ -58,9 +61,9 @@ class PairSource(Sequence):
 
 
 def mirrored(pair: Pair, random: np.random.Generator) -> Pair:
-    """The pair or, as often, its mirror image: a radar knows no left and right.
+    """Return the pair, mirrored left to right with probability 0.5.
 
-    For images that see as far to one side as to the other.
+    Only for images whose view is as wide to the left as to the right.
     """
     if random.random() < 0.5:
         return pair
@@ -70,13 +73,13 @@ def mirrored(pair: Pair, random: np.random.Generator) -> Pair:
 def lidar_image(
     xyz: Float[np.ndarray, "point 3"], spec: ImageSpec
 ) -> Float[np.ndarray, "row column"]:
-    """Range image of a LiDAR cloud of any size, on the host; 0 where no point fell."""
+    """Project a LiDAR cloud of any size, on the host; pixels without points are 0."""
     padded, count = _padded(xyz)
     return np.asarray(_lidar_image(padded, count, spec))
 
 
 def _padded(xyz):
-    """Points padded to the next power of two, so that few sizes are compiled."""
+    """The points, padded to a power of two, and their number: few sizes compile."""
     size = max(1024, 1 << max(len(xyz) - 1, 0).bit_length())
     padded = np.zeros((size, 3), np.float32)
     padded[: len(xyz)] = xyz
@@ -89,20 +92,18 @@ def _lidar_image(padded, count, spec):
     return project(PointCloud(padded, jnp.arange(len(padded)) < count), spec)
 
 
-@functools.partial(
-    jax.jit, static_argnames=("coarse", "fine", "num_slices", "channels")
-)
-def _images(radar, padded, count, *, coarse, fine, num_slices, channels):
+@functools.partial(jax.jit, static_argnames=("coarse", "fine", "num_slices"))
+def _images(radar, padded, count, *, coarse, fine, num_slices):
     """Condition and LiDAR image of a frame in one call."""
-    condition = condition_image(radar, coarse, num_slices=num_slices, channels=channels)
+    condition = condition_image(radar, coarse, num_slices=num_slices)
     return condition, _lidar_image(padded, count, fine)
 
 
 class Batches(Sequence):
-    """Batch `step` of a shuffled, endlessly repeated source; reads ahead.
+    """Batches of a shuffled source by step; later batches are read ahead in threads.
 
-    Grain shuffles every epoch anew. Each of `num_processes` processes gets its own part
-    of the same global batch, so that a run goes on exactly with another number of them.
+    The source is repeated without end and shuffled anew in every epoch. The same seed
+    gives the same batches.
     """
 
     def __init__(
@@ -111,32 +112,23 @@ class Batches(Sequence):
         *,
         seed: int,
         batch_size: int,
-        process_index: int = 0,
-        num_processes: int = 1,
         prefetch: int = 2,
         change: Callable[[Any, np.random.Generator], Any] | None = None,
     ):
-        """`batch_size` counts the items of all processes together.
+        """`change` alters each drawn item at random, as `mirrored` does.
 
-        `change` alters items by chance, as `mirrored` does: anew whenever one is drawn,
-        and always alike for the same seed.
+        Its random numbers depend on the seed and the item's place only. Raises
+        ValueError for an empty source.
         """
         if not len(source):
             raise ValueError("no frames to draw batches from")
-        if batch_size % num_processes or not 0 <= process_index < num_processes:
-            raise ValueError(
-                f"{batch_size=} for process {process_index} of {num_processes}: "
-                "expected a multiple of the number of processes"
-            )
         try:
             import grain
         except ImportError as error:
             raise ImportError(EXTRA) from error
         items = grain.MapDataset.source(source).seed(seed).shuffle().repeat()
         self._items = items if change is None else items.random_map(change)
-        self._batch_size, self._part = batch_size, batch_size // num_processes
-        self._first = process_index * self._part
-        self._prefetch = prefetch
+        self._batch_size, self._prefetch = batch_size, prefetch
         self._pool = concurrent.futures.ThreadPoolExecutor(max(prefetch, 1))
         self._pending: dict[int, concurrent.futures.Future] = {}
 
@@ -144,7 +136,7 @@ class Batches(Sequence):
         return len(self._items) // self._batch_size
 
     def __getitem__(self, step: int | slice) -> Any:
-        """The part of batch `step` that is this process's, stacked."""
+        """Return the stacked items of batch `step`, or a list of batches."""
         if isinstance(step, slice):
             return [self[i] for i in range(*step.indices(len(self)))]
         wanted = range(step, step + 1 + self._prefetch)
@@ -154,7 +146,7 @@ class Batches(Sequence):
         return self._pending.pop(step).result()
 
     def _load(self, step):
-        """Items of a step, stacked leaf by leaf."""
-        first = step * self._batch_size + self._first
-        items = [self._items[first + k] for k in range(self._part)]
+        """The items of a step, stacked leaf by leaf."""
+        first = step * self._batch_size
+        items = [self._items[first + k] for k in range(self._batch_size)]
         return jax.tree.map(lambda *leaves: np.stack(leaves), *items)

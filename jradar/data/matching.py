@@ -1,11 +1,11 @@
-"""Radar frames and LiDAR scans that belong together in time (section V-A)."""
+"""Match radar frames and LiDAR scans by their time stamps (section V-A)."""
 
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-MAX_DROPPED = 0.5  # of the radar frames: more than that is no recording to learn from
+MAX_DROPPED = 0.5  # largest fraction of radar frames that may be dropped
 
 
 class Matches(NamedTuple):
@@ -23,11 +23,12 @@ def match_nearest(
     tolerance_s: float = 0.05,
     span: tuple[float, float] = (-np.inf, np.inf),
 ) -> Matches:
-    """The nearest LiDAR scan of each radar frame, each scan used once, on the host.
+    """Match each radar frame with the nearest LiDAR scan, on the host.
 
-    Pairs are given away from the closest to the farthest within `tolerance_s`. Radar
-    frames outside `span` (seconds; the trajectory's) are dropped. Stamps may come in
-    any order. Raises ValueError for stamps that are not finite.
+    A scan is used once: the closest pairs are matched first. Frames without a scan
+    within `tolerance_s` and frames outside `span` (start and end of the trajectory in
+    seconds) are dropped. Stamps may be in any order. Raises ValueError for stamps that
+    are not finite.
     """
     radar, lidar = np.asarray(radar_stamps, float), np.asarray(lidar_stamps, float)
     for name, stamps in (("radar", radar), ("LiDAR", lidar)):
@@ -57,7 +58,7 @@ def match_nearest(
     for i in range(len(radar)):
         if i not in partner and i not in dropped:
             dropped[i] = (
-                "its LiDAR scan belongs to a closer radar frame"
+                "its LiDAR scan is closer to another radar frame"
                 if i in near
                 else f"no LiDAR scan within {1e3 * tolerance_s:g} ms"
             )
@@ -67,11 +68,11 @@ def match_nearest(
 
 
 def check_dropped(name: str, num_frames: int, dropped: dict[int, str]) -> None:
-    """Raise ValueError, with the reasons, where over half of the frames is lost."""
+    """Raise ValueError with the reasons if more than half of the frames are dropped."""
     if len(dropped) > MAX_DROPPED * num_frames:
         reasons = list(dropped.values())
         counts = ", ".join(f"{reasons.count(r)} {r}" for r in dict.fromkeys(reasons))
         raise ValueError(
-            f"{name}: {len(dropped)} of {num_frames} radar frames have to be dropped "
-            f"({counts}); expected at most half: do the two clocks agree?"
+            f"{name}: {len(dropped)} of {num_frames} radar frames are dropped "
+            f"({counts}), expected at most half: do the two clocks agree?"
         )

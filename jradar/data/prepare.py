@@ -1,10 +1,10 @@
-"""Recordings to prepared frames: matching, radar points, what of the LiDAR is visible.
+"""Recordings to a folder of prepared frames, on one or many processes.
 
-The work is cut into blocks of a sequence's matched frames; each becomes one shard, is
-written in one step and described beside it, so that a preparation that was stopped goes
-on where it stood, and any number of workers writes the same bytes. One worker runs in
-this process; several run in Dask's local cluster, or in the cluster at `scheduler`,
-whose machines must see the same files.
+The matched frames of a sequence are divided into blocks. Each block becomes one shard,
+which is written atomically together with its description. Therefore a preparation that
+was stopped resumes after its last complete shard, and any number of workers writes the
+same bytes. One worker runs in this process; several run in a local Dask cluster, or in
+the cluster at `scheduler`, whose machines must see the same files.
 """
 
 import contextlib
@@ -31,13 +31,14 @@ from jradar.data.records import (
     write_shard,
 )
 from jradar.data.sources import Source, find_sources
+from jradar.errors import UsageError
 from jradar.files import lock_folder, write_text
 from jradar.progress import progress
 from jradar.recordings.recording import Recording
 
 
 class Job(NamedTuple):
-    """One shard to write."""
+    """A shard to write, and the matched frames that it will contain."""
 
     source: Source
     matches: Matches
@@ -58,18 +59,19 @@ def prepare(
 ) -> dict[str, Any]:
     """Prepare all recordings at `path` into `folder`; returns the manifest.
 
-    `frames` are taken of each sequence; `opening` goes to `open_recording`. With
-    `keep_going`, frames that cannot be read are dropped and counted; otherwise the
-    first raises its ValueError. So does a folder that was prepared with other options,
-    and a sequence that loses more than half of its frames. A script that asks for
-    several workers needs `if __name__ == "__main__"` around the call.
+    `frames` selects frames of each sequence, and `opening` are keyword arguments of
+    `open_recording`. With `keep_going`, frames that cannot be read are dropped and
+    counted. A script with several workers needs `if __name__ == "__main__"` around the
+    call. Raises UsageError for a folder with other contents or of another preparation;
+    ValueError for a frame that cannot be read (without `keep_going`), and for a
+    sequence of which more than half of the frames are dropped.
     """
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)
     with lock_folder(folder):
         head = _head(sources, spec, frames)
         _check_options(folder, head)
-        for scratch in folder.glob("*/.*-*"):  # of a killed run: the folder is ours
+        for scratch in folder.glob("*/.*-*"):  # left by a killed run
             shutil.rmtree(scratch)
         write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
         jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
@@ -92,7 +94,7 @@ def prepare(
 
 
 def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, Any]:
-    """Write the shard of a job, unless it stands; returns its description."""
+    """Write the shard of a job if it is missing, and return its description."""
     path = Path(job.path)
     if (found := finished_shard(path, job.about)) is not None:
         return found
@@ -115,18 +117,18 @@ def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, An
 
 @functools.lru_cache(maxsize=4)
 def _opened(source: Source) -> Recording:
-    """A source, opened once in each process."""
+    """The recording of a source, opened once per process."""
     return source.open()
 
 
 def _head(sources, spec, frames):
-    """The manifest before any frame: what decides the shards' bytes."""
+    """The manifest's part that determines the bytes of the shards."""
     radars = {source.open().radar for source in sources}
     if len(radars) > 1:
         names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
         raise ValueError(
             f"the sequences were recorded with {len(radars)} radars ({', '.join(names)}"
-            "), expected one: prepare them apart"
+            "), expected one: prepare them into different folders"
         )
     return {
         "format": FORMAT,
@@ -140,17 +142,17 @@ def _head(sources, spec, frames):
 
 
 def _check_options(folder, head):
-    """Refuse a folder that was prepared with other options or from other sources."""
+    """Raise UsageError for a folder of other options, sources or contents."""
     if not (folder / "manifest.json").exists():
         if any(entry.name != ".lock" for entry in folder.iterdir()):
-            raise ValueError(
-                f"{folder} is neither empty nor a preparation: choose another -o"
+            raise UsageError(
+                f"{folder} is neither empty nor a folder of records: choose another -o"
             )
         return
     found, wanted = read_json(folder / "manifest.json"), json.loads(json.dumps(head))
     for key in ("radar", "options", "frames", "names"):
         if found.get(key) != wanted[key]:
-            raise ValueError(
+            raise UsageError(
                 f"{folder} was prepared with other {key}: "
                 f"{_difference(found, wanted, key)}; choose another -o"
             )
@@ -164,12 +166,12 @@ def _difference(found, wanted, key):
         return f"{field} was {old.get(field)}, now {new.get(field)}"
     if key == "names":
         gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
-        return f"{len(gone)} are gone {gone[:3]}, {len(added)} were added {added[:3]}"
+        return f"{len(gone)} removed {gone[:3]}, {len(added)} added {added[:3]}"
     return f"{old}, now {new}"
 
 
 def _jobs(source, folder, spec, frames):
-    """The shards of a source: blocks of its matched frames."""
+    """The jobs of a source, one for each block of matched frames."""
     recording = _opened(source)
     matches = _chosen(recording, spec, frames)
     digest = hashlib.sha256(
@@ -188,7 +190,7 @@ def _jobs(source, folder, spec, frames):
 
 
 def _chosen(recording, spec, frames):
-    """Matches of the frames that were asked for; too many dropped is an error."""
+    """The matches among the selected frames; ValueError if too many are dropped."""
     matches = matches_of(recording, spec)
     wanted = range(*frames.indices(len(recording.cubes)))
     dropped = {i: why for i, why in matches.dropped.items() if i in wanted}
@@ -198,7 +200,7 @@ def _chosen(recording, spec, frames):
 
 
 def _summary(source, jobs, descriptions, spec, frames):
-    """A sequence's entry in the manifest; too many dropped or failed is an error."""
+    """A sequence's entry in the manifest; ValueError if too many frames are lost."""
     recording = _opened(source)
     shards = [descriptions[job.path] for job in jobs if job.source == source]
     dropped = dict(_chosen(recording, spec, frames).dropped)
@@ -219,7 +221,7 @@ def _summary(source, jobs, descriptions, spec, frames):
 
 
 def _run(jobs, spec, keep_going, workers, scheduler):
-    """Jobs with their descriptions, as they are finished."""
+    """Yield each finished job with the description of its shard."""
     if scheduler is None and workers == 1:
         for job in jobs:
             yield job, prepare_block(job, spec, keep_going)
@@ -237,18 +239,16 @@ def _run(jobs, spec, keep_going, workers, scheduler):
 
 @contextlib.contextmanager
 def _cluster(workers, scheduler):
-    """A client of the scheduler, or of a cluster of processes on this machine."""
+    """Yield a client of the scheduler, or of a new cluster on this machine."""
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise ImportError(
-            "more than one worker needs: pip install 'jradar[data]'"
-        ) from error
+        raise ImportError("several workers need: pip install 'jradar[data]'") from error
     if scheduler is not None:
         with Client(scheduler, timeout=10) as client:
             yield client
         return
-    # Read from files by workers that share the machine: no dashboard, local sockets.
+    # Workers read files of this machine: they need no dashboard and only local sockets.
     local = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,

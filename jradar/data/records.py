@@ -1,13 +1,12 @@
 """Prepared frames on disk: ArrayRecord shards of safetensors bytes, and a manifest.
 
-    DST/manifest.json                      what was prepared, from what, how; digests
-    DST/<sequence>/0000.array_record       frames of a sequence, in blocks
-    DST/<sequence>/0000.json               how many, from which radar frames; digest
+    DST/manifest.json                      sources, options, sequences and digests
+    DST/<sequence>/0000.array_record       a block of the sequence's frames
+    DST/<sequence>/0000.json               numbers of its radar frames, and its digest
 
-A record holds what the sensors saw after preprocessing, not images: those are made on
-reading (`pairs`), for whatever view, size and number of slices an experiment names.
-Records are read at random; each is checked by ArrayRecord when it is read, and the
-whole by `verify`.
+A record contains preprocessed radar cells and points, not images: `PairSource` computes
+images on reading, for any view, size and number of slices. Records are read in any
+order. ArrayRecord checks each record when it is read; `Records.verify` checks all.
 """
 
 import hashlib
@@ -25,27 +24,27 @@ from jradar.radar import Cells, RadarSpec
 from jradar.types import PointCloud
 
 FORMAT = 1
-OPTIONS = "group_size:1,zstd:1"  # one record a group: the default makes shuffling slow
+OPTIONS = "group_size:1,zstd:1"  # one record per group: larger groups shuffle slowly
 MAX_JSON_BYTES = 64 << 20
 EXTRA = "reading and writing records needs: pip install 'jradar[data]'"
 
 
 class PreparedFrame(NamedTuple):
-    """One radar frame and the LiDAR scan that belongs to it, as NumPy arrays."""
+    """One radar frame and its LiDAR scan, as NumPy arrays."""
 
     sequence: str
-    frame: int  # of the sequence's radar, from 0
-    stamp: float  # seconds, of the radar
+    frame: int  # number of the radar frame in the sequence, from 0
+    stamp: float  # time of the radar frame in seconds
     lidar_stamp: float
-    world_from_radar: Float[np.ndarray, "4 4"]  # NaN where no trajectory is known
-    cells: Cells  # of the whole range-Doppler map
-    radar: PointCloud  # of the condition
+    world_from_radar: Float[np.ndarray, "4 4"]  # NaN without a trajectory
+    cells: Cells  # the whole range-Doppler map
+    radar: PointCloud  # the condition's points
     lidar_xyz: Float[np.ndarray, "point 3"]  # preprocessed, in the radar's frame
-    range_bias_m: float = 0.0  # by how much the cells' ranges are too long
+    range_bias_m: float = 0.0  # to subtract from the cells' ranges
 
 
 def to_bytes(frame: PreparedFrame) -> bytes:
-    """A frame as safetensors; angles of cells as float16, all else as it is."""
+    """Return a frame as safetensors bytes; the angles of cells become float16."""
     arrays = {
         "sequence": np.frombuffer(frame.sequence.encode(), np.uint8),
         "frame": np.array(frame.frame, np.int64),
@@ -65,7 +64,7 @@ def to_bytes(frame: PreparedFrame) -> bytes:
 
 
 def from_bytes(record: bytes) -> PreparedFrame:
-    """The frame of `to_bytes`; ValueError for bytes that are none."""
+    """Return the frame of `to_bytes`; raises ValueError for other bytes."""
     try:
         arrays: dict[str, Any] = safetensors.numpy.load(record)
         stamp, lidar_stamp = arrays["stamps"].tolist()
@@ -85,7 +84,7 @@ def from_bytes(record: bytes) -> PreparedFrame:
             range_bias_m=float(arrays.get("range_bias_m", 0.0)),
         )
     except (safetensors.SafetensorError, KeyError, UnicodeDecodeError) as error:
-        raise ValueError(f"a record is not a prepared frame: {error}") from error
+        raise ValueError(f"the record is not a prepared frame: {error}") from error
 
 
 def write_shard(
@@ -94,9 +93,9 @@ def write_shard(
     about: dict[str, Any],
     failed: dict[str, str],
 ) -> dict[str, Any]:
-    """Write one shard, then its description `about` with count, size and digest.
+    """Write one shard and its description: `about`, frame numbers, size and digest.
 
-    `failed` holds the frames that could not be prepared, once `frames` has run out.
+    `failed` may be filled while `frames` is consumed: {frame: error}.
     """
     module = _array_record()
     numbers = []
@@ -121,7 +120,10 @@ def write_shard(
 
 
 def finished_shard(path: Path, about: dict[str, Any]) -> dict[str, Any] | None:
-    """The description of a shard that stands whole at `path`, made from `about`."""
+    """Return the description of a complete shard that was written for `about`.
+
+    None if the shard is missing, damaged or was written for something else.
+    """
     try:
         description = read_json(path.with_suffix(".json"))
         content = path.read_bytes()
@@ -133,7 +135,7 @@ def finished_shard(path: Path, about: dict[str, Any]) -> dict[str, Any] | None:
 
 
 def read_json(path: Path | str) -> dict[str, Any]:
-    """A JSON object of bounded size."""
+    """Return the JSON object in a file; raises ValueError for anything else."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such file: {path}")
@@ -144,15 +146,19 @@ def read_json(path: Path | str) -> dict[str, Any]:
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{path} is not valid JSON: {error}") from error
     if not isinstance(values, dict):
-        raise ValueError(f"{path} holds a {type(values).__name__}, expected an object")
+        raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
     return values
 
 
 class Records(Sequence):
-    """Prepared frames by index, read when asked for; opening reads the manifest."""
+    """The prepared frames of a folder by index; each is read on access."""
 
     def __init__(self, folder: Path | str, split: str | None = None):
-        """Frames of all sequences, or of those of one `split`."""
+        """Open all sequences, or the sequences of one `split`, by the manifest.
+
+        Raises ValueError for a folder that is damaged, not complete or without frames
+        of the split.
+        """
         self.folder = Path(folder)
         self.manifest = read_json(self.folder / "manifest.json")
         if self.manifest.get("format") != FORMAT:
@@ -162,7 +168,7 @@ class Records(Sequence):
             )
         if not self.manifest.get("complete"):
             raise ValueError(
-                f"{folder} is not complete: start the same `jradar prepare` again"
+                f"{folder} is not complete: run the same `jradar prepare` again"
             )
         self.radar = RadarSpec.from_dict(_tuples(self.manifest["radar"]))
         splits = [s["split"] for s in self.manifest["sequences"]]
@@ -173,7 +179,8 @@ class Records(Sequence):
         ]
         if not self.sequences:
             raise ValueError(
-                f"{folder} has no sequences for {split=}, only {sorted({*splits})}"
+                f"{folder} has no sequences of {split=}, expected one of "
+                f"{sorted({*splits})}"
             )
         shards = [shard for s in self.sequences for shard in s["shards"]]
         self.where = [
@@ -190,21 +197,21 @@ class Records(Sequence):
             size = _size(self.folder / shard["file"])
             if size != shard["bytes"]:
                 raise ValueError(
-                    f"{self.folder / shard['file']} holds {size:,} bytes, the manifest "
-                    f"says {shard['bytes']:,}: truncated or replaced?"
+                    f"{self.folder / shard['file']} holds {size:,} bytes, expected "
+                    f"{shard['bytes']:,} as in the manifest: truncated or replaced?"
                 )
         try:
             self._source = grain.sources.ArrayRecordDataSource(
                 [str(self.folder / shard["file"]) for shard in shards]
             )
         except RuntimeError as error:
-            raise ValueError(f"{folder} holds a damaged shard: {error}") from error
+            raise ValueError(f"{folder} contains a damaged shard: {error}") from error
 
     def __len__(self) -> int:
         return len(self.where)
 
     def __getitem__(self, index: int | slice) -> Any:
-        """Frame `index`; ValueError where its bytes are damaged."""
+        """Return frame `index`; raises ValueError if its bytes are damaged."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
@@ -219,12 +226,12 @@ class Records(Sequence):
 
     @property
     def digest(self) -> str:
-        """SHA-256 over the shards' digests: what a run was trained on."""
+        """SHA-256 of the shards' digests, which identifies a training set."""
         shards = (shard["sha256"] for s in self.sequences for shard in s["shards"])
         return hashlib.sha256("".join(shards).encode()).hexdigest()
 
     def verify(self) -> None:
-        """Read every shard; ValueError for the first that differs from its digest."""
+        """Read every shard; raises ValueError for one that differs from its digest."""
         for sequence in self.sequences:
             for shard in sequence["shards"]:
                 path = self.folder / shard["file"]
@@ -233,7 +240,7 @@ class Records(Sequence):
 
 
 def _array_record():
-    """The module that writes ArrayRecord files."""
+    """Import the module that writes ArrayRecord files."""
     try:
         from array_record.python import array_record_module  # type: ignore
     except ImportError as error:
@@ -242,12 +249,12 @@ def _array_record():
 
 
 def _size(path):
-    """Bytes of a file, 0 if there is none."""
+    """Size of a file in bytes, 0 if it is missing."""
     return path.stat().st_size if path.is_file() else 0
 
 
 def _tuples(value: Any) -> Any:
-    """Lists of JSON as tuples."""
+    """The JSON value with tuples in place of lists."""
     if isinstance(value, list):
         return tuple(map(_tuples, value))
     if isinstance(value, dict):

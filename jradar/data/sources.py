@@ -1,4 +1,4 @@
-"""What a path holds for preparation: one recording, or a folder of sequences."""
+"""Find the recordings at a path: one recording, or a folder of recordings."""
 
 import dataclasses
 import json
@@ -8,8 +8,7 @@ from typing import Any
 
 from jradar.data.coloradar_splits import paper_split
 from jradar.data.records import read_json
-from jradar.recordings.coloradar import is_coloradar
-from jradar.recordings.cubes import open_recording
+from jradar.recordings.open import is_recording, open_recording
 from jradar.recordings.recording import Recording
 
 SPLITS = ("train", "validation", "test")
@@ -17,38 +16,39 @@ SPLITS = ("train", "validation", "test")
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """A recording that can be opened in any process that sees its files."""
+    """Name, split and path of a recording; any process can open it."""
 
     name: str
     split: str  # "train", "validation" or "test"
     path: str
-    opening: tuple[tuple[str, Any], ...] = ()  # options of `open_recording`
+    opening: tuple[tuple[str, Any], ...] = ()  # keyword arguments of `open_recording`
 
     def open(self) -> Recording:
-        """The recording, whose frames are read when asked for."""
+        """Open the recording; its frames are read on access."""
         return open_recording(self.path, **dict(self.opening))
 
 
 def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
-    """The recording at `path`, or all ColoRadar sequences below it, by name.
+    """Return the recording at `path`, or all recordings in this folder, by name.
 
-    A sequence's split is that of a `splits.json` at `path` (name: split), else the
-    paper's where the name is one of ColoRadar's, else "train". Raises ValueError where
-    two sequences have the same name.
+    `opening` are keyword arguments of `open_recording`. The split of a sequence comes
+    from `splits.json` at `path` ({name: split}), then from the paper's split for names
+    of ColoRadar, and is "train" otherwise. Raises ValueError for two sequences of the
+    same name and for a `splits.json` with other splits.
     """
     path = Path(path).absolute()
     options = tuple((k, v) for k, v in sorted(opening.items()) if v is not None)
     found = [path]
-    if path.is_dir() and not is_coloradar(path):
+    if path.is_dir() and not is_recording(path):
         inside = (p for pattern in ("*", "*/*") for p in path.glob(pattern))
         shown = (p for p in inside if not _hidden(p.relative_to(path)))
-        found = sorted(p for p in shown if p.is_dir() and is_coloradar(p)) or [path]
+        found = sorted(p for p in shown if p.is_dir() and is_recording(p)) or [path]
     splits = _splits(path / "splits.json" if path.is_dir() else None)
     names = [p.name if p.is_dir() else p.stem for p in found]
     if twice := {name for name in names if names.count(name) > 1}:
         raise ValueError(
-            f"{path} holds more than one sequence named {sorted(twice)[0]}: prepare "
-            "them apart"
+            f"{path} contains more than one sequence named {sorted(twice)[0]}: prepare "
+            "them into different folders"
         )
     return tuple(
         Source(name, _split(name, splits), str(p), options)
@@ -57,12 +57,12 @@ def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
 
 
 def _hidden(path: Path) -> bool:
-    """Whether a path leads through a hidden folder: of a run that was killed, say."""
+    """Whether a part of the path is hidden, as folders of killed runs are."""
     return any(part.startswith(".") for part in path.parts)
 
 
 def _splits(path: Path | None) -> Mapping[str, str]:
-    """The names and splits of a `splits.json`, empty where there is none."""
+    """The names and splits in a `splits.json`; empty if the file is missing."""
     if path is None or not path.is_file():
         return {}
     splits = read_json(path)
@@ -75,7 +75,7 @@ def _splits(path: Path | None) -> Mapping[str, str]:
 
 
 def _split(name: str, splits: Mapping[str, str]) -> str:
-    """The split of a sequence by its name."""
+    """The split of a sequence, by its name."""
     if name in splits:
         return splits[name]
     try:

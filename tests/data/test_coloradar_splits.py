@@ -45,6 +45,6 @@ def test_split_and_scene_of_a_name(name, split, where):
 )
 def test_names_of_no_sequence_are_refused(name):
     with pytest.raises(
-        ValueError, match="is no sequence of ColoRadar, expected a name"
+        ValueError, match="is not a sequence of ColoRadar, expected a name"
     ):
         paper_split(name)
