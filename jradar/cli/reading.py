@@ -3,7 +3,8 @@
 import argparse
 from typing import Any
 
-import jax
+import numpy as np
+from jaxtyping import Array, Complex
 
 from jradar.errors import UsageError
 from jradar.radar import PointSpec, radar_points, strongest_echoes
@@ -42,7 +43,9 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
 
 
 def frame_points(
-    cube: jax.Array, recording: Recording, points: PointSpec
+    cube: Complex[Array | np.ndarray, "tx rx chirp sample"],
+    recording: Recording,
+    points: PointSpec,
 ) -> PointCloud:
     """Return the radar points of a frame; windows and angle bins are fitted to it."""
     return radar_points(

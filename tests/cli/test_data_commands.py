@@ -37,7 +37,7 @@ def test_an_unknown_field_of_the_spec_names_the_nearest(root, tmp_path, capsys):
     spec = tmp_path / "spec.toml"
     spec.write_text("[lidar]\nmax_range = 7.0\n")
     command = ["prepare", str(root), "-o", str(tmp_path / "dst"), "--spec", str(spec)]
-    assert main(command) == 4
+    assert main(command) == 2
     assert "'max_range', expected max_range_m" in capsys.readouterr().err
 
 
