@@ -1,8 +1,8 @@
-"""How long do detectors take, beside SciPy, NumPy, PyTorch and OpenRadar?
+"""How fast are the CFAR detectors, compared with SciPy, NumPy, PyTorch and OpenRadar?
 
-A peer's result must be ours before it is timed. Peers wrap around the range axis where
-our windows end, so results are compared away from its ends. OpenRadar's ordered
-statistic is right without guard cells only, and is compared without.
+Before a peer is timed, its result must equal ours. Peers wrap around the range axis,
+where our windows end, so results are compared away from its ends. OpenRadar's ordered
+statistic is only correct without guard cells.
 """
 
 from collections.abc import Iterator
@@ -28,11 +28,11 @@ LINE = {"guard": (0, 4), "train": (0, 8)}
 UNGUARDED = {"guard": (0, 0), "train": (0, 8)}
 SMALL = {"guard": (1, 1), "train": (3, 3)}
 LARGE = {"guard": (1, 1), "train": (7, 7)}
-MARGIN = 12  # of range bins whose windows pass an end
+MARGIN = 12  # range bins at either end that are not compared
 
 
 def cases() -> Iterator[Case]:
-    """Masks and floors on a single-chip map."""
+    """Yield masks and noise floors on a single-chip map."""
     power = np.random.default_rng(0).exponential(size=(128, 128)).astype(np.float32)
     for name in MEAN_DETECTORS:
         yield _mean_on_line(power, name)
@@ -54,7 +54,7 @@ def _same_inside(ours, peer):
 
 
 def _mean_on_line(power, name):
-    """Mask along range, 8 cells and 4 guard cells on a side."""
+    """Masks along range, with 8 training and 4 guard cells on a side."""
     on_device = jnp.asarray(power)
     alpha = false_alarm_multiplier(name.lower(), RATE, (8, 8))
 
@@ -102,7 +102,7 @@ def _mean_on_line(power, name):
 
 
 def _mean_in_square(power, name):
-    """Mask of 17 x 17 cells less 3 x 3, whole or in halves, by running means."""
+    """Masks from running means of 17 x 17 cells without the inner 3 x 3."""
     on_device = jnp.asarray(power)
     alpha = false_alarm_multiplier(name.lower(), RATE, (140, 140))
 
@@ -112,7 +112,7 @@ def _mean_in_square(power, name):
         return power > alpha / 280 * (outer - inner)
 
     def halves():
-        # A half: the window's columns on one side of the cell, and half of its own.
+        # A half: the columns on one side of the cell, and half of the cell's column.
         outer = ndimage.uniform_filter(power, (17, 8), mode="wrap") * 136
         inner = ndimage.uniform_filter1d(power, 3, axis=0, mode="wrap") * 3
         own = ndimage.uniform_filter1d(power, 7, axis=0, mode="wrap") * 7
@@ -158,7 +158,7 @@ def _mean_in_square(power, name):
 
 
 def footprint(guard, train):
-    """Training cells as a footprint of ndimage."""
+    """Return the training cells as a footprint for SciPy's ndimage."""
     cells = np.ones([2 * (g + t) + 1 for g, t in zip(guard, train, strict=True)], bool)
     hole = [slice(t, t + 2 * g + 1) for g, t in zip(guard, train, strict=True)]
     cells[tuple(hole)] = False
@@ -166,7 +166,7 @@ def footprint(guard, train):
 
 
 def _ordered(power, name, options):
-    """Mask and floor of the ordered statistic, by selecting among gathered cells."""
+    """Mask and floor of the ordered statistic; peers select among gathered cells."""
     on_device = jnp.asarray(power)
     cells = footprint(**options)
     k = int(np.ceil(0.75 * cells.sum()))
@@ -217,7 +217,7 @@ def _ordered(power, name, options):
 
 
 def _partition_peer(power, cells, k):
-    """The k-th smallest training cell by gathering windows and partitioning them."""
+    """The k-th smallest training cell by partitioning gathered windows."""
     half = [n // 2 for n in cells.shape]
     padding = [(n, n) for n in half]
 
@@ -230,7 +230,7 @@ def _partition_peer(power, cells, k):
 
 
 def _openradar_ordered(power):
-    """Mask of the ordered statistic, profile by profile in OpenRadar."""
+    """Mask of the ordered statistic; OpenRadar computes profile by profile."""
     on_device = jnp.asarray(power)
     alpha = false_alarm_multiplier("os", RATE, 16, rank=12)
 

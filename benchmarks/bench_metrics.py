@@ -1,8 +1,9 @@
-"""How long do nearest neighbours take both ways, beside SciPy's tree?
+"""How fast are nearest neighbours both ways, compared with SciPy's tree?
 
-The peer builds a tree of each cloud and queries it with the other. "cube" fills a
-volume, the hardest case for the boxes; "room" lies on six walls with 2 cm of noise, as
-a LiDAR's points do. One in ten points is invalid padding; the peer gets the rest.
+The peer builds a tree of each cloud and queries it with the other cloud. "cube" fills a
+volume, the hardest case for the boxes; "room" lies on six walls with 2 cm of noise,
+like the points of a LiDAR. One point in ten is invalid padding, which the peer does
+not get.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from jradar.types import PointCloud
 
 
 def cases() -> Iterator[Case]:
-    """Both ways by shape and size; all metrics, and a gradient."""
+    """Yield nearest neighbours by shape and size, all metrics, and a gradient."""
     for shape in (cube, room):
         for num in (1000, 10_000, 65_536):
             yield nearest_case(shape, num)
@@ -59,7 +60,7 @@ def cube(rng, num):
 
 
 def room(rng, num):
-    """Points on the walls, floor and ceiling of a room, 2 cm apart from them."""
+    """Points on the walls, floor and ceiling of a room, with 2 cm of noise."""
     size = np.array([10.0, 6.0, 2.0])
     xyz = rng.uniform(-1, 1, (num, 3)) * size
     axis, side = rng.integers(0, 3, num), rng.choice((-1, 1), num)

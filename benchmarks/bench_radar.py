@@ -1,6 +1,7 @@
-"""How long do spectra, angles and a frame take, beside SciPy, NumPy and PyTorch?
+"""How fast are spectra, angles and a frame, compared with SciPy, NumPy and PyTorch?
 
-OpenRadar stands beside the spectra. A peer's result must be ours before it is timed.
+Spectra are also compared with OpenRadar. Before a peer is timed, its result must equal
+ours.
 """
 
 from collections.abc import Iterator
@@ -27,7 +28,7 @@ from jradar.radar import (
 
 
 def cases() -> Iterator[Case]:
-    """Spectra at both radars' sizes, angles, a whole single-chip frame."""
+    """Yield spectra and angles of both radars, and a whole single-chip frame."""
     for radar in (RadarSpec.awr1843(), RadarSpec.cascade()):
         yield from _spectra(radar)
     yield _angles(RadarSpec.awr1843(), 1024, 64, 32)
@@ -42,13 +43,13 @@ def _random(*shape):
 
 
 def _same_power(ours, peer):
-    """Whether power maps agree in float32, ours maybe behind its spectra."""
+    """Whether power maps agree in float32; ours may come with spectra."""
     ours = np.asarray(ours[1] if isinstance(ours, tuple) else ours)
     return np.allclose(ours, peer, rtol=1e-3, atol=1e-5 * ours.max())
 
 
 def _spectra(radar):
-    """Power map, and spectra with power, against FFTs over the trailing axes."""
+    """Power map, and spectra with power, compared with FFTs over the trailing axes."""
     cube = _random(*radar.cube_shape)
     on_device = jnp.asarray(cube)
     weight = np.outer(
@@ -120,7 +121,7 @@ def _spectra(radar):
 
 
 def _angles(radar, num_cells, num_azimuth, num_elevation):
-    """Directions of detections, against the whole padded spectrum and its maximum."""
+    """Directions of detections, compared with the maximum of the padded spectrum."""
     snapshot = _random(num_cells, radar.num_virtual)
     on_device = jnp.asarray(snapshot)
     bins = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
@@ -136,7 +137,7 @@ def _angles(radar, num_cells, num_azimuth, num_elevation):
         return power.reshape(num_cells, -1).argmax(-1)
 
     def same(ours, peer):
-        """Within a bin of azimuth, where the peer's maximum is a direction."""
+        """Whether azimuths agree within a bin; peers' invisible maxima are ignored."""
         u, w = (np.fft.ifftshift(sines) for sines in direction_sines(radar, **bins))
         u, w = u[peer % num_azimuth], w[peer // num_azimuth]
         seen = u**2 + w**2 <= 1
@@ -176,7 +177,7 @@ def _frame():
         return (spectrum.real**2 + spectrum.imag**2).sum((0, 1))
 
     def spectra_and_floor():
-        """What SciPy needs for spectra and the ordered floor alone, no angles."""
+        """Spectra and the ordered floor by SciPy, without angles."""
         cells = footprint(spec.guard, spec.train)
         k = int(np.ceil(0.75 * cells.sum()))
         return ndimage.rank_filter(spectra(), k - 1, footprint=cells, mode="wrap")

@@ -5,8 +5,8 @@ needs the sensor's height, and accepts any level patch below the sensor, even a 
 until it has learnt the height of the road from earlier scans. Here each scan is
 labelled independently:
 
-1. the floor is the level plane with the largest area (RANSAC over flat cells of 0.25 m);
-   it gives the sensor's height and tilt;
+1. the floor is the level plane with the largest area (RANSAC over flat cells of
+   0.25 m); it gives the sensor's height and tilt;
 2. the cloud is levelled and labelled by a new Patchwork++;
 3. points more than 0.2 m plus 5 % of the distance above the floor are removed from the
    mask; points within 0.06 m of it are added, because patches fit badly at the feet of

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jradar.radar.angle import (
+    FLIPS,
     Peaks,
     angle_spectrum,
     azimuth_bins,
@@ -43,6 +44,7 @@ Coupling = Complex[Array, "tx rx half_range"]
 Spectrum = Complex[Array, "virtual doppler range"]
 Map = Float[Array, "doppler range"]
 Mask = Bool[Array, "doppler range"]
+Snapshots = Complex[Array, "point virtual"]
 Values = Float[Array, " point"]
 Index = Int[Array, " point"]
 
@@ -126,8 +128,9 @@ def radar_points(
     spectrum, power = _spectra(cube, radar, points, coupling)
     mask = detect(power, radar, points=points)
     strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    _, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    snapshot = _steady(snapshot, power, cell, radar, points)
+    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     if points.peaks == 1:
         azimuth, elevation = _directions(snapshot, radar, points)
     else:
@@ -153,8 +156,9 @@ def all_cells(
     cube that does not fit the radar.
     """
     spectrum, power = _spectra(cube, radar, points, coupling)
+    _, doppler_bin = _bins(power, jnp.arange(power.size), points)
     snapshot = spectrum.reshape(radar.num_virtual, -1).T
-    snapshot = _steady(snapshot, power, jnp.arange(power.size), radar, points)
+    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     azimuth, elevation = _directions(snapshot, radar, points)
     return Cells(power, azimuth.reshape(power.shape), elevation.reshape(power.shape))
 
@@ -253,56 +257,43 @@ def _bins(power: Map, cell: Index, points: PointSpec) -> tuple[Values, Values]:
     return range_bin, doppler_bin
 
 
-def _steady(
-    snapshot: Complex[Array, "point virtual"],
-    power: Map,
-    cell: Index,
-    radar: RadarSpec,
-    points: PointSpec,
-) -> Complex[Array, "point virtual"]:
-    """Snapshots of the cells as if their targets did not move."""
-    _, doppler_bin = _bins(power, cell, points)
-    return compensate_tdm(snapshot, doppler_bin, radar)
-
-
-def _directions(snapshot, radar: RadarSpec, points: PointSpec) -> tuple[Values, Values]:
+def _directions(
+    snapshot: Snapshots, radar: RadarSpec, points: PointSpec
+) -> tuple[Values, Values]:
     """Azimuth and elevation of the strongest direction of each snapshot."""
-    flips = {
-        "flip_azimuth": points.flip_azimuth,
-        "flip_elevation": points.flip_elevation,
-    }
     if points.angles == "music":
-        return music_directions(snapshot, radar, **flips)
+        return music_directions(snapshot, radar, **_flips(points))
     return directions(
         snapshot,
         radar,
-        num_azimuth=points.num_azimuth,
-        num_elevation=points.num_elevation,
         interpolate=points.refine,
-        **flips,
+        **_angle_bins(points),
+        **_flips(points),
     )
 
 
-def _peaks(snapshot, radar: RadarSpec, points: PointSpec) -> Peaks:
+def _peaks(snapshot: Snapshots, radar: RadarSpec, points: PointSpec) -> Peaks:
     """The strongest directions of each snapshot, a few spectra at a time."""
 
     def peaks_of(snapshot):
-        spectrum = angle_spectrum(
-            snapshot,
-            radar,
-            num_azimuth=points.num_azimuth,
-            num_elevation=points.num_elevation,
-        )
         return spectrum_peaks(
-            spectrum,
+            angle_spectrum(snapshot, radar, **_angle_bins(points)),
             radar,
             count=points.peaks,
             interpolate=points.refine,
-            flip_azimuth=points.flip_azimuth,
-            flip_elevation=points.flip_elevation,
+            **_flips(points),
         )
 
     return jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
+
+
+def _angle_bins(points: PointSpec) -> dict[str, int]:
+    names = ("num_azimuth", "num_elevation")
+    return {name: getattr(points, name) for name in names}
+
+
+def _flips(points: PointSpec) -> dict[str, bool]:
+    return {name: getattr(points, name) for name in FLIPS}
 
 
 def _strongest_peaks(
