@@ -1,4 +1,29 @@
-"""Files of every format to `Recording`s."""
+"""Files of any format to `Recording`s: radar frames, scans, poses, calibration.
+
+    open_recording, is_recording     the recording at a path, of any format in READERS
+    Recording, Stream                what readers return; frames are read when accessed
+    calibrated_cube                  a frame with its antenna calibration applied
+    nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
+    describe, describe_file          what a recording, a bag or a cloud holds
+
+Formats, each with its layout at the top of its module:
+
+    open_coloradar                   `coloradar`: sequences of the public data set
+    open_dca1000                     `dca1000`: samples of TI's capture card
+    open_npy                         `cubes`: complex arrays
+    open_capture, read_tum           `capture`: a rig's radar, LiDAR and poses
+    open_bag, bag_topics             `bags`: LiDAR clouds in ROS 1 and ROS 2 bags
+    read_cloud, write_ply, write_npz `clouds`: PLY, PCD, KITTI
+
+Radars and their calibration:
+
+    read_description                 a radar in a .toml, .cfg, log or calib folder
+    radar_from_toml, .. _cfg, .. _studio_log, .. _coloradar
+    read_coupling, read_frequency_phase
+    estimate_time_offset, propose_offset    the time between radar and LiDAR clocks
+
+`formats` explains how to add a format.
+"""
 
 from jradar.recordings.bags import (
     LidarStream as LidarStream,
@@ -8,7 +33,6 @@ from jradar.recordings.bags import (
 from jradar.recordings.capture import (
     accumulate as accumulate,
     open_capture as open_capture,
-    read_tum as read_tum,
 )
 from jradar.recordings.clouds import (
     read_cloud as read_cloud,
@@ -16,28 +40,28 @@ from jradar.recordings.clouds import (
     write_npz as write_npz,
     write_ply as write_ply,
 )
-from jradar.recordings.coloradar import (
-    Imu as Imu,
-    coloradar_clouds as coloradar_clouds,
-    coloradar_heatmaps as coloradar_heatmaps,
-    coloradar_imu as coloradar_imu,
-    coloradar_lidar as coloradar_lidar,
-    coloradar_poses as coloradar_poses,
-    open_coloradar as open_coloradar,
-)
+from jradar.recordings.coloradar import open_coloradar as open_coloradar
 from jradar.recordings.coloradar_calib import (
     FrequencyPhase as FrequencyPhase,
     radar_from_coloradar as radar_from_coloradar,
     read_coupling as read_coupling,
     read_frequency_phase as read_frequency_phase,
 )
-from jradar.recordings.cubes import open_recording as open_recording
+from jradar.recordings.cubes import open_npy as open_npy
 from jradar.recordings.dca1000 import open_dca1000 as open_dca1000
 from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,
 )
+from jradar.recordings.descriptions import (
+    Description as Description,
+    read_description as read_description,
+)
 from jradar.recordings.iq_order import advise_iq_order as advise_iq_order
+from jradar.recordings.open import (
+    is_recording as is_recording,
+    open_recording as open_recording,
+)
 from jradar.recordings.recording import (
     Recording as Recording,
     Stream as Stream,
@@ -56,3 +80,4 @@ from jradar.recordings.time_offset import (
     propose_offset as propose_offset,
     radar_speed as radar_speed,
 )
+from jradar.recordings.trajectory import read_tum as read_tum

@@ -3,9 +3,9 @@
     recording.bag                     ROS 1
     folder with metadata.yaml         ROS 2, SQLite or MCAP; or a single .db3 or .mcap
 
-Clouds are `sensor_msgs/PointCloud2`, of any fields and paddings, or Livox's
-`CustomMsg`, whose points lie in the message as a table: 19 bytes each in ROS 1, 20 in
-ROS 2's CDR, where the last one lacks its padding.
+Clouds are `sensor_msgs/PointCloud2` with any fields and padding, or Livox's
+`CustomMsg`. A `CustomMsg` stores its points as a table: 19 bytes each in ROS 1, 20 in
+ROS 2's CDR, where the last point has no padding.
 """
 
 import functools
@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from jradar.errors import UsageError
 from jradar.recordings.recording import Stream
 
 LIVOX_POINT = ("offset_time", "x", "y", "z", "reflectivity", "tag", "line")
@@ -28,18 +29,18 @@ LIVOX_OFFSETS = (0, 4, 8, 12, 16, 17, 18)
 FIELD_FORMATS = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")  # of PointCloud2
 INTENSITIES = ("intensity", "reflectivity", "i")
 NS = 1_000_000_000
-OTHER_CLOCK_S = 10.0  # by which a sensor's clock may differ without a word
-READING = threading.Lock()  # a reader has one place in its file
+OTHER_CLOCK_S = 10.0  # a larger offset between two clocks is reported
+READING = threading.Lock()  # all streams of a bag share its file position
 
 
 class LidarStream(Stream):
-    """Clouds of one topic: float32 [point, 4], x y z intensity, the LiDAR's frame.
+    """Clouds of one topic: float32 [point, 4], x y z intensity, in the LiDAR's frame.
 
-    Points that are not finite, or at (0, 0, 0), are missing returns and left out.
+    Missing returns, points at (0, 0, 0) or not finite, are removed.
     """
 
     def __init__(self, path: Path, topic: str, kind: str):
-        """Pass once over the messages of `topic` for their stamps."""
+        """Read the stamps of all messages of `topic`."""
         self.path, self.topic, self.kind = path, topic, kind
         self.is_ros1 = path.suffix == ".bag"
         stamps = np.zeros((0, 2), np.int64)
@@ -52,9 +53,9 @@ class LidarStream(Stream):
         super().__init__(self._read_cloud, len(stamps), seconds, notes)
 
     def read_points(self, index: int) -> dict[str, np.ndarray]:
-        """All that cloud `index` tells of its points, under the names of its fields.
+        """Return all fields of the points of cloud `index` by name.
 
-        Of Livox, `offset_time` is in nanoseconds after the cloud's stamp.
+        Livox's `offset_time` is in nanoseconds after the cloud's stamp.
         """
         raw = self._message(index)
         try:
@@ -82,19 +83,19 @@ class LidarStream(Stream):
         return np.stack(table, -1, dtype=np.float32, casting="same_kind")
 
     def _message(self, index):
-        """Bytes of message `index`; several may have the same time."""
+        """Return the bytes of message `index`; several may have the same time."""
         time = int(self._times[index])
         before = int(np.searchsorted(self._times, time))
         with READING:
             messages = self._messages(time, time + 1)
             for _, raw in itertools.islice(messages, index - before, None):
                 return raw
-        raise ValueError(f"{self.path} changed while it was read")
+        raise ValueError(f"{self.path} changed while it was read: open it again")
 
     def _messages(
         self, start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[int, bytes]]:
-        """Times in nanoseconds and bytes of the topic's messages in their order."""
+        """Yield the time in nanoseconds and the bytes of the topic's messages."""
         reader = _reader(self.path)
         connections = [c for c in reader.connections if c.topic == self.topic]
         try:
@@ -104,7 +105,7 @@ class LidarStream(Stream):
             raise ValueError(_damaged(self.path, error)) from error
 
     def _stamp(self, raw):
-        """Nanoseconds in the header that all clouds begin with; 0 where it is cut."""
+        """Return the nanoseconds in a cloud's header; 0 if the header is cut off."""
         form = "<4xII" if self.is_ros1 else "<4xiI" if raw[1:2] == b"\1" else ">4xiI"
         if len(raw) < struct.calcsize(form):
             return 0
@@ -112,58 +113,60 @@ class LidarStream(Stream):
         return seconds * NS + nanoseconds
 
     def _stamps(self, headers):
-        """Seconds of the headers where they are good, else of the bag, with a note."""
+        """Return the headers' times in seconds, or the bag's times with a note."""
         fault = "zero" if (headers == 0).any() else "not rising"
         if (headers == 0).any() or (np.diff(headers) <= 0).any():
             return self._times / NS, (
                 f"{self.topic}: the stamps in the headers are {fault}; the times of "
-                "recording are taken instead",
+                "recording are used instead",
             )
         late = np.median(self._times - headers) / NS if len(headers) else 0.0
         if abs(late) > OTHER_CLOCK_S:
             return headers / NS, (
                 f"{self.topic}: the LiDAR's clock is {late:,.3f} s behind the "
-                "recording's; its own stamps are taken",
+                "recorder's; the LiDAR's stamps are used",
             )
         return headers / NS, ()
 
 
 def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
-    """Clouds of a bag; `topic` may be left out where only one holds clouds.
+    """Return the clouds of a bag; `topic` is optional if only one topic holds clouds.
 
-    Raises ValueError for a bag that is damaged, naming the command that repairs it, and
-    for a topic that is not there or does not hold clouds, naming those that do.
+    Raises ValueError for a bag that is damaged or holds no clouds, and UsageError for a
+    topic that does not exist or holds no clouds.
     """
     topics = bag_topics(path)
     clouds = [name for name, (kind, _) in topics.items() if is_cloud_type(kind)]
     if topic is None and len(clouds) == 1:
         topic = clouds[0]
-    if topic not in clouds:
-        asked = f"no clouds on {topic}" if topic else f"{len(clouds)} topics of clouds"
+    if not clouds:
         named = ", ".join(f"{name} ({kind})" for name, (kind, _) in topics.items())
         raise ValueError(
-            f"{path}: {asked}, expected one of {clouds or 'PointCloud2 or CustomMsg'}; "
-            f"the bag holds {named or 'nothing'}"
+            f"{path} holds no clouds, expected PointCloud2 or CustomMsg, found "
+            f"{named or 'no topics'}"
         )
+    if topic not in clouds:
+        asked = f"no clouds on {topic}" if topic else f"{len(clouds)} topics of clouds"
+        raise UsageError(f"{path}: {asked}, name one of {', '.join(clouds)}")
     return LidarStream(Path(path), topic, topics[topic][0])
 
 
 def bag_topics(path: Path | str) -> dict[str, tuple[str, int]]:
-    """Type and number of messages of every topic; reads the bag's index only."""
+    """Return type and number of messages of every topic, from the bag's index."""
     with READING:
         topics = _reader(Path(path)).topics.items()
         return {name: (str(info.msgtype), info.msgcount) for name, info in topics}
 
 
 def is_cloud_type(kind: str) -> bool:
-    """Whether messages of this type are clouds that `open_bag` reads."""
+    """True for the types of messages that `open_bag` reads."""
     return kind == "sensor_msgs/msg/PointCloud2" or (
         kind.startswith("livox_") and kind.endswith("/msg/CustomMsg")
     )
 
 
 def _reader(path) -> Any:
-    """The open reader of a bag, one for each process."""
+    """Return the open reader of a bag, one for each process."""
     if not path.exists():
         raise FileNotFoundError(f"no such bag: {path}")
     files = sorted(path.iterdir()) if path.is_dir() else [path]
@@ -182,13 +185,13 @@ def _open_reader(path, _process, _version):
         kind = rosbag1.Reader if path.suffix == ".bag" else rosbag2.Reader
         reader = kind(path)
         reader.open()
-    except Exception as error:  # it may stumble over anything in a damaged file
+    except Exception as error:  # a damaged file can raise anything
         raise ValueError(_damaged(path, error)) from error
     return reader
 
 
 def _damaged(path, error):
-    """What to say of a bag that cannot be read."""
+    """Return the error for a bag that cannot be read, with the command for repair."""
     parts = {part.suffix for part in path.iterdir()} if path.is_dir() else {path.suffix}
     repair = "ros2 bag reindex FOLDER, or sqlite3 FILE.db3 .recover"
     if ".bag" in parts:
@@ -196,14 +199,14 @@ def _damaged(path, error):
     elif ".mcap" in parts:
         repair = f"mcap recover {path if path.is_file() else 'FILE.mcap'} -o new.mcap"
     return (
-        f"{path} is not a whole bag ({type(error).__name__}: {error}): was the "
-        f"recording cut off? try `{repair}`"
+        f"{path} is not a whole bag ({type(error).__name__}: {error}): if the "
+        f"recording was cut off, try `{repair}`"
     )
 
 
 @functools.cache
 def _point_cloud2_decoders():
-    """Decoders of ROS 1's and of ROS 2's serialisation."""
+    """Return the decoders of ROS 1 and ROS 2."""
     from rosbags.typesys import Stores, get_typestore
 
     ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
@@ -211,15 +214,15 @@ def _point_cloud2_decoders():
 
 
 def _point_cloud2(raw, is_ros1):
-    """Points of a sensor_msgs/PointCloud2 as a structured array."""
+    """Return the points of a sensor_msgs/PointCloud2 as a structured array."""
     try:
         decode = _point_cloud2_decoders()[not is_ros1]
         message: Any = decode(raw, "sensor_msgs/msg/PointCloud2")
-    except Exception as error:  # of a damaged message
+    except Exception as error:  # a damaged message can raise anything
         raise ValueError(f"not a whole PointCloud2: {error}") from error
     order = ">" if message.is_bigendian else "<"
     fields: dict[str, Any] = {}
-    for field in message.fields:  # PCL pads with several fields of one name
+    for field in message.fields:  # PCL names several padding fields alike
         fields.setdefault(field.name, field)
     for field in fields.values():
         if not 0 < field.datatype < len(FIELD_FORMATS):
@@ -241,18 +244,18 @@ def _point_cloud2(raw, is_ros1):
     row = message.row_step if height > 1 else width * step
     if row < width * step or height * row > len(message.data):
         raise ValueError(
-            f"{height} x {width} points of {step} bytes in rows of {row} bytes, the "
-            f"data holds {len(message.data):,} bytes"
+            f"{height} x {width} points of {step} bytes in rows of {row} bytes do not "
+            f"fit in its {len(message.data):,} bytes of data"
         )
     table = np.ndarray((height, width), points, message.data, strides=(row, step))
     return table.ravel()
 
 
 def _livox(raw, is_ros1):
-    """Points of a Livox CustomMsg as a structured array."""
+    """Return the points of a Livox CustomMsg as a structured array."""
     order, body, align = "<", memoryview(raw), 1
     if is_ros1:
-        body = body[4:]  # the header's sequence number, which ROS 2 dropped
+        body = body[4:]  # the header's sequence number, absent in ROS 2
     else:
         order, body, align = "<" if raw[1:2] == b"\1" else ">", body[4:], 8
     (name,) = struct.unpack_from(order + "8xI", body)
@@ -272,7 +275,7 @@ def _livox(raw, is_ros1):
     unpadded = count * size - (count > 0 and not is_ros1)
     if not unpadded <= len(table) <= unpadded + 3:
         raise ValueError(
-            f"{count:,} points of {size} bytes need {unpadded:,}, it holds "
-            f"{len(table):,}"
+            f"{count:,} points of {size} bytes need {unpadded:,} bytes, the message "
+            f"holds {len(table):,}"
         )
     return np.frombuffer(table + b"\0", points, count)

@@ -1,10 +1,11 @@
-"""Point clouds from files and to files."""
+"""Point clouds in files: PCD, PLY and KITTI are read, PLY and NPZ are written."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jradar.errors import UsageError
 from jradar.files import atomic_path
 from jradar.recordings.pcd import read_pcd
 from jradar.recordings.ply import read_ply
@@ -12,28 +13,29 @@ from jradar.types import PointCloud
 
 
 def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
-    """Columns x, y, z and what else a .pcd, .ply or .bin file holds of its points.
+    """Return the columns of a .pcd, .ply or .bin file: x, y, z and its other fields.
 
-    A .bin file is float32 [point, 4], x y z intensity, as KITTI and ColoRadar have it.
-    All points are kept, missing returns too. Raises ValueError where a file is not of
-    the size that its header claims.
+    A .bin file is float32 [point, 4], x y z intensity, as in KITTI and ColoRadar. All
+    points are kept, also missing returns. Raises ValueError if the file's size does not
+    fit its header.
     """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud: {path}")
     readers = {".pcd": read_pcd, ".ply": read_ply, ".bin": _read_kitti}
     if path.suffix not in readers:
-        raise ValueError(f"{path}: expected a cloud that ends in {', '.join(readers)}")
+        raise UsageError(f"{path} is not a cloud, expected {', '.join(readers)}")
     columns = readers[path.suffix](path)
     if not {"x", "y", "z"} <= columns.keys():
-        raise ValueError(f"{path} holds {[*columns]}, expected x, y and z among them")
+        raise ValueError(f"{path} holds {[*columns]}, expected x, y and z")
     return columns
 
 
-def _read_kitti(path):
+def _read_kitti(path: Path) -> dict[str, np.ndarray]:
+    """Return the columns of a .bin file."""
     if path.stat().st_size % 16:
         raise ValueError(
-            f"{path} holds {path.stat().st_size:,} bytes, expected 16 for each point "
+            f"{path} holds {path.stat().st_size:,} bytes, expected a multiple of 16 "
             "(float32 x y z intensity): truncated?"
         )
     table = np.fromfile(path, "<f4").reshape(-1, 4)
@@ -41,7 +43,7 @@ def _read_kitti(path):
 
 
 def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
-    """The valid points of one cloud: `xyz` [point, 3], and what else it measured."""
+    """Return `xyz` [point, 3] and the other measurements of a cloud's valid points."""
     valid = np.asarray(cloud.valid)
     measured = {k: v for k, v in cloud._asdict().items() if v is not None}
     del measured["valid"]
@@ -57,7 +59,7 @@ def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
 def write_ply(path: Path | str, cloud: PointCloud) -> None:
     """Write the valid points of one cloud as binary PLY, all properties float32.
 
-    trimesh's writer has no room for velocity and power, and none for an empty cloud.
+    Velocity, power and confidence become properties beside x, y and z.
     """
     columns = valid_points(cloud)
     xyz = columns.pop("xyz")

@@ -1,9 +1,9 @@
-"""Calibration folders of the ColoRadar data set (Kramer et al. 2022), text files only.
+"""The radars in ColoRadar's calibration folders (Kramer et al. 2022), all text files.
 
     calib/single_chip/   waveform_cfg.txt  antenna_cfg.txt  coupling_calib.txt
     calib/cascade/       the same, and phase_frequency_calib.txt (JSON)
 
-Arrays keep the files' order of transmitters, which is that of the ADC frames.
+Arrays keep the files' order of transmitters, which ADC frames use as well.
 """
 
 import json
@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
+from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 from jradar.radar.devices import CASCADE
 from jradar.recordings.text_files import radar_of, read_text
 
-# Key of the waveform file: field of the radar. All in SI units.
+# Keys of the waveform file and fields of the radar, all in SI units.
 FIELDS = {
     "num_adc_samples_per_chirp": "num_samples",
     "num_chirps_per_frame": "num_chirps",
@@ -35,38 +36,27 @@ COUNTS = ("num_tx", "num_rx", "num_adc_samples_per_chirp", "num_chirps_per_frame
 
 
 class FrequencyPhase(NamedTuple):
-    """Response of every antenna pair to one far target, for the cascade."""
+    """Response of each of the cascade's antenna pairs to one far target."""
 
     frequency: Float[np.ndarray, "tx rx"]  # of the beat, in range bins
     phase: Complex[np.ndarray, "tx rx"]
-    slope_hz_per_s: float  # with which it was measured
+    slope_hz_per_s: float  # of the measurement
     sample_rate_hz: float
 
 
 def radar_from_coloradar(
     folder: Path | str, *, tx_firing_order: tuple[int, ...] | None = None
 ) -> RadarSpec:
-    """The radar of ColoRadar's `calib/single_chip` or `calib/cascade`.
+    """Return the radar in ColoRadar's `calib/single_chip` or `calib/cascade`.
 
-    `tx_firing_order` is not in the files: for the cascade TI's default is taken.
-    Warns of the cascade's times, whose units are repaired. The frame period is not
-    known.
-    """
-    return radar_of(folder, radar_fields(folder, tx_firing_order))
-
-
-def radar_fields(
-    folder: Path | str, tx_firing_order: tuple[int, ...] | None = None
-) -> dict[str, Any]:
-    """Fields of the radar in a folder such as `calib/single_chip`.
-
-    The cascade's order of firing is not in the files: its array gets TI's default.
-    Warns of times that are repaired, as the cascade's shipped file needs it.
+    The files contain neither the frame period, which is 0 here, nor the firing order:
+    for the cascade TI's default is assumed. Warns of times in wrong units, as in the
+    released file of the cascade, and repairs them.
     """
     folder = Path(folder)
     path = folder / "waveform_cfg.txt"
     if not path.is_file():
-        raise ValueError(f"no {path}, expected a folder such as calib/single_chip")
+        raise UsageError(f"no {path}, expected a folder such as calib/single_chip")
     waveform, antennas = _waveform(path), _antennas(folder / "antenna_cfg.txt")
     for kind in ("tx", "rx"):
         if len(antennas[kind]) != waveform[f"num_{kind}"]:
@@ -77,7 +67,7 @@ def radar_fields(
     order = tx_firing_order
     if order is None and antennas["tx"] == CASCADE["tx_positions"]:
         order = CASCADE["tx_firing_order"]
-    return {
+    values = {
         "name": f"coloradar {folder.name}",
         **{field: waveform[key] for key, field in FIELDS.items()},
         "tx_positions": antennas["tx"],
@@ -85,10 +75,14 @@ def radar_fields(
         "design_frequency_hz": antennas["F_design"] * 1e9,
         **({"tx_firing_order": tuple(order)} if order else {}),
     }
+    return radar_of(folder, values)
 
 
 def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
-    """Leakage between antennas in range bins 1 .. N/2, for `subtract_coupling`."""
+    """Return the leakage between antennas in range bins 1 .. N/2.
+
+    `subtract_coupling` takes it.
+    """
     head, _, data = read_text(path).partition("data:")
     pairs = (line.partition(":") for _, line in _lines(head))
     values = {key.strip(): value for key, _, value in pairs}
@@ -102,14 +96,14 @@ def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
     if halves.size != 2 * math.prod(shape):
         raise ValueError(
             f"{path} holds {halves.size:,} numbers, {shape[0]} tx x {shape[1]} rx x "
-            f"{shape[2]} range bins of complex ones need {2 * math.prod(shape):,}: "
+            f"{shape[2]} complex range bins need {2 * math.prod(shape):,}: "
             "truncated?"
         )
     return halves.view(complex).reshape(shape)
 
 
 def read_frequency_phase(path: Path | str) -> FrequencyPhase:
-    """Measured frequencies and phases of `phase_frequency_calib.txt`."""
+    """Return the frequencies and phases in a `phase_frequency_calib.txt`."""
     try:
         values = json.loads(read_text(path))["antennaCalib"]
         shape = [_count(path, key, values[key]) for key in ("numTx", "numRx")]
@@ -128,22 +122,22 @@ def read_frequency_phase(path: Path | str) -> FrequencyPhase:
     pairs = math.prod(shape)
     if (frequency.size, phase.size) != (pairs, 2 * pairs):
         raise ValueError(
-            f"{path} holds {frequency.size} frequencies and {phase.size} halves of "
+            f"{path} holds {frequency.size} frequencies and {phase.size} parts of "
             f"phases, {shape[0]} tx x {shape[1]} rx need {pairs} and {2 * pairs}"
         )
     if not (slope > 0 and rate > 0):
         raise ValueError(
-            f"{path}: frequencySlope = {slope}, samplingRate = {rate}, expected more "
-            "than 0"
+            f"{path}: frequencySlope = {slope}, samplingRate = {rate}, expected "
+            "positive numbers"
         )
     phases = phase.view(complex).reshape(shape)
     if not phases.all():
-        raise ValueError(f"{path}: a phase is 0, expected complex numbers of some size")
+        raise ValueError(f"{path}: a phase is 0, expected complex numbers other than 0")
     return FrequencyPhase(frequency.reshape(shape), phases, slope, rate)
 
 
 def _waveform(path: Path) -> dict[str, Any]:
-    """Values of a waveform file, times in seconds."""
+    """Return the values of a waveform file, times in seconds."""
     values: dict[str, Any] = {}
     for number, line in _lines(read_text(path)):
         key, *rest = line.split()
@@ -158,25 +152,25 @@ def _waveform(path: Path) -> dict[str, Any]:
     if missing := [key for key in (*COUNTS, *FIELDS) if key not in values]:
         raise ValueError(f"{path}: no {', '.join(dict.fromkeys(missing))}")
     start, end = values["adc_start_time"], values["ramp_end_time"]
-    if start > 1e-3:  # no chirp is so long: microseconds
+    if start > 1e-3:  # longer than any chirp: microseconds
         values["adc_start_time"] = _repair(path, "adc_start_time", start, 1e-6)
-    if 0 < end < 1e-8:  # nor so short: scaled by 1e-6 twice
+    if 0 < end < 1e-8:  # shorter than any chirp: scaled by 1e-6 twice
         values["ramp_end_time"] = _repair(path, "ramp_end_time", end, 1e6)
     return values
 
 
 def _repair(path: Path, key: str, seconds: float, factor: float) -> float:
-    """A time in the unit that it must be meant in, said in a warning."""
+    """Return a time in its plausible unit, with a warning."""
     warnings.warn(
-        f"{path}: {key} = {seconds:g} s cannot be, taken as {seconds * factor:g} s "
-        "(known of ColoRadar's cascade)",
-        stacklevel=5,
+        f"{path}: {key} = {seconds:g} s is impossible, read as {seconds * factor:g} s "
+        "(a known fault of ColoRadar's cascade)",
+        stacklevel=4,
     )
     return seconds * factor
 
 
 def _antennas(path: Path) -> dict[str, Any]:
-    """Positions `tx` and `rx` in half wavelengths, and `F_design` in GHz."""
+    """Return positions `tx` and `rx` in half wavelengths, and `F_design` in GHz."""
     found: dict[str, Any] = {"tx": {}, "rx": {}}
     for number, line in _lines(read_text(path)):
         match line.split():
@@ -210,14 +204,14 @@ def _antennas(path: Path) -> dict[str, Any]:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Numbered lines without comments and blank lines."""
+    """Yield the numbered lines, without comments and blank lines."""
     for number, line in enumerate(text.splitlines(), 1):
         if line := line.partition("#")[0].strip():
             yield number, line
 
 
 def _numbers(path: Path | str, values: Any) -> np.ndarray:
-    """Finite numbers in float64."""
+    """Return finite numbers in float64."""
     try:
         numbers = np.array(values, dtype=float)
     except ValueError as error:
@@ -228,7 +222,7 @@ def _numbers(path: Path | str, values: Any) -> np.ndarray:
 
 
 def _count(path: Path | str, key: str, value: Any) -> int:
-    """A whole number, more than 0."""
+    """Return a positive integer."""
     number = float(_numbers(path, [value])[0])
     if number < 1 or number % 1:
         raise ValueError(f"{path}: {key} = {value}, expected a whole number above 0")

@@ -1,7 +1,7 @@
-"""What ColoRadar's folders are made of: numbered files, stamps, tables, transforms.
+"""The kinds of files in ColoRadar's folders: streams, stamps, tables, transforms.
 
-File N belongs to line N of the stream's stamps, counted from 0; where the numbers begin
-with 1, as in ColoRadar+, from 1.
+File N of a stream belongs to line N of its stamps. Lines are counted from 0, or from 1
+if the file numbers begin with 1, as in ColoRadar+.
 """
 
 import os
@@ -15,19 +15,19 @@ from jaxtyping import Float
 from jradar.lidar import rigid_transform
 from jradar.recordings.recording import Stream
 
-MAX_TEXT_BYTES = 64 << 20  # an IMU at 300 Hz writes 1 MB a minute
+MAX_TEXT_BYTES = 64 << 20
 MAX_CLOUD_BYTES = 256 << 20
-NANOSECONDS = 1e12  # stamps above are no seconds
-FARTHEST_M = 5.0  # of a sensor from the base of a rig that people carry
+NANOSECONDS = 1e12  # larger stamps are nanoseconds, not seconds
+FARTHEST_M = 5.0  # from the base to a sensor of a rig that is carried
 
 
 def file_stream(
     folder: Path, prefix: str, stamps: Path, read: Callable[[Path], np.ndarray]
 ) -> Stream:
-    """The files `<prefix>_<N>.bin` in numeric order; lists the folder, opens no file.
+    """Return the stream of files `<prefix>_<N>.bin` in numeric order.
 
-    Gaps, and stamps that do not fit, are said in the stream's notes. Raises ValueError
-    where there is no such file, or one number twice.
+    The folder is listed, no file is opened. The stream's notes list gaps and stamps
+    that do not fit. Raises ValueError if there are no files or two of one number.
     """
     found = _numbered(folder, prefix)
     numbers = np.array(sorted(found))
@@ -62,20 +62,22 @@ def file_stream(
             )
         numbers, times = numbers[stamped], times[lines[stamped]]
     else:
-        notes.append(f"{label}_<N>.bin: no {stamps.name}, times are not known")
+        notes.append(f"{label}_<N>.bin: no {stamps.name}, times are unknown")
     paths = [folder / found[number] for number in numbers.tolist()]
     return Stream(lambda item: read(paths[item]), len(paths), times, tuple(notes))
 
 
 def _numbered(folder: Path, prefix: str) -> dict[int, str]:
-    """Number and name of each of the stream's files."""
+    """Return the number and name of each of the stream's files."""
     found: dict[int, str] = {}
     names = sorted(os.listdir(folder)) if folder.is_dir() else []
     for name in names:
         if match := re.fullmatch(rf"{prefix}_([0-9]{{1,9}})\.bin", name):
             other = found.setdefault(int(match[1]), name)
             if other != name:
-                raise ValueError(f"{folder} holds {other} and {name}, expected one")
+                raise ValueError(
+                    f"{folder} holds {other} and {name}, expected one of them"
+                )
     if not found:
         what = f"{len(names)} other files" if folder.is_dir() else "no such folder"
         raise ValueError(f"no {prefix}_<N>.bin in {folder} ({what})")
@@ -83,9 +85,9 @@ def _numbered(folder: Path, prefix: str) -> dict[int, str]:
 
 
 def read_stamps(path: Path, notes: list[str]) -> Float[np.ndarray, " item"]:
-    """Seconds, one a line; whole nanoseconds become seconds.
+    """Return stamps in seconds from a file with one a line, seconds or nanoseconds.
 
-    What does not rise is added to `notes`.
+    Stamps that fall or repeat are reported in `notes`.
     """
     stamps = read_table(path, 1)[:, 0]
     if stamps.max() > NANOSECONDS:
@@ -102,40 +104,40 @@ def read_stamps(path: Path, notes: list[str]) -> Float[np.ndarray, " item"]:
 
 
 def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
-    """Finite numbers between spaces, `columns` a line.
+    """Return a table of finite numbers from a text file with `columns` per line.
 
-    Raises ValueError for a large file, another number of columns, no numbers, NaN.
+    Raises ValueError for a large or empty file, other columns, NaN and infinity.
     """
     if (size := path.stat().st_size) > MAX_TEXT_BYTES:
         raise ValueError(
-            f"{path} holds {size:,} bytes, at most {MAX_TEXT_BYTES:,} are read"
+            f"{path} holds {size:,} bytes, expected at most {MAX_TEXT_BYTES:,}"
         )
     if not size or not path.read_bytes().strip():
-        raise ValueError(f"{path} is empty, expected {columns} numbers a line")
+        raise ValueError(f"{path} is empty, expected {columns} numbers per line")
     try:
         table = np.loadtxt(path, ndmin=2, comments=None, encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is not a text file: {error.reason}") from error
     except ValueError as error:
         raise ValueError(
-            f"{path}: {error}, expected {columns} numbers a line"
+            f"{path}: {error}, expected {columns} numbers per line"
         ) from None
     if table.shape[1] != columns or not len(table):
         raise ValueError(
-            f"{path} has {table.shape[1]} numbers a line, expected {columns}"
+            f"{path} has {table.shape[1]} numbers per line, expected {columns}"
         )
     if len(bad := np.flatnonzero(~np.isfinite(table).all(1))):
         raise ValueError(
-            f"{path}: {len(bad)} lines hold NaN or infinite numbers, the first is "
+            f"{path}: {len(bad)} lines contain NaN or infinite numbers, the first is "
             f"number {bad[0] + 1}"
         )
     return table
 
 
 def read_samples(path: Path, dtype: str, axes: dict[str, int]) -> np.ndarray:
-    """All numbers of a binary file with axes of these names and sizes, flat.
+    """Return all numbers of a binary file, flat; `axes` are names and sizes.
 
-    Raises ValueError, with the bytes found and needed, for a file of another size.
+    Raises ValueError if the file's size does not fit.
     """
     size = path.stat().st_size
     needed = int(np.prod([*axes.values()])) * np.dtype(dtype).itemsize
@@ -143,30 +145,30 @@ def read_samples(path: Path, dtype: str, axes: dict[str, int]) -> np.ndarray:
         shape = " x ".join(f"{count} {name}" for name, count in axes.items())
         raise ValueError(
             f"{path} holds {size:,} bytes, {shape} of {dtype} need {needed:,}: "
-            f"{'truncated' if size < needed else 'of another configuration'}?"
+            f"{'truncated' if size < needed else 'from another configuration'}?"
         )
     return np.fromfile(path, dtype)
 
 
 def read_records(path: Path, fields: int) -> Float[np.ndarray, "point field"]:
-    """Records of `fields` float32 each; an empty file holds none."""
+    """Return records of `fields` float32 each; an empty file holds none."""
     size, record = path.stat().st_size, 4 * fields
     if size % record or size > MAX_CLOUD_BYTES:
         raise ValueError(
             f"{path} holds {size:,} bytes, expected a multiple of {record} ({fields} "
-            f"float32 a point), at most {MAX_CLOUD_BYTES:,}: truncated?"
+            f"float32 per point), at most {MAX_CLOUD_BYTES:,}: truncated?"
         )
     return np.fromfile(path, "<f4").reshape(-1, fields).astype(np.float32, copy=False)
 
 
 def read_transform(path: Path) -> Float[np.ndarray, "4 4"]:
-    """`base_to_<sensor>.txt`: x y z, then qx qy qz qw; takes the sensor's points to
-    the base's frame.
+    """Return the transform from sensor to base in a file `base_to_<sensor>.txt`.
 
-    Raises ValueError for a quaternion that is no rotation, and for millimetres.
+    The file holds x y z, then qx qy qz qw. Raises ValueError if the quaternion is not
+    of length 1, and for a distance that must be in millimetres.
     """
     if path.stat().st_size > 4096:
-        raise ValueError(f"{path} is no transform: expected two lines of numbers")
+        raise ValueError(f"{path} is not a transform: expected two lines of numbers")
     try:
         numbers = np.array(path.read_text("utf-8-sig").split(), float)
     except ValueError as error:
@@ -185,6 +187,6 @@ def read_transform(path: Path) -> Float[np.ndarray, "4 4"]:
     if distance > FARTHEST_M:
         raise ValueError(
             f"{path}: the sensor lies {distance:.4g} m from the base, expected at most "
-            f"{FARTHEST_M:g} m: millimetres?"
+            f"{FARTHEST_M:g} m: are the numbers millimetres?"
         )
     return rigid_transform(numbers[:3], numbers[3:])

@@ -1,21 +1,25 @@
 """Raw samples of a TI DCA1000 capture card, read one frame at a time.
 
-    adc_data.bin                 samples alone, as mmWave Studio leaves them
-    <prefix>_Raw_<i>.bin         packets with headers of 14 bytes, in several parts
+    adc_data.bin                 samples only, as mmWave Studio writes them
+    <prefix>_Raw_<i>.bin         packets with headers of 14 bytes, in several files
     a dump of UDP payloads       packets with headers of 10 bytes
 
-Samples are little-endian int16, complex, in the order [frame][chirp][tx][rx][sample];
-how their two halves alternate: see `iq_order`. Files of `dataLoggingMode` multi are
-refused.
+Samples are complex little-endian int16 in the order [frame][chirp][tx][rx][sample];
+`iq_order` describes how I and Q alternate. Files recorded with `dataLoggingMode` multi
+cannot be read.
 """
 
 import itertools
+import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Complex
 
+from jradar.errors import UsageError
+from jradar.radar import RadarSpec
 from jradar.recordings.dca1000_packets import (
     PAYLOAD,
     Files,
@@ -24,17 +28,13 @@ from jradar.recordings.dca1000_packets import (
     index_packets,
     lost_per_frame,
 )
-from jradar.recordings.iq_order import (
-    advise_iq_order,
-    check_iq_order,
-    cube_of_words,
-)
+from jradar.recordings.descriptions import find_description, read_description
+from jradar.recordings.formats import Format, has_suffix
+from jradar.recordings.iq_order import advise_iq_order, check_iq_order, cube_of_words
 from jradar.recordings.recording import Recording, Stream
-from jradar.recordings.studio_log import radar_from_studio_log
-from jradar.recordings.text_files import radar_from_toml
-from jradar.recordings.ti_cfg import CaptureSpec, radar_from_cfg
 
-USUAL = {  # of a frame: what a wrong description may have to be changed to
+DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.toml")
+USUAL = {  # sizes of a frame, suggested where a description does not fit
     "samples": (64, 128, 200, 250, 256, 512, 1024),
     "chirps": (1, 16, 32, 64, 96, 100, 128, 255, 256),
     "rx": (1, 2, 3, 4),
@@ -42,7 +42,7 @@ USUAL = {  # of a frame: what a wrong description may have to be changed to
 }
 PCAP = "a packet trace: extract the UDP payloads, or record with TI's command line"
 SEPARATED = "data-separated: set dataLoggingMode to raw and record again"
-FOREIGN = {  # how files that are no captures begin
+FOREIGN = {  # first bytes of files that are not captures
     b"\xd4\xc3\xb2\xa1": PCAP,
     b"\x0a\x0d\x0d\x0a": PCAP,
     b"\xda\x0c\xdc\x0a": SEPARATED,
@@ -52,29 +52,37 @@ FOREIGN = {  # how files that are no captures begin
 
 def open_dca1000(
     path: Path | str,
-    description: Path | str,
+    description: Path | str | None = None,
     *,
     iq_order: str | None = None,
     allow_partial: bool = False,
-    device: str = "awr1843",
+    device: str | None = None,
 ) -> Recording:
-    """A capture and its radar: a `.cfg` (for `device`), a `.toml`, or a Studio log.
+    """Open a capture with its radar: a mmWave Studio log, a `.cfg` or a `.toml`.
 
-    `path` names one of the files where a capture is split. `iq_order` replaces what the
-    description says. Bytes that were lost on the way are zeros, counted per frame in
-    `lost_bytes`. Raises ValueError where the bytes are not a whole number of frames, or
-    under `allow_partial` where there is no whole frame.
+    By default the only description beside `path` is used. A capture in several files
+    is named by one of them. `iq_order` replaces the described order of I and Q;
+    `device` is the board of a `.cfg`. Lost bytes are read as zeros and counted per
+    frame in `lost_bytes`. Raises ValueError if the bytes are not a whole number of
+    frames, or, with `allow_partial`, if there is no whole frame.
     """
-    files, name = _files(Path(path))
-    radar, capture = _radar(Path(description), device)
-    if capture and capture.has_headers:
-        raise ValueError(
-            f"{description}: lvdsStreamCfg puts headers between the chirps, expected 0 "
-            "as its second field: record without them"
+    path = Path(path)
+    if description is None and "adc_samples" in path.parts:
+        raise UsageError(
+            f"{path} looks like one frame of a ColoRadar sequence: name the folder of "
+            "the sequence, and the frame with --frame"
         )
-    order = iq_order or _described_order(capture)
+    description = description or find_description(path, DESCRIPTION_NAMES)
+    files, name = _files(path)
+    radar, capture = read_description(description, device=device)
+    if capture.has_headers:
+        raise ValueError(
+            f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
+            "second field to 0 and record again"
+        )
+    order = iq_order or capture.iq_order
     check_iq_order(order, radar)
-    frame_bytes = 4 * int(np.prod(radar.cube_shape))
+    frame_bytes = 4 * math.prod(radar.cube_shape)
     header_bytes = header_size(files)
     source = files
     if header_bytes:
@@ -99,21 +107,28 @@ def open_dca1000(
     if advice := advise_iq_order(words.reshape(-1, 2 * radar.num_samples), order=order):
         notes.append(advice)
     period = radar.frame_period_s
-    factors = capture.channel_factors if capture else ()
     return Recording(
         name=name,
-        path=Path(path),
+        path=path,
         radar=radar,
         cubes=Stream(read, count, np.arange(count) * period if period else None),
-        channel_factors=np.array(factors, np.complex64) if set(factors) - {1} else None,
-        range_bias_m=capture.range_bias_m if capture else 0.0,
+        channel_factors=capture.channel_array,
+        range_bias_m=capture.range_bias_m,
         lost_bytes=lost,
         notes=tuple(notes),
     )
 
 
-def _files(path):
-    """All files of the capture that `path` belongs to, and its name."""
+READER = Format(
+    "an adc_data.bin of a DCA1000 with its mmWave Studio log, .cfg or .toml",
+    has_suffix(".bin"),
+    open_dca1000,
+    ("description", "iq_order", "allow_partial", "device"),
+)
+
+
+def _files(path: Path) -> tuple[Files, str]:
+    """Return all files of the capture that `path` belongs to, and its name."""
     split = re.fullmatch(r"(.+)_Raw_(\d+)\.bin", path.name)
     if re.search(r"_hdr_0", path.name):
         raise ValueError(f"{path} is {SEPARATED}")
@@ -139,28 +154,8 @@ def _files(path):
     return files, name
 
 
-def _radar(description, device):
-    """The radar and, of a `.cfg`, how its samples are streamed."""
-    if not description.is_file():
-        raise FileNotFoundError(f"no such radar description: {description}")
-    if description.suffix == ".cfg":
-        radar = radar_from_cfg(description, device=device)
-        return radar, CaptureSpec.from_cfg(description)
-    if description.suffix == ".toml":
-        return radar_from_toml(description), None
-    return radar_from_studio_log(description), None
-
-
-def _described_order(capture):
-    """The order of halves of a `.cfg`; mmWave Studio does not swap them."""
-    if not capture:
-        return "IIQQ"
-    orders = ("I4Q4", "Q4I4") if capture.interleaved else ("IIQQ", "QQII")
-    return orders[capture.sample_swap]
-
-
-def _losses(packets, lost):
-    """Notes on bytes that were lost, came twice or came late."""
+def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
+    """Yield a note for packets that were lost, repeated or late."""
     first, last = packets.holes()
     missing = int((last - first).sum())
     again = int((packets.payload * packets.number).sum()) - packets.size + missing
@@ -168,16 +163,16 @@ def _losses(packets, lost):
     if missing:
         yield (
             f"{missing:,} bytes ({-(-missing // PAYLOAD):,} packets) were lost, in "
-            f"{np.count_nonzero(lost):,} of {len(lost):,} frames: zeros in their place"
+            f"{np.count_nonzero(lost):,} of {len(lost):,} frames: read as zeros"
         )
     if again:
-        yield f"{again:,} bytes came more than once"
+        yield f"{again:,} bytes arrived more than once"
     if late:
-        yield f"packets were out of order in {late:,} places: put back"
+        yield f"packets were out of order in {late:,} places: reordered"
 
 
-def _does_not_fit(files, size, radar):
-    """The error of a size that is not a multiple of a frame's."""
+def _does_not_fit(files: Files, size: int, radar: RadarSpec) -> str:
+    """Return the error for a size that is not a multiple of a frame's."""
     tx, rx, chirps, samples = radar.cube_shape
     frame_bytes = 4 * tx * rx * chirps * samples
     mine = (samples, chirps, rx, tx)
@@ -185,23 +180,23 @@ def _does_not_fit(files, size, radar):
     fitting = [
         shape
         for shape in itertools.product(*usual)
-        if size and size % (4 * int(np.prod(shape))) == 0
+        if size and size % (4 * math.prod(shape)) == 0
     ]
     fitting.sort(
         key=lambda shape: (
             sum(a != b for a, b in zip(shape, mine, strict=True)),
-            -np.prod(shape),
+            -math.prod(shape),
         )
     )
     others = (
-        "or another capture's description: what would fit are (samples, chirps, rx, "
-        f"tx) of {fitting[:6]}"
+        f"frames of (samples, chirps, rx, tx) that fit: {fitting[:6]}"
         if fitting
-        else "no usual frame fits either"
+        else "no usual frame size fits"
     )
     return (
         f"{files.paths[0]} holds {size:,} bytes, {radar.name} needs a multiple of "
         f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x 4 "
-        f"bytes): {size // frame_bytes} whole frames; truncated (allow_partial reads "
-        f"the whole ones)? {others}"
+        f"bytes): {size // frame_bytes} whole frames. Was the file cut off "
+        "(allow_partial reads the whole frames), or does the description belong to "
+        f"another capture ({others})?"
     )

@@ -1,12 +1,12 @@
-"""Packets of a DCA1000 capture card: where each byte of the sample stream lies.
+"""Packets of a DCA1000 capture card: the place of each byte in the sample stream.
 
     sequence number u32 | [length u32] | byte count u48 | at most 1456 bytes of samples
 
-The card numbers its packets from 1 and says in each how many bytes it sent before: the
-place of the packet's samples in the stream. So packets may arrive in any order or
-twice, and what was lost is a hole of known size. The length stands in the files that
-TI's tools write (14 bytes of header), not in what comes over the network (10). Frames
-begin and end anywhere in a packet. All of it is read in pieces of some megabytes.
+The card numbers its packets from 1. The byte count is the number of bytes sent before:
+the place of the packet's samples in the stream. Packets may therefore arrive in any
+order or twice, and a lost packet leaves a hole of known size. Files of TI's tools
+contain the length (14 bytes of header), the network stream does not (10). Frames begin
+and end anywhere in a packet. Files are read in pieces of a few megabytes.
 """
 
 from pathlib import Path
@@ -17,36 +17,36 @@ from jaxtyping import Int, UInt8
 
 PAYLOAD = 1456  # bytes of samples in a full packet
 HEADER_BYTES = (14, 10)
-PIECE = 4096  # packets looked at together
-REORDERED = 64 << 20  # bytes by which packets may come late
-LOOKED_AT = 16  # packets that decide whether a file is of packets
+PIECE = 4096  # packets read together
+REORDERED = 64 << 20  # bytes by which a packet may be late
+LOOKED_AT = 16  # packets that decide whether a file consists of packets
 
 
 class Files(NamedTuple):
-    """Files that continue one another, read as one."""
+    """The parts of a split file, read as one."""
 
     paths: tuple[Path, ...]
-    ends: Int[np.ndarray, " file"]  # bytes of all files up to and with each
+    ends: Int[np.ndarray, " file"]  # cumulative bytes after each file
 
     @classmethod
     def of(cls, paths: list[Path]) -> "Files":
-        """Files in the order of `paths`, as large as they are now."""
+        """Return the files in the order of `paths` with their present sizes."""
         sizes = [path.stat().st_size for path in paths]
         return cls(tuple(paths), np.cumsum(np.array(sizes, np.int64)))
 
     @property
     def size(self) -> int:
-        """Bytes of all files."""
+        """Number of bytes of all files."""
         return int(self.ends[-1])
 
     def read(self, start: int, stop: int) -> UInt8[np.ndarray, " byte"]:
-        """Bytes from `start` to `stop`, fewer where the last file ends before."""
+        """Return bytes `start` to `stop`, fewer at the end of the last file."""
         parts, begin = [np.empty(0, np.uint8)], 0
         for path, end in zip(self.paths, self.ends.tolist(), strict=True):
             if (count := min(stop, end) - start) > 0:
                 part = np.fromfile(path, np.uint8, count, offset=start - begin)
                 if len(part) < count:
-                    raise ValueError(f"{path} was cut while it was read")
+                    raise ValueError(f"{path} was truncated while it was read")
                 parts.append(part)
                 start += count
             begin = end
@@ -54,7 +54,7 @@ class Files(NamedTuple):
 
 
 class Packets(NamedTuple):
-    """Runs of packets that follow one another in the file and in the stream.
+    """Runs of packets that are consecutive both in the files and in the stream.
 
     All packets of a run hold the same number of bytes. Runs are sorted by `start`.
     """
@@ -68,22 +68,22 @@ class Packets(NamedTuple):
 
     @property
     def end(self) -> Int[np.ndarray, " run"]:
-        """Where each run, or one before it, ends in the stream."""
+        """The largest end of each run and those before it, in the stream."""
         return np.maximum.accumulate(self.start + self.payload * self.number)
 
     @property
     def size(self) -> int:
-        """Bytes of the stream, lost ones included."""
+        """Number of bytes of the stream, including lost ones."""
         return int(self.end[-1])
 
     def holes(self) -> tuple[Int[np.ndarray, " hole"], Int[np.ndarray, " hole"]]:
-        """Where in the stream bytes were lost: first and one past the last."""
+        """Return the first lost byte of each hole in the stream, and the end."""
         before = np.append(0, self.end[:-1])
         lost = self.start > before
         return before[lost], self.start[lost]
 
     def read(self, start: int, stop: int) -> UInt8[np.ndarray, " byte"]:
-        """Bytes of the stream; zeros where they were lost."""
+        """Return bytes of the stream, with zeros for lost ones."""
         stream = np.zeros(stop - start, np.uint8)
         first = np.searchsorted(self.end, start, "right")
         last = np.searchsorted(self.start, stop)
@@ -106,7 +106,7 @@ class Packets(NamedTuple):
 def lost_per_frame(
     packets: Packets, frame_bytes: int, num_frames: int
 ) -> Int[np.ndarray, " frame"]:
-    """Bytes of each frame that were lost."""
+    """Return the number of lost bytes of each frame."""
     first, last = packets.holes()
     places = np.append(np.stack([first, last], -1).ravel(), packets.size)
     lost = np.cumsum(np.append(0, last - first))
@@ -116,10 +116,10 @@ def lost_per_frame(
 
 
 def header_size(files: Files) -> int:
-    """14 or 10 where the files are of packets with such headers, 0 where they are not.
+    """Return 14 or 10 if the files consist of packets with such headers, else 0.
 
-    The first packets decide: two, or all of one, must count as a card does, one of them
-    without any packet before it that was not full.
+    The first packets decide. At least two (or the only one) need plausible counts, one
+    of them the exact count that full packets give.
     """
     for size in HEADER_BYTES:
         position, seen, exact = 0, 0, False
@@ -135,11 +135,10 @@ def header_size(files: Files) -> int:
 
 
 def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Packets:
-    """Find every packet of the files by the headers alone.
+    """Return the index of all packets in the files; only headers are used.
 
-    Raises ValueError for a header that cannot be one, for a stream that starts over or
-    is lost for the most part, and for a last packet that is cut off (left out under
-    `allow_partial`).
+    Raises ValueError for a damaged header, for a stream that restarts, for a stream
+    that is mostly lost, and for a truncated last packet unless `allow_partial` is set.
     """
     runs, position, highest, received, window = [], 0, 0, 0, 1
     while position < files.size:
@@ -148,7 +147,7 @@ def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Pa
             if start < highest - REORDERED:
                 raise ValueError(
                     f"{_place(files, offset)}: the byte count falls from {highest:,} "
-                    f"to {start:,}: two captures in one file? split them"
+                    f"to {start:,}: if the file holds two captures, split it"
                 )
             highest = max(highest, start + payload * count)
             received += payload * count
@@ -157,24 +156,25 @@ def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Pa
             if allow_partial:
                 break
             raise ValueError(
-                f"{files.paths[-1]} ends within a packet, at byte {files.size:,} of "
-                "all: truncated? allow_partial reads the packets before it"
+                f"{files.paths[-1]} ends within a packet, after {files.size:,} bytes: "
+                "truncated? allow_partial reads the packets before it"
             )
         window = min(2 * window, PIECE) if found[-1][2] == PAYLOAD else 1
         runs += found
     if not runs or highest > 2 * received + REORDERED:
         raise ValueError(
-            f"{files.paths[0]}: the packets hold {received:,} bytes of {highest:,} "
-            "that their headers count: a damaged header, or most packets lost"
+            f"{files.paths[0]}: the packets hold {received:,} bytes of the {highest:,} "
+            "that their headers count: a header is damaged, or most packets were lost"
         )
     start, offset, payload, count = np.array(sorted(runs), np.int64).T
     return Packets(files, header_bytes, start, offset, payload, count)
 
 
 def _runs_at(files, position, header_bytes, window):
-    """Runs `(start, offset, payload, count)` of the packets from `position` on.
+    """Return runs `(start, offset, payload, count)` of the packets at `position`.
 
-    Looks at `window` full packets, or at one that is not full; none where it is cut.
+    Reads up to `window` full packets, or one shorter packet. Returns no runs if that
+    packet is truncated.
     """
     record = header_bytes + PAYLOAD
     piece = files.read(position, position + window * record)
@@ -187,10 +187,10 @@ def _runs_at(files, position, header_bytes, window):
             return []
         sequence, length, count = _header(files, position, header_bytes)
         if not _plausible(sequence, length, count):
-            hint = ", or a packet before it not full" if header_bytes == 10 else ""
+            hint = ", or the packet before not full" if header_bytes == 10 else ""
             raise ValueError(
                 f"{_place(files, position)}: expected the header of a packet, found "
-                f"number {sequence}, {length} bytes after {count:,}: damaged{hint}?"
+                f"number {sequence} with {length} bytes after {count:,}: damaged{hint}?"
             )
         cut = position + header_bytes + length > files.size
         return [] if cut else [(count, position, length, 1)]
@@ -203,9 +203,9 @@ def _runs_at(files, position, header_bytes, window):
 
 
 def _header(files, position, header_bytes):
-    """Sequence number, length and byte count of the packet at `position`.
+    """Return sequence number, length and byte count of the packet at `position`.
 
-    A header without a length stands before a full packet, or before the last one.
+    Packets without a length are full, except the last one.
     """
     header = files.read(position, position + header_bytes)
     sequence, length, count = (int(field[0]) for field in _fields(header[None]))
@@ -215,7 +215,7 @@ def _header(files, position, header_bytes):
 
 
 def _fields(headers):
-    """The same three of headers `[packet, byte]`; packets without a length are full."""
+    """Return the same fields of headers `[packet, byte]`, all of full packets."""
     widths = [4, 4, 6] if headers.shape[1] == 14 else [4, 6]
     parts = np.split(headers.astype(np.int64), np.cumsum(widths)[:-1], axis=1)
     fields = [part @ 256 ** np.arange(part.shape[1]) for part in parts]
@@ -225,14 +225,14 @@ def _fields(headers):
 
 
 def _plausible(sequence, length, count):
-    """Whether packets before number `sequence` can have held `count` bytes."""
+    """True where the packets before number `sequence` can have held `count` bytes."""
     most = (sequence - 1) * PAYLOAD
     counts = (count >= (sequence > 1)) & (count <= most)
     return (sequence > 0) & (length > 0) & (length <= PAYLOAD) & counts
 
 
 def _place(files, position):
-    """The file and the byte in it, for an error."""
+    """Return the file and the byte in it, for an error."""
     file = int(np.searchsorted(files.ends, position, "right"))
     before = int(files.ends[file - 1]) if file else 0
     return f"{files.paths[file]}, byte {position - before:,}"

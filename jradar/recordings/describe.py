@@ -1,4 +1,4 @@
-"""What files hold, as plain numbers and texts that JSON can carry."""
+"""The contents of recordings, bags and clouds as plain values that JSON can carry."""
 
 import re
 from pathlib import Path
@@ -8,19 +8,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.radar import RadarSpec
-from jradar.recordings.recording import Recording, radar_from_lidar
+from jradar.recordings.bags import bag_topics
+from jradar.recordings.clouds import read_cloud
+from jradar.recordings.formats import Format, has_suffix
+from jradar.recordings.recording import Recording, Stream, radar_from_lidar
 
-BAGS = (".bag", ".mcap", ".db3")
-CLOUDS = (".ply", ".pcd")
-CLOUD_NAMES = re.compile(r"(.*lidar.*|[0-9]+)\.bin")  # ColoRadar's and KITTI's
-GAP = 1.5  # steps between stamps longer than so many median ones
+CLOUD_NAMES = re.compile(r".*\.(ply|pcd)|(.*lidar.*|[0-9]+)\.bin")  # ColoRadar, KITTI
+GAP = 1.5  # median steps: a longer step between stamps counts as a gap
 
 
 def describe(recording: Recording) -> dict[str, Any]:
-    """Radar, rates and faults of each stream, calibration, transforms, notes.
+    """Return radar, rates and faults of each stream, calibration, transforms, notes.
 
-    The first and the last item of each stream are read; what cannot be is said under
-    "readable" and raises nothing.
+    The first and the last item of each stream are read; an item that cannot be read is
+    reported under "readable".
     """
     poses = recording.poses
     streams = [_timing("radar", len(recording.cubes), recording.cubes.stamps)]
@@ -29,11 +30,11 @@ def describe(recording: Recording) -> dict[str, Any]:
     if poses is not None:
         streams.append(_timing("poses", len(poses.stamps), poses.stamps))
     return {
-        "capture": str(recording.path),
+        "recording": str(recording.path),
         "frames": len(recording.cubes),
         "radar": _radar(recording.radar),
         "streams": streams,
-        **_company(recording),
+        **_matches(recording),
         "readable": _readable(recording),
         "calibration": _calibration(recording),
         "transforms": _transforms(recording),
@@ -42,21 +43,17 @@ def describe(recording: Recording) -> dict[str, Any]:
     }
 
 
-def describe_file(path: Path | str) -> dict[str, Any] | None:
-    """Topics of a bag; points and bounds of a cloud; None for any other path."""
-    path = Path(path)
-    if path.suffix in BAGS or (path / "metadata.yaml").is_file():
-        from jradar.recordings.bags import bag_topics
+def describe_bag(path: Path | str) -> dict[str, Any]:
+    """Return the topics of a bag with their types and numbers of messages."""
+    topics = [
+        {"topic": name, "type": kind, "messages": count}
+        for name, (kind, count) in bag_topics(path).items()
+    ]
+    return {"bag": str(path), "topics": topics}
 
-        topics = [
-            {"topic": name, "type": kind, "messages": count}
-            for name, (kind, count) in bag_topics(path).items()
-        ]
-        return {"bag": str(path), "topics": topics}
-    if path.suffix not in CLOUDS and not CLOUD_NAMES.fullmatch(path.name):
-        return None
-    from jradar.recordings.clouds import read_cloud
 
+def describe_cloud(path: Path | str) -> dict[str, Any]:
+    """Return the number of points, the fields and the bounds of a cloud."""
     columns = read_cloud(path)
     xyz = np.stack([columns[axis] for axis in "xyz"], -1)
     returns = xyz[np.isfinite(xyz).all(1) & (xyz != 0).any(1)]
@@ -70,12 +67,37 @@ def describe_file(path: Path | str) -> dict[str, Any] | None:
     }
 
 
+CONTENTS = (
+    Format(
+        "a bag: .bag, .mcap, .db3 or a ROS 2 folder",
+        lambda path: (
+            has_suffix(".bag", ".mcap", ".db3")(path)
+            or (path / "metadata.yaml").is_file()
+        ),
+        describe_bag,
+    ),
+    Format(
+        "a cloud: .ply, .pcd, or a .bin of KITTI or ColoRadar's LiDAR",
+        lambda path: CLOUD_NAMES.fullmatch(path.name) is not None,
+        describe_cloud,
+    ),
+)
+
+
+def describe_file(path: Path | str) -> dict[str, Any] | None:
+    """Return what a file without radar frames holds; None if it is not in CONTENTS."""
+    for known in CONTENTS:
+        if known.matches(Path(path)):
+            return known.open(Path(path))
+    return None
+
+
 def _radar(radar: RadarSpec) -> dict[str, Any]:
-    """The radar and what follows from it."""
+    """Return the radar's sizes, resolutions and limits."""
     return {
         "name": radar.name,
         "tx x rx x chirps x samples": list(radar.cube_shape),
-        "fires tx in the order": " ".join(map(str, radar.tx_firing_order)),
+        "tx firing order": " ".join(map(str, radar.tx_firing_order)),
         "measures elevation": radar.has_elevation,
         "range_resolution_m": radar.range_resolution_m,
         "max_range_m": radar.max_range_m,
@@ -86,7 +108,7 @@ def _radar(radar: RadarSpec) -> dict[str, Any]:
 
 
 def _timing(name: str, count: int, stamps: np.ndarray | None) -> dict[str, Any]:
-    """Rate of a stream, and where its stamps are not what a steady sensor gives."""
+    """Return a stream's rate, and the faults of its stamps."""
     known = stamps is not None and len(stamps) > 1
     steps = np.diff(stamps) if stamps is not None and known else np.zeros(0)
     forward = steps[steps > 0]
@@ -103,8 +125,8 @@ def _timing(name: str, count: int, stamps: np.ndarray | None) -> dict[str, Any]:
     }
 
 
-def _company(recording: Recording) -> dict[str, Any]:
-    """How many frames have a LiDAR scan within 50 ms, and a pose before and after."""
+def _matches(recording: Recording) -> dict[str, Any]:
+    """Count the frames with a LiDAR scan within 50 ms, and with a pose around them."""
     stamps, found = recording.cubes.stamps, {}
     if stamps is None:
         return found
@@ -121,17 +143,17 @@ def _company(recording: Recording) -> dict[str, Any]:
 
 
 def _readable(recording: Recording) -> dict[str, str]:
-    """The first and the last item of each stream, or the error that they raise."""
-    said = {}
+    """Return a line about the first and the last item of each stream."""
+    lines = {}
     for name, stream in (("frame", recording.cubes), ("scan", recording.lidar)):
         count = len(stream) if stream is not None else 0
-        for item in sorted({0, count - 1}) if count else ():
-            said[f"{name} {item}"] = _one(stream, item)
-    return said
+        for item in sorted({0, count - 1}) if stream is not None and count else ():
+            lines[f"{name} {item}"] = _item(stream, item)
+    return lines
 
 
-def _one(stream, item: int) -> str:
-    """What an item is, in words."""
+def _item(stream: Stream, item: int) -> str:
+    """Return the size of an item in words, or the error that reading it raises."""
     try:
         array = stream[item]
     except (ValueError, OSError) as error:
@@ -144,7 +166,7 @@ def _one(stream, item: int) -> str:
 
 
 def _calibration(recording: Recording) -> list[str]:
-    """Corrections that the recording brings along."""
+    """Return a line for each correction that the recording holds."""
     found = []
     if recording.coupling is not None:
         shape = " x ".join(map(str, recording.coupling.shape))
@@ -160,7 +182,7 @@ def _calibration(recording: Recording) -> list[str]:
 
 
 def _transforms(recording: Recording) -> dict[str, Any]:
-    """Where the sensors are: metres and degrees."""
+    """Return the sensors' positions in metres and orientations in degrees."""
     found = {
         "radar in the base": recording.base_from_radar,
         "lidar in the base": recording.base_from_lidar,
@@ -179,7 +201,7 @@ def _transforms(recording: Recording) -> dict[str, Any]:
 
 
 def _lost(recording: Recording) -> dict[str, Any]:
-    """Bytes that the network lost, where the reader counted them."""
+    """Return the number of bytes that the capture lost, if the reader counted them."""
     if recording.lost_bytes is None:
         return {}
     return {

@@ -1,4 +1,4 @@
-"""How in-phase and quadrature numbers alternate in the samples of TI radars.
+"""The order of in-phase (I) and quadrature (Q) numbers in the samples of TI radars.
 
 Samples are int16 in the order [chirp][tx][rx][sample]; an `iq_order` is one of
 
@@ -7,13 +7,14 @@ Samples are int16 in the order [chirp][tx][rx][sample]; an `iq_order` is one of
     I4Q4  Q4I4                four lanes (xWR12xx, 14xx): I of every receiver, then Q
                               of every receiver, sample by sample
 
-The second of each pair is `adcbufCfg`'s sample swap; IQIQ is what `reorderEnable` of a
-DCA1000 makes of IIQQ.
+The orders that begin with Q come from the sample swap of `adcbufCfg`. `reorderEnable`
+of a DCA1000 turns IIQQ into IQIQ.
 """
 
 import numpy as np
 from jaxtyping import Complex, Int16
 
+from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 
 IQ_ORDERS = ("IIQQ", "QQII", "IQIQ", "QIQI", "I4Q4", "Q4I4")
@@ -22,22 +23,22 @@ OTHER_INTERLEAVE = {"IIQQ": "IQIQ", "IQIQ": "IIQQ", "QQII": "QIQI", "QIQI": "QQI
 
 
 def check_iq_order(order: str, radar: RadarSpec) -> None:
-    """ValueError for an order that is unknown or needs an even number of samples."""
+    """Raise UsageError for an unknown order, ValueError for one that does not fit."""
     if order not in IQ_ORDERS:
-        raise ValueError(
+        raise UsageError(
             f"iq_order = {order!r}, expected one of {', '.join(IQ_ORDERS)}"
         )
     if order in TWO_LANES and radar.num_samples % 2:
         raise ValueError(
-            f"{radar.num_samples} samples per chirp in the order {order}: two samples "
-            "lie together, expected an even number"
+            f"{radar.num_samples} samples per chirp in the order {order}, expected an "
+            "even number: it stores two samples together"
         )
 
 
 def cube_of_words(
     words: Int16[np.ndarray, " word"], radar: RadarSpec, order: str
 ) -> Complex[np.ndarray, "tx rx chirp sample"]:
-    """One frame of int16 as complex64 [tx, rx, chirp, sample]."""
+    """Convert one frame of int16 to complex64 [tx, rx, chirp, sample]."""
     tx, rx, chirps, samples = radar.cube_shape
     cube = np.empty(radar.cube_shape, np.complex64)
     if order in ("I4Q4", "Q4I4"):
@@ -58,12 +59,11 @@ def cube_of_words(
 def advise_iq_order(
     words: Int16[np.ndarray, "chirp word"], *, order: str
 ) -> str | None:
-    """What chirps of a two-lane device say about `order`; None where it seems right.
+    """Return advice if the spectra of two-lane chirps contradict `order`, else None.
 
-    A wrong interleave gives every echo a mirror image about the middle of the range
-    axis. Halves that are swapped turn the range axis about: the notch of the decimation
-    filter at the far end of complex 1x samples shows at the near end. Both are believed
-    from a difference of 3 dB on.
+    A wrong interleave mirrors every echo about the middle of the range axis. Swapped
+    I and Q reverse the range axis: the notch of the decimation filter, at the far end
+    of complex 1x samples, appears at the near end. Differences below 3 dB are ignored.
     """
     num_samples = words.shape[1] // 2
     if order not in TWO_LANES or num_samples % 2 or num_samples < 64:
@@ -79,13 +79,13 @@ def advise_iq_order(
     if best == order:
         return None
     return (
-        f"the spectra look like those of samples in the order {best}, they were read "
-        f"as {order}: see whether iq_order='{best}' puts the echoes where they belong"
+        f"the spectra suggest samples in the order {best}, they were read as {order}: "
+        f"check whether iq_order='{best}' puts the echoes where they belong"
     )
 
 
 def _levels(words, order):
-    """In dB: contrast about the middle of the range axis, level near, level far."""
+    """Return asymmetry about the range axis' middle, near and far level, in dB."""
     in_phase, quadrature = _halves(words[:256].astype(np.float32), order)
     samples = in_phase + 1j * quadrature
     samples -= samples.mean(-1, keepdims=True)
@@ -99,7 +99,7 @@ def _levels(words, order):
 
 
 def _halves(words, order):
-    """In-phase and quadrature numbers `[..., sample]` of a two-lane device."""
+    """Return I and Q numbers `[..., sample]` of a two-lane device."""
     fours = words.reshape(*words.shape[:-1], -1, 4)
     places = ([at for at in range(4) if order[at] == half] for half in "IQ")
     return [fours[..., at].reshape(*words.shape[:-1], -1) for at in places]

@@ -1,7 +1,8 @@
-"""Point Cloud Library's PCD files: ascii, binary, and binary compressed by LZF.
+"""PCD files of the Point Cloud Library: ascii, binary, and binary compressed by LZF.
 
-A header of text names the fields, their types and sizes; a compressed file holds one
-field after the other. `POINTS` is trusted: some writers leave WIDTH and HEIGHT at 0.
+A text header lists the fields with their types and sizes. A compressed file stores one
+field after the other. `POINTS` is the number of points: some writers leave WIDTH and
+HEIGHT at 0.
 """
 
 import struct
@@ -12,11 +13,11 @@ import numpy as np
 
 MAX_HEADER = 64 << 10
 TYPES = ("F4", "F8", "I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8")
-LEAST_TEXT = 2  # bytes of a number: a digit and a space
+LEAST_TEXT = 2  # bytes of a number in text: a digit and a space
 
 
 def read_pcd(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a PCD file; ValueError where it is not what its header says."""
+    """Return the columns of a PCD file; ValueError if they do not fit its header."""
     with path.open("rb") as file:
         fields, start = _header(path, file.read(MAX_HEADER))
     try:
@@ -28,7 +29,7 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
         (encoding,) = fields["DATA"]
         read = {"ascii": _text, "binary": _plain, "binary_compressed": _packed}
         if count < 0 or encoding not in read:
-            raise ValueError(f"{count} points, DATA {encoding}")
+            raise ValueError(f"POINTS {count}, DATA {encoding}")
     except (KeyError, ValueError, TypeError) as error:
         raise ValueError(f"{path}: damaged PCD header: {error}") from error
     columns = read[encoding](path, start, point, count)
@@ -38,7 +39,7 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
 def columns_of_words(
     path: Path, words: list[bytes], point: np.dtype
 ) -> dict[str, np.ndarray]:
-    """Columns of numbers in text, point after point; ValueError for other words."""
+    """Return the columns of points written as words; ValueError for other words."""
     table = np.array(words, "S").reshape(-1, max(point.itemsize and _width(point), 1))
     columns, at = {}, 0
     for name in point.names or ():
@@ -54,21 +55,22 @@ def columns_of_words(
 
 
 def need(path: Path, start: int, count: int, size: int) -> None:
-    """ValueError where a file ends before `count` points of `size` bytes."""
+    """Raise ValueError if a file ends before `count` points of `size` bytes."""
     left = path.stat().st_size - start
     if left < count * size:
         raise ValueError(
             f"{path} holds {left:,} bytes of points, its header claims {count:,} "
-            f"points of {size} bytes: truncated, or damaged"
+            f"points of {size} bytes: truncated or damaged"
         )
 
 
-def _width(point):
+def _width(point: np.dtype) -> int:
+    """Return the number of words of a point."""
     return sum(point[name].shape[0] if point[name].shape else 1 for name in point.names)
 
 
 def _header(path, begin):
-    """Words of each line of the header under its first, and where it ends."""
+    """Return the header's lines, words by first word, and its length in bytes."""
     fields, start = {}, 0
     while "DATA" not in fields:
         end = begin.find(b"\n", start)
@@ -82,13 +84,13 @@ def _header(path, begin):
 
 
 def _fields(fields):
-    """Name, format and shape of each field; names of padding begin with `_`."""
+    """Yield name, format and shape of each field; padding gets names with `_`."""
     names = fields["FIELDS"]
     counts = fields.get("COUNT", ["1"] * len(names))
     columns = names, fields["TYPE"], fields["SIZE"], counts
     for at, (name, kind, size, count) in enumerate(zip(*columns, strict=True)):
         if kind + size not in TYPES or int(count) < 1:
-            raise ValueError(f"{name} is {count} of {kind}{size}")
+            raise ValueError(f"field {name}: COUNT {count}, TYPE {kind}, SIZE {size}")
         form = f"<{kind.lower()}{size}"
         shape = (int(count),) if int(count) > 1 else ()
         yield f"_{at}" if name == "_" else name, form, shape
@@ -118,12 +120,12 @@ def _packed(path, start, point, count):
     if not count:
         return {name: np.zeros(0, point)[name] for name in point.names}
     if len(data) < 8:
-        raise ValueError(f"{path} ends before its points: truncated")
+        raise ValueError(f"{path} ends before its points: truncated?")
     packed, unpacked = struct.unpack_from("<II", data)
     if unpacked != size or packed > len(data) - 8:
         raise ValueError(
             f"{path}: {packed:,} packed bytes of {len(data) - 8:,} in the file become "
-            f"{unpacked:,}, {count:,} points need {size:,}: truncated, or damaged"
+            f"{unpacked:,}, {count:,} points need {size:,}: truncated or damaged"
         )
     try:
         raw = lzf_decompress(data[8 : 8 + packed], size)
@@ -140,11 +142,11 @@ def _packed(path, start, point, count):
 
 
 def lzf_decompress(data: bytes, size: int) -> bytes:
-    """The `size` bytes that Marc Lehmann's LZF packed; ValueError where it is damaged.
+    """Return the `size` bytes packed by LZF; ValueError for damaged data.
 
-    Control bytes below 32 stand before literal bytes, one more than their value; others
-    hold a length in their upper 3 bits (7: a byte follows) and a distance back in the
-    lower 5 and the byte after.
+    A control byte below 32 precedes literal bytes, one more than its value. Other
+    control bytes hold a length in their upper 3 bits (7: one more byte follows) and a
+    distance back in the lower 5 bits and the next byte.
     """
     out, at = bytearray(), 0
     try:
@@ -164,7 +166,7 @@ def lzf_decompress(data: bytes, size: int) -> bytes:
             if begin < 0:
                 raise IndexError
             repeat = out[begin : begin + length + 2]
-            while len(repeat) < length + 2:  # it overlaps what it writes
+            while len(repeat) < length + 2:  # source and target overlap
                 repeat = repeat + repeat
             out += repeat[: length + 2]
     except IndexError:

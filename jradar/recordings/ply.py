@@ -1,7 +1,7 @@
 """Stanford's PLY files: the vertices with all their properties, in any encoding.
 
-A header of text lists elements (vertex, face, ..) and the properties of each; their
-rows follow in the same order. A property may be a list, a count before its values.
+A text header lists elements (vertex, face, ..) and their properties; the rows follow in
+the same order. A list property is a count followed by its values.
 """
 
 from pathlib import Path
@@ -21,7 +21,7 @@ ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 class Property(NamedTuple):
-    """A number of each row, or with a type of `length` a list of numbers."""
+    """A number in each row; a list of numbers if `length`, the count's type, is set."""
 
     name: str
     type: str
@@ -37,22 +37,24 @@ class Element(NamedTuple):
 
 
 def read_ply(path: Path) -> dict[str, np.ndarray]:
-    """Columns of a PLY file's vertices, without lists; ValueError for damaged files."""
+    """Return the columns of the vertices, without lists; ValueError if damaged."""
     with path.open("rb") as file:
         begin = file.read(MAX_HEADER)
     end = begin.find(b"end_header")
     start = begin.find(b"\n", end) + 1
     if not begin.startswith(b"ply") or end < 0 or not start:
-        raise ValueError(f"{path}: no header from `ply` to `end_header`: a PLY file?")
+        raise ValueError(
+            f"{path} is not a PLY file: no header from `ply` to `end_header`"
+        )
     try:
         order, elements = _header(begin[:end].decode("ascii", "replace"))
         names = [element.name for element in elements]
         before = elements[: names.index("vertex") + 1]
         for element in before:
-            np.dtype([(p.name, p.type) for p in element.properties])  # names differ
+            np.dtype([(p.name, p.type) for p in element.properties])  # unique names
     except (KeyError, IndexError, ValueError) as error:
         raise ValueError(f"{path}: damaged PLY header: {error}") from error
-    for element in before:  # each takes at least this much of the file
+    for element in before:  # each row takes at least `least` bytes
         least = LEAST_TEXT * len(element.properties) - 1
         if order:
             least = sum(
@@ -68,7 +70,7 @@ def read_ply(path: Path) -> dict[str, np.ndarray]:
 
 
 def _header(text):
-    """Byte order (empty for text) and elements."""
+    """Return the byte order (empty for text) and the elements."""
     order, elements = None, []
     for line in text.splitlines():
         words = line.split()
@@ -85,12 +87,12 @@ def _header(text):
             _, kind, name = words
             elements[-1].properties.append(Property(name, TYPES[kind]))
     if order is None:
-        raise ValueError("no format")
+        raise ValueError("no line `format`")
     return order, elements
 
 
 def _rows(path, start, element, order):
-    """Columns of an element's numbers in binary, and where the next element begins."""
+    """Return the columns of a binary element, and the start of the next element."""
     numbers = [p for p in element.properties if not p.length]
     row = np.dtype([(p.name, order + p.type) for p in numbers])
     if len(numbers) == len(element.properties):
@@ -107,7 +109,7 @@ def _rows(path, start, element, order):
                 form = np.dtype(order + entry.length)
                 length = np.frombuffer(data[start : start + form.itemsize], form)
                 start += form.itemsize
-                size *= int(length.sum())  # of one number, of none where the file ends
+                size *= int(length.sum())  # 0 at the end of a truncated file
             else:
                 kept += data[start : start + size]
             if size < 0 or start + size > len(data):
@@ -120,7 +122,7 @@ def _rows(path, start, element, order):
 
 
 def _text(path, words, elements):
-    """Columns of the numbers of the last of `elements`, whose rows are words."""
+    """Return the columns of the last of `elements`, whose rows are words."""
     at, kept = 0, list[bytes]()
     for element in elements:
         kept.clear()
@@ -138,5 +140,6 @@ def _text(path, words, elements):
     return columns_of_words(path, kept, row)
 
 
-def _cut(path, element):
-    return f"{path}: the rows of {element.name} are damaged, or the file is truncated"
+def _cut(path: Path, element: Element) -> str:
+    """Return the error for rows that end too early."""
+    return f"{path}: the rows of {element.name} are damaged or truncated"

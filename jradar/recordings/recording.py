@@ -1,7 +1,7 @@
-"""A recording: radar frames and what other sensors saw beside them, read when asked.
+"""A recording: radar frames and the data of other sensors, read when accessed.
 
-Readers of every format return a `Recording`; preparation, the command line and the
-benchmarks know nothing else. What a recording lacks is None.
+Readers of every format return a `Recording`, and everything else works on it. Fields
+that a recording lacks are None.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from jradar.recordings.coloradar_calib import FrequencyPhase
 
 
 class Stream(Sequence):
-    """Items of one sensor in the order of their recording; opening reads none."""
+    """The items of one sensor in recorded order; each is read when accessed."""
 
     def __init__(
         self,
@@ -28,10 +28,12 @@ class Stream(Sequence):
     ):
         """`read(i)` returns item i of `count`; `stamps` are seconds, float64 [item].
 
-        `notes` say what is doubtful about the stream.
+        `notes` list what was repaired in the stream or is doubtful about it.
         """
         if stamps is not None and len(stamps) != count:
-            raise ValueError(f"{len(stamps)} stamps for {count} items")
+            raise ValueError(
+                f"{len(stamps)} stamps for {count} items, expected one each"
+            )
         self.stamps, self.notes = stamps, notes
         self._read, self._count = read, count
 
@@ -43,14 +45,14 @@ class Stream(Sequence):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
-            raise IndexError(f"item {index} of {len(self)}")
+            raise IndexError(f"item {index} of a stream of {len(self)} items")
         return self._read(index % len(self))
 
 
 class Recording(NamedTuple):
     """One sequence or capture. All transforms are 4 x 4 matrices in float64."""
 
-    name: str  # of the sequence, as records name it
+    name: str  # of the sequence, also in prepared records
     path: Path
     radar: RadarSpec
     cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts
@@ -61,17 +63,17 @@ class Recording(NamedTuple):
     coupling: Complex[np.ndarray, "tx rx half_range"] | None = None
     frequency_phase: FrequencyPhase | None = None
     channel_factors: Complex[np.ndarray, " virtual"] | None = None  # of a TI .cfg
-    range_bias_m: float = 0.0  # of a TI .cfg; to subtract from ranges
+    range_bias_m: float = 0.0  # of a TI .cfg; subtracted from measured ranges
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
-    notes: tuple[str, ...] = ()  # what was mended or is doubtful, for people
+    notes: tuple[str, ...] = ()  # what was repaired or is doubtful
 
 
 def calibrated_cube(
     recording: Recording, frame: int
 ) -> Complex[Array | np.ndarray, "tx rx chirp sample"]:
-    """A frame with the calibration of its antennas, where the recording holds any.
+    """Return a frame with the recording's antenna calibration applied.
 
-    The coupling is not in it: that is subtracted from a spectrum.
+    The coupling is not removed here: `radar_points` subtracts it from the spectrum.
     """
     cube, measured = recording.cubes[frame], recording.frequency_phase
     if recording.channel_factors is not None:
@@ -89,7 +91,7 @@ def calibrated_cube(
 
 
 def radar_from_lidar(recording: Recording) -> Float[np.ndarray, "4 4"] | None:
-    """Transform of LiDAR points to the radar's frame; None where it is not known."""
+    """Return the transform of LiDAR points to the radar's frame; None if unknown."""
     if recording.base_from_radar is None or recording.base_from_lidar is None:
         return None
     return np.linalg.inv(recording.base_from_radar) @ recording.base_from_lidar
@@ -98,10 +100,10 @@ def radar_from_lidar(recording: Recording) -> Float[np.ndarray, "4 4"] | None:
 def nearest_scan(
     recording: Recording, frame: int, *, tolerance_s: float = 0.05
 ) -> Float[np.ndarray, "point 3"] | None:
-    """The returns of the LiDAR scan nearest in time to a frame, in the radar's frame.
+    """Return the LiDAR scan nearest in time to a frame, in the radar's frame.
 
-    Points at (0, 0, 0) are missing returns and left out. None where there is no scan
-    within `tolerance_s`, or stamps or transforms are not known.
+    Missing returns, points at (0, 0, 0), are removed. Returns None if no scan lies
+    within `tolerance_s`, or if times or transforms are unknown.
     """
     cubes, lidar, move = recording.cubes, recording.lidar, radar_from_lidar(recording)
     if lidar is None or move is None or not len(lidar):

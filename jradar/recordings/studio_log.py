@@ -1,4 +1,10 @@
-"""Radar described by a log of TI's mmWave Studio."""
+"""Radar in a log of TI's mmWave Studio.
+
+    API:ProfileConfig,0,1435384036,10000,600,6000,0,0,621,0,256,10000,0,0,30,0,
+
+Each line holds a command and its arguments in register units. A repeated command
+replaces the earlier one.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -12,10 +18,23 @@ FREQUENCY_HZ = 3.6e9 / 2**26
 SLOPE_HZ_PER_S = 3.6e9 * 900 / 2**26 * 1e6
 TIME_S = 10e-9
 FRAME_PERIOD_S = 5e-9
+NEEDED = (
+    *("select_chip_version", "ChannelConfig", "AdcOutConfig", "ProfileConfig"),
+    *("ChirpConfig", "FrameConfig"),
+)
+CHIPS = {board.studio_chip: board for board in BOARDS.values() if board.studio_chip}
 
 
-def in_turn(path: Path | str, fired: list[list[int]]) -> list[int]:
-    """The one transmitter of each chirp of a turn; `fired` lists all of a chirp."""
+def radar_from_studio_log(path: Path | str) -> RadarSpec:
+    """Return the radar in the log that mmWave Studio writes beside `adc_data.bin`.
+
+    Transmitters are in firing order, which is also their order in the recorded file.
+    """
+    return radar_of(path, _radar_fields(path))
+
+
+def one_tx_each(path: Path | str, fired: list[list[int]]) -> list[int]:
+    """Return the one transmitter of each chirp of a turn, given the lists of all."""
     order = [tx[0] for tx in fired if len(tx) == 1]
     if len(order) < len(fired) or len(set(order)) < len(order):
         raise ValueError(
@@ -25,12 +44,8 @@ def in_turn(path: Path | str, fired: list[list[int]]) -> list[int]:
     return order
 
 
-def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
-    """Fields of the radar that a mmWave Studio log configured.
-
-    A repeated command replaces the one before it. The transmitters are in the order in
-    which the frame fires them, which is also their order in the recorded file.
-    """
+def _radar_fields(path: Path | str) -> dict[str, Any]:
+    """Return the fields of the radar for `RadarSpec.from_dict`."""
     commands: dict[str, list[str]] = {}
     tx_of_chirp: dict[int, list[int]] = {}
     for line in read_text(path).splitlines():
@@ -42,16 +57,14 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
             on = [tx for tx, bit in enumerate(arguments[7:]) if int(bit)]
             tx_of_chirp |= dict.fromkeys(range(first, last + 1), on)
 
-    needed = ("select_chip_version", "ChannelConfig", "AdcOutConfig", "ProfileConfig")
-    needed += ("ChirpConfig", "FrameConfig")
-    if missing := [name for name in needed if name not in commands]:
+    if missing := [name for name in NEEDED if name not in commands]:
         raise ValueError(
-            f"{path}: no {', '.join(missing)}: is it the log of mmWave Studio?"
+            f"{path}: no {', '.join(missing)}: is it a log of mmWave Studio?"
         )
     chip = commands["select_chip_version"][0]
-    boards = {b.studio_chip: name for name, b in BOARDS.items() if b.studio_chip}
-    if chip not in boards:
-        raise ValueError(f"{path}: chip {chip}, expected one of {[*boards]}")
+    if chip not in CHIPS:
+        raise ValueError(f"{path}: chip {chip}, expected one of {', '.join(CHIPS)}")
+    board = CHIPS[chip]
     try:
         profile = [int(value) for value in commands["ProfileConfig"]]
         frame = [int(value) for value in commands["FrameConfig"][:5]]
@@ -65,9 +78,8 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         raise ValueError(f"{path}: incomplete configuration ({error})") from error
     if not is_complex:
         raise ValueError(f"{path}: real samples were recorded, expected complex ones")
-    board = BOARDS[boards[chip]]
     return {
-        "name": boards[chip],
+        "name": chip.lower(),
         "start_frequency_hz": profile[1] * FREQUENCY_HZ,
         "slope_hz_per_s": slope * SLOPE_HZ_PER_S,
         "sample_rate_hz": sample_rate_ksps * 1e3,
@@ -76,13 +88,10 @@ def mmwave_studio_log(path: Path | str) -> dict[str, Any]:
         "idle_time_s": idle * TIME_S,
         "adc_start_time_s": adc_start * TIME_S,
         "ramp_end_time_s": ramp_end * TIME_S,
-        "tx_positions": tuple(board.tx_positions[tx] for tx in in_turn(path, fired)),
-        "rx_positions": tuple(p for p in board.rx_positions if rx_mask >> p[0] & 1),
+        "tx_positions": tuple(board.tx_positions[t] for t in one_tx_each(path, fired)),
+        "rx_positions": tuple(
+            place for bit, place in enumerate(board.rx_positions) if rx_mask >> bit & 1
+        ),
         "design_frequency_hz": board.design_frequency_hz,
         "frame_period_s": period * FRAME_PERIOD_S,
     }
-
-
-def radar_from_studio_log(path: Path | str) -> RadarSpec:
-    """The radar in the log that mmWave Studio writes beside `adc_data.bin`."""
-    return radar_of(path, mmwave_studio_log(path))

@@ -1,18 +1,19 @@
-"""Small text files, read with a limit: descriptions of radars and captures."""
+"""Small text files: read with a size limit, as TOML, as a radar."""
 
 import tomllib
 from pathlib import Path
 from typing import Any
 
+from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 
-MAX_BYTES = 4 << 20  # of a description; the largest, a cascade's coupling, holds 0.5 MB
+MAX_BYTES = 4 << 20  # the largest description, a cascade's coupling, takes 0.5 MB
 
 
-def read_text(path: Path | str, errors: str = "strict") -> str:
-    """The text of a small file; ValueError for a large or a binary one.
+def read_text(path: Path | str, *, errors: str = "strict") -> str:
+    """Return the text of a small file; ValueError if it is large or binary.
 
-    `errors="replace"` is for formats whose comments may be in another encoding.
+    `errors="replace"` is for formats whose comments may use another encoding.
     """
     path = Path(path)
     if (size := path.stat().st_size) > MAX_BYTES:
@@ -24,15 +25,15 @@ def read_text(path: Path | str, errors: str = "strict") -> str:
 
 
 def toml(path: Path | str) -> dict[str, Any]:
-    """The tables of a TOML file."""
+    """Return the tables of a TOML file; UsageError for a syntax error."""
     try:
         return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path} is not valid TOML: {error}") from error
+        raise UsageError(f"{path} is not valid TOML: {error}") from error
 
 
 def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:
-    """The radar with the fields read from a file, which an error names."""
+    """Return the radar with these fields; errors name the file they come from."""
     try:
         return RadarSpec.from_dict(values)
     except ValueError as error:
@@ -40,5 +41,8 @@ def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:
 
 
 def radar_from_toml(path: Path | str) -> RadarSpec:
-    """The radar in the `[radar]` table of a TOML file (example in the README)."""
-    return radar_of(path, toml(path).get("radar", {}))
+    """Return the radar in the `[radar]` table of a TOML file; UsageError if wrong."""
+    try:
+        return RadarSpec.from_dict(toml(path).get("radar", {}))
+    except ValueError as error:
+        raise UsageError(f"{path}: {error}") from error

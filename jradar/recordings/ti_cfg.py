@@ -1,14 +1,14 @@
-"""Radar and sample stream described by a `.cfg` of TI's mmWave SDK, for 1443 to 6843.
+"""Radar and sample stream in a `.cfg` of TI's mmWave SDK, for boards 1443 to 6843.
 
-    channelCfg 15 7 0               masks of the receivers and transmitters that are on
+    channelCfg 15 7 0               bit masks of the receivers and transmitters in use
     adcCfg 2 1                      bits and format of a sample
-    adcbufCfg -1 0 1 1 1            order of a sample's halves, and of the receivers
+    adcbufCfg -1 0 1 1 1            order of I and Q, and of the receivers
     profileCfg 0 77 267 7 57.14 ..  chirp: GHz, us, .., MHz/us, .., samples, ksps
     chirpCfg 1 1 0 0 0 0 0 4        chirp 1 of profile 0, fired by mask 4: transmitter 2
     frameCfg 0 2 16 0 100 ..        first and last chirp of a turn, turns, frames, ms
 
-A command given again replaces the one before it (a profile or a chirp: of its number),
-`flushCfg` forgets them all, and commands that say nothing of the samples are skipped.
+A repeated command replaces the earlier one (a profile or chirp: the one of the same
+number), and `flushCfg` deletes all. Commands that do not affect samples are skipped.
 """
 
 import dataclasses
@@ -18,12 +18,16 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Complex
+
+from jradar.errors import UsageError
 from jradar.radar import RadarSpec
-from jradar.radar.devices import BOARDS, ROW_OF_RECEIVERS, board
-from jradar.recordings.studio_log import in_turn
+from jradar.radar.devices import BOARDS, ROW_OF_RECEIVERS
+from jradar.recordings.studio_log import one_tx_each
 from jradar.recordings.text_files import radar_of, read_text
 
-# Commands that are read, and how many fields of each: files leave out trailing ones.
+# The commands that are read, and the fewest fields of each: files omit trailing ones.
 LEAST_FIELDS = {
     "dfeDataOutputMode": 1,
     "channelCfg": 2,
@@ -38,7 +42,7 @@ LEAST_FIELDS = {
     "compRangeBiasAndRxChanPhase": 1,
 }
 NEEDED = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg", "frameCfg")
-NUM_CHIRPS = 512  # that a chip can hold
+MAX_CHIRPS = 512  # that a chip can store
 NUM_RX = len(ROW_OF_RECEIVERS)
 
 Commands = dict[str, list[list[float]]]
@@ -48,26 +52,34 @@ Commands = dict[str, list[list[float]]]
 class CaptureSpec:
     """How a board streams its samples, and how its channels differ.
 
-    `sample_swap`: the imaginary half comes first, Q0 Q1 I0 I1, else I0 I1 Q0 Q1.
-    `interleaved`: receivers alternate from sample to sample, as on the 1443.
-    `has_headers`: the stream is not of samples alone.
-    `range_bias_m`: by how much measured ranges are too long.
-    `channel_factors`: one per virtual antenna, for `calibrate_channels`.
+    The defaults describe a capture that mmWave Studio configured.
     """
 
-    sample_swap: bool
-    interleaved: bool
-    has_headers: bool
-    range_bias_m: float
-    channel_factors: tuple[complex, ...]
+    sample_swap: bool = False  # Q before I
+    interleaved: bool = False  # receivers alternate from sample to sample, as on a 1443
+    has_headers: bool = False  # the stream holds more than samples
+    range_bias_m: float = 0.0  # by which measured ranges are too long
+    channel_factors: tuple[complex, ...] = ()  # per virtual antenna, in cube order
+
+    @property
+    def iq_order(self) -> str:
+        """Order of I and Q in the stream, see `iq_order`."""
+        orders = ("I4Q4", "Q4I4") if self.interleaved else ("IIQQ", "QQII")
+        return orders[self.sample_swap]
+
+    @property
+    def channel_array(self) -> Complex[np.ndarray, " virtual"] | None:
+        """`channel_factors` as an array; None if they change nothing."""
+        if not set(self.channel_factors) - {1}:
+            return None
+        return np.array(self.channel_factors, np.complex64)
 
     @classmethod
     def from_cfg(cls, path: Path | str) -> "CaptureSpec":
-        """Stream of a `.cfg`; ValueError as `RadarSpec.from_cfg`.
+        """Read the stream of a `.cfg`; ValueError as for `radar_from_cfg`.
 
-        The file holds factors of all the board's antennas, 4 for each transmitter bit,
-        from which TI's object detection picks those that fire. Here they lie as in the
-        cube, in firing order.
+        The file lists a factor for each pair of antennas on the board, 4 for each bit
+        of a transmitter. `channel_factors` holds the pairs in use, in firing order.
         """
         commands = _frame_commands(path)
         _, tx, rx = _turn(path, commands)
@@ -90,36 +102,40 @@ class CaptureSpec:
 
 
 def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
-    """The radar that a `.cfg` of TI's mmWave SDK configures on the board `device`.
+    """Return the radar that a `.cfg` of TI's mmWave SDK configures on a board.
 
-    Raises ValueError for real samples, for frames that are no RadarSpec (several
-    kinds of chirps, transmitters that fire together, a transmitter twice in a turn)
-    and for a carrier outside the board's band.
+    Transmitters are in firing order, which is also their order in the recorded file.
+    Raises UsageError for a `device` that is unknown or has another band or fewer
+    transmitters. Raises ValueError for real samples and for frames that a `RadarSpec`
+    cannot describe: several kinds of chirps, transmitters that fire together, or a
+    transmitter that fires twice in a turn.
     """
-    return radar_of(path, radar_fields(path, device))
+    return radar_of(path, _radar_fields(path, device))
 
 
-def radar_fields(path: Path | str, device: str = "awr1843") -> dict[str, Any]:
-    """Fields of the radar that a `.cfg` configures on the board `device`.
-
-    The transmitters are in the order in which the frame fires them, which is also their
-    order in the recorded file.
-    """
-    antennas = board(device)
+def _radar_fields(path: Path | str, device: str) -> dict[str, Any]:
+    """Return the fields of the radar for `RadarSpec.from_dict`."""
+    if device not in BOARDS:
+        raise UsageError(
+            f"device = {device!r}, expected one of {', '.join(BOARDS)} (a 6843 ODS or "
+            "AOP has another array and cannot be read)"
+        )
+    board = BOARDS[device]
     commands = _frame_commands(path)
     profile, tx, rx = _turn(path, commands)
-    if max(tx) >= len(antennas.tx_positions):
-        raise ValueError(
+    if max(tx) >= len(board.tx_positions):
+        raise UsageError(
             f"{path}: the frame fires transmitters {tx}, the {device} has "
-            f"{len(antennas.tx_positions)}: another device?"
+            f"{len(board.tx_positions)}: name the board, one of {', '.join(BOARDS)}"
         )
     start_ghz, idle_us, adc_start_us, ramp_end_us = profile[1:5]
-    low_hz, high_hz = antennas.band_hz
+    low_hz, high_hz = board.band_hz
     if not low_hz <= start_ghz * 1e9 <= high_hz:
-        raise ValueError(
+        raise UsageError(
             f"{path}: chirps start at {start_ghz} GHz, the {device} works from "
-            f"{low_hz / 1e9:.0f} to {high_hz / 1e9:.0f} GHz: name the device, one of "
-            f"{[*BOARDS]} (not for a 6843 ODS or AOP, whose array is another)"
+            f"{low_hz / 1e9:.0f} to {high_hz / 1e9:.0f} GHz: name the board, one of "
+            f"{', '.join(BOARDS)} (a 6843 ODS or AOP has another array and cannot be "
+            "read)"
         )
     turns, _, period_ms = commands["frameCfg"][-1][2:5]
     return {
@@ -132,15 +148,15 @@ def radar_fields(path: Path | str, device: str = "awr1843") -> dict[str, Any]:
         "idle_time_s": idle_us * 1e-6,
         "adc_start_time_s": adc_start_us * 1e-6,
         "ramp_end_time_s": ramp_end_us * 1e-6,
-        "tx_positions": tuple(antennas.tx_positions[t] for t in tx),
-        "rx_positions": tuple(antennas.rx_positions[r] for r in rx),
-        "design_frequency_hz": antennas.design_frequency_hz,
+        "tx_positions": tuple(board.tx_positions[t] for t in tx),
+        "rx_positions": tuple(board.rx_positions[r] for r in rx),
+        "design_frequency_hz": board.design_frequency_hz,
         "frame_period_s": period_ms * 1e-3,
     }
 
 
 def _frame_commands(path: Path | str) -> Commands:
-    """The commands of a file that describes complex samples of one kind of frame."""
+    """Return the commands of a file with complex samples and one kind of frame."""
     commands = _commands(path)
     mode = commands.get("dfeDataOutputMode", [[1]])[-1][0]
     if mode == 3 or "advFrameCfg" in commands or "subFrameCfg" in commands:
@@ -157,7 +173,7 @@ def _frame_commands(path: Path | str) -> Commands:
     adc_format = commands["adcCfg"][-1][1]
     if adc_format == 0 or _sample_order(commands)[0] == 1:
         raise ValueError(
-            f"{path}: adcCfg or adcbufCfg asks for real samples, expected complex ones "
+            f"{path}: adcCfg or adcbufCfg selects real samples, expected complex ones "
             "(adcCfg 2 1)"
         )
     if adc_format == 2:
@@ -170,7 +186,7 @@ def _frame_commands(path: Path | str) -> Commands:
 
 
 def _commands(path: Path | str) -> Commands:
-    """Fields of every command that is read, in the order of the file."""
+    """Return the fields of each command that is read, in file order."""
     text = read_text(path, errors="replace")
     if kind := {"{": "JSON", "[": "JSON", "<": "XML"}.get(text.lstrip()[:1]):
         raise ValueError(f"{path} is {kind}, expected a .cfg of TI's mmWave SDK")
@@ -197,7 +213,7 @@ def _commands(path: Path | str) -> Commands:
 def _turn(
     path: Path | str, commands: Commands
 ) -> tuple[list[float], list[int], list[int]]:
-    """Profile of the frame's chirps, transmitters in firing order, receivers."""
+    """Return the profile of the chirps, transmitters in firing order, receivers."""
     chirps = _chirps(path, commands)
     number = chirps[0][0]
     if any(chirp[0] != number or any(chirp[1:5]) for chirp in chirps):
@@ -212,7 +228,7 @@ def _turn(
             f"{[*map(int, profiles)]}"
         )
     fired = [_bits(_whole(path, "chirpCfg", chirp[5])) for chirp in chirps]
-    tx = in_turn(path, fired)
+    tx = one_tx_each(path, fired)
     rx_on, tx_on = (
         _bits(_whole(path, "channelCfg", mask))
         for mask in commands["channelCfg"][-1][:2]
@@ -220,38 +236,38 @@ def _turn(
     rx = [bit for bit in rx_on if bit < NUM_RX]
     if not rx or not set(tx) <= set(tx_on):
         raise ValueError(
-            f"{path}: channelCfg turns on receivers {rx} and transmitters {tx_on}, the "
-            f"frame needs a receiver and transmitters {tx}"
+            f"{path}: channelCfg enables receivers {rx} and transmitters {tx_on}, the "
+            f"frame needs at least one receiver and transmitters {tx}"
         )
     return profiles[number], tx, rx
 
 
 def _chirps(path: Path | str, commands: Commands) -> list[list[float]]:
-    """Profile, four variations and transmitter mask of each chirp of a turn."""
+    """Return profile, four variations and transmitter mask of each chirp of a turn."""
     described: dict[int, list[float]] = {}
     for fields in commands["chirpCfg"]:
-        start, end = (_whole(path, "chirpCfg", v, NUM_CHIRPS) for v in fields[:2])
+        start, end = (_whole(path, "chirpCfg", v, MAX_CHIRPS) for v in fields[:2])
         described |= dict.fromkeys(range(start, end + 1), fields[2:8])
     first, last = (
-        _whole(path, "frameCfg", v, NUM_CHIRPS) for v in commands["frameCfg"][-1][:2]
+        _whole(path, "frameCfg", v, MAX_CHIRPS) for v in commands["frameCfg"][-1][:2]
     )
     turn = range(first, last + 1)
     if not turn or not set(turn) <= set(described):
         raise ValueError(
-            f"{path}: a frame sends chirps {first} to {last}, chirpCfg describes "
+            f"{path}: frameCfg sends chirps {first} to {last}, chirpCfg describes "
             f"{sorted(described)}"
         )
     return [described[chirp] for chirp in turn]
 
 
 def _sample_order(commands: Commands) -> list[float]:
-    """Format, sample swap and channel order, after the sub-frame of newer SDKs."""
+    """Return format, sample swap, channel order; newer SDKs put a sub-frame first."""
     fields = commands["adcbufCfg"][-1]
     return fields[1:4] if len(fields) > 4 or fields[0] < 0 else fields[:3]
 
 
 def _channels(path: Path | str, commands: Commands) -> tuple[float, list[complex]]:
-    """Range bias in metres and factors of all the board's pairs of antennas."""
+    """Return the range bias in metres and the factors of all antenna pairs."""
     neutral = [0.0] + [1.0, 0.0] * (NUM_RX * 3)
     bias_m, *halves = commands.get("compRangeBiasAndRxChanPhase", [neutral])[-1]
     if len(halves) % 2:
@@ -264,12 +280,12 @@ def _channels(path: Path | str, commands: Commands) -> tuple[float, list[complex
 
 
 def _bits(mask: int) -> list[int]:
-    """Numbers of the bits that are set, the lowest first."""
+    """Return the numbers of the set bits, lowest first."""
     return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]
 
 
 def _whole(path: Path | str, name: str, value: float, below: int = 2**16) -> int:
-    """A field that counts; files may write it with decimals."""
+    """Return a field that counts as an integer; files may write it with decimals."""
     if value != int(value) or not 0 <= value < below:
         raise ValueError(
             f"{path}: {name} holds {value:g}, expected a whole number from 0 to "

@@ -1,11 +1,11 @@
-r"""The time between the clocks of a radar and a LiDAR, from motion that both saw.
+r"""The offset between the clocks of radar and LiDAR, from motion that both measured.
 
-Files of ADC samples carry no time, so the radar's may be off by seconds. How fast the
-scene moves, as each sensor sees it, rises and falls at the same moments:
+Files of ADC samples contain no times, so the radar's stamps may be off by seconds. The
+speed of the scene, measured by each sensor, rises and falls at the same moments:
 
-    radar    ___/\____/'\___          correlation of the two at every offset; the
-    LiDAR        ___/\____/'\___      highest is the offset, its lead over the next
-             ->|   |<- offset         highest says how far it can be trusted
+    radar    ___/\____/'\___          The offset is where the two correlate best. The
+    LiDAR        ___/\____/'\___      lead of this peak over the next one is the
+             ->|   |<- offset         confidence.
 """
 
 from collections.abc import Callable
@@ -16,9 +16,9 @@ from jaxtyping import Complex, Float
 from jradar.radar import RadarSpec
 from jradar.recordings.recording import Recording, Stream
 
-MAX_FRAMES, MAX_CLOUDS = 200, 400  # that are read
-PERIOD_S = 0.1  # motion is looked at no more often
-SECTORS = (72, 18)  # directions, azimuth x elevation, whose ranges are compared
+MAX_FRAMES, MAX_CLOUDS = 200, 400
+PERIOD_S = 0.1  # shortest time between two measurements of motion
+SECTORS = (72, 18)  # cells of azimuth x elevation whose mean ranges are compared
 LEAST_OVERLAP = 0.5  # of the shorter signal, at any offset
 
 
@@ -30,12 +30,12 @@ def estimate_time_offset(
     *,
     max_offset_s: float = 5.0,
 ) -> tuple[float, float]:
-    """Seconds to add to the radar's stamps, and the confidence in them, 0 to 1.
+    """Return the seconds to add to the radar's stamps, and the confidence, 0 to 1.
 
-    Normalised cross-correlation on a common clock of half the finer period, its peak
-    between samples from a parabola. The confidence is the correlation at the peak less
-    that of the next peak. Raises ValueError for signals of fewer than 8 samples, and
-    for stamps that do not rise.
+    The signals are resampled to half the finer period and cross-correlated; a parabola
+    through the peak refines it. The confidence is the correlation at the peak minus
+    that at the next peak. Raises ValueError for fewer than 8 samples and for stamps
+    that do not rise.
     """
     if min(len(radar_stamps), len(lidar_stamps)) < 8:
         raise ValueError(
@@ -44,7 +44,7 @@ def estimate_time_offset(
         )
     for stamps in (radar_stamps, lidar_stamps):
         if not (np.diff(stamps) > 0).all():
-            raise ValueError("the stamps do not rise, expected rising ones")
+            raise ValueError("stamps fall or repeat, expected rising ones")
     periods = [np.median(np.diff(stamps)) for stamps in (radar_stamps, lidar_stamps)]
     step = 0.5 * float(min(periods))
     least = LEAST_OVERLAP * min(np.ptp(radar_stamps), np.ptp(lidar_stamps)) / step
@@ -72,13 +72,13 @@ def estimate_time_offset(
 def propose_offset(
     recording: Recording, *, max_offset_s: float = 5.0
 ) -> tuple[float, float]:
-    """`estimate_time_offset` of a recording; reads some hundred frames of each sensor.
+    """Return `estimate_time_offset` of a recording, from a few hundred frames.
 
-    Raises ValueError where it has no LiDAR or no stamps, or is too short.
+    Raises ValueError if the recording has no LiDAR or no stamps, or is too short.
     """
     cubes, clouds = recording.cubes, recording.lidar
     if clouds is None or clouds.stamps is None or cubes.stamps is None:
-        raise ValueError(f"{recording.name}: an offset needs stamps of both sensors")
+        raise ValueError(f"{recording.name}: LiDAR and radar both need stamps")
     frames = _chosen(cubes.stamps, -np.inf, np.inf)[:MAX_FRAMES]
     first, last = cubes.stamps[frames[[0, -1]]] if len(frames) else (0.0, 0.0)
     near = _chosen(clouds.stamps, first - max_offset_s, last + max_offset_s)[
@@ -109,9 +109,10 @@ def propose_offset(
 def radar_speed(
     cube: Complex[np.ndarray, "tx rx chirp sample"], radar: RadarSpec
 ) -> float:
-    """Mean speed in m/s over a frame's echoes, weighted by their power; 0 of silence.
+    """Return the mean absolute speed in m/s of a frame's echoes, weighted by power.
 
-    Of one pair of antennas, and less the median over Doppler bins, which is noise.
+    One antenna pair is used. The median over Doppler bins is subtracted as noise; the
+    speed of an empty frame is 0.
     """
     chirps = (
         cube[0, 0]
@@ -125,7 +126,7 @@ def radar_speed(
 
 
 def _chosen(stamps, first, last):
-    """Indices of items from `first` to `last`, `PERIOD_S` apart."""
+    """Return the indices of items from `first` to `last`, `PERIOD_S` apart."""
     inside = np.flatnonzero((stamps >= first) & (stamps <= last))
     if len(inside) < 2:
         return inside
@@ -136,7 +137,7 @@ def _chosen(stamps, first, last):
 def _changes(
     items: Stream, chosen: np.ndarray, change: Callable[[np.ndarray, np.ndarray], float]
 ) -> Float[np.ndarray, " change"]:
-    """`change` between each two that follow one another."""
+    """Return `change` between each chosen item and the next."""
     before, result = items[int(chosen[0])], []
     for index in chosen[1:]:
         after = items[int(index)]
@@ -146,19 +147,20 @@ def _changes(
 
 
 def _radar_change(before, after):
-    """Part of the power of a frame that is not as it was in the frame before."""
+    """Return the share of power that changed between two frames."""
     power = (np.abs(before) ** 2).sum() + (np.abs(after) ** 2).sum()
     return float((np.abs(after - before) ** 2).sum() / power) if power else 0.0
 
 
 def _lidar_change(before, after):
-    """Median change in metres of the mean range in the directions that both saw."""
+    """Return the median change of mean range, in metres, over cells seen twice."""
     a, b = _mean_ranges(before), _mean_ranges(after)
     seen = np.isfinite(a) & np.isfinite(b)
     return float(np.median(np.abs(a - b)[seen])) if seen.any() else 0.0
 
 
 def _mean_ranges(cloud):
+    """Return the mean range in each direction cell, NaN in empty ones."""
     xyz = cloud[:, :3].astype(float)
     ranges = np.linalg.norm(xyz, axis=1)
     azimuth = (np.arctan2(xyz[:, 1], xyz[:, 0]) / (2 * np.pi)) % 1 * SECTORS[0]
@@ -171,14 +173,14 @@ def _mean_ranges(cloud):
 
 
 def _correlation(a, b):
-    """Pearson's correlation; 0 where one does not vary."""
+    """Return Pearson's correlation; 0 if a signal is constant."""
     a, b = a - a.mean(), b - b.mean()
     scale = np.sqrt((a @ a) * (b @ b))
     return a @ b / scale if scale > 1e-12 else 0.0
 
 
 def _next_peak(correlation, peak):
-    """The highest correlation outside the hill of the peak, 0 where there is none."""
+    """Return the highest correlation outside the peak's hill, at least 0."""
     left = right = peak
     while left > 0 and correlation[left - 1] < correlation[left]:
         left -= 1

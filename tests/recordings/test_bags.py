@@ -279,9 +279,9 @@ def test_compressed_bag_with_several_topics_and_equal_times(tmp_path):
     ]
     messages.insert(2, ("/p", CLOUD, START, point_cloud2(columns(2), START)))
     path = write_bag(tmp_path, "bag", messages, compressed=True)
-    with pytest.raises(ValueError, match=r"2 topics of clouds, .*'/l', '/p'"):
+    with pytest.raises(ValueError, match="2 topics of clouds, name one of /l, /p"):
         open_bag(path)
-    with pytest.raises(ValueError, match=r"no clouds on /imu, expected one of \['/l'"):
+    with pytest.raises(ValueError, match="no clouds on /imu, name one of /l"):
         open_bag(path, topic="/imu")
     stream = open_bag(path, topic="/l")
     for i in (4, 0, 5, 2, 1, 3):

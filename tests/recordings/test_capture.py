@@ -152,8 +152,8 @@ def test_neighbours_without_a_pose_are_left_out(folder):
     [
         ("offset_s = 0.25", 1000.25, None),
         ("offset_s = -0.2", 999.8, None),
-        ("", 1000.0, "the radar is taken to start with the LiDAR"),
-        ("start_time_s = 2000", 2000.0, "have no time in common"),
+        ("", 1000.0, "the radar is assumed to start with the LiDAR"),
+        ("start_time_s = 2000", 2000.0, "do not overlap in time"),
     ],
 )
 def test_start_of_the_radar(folder, time, start, note):
@@ -179,12 +179,12 @@ def test_radar_alone(folder):
         ('file = "adc_data.bin"', "", r"\[radar\] lacks file"),
         ('file = "adc_data.bin"', "file = 3", r"file = 3, expected a text"),
         ("accumulate = 3", "accumulate = 2.5", "2.5, expected an integer"),
-        ("accumulate = 3", "accumulate = 0", "0 clouds to accumulate"),
+        ("accumulate = 3", "accumulate = 0", "accumulate = 0 clouds"),
         ("1000.5", "true", "start_time_s = True, expected a number"),
-        ("1000.5", "1000.5\noffset_s = 1", "start_time_s and offset_s: keep one"),
+        ("1000.5", "1000.5\noffset_s = 1", "start_time_s and offset_s: keep one of"),
         ("1000.5", "1.7e18", "milliseconds or nanoseconds"),
         ("1000.5", "1\nframe_period_s = 0.0", "frame_period_s"),
-        ("[0.1, 0.2, 0.3]", "[100, 0, 0]", "are they millimetres"),
+        ("[0.1, 0.2, 0.3]", "[100, 0, 0]", "are the numbers millimetres"),
         ("[0.1, 0.2, 0.3]", "[1, 0]", r"xyz = \[1, 0\], expected 3 numbers"),
         ("[0.1, 0.2, 0.3]", '["1", 0, 0]', "expected 3 numbers"),
         ("xyz = [0, 0, 1]", "quaternion = [0, 0, 0, 1]", "keep one"),
@@ -206,7 +206,7 @@ def test_wrong_descriptions_are_named(folder, old, new, message):
 def test_capture_is_a_recording_like_others(folder):
     recording = open_recording(describe(folder))
     assert recording.lidar is not None and recording.cubes.stamps[0] == 1000.5
-    with pytest.raises(ValueError, match="description = .*radar.cfg.* has no meaning"):
+    with pytest.raises(ValueError, match="description = .*radar.cfg.* does not apply"):
         open_recording(folder, folder / "radar.cfg")
 
 

@@ -8,11 +8,6 @@ import numpy as np
 import pytest
 
 from jradar.recordings import (
-    coloradar_clouds,
-    coloradar_heatmaps,
-    coloradar_imu,
-    coloradar_lidar,
-    coloradar_poses,
     nearest_scan,
     open_coloradar,
     open_recording,
@@ -24,7 +19,6 @@ from tests.recordings.coloradar_writer import (
     frame_bytes,
     stamps_text,
     write,
-    write_poses,
 )
 
 # Numbers and stamps
@@ -79,7 +73,7 @@ def test_frames_without_stamps(sequence):
     (sequence / "single_chip/adc_samples/timestamps.txt").unlink()
     recording = open_coloradar(sequence)
     assert recording.cubes.stamps is None and len(recording.cubes) == 12
-    assert "times are not known" in recording.notes[1]
+    assert "times are unknown" in recording.notes[1]
     assert nearest_scan(recording, 0) is None
 
 
@@ -138,7 +132,7 @@ def test_frames_of_another_size_are_refused(sequence, size):
 def test_lidar_of_any_length(sequence, size):
     path = sequence / "lidar/pointclouds/lidar_pointcloud_0.bin"
     path.write_bytes(path.read_bytes()[:size])
-    lidar = coloradar_lidar(sequence)
+    lidar = open_coloradar(sequence).lidar
     if size % 16 == 0:  # whole points, or none
         assert lidar[0].shape == (size // 16, 4)
     else:
@@ -166,45 +160,12 @@ def test_the_nearest_scan_in_time(sequence):
     assert nearest_scan(recording, 0, tolerance_s=0.31) is not None
 
 
-def test_radar_clouds_and_heatmaps(sequence):
-    at = sequence / "single_chip/pointclouds"
-    write(at / "timestamps.txt", stamps_text(2, 10))
-    write(at / "data/radar_pointcloud_0.bin", struct.pack("<5f", 1, 2, 3, 400, -0.5))
-    write(at / "data/radar_pointcloud_1.bin", b"")
-    clouds = coloradar_clouds(sequence)
-    np.testing.assert_array_equal(clouds[0], np.array([[1, 2, 3, 400, -0.5]], "f4"))
-    assert clouds[1].shape == (0, 5)
-
-    at = sequence / "single_chip/heatmaps"
-    write(at / "timestamps.txt", stamps_text(1, 10))
-    write(at / "data/heatmap_0.bin", struct.pack("<24f", *range(24)))
-    write(
-        sequence / "calib/single_chip/heatmap_cfg.txt",
-        "num_range_bins 3\nnum_elevation_bins 2\nnum_azimuth_bins 2\n"
-        "range_bin_width 0.125\nazimuth_bins -0.5 0.5\n",
-    )
-    heatmaps = coloradar_heatmaps(
-        sequence, sensor="single_chip", calib=sequence / "calib"
-    )
-    assert heatmaps[0].shape == (2, 2, 3, 2)
-    assert heatmaps[0][1, 0, 2, 1] == 1 * 12 + 0 * 6 + 2 * 2 + 1
-    released = coloradar_heatmaps(sequence, sensor="single_chip")
-    with pytest.raises(ValueError, match="holds 96 bytes, .* need 524,288: truncated"):
-        _ = released[0]
-
-
-def test_imu_and_vicon(sequence):
-    write(sequence / "imu/timestamps.txt", stamps_text(3, 300))
-    write(sequence / "imu/imu_data.txt", "0 1 9.8 .1 .2 .3\n" * 2)
-    with pytest.warns(UserWarning, match="3 stamps for 2 lines of imu_data.txt"):
-        imu = coloradar_imu(sequence)
-    np.testing.assert_array_equal(imu.acceleration, [[0, 1, 9.8]] * 2)
-    np.testing.assert_array_equal(imu.angular_velocity, [[0.1, 0.2, 0.3]] * 2)
-    assert len(imu.stamps) == 2
-    write_poses(sequence, "vicon", count=4)
-    assert len(coloradar_poses(sequence, source="vicon").stamps) == 4
-    with pytest.raises(ValueError, match="source='gps'"):
-        coloradar_poses(sequence, source="gps")
+def test_more_stamps_than_poses(sequence):
+    write(sequence / "groundtruth/timestamps.txt", stamps_text(20, 10))
+    recording = open_coloradar(sequence)
+    assert len(recording.poses.stamps) == 14
+    note = "20 stamps for 14 lines of groundtruth_poses.txt: only the first 14 are used"
+    assert any(note in text for text in recording.notes)
 
 
 def test_poses_come_at_rising_times(sequence):
@@ -212,8 +173,9 @@ def test_poses_come_at_rising_times(sequence):
     write(sequence / "groundtruth/timestamps.txt", "\n".join(map(repr, times.tolist())))
     rows = "".join(f"{n} 0 0 0 0 0 1\n" for n in range(5))
     write(sequence / "groundtruth/groundtruth_poses.txt", rows)
-    with pytest.warns(UserWarning, match="1 of 5 stamps"):
-        poses = coloradar_poses(sequence)
+    recording = open_coloradar(sequence)
+    assert "1 of 5 stamps" in "\n".join(recording.notes)
+    poses = recording.poses
     np.testing.assert_array_equal(poses.stamps - START, [0, 1, 2, 3])
     np.testing.assert_array_equal(poses.xyz[:, 0], [0, 2, 1, 4])
 
@@ -224,16 +186,16 @@ def test_poses_come_at_rising_times(sequence):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "is empty, expected 1 numbers a line"),
+        (b"", "is empty, expected 1 numbers per line"),
         (b"\n \n", "is empty"),
         (b"# only a comment\n", "expected 1 numbers"),
         (b"\x80\xff\x00\x01" * 9, "is not a text file|expected 1 numbers"),
-        (b"1608568420.25\nNaN\n", "1 lines hold NaN .* number 2"),
-        (b"1608568420.25\ninf\n", "1 lines hold NaN or infinite"),
-        (b"1608568420.25 1\n", "has 2 numbers a line, expected 1"),
-        (b"1608568420.25\n1 2\n", "expected 1 numbers a line"),
-        (b"1608568420,25\n", "expected 1 numbers a line"),
-        (b"yesterday\n", "expected 1 numbers a line"),
+        (b"1608568420.25\nNaN\n", "1 lines contain NaN .* number 2"),
+        (b"1608568420.25\ninf\n", "1 lines contain NaN or infinite"),
+        (b"1608568420.25 1\n", "has 2 numbers per line, expected 1"),
+        (b"1608568420.25\n1 2\n", "expected 1 numbers per line"),
+        (b"1608568420,25\n", "expected 1 numbers per line"),
+        (b"yesterday\n", "expected 1 numbers per line"),
     ],
 )
 def test_unusable_stamps_are_refused(sequence, content, message):
@@ -247,7 +209,7 @@ def test_unusable_stamps_are_refused(sequence, content, message):
 def test_a_billion_stamps_are_refused_before_they_are_read(sequence):
     with (sequence / "lidar/timestamps.txt").open("wb") as file:
         file.truncate(18 * 10**9)  # takes no room on the disk
-    with pytest.raises(ValueError, match="18,000,000,000 bytes, at most 67,108,864"):
+    with pytest.raises(ValueError, match="18,000,000,000 bytes, .* most 67,108,864"):
         open_coloradar(sequence)
 
 
@@ -264,7 +226,7 @@ def test_a_billion_stamps_are_refused_before_they_are_read(sequence):
         ("0 0 nan\n0 0 0 1\n", "expected 7 finite"),
         ("0 0 zero\n0 0 0 1\n", "expected numbers"),
         (b"\xff\xfe\x80", "expected numbers"),
-        ("0 " * 9999, "is no transform"),
+        ("0 " * 9999, "is not a transform"),
     ],
 )
 def test_unusable_transforms_are_refused(root, sequence, text, message):
@@ -276,7 +238,7 @@ def test_unusable_transforms_are_refused(root, sequence, text, message):
 def test_poses_that_are_no_rotations_are_refused(sequence):
     rows = "0 0 0 0 0 0 1\n" * 3 + "0 0 0 1 1 1 1\n" + "0 0 0 0 0 0 1\n" * 10
     write(sequence / "groundtruth/groundtruth_poses.txt", rows)
-    with pytest.raises(ValueError, match="line 4 of .* length 2, expected 1"):
+    with pytest.raises(ValueError, match="line 4: .* length 2, expected 1"):
         open_coloradar(sequence)
 
 

@@ -44,7 +44,7 @@ def test_a_stream_reads_what_is_asked_for_and_nothing_else():
     ]
     assert asked == [4, 1, 2]
     for item in (5, -6):
-        with pytest.raises(IndexError, match=f"item {item} of 5"):
+        with pytest.raises(IndexError, match=f"item {item} of a stream of 5"):
             stream[item]
     with pytest.raises(ValueError, match="4 stamps for 5 items"):
         Stream(read, 5, np.arange(4.0))

@@ -122,8 +122,8 @@ def test_comments_may_be_in_another_encoding(write):
     ("old", "new", "message"),
     [
         ("profileCfg", "profile", "no profileCfg: is it a .cfg of"),
-        ("adcCfg 2 1", "adcCfg 2 0", "asks for real samples"),
-        ("adcbufCfg -1 0", "adcbufCfg -1 1", "asks for real samples"),
+        ("adcCfg 2 1", "adcCfg 2 0", "selects real samples"),
+        ("adcbufCfg -1 0", "adcbufCfg -1 1", "selects real samples"),
         ("Mode 1", "Mode 3", "advanced frames"),
         ("frameCfg", "advFrameCfg 1 0\nsubFrameCfg 0 0 0 1\nframeCfg", "advanced fr"),
         ("Mode 1", "Mode 2", "dfeDataOutputMode 2, expected 1"),
@@ -153,7 +153,7 @@ def test_unusable_configuration_is_refused(write, old, new, message):
 
 
 def test_unknown_or_other_board_is_refused(write):
-    with pytest.raises(ValueError, match="'iwr6843ods', expected one of .*ODS and AOP"):
+    with pytest.raises(ValueError, match="'iwr6843ods', expected one of .*ODS or AOP"):
         radar_from_cfg(write(), device="iwr6843ods")
     with pytest.raises(ValueError, match=r"\[0, 2, 1\], the awr1642 has 2"):
         radar_from_cfg(write(), device="awr1642")

@@ -1,0 +1,108 @@
+"""`open_recording`: the radar recording at a path, whatever its format.
+
+folder with a capture.toml     radar, LiDAR and poses of your own rig, see `capture`
+sequence/                      of ColoRadar, see `coloradar`
+adc_data.bin + LogFile.txt     of a DCA1000, with mmWave Studio's log, see `dca1000`
+adc_data.bin + radar.cfg       the same with the .cfg of TI's mmWave SDK
+cube.npy + radar.toml          complex samples, see `cubes`
+"""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+
+from jradar.errors import UsageError
+from jradar.recordings import capture, coloradar, cubes, dca1000
+from jradar.recordings.formats import read
+from jradar.recordings.recording import Recording, Stream
+
+READERS = (capture.READER, coloradar.READER, dca1000.READER, cubes.READER)
+MAX_BYTES = 64 << 30
+
+
+def is_recording(path: Path | str) -> bool:
+    """True if a reader takes this path; its files are not read."""
+    return any(reader.matches(Path(path)) for reader in READERS)
+
+
+def open_recording(
+    path: Path | str,
+    description: Path | str | None = None,
+    *,
+    sensor: str | None = None,
+    frames_as_chirps: bool = False,
+    iq_order: str | None = None,
+    allow_partial: bool = False,
+    device: str | None = None,
+) -> Recording:
+    """Open a recording of any format in `READERS`; no frame is read yet.
+
+    Args:
+        path: a file or a folder.
+        description: the file that describes the radar, or ColoRadar's `calib` folder.
+            By default the only one beside the recording.
+        sensor: radar of a ColoRadar sequence, "single_chip" or "cascade".
+        frames_as_chirps: merge all frames of one chirp each into one frame, so that
+            slow time runs over the frames.
+        iq_order: order of I and Q in an adc_data.bin, instead of the described one.
+        allow_partial: read the whole frames of an adc_data.bin that was cut off.
+        device: board that a .cfg configures, such as "awr1642".
+
+    Raises UsageError for a path of no known format, for an option that the format does
+    not take and for a missing description; ValueError for damaged or unfit files.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"no such file or folder: {path}")
+    if (size := path.stat().st_size) > MAX_BYTES:
+        raise ValueError(f"{path} holds {size:,} bytes, expected at most {MAX_BYTES:,}")
+    if path.is_dir() and not is_recording(path):
+        _refuse_folder(path)
+    options = {
+        "description": description,
+        "sensor": sensor,
+        "iq_order": iq_order,
+        "allow_partial": allow_partial or None,
+        "device": device,
+    }
+    recording = read(path, READERS, options)
+    return _frames_as_chirps(recording) if frames_as_chirps else recording
+
+
+def _refuse_folder(path: Path) -> None:
+    """Raise UsageError with the recordings inside, if there are any."""
+    inside = sorted(
+        p for g in ("*", "kitti/*") for p in path.glob(g) if is_recording(p)
+    )
+    if not inside:
+        names = "; ".join(reader.name for reader in READERS)
+        raise UsageError(f"{path} holds no recording, expected {names}")
+    names = ", ".join(map(str, inside[:5]))
+    more = f" and {len(inside) - 5} more" if len(inside) > 5 else ""
+    raise UsageError(f"{path} is not a recording; name one inside it: {names}{more}")
+
+
+def _frames_as_chirps(recording: Recording) -> Recording:
+    """Return one frame whose chirps are the recording's frames."""
+    radar, cubes, path = recording.radar, recording.cubes, recording.path
+    if radar.num_chirps != 1 or radar.num_tx != 1 or not radar.frame_period_s:
+        raise UsageError(
+            f"{path}: frames can only be taken as chirps if each holds one chirp of "
+            f"one transmitter and their period is known; here a frame holds "
+            f"{radar.num_chirps} chirps of {radar.num_tx} transmitters, period "
+            f"{radar.frame_period_s} s"
+        )
+    slow = dataclasses.replace(
+        radar,
+        num_chirps=len(cubes),
+        idle_time_s=radar.frame_period_s - radar.ramp_end_time_s,
+        frame_period_s=0.0,
+    )
+    lost = recording.lost_bytes
+    return recording._replace(
+        radar=slow,
+        cubes=Stream(lambda _: np.concatenate([*cubes], axis=2), 1),
+        lost_bytes=None if lost is None else lost.sum(keepdims=True),
+        notes=(*recording.notes, f"{len(cubes)} frames were taken as chirps of one"),
+    )
