@@ -1,16 +1,16 @@
-r"""Published image diffusion models to files that `load_pretrained` reads.
+r"""Convert published image diffusion models to files that `load_pretrained` reads.
 
     python -m experiments.convert_weights edm-ffhq-64x64-uncond-vp.pkl ffhq.safetensors
     python -m experiments.convert_weights edm_imagenet64_ema.pt imagenet.safetensors
 
-Needs PyTorch in the environment that runs it; jradar itself never imports this script.
-`.pt` files are plain state dicts. NVIDIA's `.pkl` files hold the source of their
-network, which unpickling in the usual way would execute: here the source is dropped,
-and of each module only parameters, buffers and modules are kept. Globals other than
-PyTorch's way of storing tensors are refused, or stand in as objects that do nothing.
+Needs PyTorch; jradar itself never imports this script. `.pt` files are plain state
+dicts. NVIDIA's `.pkl` files contain the source of their network, which ordinary
+unpickling would execute. Here the source is dropped, and only the parameters, buffers
+and submodules of each module are kept. Apart from PyTorch's storage of tensors, globals
+are refused or replaced by objects that do nothing.
 
-Mind the licences: NVIDIA's weights are CC BY-NC-SA 4.0, also for what is derived from
-them; those of OpenAI's consistency models are MIT.
+Mind the licences: NVIDIA's weights, and everything derived from them, are CC BY-NC-SA
+4.0; OpenAI's consistency models are MIT.
 """
 
 import io
@@ -22,34 +22,38 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
+from experiments.command import exit_code_of
 from jradar.files import atomic_path
 
 HARMLESS = ("torch", "numpy", "dnnlib", "collections", "training", "torch_utils")
 
 
 def main(arguments: list[str]) -> int:
-    """Convert one file; returns the exit code."""
+    """Convert one file and return the exit code."""
     if len(arguments) != 2:
         print(__doc__, file=sys.stderr)
         return 2
     source, target = map(Path, arguments)
+    return exit_code_of(lambda: write_converted(source, target))
+
+
+def write_converted(source: Path, target: Path) -> None:
+    """Write the tensors of `source` to `target` as safetensors."""
     try:
         state = convert(source)
-    except (ValueError, ImportError) as error:
-        print(f"{source}: {error}", file=sys.stderr)
-        return 4
+    except ValueError as error:
+        raise ValueError(f"{source} {error}") from error
     with atomic_path(target) as scratch:
         safetensors.numpy.save_file(state, scratch)
     print(f"{target}: {len(state)} tensors, {sum(t.size for t in state.values()):,}")
-    return 0
 
 
 def convert(source: Path) -> dict[str, np.ndarray]:
-    """The tensors of a `.pt` or `.pkl` file in float32, by their names."""
+    """Return the tensors of a `.pt` or `.pkl` file in float32, by name."""
     try:
         import torch
     except ImportError as error:
-        raise ImportError("needs PyTorch: pip install torch") from error
+        raise ImportError("PyTorch is missing: pip install torch") from error
     if source.suffix == ".pkl":
         with source.open("rb") as file:
             state = _tensors(_Unpickler(file).load())
@@ -57,15 +61,15 @@ def convert(source: Path) -> dict[str, np.ndarray]:
         try:
             state = torch.load(source, map_location="cpu", weights_only=True)
         except pickle.UnpicklingError as error:
-            raise ValueError(f"is more than a state dict: {error}") from error
+            raise ValueError(f"contains more than a state dict: {error}") from error
     state = {k: v for k, v in state.items() if isinstance(v, torch.Tensor)}
     if not state:
-        raise ValueError("holds no tensors")
+        raise ValueError("contains no tensors")
     return {name: t.detach().float().contiguous().numpy() for name, t in state.items()}
 
 
 class _Inert:
-    """Stands for an object that is not needed: takes everything, does nothing."""
+    """A stand-in for objects that are not needed: accepts everything, does nothing."""
 
     def __init__(self, *_, **__):
         pass
@@ -77,14 +81,14 @@ class _Inert:
         pass
 
     def append(self, item):
-        """Like a list."""
+        """Ignore the item."""
 
     def extend(self, items):
-        """Like a list."""
+        """Ignore the items."""
 
 
 class _Module(dict):
-    """State of a persistent object, without its source."""
+    """The state of a persistent object, without its source."""
 
 
 class _Container(_Module):
@@ -95,7 +99,7 @@ class _Container(_Module):
 
 
 class _Unpickler(pickle.Unpickler):
-    """Reads tensors and the tree of modules; runs nothing that the file brings."""
+    """Read tensors and the tree of modules; run no code of the file."""
 
     def find_class(self, module: str, name: str) -> Any:
         import torch
@@ -121,11 +125,11 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _tensors(tree: Any, prefix: str = "") -> dict[str, Any]:
-    """Parameters and buffers of the averaged network, by module path."""
+    """Return parameters and buffers of the averaged network, by module path."""
     if isinstance(tree, dict) and "ema" in tree:
         tree = tree["ema"]
     if not isinstance(tree, _Module):
-        raise ValueError("has no network under `ema`")
+        raise ValueError("contains no network under `ema`")
     found = {}
     for group in ("_parameters", "_buffers"):
         items = tree.get(group, {}).items()

@@ -41,7 +41,7 @@ from jradar.simulation import (
     make_setting,
     radar_frames,
 )
-from jradar.simulation.radar import make_hardware
+from jradar.simulation.hardware import make_hardware
 
 CAPTURE = Path("openradar") / "doppler_example_1.npy"
 PAIRS = Path("coloradar_pairs")

@@ -4,6 +4,7 @@ The detectors' false-alarm rates are chosen on the validation split; the scores 
 the config's split.
 """
 
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -160,10 +161,12 @@ def model_methods(config: ConfigDict, model: Model) -> dict[str, Method]:
 
 def drawn(model: Model, **drawing: Any) -> Method:
     """Return the method that draws the model's cloud with options of `draw`."""
+    options = tuple(drawing.items())
+    return lambda key, frame: _cloud(key, frame.pair.condition, model, options)
 
-    @jax.jit
-    def cloud(key, condition, model):
-        image = draw(key, condition, model, **drawing)
-        return unproject(image, model.spec.fine)
 
-    return lambda key, frame: cloud(key, frame.pair.condition, model)
+@functools.partial(jax.jit, static_argnames="options")
+def _cloud(key, condition, model, options):
+    """The cloud of one condition; models of the same spec share what is compiled."""
+    image = draw(key, condition, model, **dict(options))
+    return unproject(image, model.spec.fine)

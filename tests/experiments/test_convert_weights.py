@@ -1,4 +1,4 @@
-"""Published files become state dicts; the code that they bring is never run."""
+"""Published files become state dicts; their code is never run."""
 
 import pickle
 import sys
@@ -83,7 +83,7 @@ class Evil:
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("net.pkl", "asks for pathlib"), ("net.pt", "is more than a state dict")],
+    [("net.pkl", "asks for pathlib"), ("net.pt", "contains more than a state dict")],
 )
 def test_other_code_is_refused(tmp_path, capsys, name, message):
     sentinel, path = tmp_path / "sentinel", tmp_path / name
@@ -102,4 +102,4 @@ def test_usage_and_files_without_a_network(tmp_path, capsys):
     path = tmp_path / "net.pkl"
     path.write_bytes(pickle.dumps({"ema": {"a": 1}}))
     assert main([str(path), str(tmp_path / "out.safetensors")]) == 4
-    assert "has no network under `ema`" in capsys.readouterr().err
+    assert "contains no network under `ema`" in capsys.readouterr().err

@@ -1,29 +1,25 @@
-"""The demonstration: what is shipped gets its rows, what does not fit is left out."""
+"""The demonstration: shipped models get their rows, others are left out."""
 
 import dataclasses
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 import pytest
 
 from experiments import build
 from experiments.configs import demo as config_file
 from experiments.tasks import demo
-from jradar import bundle as bundles, recordings
-from jradar.bundle import Bundle, save_bundle
+from jradar import model as models, recordings
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.evaluation import load_clouds, read_scores
 from jradar.lidar import LidarSpec
+from jradar.model import Model, save_model
+from tests.experiments.conftest import random_model, shrink
 from tests.recordings.small_sequence import write_sequence, write_splits
 
 
 @pytest.fixture
 def config():
     config = config_file.get_config()
-    config.image.update(coarse=(8, 8), fine=(16, 64))
-    config.network.update(channels=8, multipliers=(1, 2), attention_levels=(1,))
-    config.network.update(stem=(2, 8), condition_stem=(1, 1))
+    shrink(config)
     config.sampling.update(steps=2, draws=2)
     config.evaluation.detectors = ("os", "ca")
     return config
@@ -31,63 +27,50 @@ def config():
 
 @pytest.fixture
 def workdir(tmp_path, config):
-    """A workdir that has its data: frames of a small room for those of a simulation."""
+    """A workdir that already holds data: frames of a small room, not simulated."""
     write_sequence(tmp_path / "source", "lab_200", frames=2)
     write_splits(tmp_path / "source", {"lab_200": "test"})
-    spec = PrepareSpec(lidar=LidarSpec(**build.view(config.image)))
+    spec = PrepareSpec(lidar=LidarSpec(**build.field_of_view(config.image)))
     records = tmp_path / "run" / "data" / "records"
     prepare(tmp_path / "source", records, spec, workers=1)
     return tmp_path / "run"
 
 
-def ship(folder, config, records):
-    """A bundle with random weights that fits the config, and one that does not."""
-    spec = build.build_spec(config, records)
-    pair = build.build_pairs(spec, records)[0]
-    shapes = jax.eval_shape(
-        spec.network.init,
-        jax.random.key(0),
-        jnp.zeros((1, *pair.lidar.shape, 2)),
-        jnp.zeros(1),
-        jnp.asarray(pair.condition[None]),
-    )
-    rng = np.random.default_rng(0)
-    params = jax.tree.map(
-        lambda leaf: 0.1 * rng.normal(size=leaf.shape).astype(np.float32), shapes
-    )
-    save_bundle(folder / "jradar-sim", Bundle(params, spec))
-    save_bundle(folder / "more", Bundle(params, spec))
-    far = dataclasses.replace(spec.fine, max_range_m=15.0)
-    other = dataclasses.replace(spec, fine=far)
-    save_bundle(folder / "other", Bundle(params, other))
-
-
-def test_shipped_weights_are_scored_beside_the_detectors(
+def test_shipped_models_are_scored_beside_the_detectors(
     workdir, config, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(bundles, "WEIGHTS", tmp_path / "weights")
-    demo.run_evaluation(config, workdir)
-    text = capsys.readouterr().out
-    assert "No trained weights" in text and "| OS-CFAR |" in text and "| ms |" in text
-
-    ship(tmp_path / "weights", config, Records(workdir / "data" / "records"))
-    demo.run_evaluation(config, workdir)
+    monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
+    model = random_model(config, Records(workdir / "data" / "records"))
+    far = dataclasses.replace(model.spec.fine, max_range_m=15.0)
+    changes = {
+        "jradar-sim": {},
+        "more": {},
+        "other": {"fine": far},
+        "plain": {"method": "regression"},
+    }
+    for name, change in changes.items():
+        spec = dataclasses.replace(model.spec, **change)
+        save_model(tmp_path / "weights" / name, Model(model.params, spec))
+    demo.evaluate(config, workdir)
     out, err = capsys.readouterr()
-    assert "No trained weights" not in out and "other is for another" in err
+    assert "ships no model" not in out and "other is for another" in err
     rows = read_scores(workdir / "evaluation" / "frames.jsonl")
     methods = [*dict.fromkeys(row["method"] for row in rows)]
     drawn = ["one-step estimate", "jradar, Heun 2", "jradar, 2 draws"]
-    assert methods == ["OS-CFAR", "CA-CFAR", *drawn, *(f"more: {d}" for d in drawn)]
+    more = [*drawn, *(f"more: {d}" for d in drawn), "direct regression"]
+    assert methods == ["OS-CFAR", "CA-CFAR", *more]
     clouds = load_clouds(workdir / "evaluation" / "clouds.npz")
     for named in clouds.values():
         assert [*named] == ["radar", *methods, "LiDAR"]
 
 
 def test_clouds_pictures_and_scores_stand_beside_the_report(
-    workdir, config, tmp_path, monkeypatch
+    workdir, config, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(bundles, "WEIGHTS", tmp_path / "weights")
-    demo.run_evaluation(config, workdir)
+    monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
+    demo.evaluate(config, workdir)
+    text = capsys.readouterr().out
+    assert "ships no model" in text and "| OS-CFAR |" in text and "| ms |" in text
     out = workdir / "evaluation"
     names = {path.name for path in out.iterdir()}
     pictures = {"curves.png", "clouds.png", "samples.png"}
@@ -106,9 +89,13 @@ def test_clouds_pictures_and_scores_stand_beside_the_report(
 def test_layouts_are_of_the_test_split_and_simulated_once(tmp_path, config):
     pytest.importorskip("embreex")
     config.data.layouts = 1
-    folder = demo.simulated_data(config, tmp_path)
+
+    def prepared():
+        return build.prepared_data(config, tmp_path, simulate=demo.simulate_layouts)
+
+    folder = prepared()
     records = Records(folder, "test")
     assert len(records) == 6 and {name[-4:] for name, _ in records.where} == {"_200"}
     stamp = (folder / "manifest.json").stat().st_mtime_ns
-    assert demo.simulated_data(config, tmp_path) == folder
+    assert prepared() == folder
     assert (folder / "manifest.json").stat().st_mtime_ns == stamp

@@ -1,8 +1,8 @@
 """Experiments: a killed run ends like an uninterrupted one; flags; every config."""
 
+import csv
 import importlib
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -13,44 +13,21 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from experiments import build
+from experiments import build, main as command
 from experiments.configs import default
+from experiments.studies import compare, solvers
 from experiments.tasks import radarhd, rpdnet
+from experiments.train import flat
 from jradar.data import Records
+from tests.experiments.conftest import SMOKE
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "experiments" / "configs").glob("[!_]*.py"))
-SMALL = [
-    "--config.network.channels=8",
-    "--config.evaluation.detectors=('os',)",
-    "--config.train.batch_size=4",
-    "--config.train.steps=24",
-    "--config.train.checkpoint_every=8",
-    "--config.sampling.steps=3",
-]
 
 
-def start(workdir, *flags, config="smoke", cache=None):
-    """Run an experiment in a process of its own; `cache` keeps what it compiles."""
-    environment = {**os.environ}
-    if cache:
-        environment |= {"XDG_CACHE_HOME": str(cache), "JRADAR_CACHE": ""}
-        del environment["JAX_COMPILATION_CACHE_DIR"]
-    command = [sys.executable, "-m", "experiments.main"]
-    command += [f"--config=experiments/configs/{config}.py", f"--workdir={workdir}"]
-    return subprocess.Popen(
-        [*command, *flags],
-        cwd=ROOT,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def finish(process):
-    out, err = process.communicate(timeout=280)
-    return process.returncode, out, err
+def run(workdir, *flags):
+    """Run an experiment in this process; returns the exit code."""
+    return command.main(["main", *flags, f"--workdir={workdir}"])
 
 
 def losses(workdir):
@@ -58,42 +35,74 @@ def losses(workdir):
     return [(line["step"], line["loss"]) for line in map(json.loads, lines)]
 
 
-@pytest.mark.timeout(900)
-def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(records, tmp_path):
-    small = [*SMALL, f"--config.data.path={records}"]
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    cache = {"cache": tmp_path / "cache"}
-    process = start(killed, *small, **cache)
-    steps = killed / "checkpoints"
-    deadline = time.monotonic() + 200
-    while not (steps.exists() and any(p.name == "8" for p in steps.iterdir())):
-        assert process.poll() is None and time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    assert finish(process)[0] == -signal.SIGKILL
-    assert not (killed / "bundle").exists()
-    assert any((tmp_path / "cache" / "jradar").iterdir())
+def table(workdir):
+    """The evaluation's table without its times."""
+    text = (workdir / "evaluation" / "table.md").read_text()
+    return [line for line in text.splitlines() if "| ms |" not in line]
 
-    code, out, err = finish(start(killed, *small, **cache))
-    assert code == 0, err
-    code, _, err = finish(start(whole, *small, **cache))
-    assert code == 0, err
-    assert losses(killed) == losses(whole) and len(losses(whole)) == 24
-    assert (killed / "evaluation" / "table.md").read_text() == (
-        whole / "evaluation" / "table.md"
-    ).read_text()
-    assert "smoke test" in out and "one-step estimate" in out
-    assert (killed / "evaluation" / "samples.png").stat().st_size > 10_000
-    card = json.loads((killed / "model_card.json").read_text())
-    assert card["steps"] == 24 and card["config"]["train"]["batch_size"] == 4
+
+def test_a_run_leaves_its_results_in_the_workdir(finished, records):
+    workdir = finished.workdir
+    assert "smoke test" in finished.out and "one-step estimate" in finished.out
+    assert {path.name for path in (workdir / "model").iterdir()} == {
+        "model.json",
+        "weights.safetensors",
+    }
+    assert (workdir / "evaluation" / "samples.png").stat().st_size > 10_000
+    assert (workdir / "samples" / "000012.png").stat().st_size > 5_000
+    card = json.loads((workdir / "model_card.json").read_text())
+    assert card["steps"] == 12 and card["config"]["train"]["batch_size"] == 4
     assert card["data_digest"] == Records(records, "train").digest
 
-    for change, message in (
+
+@pytest.mark.timeout(900)
+def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(finished, tmp_path):
+    killed = tmp_path / "killed"
+    program = [sys.executable, "-m", "experiments.main", f"--workdir={killed}"]
+    process = subprocess.Popen([*program, *finished.flags], cwd=ROOT)
+    steps, deadline = killed / "checkpoints", time.monotonic() + 200
+    while not (steps.exists() and any(p.name == "4" for p in steps.iterdir())):
+        assert process.poll() is None and time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not (killed / "model").exists()
+
+    assert run(killed, *finished.flags) == 0
+    assert losses(killed) == losses(finished.workdir) and len(losses(killed)) == 12
+    assert table(killed) == table(finished.workdir)
+
+
+def test_solvers_of_a_model_are_scored_by_a_command(
+    finished, records, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(solvers, "EVALUATIONS", (1, 3))
+    model = finished.workdir / "model"
+    arguments = [str(model), str(records), "-o", str(tmp_path), "--solvers", "euler"]
+    assert solvers.main(arguments) == 0
+    assert "| euler 3 |" in capsys.readouterr().out
+    rows = [*csv.DictReader((tmp_path / "evaluation" / "solvers.csv").open())]
+    assert [row["method"] for row in rows] == ["euler 1", "euler 3"]
+
+
+def test_a_run_is_compared_by_a_command(finished, capsys):
+    run = str(finished.workdir)
+    assert compare.main([run, "--reference", "OS-CFAR"]) == 0
+    assert "| jradar, Heun 3 |" in capsys.readouterr().out
+    assert compare.main([run, "--reference", "nothing"]) == 2
+    assert "is none of ['OS-CFAR'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
         ("--config.train.learning_rate=0.1", "train.learning_rate was 0.001, now 0.1"),
         ("--config.seed=1", "seed was 0, now 1"),
-    ):
-        code, out, err = finish(start(killed, *small, change))
-        assert code == 2 and message in err
+    ],
+)
+def test_a_workdir_is_for_one_config(finished, change, message, capsys):
+    assert run(finished.workdir, *finished.flags, change) == 2
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -104,21 +113,61 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(records, tmp_pa
         (["--config.train.steps=many"], 2, "many"),
         (["--mode=fly"], 2, "fly"),
         (["stray"], 2, "unexpected argument 'stray'"),
-        (["--config.network.preset=huge"], 2, "network.preset = 'huge', expected one"),
-        (["--config.image.azimuth_deg=(-60.0, 30.0)"], 2, "no view to mirror"),
-        (["--mode=eval"], 5, "no weights at"),
+        (["--config.task=fly"], 2, "task = 'fly', expected one of"),
+        (["--config.network.preset=huge"], 2, "huge"),
+        (["--config.noise.prediction=huge"], 2, "noise.prediction = 'huge', expected"),
+        (["--config.noise.sigma_min=-1.0"], 2, "config.noise: sigma_min = -1.0"),
+        (["--config.sampling.solver=huge"], 2, "sampling.solver = 'huge', expected"),
+        (["--config.data.path=nowhere"], 2, "data.path = nowhere: no such"),
+        (["--config.data.set=nothing"], 2, "config.data: set 'nothing', expected one"),
+        (["--config.train.initial=nowhere"], 2, "no weights at train.initial"),
+        (["--config.image.azimuth_deg=(-60.0, 30.0)"], 2, "cannot be mirrored"),
+        (["--mode=eval"], 5, "no model at"),
     ],
 )
-def test_fault_is_one_line_with_its_code(tmp_path, flags, code, message):
-    found, out, err = finish(start(tmp_path / "new", *flags))
-    assert (found, out) == (code, "") and message in err
+def test_fault_is_one_line_with_its_code(tmp_path, capsys, flags, code, message):
+    assert run(tmp_path / "new", SMOKE, *flags) == code
+    out, err = capsys.readouterr()
+    assert out == "" and message in err
     assert err.count("\n") == 1 and "Traceback" not in err
-    assert not (tmp_path / "new" / "config.json").exists()
+    known_late = "data.set" in flags[0]  # after the workdir was started
+    assert (tmp_path / "new" / "config.json").exists() == known_late
 
 
-def test_missing_config_is_named(tmp_path):
-    code, _, err = finish(start(tmp_path, config="nothing"))
-    assert code == 2 and "nothing.py" in err and "Traceback" not in err
+def test_damaged_data_have_their_code(tmp_path, capsys):
+    (tmp_path / "records").mkdir()
+    (tmp_path / "records" / "manifest.json").write_text("{")
+    flags = [SMOKE, f"--config.data.path={tmp_path / 'records'}"]
+    assert run(tmp_path / "new", *flags) == 4
+    assert "not valid JSON" in capsys.readouterr().err
+
+
+def test_a_run_turns_on_the_cache_before_jax_is_needed(tmp_path, monkeypatch):
+    called = []
+    monkeypatch.setattr(command, "use_compilation_cache", lambda: called.append(1))
+    assert run(tmp_path, SMOKE, "--mode=eval") == 5 and called == [1]
+
+
+def test_missing_config_is_named(tmp_path, capsys):
+    assert run(tmp_path, "--config=experiments/configs/nothing.py") == 2
+    assert "no such config file: experiments/configs/nothing.py" in (
+        capsys.readouterr().err
+    )
+
+
+def test_wrong_keys_answer_before_jax_loads(tmp_path):
+    code = (
+        "import sys; from experiments import main; "
+        f"code = main.main(['main', {SMOKE!r}, '--workdir={tmp_path / 'new'}', "
+        "'--config.train.step=3']); "
+        "assert code == 2, code; assert 'jax' not in sys.modules"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("\n") == 1 and "did you mean train.steps?" in done.stderr
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
@@ -126,9 +175,10 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
     module = importlib.import_module(f"experiments.configs.{path.stem}")
     config = module.get_config()
     assert f"--config=experiments/configs/{path.stem}.py" in module.__doc__
+    assert config.purpose
     if config.task == "radarhd":
-        network, _ = radarhd.build_network(config)
-        assert network.outputs == 1
+        network, noise = radarhd.networks(config)
+        assert network.outputs == 1 and noise.prediction.name == "occupancy"
         return
     if config.task == "rpdnet":
         maps = jnp.zeros((2, 128, 128, 1))
@@ -138,7 +188,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
         return
     if config.task == "pretrain":
         main = default.get_config()
-        for name in ("network", "noise"):  # a prior is of no use with others
+        for name in ("network", "noise"):  # a prior only fits the main task's
             assert config[name].to_dict() == main[name].to_dict()
         assert build.build_network(config).outputs == 4
         return
@@ -158,7 +208,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
 def test_ablations_differ_from_their_base_in_a_few_fields():
     def fields(name):
         config = importlib.import_module(f"experiments.configs.{name}").get_config()
-        return build._flatten(json.loads(config.to_json()))
+        return flat(json.loads(config.to_json()))
 
     for path in CONFIGS:
         if not path.stem.startswith("ablation_"):
@@ -167,14 +217,3 @@ def test_ablations_differ_from_their_base_in_a_few_fields():
         mine, theirs = fields(path.stem), fields(base)
         changed = {k for k in mine | theirs if mine.get(k) != theirs.get(k)}
         assert 1 <= len(changed) <= 2, (path.stem, changed)
-
-
-def test_wrong_keys_answer_before_jax_loads(tmp_path):
-    begin = time.monotonic()
-    environment = {**os.environ, "JAX_PLATFORMS": "no_such_platform"}
-    run = subprocess.run(
-        [sys.executable, "-m", "experiments.main", "--workdir", str(tmp_path)],
-        cwd=ROOT, env=environment, capture_output=True, text=True,
-    )  # fmt: skip
-    assert run.returncode == 2 and "config" in run.stderr
-    assert time.monotonic() - begin < 20

@@ -15,7 +15,7 @@ def ramp(rows, columns):
 
 @pytest.fixture
 def folder(tmp_path):
-    """Four files that can be used, one of them below, and others."""
+    """Four usable files, one of them in a subfolder, and unusable ones."""
     grey = ramp(40, 60)
     (tmp_path / "below").mkdir()
     Image.fromarray(np.stack([grey] * 3, -1)).save(tmp_path / "a.png")
@@ -32,7 +32,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_usable_files_come_upright_in_order_and_others_are_named(folder):
+def test_usable_files_are_read_upright_in_order_and_others_are_named(folder):
     found = Photographs(folder, smallest=(8, 32))
     assert len(found) == 4
     for index, tolerance in enumerate((0, 3, 3, 0)):
@@ -57,7 +57,7 @@ def test_limits_and_damage(folder, monkeypatch):
     content = (folder / "a.png").read_bytes()
     (folder / "a.png").write_bytes(content[: len(content) // 2])
     found = Photographs(folder, smallest=(8, 32))
-    with pytest.raises(ValueError, match="a.png is damaged, take it away"):
+    with pytest.raises(ValueError, match="a.png is damaged, remove it"):
         _ = found[0]
     monkeypatch.setattr(module, "KEPT_PIXELS", 600)  # a crop of 16 x 32 needs more
     small = Photographs(folder, smallest=(16, 32))[3]
@@ -69,12 +69,14 @@ def test_limits_and_damage(folder, monkeypatch):
     monkeypatch.setattr(module, "MAX_FILE_BYTES", 10)
     with pytest.raises(ValueError, match="bytes, expected at most 10"):
         Photographs(folder, smallest=(8, 32))
-    with pytest.raises(ValueError, match=r"has no photographs, expected .* 32 x 8"):
+    with pytest.raises(ValueError, match="contains no photographs of at least 32 x 8"):
+        Photographs(folder / "below", smallest=(8, 32))
+    with pytest.raises(FileNotFoundError, match="no such folder: .*nowhere"):
         Photographs(folder / "nowhere", smallest=(8, 32))
 
 
-def test_a_crop_is_a_part_of_the_photograph_at_a_scale_of_its_own():
-    """Of a ramp every part is one; its slope is the scale, its sign the side."""
+def test_a_crop_is_a_part_of_the_photograph_at_a_random_scale():
+    """Every part of a ramp is a ramp; its slope is the scale, its sign the flip."""
     image, scales, sides = ramp(40, 60), [], []
     for seed in range(200):
         part = crop(np.random.default_rng(seed), image, (4, 8))

@@ -7,11 +7,11 @@ import pytest
 from flax.traverse_util import flatten_dict
 from PIL import Image
 
-from experiments import build
+from experiments import build, train as skeleton, weights
 from experiments.configs import default, pretrain as pretrain_config, transfer
 from experiments.tasks import pretrain
 from jradar import training
-from jradar.bundle import BundleError
+from jradar.errors import ModelError, UsageError
 from tests.diffusion.networks import random_params
 
 
@@ -53,8 +53,8 @@ def config(photographs):
 
 
 def test_batches_are_functions_of_seed_and_step(config):
-    photographs, chosen, apart = pretrain.open_photographs(config)
-    assert (chosen, [*apart]) == ([1, 2, 3], [0])
+    photographs, chosen, kept = pretrain.open_photographs(config)
+    assert (chosen, [*kept]) == ([1, 2, 3], [0])
 
     def batch(step):
         return pretrain.batch_at(config, photographs, chosen, step)
@@ -71,11 +71,11 @@ def test_batches_are_functions_of_seed_and_step(config):
 
 def test_photographs_must_be_named_and_enough(config):
     config.data.validation = 5
-    with pytest.raises(ValueError, match="5 of 4 photographs: expected 2 to 4"):
+    with pytest.raises(UsageError, match="5 of 4 photographs: expected 2 to 4"):
         pretrain.open_photographs(config)
     config.data.path = ""
-    with pytest.raises(ValueError, match="name a folder of them as --config.data.path"):
-        pretrain.open_photographs(config)
+    with pytest.raises(UsageError, match="a folder of them as --config.data.path"):
+        pretrain.check(config)
 
 
 def main_state(network):
@@ -87,7 +87,10 @@ def main_state(network):
 
 
 def test_a_run_ends_with_a_prior_that_starts_the_main_task(config, tmp_path, capsys):
-    pretrain.run_training(config, tmp_path)
+    with pytest.raises(ModelError, match="no prior at"):
+        pretrain.evaluate(config, tmp_path)
+    skeleton.run(pretrain, config, tmp_path)
+    assert (tmp_path / "model_card.json").is_file()
     table = (tmp_path / "evaluation" / "table.md").read_text()
     assert table in capsys.readouterr().out and "| 0.05 |" in table
     assert (tmp_path / "evaluation" / "samples.png").stat().st_size > 5000
@@ -96,15 +99,15 @@ def test_a_run_ends_with_a_prior_that_starts_the_main_task(config, tmp_path, cap
     train = transfer.get_config().train
     train.initial = str(tmp_path)
     scratch = main_state(network)
-    state = build.start_from(train, network, scratch)
-    said = capsys.readouterr().err
+    state = weights.start_from(train, network, scratch)
+    err = capsys.readouterr().err
     before, after = (
         flatten_dict(params["params"], sep="/")
         for params in (scratch.params, state.ema_params)
     )
     towers = [name for name in before if name.startswith("tower/")]
     trunk = [name for name in before if name.startswith("trunk/")]
-    assert f"{len(trunk)} parameters loaded, {len(towers)} new ['params/tower']" in said
+    assert f"{len(trunk)} parameters loaded, {len(towers)} new ['params/tower']" in err
     assert state.params is state.ema_params
     for name in towers:
         np.testing.assert_array_equal(before[name], after[name])
@@ -116,15 +119,15 @@ def test_a_run_ends_with_a_prior_that_starts_the_main_task(config, tmp_path, cap
 
 def test_weights_to_start_from_are_found_or_missed_before_anything_else(tmp_path):
     train = transfer.get_config().train
-    with pytest.raises(ValueError, match="name them, --config.train.initial="):
-        build.initial_weights(train)
+    with pytest.raises(UsageError, match="--config.train.initial=PATH"):
+        weights.initial_weights(train)
     train.initial = str(tmp_path)
-    with pytest.raises(BundleError, match=r"no weights at .*prior.safetensors"):
-        build.initial_weights(train)
-    (tmp_path / "bundle").mkdir()
-    weights = tmp_path / "bundle" / "weights.safetensors"
-    weights.write_bytes(b"")
-    for name in (tmp_path, tmp_path / "bundle", weights):
+    with pytest.raises(UsageError, match=r"no weights at .*prior.safetensors"):
+        weights.initial_weights(train)
+    (tmp_path / "model").mkdir()
+    file = tmp_path / "model" / "weights.safetensors"
+    file.write_bytes(b"")
+    for name in (tmp_path, tmp_path / "model", file):
         train.initial = str(name)
-        assert build.initial_weights(train) == weights
-    assert build.initial_weights(default.get_config().train) is None
+        assert weights.initial_weights(train) == file
+    assert weights.initial_weights(default.get_config().train) is None

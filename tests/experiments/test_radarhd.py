@@ -1,16 +1,18 @@
-"""RadarHD's task on invented rooms: training, resumption, limits and the table."""
+"""RadarHD's task on invented rooms: training, limits and the table."""
 
 import numpy as np
 import pytest
 
+from experiments import train
 from experiments.configs import radarhd as default, radarhd_regression
-from experiments.radarhd_pairs import LIDAR, RADAR, open_radarhd
-from experiments.tasks import radarhd
+from experiments.tasks import radarhd, radarhd_scores
+from experiments.tasks.radarhd_pairs import LIDAR, RADAR
+from jradar.errors import ModelError, UsageError
 
 
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory):
-    """Straight walls at a distance of their own in each frame; radar sees them too."""
+    """A straight wall at another distance in each frame, also seen by the radar."""
     path = tmp_path_factory.mktemp("radarhd") / "pairs.npz"
     radar, lidar, keys = [], [], []
     for trajectory in (1, 136, 137, 138, 140):
@@ -46,23 +48,13 @@ def small(module, path):
     return config
 
 
-def test_mirrored_items_are_turned_left_and_right(packed):
-    pairs = open_radarhd(packed)
-    items = radarhd.Items(pairs, history=2, mirror=True)
-    assert len(items) == 2 * len(pairs)
-    plain, turned = items[1], items[1 + len(pairs)]
-    np.testing.assert_array_equal(turned.target, plain.target[:, ::-1])
-    np.testing.assert_array_equal(turned.condition, plain.condition[:, ::-1])
-    assert plain.condition.shape == (256, 64, 2) and plain.condition.max() <= 1
-    assert set(np.unique(plain.target)) == {0.0, 1.0}
-
-
 @pytest.mark.parametrize("module", [default, radarhd_regression])
-def test_a_run_ends_with_its_table_and_goes_on_from_its_checkpoint(
-    module, packed, tmp_path, capsys
+def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
+    module, packed, tmp_path, capsys, monkeypatch
 ):
+    monkeypatch.setattr(radarhd_scores, "LIMITS", radarhd_scores.LIMITS[4::10])
     config = small(module, packed)
-    radarhd.run_training(config, tmp_path)
+    train.run(radarhd, config, tmp_path)
     table = (tmp_path / "evaluation" / "table.md").read_text()
     names = {"diffusion": ["one-step estimate", "diffusion, Heun 2"]}
     for name in names.get(config.method, ["direct regression"]):
@@ -70,12 +62,29 @@ def test_a_run_ends_with_its_table_and_goes_on_from_its_checkpoint(
     assert "138, 140" in table and table in capsys.readouterr().out
     assert (tmp_path / "evaluation" / "samples.png").stat().st_size > 5000
     assert (tmp_path / "weights.safetensors").stat().st_size < 2e6
+    assert (tmp_path / "model_card.json").is_file()
     elsewhere = tmp_path / "elsewhere"
-    with pytest.raises(FileNotFoundError, match="no weights at .*elsewhere"):
-        radarhd.run_evaluation(config, elsewhere)
+    with pytest.raises(ModelError, match="no weights at .*elsewhere"):
+        radarhd.evaluate(config, elsewhere)
     config.weights = str(tmp_path / "weights.safetensors")
-    radarhd.run_evaluation(config, elsewhere)
+    radarhd.evaluate(config, elsewhere)
     assert (elsewhere / "evaluation" / "table.md").read_text() == table
+
+
+def test_wrong_fields_are_named(packed):
+    config = small(default, packed)
+    config.data.threshold_trajectories = (136, 9)
+    with pytest.raises(UsageError, match="config.data.threshold_trajectories: no tr"):
+        radarhd.setup(config, packed.parent)
+    config.weights = "nowhere"
+    with pytest.raises(UsageError, match="weights = nowhere: no such file"):
+        radarhd.evaluate(config, packed.parent)
+    config.method = "guess"
+    with pytest.raises(UsageError, match="method = 'guess', expected one of"):
+        radarhd.check(config)
+    config.noise.sigma_data = 0.6
+    with pytest.raises(UsageError, match="config.noise: sigma_data = 0.6, expected"):
+        radarhd.check(config)
 
 
 def test_the_limit_with_the_best_mean_is_chosen():
@@ -84,13 +93,15 @@ def test_the_limit_with_the_best_mean_is_chosen():
         for limit, scores in ((0.1, (0.9, 0.1)), (0.5, (0.6, 0.6)), (0.9, (0.0, 0.9)))
         for score in scores
     ]
-    assert radarhd.choose_limits(rows) == {"a": 0.5}
+    assert radarhd_scores.choose_limits(rows) == {"a": 0.5}
 
 
 def test_a_frame_where_nothing_was_found():
     truth = np.array([[1.0, 0.0, 0.0]])
-    nothing = radarhd.plane_scores(np.empty((0, 3)), truth)
+    nothing = radarhd_scores.plane_scores(np.empty((0, 3)), truth)
     assert np.isnan(nothing["chamfer"]) and nothing["f_score_0.2"] == 0
-    found = radarhd.plane_scores(truth + [0.3, 0, 0], truth)
+    found = radarhd_scores.plane_scores(truth + [0.3, 0, 0], truth)
     assert found["chamfer"] == pytest.approx(0.3)
-    assert radarhd.mean_scores([nothing, found])["chamfer"] == pytest.approx(5.55)
+    assert radarhd_scores.mean_scores([nothing, found])["chamfer"] == pytest.approx(
+        5.55
+    )

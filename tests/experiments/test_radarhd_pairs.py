@@ -1,21 +1,18 @@
 """RadarHD: the folder and the packed file give the same pairs; the polar grid."""
 
-import math
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.radarhd_pairs import (
+from experiments.tasks.radarhd_pairs import (
     LIDAR,
     RADAR,
-    PolarSpec,
+    PolarItems,
     open_radarhd,
-    points_to_polar,
     polar_to_points,
 )
 
-KEYS = [(7, 2), (7, 10), (12, 0)]  # numeric order, not that of the names
+KEYS = [(7, 2), (7, 10), (12, 0)]  # in numeric, not alphabetic order
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +66,7 @@ def test_trajectories_are_taken_apart(packed):
     pairs = open_radarhd(packed)
     assert pairs.of([12]).keys.tolist() == [[12, 0]]
     assert pairs.without([12])[1].frame == 10
-    with pytest.raises(ValueError, match=r"no trajectory 8, there are \[7, 12\]"):
+    with pytest.raises(ValueError, match=r"no trajectory 8, expected of \[7, 12\]"):
         pairs.of([7, 8])
 
 
@@ -92,29 +89,30 @@ def test_points_lie_on_the_grid():
     np.testing.assert_allclose(xyz[2], [0, -10.8, 0], atol=1e-12)
 
 
-def test_images_and_points_are_inverse():
-    occupied = np.random.default_rng(1).random(LIDAR.shape) < 0.02
-    occupied[0] = False  # all of row 0 is one point, the sensor
-    np.testing.assert_array_equal(points_to_polar(polar_to_points(occupied)), occupied)
+def test_mirrored_items_are_turned_left_and_right(packed):
+    pairs = open_radarhd(packed)
+    items = PolarItems(pairs, history=2, mirror=True)
+    assert len(items) == 2 * len(pairs)
+    plain, mirrored = items[1], items[1 + len(pairs)]
+    np.testing.assert_array_equal(mirrored.target, plain.target[:, ::-1])
+    np.testing.assert_array_equal(mirrored.condition, plain.condition[:, ::-1])
+    assert plain.condition.shape == (256, 64, 2) and plain.condition.max() <= 1
+    assert set(np.unique(plain.target)) == {0.0, 1.0}
 
 
-def test_a_point_takes_the_first_pixel_that_is_not_below():
-    spec = PolarSpec(num_range=11, num_azimuth=3, max_range_m=10.0)
-    angle = math.radians(10)  # columns stand for -90, 0 and 90 degrees
-    xyz = np.array([[4.2 * math.cos(angle), 4.2 * math.sin(angle), 0.0]])
-    assert np.argwhere(points_to_polar(xyz, spec)).tolist() == [[5, 2]]
-    outside = np.array([[10.1, 0, 0], [-3.0, 0.1, 0], [0.0, 0, 0]])
-    assert not points_to_polar(outside, spec).any()
+def test_the_digest_is_of_the_pairs(folder, packed):
+    pairs = open_radarhd(folder)
+    assert pairs.digest == open_radarhd(packed).digest != pairs.of([7]).digest
 
 
 def test_what_is_missing_or_broken_is_named(folder, packed, tmp_path):
-    with pytest.raises(ValueError, match="no test/radar and test/lidar"):
+    with pytest.raises(ValueError, match="does not contain test/radar and test/lidar"):
         open_radarhd(folder, split="test")
     with pytest.raises(FileNotFoundError, match="nowhere"):
         open_radarhd(tmp_path / "nowhere")
     torn = tmp_path / "torn.npz"
     torn.write_bytes(packed.read_bytes()[:-50])
-    with pytest.raises(ValueError, match="no packed file"):
+    with pytest.raises(ValueError, match="not a packed file"):
         open_radarhd(torn)
 
 

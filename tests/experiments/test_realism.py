@@ -6,7 +6,7 @@ import pytest
 from experiments.studies.realism import (
     CROPPED,
     MAX_RANGE_M,
-    Pair,
+    PolarFrame,
     azimuth_image,
     main,
     pair_statistics,
@@ -47,9 +47,9 @@ def test_an_echo_stands_in_the_image_where_it_is(azimuth_deg):
     assert 2 * column / 32 - 1 == pytest.approx(
         np.sin(np.radians(azimuth_deg)), abs=0.04
     )
-    near = peak_distances(Pair(image, place[None]))
+    near = peak_distances(PolarFrame(image, place[None]))
     assert near.min() < 0.3
-    # Of one echo, every azimuth's peak lies on one circle.
+    # With one echo, every azimuth's peak lies on one circle.
     sine = 2 * np.arange(32) / 32 - 1
     turns = np.arcsin(sine[np.abs(sine) < np.sin(np.radians(60))])
     circle = 12 * np.abs(np.sin((turns - np.radians(azimuth_deg)) / 2))
@@ -62,7 +62,7 @@ def test_lidar_pictures_keep_places():
     xyz = distance[:, None] * np.stack(
         [np.cos(azimuth), np.sin(azimuth), 0 * azimuth], -1
     )
-    xyz[0] = (3.0, 0.0, 2.0)  # of the ceiling
+    xyz[0] = (3.0, 0.0, 2.0)  # on the ceiling
     found = polar_points(polar_mask(xyz))
     apart = np.linalg.norm(found[:, None] - xyz[None, 1:, :2], axis=-1).min(1)
     assert len(found) >= 45 and (apart < 0.05 + 0.016 * 15).all()
@@ -75,12 +75,12 @@ def test_numbers_of_a_known_pair():
     arc = 40 * MAX_RANGE_M / 128
     turns = np.radians(columns)
     circle = arc * np.stack([np.cos(turns), np.sin(turns)], -1)
-    numbers = pair_statistics([Pair(image, circle)])
+    numbers = pair_statistics([PolarFrame(image, circle)])
     assert numbers["peaks within 0.2 m of LiDAR (%)"] == 100
     assert numbers["mean of the image (% of its largest dB)"] == pytest.approx(
         100 / 116
     )
-    assert pair_statistics([Pair(image, 2 * circle)])[
+    assert pair_statistics([PolarFrame(image, 2 * circle)])[
         "peaks to LiDAR, median (m)"
     ] == pytest.approx(arc, rel=1e-3)
 

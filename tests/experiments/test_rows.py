@@ -1,55 +1,44 @@
-"""Rows of the tables: direct regression, MUSIC; records that models must not see."""
+"""Rows of the tables: direct regression, detectors; records refused for models."""
 
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from experiments import build
 from experiments.configs import regression
-from experiments.studies.detectors import (
-    Frame,
-    detector_methods,
-    points_of,
-    score_records,
-    seen_points,
-    view_of,
-)
+from experiments.detectors import detector_methods, seen_points
+from experiments.evaluate import Frame, points_of, score_records, view_of
 from experiments.tasks import enhance
 from jradar import data
-from jradar.bundle import Bundle
+from jradar.errors import UsageError
+from jradar.model import Model
 from jradar.range_image import encode_range
+from tests.experiments.conftest import random_model, shrink
 
 
 @pytest.fixture(scope="module")
-def bundle(records):
+def trained(records):
+    """A config of direct regression, a model, its training records and pairs."""
     config = regression.get_config()
-    config.image.update(coarse=(8, 8), fine=(16, 64))
-    config.network.update(channels=8, multipliers=(1, 2), attention_levels=())
-    config.network.update(stem=(2, 8), condition_stem=(1, 1))
+    shrink(config)
     frames = data.Records(records, "train")
-    spec = build.build_spec(config, frames)
-    pairs = build.build_pairs(spec, frames)
-    params = jax.jit(spec.network.init)(
-        jax.random.key(0, impl="rbg"),
-        jnp.zeros((1, 16, 64, 2)),
-        jnp.zeros(1),
-        jnp.asarray(pairs[0].condition[None]),
-    )
-    return config, Bundle(params, spec), frames, pairs
+    model = random_model(config, frames)
+    return config, model, frames, build.build_pairs(model.spec, frames)
 
 
-def test_direct_regression_draws_what_the_network_says(bundle):
-    config, (params, spec), frames, pairs = bundle
+def test_direct_regression_draws_the_networks_answer(trained):
+    config, model, frames, pairs = trained
+    params, spec = model.params, model.spec
     # A network that answers 5 m everywhere, by the bias of its last layer.
-    metres = jnp.asarray(5.0)
-    value = encode_range(metres, max_range_m=spec.fine.max_range_m, codec=spec.codec)
+    value = encode_range(
+        np.float32(5.0), max_range_m=spec.fine.max_range_m, codec=spec.codec
+    )
     out = np.float32([value, 1.0]) / spec.noise.sigma_data
-    changed = jax.tree.map(lambda x: x, params)
+    changed = jax.tree.map(np.zeros_like, params)
     changed["params"]["trunk"]["unfold"]["bias"] = np.tile(out, 2 * 8)
-    methods = enhance.build_methods(config, Bundle(changed, spec))
+    methods = enhance.model_methods(config, Model(changed, spec))
     assert [*methods] == ["direct regression"]
     frame = Frame(frames[0], pairs[0])
     for key in (0, 1):
@@ -59,7 +48,7 @@ def test_direct_regression_draws_what_the_network_says(bundle):
         np.testing.assert_allclose(np.linalg.norm(xyz, axis=-1), 5.0, rtol=1e-3)
 
 
-def test_the_rows_of_other_angles_say_so(records):
+def test_rows_of_other_angles_are_named_after_them(records):
     view = view_of(data.Records(records, "test"))
     rates = {"os": 1e-3}
     assert [*detector_methods(view, rates)] == ["OS-CFAR"]
@@ -81,20 +70,20 @@ def test_ranges_of_detections_are_without_the_radars_bias(records):
     np.testing.assert_allclose(lengths[0] - 0.3, lengths[1], atol=1e-5)
 
 
-def test_models_are_not_trained_on_directions_by_music(bundle):
-    config, _, frames, _ = bundle
+def test_models_are_not_trained_on_directions_by_music(trained):
+    config, _, frames, _ = trained
     frames.manifest["options"]["angles"] = "music"
-    with pytest.raises(ValueError, match="has directions by music"):
+    with pytest.raises(UsageError, match="has directions by music"):
         build.build_spec(config, frames)
     del frames.manifest["options"]["angles"]
 
 
-def test_a_config_for_own_recordings_asks_for_them(tmp_path):
+def test_a_config_for_recordings_asks_for_them(tmp_path):
     config = regression.get_config()
     config.data.set = ""
-    with pytest.raises(ValueError, match="--config.data.path"):
+    with pytest.raises(UsageError, match="--config.data.path"):
         build.prepared_data(config, tmp_path)
-    with pytest.raises(ValueError, match="method='guess', expected diffusion or"):
+    with pytest.raises(UsageError, match="method='guess', expected diffusion or"):
         build.build_loss(config.loss, method="guess")
 
 

@@ -1,4 +1,4 @@
-"""RPDNet's task: it goes on from its checkpoint, learns, and its row joins others."""
+"""RPDNet's task: it resumes from its checkpoint, learns, and writes its row."""
 
 import json
 
@@ -7,12 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments import train
 from experiments.build import build_optimizer
 from experiments.configs import rpdnet as default
-from experiments.studies.detectors import view_of
-from experiments.tasks import rpdnet
+from experiments.evaluate import view_of
+from experiments.tasks import rpdnet, rpdnet_labels
+from experiments.tasks.rpdnet_labels import LabelledMaps
+from experiments.tasks.rpdnet_loss import make_rpdnet_step, rpdnet_params
 from jradar import data, evaluation, training
-from jradar.baselines import rpdnet_params
 
 
 @pytest.fixture
@@ -26,10 +28,10 @@ def config(records):
     return config
 
 
-def test_a_run_ends_with_its_row_and_goes_on_from_its_checkpoint(
+def test_a_run_ends_with_its_row_and_resumes_from_its_checkpoint(
     config, tmp_path, capsys
 ):
-    rpdnet.run_training(config, tmp_path)
+    train.run(rpdnet, config, tmp_path)
     scores = evaluation.read_scores(tmp_path / "evaluation" / "frames.jsonl")
     assert {row["method"] for row in scores} == {"RPDNet"}
     assert len(scores) == 4  # two frames against two truths
@@ -42,7 +44,7 @@ def test_a_run_ends_with_its_row_and_goes_on_from_its_checkpoint(
     before, table = weights.read_bytes(), tmp_path / "evaluation" / "table.md"
     first = table.read_text()
     weights.unlink()
-    rpdnet.run_training(config, tmp_path)
+    train.run(rpdnet, config, tmp_path)
     assert weights.read_bytes() == before and table.read_text() == first
 
 
@@ -53,13 +55,13 @@ def test_it_learns_a_mask_that_a_threshold_cannot_give(config):
     labels = (maps > 0.7) & (np.arange(16) < 8)[:, None]
     batch = training.Batch(jnp.asarray(maps), jnp.asarray(labels, jnp.float32))
     detector = rpdnet.build_detector(config)
-    config.train.update(learning_rate=2e-2, adversarial=0.0, steps=150)
+    config.train.update(learning_rate=2e-2, steps=150)
     optimizer = build_optimizer(config.train)
     params = rpdnet_params(jax.random.key(0, impl="rbg"), detector, (16, 16))
     state = training.TrainState(
         jnp.zeros((), jnp.int32), params, params, optimizer.init(params)
     )
-    step = rpdnet.make_step(detector, optimizer, config.train)
+    step = make_rpdnet_step(detector, optimizer, adversarial=0.0, ema_decay=0.5)
     for _ in range(150):
         state, _ = step(state, jax.random.key(0), batch)
     logits = detector.apply(state.params["detector"], batch.condition)
@@ -82,14 +84,14 @@ def test_the_limit_with_the_best_score_is_chosen(records):
 
 def test_frames_without_a_trajectory_are_left_out(records, monkeypatch):
     frames = data.Records(records, "train")
-    items = rpdnet.LabelledMaps(frames, min_snr_db=3.0)
+    items = LabelledMaps(frames, min_snr_db=3.0)
     assert len(items) == len(frames)
     assert items[0].condition.shape == items[0].target.shape == (16, 64, 1)
     assert 0 < items[0].target.mean() < 0.5
     velocities = np.full((len(frames), 3), np.nan)
     velocities[3] = 0.0
-    monkeypatch.setattr(rpdnet, "record_velocities", lambda _: velocities)
-    assert len(rpdnet.LabelledMaps(frames, min_snr_db=3.0)) == 1
+    monkeypatch.setattr(rpdnet_labels, "record_velocities", lambda _: velocities)
+    assert len(LabelledMaps(frames, min_snr_db=3.0)) == 1
     velocities[:] = np.nan
-    with pytest.raises(ValueError, match="no frame whose velocity is known"):
-        rpdnet.LabelledMaps(frames, min_snr_db=3.0)
+    with pytest.raises(ValueError, match="no frame with a known velocity"):
+        LabelledMaps(frames, min_snr_db=3.0)

@@ -1,4 +1,4 @@
-"""Studies of projection and of solvers: what must survive, what must be counted."""
+"""Studies of projection, solvers and detectors: survival, counts, tables."""
 
 import csv
 
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.studies import projection, solvers
-from jradar.diffusion import NoiseSpec, sample
+from experiments.studies import detectors, projection, solvers
+from jradar.diffusion import SOLVERS, NoiseSpec, sample
 from jradar.range_image import ImageSpec, pixel_directions
 
 
@@ -53,7 +53,7 @@ def test_larger_images_and_more_slices_lose_less(
 
 @pytest.mark.parametrize("solver", solvers.SHOWN)
 @pytest.mark.parametrize("evaluations", [3, 5])
-def test_a_solver_evaluates_the_network_as_often_as_said(solver, evaluations):
+def test_a_solver_evaluates_the_network_as_often_as_planned(solver, evaluations):
     count = 0
 
     def denoise(x, sigma):
@@ -61,15 +61,15 @@ def test_a_solver_evaluates_the_network_as_often_as_said(solver, evaluations):
         count += 1
         return 0 * x
 
-    # Unrolled by hand: what is compiled once inside a scan is called once only.
+    # Without jit, since a compiled scan calls the function only once.
     with jax.disable_jit():
         sample(
             jax.random.key(0),
             denoise,
             (1, 2, 2, 1),
             noise=NoiseSpec(),
-            solver=solver,
-            steps=solvers.steps_of(solver, evaluations),
+            solver=SOLVERS[solver],
+            steps=solvers.steps_of(SOLVERS[solver], evaluations),
         )
     assert count == evaluations
 
@@ -83,3 +83,12 @@ def test_curves_run_over_evaluations():
     found = solvers.curves(means)
     assert found["chamfer"]["euler"] == [(1, 1.0), (3, pytest.approx(1 / 3))]
     assert found["f_score_0.2"]["heun"][1] == (3, pytest.approx(0.3))
+
+
+def test_detectors_are_scored_by_a_command(records, tmp_path, capsys):
+    assert detectors.main([str(records), "-o", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "false-alarm rates" in out and "| OS-CFAR |" in out
+    assert (tmp_path / "evaluation" / "report.html").is_file()
+    assert detectors.main([str(tmp_path / "nowhere"), "-o", str(tmp_path)]) == 2
+    assert "nowhere" in capsys.readouterr().err
