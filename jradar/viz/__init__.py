@@ -5,15 +5,10 @@ capture_figure, samples_figure, angle_spectra_figure, preparation_figure
 plane_figure                     polar images and clouds in the plane
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
-realism_figure, Seen             simulated frames beside real ones
 save_figure                      any of them as PNG
 write_report, CloudFrame         one HTML file with clouds to turn
 """
 
-from experiments.studies.realism_figure import (
-    Seen as Seen,
-    realism_figure as realism_figure,
-)
 from jradar.viz.figures import (
     angle_spectra_figure as angle_spectra_figure,
     capture_figure as capture_figure,
