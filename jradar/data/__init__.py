@@ -15,7 +15,6 @@ from jradar.data.coloradar_splits import (
     scene as scene,
 )
 from jradar.data.frames import (
-    PrepareSpec as PrepareSpec,
     matches_of as matches_of,
     prepare_frame as prepare_frame,
 )
@@ -36,3 +35,4 @@ from jradar.data.records import (
     Records as Records,
 )
 from jradar.data.sources import Source as Source, find_sources as find_sources
+from jradar.data.spec import PrepareSpec as PrepareSpec

@@ -1,11 +1,6 @@
 """One radar frame and its LiDAR scan to a prepared frame (sections III-A, V-A)."""
 
-import dataclasses
-import difflib
 import functools
-import math
-from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -13,114 +8,17 @@ from jaxtyping import Array, Complex, Float
 
 from jradar.data.matching import Matches, match_nearest
 from jradar.data.records import PreparedFrame
-from jradar.errors import UsageError
-from jradar.lidar import LidarSpec, LidarSteps, interpolate_poses, preprocess
+from jradar.data.spec import PrepareSpec
+from jradar.lidar import LidarSteps, interpolate_poses, preprocess
 from jradar.radar import (
     Cells,
-    PointSpec,
     RadarSpec,
     all_cells,
     cell_points,
     detect,
 )
 from jradar.recordings.recording import Recording, Stream, calibrated_cube
-from jradar.recordings.text_files import toml
 from jradar.types import PointCloud
-
-
-@dataclasses.dataclass(frozen=True)
-class PrepareSpec:
-    """Options of preparation; the manifest of the records contains them.
-
-    The condition uses nearly every cell (`false_alarm_rate` close to 1, section III-A).
-    The visibility filter of the LiDAR trusts only points that are detected at
-    `visible_false_alarm_rate`. `angles` is how directions are found for the condition,
-    "fft" or "music"; the filter always uses "fft". Raises ValueError for values that
-    cannot be used.
-    """
-
-    capacity: int = 1024  # points of the radar cloud
-    detector: str = "os"
-    false_alarm_rate: float = 1.0
-    visible_false_alarm_rate: float = 1e-3
-    guard: tuple[int, int] = PointSpec.guard  # cells in (doppler, range)
-    train: tuple[int, int] = PointSpec.train
-    angles: str = "fft"
-    flip_azimuth: bool = False
-    flip_elevation: bool = False
-    tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
-    block: int = 32  # frames in a shard
-    lidar: LidarSpec = LidarSpec()
-
-    def __post_init__(self):
-        """Refuse values that cannot be used, naming the field."""
-        _ = self.points, self.visible_points
-        if not 0 <= self.tolerance_s < math.inf:
-            raise ValueError(f"tolerance_s = {self.tolerance_s}, expected 0 or more")
-        if self.block < 1:
-            raise ValueError(f"block = {self.block}, expected 1 or more frames")
-
-    @property
-    def points(self) -> PointSpec:
-        """Options of the condition's points."""
-        return PointSpec(
-            capacity=self.capacity,
-            detector=self.detector,
-            false_alarm_rate=self.false_alarm_rate,
-            guard=self.guard,
-            train=self.train,
-            angles=self.angles,
-            flip_azimuth=self.flip_azimuth,
-            flip_elevation=self.flip_elevation,
-        )
-
-    @property
-    def visible_points(self) -> PointSpec:
-        """Options of the points that the visibility filter trusts."""
-        rate = self.visible_false_alarm_rate
-        return dataclasses.replace(self.points, false_alarm_rate=rate, angles="fft")
-
-    @classmethod
-    def from_toml(cls, path: Path | str) -> "PrepareSpec":
-        """Return the fields in a TOML file; its table [lidar] is the `LidarSpec`.
-
-        Raises UsageError for unknown fields and for values that cannot be used.
-        """
-        try:
-            values = toml(path)
-        except ValueError as error:
-            raise UsageError(str(error)) from error
-        try:
-            lidar = _fields(values.pop("lidar", {}), LidarSpec)
-            return cls(**_fields(values, cls), lidar=LidarSpec(**lidar))
-        except ValueError as error:
-            raise UsageError(f"{path}: {error}") from error
-
-
-def _fields(values: Any, spec: Any) -> dict[str, Any]:
-    """The values of a TOML table as fields of `spec`, lists as tuples."""
-    if not isinstance(values, dict):
-        raise ValueError(f"lidar = {values!r}, expected a table [lidar]")
-    defaults = {field.name: field.default for field in dataclasses.fields(spec)}
-    for name, value in values.items():
-        if name not in defaults:
-            near = difflib.get_close_matches(name, defaults, 1) or [", ".join(defaults)]
-            raise ValueError(f"unknown field {name!r}, expected {near[0]}")
-        if not _is_like(value, defaults[name]):
-            like = 1.0 if defaults[name] is None else defaults[name]
-            like = [*like] if isinstance(like, tuple) else like
-            raise ValueError(f"{name} = {value!r}, expected a value such as {like!r}")
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-
-
-def _is_like(value: Any, default: Any) -> bool:
-    """Whether a TOML value has the type of a default; None stands for a number."""
-    if isinstance(default, tuple):
-        same_length = isinstance(value, list) and len(value) == len(default)
-        return same_length and all(map(_is_like, value, default))
-    if default is None or isinstance(default, float):
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    return type(value) is type(default)
 
 
 def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:

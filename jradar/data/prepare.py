@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jradar import __version__
-from jradar.data.frames import PrepareSpec, matches_of, prepare_frame
+from jradar.data.frames import matches_of, prepare_frame
 from jradar.data.matching import Matches, check_dropped
 from jradar.data.records import (
     FORMAT,
@@ -31,6 +31,7 @@ from jradar.data.records import (
     write_shard,
 )
 from jradar.data.sources import Source, find_sources
+from jradar.data.spec import PrepareSpec
 from jradar.errors import UsageError
 from jradar.files import lock_folder, write_text
 from jradar.progress import progress

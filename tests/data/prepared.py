@@ -1,4 +1,4 @@
-"""Prepared frames invented by a seed, for tests of records and loading."""
+"""Random prepared frames for tests of records and loading."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from jradar.types import PointCloud
 
 
 def invented_frame(number, sequence="run0", points=64, lidar_points=500):
-    """A frame with clouds of the radar's field of view."""
+    """A frame with random clouds in the radar's field of view."""
     rng = np.random.default_rng(number)
 
     def cloud(count):

@@ -1,4 +1,4 @@
-"""Matching in time: nearest, once each, within a tolerance, and a word on the rest."""
+"""Matching in time: nearest scans, used once, within a tolerance; reasons for drops."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def test_pairs_are_within_tolerance_unique_and_complete(radar, lidar):
     assert (abs(radar[matches.radar] - lidar[matches.lidar]) <= 0.1).all()
     assert {*matches.radar.tolist(), *matches.dropped} == {*range(len(radar))}
     free = np.setdiff1d(np.arange(len(lidar)), matches.lidar)
-    for frame in matches.dropped:  # whoever is dropped has no free scan in reach
+    for frame in matches.dropped:  # a dropped frame has no free scan in reach
         assert (abs(lidar[free] - radar[frame]) > 0.1 - 1e-12).all()
 
 

@@ -1,4 +1,4 @@
-"""Preparation: the same bytes however it is run, and a word on whatever is dropped."""
+"""Preparation: the same bytes however it is run; dropped frames are counted."""
 
 import dataclasses
 import json
@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jradar.data.frames import PrepareSpec
 from jradar.data.prepare import prepare
 from jradar.data.records import Records
 from jradar.data.sources import find_sources
+from jradar.data.spec import PrepareSpec
+from jradar.errors import UsageError
 from jradar.lidar import LidarSpec
+from jradar.radar import PointSpec
 from tests.recordings.small_sequence import (
     SIDE,
     write_sequence,
@@ -68,7 +70,7 @@ def test_records_hold_both_sensors(prepared):
     assert np.quantile(ahead[:, 0], 0.9) == pytest.approx(SIDE + 0.005, abs=0.03)
 
 
-def test_directions_by_music_leave_the_truth_as_it_is(root, prepared, tmp_path):
+def test_directions_by_music_do_not_change_the_truth(root, prepared, tmp_path):
     spec = dataclasses.replace(SPEC, angles="music")
     prepare(root, tmp_path, spec, frames=slice(0, 1), workers=1)
     plain, music = Records(prepared)[0], Records(tmp_path)[0]
@@ -79,7 +81,49 @@ def test_directions_by_music_leave_the_truth_as_it_is(root, prepared, tmp_path):
     assert 0 < np.median(apart) < 0.1
 
 
-def test_splits_are_the_papers(prepared):
+def test_points_come_from_the_options():
+    spec = dataclasses.replace(SPEC, detector="ca", angles="music", flip_azimuth=True)
+    shared = {"capacity": 128, "train": (2, 4), "detector": "ca", "flip_azimuth": True}
+    assert spec.points == PointSpec(false_alarm_rate=1.0, angles="music", **shared)
+    assert spec.visible_points == PointSpec(false_alarm_rate=1e-3, **shared)
+
+
+def test_options_are_read_from_toml(tmp_path):
+    path = tmp_path / "spec.toml"
+    path.write_text(
+        "capacity = 128\ntrain = [2, 4]\nblock = 2\n[lidar]\nmax_range_m = 7\n"
+    )
+    assert PrepareSpec.from_toml(path) == SPEC
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("capacty = 1", "spec.toml: unknown field 'capacty', expected capacity"),
+        ("capacity = 'many'", "capacity = 'many', expected, say, 1024"),
+        ("capacity = true", "capacity = True"),
+        ("flip_azimuth = 1", "flip_azimuth = 1, expected, say, false"),
+        ("guard = [1]", r"guard = \[1\], expected, say, \[2, 2\]"),
+        ("guard = [1.5, 2]", r"guard = \[1.5, 2\]"),
+        ("detector = 'cfar'", r"detector = 'cfar', expected one of \('ca'"),
+        ("false_alarm_rate = 2", "false_alarm_rate = 2.0, expected 0 < rate <= 1"),
+        ("visible_false_alarm_rate = 0", "visible_false_alarm_rate = 0"),
+        ("block = 0", "block = 0, expected 1 or more"),
+        ("tolerance_s = nan", "tolerance_s = nan, expected 0 or more"),
+        ("lidar = 3", r"lidar = 3, expected a table \[lidar\]"),
+        ("[lidar]\nsensor_height_m = 'low'", "sensor_height_m = 'low', expected"),
+        ("[lidar]\nmax_range_m = -1", "max_range_m = -1.0: expected"),
+        ("capacity =", "spec.toml is not valid TOML"),
+    ],
+)
+def test_wrong_options_in_a_file_are_usage_errors(tmp_path, text, match):
+    path = tmp_path / "spec.toml"
+    path.write_text(text)
+    with pytest.raises(UsageError, match=match):
+        PrepareSpec.from_toml(path)
+
+
+def test_splits_follow_the_paper(prepared):
     splits = {s["name"]: s["split"] for s in Records(prepared).sequences}
     assert splits == {
         "12_21_2020_ec_hallways_run0": "train",
@@ -87,18 +131,18 @@ def test_splits_are_the_papers(prepared):
     }
 
 
-def test_a_file_of_splits_comes_first(tmp_path):
+def test_a_file_of_splits_overrides_the_paper(tmp_path):
     write_sequence(tmp_path, "a", frames=1)
     write_sequence(tmp_path, "b", frames=1)
     write_splits(tmp_path, {"b": "validation"})
-    shutil.copytree(tmp_path / "a", tmp_path / ".a-x1" / "a")  # of a killed run
+    shutil.copytree(tmp_path / "a", tmp_path / ".a-x1" / "a")  # left by a killed run
     assert [s.split for s in find_sources(tmp_path)] == ["train", "validation"]
     write_splits(tmp_path, {"b": "exam"})
     with pytest.raises(ValueError, match='b is in "exam", expected one of'):
         find_sources(tmp_path)
 
 
-def test_started_again_it_writes_what_is_missing_only(root, prepared, tmp_path):
+def test_a_second_run_writes_only_missing_shards(root, prepared, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(prepared, folder)
     lost = sorted(folder.rglob("*.array_record"))[1]
@@ -115,18 +159,18 @@ def test_started_again_it_writes_what_is_missing_only(root, prepared, tmp_path):
 
 def test_other_options_are_refused(root, prepared):
     other = PrepareSpec(**{**vars(SPEC), "capacity": 64})
-    with pytest.raises(ValueError, match="other options: capacity was 128, now 64"):
+    with pytest.raises(UsageError, match="other options: capacity was 128, now 64"):
         prepare(root, prepared, other, workers=1)
-    with pytest.raises(ValueError, match="other frames"):
+    with pytest.raises(UsageError, match="other frames"):
         prepare(root, prepared, SPEC, workers=1, frames=slice(0, 2))
     sequence = find_sources(root)[0].path
-    with pytest.raises(ValueError, match=r"other names: \d are gone \['.*0 were added"):
+    with pytest.raises(UsageError, match=r"other names: \d removed \['.*0 added"):
         prepare(sequence, prepared, SPEC, workers=1)
 
 
 def test_a_folder_of_something_else_is_left_alone(root, tmp_path):
     (tmp_path / "thesis.tex").write_text("do not touch")
-    with pytest.raises(ValueError, match="neither empty nor a preparation"):
+    with pytest.raises(UsageError, match="neither empty nor a folder of records"):
         prepare(root, tmp_path, SPEC, workers=1)
 
 
@@ -145,7 +189,7 @@ def test_a_damaged_frame_stops_or_is_counted(tmp_path):
     truncate_frame(folder, 1)
     with pytest.raises(ValueError, match="frame_1.bin"):
         prepare(folder, tmp_path / "dst", SPEC, workers=1)
-    with pytest.raises(ValueError, match="start the same"):
+    with pytest.raises(ValueError, match="run the same"):
         Records(tmp_path / "dst")
     manifest = prepare(folder, tmp_path / "dst", SPEC, workers=1, keep_going=True)
     (sequence,) = manifest["sequences"]
@@ -178,14 +222,19 @@ def test_a_dask_scheduler_writes_the_same_bytes(root, prepared, tmp_path):
     from distributed import LocalCluster
 
     cluster = LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        n_workers=2,
+        threads_per_worker=1,
+        processes=False,  # the workers are threads: they import nothing again
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address=None,
     )
     with cluster:
         prepare(root, tmp_path, SPEC, scheduler=cluster.scheduler_address)
     assert digests(tmp_path) == digests(prepared)
 
 
-def test_killed_and_started_again_it_writes_the_same_bytes(root, prepared, tmp_path):
+def test_a_killed_run_resumes_with_the_same_bytes(root, prepared, tmp_path):
     code = (
         "import sys; from tests.data.test_prepare import SPEC; "
         "from jradar.data.prepare import prepare; "
@@ -201,7 +250,7 @@ def test_killed_and_started_again_it_writes_the_same_bytes(root, prepared, tmp_p
     torn = tmp_path / "dst" / "12_21_2020_ec_hallways_run0" / ".0001-x1" / "0001"
     torn.parent.mkdir()
     torn.write_bytes(b"half")  # as a kill within a write leaves it
-    with pytest.raises(ValueError, match="start the same `jradar prepare` again"):
+    with pytest.raises(ValueError, match="run the same `jradar prepare` again"):
         Records(tmp_path / "dst")
     prepare(root, tmp_path / "dst", SPEC, workers=1)
     assert digests(tmp_path / "dst") == digests(prepared)

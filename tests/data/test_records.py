@@ -1,4 +1,4 @@
-"""Records: what was written is read; damage and half-done work are refused."""
+"""Records: frames are read as written; damage and unfinished folders are refused."""
 
 import dataclasses
 import json
@@ -90,9 +90,9 @@ def test_splits_are_apart(folder):
         Records(folder, "validation")
 
 
-def test_half_done_preparation_is_refused(tmp_path):
+def test_unfinished_preparation_is_refused(tmp_path):
     write_folder(tmp_path, complete=False)
-    with pytest.raises(ValueError, match="start the same `jradar prepare` again"):
+    with pytest.raises(ValueError, match="run the same `jradar prepare` again"):
         Records(tmp_path)
 
 
@@ -135,13 +135,13 @@ def test_a_flipped_bit_is_found(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"format": 99}', "\xff"])
-def test_a_manifest_that_is_none(tmp_path, text):
+def test_a_damaged_manifest_is_refused(tmp_path, text):
     (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(ValueError, match=r"manifest.json|format"):
         Records(tmp_path)
 
 
-def test_finished_shards_are_known_by_content_and_options(tmp_path):
+def test_finished_shards_are_recognised_by_content_and_options(tmp_path):
     path = tmp_path / "run0" / "0000.array_record"
     assert finished_shard(path, ABOUT) is None
     frames = [invented_frame(0), invented_frame(1)]

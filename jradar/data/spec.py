@@ -1,0 +1,118 @@
+"""Options of preparation, in Python and in a user's TOML file."""
+
+import dataclasses
+import difflib
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from jradar.errors import UsageError
+from jradar.lidar import LidarSpec
+from jradar.radar import PointSpec
+from jradar.recordings.text_files import toml
+
+
+@dataclasses.dataclass(frozen=True)
+class PrepareSpec:
+    """Options of preparation; the manifest of the records contains them.
+
+    The condition uses nearly every cell (`false_alarm_rate` close to 1, section III-A).
+    The visibility filter of the LiDAR trusts only points that are detected at
+    `visible_false_alarm_rate`. `angles` is how directions are found for the condition,
+    "fft" or "music"; the filter always uses "fft". Raises ValueError for values that
+    cannot be used.
+    """
+
+    capacity: int = 1024  # points of the radar cloud
+    detector: str = "os"
+    false_alarm_rate: float = 1.0
+    visible_false_alarm_rate: float = 1e-3
+    guard: tuple[int, int] = PointSpec.guard  # cells in (doppler, range)
+    train: tuple[int, int] = PointSpec.train
+    angles: str = "fft"
+    flip_azimuth: bool = False
+    flip_elevation: bool = False
+    tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
+    block: int = 32  # frames in a shard
+    lidar: LidarSpec = LidarSpec()
+
+    def __post_init__(self):
+        """Refuse values that cannot be used, naming the field."""
+        _ = self.points  # checks its own fields
+        if not 0 < self.visible_false_alarm_rate <= 1:
+            rate = self.visible_false_alarm_rate
+            raise ValueError(
+                f"visible_false_alarm_rate = {rate}, expected 0 < rate <= 1"
+            )
+        if not 0 <= self.tolerance_s < math.inf:
+            raise ValueError(f"tolerance_s = {self.tolerance_s}, expected 0 or more")
+        if self.block < 1:
+            raise ValueError(f"block = {self.block}, expected 1 or more frames")
+
+    @property
+    def points(self) -> PointSpec:
+        """Options of the condition's points."""
+        return PointSpec(
+            capacity=self.capacity,
+            detector=self.detector,
+            false_alarm_rate=self.false_alarm_rate,
+            guard=self.guard,
+            train=self.train,
+            angles=self.angles,
+            flip_azimuth=self.flip_azimuth,
+            flip_elevation=self.flip_elevation,
+        )
+
+    @property
+    def visible_points(self) -> PointSpec:
+        """Options of the points that the visibility filter trusts."""
+        rate = self.visible_false_alarm_rate
+        return dataclasses.replace(self.points, false_alarm_rate=rate, angles="fft")
+
+    @classmethod
+    def from_toml(cls, path: Path | str) -> "PrepareSpec":
+        """Return the fields in a TOML file; its table [lidar] is the `LidarSpec`.
+
+        Raises UsageError for unknown fields and for values that cannot be used.
+        """
+        try:
+            values = toml(path)
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+        try:
+            lidar = _fields(values.pop("lidar", {}), LidarSpec)
+            return cls(**_fields(values, cls), lidar=LidarSpec(**lidar))
+        except ValueError as error:
+            raise UsageError(f"{path}: {error}") from error
+
+
+def _fields(values: Any, spec: Any) -> dict[str, Any]:
+    """The values of a TOML table as fields of `spec`; ValueError for other values."""
+    if not isinstance(values, dict):
+        raise ValueError(f"lidar = {values!r}, expected a table [lidar]")
+    defaults = {field.name: field.default for field in dataclasses.fields(spec)}
+    fields = {}
+    for name, value in values.items():
+        if name not in defaults:
+            near = difflib.get_close_matches(name, defaults, 1) or [", ".join(defaults)]
+            raise ValueError(f"unknown field {name!r}, expected {near[0]}")
+        try:
+            fields[name] = _converted(value, defaults[name])
+        except TypeError as error:
+            like = json.dumps(1.0 if defaults[name] is None else defaults[name])
+            raise ValueError(f"{name} = {value!r}, expected, say, {like}") from error
+    return fields
+
+
+def _converted(value: Any, default: Any) -> Any:
+    """A TOML value in the type of a default; the default None stands for a number."""
+    if isinstance(default, tuple) and isinstance(value, list):
+        if len(value) == len(default):
+            return tuple(map(_converted, value, default))
+    if default is None or isinstance(default, float):
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+    elif type(value) is type(default):
+        return value
+    raise TypeError(f"{value!r} is not like {default!r}")
