@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
 from jradar.diffusion.noise import NoiseSpec, loss_weight, training_sigma
-from jradar.diffusion.precondition import Denoiser, prior
+from jradar.diffusion.precondition import Denoiser
 
 Image = Float[Array, "batch row column channel"]
 Perceptual = Callable[[Image, Image], Float[Array, " batch"]]
@@ -100,31 +100,6 @@ def denoising_loss(
         distance = _when(jnp.asarray(step) % every == 0, perceptual, *images)
         loss += weights.perceptual * every * (near * distance).mean()
     return loss
-
-
-def occupancy_denoising_loss(
-    key: Key[Array, ""],
-    denoise: Denoiser,
-    clean: Image,
-    *,
-    noise: NoiseSpec,
-    step: int | Int[Array, ""] = 0,
-) -> Float[Array, ""]:
-    """Cross-entropy of pixels that are 0 or 1 at random noise levels.
-
-    The denoiser of least cross-entropy is that of least squared error, the probability
-    of a pixel; but where the first is sure and wrong, it still has a gradient. 1 is the
-    loss of the prior alone. `step` is not used.
-    """
-    sigma_key, noise_key = jax.random.split(key)
-    sigma = training_sigma(sigma_key, clean.shape[:1], noise)
-    unit = jax.random.normal(noise_key, clean.shape, clean.dtype)
-    share = denoise(clean + sigma[:, None, None, None] * unit, sigma)
-    share = jnp.clip(share, 1e-6, 1 - 1e-6)
-    loss = -clean * jnp.log(share) - (1 - clean) * jnp.log1p(-share)
-    start = jax.nn.sigmoid(prior(noise))
-    entropy = -start * jnp.log(start) - (1 - start) * jnp.log1p(-start)
-    return loss.mean() / entropy
 
 
 def channel_weights(image: Image, range_weight: float) -> Float[Array, "1 1 1 channel"]:

@@ -12,16 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-PREDICTIONS = ("edm", "clean", "gaussian", "occupancy")
+from jradar.diffusion.predictions import EDM, Prediction
 
 
 @dataclasses.dataclass(frozen=True)
 class NoiseSpec:
-    """EDM's settings; `sigma_data` is the standard deviation of the clean images.
+    """EDM's noise levels for training and sampling, and what the network predicts.
 
-    `prediction` is what the network predicts: "edm" a mixture of image and noise,
-    "clean" the image, "gaussian" the image and how sure it is of each pixel,
-    "occupancy" the log-odds of pixels that are 0 or 1 (`precondition`).
+    `sigma_data` is the standard deviation of the clean images; `prediction` is an
+    object of `PREDICTIONS`, or another that follows its protocol.
     """
 
     sigma_data: float = 0.5
@@ -30,7 +29,7 @@ class NoiseSpec:
     rho: float = 7.0
     log_mean: float = -1.2
     log_std: float = 1.2
-    prediction: str = "edm"
+    prediction: Prediction = EDM
 
     def __post_init__(self):
         """Refuse levels that are not positive and in order."""
@@ -41,15 +40,7 @@ class NoiseSpec:
                 f"sigma_min = {self.sigma_min}, sigma_max = {self.sigma_max}, "
                 "expected 0 < sigma_min < sigma_max"
             )
-        if self.prediction not in PREDICTIONS:
-            raise ValueError(
-                f"prediction = {self.prediction!r}, expected one of {PREDICTIONS}"
-            )
-        if self.prediction == "occupancy" and self.sigma_data > 0.5:
-            raise ValueError(
-                f"sigma_data = {self.sigma_data}, expected at most 0.5: "
-                "that of pixels that are 0 or 1"
-            )
+        self.prediction.check(self)
 
 
 def training_sigma(
@@ -62,11 +53,8 @@ def training_sigma(
 def loss_weight(
     sigma: Float[Array, "*batch"], noise: NoiseSpec
 ) -> Float[Array, "*batch"]:
-    """Weight of the squared error that makes the network's target unit variance."""
-    data = noise.sigma_data
-    if noise.prediction in ("clean", "occupancy"):
-        return jnp.full_like(sigma, 1 / data**2)
-    return (sigma**2 + data**2) / (sigma * data) ** 2
+    """Return the weight of the squared error at each noise level."""
+    return noise.prediction.loss_weight(sigma, noise)
 
 
 def karras_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:

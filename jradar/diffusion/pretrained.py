@@ -102,12 +102,37 @@ def load_pretrained(
 
 
 def save_prior(path: Path | str, network: UNet, params: Any) -> None:
-    """Write the trunk, which knows no condition yet, for `load_pretrained` to read."""
+    """Write the trunk, which takes no condition yet, for `load_pretrained` to read."""
+    metadata = {"network": json.dumps(_unshaped(network))}
+    trunk = {"params": {"trunk": params["params"]["trunk"]}}
+    write_params(path, trunk, metadata=metadata, dtype=np.float32)
+
+
+def write_params(
+    path: Path | str,
+    params: Any,
+    *,
+    metadata: dict[str, str] | None = None,
+    dtype: Any = np.float16,
+) -> None:
+    """Write nested parameters as safetensors, named by their path."""
     flat = flax.traverse_util.flatten_dict(params, sep="/")
-    state = {name: np.asarray(v) for name, v in flat.items() if name.startswith(OWN)}
-    content = safetensors.numpy.save(state, {"network": json.dumps(_unshaped(network))})
+    arrays = {name: np.asarray(value, dtype) for name, value in flat.items()}
+    content = safetensors.numpy.save(arrays, metadata)
     with atomic_path(path) as scratch:
         scratch.write_bytes(content)
+
+
+def read_params(path: Path | str) -> Any:
+    """Return the nested parameters of `write_params`, as float32.
+
+    Raises FileNotFoundError for a missing file, ValueError for a damaged one.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no weights at {path}")
+    flat = {n: jnp.asarray(v, jnp.float32) for n, v in read_state(path).items()}
+    return flax.traverse_util.unflatten_dict(flat, sep="/")
 
 
 def read_state(path: Path | str) -> State:

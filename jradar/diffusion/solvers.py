@@ -1,7 +1,7 @@
-"""From noise to image: solvers of the probability-flow ODE (Eq. 8), and with churn.
+"""From noise to image: solvers of the probability-flow ODE (Eq. 8).
 
 With sigma(t) = t the ODE is dx/dsigma = (x - D(x; sigma)) / sigma. A solver walks the N
-levels sigma_0 > ... > sigma_N-1 in one `lax.scan`; the last step, to sigma = 0, is the
+levels sigma_0 > ... > sigma_N-1 in one `lax.scan`. The last step, to sigma = 0, is the
 denoised image itself and stands outside.
 
     solver                     evaluations   error for steps h
@@ -10,15 +10,19 @@ denoised image itself and stands outside.
     ipndm2, ipndm3, ipndm4     N             h^2 after their first, short steps
     dpm++2m, dpm++3m           N             h^2, h^3
 
-Heun is the paper's; the multistep solvers reuse earlier evaluations. iPNDM (Zhang &
+Heun is the paper's. The multistep solvers reuse earlier evaluations: iPNDM (Zhang &
 Chen 2023) extrapolates slopes with the weights of equal steps; DPM-Solver++ (Lu et al.
 2022) extrapolates the denoised image over ln sigma, here with the exact integral of the
-polynomial, and walks levels equal in ln sigma.
+polynomial, and walks levels that are equal in ln sigma.
 
-Functions that take a denoiser are not jitted: jit the whole around them.
+A solver is an object with its own levels and rule: a new one is a class here, or an
+instance, and an entry in `SOLVERS`. Functions that take a denoiser are not jitted: jit
+the whole around them.
 """
 
+import dataclasses
 import math
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -31,8 +35,6 @@ from jradar.diffusion.precondition import Denoiser
 Image = Float[Array, "*batch row column channel"]
 Path = Float[Array, "step *batch row column channel"]
 
-SOLVERS = ("heun", "euler", "ipndm2", "ipndm3", "ipndm4", "dpm++2m", "dpm++3m")
-
 # Adams-Bashforth weights of the newest slopes for equal steps.
 ADAMS = (
     (1.0,),
@@ -42,35 +44,187 @@ ADAMS = (
 )
 
 
+@runtime_checkable
+class Solver(Protocol):
+    """A rule that walks noise levels: hashable, so that it can be a static argument."""
+
+    @property
+    def name(self) -> str:
+        """Name in configs and tables."""
+        ...
+
+    def evaluations(self, steps: int) -> int:
+        """Return how often `steps` steps evaluate the network."""
+        ...
+
+    def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
+        """Return the levels that the solver walks, `[steps]`, on the host."""
+        ...
+
+    def solve(
+        self,
+        denoise: Denoiser,
+        x: Image,
+        sigmas: np.ndarray,
+        *,
+        return_path: bool = False,
+    ) -> Image | Path:
+        """Solve the ODE from `x` at level `sigmas[0]` through all levels down to 0.
+
+        `return_path=True` returns the image at every level, from `x` to the result.
+        """
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Heun:
+    """Heun's method of second order."""
+
+    name: str = "heun"
+
+    def evaluations(self, steps: int) -> int:
+        """Return how often `steps` steps evaluate the network."""
+        return 2 * steps - 1
+
+    def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
+        """Return the levels of Karras et al."""
+        return karras_sigmas(steps, noise)
+
+    def solve(
+        self,
+        denoise: Denoiser,
+        x: Image,
+        sigmas: np.ndarray,
+        *,
+        return_path: bool = False,
+    ) -> Image | Path:
+        """Solve the ODE from `x`; see `Solver`."""
+        levels = jnp.asarray(sigmas, x.dtype)
+        pairs = jnp.stack([levels[:-1], levels[1:]], axis=-1)
+
+        def step(x, pair):
+            after = heun_step(denoise, x, pair[0], pair[1])
+            return after, after if return_path else None
+
+        end, path = jax.lax.scan(step, x, pairs)
+        return _finish(x, path, denoise(end, levels[-1]))
+
+
+@dataclasses.dataclass(frozen=True)
+class Multistep:
+    """Steps x' = keep x + weights . history, with a table made on the host.
+
+    The history holds slopes, or with `exponential` denoised images, newest first.
+    """
+
+    name: str
+    order: int
+    exponential: bool = False
+
+    def evaluations(self, steps: int) -> int:
+        """Return how often `steps` steps evaluate the network."""
+        return steps
+
+    def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
+        """Return levels equal in ln sigma with `exponential`, else Karras et al.'s."""
+        return (log_sigmas if self.exponential else karras_sigmas)(steps, noise)
+
+    def table(self, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return `keep` [step] and `weights` [step, order] in float64, on the host.
+
+        The first steps have too short a history and are of lower order.
+        """
+        steps = len(sigmas) - 1
+        weights = np.zeros((steps, self.order))
+        for i in range(steps):
+            past = min(i + 1, self.order)
+            if self.exponential:
+                nodes = np.log(sigmas[i]) - np.log(sigmas[i + 1 - past : i + 1])[::-1]
+                weights[i, :past] = _exponential_weights(
+                    nodes, np.log(sigmas[i] / sigmas[i + 1])
+                )
+            else:
+                step = sigmas[i + 1] - sigmas[i]
+                weights[i, :past] = step * np.array(ADAMS[past - 1])
+        keep = sigmas[1:] / sigmas[:-1] if self.exponential else np.ones(steps)
+        return keep, weights
+
+    def solve(
+        self,
+        denoise: Denoiser,
+        x: Image,
+        sigmas: np.ndarray,
+        *,
+        return_path: bool = False,
+    ) -> Image | Path:
+        """Solve the ODE from `x`; see `Solver`."""
+        keep, weights = self.table(sigmas)
+        levels, keep, weights = (
+            jnp.asarray(v, x.dtype) for v in (sigmas[:-1], keep, weights)
+        )
+
+        def step(carry, given):
+            x, history = carry
+            sigma, keep, weights = given
+            newest = denoise(x, sigma)
+            if not self.exponential:
+                newest = (x - newest) / sigma
+            history = jnp.concatenate([newest[None], history[:-1]])
+            x = keep * x + jnp.tensordot(weights, history, 1)
+            return (x, history), x if return_path else None
+
+        history = jnp.zeros((weights.shape[1], *x.shape), x.dtype)
+        (end, _), path = jax.lax.scan(step, (x, history), (levels, keep, weights))
+        return _finish(x, path, denoise(end, jnp.asarray(sigmas, x.dtype)[-1]))
+
+
+HEUN = Heun()
+SOLVERS: dict[str, Solver] = {
+    solver.name: solver
+    for solver in (
+        HEUN,
+        Multistep("euler", 1),
+        Multistep("ipndm2", 2),
+        Multistep("ipndm3", 3),
+        Multistep("ipndm4", 4),
+        Multistep("dpm++2m", 2, exponential=True),
+        Multistep("dpm++3m", 3, exponential=True),
+    )
+}
+
+
 def sample(
     key: Key[Array, ""],
     denoise: Denoiser,
     shape: tuple[int, ...],
     *,
     noise: NoiseSpec,
-    solver: str = "heun",
+    solver: Solver = HEUN,
     steps: int = 18,
-    temperature: float = 1.0,
+    temperature: float | Float[Array, ""] = 1.0,
     churn: float = 0.0,
     churn_range: tuple[float, float] = (0.0, math.inf),
     churn_noise: float = 1.0,
     return_path: bool = False,
 ) -> Image | Path:
-    """Draw images of `shape` [*batch, row, column, channel] with one of `SOLVERS`.
+    """Draw images of `shape` [*batch, row, column, channel].
 
     `steps=1` is the one-step estimate, nearly the mean of all images that the
-    condition allows. `temperature` scales the noise that a draw starts from: below 1
-    images differ less from one another, and none is as unlikely. `churn` > 0 adds
-    noise in every step of Heun (`heun_churn`).
+    condition allows. `temperature` scales the noise from which a draw starts: below 1,
+    images differ less from one another, and unlikely ones are rarer. `churn` > 0 adds
+    noise in every step of Heun's method (`heun_churn`). Raises ValueError for churn
+    with another solver.
     """
     start_key, churn_key = jax.random.split(key) if churn else (key, key)
     start = temperature * noise.sigma_max * jax.random.normal(start_key, shape)
-    schedule = log_sigmas if solver.startswith("dpm++") else karras_sigmas
-    sigmas = schedule(steps, noise)
+    sigmas = solver.levels(steps, noise)
     if not churn:
-        return solve(denoise, start, sigmas, solver=solver, return_path=return_path)
-    if solver != "heun":
-        raise ValueError(f"{churn=} with {solver=}: only Heun's method takes churn")
+        return solver.solve(denoise, start, sigmas, return_path=return_path)
+    if solver != HEUN:
+        raise ValueError(
+            f"{churn=} with the solver {solver.name!r}, expected 'heun': other solvers "
+            "take no churn"
+        )
     return heun_churn(
         churn_key,
         denoise,
@@ -83,41 +237,13 @@ def sample(
     )
 
 
-def solve(
-    denoise: Denoiser,
-    x: Image,
-    sigmas: np.ndarray,
-    *,
-    solver: str = "heun",
-    return_path: bool = False,
-) -> Image | Path:
-    """Solve the ODE from `x` at level `sigmas[0]` through all levels down to 0.
-
-    `return_path=True` returns the image at every level, from `x` to the result.
-    """
-    if solver not in SOLVERS:
-        raise ValueError(f"{solver=}, expected one of {SOLVERS}")
-    levels = jnp.asarray(sigmas, x.dtype)
-    if solver == "heun":
-        pairs = jnp.stack([levels[:-1], levels[1:]], axis=-1)
-
-        def heun(x, pair):
-            after = heun_step(denoise, x, pair[0], pair[1])
-            return after, after if return_path else None
-
-        end, path = jax.lax.scan(heun, x, pairs)
-    else:
-        end, path = _multistep(denoise, x, sigmas, solver, return_path)
-    return _finish(x, path, denoise(end, levels[-1]))
-
-
 def heun_step(
     denoise: Denoiser,
     x: Image,
     sigma: Float[Array, ""],
     after: Float[Array, ""],
 ) -> Image:
-    """One step of second order from level `sigma` to level `after` > 0."""
+    """Take one step of second order from level `sigma` to level `after` > 0."""
     slope = (x - denoise(x, sigma)) / sigma
     euler = x + (after - sigma) * slope
     slope_after = (euler - denoise(euler, after)) / after
@@ -135,7 +261,7 @@ def heun_churn(
     churn_noise: float = 1.0,
     return_path: bool = False,
 ) -> Image | Path:
-    """Heun's method that first adds noise in each step (Karras et al., Algorithm 2).
+    """Solve with Heun's method, adding noise in each step (Karras et al., Algorithm 2).
 
     Levels within `churn_range` (S_min, S_max) are raised by the fraction
     min(`churn` / N, sqrt 2 - 1), with noise of standard deviation `churn_noise`.
@@ -161,64 +287,16 @@ def heun_churn(
 
 
 def _finish(start, path, result):
-    """The result, or start, steps and result as one array."""
+    """The result, or the whole path as one array."""
     if path is None:
         return result
     return jnp.concatenate([start[None], path, result[None]])
 
 
-def _multistep(denoise, x, sigmas, solver, return_path):
-    """Steps x' = keep * x + weights . history, with a table made on the host."""
-    extrapolates_slopes = not solver.startswith("dpm++")
-    keep, weights = multistep_table(sigmas, solver=solver)
-    levels, keep, weights = (
-        jnp.asarray(v, x.dtype) for v in (sigmas[:-1], keep, weights)
-    )
-
-    def step(carry, given):
-        x, history = carry
-        sigma, keep, weights = given
-        newest = denoise(x, sigma)
-        if extrapolates_slopes:
-            newest = (x - newest) / sigma
-        history = jnp.concatenate([newest[None], history[:-1]])
-        x = keep * x + jnp.tensordot(weights, history, 1)
-        return (x, history), x if return_path else None
-
-    history = jnp.zeros((weights.shape[1], *x.shape), x.dtype)
-    (end, _), path = jax.lax.scan(step, (x, history), (levels, keep, weights))
-    return end, path
-
-
-def multistep_table(
-    sigmas: np.ndarray, *, solver: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """`keep` [step] and `weights` [step, order], newest first, in float64 on the host.
-
-    The first steps have too short a history and are of lower order.
-    """
-    order = {"euler": 1, "dpm++2m": 2, "dpm++3m": 3}.get(solver) or int(solver[-1])
-    steps = len(sigmas) - 1
-    weights = np.zeros((steps, order))
-    for i in range(steps):
-        past = min(i + 1, order)
-        if solver.startswith("dpm++"):
-            nodes = np.log(sigmas[i]) - np.log(sigmas[i + 1 - past : i + 1])[::-1]
-            weights[i, :past] = _exponential_weights(
-                nodes, np.log(sigmas[i] / sigmas[i + 1])
-            )
-        else:
-            step = sigmas[i + 1] - sigmas[i]
-            weights[i, :past] = step * np.array(ADAMS[past - 1])
-    if solver.startswith("dpm++"):
-        return sigmas[1:] / sigmas[:-1], weights
-    return np.ones(steps), weights
-
-
 def _exponential_weights(nodes, step):
     """Weights of values at `nodes` for the integral of exp(s - step) over 0 .. step.
 
-    Exact for polynomials of one degree less than there are nodes.
+    They are exact for polynomials of degree `len(nodes) - 1`.
     """
     moments = [-np.expm1(-step)]
     for degree in range(1, len(nodes)):

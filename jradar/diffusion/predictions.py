@@ -1,0 +1,150 @@
+"""What a network predicts, and how that becomes a clean image (Karras et al. 2022).
+
+The network F sees images of unit variance at every noise level sigma:
+
+    D(x; sigma) = rule(F(x / sqrt(sigma^2 + sigma_data^2); ln(sigma) / 4), x, sigma)
+
+A prediction is an object that carries its rule:
+
+edm        D = c_skip x + c_out F (Table 1). D is nearly the identity for weak noise and
+           nearly F alone for strong noise; F must carry the noise of every pixel.
+clean      D = sigma_data F: the image itself.
+gaussian   D = m + (x - m) s^2 / (s^2 + sigma^2), with a mean m = sigma_data F1 and a
+           spread s = sigma_data exp(4 tanh(F2 / 4)) for each value of the image.
+
+With patches too coarse to carry a pixel's noise, "gaussian" lets F describe what the
+surroundings and the condition say about a pixel, and Bayes' rule adds what the pixel's
+own value says. It equals "edm" with F = F1 / c_out where F2 = 0.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+if TYPE_CHECKING:
+    from jradar.diffusion.noise import NoiseSpec
+
+Image = Float[Array, "*batch row column channel"]
+Level = Float[Array, "*batch"]
+NetworkFunction = Callable[[Image, Level], Image]
+
+
+@runtime_checkable
+class Prediction(Protocol):
+    """What a network predicts: hashable, with a name for configs and files."""
+
+    @property
+    def name(self) -> str:
+        """Name in configs and model files."""
+        ...
+
+    @property
+    def outputs_per_channel(self) -> int:
+        """Number of outputs of the network for each channel of the image."""
+        ...
+
+    def check(self, noise: "NoiseSpec") -> None:
+        """Raise ValueError for noise levels that the prediction cannot use."""
+
+    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
+        """Return the weight of the squared error at each noise level."""
+        ...
+
+    def denoise(
+        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+    ) -> Image:
+        """Return the clean image; `sigma` is one level for each image."""
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Edm:
+    """EDM's mixture of image and noise."""
+
+    name: str = "edm"
+    outputs_per_channel: int = 1
+
+    def check(self, noise: "NoiseSpec") -> None:
+        """Accept all noise levels."""
+
+    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
+        """Return the weight that gives the network's target unit variance."""
+        data = noise.sigma_data
+        return (sigma**2 + data**2) / (sigma * data) ** 2
+
+    def denoise(
+        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+    ) -> Image:
+        """Return c_skip x + c_out F."""
+        *scales, c_noise = scalings(sigma, noise)
+        c_skip, c_out, c_in = (c[..., None, None, None] for c in scales)
+        return c_skip * x + c_out * network(c_in * x, c_noise)
+
+
+@dataclasses.dataclass(frozen=True)
+class Clean:
+    """The clean image, in units of `sigma_data`."""
+
+    name: str = "clean"
+    outputs_per_channel: int = 1
+
+    def check(self, noise: "NoiseSpec") -> None:
+        """Accept all noise levels."""
+
+    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
+        """Return the same weight for all noise levels."""
+        return jnp.full_like(sigma, 1 / noise.sigma_data**2)
+
+    def denoise(
+        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+    ) -> Image:
+        """Return sigma_data F."""
+        return noise.sigma_data * _output(network, x, sigma, noise)
+
+
+@dataclasses.dataclass(frozen=True)
+class Gaussian:
+    """A mean and a spread for each value of the image, combined with its own value."""
+
+    name: str = "gaussian"
+    outputs_per_channel: int = 2
+
+    def check(self, noise: "NoiseSpec") -> None:
+        """Accept all noise levels."""
+
+    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
+        """Return the weight of "edm"."""
+        return EDM.loss_weight(sigma, noise)
+
+    def denoise(
+        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+    ) -> Image:
+        """Return the mean of the posterior; spreads are e^-4 to e^4 of the data's."""
+        mean, spread = jnp.split(_output(network, x, sigma, noise), 2, -1)
+        mean = noise.sigma_data * mean
+        own = noise.sigma_data**2 * jnp.exp(8 * jnp.tanh(spread / 4))
+        variance = sigma[..., None, None, None] ** 2
+        return mean + (x - mean) * own / (own + variance)
+
+
+EDM = Edm()
+PREDICTIONS: dict[str, Prediction] = {
+    prediction.name: prediction for prediction in (EDM, Clean(), Gaussian())
+}
+
+
+def scalings(sigma: Level, noise: "NoiseSpec") -> tuple[Level, Level, Level, Level]:
+    """Return EDM's c_skip, c_out, c_in and c_noise at a noise level."""
+    total = jnp.sqrt(sigma**2 + noise.sigma_data**2)
+    c_skip = noise.sigma_data**2 / total**2
+    c_out = sigma * noise.sigma_data / total
+    return c_skip, c_out, 1 / total, jnp.log(sigma) / 4
+
+
+def _output(network, x, sigma, noise):
+    """The network's output for an image scaled to unit variance."""
+    _, _, c_in, c_noise = scalings(sigma, noise)
+    return network(c_in[..., None, None, None] * x, c_noise)
