@@ -1,10 +1,6 @@
 """A capture of your own rig: radar, LiDAR and poses in one folder.
 
-run/capture.toml    names the files and the sensors' places, see `capture_toml`
-run/adc_data.bin    samples of a DCA1000
-run/profile.cfg     description of the radar
-run/livox.bag       clouds of the LiDAR, optional
-run/poses.txt       trajectory of the base, optional
+Its `capture.toml` names the files and the places of the sensors, see `capture_toml`.
 """
 
 from pathlib import Path

@@ -22,8 +22,6 @@
 `iq_order`, `allow_partial` and `frame_period_s`. Times are in seconds.
 """
 
-import difflib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +31,7 @@ from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
 from jradar.lidar import rigid_transform
-from jradar.recordings.text_files import toml
+from jradar.recordings.text_files import check_names, toml
 
 NAME = "capture.toml"
 PLACE = {"xyz": list, "rpy_degrees": list, "quaternion": list}
@@ -59,21 +57,19 @@ def read_capture_toml(path: Path) -> dict[str, Table]:
     Raises UsageError for keys that are unknown, missing or of the wrong type.
     """
     tables = toml(path)
-    _check_names(path, "table", tables, KEYS)
+    check_names(path, "table", tables, KEYS)
     if "radar" not in tables:
         raise UsageError(f"{path}: no [radar] table")
     for name, table in tables.items():
         if not isinstance(table, dict):
             raise UsageError(f"{path}: {name} = {table!r}, expected a table [{name}]")
-        _check_names(path, f"key of [{name}]", table, KEYS[name])
+        check_names(path, f"key of [{name}]", table, KEYS[name])
         if missing := [key for key in NEEDED[name] if key not in table]:
             raise UsageError(f"{path}: [{name}] lacks {', '.join(missing)}")
         for key, value in table.items():
             kind = KEYS[name][key]
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if kind is list:
-                continue  # `read_place` checks these
-            if not (number if kind is float else type(value) is kind):
+            types = (int, float) if kind is float else (kind,)
+            if kind is not list and type(value) not in types:  # lists: `read_place`
                 raise UsageError(
                     f"{path}: [{name}] {key} = {value!r}, expected {KINDS[kind]}"
                 )
@@ -114,14 +110,3 @@ def read_place(path: Path, name: str, table: Table) -> Float[np.ndarray, "4 4"]:
             f"{path}: [{name}] quaternion = {quaternion}, expected x y z w of length 1"
         )
     return rigid_transform(np.array(xyz, float), turn)
-
-
-def _check_names(
-    path: Path, what: str, given: Iterable[str], names: Iterable[str]
-) -> None:
-    """Raise UsageError for an unknown name, with the nearest known one."""
-    known = [*names]
-    for key in given:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, 1) or [", ".join(known)]
-            raise UsageError(f"{path}: unknown {what} {key!r}, expected {near[0]}")

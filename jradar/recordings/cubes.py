@@ -10,17 +10,15 @@
 Without `[file]` the axes are tx, rx, chirp, sample; `virtual` stands for tx and rx.
 """
 
-import difflib
 from pathlib import Path
 
 import numpy as np
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec
 from jradar.recordings.descriptions import find_description, read_description
 from jradar.recordings.formats import Format, has_suffix
 from jradar.recordings.recording import Recording, Stream
-from jradar.recordings.text_files import toml
+from jradar.recordings.text_files import check_names, toml
 
 AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 DEFAULT_AXES = ["tx", "rx", "chirp", "sample"]
@@ -84,28 +82,13 @@ def open_npy(
     )
 
 
-READER = Format(
-    "a .npy cube with its .toml",
-    has_suffix(".npy"),
-    open_npy,
-    ("description", "device"),
-)
+OPTIONS = ("description", "device")
+READER = Format("a .npy cube with its .toml", has_suffix(".npy"), open_npy, OPTIONS)
 
 
-def _order_axes(
-    array: np.ndarray,
-    axes: list[str],
-    radar: RadarSpec,
-    path: Path,
-    description: Path,
-) -> np.ndarray:
+def _order_axes(array, axes, radar, path, description):
     """Return `array` as [frame, tx, rx, chirp, sample]."""
-    for name in axes:
-        if name not in AXES:
-            near = difflib.get_close_matches(str(name), AXES, 1) or [", ".join(AXES)]
-            raise UsageError(
-                f"{description}: unknown axis {name!r}, expected {near[0]}"
-            )
+    check_names(description, "axis", axes, AXES)
     antennas = {"virtual"} if "virtual" in axes else {"tx", "rx"}
     needed = antennas | {"chirp", "sample"}
     if len(axes) != len(set(axes)) or set(axes) - {"frame"} != needed:

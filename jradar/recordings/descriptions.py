@@ -1,9 +1,11 @@
 """Descriptions of a radar, of any kind in `DESCRIPTIONS`.
 
-[radar] of a .toml      device and fields, see `text_files`
-.cfg                    commands of TI's mmWave SDK, see `ti_cfg`
-LogFile.txt             log of mmWave Studio, see `studio_log`
-calib/single_chip/      calibration folder of ColoRadar, see `coloradar_calib`
+    radar.toml            device and fields in its [radar] table, see `text_files`
+    radar.cfg             commands of TI's mmWave SDK, see `ti_cfg`
+    LogFile.txt           log of mmWave Studio, see `studio_log`
+    calib/single_chip/    calibration folder of ColoRadar, see `coloradar_calib`
+
+`--radar` names any of them; a reader finds the only one beside its file.
 """
 
 from collections.abc import Sequence
@@ -37,12 +39,7 @@ DESCRIPTIONS = (
         has_suffix(".toml"),
         lambda path: Description(radar_from_toml(path)),
     ),
-    Format(
-        "a .cfg of TI's mmWave SDK",
-        has_suffix(".cfg"),
-        _read_cfg,
-        ("device",),
-    ),
+    Format("a .cfg of TI's mmWave SDK", has_suffix(".cfg"), _read_cfg, ("device",)),
     Format(
         "a log of mmWave Studio (.txt or .csv)",
         has_suffix(".txt", ".csv"),

@@ -1,10 +1,12 @@
 """`open_recording`: the radar recording at a path, whatever its format.
 
-folder with a capture.toml     radar, LiDAR and poses of your own rig, see `capture`
-sequence/                      of ColoRadar, see `coloradar`
-adc_data.bin + LogFile.txt     of a DCA1000, with mmWave Studio's log, see `dca1000`
-adc_data.bin + radar.cfg       the same with the .cfg of TI's mmWave SDK
-cube.npy + radar.toml          complex samples, see `cubes`
+    folder with a capture.toml     radar, LiDAR and poses of your own rig, see `capture`
+    sequence/                      of ColoRadar, see `coloradar`
+    adc_data.bin + LogFile.txt     of a DCA1000, with mmWave Studio's log, see `dca1000`
+    adc_data.bin + radar.cfg       the same with the .cfg of TI's mmWave SDK
+    cube.npy + radar.toml          complex samples, see `cubes`
+
+The first of `READERS` that matches a path reads it.
 """
 
 import dataclasses
@@ -18,7 +20,6 @@ from jradar.recordings.formats import read
 from jradar.recordings.recording import Recording, Stream
 
 READERS = (capture.READER, coloradar.READER, dca1000.READER, cubes.READER)
-MAX_BYTES = 64 << 30
 
 
 def is_recording(path: Path | str) -> bool:
@@ -55,8 +56,6 @@ def open_recording(
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no such file or folder: {path}")
-    if (size := path.stat().st_size) > MAX_BYTES:
-        raise ValueError(f"{path} holds {size:,} bytes, expected at most {MAX_BYTES:,}")
     if path.is_dir() and not is_recording(path):
         _refuse_folder(path)
     options = {
@@ -85,24 +84,23 @@ def _refuse_folder(path: Path) -> None:
 
 def _frames_as_chirps(recording: Recording) -> Recording:
     """Return one frame whose chirps are the recording's frames."""
-    radar, cubes, path = recording.radar, recording.cubes, recording.path
+    radar, frames, lost = recording.radar, recording.cubes, recording.lost_bytes
     if radar.num_chirps != 1 or radar.num_tx != 1 or not radar.frame_period_s:
         raise UsageError(
-            f"{path}: frames can only be taken as chirps if each holds one chirp of "
-            f"one transmitter and their period is known; here a frame holds "
+            f"{recording.path}: frames can serve as chirps only if each holds one "
+            "chirp of one transmitter and their period is known; here a frame holds "
             f"{radar.num_chirps} chirps of {radar.num_tx} transmitters, period "
             f"{radar.frame_period_s} s"
         )
     slow = dataclasses.replace(
         radar,
-        num_chirps=len(cubes),
+        num_chirps=len(frames),
         idle_time_s=radar.frame_period_s - radar.ramp_end_time_s,
         frame_period_s=0.0,
     )
-    lost = recording.lost_bytes
     return recording._replace(
         radar=slow,
-        cubes=Stream(lambda _: np.concatenate([*cubes], axis=2), 1),
+        cubes=Stream(lambda _: np.concatenate([*frames], axis=2), 1),
         lost_bytes=None if lost is None else lost.sum(keepdims=True),
-        notes=(*recording.notes, f"{len(cubes)} frames were taken as chirps of one"),
+        notes=(*recording.notes, f"{len(frames)} frames were taken as chirps of one"),
     )

@@ -1,6 +1,8 @@
 """Small text files: read with a size limit, as TOML, as a radar."""
 
+import difflib
 import tomllib
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,16 @@ def toml(path: Path | str) -> dict[str, Any]:
         return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise UsageError(f"{path} is not valid TOML: {error}") from error
+
+
+def check_names(
+    path: Path | str, what: str, given: Iterable[str], names: Collection[str]
+) -> None:
+    """Raise UsageError for the first unknown name, with the nearest known one."""
+    for name in given:
+        if name not in names:
+            near = difflib.get_close_matches(str(name), names, 1) or [", ".join(names)]
+            raise UsageError(f"{path}: unknown {what} {name!r}, expected {near[0]}")
 
 
 def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:

@@ -44,6 +44,10 @@ LEAST_FIELDS = {
 NEEDED = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg", "frameCfg")
 MAX_CHIRPS = 512  # that a chip can store
 NUM_RX = len(ROW_OF_RECEIVERS)
+CHOICES = (
+    f"name the board, one of {', '.join(BOARDS)} (a 6843 ODS or AOP has another array "
+    "and cannot be read)"
+)
 
 Commands = dict[str, list[list[float]]]
 
@@ -116,26 +120,21 @@ def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
 def _radar_fields(path: Path | str, device: str) -> dict[str, Any]:
     """Return the fields of the radar for `RadarSpec.from_dict`."""
     if device not in BOARDS:
-        raise UsageError(
-            f"device = {device!r}, expected one of {', '.join(BOARDS)} (a 6843 ODS or "
-            "AOP has another array and cannot be read)"
-        )
+        raise UsageError(f"device = {device!r}: {CHOICES}")
     board = BOARDS[device]
     commands = _frame_commands(path)
     profile, tx, rx = _turn(path, commands)
     if max(tx) >= len(board.tx_positions):
         raise UsageError(
             f"{path}: the frame fires transmitters {tx}, the {device} has "
-            f"{len(board.tx_positions)}: name the board, one of {', '.join(BOARDS)}"
+            f"{len(board.tx_positions)}: {CHOICES}"
         )
     start_ghz, idle_us, adc_start_us, ramp_end_us = profile[1:5]
     low_hz, high_hz = board.band_hz
     if not low_hz <= start_ghz * 1e9 <= high_hz:
         raise UsageError(
             f"{path}: chirps start at {start_ghz} GHz, the {device} works from "
-            f"{low_hz / 1e9:.0f} to {high_hz / 1e9:.0f} GHz: name the board, one of "
-            f"{', '.join(BOARDS)} (a 6843 ODS or AOP has another array and cannot be "
-            "read)"
+            f"{low_hz / 1e9:.0f} to {high_hz / 1e9:.0f} GHz: {CHOICES}"
         )
     turns, _, period_ms = commands["frameCfg"][-1][2:5]
     return {

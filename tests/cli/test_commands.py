@@ -8,7 +8,7 @@ import pytest
 from jradar.cli import main
 from tests.recordings.coloradar_writer import write_radar
 from tests.recordings.conftest import root as root, sequence as sequence
-from tests.recordings.test_cubes import random_cube, save, save_studio
+from tests.recordings.cube_writer import random_cube, save, save_studio
 
 OPENRADAR = """
 [radar]

@@ -1,6 +1,7 @@
 """Bags in three containers: clouds of every layout come back; stamps; damaged files."""
 
 import concurrent.futures
+import itertools
 import shutil
 import struct
 
@@ -160,8 +161,13 @@ def columns(count, seed=0):
     }
 
 
-@pytest.mark.parametrize("container", CONTAINERS)
-@pytest.mark.parametrize("frame", ["", "l", "abcd", "livox_frame"])  # padding follows
+@pytest.mark.parametrize(
+    ("container", "frame"),
+    [
+        ("sqlite", "livox_frame"),
+        *itertools.product(("bag", "mcap"), ("", "l", "abcd", "livox_frame")),
+    ],  # padding follows the frame's name
+)
 def test_livox_clouds_come_back(tmp_path, container, frame):
     clouds = [livox_rows(n, n) for n in (5, 0, 1, 200)]
     stamps = [START + i * TENTH for i in range(4)]
@@ -187,10 +193,15 @@ def test_livox_clouds_come_back(tmp_path, container, frame):
     assert stream.notes == ()
 
 
-@pytest.mark.parametrize("container", CONTAINERS)
 @pytest.mark.parametrize(
-    "layout",
-    [{}, {"gap": 0}, {"big": True}, {"height": 4}, {"height": 4, "row_gap": 11}],
+    ("container", "layout"),
+    [
+        ("sqlite", {}),
+        *itertools.product(
+            ("bag", "mcap"),
+            ({}, {"gap": 0}, {"big": True}, {"height": 4}, {"height": 4, "row_gap": 9}),
+        ),
+    ],
     ids=str,
 )
 def test_point_clouds_of_any_layout_come_back(tmp_path, container, layout):
@@ -309,7 +320,7 @@ def test_a_clock_of_its_own_is_said(tmp_path):
 
 
 @pytest.mark.parametrize("container", CONTAINERS)
-@pytest.mark.parametrize("keep", [0.0, 0.01, 0.5, 0.9, 0.999])
+@pytest.mark.parametrize("keep", [0.0, 0.5, 0.999])
 def test_truncated_bags_name_the_repair(tmp_path, container, keep):
     message = ("/l", LIVOX, START, livox(livox_rows(3000), START))
     path = write_bag(tmp_path, container, [message])

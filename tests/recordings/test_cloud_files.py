@@ -114,14 +114,14 @@ def test_pcd_cut_anywhere_or_lying_is_refused(tmp_path, data):
     whole = pcd(data)
     start = whole.index(b"DATA")
     shortest = len(whole) - (3 if data == "ascii" else 1)  # "127" cut is a number too
-    for cut in range(0, shortest, 1 if data == "binary" else 3):
+    for cut in range(0, shortest, 5):
         with pytest.raises(ValueError, match=r"a\.pcd"):
             read_cloud(save(tmp_path, "a.pcd", whole[: max(cut, 0)]))
     for points in (10**12, 2**62, -1, "many", "3 3"):
         with pytest.raises(ValueError, match="a.pcd.*(claims|need|damaged)"):
             read_cloud(save(tmp_path, "a.pcd", pcd(data, points=points)))
     rng = np.random.default_rng(0)
-    for _ in range(50):  # noise in the header: refused, or read, but nothing else
+    for _ in range(30):  # noise in the header: refused, or read, but nothing else
         noisy = bytearray(whole)
         for place in rng.integers(0, start + 4, 3):
             noisy[place] = rng.integers(32, 127)
@@ -143,9 +143,9 @@ def test_pcd_without_points_line_counts_width_times_height(tmp_path):
     assert len(read_cloud(save(tmp_path, "a.pcd", content))["x"]) == 3
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(
-    st.lists(st.sampled_from([b"\0", b"ab", b"abcabcabd", b"\xff" * 40]), max_size=30),
+    st.lists(st.sampled_from([b"\0", b"ab", b"abcabcabd", b"\xff" * 40]), max_size=12),
     st.binary(max_size=40),
 )
 def test_lzf_against_a_compressor(parts, noise):
@@ -224,7 +224,7 @@ def test_ply_with_extra_properties(tmp_path, form, lists, before):
 def test_ply_cut_anywhere_or_lying_is_refused(tmp_path, form, lists):
     whole = ply(form, lists)
     end = whole.rindex(b" 0 1 2 0\n") - 12 if form == "ascii" else len(whole) - 30
-    for cut in range(0, end - 4, 1 if len(whole) < 300 else 2):
+    for cut in range(0, end - 4, 5):
         with pytest.raises(ValueError, match=r"a\.ply"):
             read_cloud(save(tmp_path, "a.ply", whole[:cut]))
     for count in (10**12, 2**63, -1, "many"):

@@ -153,7 +153,7 @@ def test_unusable_configuration_is_refused(write, old, new, message):
 
 
 def test_unknown_or_other_board_is_refused(write):
-    with pytest.raises(ValueError, match="'iwr6843ods', expected one of .*ODS or AOP"):
+    with pytest.raises(ValueError, match="'iwr6843ods': name .* awr1443,.* ODS or AOP"):
         radar_from_cfg(write(), device="iwr6843ods")
     with pytest.raises(ValueError, match=r"\[0, 2, 1\], the awr1642 has 2"):
         radar_from_cfg(write(), device="awr1642")

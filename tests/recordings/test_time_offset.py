@@ -10,7 +10,15 @@ from jradar.recordings import estimate_time_offset, propose_offset
 from jradar.recordings.recording import Recording, Stream
 from jradar.recordings.time_offset import radar_speed
 
-RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=32, frame_period_s=0.08)
+RADAR = RadarSpec.awr1843(
+    num_chirps=32,
+    num_samples=32,
+    frame_period_s=0.08,
+    idle_time_s=370e-6,  # a turn as long as that of three transmitters
+    tx_positions=((0, 0),),
+    rx_positions=((0, 0),),
+)
+NOISE = np.random.default_rng(0).normal(size=(2, *RADAR.cube_shape))
 C = 299_792_458.0
 
 
@@ -81,8 +89,7 @@ def cube(speed, radar=RADAR):
     beat = radar.slope_hz_per_s * 2 * 5 / C
     phase = radar.center_frequency_hz * delay + beat * sample
     wave = 100 * np.exp(2j * np.pi * phase)
-    noise = np.random.default_rng(0).normal(size=(2, *radar.cube_shape))
-    return (wave + noise[0] + 1j * noise[1]).astype(np.complex64)
+    return (wave + NOISE[0] + 1j * NOISE[1]).astype(np.complex64)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.4, -0.7, 1.5])
@@ -106,10 +113,10 @@ def recording(offset, radar=RADAR, cubes=cube):
 
     def cloud(index):
         rng = np.random.default_rng(index)
-        angle = rng.uniform(-0.6, 0.6, (2, 4000))
+        angle = rng.uniform(-0.6, 0.6, (2, 1000))
         distance = 30 - np.interp(lidar_stamps[index], times, way)
         y, z = distance * np.tan(angle)
-        xyz = np.stack([np.full(4000, distance), y, z, np.ones(4000)], -1)
+        xyz = np.stack([np.full(1000, distance), y, z, np.ones(1000)], -1)
         return xyz.astype(np.float32)
 
     radar_stamps = 8 + np.arange(180) * 0.1

@@ -1,0 +1,185 @@
+"""`open_recording`: the format of a path, its description, its options, its errors."""
+
+import numpy as np
+import pytest
+
+from jradar.errors import UsageError
+from jradar.recordings import is_recording, open_recording, read_description
+from jradar.recordings.formats import Format, has_suffix
+from jradar.recordings.open import READERS
+from tests.recordings.cube_writer import (
+    LOG,
+    RADAR,
+    SHAPE,
+    random_cube,
+    save,
+    save_studio,
+)
+
+
+def test_studio_file_written_byte_by_byte(tmp_path):
+    many = random_cube((3, *SHAPE))
+    recording = open_recording(save_studio(tmp_path, many))
+    assert recording.radar.frame_period_s == pytest.approx(1e-3)
+    assert len(recording.cubes) == 3
+    np.testing.assert_array_equal(np.stack([*recording.cubes]), many)
+
+
+def test_frames_of_one_chirp_serve_as_slow_time(tmp_path):
+    log = LOG.replace("FrameConfig,0,1,3,4,", "FrameConfig,0,0,5,1,")
+    many = random_cube((5, 1, 4, 1, 8))
+    path = save_studio(tmp_path, many, log)
+    merged = open_recording(path, frames_as_chirps=True)
+    assert len(merged.cubes) == 1
+    assert "5 frames were taken as chirps" in merged.notes[-1]
+    slow_time = many[:, :, :, 0].transpose(1, 2, 0, 3)
+    np.testing.assert_array_equal(merged.cubes[0], slow_time)
+    assert merged.radar.turn_period_s == pytest.approx(1e-3)
+    with pytest.raises(ValueError, match="4 chirps of 2 transmitters"):
+        open_recording(
+            save_studio(tmp_path, random_cube((3, *SHAPE))), frames_as_chirps=True
+        )
+
+
+@pytest.mark.parametrize("cut", [1, 2, 100, 1024])
+def test_truncated_studio_file_is_refused(tmp_path, cut):
+    path = save_studio(tmp_path, random_cube((3, *SHAPE)))
+    path.write_bytes(path.read_bytes()[:-cut])
+    if cut == 1024:  # a whole frame is missing: two are left
+        assert len(open_recording(path).cubes) == 2
+        return
+    with pytest.raises(
+        ValueError, match=r"holds .* needs a multiple of 1,024 .* 2 whole"
+    ):
+        open_recording(path)
+
+
+def test_missing_files_are_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such file or folder: .*cube.npy"):
+        open_recording(tmp_path / "cube.npy")
+    path = save(tmp_path, random_cube())
+    with pytest.raises(FileNotFoundError, match="no such radar description"):
+        open_recording(path, tmp_path / "other.toml")
+    (tmp_path / "second.toml").write_text(RADAR)
+    with pytest.raises(UsageError, match="2 radar descriptions beside"):
+        open_recording(path)
+    for extra in tmp_path.glob("*.toml"):
+        extra.unlink()
+    with pytest.raises(UsageError, match="no radar descriptions beside"):
+        open_recording(path)
+
+
+def test_real_studio_capture(samples):
+    path = samples / "dca1000" / "adc_data_0.bin"
+    cubes = open_recording(path).cubes
+    assert len(cubes) == 1000 and cubes[0].shape == (1, 4, 1, 256)
+    merged = open_recording(path, frames_as_chirps=True).cubes
+    assert merged[0].shape == (1, 4, 1000, 256)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("cube.txt", "cube.txt is of no known format, expected a"),
+        ("empty", "empty holds no recording, expected a folder"),
+        (".", r"is not a recording; name one inside it: .*cube.npy"),
+    ],
+)
+def test_other_paths_are_refused_with_what_was_expected(tmp_path, name, message):
+    (tmp_path / "cube.txt").write_text("1")
+    (tmp_path / "empty").mkdir()
+    save(tmp_path, random_cube())
+    assert not is_recording(tmp_path / name) and is_recording(tmp_path / "cube.npy")
+    with pytest.raises(UsageError, match=message):
+        open_recording(tmp_path / name)
+
+
+OPTIONS = {
+    "sensor": "cascade",
+    "iq_order": "IIQQ",
+    "allow_partial": True,
+    "device": "awr1642",
+    "description": "radar.toml",
+}
+TAKEN = {
+    ".npy": {"description", "device"},
+    ".bin": {"description", "device", "iq_order", "allow_partial"},
+    "folder": {"description", "sensor"},
+    "capture": set(),
+}
+
+
+def test_every_reader_lists_its_options():
+    assert {frozenset(r.options) for r in READERS} == {*map(frozenset, TAKEN.values())}
+
+
+@pytest.mark.parametrize("option", OPTIONS)
+@pytest.mark.parametrize("kind", TAKEN)
+def test_options_of_other_formats_are_refused(tmp_path, kind, option):
+    if option in TAKEN[kind]:
+        return
+    path = tmp_path / f"a{kind}" if kind.startswith(".") else tmp_path
+    if kind == "folder":
+        (path / "cascade" / "adc_samples").mkdir(parents=True)
+    else:
+        (path if path.suffix else path / "capture.toml").write_bytes(b"")
+    with pytest.raises(UsageError, match=f"{option} = .* does not apply to .*{path}"):
+        open_recording(path, **{option: OPTIONS[option]})
+
+
+def test_a_format_is_one_entry_in_the_list(tmp_path, monkeypatch):
+    save(tmp_path, random_cube())
+    path = tmp_path / "cube.mat"
+    path.write_bytes(b"")
+
+    def open_mat(path, device=None):
+        return open_recording(path.with_suffix(".npy"))._replace(name=device)
+
+    reader = Format("a .mat cube", has_suffix(".mat"), open_mat, ("device",))
+    monkeypatch.setattr("jradar.recordings.open.READERS", (reader, *READERS))
+    assert is_recording(path)
+    assert open_recording(path, device="board").name == "board"
+    with pytest.raises(UsageError, match="sensor = 'a' does not apply .* a .mat cube"):
+        open_recording(path, sensor="a")
+
+
+def test_a_description_of_any_kind_serves_any_file(tmp_path):
+    cube = random_cube()
+    log = save_studio(tmp_path, [cube]).with_name("adc_LogFile.txt")
+    path = save(tmp_path, cube)
+    assert open_recording(path, log).radar == read_description(log).radar
+    binary = open_recording(tmp_path / "adc_data.bin", tmp_path / "radar.toml")
+    np.testing.assert_array_equal(binary.cubes[0], cube)
+    with pytest.raises(UsageError, match="device = 'awr1642' does not apply .*.toml"):
+        open_recording(path, device="awr1642")
+    with pytest.raises(UsageError, match="radar.json is of no known format"):
+        (tmp_path / "radar.json").write_text("{}")
+        open_recording(path, tmp_path / "radar.json")
+
+
+def test_a_capture_toml_describes_its_folder(tmp_path):
+    many = random_cube((3, *SHAPE))
+    save_studio(tmp_path / "run", many)
+    (tmp_path / "run" / "capture.toml").write_text(
+        '[radar]\nfile = "adc_data.bin"\ndescription = "adc_LogFile.txt"\n'
+    )
+    for path in (tmp_path / "run", tmp_path / "run" / "capture.toml"):
+        np.testing.assert_array_equal(open_recording(path).cubes[2], many[2])
+    with pytest.raises(ValueError, match="name one inside it: .*run"):
+        open_recording(tmp_path)
+
+
+def test_the_whole_frames_of_a_capture_that_was_cut_off(tmp_path):
+    many = random_cube((3, *SHAPE))
+    path = save_studio(tmp_path, many)
+    path.write_bytes(path.read_bytes()[:-5])
+    cubes = open_recording(path, allow_partial=True).cubes
+    np.testing.assert_array_equal(np.stack([*cubes]), many[:2])
+
+
+def test_a_frame_of_a_sequence_is_refused(tmp_path):
+    path = tmp_path / "run/single_chip/adc_samples/data/frame_0.bin"
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"1234")
+    with pytest.raises(ValueError, match="name the folder of the sequence"):
+        open_recording(path)
