@@ -96,7 +96,7 @@ def available(peers: dict[str, Callable[[], Call]]) -> Iterator[tuple[str, Call]
 
 
 def random_params(network: Any, *inputs: Any) -> Any:
-    """Return random parameters, none 0: zero layers would hide the layers before."""
+    """Return random parameters without zeros, which would hide other layers."""
     rng = np.random.default_rng(1)
 
     def fill(leaf):

@@ -101,7 +101,9 @@ def _fields(values: Any, spec: Any) -> dict[str, Any]:
             fields[name] = _converted(value, defaults[name])
         except TypeError as error:
             like = json.dumps(1.0 if defaults[name] is None else defaults[name])
-            raise ValueError(f"{name} = {value!r}, expected, say, {like}") from error
+            raise ValueError(
+                f"{name} = {value!r}, expected a value like {like}"
+            ) from error
     return fields
 
 

@@ -100,10 +100,10 @@ def test_options_are_read_from_toml(tmp_path):
     ("text", "match"),
     [
         ("capacty = 1", "spec.toml: unknown field 'capacty', expected capacity"),
-        ("capacity = 'many'", "capacity = 'many', expected, say, 1024"),
+        ("capacity = 'many'", "capacity = 'many', expected a value like 1024"),
         ("capacity = true", "capacity = True"),
-        ("flip_azimuth = 1", "flip_azimuth = 1, expected, say, false"),
-        ("guard = [1]", r"guard = \[1\], expected, say, \[2, 2\]"),
+        ("flip_azimuth = 1", "flip_azimuth = 1, expected a value like false"),
+        ("guard = [1]", r"guard = \[1\], expected a value like \[2, 2\]"),
         ("guard = [1.5, 2]", r"guard = \[1.5, 2\]"),
         ("detector = 'cfar'", r"detector = 'cfar', expected one of \('ca'"),
         ("false_alarm_rate = 2", "false_alarm_rate = 2.0, expected 0 < rate <= 1"),
@@ -129,6 +129,13 @@ def test_splits_follow_the_paper(prepared):
         "12_21_2020_ec_hallways_run0": "train",
         "12_21_2020_ec_hallways_run3": "test",
     }
+
+
+def test_a_folder_of_captures_is_several_sources(tmp_path):
+    for name in ("walk", "stairs", ".walk-x1"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "capture.toml").touch()
+    assert [s.name for s in find_sources(tmp_path)] == ["stairs", "walk"]
 
 
 def test_a_file_of_splits_overrides_the_paper(tmp_path):
