@@ -1,8 +1,8 @@
-"""RPDNet: a network marks the cells of a range-Doppler map that are worth a point.
+"""RPDNet: a network marks the cells of a range-Doppler map that become points.
 
 Cheng, Su, Jiang & Liu, "A Novel Radar Point Cloud Generation Method for Robot
-Environment Perception", IEEE Transactions on Robotics 2022. It stands where a CFAR
-detector does: the angles of the cells that it marks are found in the classical way.
+Environment Perception", IEEE Transactions on Robotics 2022. It replaces a CFAR
+detector: the angles of the marked cells are found in the classical way.
 
     map [doppler, range] --1x1--> level 0 --5x5, pool, 5x5--> 1 --pool, 5x5--> 2 ...
                                     |                         |                |
@@ -11,25 +11,16 @@ detector does: the angles of the cells that it marks are found in the classical 
                                                      |
                                                     1x1 --> logit of each cell
 
-From the paper's public code: the pyramid (8 levels, 64 channels, coordinates of the
-cells as two more inputs), the focal loss, and a critic of strided convolutions that
-sees the map where a mask is set, once with the network's mask and once with the label,
-and learns to tell the two by the distance of its features.
-
-Ours: normalisation is over each map instead of over batches, so that a step stays a
-pure function of parameters; the critic's own has no scale, so that its features are
-bounded without the clipping of its weights; critic and detector learn in the same step
-instead of five to one; the mask passes gradients straight through, which in the public
-code it blocks. Both are then one loss for one optimiser.
+The pyramid (8 levels, 64 channels, the cells' coordinates as two more inputs) is from
+the paper's public code. Normalisation is over each map here, and over batches there.
 """
 
-from typing import Any
-
 import flax.linen as nn
-import jax
 import jax.numpy as jnp
-import optax
-from jaxtyping import Array, Float, Key
+import numpy as np
+from jaxtyping import Array, Float
+
+DYNAMIC_RANGE_DB = 80.0  # power further below the strongest cell is clipped
 
 Maps = Float[Array, "batch doppler range 1"]
 
@@ -42,7 +33,7 @@ class RPDNet(nn.Module):
 
     @nn.compact
     def __call__(self, maps: Maps) -> Maps:
-        """Levels end early where the map can no longer be halved."""
+        """Return the logits; levels end early where the map can no longer be halved."""
         shape = maps.shape[1:3]
         x = nn.relu(_norm(nn.Conv(self.channels, (1, 1))(_with_coordinates(maps))))
         total = nn.Conv(self.channels, (1, 1), name="join0")(x)
@@ -53,7 +44,7 @@ class RPDNet(nn.Module):
                 x = nn.relu(_norm(nn.Conv(self.channels, (5, 5))(x)))
             x = _halved(x)
             x = nn.relu(_norm(nn.Conv(self.channels, (5, 5))(x)))
-            # The sum of the levels' own 1x1 convolutions is that of all, concatenated.
+            # A 1x1 convolution of all levels, concatenated, is a sum of one for each.
             part = nn.Conv(
                 self.channels, (1, 1), use_bias=False, name=f"join{level}"
             )(x)  # fmt: skip
@@ -61,77 +52,21 @@ class RPDNet(nn.Module):
         return nn.Conv(1, (1, 1), name="logits")(nn.relu(_norm(total)))
 
 
-class Critic(nn.Module):
-    """Features of maps in which only the cells of a mask are left."""
+def map_values(
+    power: Float[np.ndarray, "doppler range"],
+) -> Float[np.ndarray, "doppler range"]:
+    """Return a map of power in decibels, scaled to 0 .. 1 by its minimum and maximum.
 
-    widths: tuple[int, ...] = (16, 32, 64, 128, 128, 128)
-
-    @nn.compact
-    def __call__(self, masked: Maps) -> Any:
-        """4x4 convolutions of stride 2, as many as there are widths."""
-        x = masked
-        for width in self.widths:
-            x = nn.Conv(width, (4, 4), (2, 2))(x)
-            x = nn.leaky_relu(_norm(x, learned=False), 0.2)
-        return x
-
-
-def rpdnet_params(
-    key: Key[Array, ""], detector: RPDNet, shape: tuple[int, int]
-) -> dict[str, Any]:
-    """Parameters of the detector and of its critic, for maps of `shape`."""
-    keys, maps = jax.random.split(key), jnp.zeros((1, *shape, 1))
-    return {
-        "detector": jax.jit(detector.init)(keys[0], maps),
-        "critic": jax.jit(Critic().init)(keys[1], maps),
-    }
-
-
-def focal_loss(
-    logits: Float[Array, "*cells"],
-    labels: Float[Array, "*cells"],
-    *,
-    gamma: float = 2.0,
-) -> Float[Array, ""]:
-    """Mean cross-entropy, less of it where the answer is right already (Lin 2017)."""
-    entropy = optax.sigmoid_binary_cross_entropy(logits, labels)
-    return jnp.mean((1 - jnp.exp(-entropy)) ** gamma * entropy)
-
-
-def rpdnet_loss(
-    detector: RPDNet, params: dict[str, Any], maps: Maps, labels: Maps, *, weight: float
-) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """Focal loss plus `weight` times the distance of the critic's features, and both.
-
-    The critic's gradient has the other sign: it climbs the distance where the detector
-    descends it.
+    It runs on the host.
     """
-    logits: Any = detector.apply(params["detector"], maps)
-    focal = focal_loss(logits, labels)
-    if not weight:
-        return focal, {"focal": focal}
-    critic = jax.tree.map(_reversed, params["critic"])
-    both = jnp.concatenate([maps * _binarised(logits), maps * labels])
-    features: Any = Critic().apply(critic, both)
-    found, truth = jnp.split(features, 2)
-    distance = jnp.abs(found - truth).mean()
-    return focal + weight * distance, {"focal": focal, "distance": distance}
-
-
-def _binarised(logits):
-    """1 where a cell is marked; gradients are those of the probability."""
-    probability = jax.nn.sigmoid(logits)
-    marked = (logits > 0).astype(logits.dtype)
-    return marked + probability - jax.lax.stop_gradient(probability)
-
-
-def _reversed(x):
-    """`x`, but its gradient has the other sign."""
-    return 2 * jax.lax.stop_gradient(x) - x
+    floor = max(float(power.max()) * 10 ** (-DYNAMIC_RANGE_DB / 10), 1e-30)
+    decibels = 10 * np.log10(np.maximum(power, floor))
+    low, high = decibels.min(), decibels.max()
+    return ((decibels - low) / max(high - low, 1e-6)).astype(np.float32)
 
 
 def _with_coordinates(maps):
-    """Maps with the places of their cells, -1 .. 1 along both axes, as channels."""
+    """Maps with the coordinates of their cells, -1 .. 1 along both axes, as channels."""
     rows, columns = maps.shape[1:3]
     places = jnp.meshgrid(
         jnp.linspace(-1, 1, rows), jnp.linspace(-1, 1, columns), indexing="ij"
@@ -141,7 +76,7 @@ def _with_coordinates(maps):
 
 
 def _halved(x):
-    """The largest of each 2 x 2 cells; the library's gradient is slow on CPUs."""
+    """The maximum of each 2 x 2 cells; Flax's pooling has a slow gradient on CPUs."""
     batch, rows, columns, channels = x.shape
     return x.reshape(batch, rows // 2, 2, columns // 2, 2, channels).max((2, 4))
 
@@ -153,6 +88,6 @@ def _enlarged(x, shape):
     return x
 
 
-def _norm(x, *, learned=True):
+def _norm(x):
     """Normalised over all cells and channels of each map."""
-    return nn.GroupNorm(1, use_scale=learned, use_bias=learned)(x)
+    return nn.GroupNorm(1)(x)
