@@ -1,88 +1,75 @@
 """Cells: one pass serves every detector; coupling and range bias; batches."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jradar.radar import (
-    RadarSpec,
     Scatterers,
     all_cells,
-    ca_cfar,
     cell_points,
-    go_cfar,
-    os_cfar,
+    detect,
     power_map,
     radar_points,
     range_doppler,
-    simulate_cube,
-    so_cfar,
 )
+from tests.radar.targets import ALL, CASCADE, CELLS, FLAT, SMALL, STATIC, WIDE, simulate
 
-RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
 SCATTERERS = Scatterers(
     xyz=jnp.array([[3.0, 1.0, 0.3], [5.0, -2.0, -0.4], [6.5, 0.5, 0.0]]),
     velocity=jnp.array([0.5, -1.0, 0.0]),
     amplitude=jnp.array([50.0, 100.0, 80.0]),
 )
-
-
-CA = {"detector": "ca"}  # compiles fastest
-
-
-def simulate(seed=0, radar=RADAR):
-    return simulate_cube(jax.random.key(seed), SCATTERERS, radar, noise_power=1.0)
+CUBE = simulate(SCATTERERS)
+FLIPPED = {"flip_azimuth": True, "num_azimuth": 128, "false_alarm_rate": 0.05}
 
 
 def close(actual, expected):
+    np.testing.assert_array_equal(actual.valid, expected.valid)
     for one, other in zip(actual, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", ["ca", "go", "so", "os"])
-def test_points_of_a_mask_are_those_of_the_detector(name):
-    """Of one row, of two and, for one detector, of the cascade's four."""
-    detector = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}[name]
-    radars = {"ca": RadarSpec.cascade(), "go": RadarSpec.awr1642(num_chirps=32)}
-    radar = radars.get(name, RADAR)
-    options = {"guard": (1, 2), "train": (2, 5)}
-    angles = {"num_azimuth": 128, "flip_azimuth": True}
-    cube = simulate(radar=radar)
-    cells = all_cells(cube, radar, **angles)
-    mask = detector(
-        cells.power, false_alarm_rate=0.05, channels=radar.num_virtual, **options
-    )
-    actual = cell_points(cells, mask, radar, capacity=200, **options)
-    expected = radar_points(
-        cube, radar, detector=name, false_alarm_rate=0.05, capacity=200,
-        **options, **angles,
-    )  # fmt: skip
+@pytest.mark.parametrize(
+    ("radar", "points"),
+    [
+        (FLAT, dataclasses.replace(CELLS, detector="go", **FLIPPED)),
+        (SMALL, dataclasses.replace(WIDE, capacity=200, **FLIPPED)),
+        (CASCADE, WIDE),
+    ],
+    ids=["one row, GO", "two rows, OS", "four rows, OS"],
+)
+def test_points_of_the_detectors_mask_are_radar_points(radar, points):
+    cube = simulate(SCATTERERS, radar)
+    cells = all_cells(cube, radar, points=points)
+    mask = detect(cells.power, radar, points=points)
+    expected = radar_points(cube, radar, points=points)
     assert 10 < expected.valid.sum()
-    np.testing.assert_array_equal(actual.valid, expected.valid)
-    close(actual, expected)
+    close(cell_points(cells, mask, radar, points=points), expected)
 
 
 def test_cells_without_refinement_and_without_static_echoes():
-    cube, options = simulate(), {"refine": False, "capacity": 100}
-    cells = all_cells(cube, RADAR, refine=False, remove_static=True)
+    cells = all_cells(CUBE, SMALL, points=STATIC)
     np.testing.assert_allclose(
-        cells.power, power_map(cube, remove_static=True), rtol=1e-5
+        cells.power, power_map(CUBE, remove_static=True), rtol=1e-5
     )
-    mask = ca_cfar(cells.power, false_alarm_rate=1e-3, channels=RADAR.num_virtual)
-    expected = radar_points(cube, RADAR, **CA, remove_static=True, **options)
+    mask = detect(cells.power, SMALL, points=STATIC)
+    expected = radar_points(CUBE, SMALL, points=STATIC)
     assert expected.valid.any()
-    close(cell_points(cells, mask, RADAR, **options), expected)
+    close(cell_points(cells, mask, SMALL, points=STATIC), expected)
 
 
 def test_vmap_equals_the_loop():
-    cubes = jnp.stack([simulate(seed) for seed in range(3)])
+    cubes = [simulate(SCATTERERS, seed=seed) for seed in range(3)]
 
     def points(cube):
-        cells = all_cells(cube, RADAR)
-        return cell_points(cells, cells.power > 100, RADAR, capacity=16)
+        cells = all_cells(cube, SMALL, points=CELLS)
+        return cell_points(cells, cells.power > 100, SMALL, points=CELLS)
 
-    many = jax.vmap(points)(cubes)
+    many = jax.vmap(points)(jnp.stack(cubes))
     for i, cube in enumerate(cubes):
         close(jax.tree.map(lambda column, i=i: column[i], many), points(cube))
 
@@ -98,56 +85,52 @@ def leakage():
     return jnp.array(samples[:, :, None], "complex64"), jnp.array(coupling, "complex64")
 
 
-def test_coupling_is_no_detection_once_it_is_subtracted():
+def test_coupling_is_not_detected_once_it_is_subtracted():
     samples, coupling = leakage()
-    cube = simulate() + samples
-    near = 3 * RADAR.range_resolution_m
+    near = 3 * SMALL.range_resolution_m
 
     def distances(**options):
-        cloud = radar_points(cube, RADAR, **CA, false_alarm_rate=1e-6, **options)
+        cloud = radar_points(CUBE + samples, SMALL, points=CELLS, **options)
         xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
         return np.linalg.norm(xyz, axis=-1)
 
     raw, calibrated = distances(), distances(coupling=coupling)
-    assert raw[0] < near and calibrated.min() > near  # the strongest of all was leakage
+    assert raw[0] < near and calibrated.min() > near  # the leakage was the strongest
     for xyz in SCATTERERS.xyz:
         gap = np.abs(calibrated - np.linalg.norm(xyz)).min()
-        assert gap < RADAR.range_resolution_m / 2
+        assert gap < SMALL.range_resolution_m / 2
 
 
-def test_cells_have_their_coupling_subtracted_as_points_have():
+def test_coupling_is_subtracted_from_cells_as_from_points():
     samples, coupling = leakage()
-    cube = simulate() + samples
-    for remove_static in (False, True):
-        options = {"coupling": coupling, "remove_static": remove_static}
-        cells = all_cells(cube, RADAR, **options)
-        mask = ca_cfar(cells.power, false_alarm_rate=1e-3, channels=RADAR.num_virtual)
-        expected = radar_points(cube, RADAR, **CA, **options)
-        close(cell_points(cells, mask, RADAR), expected)
+    options = {"points": CELLS, "coupling": coupling}
+    cells = all_cells(CUBE + samples, SMALL, **options)
+    mask = detect(cells.power, SMALL, points=CELLS)
+    expected = radar_points(CUBE + samples, SMALL, **options)
+    close(cell_points(cells, mask, SMALL, points=CELLS), expected)
 
 
 def test_static_removal_leaves_no_coupling_to_subtract():
     samples, coupling = leakage()
-    cube = simulate() + samples
-    cells = all_cells(cube, RADAR, coupling=coupling, remove_static=True)
-    _, without = range_doppler(simulate(), remove_static=True)
+    cells = all_cells(CUBE + samples, SMALL, points=STATIC, coupling=coupling)
+    _, without = range_doppler(CUBE, remove_static=True)
     np.testing.assert_allclose(cells.power, without, rtol=1e-2, atol=1e-3)
 
 
 def test_range_bias_shortens_ranges_and_nothing_else():
-    cube, bias = simulate(), 1.3 * RADAR.range_resolution_m
-    cells, options = all_cells(cube, RADAR), {"capacity": 3000, "range_bias_m": bias}
-    plain = cell_points(cells, cells.power > 0, RADAR, capacity=3000)
-    biased = cell_points(cells, cells.power > 0, RADAR, **options)
+    bias = 1.3 * SMALL.range_resolution_m
+    cells = all_cells(CUBE, SMALL, points=CELLS)
+    plain = cell_points(cells, cells.power > 0, SMALL, points=CELLS)
+    biased = cell_points(cells, cells.power > 0, SMALL, points=CELLS, range_bias_m=bias)
     assert plain.valid.sum() == 32 * 61 and biased.valid.sum() == 32 * 60
     kept = np.isin(plain.power, biased.power) & np.asarray(plain.valid)
     longer, shorter = np.asarray(plain.xyz)[kept], np.asarray(biased.xyz)[: kept.sum()]
     distance = np.linalg.norm(longer, axis=-1, keepdims=True)
     np.testing.assert_allclose(shorter, longer * (1 - bias / distance), atol=1e-4)
     assert np.linalg.norm(shorter, axis=-1).min() > 0
-    close(radar_points(cube, RADAR, **CA, false_alarm_rate=1.0, **options), biased)
+    close(radar_points(CUBE, SMALL, points=ALL, range_bias_m=bias), biased)
 
 
 def test_cube_of_another_radar_is_refused():
     with pytest.raises(ValueError, match=r"shape \(2, 4, 8, 16\), awr1843 needs"):
-        all_cells(jnp.zeros((2, 4, 8, 16), complex), RADAR)
+        all_cells(jnp.zeros((2, 4, 8, 16), complex), SMALL)
