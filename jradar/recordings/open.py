@@ -1,4 +1,4 @@
-"""`open_recording`: the radar recording at a path, whatever its format.
+"""`open_recording`: the radar recording at a path, in any format.
 
     folder with a capture.toml     radar, LiDAR and poses of your own rig, see `capture`
     sequence/                      of ColoRadar, see `coloradar`

@@ -12,7 +12,7 @@ from tests.recordings.coloradar_writer import (
 
 @pytest.fixture
 def root(tmp_path):
-    """A data set of one sequence, `ec_hallways_run0`, with all that the release has."""
+    """A data set of one sequence, `ec_hallways_run0`, with every stream we read."""
     folder = tmp_path / "12_21_2020_ec_hallways_run0"
     write_calib(tmp_path / "calib")
     write_radar(folder)

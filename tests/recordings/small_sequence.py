@@ -84,7 +84,7 @@ def room_echoes(rng) -> Scatterers:
 
 
 def write_sequence(root: Path, name="run0", frames=6, lidar_delay=0.01, seed=0) -> Path:
-    """Write a sequence below `root`, whose calib is made if need be."""
+    """Write a sequence below `root`, creating calib/ if missing."""
     if (root / "calib").is_dir():
         radar = radar_from_coloradar(root / "calib" / "single_chip")
     else:
@@ -119,7 +119,7 @@ def write_sequence(root: Path, name="run0", frames=6, lidar_delay=0.01, seed=0) 
 
 
 def write_stamps(folder: Path, stamps) -> None:
-    """A `timestamps.txt`, microseconds as ColoRadar has them."""
+    """A `timestamps.txt`, with microseconds as in ColoRadar."""
     (folder / "timestamps.txt").write_text("".join(f"{t:6f}\n" for t in stamps))
 
 

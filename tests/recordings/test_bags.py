@@ -233,7 +233,7 @@ def test_bytes_of_both_serialisations_written_by_hand(tmp_path):
 
 
 def write_raw(folder, container, store, *payloads):
-    """A bag whose messages hold `payloads`, whatever they are."""
+    """A bag whose messages hold the bytes in `payloads`."""
     if container == "bag":
         path, writer = folder / "a.bag", rosbag1.Writer(folder / "a.bag")
     else:
@@ -312,7 +312,7 @@ def test_bad_header_stamps_give_way_to_the_bags_times(tmp_path, headers, what):
     assert f"stamps in the headers are {what}" in stream.notes[0]
 
 
-def test_a_clock_of_its_own_is_said(tmp_path):
+def test_another_clock_is_reported(tmp_path):
     message = ("/l", LIVOX, START, livox(livox_rows(1), 123 * 10**9))
     stream = open_bag(write_bag(tmp_path, "bag", [message]))
     assert stream.stamps.tolist() == [123.0]
@@ -373,7 +373,7 @@ def test_point_cloud_larger_than_its_data_is_refused(tmp_path):
             stream[i]
 
 
-def test_files_that_are_no_bags(tmp_path):
+def test_other_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such bag"):
         open_bag(tmp_path / "a.bag")
     (tmp_path / "a.txt").write_text("hello")

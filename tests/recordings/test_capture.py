@@ -1,4 +1,4 @@
-"""Captures of one's own: places, times, poses, and descriptions that are wrong."""
+"""Captures with a capture.toml: places, times, poses, wrong descriptions."""
 
 import struct
 from pathlib import Path

@@ -281,7 +281,7 @@ def test_kitti_bin(tmp_path):
         read_cloud(save(tmp_path, "a.bin", content[:-1]))
 
 
-def test_files_that_are_no_clouds(tmp_path):
+def test_other_files_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such cloud"):
         read_cloud(tmp_path / "a.ply")
     with pytest.raises(ValueError, match="not a cloud, expected .pcd, .ply, .bin"):

@@ -66,7 +66,7 @@ def test_other_numbers_of_stamps_than_files(sequence, count, items, note):
     write(at, stamps_text(count, 10))
     recording = open_coloradar(sequence)
     assert len(recording.cubes) == items
-    assert any(note in said for said in recording.notes)
+    assert any(note in text for text in recording.notes)
 
 
 def test_frames_without_stamps(sequence):
@@ -84,7 +84,7 @@ def test_integer_nanoseconds_and_blank_lines(sequence):
     np.testing.assert_allclose(stamps, START + np.arange(12) / 10, rtol=0, atol=1e-6)
 
 
-def test_stamps_that_do_not_rise_are_said(sequence):
+def test_stamps_that_do_not_rise_are_reported(sequence):
     times = START + np.array([0, 1, 2, 2, 4, 3, 6, 7, 8, 9, 10, 11]) / 10
     text = "\n".join(f"{time:6f}" for time in times)
     write(sequence / "single_chip/adc_samples/timestamps.txt", text)

@@ -38,7 +38,7 @@ def test_frames_are_a_sequence(tmp_path):
         cubes[3]
 
 
-def test_unsigned_samples_are_mended_and_said(tmp_path):
+def test_unsigned_samples_are_converted_and_reported(tmp_path):
     cube = random_cube()
     wrapped = np.where(cube.real < 0, cube.real + 65536, cube.real) + 1j * np.where(
         cube.imag < 0, cube.imag + 65536, cube.imag
@@ -100,7 +100,7 @@ def test_samples_that_are_not_numbers_are_refused(tmp_path):
         open_recording(save(tmp_path, cube)).cubes[0]
 
 
-def test_no_frames_are_no_recording(tmp_path):
+def test_a_file_without_frames_is_refused(tmp_path):
     axes = ["frame", "tx", "rx", "chirp", "sample"]
     with pytest.raises(ValueError, match="holds no frames"):
         open_recording(save(tmp_path, random_cube((0, *SHAPE)), axes))

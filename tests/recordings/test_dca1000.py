@@ -115,7 +115,7 @@ def test_the_cfg_names_the_order(write, adcbuf, order):
     np.testing.assert_array_equal(frames_of(recording), cubes)
 
 
-def test_what_the_cfg_says_of_time_and_channels(write):
+def test_times_and_channel_factors_of_a_cfg(write):
     factors = "compRangeBiasAndRxChanPhase 0.05 " + "1 0 " * 11 + "0 -1\n"
     recording = open_dca1000(*write(as_bytes(random_cubes()), cfg=CFG + factors))
     np.testing.assert_allclose(recording.cubes.stamps, [0, 0.1, 0.2])
@@ -136,7 +136,7 @@ def test_packets_whose_frames_begin_anywhere(write, header):
     assert recording.lost_bytes.tolist() == [0, 0, 0] and recording.notes == ()
 
 
-def test_lost_repeated_and_late_packets_are_placed_and_said(write):
+def test_lost_repeated_and_late_packets_are_placed_and_reported(write):
     cubes = random_cubes(4)
     stream = as_bytes(cubes)
     a, b, _, d, e, f, g = as_packets(stream)
@@ -243,7 +243,7 @@ def test_file_that_changes_after_opening(write):
     cubes = random_cubes(2)
     path, cfg = write(as_bytes(cubes))
     recording = open_dca1000(path, cfg)
-    path.write_bytes(as_bytes(cubes) + b"more")  # a recording that goes on
+    path.write_bytes(as_bytes(cubes) + b"more")  # the recording continues
     np.testing.assert_array_equal(frames_of(recording), cubes)
     path.write_bytes(as_bytes(cubes)[:-1])
     with pytest.raises(ValueError, match="was truncated while it was read"):

@@ -1,4 +1,4 @@
-"""Streams read when asked; what `describe` says of rates, faults and single files."""
+"""Streams are read on access; `describe` reports rates, faults and single files."""
 
 import json
 import math
@@ -80,7 +80,7 @@ def test_unknown_times_have_no_rate(tmp_path, stamps):
     assert timing["repeated"] == (None if stamps is None else 9)
 
 
-def test_company_of_lidar_and_poses(tmp_path):
+def test_frames_with_scans_and_poses_are_counted(tmp_path):
     poses = Poses(np.array([0.25, 1.0]), np.zeros((2, 3)), np.eye(4)[[3, 3]])
     lidar = scans(np.array([0.0, 0.34, 0.851, 0.16]))
     found = describe(recording(tmp_path, EVERY_100_MS, lidar=lidar, poses=poses))
@@ -99,7 +99,7 @@ def test_no_scans_at_all(tmp_path):
     assert [*found["readable"]] == ["frame 0", "frame 9"]
 
 
-def test_what_cannot_be_read_is_said(tmp_path):
+def test_unreadable_items_are_reported(tmp_path):
     def read(item):
         raise ValueError(f"frame_{item}.bin holds 3 bytes")
 

@@ -164,7 +164,7 @@ def test_complex_2x_warns_of_the_image_band(write):
         radar_from_cfg(write(("adcCfg 2 1", "adcCfg 2 2")))
 
 
-def test_stream_says_how_samples_lie(write):
+def test_order_of_samples_in_the_stream(write):
     capture = CaptureSpec.from_cfg(write())
     assert (capture.sample_swap, capture.interleaved) == (True, False)
     assert not capture.has_headers

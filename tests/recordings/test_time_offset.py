@@ -1,4 +1,4 @@
-"""Time offsets: known ones are found between samples, strangers are not believed."""
+"""Time offsets are found between samples; unrelated signals are not trusted."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ RADAR = RadarSpec.awr1843(
     num_chirps=32,
     num_samples=32,
     frame_period_s=0.08,
-    idle_time_s=370e-6,  # a turn as long as that of three transmitters
+    idle_time_s=370e-6,  # one transmitter takes as long as three
     tx_positions=((0, 0),),
     rx_positions=((0, 0),),
 )
@@ -59,7 +59,7 @@ def test_stamps_may_jitter():
     assert found == pytest.approx(1.5, abs=0.02)
 
 
-def test_signals_that_share_nothing_are_not_believed():
+def test_unrelated_signals_are_not_trusted():
     times = np.arange(0, 30, 0.1)
     pairs = [(motion(times, 2 * s), motion(times, 2 * s + 1)) for s in range(5)]
     strangers = [estimate_time_offset(times, a, times, b)[1] for a, b in pairs]
@@ -113,10 +113,10 @@ def recording(offset, radar=RADAR, cubes=cube):
 
     def cloud(index):
         rng = np.random.default_rng(index)
-        angle = rng.uniform(-0.6, 0.6, (2, 1000))
+        angle = rng.uniform(-0.6, 0.6, (2, 4000))
         distance = 30 - np.interp(lidar_stamps[index], times, way)
         y, z = distance * np.tan(angle)
-        xyz = np.stack([np.full(1000, distance), y, z, np.ones(1000)], -1)
+        xyz = np.stack([np.full(4000, distance), y, z, np.ones(4000)], -1)
         return xyz.astype(np.float32)
 
     radar_stamps = 8 + np.arange(180) * 0.1
