@@ -20,7 +20,8 @@ import numpy as np
 from benchmarks.harness import Case, available
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.simulation import make_setting, simulate_sequence
-from jradar.simulation.radar import frame_paths, sample_frame
+from jradar.simulation.hardware import sample_frame
+from jradar.simulation.propagation import radar_paths
 from jradar.simulation.scanner import ouster_rays, scan
 from jradar.simulation.scene import cast, placements
 
@@ -57,21 +58,19 @@ def main(family: str = "hallways") -> None:
     radar, hardware = setting.radars["single_chip"]
     directions, seconds = ouster_rays()
     key, scene = jax.random.key(0), setting.scene
-    paths = frame_paths(scene, setting.reflectors, "single_chip", TIME_S, radar)
+    paths = radar_paths(scene, setting.reflectors, "single_chip", TIME_S, radar)
     frame = np.asarray(sample_frame(key, paths, hardware, radar))
     random = np.random.default_rng(0)
-    cloud = scan(random, scene, scene.platform, TIME_S, directions, seconds)
+    cloud = scan(random, scene, TIME_S, directions, seconds)
     with tempfile.TemporaryDirectory() as folder:
         steps = {
-            "paths of the radar": lambda: frame_paths(
+            "paths of the radar": lambda: radar_paths(
                 scene, setting.reflectors, "single_chip", TIME_S, radar
             ),
             f"samples of {len(paths.power)} paths": lambda: np.asarray(
                 sample_frame(key, paths, hardware, radar)
             ),
-            "LiDAR scan": lambda: scan(
-                random, scene, scene.platform, TIME_S, directions, seconds
-            ),
+            "LiDAR scan": lambda: scan(random, scene, TIME_S, directions, seconds),
             "writing": lambda: [
                 item.tofile(Path(folder) / f"{k}.bin")
                 for k, item in enumerate((frame, cloud))

@@ -1,37 +1,44 @@
 """A simulated ColoRadar: scenes seen by a LiDAR and a radar, in ColoRadar's own layout.
 
-make_scene, FAMILIES             procedural scenes from a seed
-make_setting, radar_frames, lidar_scans    what the sensors see, in memory
-simulate_sequence                a sequence in ColoRadar's layout
-simulate_capture                 DCA1000 samples, .cfg, and a bag of a Livox
-simulate_set, check_set, SETS    the benchmark sets jradar-sim.., with digests
-simulate                         the command
+    make_scene, FAMILIES      procedural scenes from a seed
+    make_setting              a scene and its radars
+    radar_frames, lidar_scans what the sensors measure, in memory
+    simulate_sequence         a sequence on disk, in ColoRadar's layout
+    simulate_capture          DCA1000 samples, a `.cfg`, and the bag of a Livox
+    simulate_set, SETS        the data sets jradar-sim-1, -test and -mini
+    set_sequences             the sequences of a set
+    frame_bytes               size of a frame on disk
 
-What is modelled: materials (materials), speckle, mirrors, corners and first-order
-ghosts (echoes), antennas, noise, leakage and the ADC (link, radar), channels that
-nobody calibrated (radar), phase noise and chirps that start late (synthesiser), mounts
-beside their calibration (rig), hand-held motion (motion), returns lost and glass looked
-through (lidar), streams whose frames lie apart in time (sequence). What is not:
-diffraction, a second bounce between walls, interference, limbs that swing, stamps that
-are wrong (5 ms at walking pace would be 5 mm).
+The modules and what they model:
+
+    layouts, furniture, tunnel, solids    geometry
+    scene, trajectory, rig    moving bodies, hand-held motion, mounts beside calibration
+    materials                 reflection, transmission and roughness of surfaces
+    propagation, reflectors, line_of_sight    speckle, mirrors, corners, ghosts
+    link, hardware, synthesiser    antennas, noise, leakage, uncalibrated channels,
+                              ADC, phase noise, chirps that start late
+    scanner                   LiDAR: lost returns, glass
+    sequence                  streams with their own clocks
+    coloradar_writer, capture_writer, sets    files
+
+Not modelled: diffraction, a second bounce between walls, interference, limbs that
+swing, wrong stamps (5 ms at walking pace would be 5 mm).
 """
 
 from jradar.simulation.capture_writer import simulate_capture as simulate_capture
-from jradar.simulation.command import simulate as simulate
 from jradar.simulation.layouts import (
     FAMILIES as FAMILIES,
     make_scene as make_scene,
 )
 from jradar.simulation.sequence import (
+    frame_bytes as frame_bytes,
     lidar_scans as lidar_scans,
     make_setting as make_setting,
     radar_frames as radar_frames,
     simulate_sequence as simulate_sequence,
-    stream_stamps as stream_stamps,
 )
 from jradar.simulation.sets import (
     SETS as SETS,
-    check_set as check_set,
     set_sequences as set_sequences,
     simulate_set as simulate_set,
 )

@@ -1,11 +1,11 @@
-"""The same scenes as a capture of one's own: DCA1000 samples, TI's .cfg, a Livox's bag.
+"""A sequence written as a user's own capture: DCA1000 samples, a `.cfg`, a Livox bag.
 
 FAMILY_SEED/adc_data.bin      int16, [frame][chirp][tx][rx], I0 I1 Q0 Q1
-FAMILY_SEED/awr1843.cfg       the radar's configuration
-FAMILY_SEED/lidar.bag         /livox/lidar (CustomMsg), /livox/imu, ROS 1
-FAMILY_SEED/poses.txt         of the base, as TUM writes them: t x y z qx qy qz qw
-FAMILY_SEED/capture.toml      what all that is, so that every command reads the folder
-FAMILY_SEED/timestamps.txt    when the radar's frames truly began, seconds since 1970
+FAMILY_SEED/awr1843.cfg       configuration of the radar
+FAMILY_SEED/lidar.bag         ROS 1: /livox/lidar (CustomMsg), /livox/imu
+FAMILY_SEED/poses.txt         poses of the base in TUM's format: t x y z qx qy qz qw
+FAMILY_SEED/capture.toml      description of the capture, which `jradar` reads
+FAMILY_SEED/timestamps.txt    true start of each radar frame, seconds since 1970
 """
 
 import importlib
@@ -16,16 +16,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from jradar.errors import UsageError
 from jradar.files import atomic_path
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
 from jradar.simulation.rig import EXTRINSICS, sensor_pose
-from jradar.simulation.scanner import (
-    MID360,
-    MID360_LINES,
-    mid360_rays,
-    scan,
-)
+from jradar.simulation.scanner import MID360, MID360_LINES, mid360_rays, scan
 from jradar.simulation.sequence import (
     EPOCH_S,
     Setting,
@@ -35,7 +31,8 @@ from jradar.simulation.sequence import (
     stream_stamps,
 )
 
-FIRING_MASKS = (1, 4, 2)  # ColoRadar's order of the AWR1843's transmitters
+FIRING_MASKS = (1, 4, 2)  # of the AWR1843's transmitters, in ColoRadar's order
+FRAME_PERIOD_S = 0.1
 CUSTOM_POINT = """\
 uint32 offset_time
 float32 x
@@ -53,7 +50,7 @@ uint8 lidar_id
 uint8[3] rsvd
 livox_ros_driver2/CustomPoint[] points
 """
-STANDARD_GRAVITY = 9.80665  # Livox's IMU counts in it
+STANDARD_GRAVITY = 9.80665  # unit of Livox's IMU
 
 
 def simulate_capture(
@@ -64,22 +61,24 @@ def simulate_capture(
     frames: int = 50,
     advance: Callable[[], None] = lambda: None,
 ) -> Path:
-    """Write a capture of `frames` frames to `root/FAMILY_SEED`; returns the folder.
+    """Write a capture of a scene as `root/FAMILY_SEED`; return its folder.
 
-    Needs rosbags (the extra `ros`).
+    `advance` is called after each of the `frames` frames. Needs rosbags (the extra
+    `ros`).
     """
     if frames < 1:
-        raise ValueError(f"frames = {frames}, expected 1 or more")
+        raise UsageError(f"frames = {frames}, expected 1 or more")
     bags = _rosbags()
     setting = make_setting(family, seed, sensor="single_chip")
     radar, _ = setting.radars["single_chip"]
-    stamps = stream_stamps(setting, "single_chip", frames / 10.0)
+    seconds = frames * FRAME_PERIOD_S
+    stamps = stream_stamps(setting, "single_chip", seconds)
     folder = Path(root) / setting.scene.name
     with atomic_path(folder) as scratch:
         scratch.mkdir()
-        write_cfg(scratch / "awr1843.cfg", radar, frame_period_s=0.1)
+        write_cfg(scratch / "awr1843.cfg", radar)
         files.write_stamps(scratch, EPOCH_S + stamps)
-        poses = stream_stamps(setting, "groundtruth", frames / 10.0)
+        poses = stream_stamps(setting, "groundtruth", seconds)
         xyz, turn = sensor_pose(setting.scene.platform, "base", poses)
         turned = Rotation.from_matrix(turn).as_quat()
         rows = np.column_stack([EPOCH_S + poses, xyz, turned])
@@ -89,12 +88,12 @@ def simulate_capture(
             for frame in radar_frames(setting, "single_chip", stamps):
                 samples.write(dca1000_bytes(np.asarray(frame)))
                 advance()
-        _write_bag(scratch / "lidar.bag", bags, setting, frames)
+        _write_bag(scratch / "lidar.bag", bags, setting, seconds)
     return folder
 
 
 def write_description(path: Path, *, start_time_s: float) -> None:
-    """The `capture.toml` of a simulated capture."""
+    """Write the `capture.toml` of a simulated capture."""
     place = {
         sensor: f"xyz = {[*map(float, xyz)]}\nquaternion = {[*map(float, turn)]}\n"
         for sensor, (xyz, turn) in EXTRINSICS.items()
@@ -109,21 +108,21 @@ def write_description(path: Path, *, start_time_s: float) -> None:
 
 
 def dca1000_bytes(frame: np.ndarray) -> bytes:
-    """A frame [tx, rx, chirp, sample, 2] in the order in which the card stores it."""
+    """Return the bytes of a frame [tx, rx, chirp, sample, 2] as the card stores it."""
     tx, rx, chirps, samples, _ = frame.shape
     pairs = frame.transpose(2, 0, 1, 3, 4).reshape(chirps, tx, rx, samples // 2, 2, 2)
     return np.ascontiguousarray(pairs.swapaxes(-1, -2)).astype("<i2").tobytes()
 
 
-def write_cfg(path: Path, radar: RadarSpec, *, frame_period_s: float) -> None:
-    """A `.cfg` of TI's mmWave SDK that sets an AWR1843 up as `radar` is."""
+def write_cfg(path: Path, radar: RadarSpec) -> None:
+    """Write a `.cfg` of TI's mmWave SDK that configures an AWR1843 as `radar`."""
     profile = [
         *(0, radar.start_frequency_hz / 1e9, radar.idle_time_s * 1e6),
         *(radar.adc_start_time_s * 1e6, radar.ramp_end_time_s * 1e6, 0, 0),
         *(radar.slope_hz_per_s / 1e12, 0, radar.num_samples),
         *(radar.sample_rate_hz / 1e3, 0, 0, 30),
     ]
-    masks, period_ms = FIRING_MASKS[: radar.num_tx], frame_period_s * 1e3
+    masks, period_ms = FIRING_MASKS[: radar.num_tx], FRAME_PERIOD_S * 1e3
     lines = [
         "% Written by jradar simulate: ColoRadar's single chip",
         "sensorStop",
@@ -142,13 +141,13 @@ def write_cfg(path: Path, radar: RadarSpec, *, frame_period_s: float) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def _write_bag(path: Path, bags: Any, setting: Setting, frames: int) -> None:
-    """LiDAR frames and IMU records of the Livox."""
+def _write_bag(path: Path, bags: Any, setting: Setting, seconds: float) -> None:
+    """Write LiDAR frames and IMU records of the Livox."""
     store = bags.typesys.get_typestore(bags.typesys.Stores.ROS1_NOETIC)
     for name, text in (("CustomPoint", CUSTOM_POINT), ("CustomMsg", CUSTOM_MSG)):
         kind = f"livox_ros_driver2/msg/{name}"
         store.register(bags.typesys.get_types_from_msg(text, kind))
-    stamps = stream_stamps(setting, "lidar", frames / 10.0)
+    stamps = stream_stamps(setting, "lidar", seconds)
     with bags.rosbag1.Writer(path) as bag:
         kind = "livox_ros_driver2/msg/CustomMsg"
         points = bag.add_connection("/livox/lidar", kind, typestore=store)
@@ -158,7 +157,7 @@ def _write_bag(path: Path, bags: Any, setting: Setting, frames: int) -> None:
             bag.write(points, stamp, store.serialize_ros1(message, kind))
         kind = "sensor_msgs/msg/Imu"
         inertial = bag.add_connection("/livox/imu", kind, typestore=store)
-        times = stream_stamps(setting, "imu", frames / 10.0)
+        times = stream_stamps(setting, "imu", seconds)
         for time_s, record in zip(times, imu_records(setting, times), strict=True):
             stamp = round((EPOCH_S + time_s) * 1e6) * 1000
             message = _imu_message(store, stamp, record)
@@ -166,13 +165,10 @@ def _write_bag(path: Path, bags: Any, setting: Setting, frames: int) -> None:
 
 
 def _livox_message(store: Any, setting: Setting, frame: int, time_s: float) -> Any:
-    """A CustomMsg of one scan; returns that are lost stay in it as (0, 0, 0)."""
+    """Return a CustomMsg of one scan, in which lost returns are (0, 0, 0)."""
     directions, seconds = mid360_rays(frame)
     random = np.random.default_rng([setting.seed, 3, frame])
-    platform = setting.scene.platform
-    cloud = scan(
-        random, setting.scene, platform, time_s, directions, seconds, lidar=MID360
-    )
+    cloud = scan(random, setting.scene, time_s, directions, seconds, scanner=MID360)
     types = store.types
     stamp = round((EPOCH_S + time_s) * 1e6) * 1000
     offsets = np.rint(seconds * 1e9).astype(int).tolist()
@@ -195,7 +191,7 @@ def _livox_message(store: Any, setting: Setting, frame: int, time_s: float) -> A
 
 
 def _imu_message(store: Any, stamp: int, record: np.ndarray) -> Any:
-    """An Imu message of the base's IMU, with forces in units of gravity."""
+    """Return an Imu message with forces in units of gravity."""
     types = store.types
     vector = types["geometry_msgs/msg/Vector3"]
     unknown = np.zeros(9)
@@ -211,13 +207,13 @@ def _imu_message(store: Any, stamp: int, record: np.ndarray) -> Any:
 
 
 def _header(types: Any, stamp: int, frame: str) -> Any:
-    """A header with a stamp in nanoseconds."""
+    """Return a header with a stamp in nanoseconds."""
     time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
     return types["std_msgs/msg/Header"](seq=0, stamp=time, frame_id=frame)
 
 
 def _rosbags() -> Any:
-    """The package rosbags with the modules that are needed."""
+    """Return the package rosbags with its modules for writing."""
     try:
         package = importlib.import_module("rosbags")
         for module in ("rosbag1", "typesys"):

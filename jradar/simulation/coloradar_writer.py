@@ -1,11 +1,11 @@
-"""Files of ColoRadar's layout (Kramer et al. 2022): the calib folder and its records.
+"""Files of ColoRadar's layout (Kramer et al. 2022): the calib folder and the streams.
 
     calib/transforms/base_to_X.txt          calib/single_chip/..   calib/cascade/..
     SEQUENCE/single_chip/adc_samples/       timestamps.txt  data/frame_N.bin
     SEQUENCE/lidar/                         timestamps.txt  pointclouds/lidar_..N.bin
     SEQUENCE/groundtruth/  imu/             timestamps.txt  and one text file
 
-Shipped heat maps and point clouds are left out: they are made from the samples.
+ColoRadar's heat maps and point clouds are left out: they follow from the samples.
 """
 
 import json
@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from jradar.errors import UsageError
 from jradar.files import atomic_path
 from jradar.radar import RadarSpec
-from jradar.simulation.radar import Hardware, channel_factors
+from jradar.simulation.hardware import Hardware, channel_factors
 from jradar.simulation.rig import EXTRINSICS
 
-WAVEFORM = {  # key of the file: field of the radar, in the converter's order
+WAVEFORM = {  # key in the file: field of RadarSpec
     "num_rx": "num_rx",
     "num_tx": "num_tx",
     "num_adc_samples_per_chirp": "num_samples",
@@ -33,18 +34,18 @@ WAVEFORM = {  # key of the file: field of the radar, in the converter's order
 }
 IN_CALIB = ("single_chip", "cascade", "lidar", "imu")
 NOTE = "simulated.txt"
-CALIBRATED_AT_BIN = 100.0  # of the target that the phase calibration was made with
+CALIBRATED_AT_BIN = 100.0  # of the phase calibration's target
 
 
 def write_calib(folder: Path, radars: dict[str, tuple[RadarSpec, Hardware]]) -> None:
-    """The `calib` folder of a rig with these radars, in one step.
+    """Write the `calib` folder of a rig with these radars, in one step.
 
-    Raises ValueError where there is a `calib` that was not written here.
+    Raises UsageError instead of replacing a `calib` that was not simulated.
     """
     if folder.exists() and not (folder / NOTE).exists():
-        raise ValueError(
-            f"{folder} was not simulated: write to a folder of its own, lest the "
-            "calibration of real recordings is replaced"
+        raise UsageError(
+            f"{folder} was not simulated, and would be replaced: choose another output "
+            "folder"
         )
     with atomic_path(folder) as scratch:
         transforms = scratch / "transforms"
@@ -59,20 +60,20 @@ def write_calib(folder: Path, radars: dict[str, tuple[RadarSpec, Hardware]]) -> 
 
 
 def write_stamps(folder: Path, stamps: Float[np.ndarray, " item"]) -> None:
-    """`timestamps.txt`: seconds since 1970, to the microsecond."""
+    """Write `timestamps.txt`: seconds since 1970, to the microsecond."""
     folder.mkdir(parents=True, exist_ok=True)
     text = "".join(f"{stamp:.6f}\n" for stamp in stamps)
     (folder / "timestamps.txt").write_text(text)
 
 
 def write_rows(path: Path, rows: Float[np.ndarray, "item column"]) -> None:
-    """A text file with one record a line."""
+    """Write a text file with one record on each line."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(" ".join(f"{v:.9g}" for v in row) + "\n" for row in rows))
 
 
 def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
-    """Waveform, antennas and calibration of one radar."""
+    """Write waveform, antennas and calibration of one radar."""
     waveform = (f"{key} {getattr(radar, field)!r}" for key, field in WAVEFORM.items())
     (folder / "waveform_cfg.txt").write_text("\n".join(waveform) + "\n")
     antennas = [
@@ -87,7 +88,7 @@ def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
     half = radar.num_samples // 2
     phase = 2 * np.pi * np.arange(radar.num_samples) / radar.num_samples
     blackman = 0.42 - 0.5 * np.cos(phase) + 0.08 * np.cos(2 * phase)
-    calibrated = folder.name == "cascade"  # the coupling lies behind it
+    calibrated = folder.name == "cascade"  # ColoRadar subtracts the coupling after it
     leakage = hardware.leakage
     if not calibrated:
         leakage = leakage * channel_factors(hardware, radar)

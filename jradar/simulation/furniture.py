@@ -1,4 +1,4 @@
-"""Furniture of simulated rooms: each a solid on z = 0, drawn from a generator."""
+"""Furniture of simulated rooms: random solids that stand on z = 0."""
 
 from collections.abc import Callable
 
@@ -8,35 +8,35 @@ from jradar.simulation.solids import Solid, box, join, moved, pole
 
 
 def pick(random: np.random.Generator, makers: list[Callable]) -> Callable:
-    """One of several functions."""
+    """Return one of several functions at random."""
     return makers[random.integers(len(makers))]
 
 
 def hall_item(random: np.random.Generator) -> Solid:
-    """Something that stands in corridors."""
+    """Return a random piece of furniture of a corridor."""
     return pick(random, [cabinet, bench, waste_bin, shelf])(random)
 
 
 def cabinet(random: np.random.Generator) -> Solid:
-    """A cabinet of metal or wood."""
+    """Return a cabinet of metal or wood."""
     size = (random.uniform(0.5, 1.0), 0.45, random.uniform(0.8, 1.9))
     return box(size, str(random.choice(["metal", "metal", "wood"])))
 
 
 def bench(random: np.random.Generator) -> Solid:
-    """A bench of wood on two legs of metal."""
+    """Return a bench of wood on two legs of metal."""
     seat = moved(box((1.3, 0.4, 0.05), "wood"), (0, 0, 0.43))
     legs = [moved(box((0.05, 0.35, 0.43), "metal"), (x, 0, 0)) for x in (-0.5, 0.5)]
     return join([seat, *legs])
 
 
 def waste_bin(random: np.random.Generator) -> Solid:
-    """A bin of metal or plastic."""
+    """Return a bin of metal or plastic."""
     return pole(0.2, random.uniform(0.5, 0.9), str(random.choice(["metal", "plastic"])))
 
 
 def table(random: np.random.Generator) -> Solid:
-    """A table with a screen on it."""
+    """Return a table with a screen on it."""
     width = random.uniform(1.2, 1.8)
     top = moved(box((width, 0.75, 0.03), "wood"), (0, 0, 0.71))
     legs = [
@@ -51,7 +51,7 @@ def table(random: np.random.Generator) -> Solid:
 
 
 def shelf(random: np.random.Generator) -> Solid:
-    """A shelf of metal with boxes in it."""
+    """Return a shelf of metal with boxes in it."""
     height = random.uniform(1.4, 2.1)
     boards = [
         moved(box((0.9, 0.35, 0.03), "metal"), (0, 0, z))
@@ -73,7 +73,7 @@ def shelf(random: np.random.Generator) -> Solid:
 
 
 def chair(random: np.random.Generator) -> Solid:
-    """A chair on one leg."""
+    """Return a chair on one leg."""
     parts = [
         moved(box((0.45, 0.45, 0.05), "plastic"), (0, 0, 0.43)),
         moved(box((0.05, 0.42, 0.5), "plastic"), (-0.22, 0, 0.48)),

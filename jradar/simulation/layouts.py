@@ -1,8 +1,8 @@
-"""Procedural scenes in the manner of ColoRadar's places, each a function of a seed.
+"""Procedural scenes that resemble ColoRadar's places, each a function of a seed.
 
 hallways   a ring of corridors with doors, columns, lockers, rooms behind drywall
 mine       a winding tunnel with rough rock walls, timber and pipes
-lab        a hall of shelves, tables and chairs with people about
+lab        a hall with shelves, tables, chairs, and people walking about
 outdoor    a yard among buildings: trees, poles, parked and moving cars
 corridor   one long corridor with a glass front
 hall       a high entrance hall with columns, glass and people
@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from jradar.errors import UsageError
 from jradar.simulation.furniture import (
     bench,
     cabinet,
@@ -21,7 +22,6 @@ from jradar.simulation.furniture import (
     shelf,
     table,
 )
-from jradar.simulation.motion import walk
 from jradar.simulation.scene import Body, Scene, make_body
 from jradar.simulation.solids import (
     Solid,
@@ -37,18 +37,16 @@ from jradar.simulation.solids import (
     tree,
     wall,
 )
+from jradar.simulation.trajectory import walk
 from jradar.simulation.tunnel import tunnel
 
 EYE_M = 1.2  # height at which the rig is carried
 
 
 def make_scene(family: str, seed: int) -> Scene:
-    """The scene number `seed` of a family; ValueError for a family that is not known.
-
-    The same family and seed give the same scene, on every machine.
-    """
+    """Return the scene of a family and a seed, the same on every machine."""
     if family not in FAMILIES:
-        raise ValueError(f"scene {family!r}, expected one of {', '.join(FAMILIES)}")
+        raise UsageError(f"scene {family!r}, expected one of {', '.join(FAMILIES)}")
     random = np.random.default_rng([seed, *family.encode()])
     statics, movers, way, speed = FAMILIES[family](random)
     world = make_body(random, join(statics))
@@ -60,7 +58,7 @@ def make_scene(family: str, seed: int) -> Scene:
 
 
 def hallways(random: np.random.Generator):
-    """A ring of corridors about a core, and rooms behind some of its walls."""
+    """Return a ring of corridors, with furnished rooms behind the drywall."""
     length, depth = random.uniform(16, 26), random.uniform(9, 16)
     width, height = random.uniform(1.9, 2.8), random.uniform(2.4, 3.0)
     outer = _ring(length, depth)
@@ -82,7 +80,7 @@ def hallways(random: np.random.Generator):
     for _ in range(random.integers(6, 11)):  # along the walls of the corridors
         corner = int(random.integers(4))
         parts.append(_along(random, outer, corner, 0.28, hall_item(random)))
-    for _ in range(8):  # behind the drywall, where only the radar looks
+    for _ in range(8):  # behind the drywall: only the radar sees them
         x = random.uniform(width + 0.6, length - width - 0.6)
         y = random.uniform(width + 0.6, depth - width - 0.6)
         parts.append(
@@ -96,7 +94,7 @@ def hallways(random: np.random.Generator):
 
 
 def mine(random: np.random.Generator):
-    """A closed drift through rock."""
+    """Return a closed drift through rock."""
     rock, middle = tunnel(random)
     parts = [rock]
     step = len(middle) // 14
@@ -120,7 +118,7 @@ def mine(random: np.random.Generator):
 
 
 def lab(random: np.random.Generator):
-    """A furnished hall."""
+    """Return a furnished hall."""
     length, depth = random.uniform(10, 15), random.uniform(8, 11)
     height = random.uniform(2.8, 4.0)
     parts = _shell(random, length, depth, height, "drywall", ["glass", "wood", "metal"])
@@ -128,7 +126,7 @@ def lab(random: np.random.Generator):
         moved(box((0.4, 0.4, height), "concrete"), (length * f, depth / 2, 0))
         for f in (0.33, 0.66)
     ]
-    lane = 1.7  # kept free along the walls' furniture, for walking
+    lane = 1.7  # in which people walk, along the furniture of the walls
     for _ in range(random.integers(9, 14)):
         x = random.uniform(lane + 1, length - lane - 1)
         y = random.uniform(lane + 0.8, depth - lane - 0.8)
@@ -152,7 +150,7 @@ def lab(random: np.random.Generator):
 
 
 def outdoor(random: np.random.Generator):
-    """A yard among buildings."""
+    """Return a yard among buildings."""
     parts = [slab((-30, -30), (30, 30), 0.0, "asphalt")]
     for k in range(3):
         angle = k * 2.1 + random.uniform(0, 0.8)
@@ -185,7 +183,9 @@ def outdoor(random: np.random.Generator):
     road = np.column_stack([6.8 * circle, np.zeros(8)])
     movers = [
         make_body(
-            random, car(4.3), motion=walk(random, road, speed_mps=4.0, rounding_m=1.0)
+            random,
+            car(4.3),
+            trajectory=walk(random, road, speed_mps=4.0, rounding_m=1.0),
         ),
         _walker(random, 5.0 * circle[::-1]),
         _walker(random, 2.0 * circle),
@@ -199,7 +199,7 @@ def outdoor(random: np.random.Generator):
 
 
 def corridor(random: np.random.Generator):
-    """A long corridor whose one side is glass between posts."""
+    """Return a long corridor with one side of glass between posts."""
     length, width = random.uniform(24, 34), random.uniform(2.2, 3.2)
     height = random.uniform(2.6, 3.2)
     parts = [
@@ -250,7 +250,7 @@ def corridor(random: np.random.Generator):
 
 
 def hall(random: np.random.Generator):
-    """A high hall with columns and a glass front."""
+    """Return a high hall with columns and a glass front."""
     length, depth = random.uniform(16, 24), random.uniform(12, 16)
     height = random.uniform(4.5, 6.5)
     parts = _shell(random, length, depth, height, "concrete", ["metal", "wood", "open"])
@@ -297,7 +297,7 @@ FAMILIES: dict[str, Callable] = {
 
 
 def _ring(length: float, depth: float, *, offset: float = 0.0) -> np.ndarray:
-    """Corners of a rectangle, the long way round to the left."""
+    """Return the corners of a rectangle, counterclockwise."""
     corners = [(0, 0), (length, 0), (length, depth), (0, depth)]
     return np.array(corners, float) + offset
 
@@ -305,13 +305,13 @@ def _ring(length: float, depth: float, *, offset: float = 0.0) -> np.ndarray:
 def _ring_spot(
     random: np.random.Generator, near: float, far: float | int
 ) -> np.ndarray:
-    """A place between two circles."""
+    """Return a random place between two circles."""
     angle, radius = random.uniform(0, 2 * np.pi), random.uniform(near, far)
     return radius * np.array([np.cos(angle), np.sin(angle)])
 
 
 def _wall(random, start, end, height, material, kinds) -> Solid:
-    """A wall with openings of these kinds every few metres."""
+    """Return a wall with an opening of one of these kinds every few metres."""
     length = float(np.hypot(*np.subtract(end, start)))
     openings, at = [], random.uniform(0.8, 2.0)
     while at < length - 1.8:
@@ -323,7 +323,7 @@ def _wall(random, start, end, height, material, kinds) -> Solid:
 
 
 def _shell(random, length, depth, height, material, kinds) -> list[Solid]:
-    """Floor, ceiling and four walls."""
+    """Return floor, ceiling and four walls."""
     corners = _ring(length, depth)
     parts = [
         slab((-0.2, -0.2), (length + 0.2, depth + 0.2), 0.0, "floor"),
@@ -336,7 +336,7 @@ def _shell(random, length, depth, height, material, kinds) -> list[Solid]:
 
 
 def _along(random, corners, side: int, gap: float, item: Solid) -> Solid:
-    """An item at the wall from one corner to the next."""
+    """Return an item placed at the wall from one corner to the next."""
     a, b = corners[side], corners[(side + 1) % 4]
     along = (b - a) / np.linalg.norm(b - a)
     inward = np.array([-along[1], along[0]])
@@ -345,7 +345,7 @@ def _along(random, corners, side: int, gap: float, item: Solid) -> Solid:
 
 
 def _lamps(random, line, height) -> list[Solid]:
-    """Lamps under the ceiling along a line."""
+    """Return lamps under the ceiling along a line."""
     lamps, every = [], random.uniform(2.5, 4.0)
     for a, b in zip(line, np.roll(line, -1, 0), strict=True):
         length = float(np.linalg.norm(b - a))
@@ -356,7 +356,7 @@ def _lamps(random, line, height) -> list[Solid]:
 
 
 def _walker(random, way) -> Body:
-    """A person who walks along a way."""
+    """Return a person who walks along a way."""
     ground = np.column_stack([way, np.zeros(len(way))])
-    motion = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
-    return make_body(random, person(random.uniform(1.55, 1.95)), motion=motion)
+    trajectory = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
+    return make_body(random, person(random.uniform(1.55, 1.95)), trajectory=trajectory)

@@ -1,18 +1,18 @@
-"""What surfaces are made of: what each reflects, lets through and swallows at 77 GHz.
+"""Materials: what a surface reflects, transmits and absorbs at the radar's frequency.
 
-A surface is a slab of complex permittivity; reflection and transmission follow from
-Fresnel's equations with the waves that go to and fro inside (ITU-R P.2040-3, eq. 43),
-for the mean of both polarisations. What is reflected is shared out by the surface's
-roughness: the part exp(-g) stays a mirror's (Ament 1953), the rest is scattered, a lobe
-of tilted facets about the normal (Ulaby & Long 2014, geometric optics) and a Lambertian
-background. Reflected, transmitted and absorbed power add up to one at every angle.
+A surface is a slab of complex permittivity. Reflection and transmission follow from
+Fresnel's equations with the multiple reflections inside (ITU-R P.2040-3, eq. 43), as
+the mean of both polarisations. Roughness divides the reflected power: a share exp(-g)
+is mirrored (Ament 1953), the rest is scattered by tilted facets about the normal (Ulaby
+& Long 2014, geometric optics) and by a Lambertian background. Reflected, transmitted
+and absorbed power add up to one at every angle.
 
-Permittivities of building materials are a f^b and conductivities c f^d of ITU-R
-P.2040-3, table 3, taken at the radar's frequency (brick beyond its 40 GHz).
-Grass stands for dry soil. Skin is of the order of Gabriel et al. 1996, a leaf
-of El-Rayes & Ulaby 1987, 0.2 mm thick. Roughness, slopes and LiDAR albedos are
-plausible values, not measurements: cast and painted surfaces 0.1 to 0.3 mm, blasted
-rock centimetres.
+Permittivities a f^b and conductivities c f^d of building materials are from ITU-R
+P.2040-3, table 3, evaluated at the radar's frequency (for brick beyond its 40 GHz).
+Grass has the values of dry soil. Skin is close to Gabriel et al. 1996; a leaf is close
+to El-Rayes & Ulaby 1987, 0.2 mm thick. Roughness, slopes and LiDAR albedos are
+plausible values, not measurements: 0.1 to 0.3 mm for cast and painted surfaces,
+centimetres for blasted rock.
 """
 
 import dataclasses
@@ -20,7 +20,8 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-SPEED_OF_LIGHT = 299_792_458.0
+from jradar.radar.sensor import SPEED_OF_LIGHT
+
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 
 
@@ -30,16 +31,16 @@ class MaterialSpec:
 
     name: str
     itu: tuple[float, float, float, float]  # a, b, c, d
-    thickness_m: float  # infinite where nothing comes out on the other side
+    thickness_m: float  # infinite: the slab transmits nothing
     roughness_m: float  # standard deviation of heights
-    slope: float  # of the facets that scatter, rms
-    lambert: float  # share of the scattered power that goes everywhere
+    slope: float  # rms, of the scattering facets
+    lambert: float  # share of the scattered power in the background
     albedo: float  # diffuse reflectance at the LiDAR's 865 nm
-    clear: bool = False  # to the LiDAR
+    clear: bool = False  # transparent to the LiDAR
     points_per_m2: float = 6.0  # scatterers
 
     def permittivity(self, frequency_hz: float) -> complex:
-        """Relative to vacuum, with losses as a negative imaginary part."""
+        """Return the relative permittivity; its imaginary part is negative: losses."""
         a, b, c, d = self.itu
         ghz = frequency_hz / 1e9
         losses = c * ghz**d / (2 * np.pi * frequency_hz * VACUUM_PERMITTIVITY)
@@ -99,10 +100,10 @@ def slab_shares(
     Float[np.ndarray, "*batch"],
     Float[np.ndarray, "*batch"],
 ]:
-    """Reflected, transmitted and absorbed share of the power, unpolarised.
+    """Return the reflected, transmitted and absorbed shares of unpolarised power.
 
-    `cosine` is that of the angle to the normal. The mirror's share and the scattered
-    one are both in the first.
+    `cosine` belongs to the angle to the normal. The reflected share includes the
+    scattered power.
     """
     permittivity = material.permittivity(frequency_hz)
     cosine = np.clip(np.abs(cosine), 1e-3, 1.0)
@@ -128,7 +129,7 @@ def slab_shares(
 def mirror_share(
     material: MaterialSpec, cosine: Float[np.ndarray, "*batch"], frequency_hz: float
 ) -> Float[np.ndarray, "*batch"]:
-    """Share of the reflected power that leaves as from a mirror (Ament 1953)."""
+    """Return the share of the reflected power that is mirrored (Ament 1953)."""
     wave_number = 2 * np.pi * frequency_hz / SPEED_OF_LIGHT
     return np.exp(-((2 * wave_number * material.roughness_m * np.abs(cosine)) ** 2))
 
@@ -136,9 +137,9 @@ def mirror_share(
 def backscatter(
     material: MaterialSpec, cosine: Float[np.ndarray, "*batch"], frequency_hz: float
 ) -> Float[np.ndarray, "*batch"]:
-    """Radar cross-section per area of what is scattered back, in m2 per m2.
+    """Return the radar cross-section per area of the scattered power, in m2 per m2.
 
-    A Lambertian surface has 4 cos^2 times its albedo; facets with slopes of standard
+    A Lambertian surface has 4 cos^2 times its albedo. Facets with slopes of standard
     deviation s have exp(-tan^2 / 2 s^2) / (2 s^2 cos^4) (Ulaby & Long 2014, ch. 10).
     """
     cosine = np.clip(np.abs(cosine), 1e-3, 1.0)

@@ -1,8 +1,8 @@
-"""Flat faces, right-angled edges and corners of a scene: what reflects like a mirror.
+"""Flat faces, right-angled edges and corners of a scene, which reflect like mirrors.
 
-The world's flat faces are found once. Where two of them stand at right angles and face
-each other they form an edge, where three do, a corner: the wave returns after two or
-three reflections, from the image of the radar behind the edge or the corner.
+Two flat faces at right angles that face each other form an edge, three form a corner:
+the wave returns after two or three reflections, from the image of the radar behind the
+edge or the corner. Edges and corners are searched in the world only, once.
 """
 
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class Facets(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """Concave right angles; `inward` points from each face to where the other is."""
+    """Concave right angles; `inward` points from each face towards the other."""
 
     start: Float[np.ndarray, "edge 3"]
     along: Float[np.ndarray, "edge 3"]  # unit vector
@@ -50,7 +50,7 @@ class Corners(NamedTuple):
 
 
 class Reflectors(NamedTuple):
-    """All of a scene: the facets of each body, edges and corners of the world."""
+    """Facets of each body of a scene; edges and corners of the world."""
 
     facets: tuple[Facets, ...]
     edges: Edges
@@ -58,7 +58,7 @@ class Reflectors(NamedTuple):
 
 
 def find_reflectors(bodies: tuple[Body, ...]) -> Reflectors:
-    """The reflectors of a scene's bodies, the first of which is the world."""
+    """Return the reflectors of a scene's bodies, of which the first is the world."""
     found = [_facets(body) for body in bodies]
     edges = _edges(*found[0])
     return Reflectors(
@@ -67,7 +67,7 @@ def find_reflectors(bodies: tuple[Body, ...]) -> Reflectors:
 
 
 def _facets(body: Body) -> tuple[Facets, list[np.ndarray]]:
-    """Flat faces of some size, and the outline's corners of each."""
+    """Return the larger flat faces, and the vertices of each."""
     solid = body.solid
     mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
     rows, outlines = [], []
@@ -93,7 +93,7 @@ def _facets(body: Body) -> tuple[Facets, list[np.ndarray]]:
 
 
 def _edges(facets: Facets, outlines: list[np.ndarray]) -> Edges:
-    """Concave edges between pairs of perpendicular facets that touch."""
+    """Return the concave edges between perpendicular facets that touch."""
     rows = []
     low = np.array([outline.min(0) for outline in outlines]).reshape(-1, 3) - TOUCH_M
     high = np.array([outline.max(0) for outline in outlines]).reshape(-1, 3) + TOUCH_M
@@ -113,7 +113,7 @@ def _edges(facets: Facets, outlines: list[np.ndarray]) -> Edges:
 
 
 def _edges_of_pair(facets, outlines, i, j):
-    """Edges of two perpendicular facets, one for each side on which they face."""
+    """Yield the edges of two perpendicular facets, one for each pair of sides."""
     along = np.cross(facets.normal[i], facets.normal[j])
     along /= np.linalg.norm(along)
     heights = [
@@ -127,7 +127,7 @@ def _edges_of_pair(facets, outlines, i, j):
         ]
         for h in heights
     ]
-    for side_of_j in sides[0]:  # where facet i lies, as seen from plane j
+    for side_of_j in sides[0]:  # on which side of plane j facet i lies
         for side_of_i in sides[1]:
             first = _crossing(outlines[i], side_of_j * heights[0], along)
             second = _crossing(outlines[j], side_of_i * heights[1], along)
@@ -149,7 +149,7 @@ def _edges_of_pair(facets, outlines, i, j):
 
 
 def _crossing(outline, height, along):
-    """Stretch of a facet along an edge, just inside it; None where it is not there."""
+    """Return the stretch of a facet along an edge, just inside it, or None."""
     at, inside = outline @ along, height > TOUCH_M
     if inside.all():
         return None
@@ -162,7 +162,7 @@ def _crossing(outline, height, along):
 
 
 def _corners(facets: Facets, edges: Edges) -> Corners:
-    """Where an edge ends on a facet that stands across it, and two more edges begin."""
+    """Return the places where an edge ends on a facet at which two more edges begin."""
     rows = []
     edges_of = [
         np.flatnonzero((edges.facets == f).any(1)) for f in range(len(facets.centre))
@@ -183,14 +183,14 @@ def _corners(facets: Facets, edges: Edges) -> Corners:
             np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), int), np.zeros(0)
         )
     corners = Corners(*(np.array(column) for column in zip(*rows, strict=True)))
-    # Each is found from its three edges, with inward vectors in another order.
+    # Each corner is found three times: from each of its edges.
     inside = corners.xyz + 0.1 * corners.inward.sum(1)
     _, first = np.unique(np.round(inside, 1), axis=0, return_index=True)
     return Corners(*(column[np.sort(first)] for column in corners))
 
 
 def _joined(edges, some, xyz, pair):
-    """Whether both facets of a pair have one of `some` edges that reaches a point."""
+    """Return whether `some` edges at a point belong to both facets of a pair."""
     offset = xyz - edges.start[some]
     along = (offset * edges.along[some]).sum(1)
     near = (along > -2 * TOUCH_M) & (along < edges.length_m[some] + 2 * TOUCH_M)

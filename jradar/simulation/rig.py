@@ -1,22 +1,23 @@
-"""The rig that carries the sensors, as ColoRadar built it: where each sits on the base.
+"""The rig that carries the sensors, and where each sensor sits on its base.
 
-The base is the frame of the IMU, the radars look along its y axis, and so does who
-carries it: the platform of a scene, x forward, is the base turned by -90 degrees. The
-extrinsics are those of ColoRadar's calib folder (formats and sources: Kramer et al.
-2022; published in issue 13 of ZJU-FAST-Lab/Radar-Diffusion).
+The base is the frame of the IMU. The radars look along its y axis, the direction of
+walking: the platform of a scene (x forward) is the base turned by -90 degrees. The
+extrinsics are taken from ColoRadar's calib folder (Kramer et al. 2022; published in
+issue 13 of ZJU-FAST-Lab/Radar-Diffusion).
 
-The radars' are plainly values of the design: both have one quaternion, without tilt.
-How far the mounts were from it nobody has measured; the radars here sit as mounts do
-that were set up by ruler, some 1 degree and 1.5 cm off what `calib` says.
+Both radars have the same quaternion there, without tilt: these are values of the
+design, and the errors of the real mounts are unknown. The simulated radars are off by
+about 1 degree and 1.5 cm, as mounts are that were set up with a ruler.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jradar.lidar import rigid_transform
-from jradar.simulation.echoes import Viewpoint
-from jradar.simulation.motion import Motion, pose_at, velocity_at
+from jradar.simulation.trajectory import Trajectory, pose_at, velocity_at
 
 EXTRINSICS = {  # base from sensor: x y z, then quaternion x y z w
     "single_chip": ((-0.145, 0.09, -0.025), (0, 0, 0.706825181105, 0.707388269167)),
@@ -26,23 +27,29 @@ EXTRINSICS = {  # base from sensor: x y z, then quaternion x y z w
         (0.0, 0.0, 0.0),
         (0.707105451466, 0.707108048814, 0.000209535067884, 0.00020953429822),
     ),
-    # Of the Livox's own rig, not ColoRadar's: forward and tilted down by 25 degrees.
+    # A Livox is not on ColoRadar's rig: it looks forward, 25 degrees down.
     "livox": ((0.0, 0.05, 0.10), (-0.15304592, 0.15304592, 0.69034553, 0.69034553)),
 }
 PLATFORM_FROM_BASE = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-
-
 MISMOUNTED = ("single_chip", "cascade")
-MOUNT_DEGREES, MOUNT_M = 1.0, 0.015  # off the design, rms over all three axes
+MOUNT_DEGREES, MOUNT_M = 1.0, 0.015  # rms of turn and shift
+
+
+class Viewpoint(NamedTuple):
+    """Place, rotation and velocity of a radar in the world."""
+
+    xyz: Float[np.ndarray, " 3"]
+    turn: Float[np.ndarray, "3 3"]
+    velocity: Float[np.ndarray, " 3"]
 
 
 def base_from(sensor: str) -> Float[np.ndarray, "4 4"]:
-    """Transform from a sensor's frame to the base, as it truly is."""
+    """Return the true transform from a sensor's frame to the base."""
     return rigid_transform(*map(np.array, EXTRINSICS[sensor])) @ mount_error(sensor)
 
 
 def mount_error(sensor: str) -> Float[np.ndarray, "4 4"]:
-    """From where the sensor truly sits to where `calib` says."""
+    """Return the transform from the true place of a sensor to the one in `calib`."""
     error = np.eye(4)
     if sensor in MISMOUNTED:
         random = np.random.default_rng([3, *sensor.encode()])
@@ -53,9 +60,9 @@ def mount_error(sensor: str) -> Float[np.ndarray, "4 4"]:
 
 
 def sensor_pose(
-    platform: Motion, sensor: str, time_s: Float[np.ndarray, "*batch"] | float
+    platform: Trajectory, sensor: str, time_s: Float[np.ndarray, "*batch"] | float
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-    """Position and rotation of a sensor (or "base") in the world."""
+    """Return position and rotation of a sensor, or of "base", in the world."""
     xyz, turn = pose_at(platform, time_s)
     turn = turn @ PLATFORM_FROM_BASE
     if sensor == "base":
@@ -64,8 +71,8 @@ def sensor_pose(
     return xyz + turn @ mount[:3, 3], turn @ mount[:3, :3]
 
 
-def viewpoint(platform: Motion, sensor: str, time_s: float) -> Viewpoint:
-    """A radar's place and velocity at one time, its lever arm included."""
+def viewpoint(platform: Trajectory, sensor: str, time_s: float) -> Viewpoint:
+    """Return a radar's place and velocity at one time, lever arm included."""
     xyz, turn = sensor_pose(platform, sensor, float(time_s))
     velocity, spin = velocity_at(platform, float(time_s))
     base, _ = pose_at(platform, float(time_s))

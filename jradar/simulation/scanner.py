@@ -1,10 +1,10 @@
 """LiDARs in a scene: rays cast while the head turns and the rig moves.
 
-Every ray leaves from where the sensor is at its own time; bodies stand where they are
-in the middle of the scan. A return is lost where it is too weak: it falls with the
-square of the range, with the cosine of incidence and the albedo. Rays go on behind
-glass, which returns them itself only head-on. What returns nothing is (0, 0, 0, 0), as
-the Ouster's driver writes it.
+Every ray starts where the sensor is at the time of the ray; bodies stand where they are
+in the middle of the scan. The strength of a return falls with the square of the range,
+and with the cosine of incidence and the albedo; weak returns are lost. Glass returns a
+ray only head-on and lets it pass otherwise. A lost return is (0, 0, 0, 0), as in the
+files of the Ouster's driver.
 """
 
 import dataclasses
@@ -13,37 +13,40 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.simulation.materials import MATERIALS
-from jradar.simulation.motion import Motion
 from jradar.simulation.rig import sensor_pose
 from jradar.simulation.scene import NUDGE_M, Scene, cast, placements
 
-PANES = 2  # of glass that a ray passes
-PANE_TRANSMISSION = 0.8  # both ways through one
-PANE_HEAD_ON = 0.998  # cosine above which the pane itself returns the ray
+PANES = 2  # of glass that a ray passes at most
+PANE_TRANSMISSION = 0.8  # of one pane, both ways
+PANE_HEAD_ON = 0.998  # cosine above which a pane returns the ray
 
 
 @dataclasses.dataclass(frozen=True)
-class LidarSpec:
-    """A LiDAR: Ouster OS1-64 (gen 1) unless told otherwise."""
+class ScannerSpec:
+    """A LiDAR; the defaults describe an Ouster OS1-64 (gen 1).
 
-    name: str = "lidar"  # as in the rig
+    At `reach_m` an albedo of 0.1, hit head-on, returns every second ray.
+    """
+
+    name: str = "lidar"  # on the rig
     period_s: float = 0.1
     least_range_m: float = 0.5
-    reach_m: float = (
-        45.0  # at which an albedo of 0.1, met head-on, returns every 2nd ray
-    )
+    reach_m: float = 45.0
     noise_m: float = 0.012
     fading_db: float = 2.0  # standard deviation of a return's strength
 
 
-OUSTER = LidarSpec()
-MID360 = LidarSpec("livox", 0.1, 0.1, 40.0, 0.02)
+OUSTER = ScannerSpec()
+MID360 = ScannerSpec("livox", 0.1, 0.1, 40.0, 0.02)
 OUSTER_ROWS, OUSTER_COLUMNS = 64, 1024
 MID360_POINTS, MID360_LINES = 20_000, 4
 
 
 def ouster_rays() -> tuple[Float[np.ndarray, "65536 3"], Float[np.ndarray, " 65536"]]:
-    """Directions and times of a scan, row by row: +-16.6 degrees, clockwise from x."""
+    """Return directions and times of a scan: rows from +16.6 to -16.6 degrees.
+
+    Each row turns clockwise from x.
+    """
     elevation = np.radians(np.linspace(16.6, -16.6, OUSTER_ROWS))[:, None]
     column = np.arange(OUSTER_COLUMNS)[None]
     azimuth = -2 * np.pi * column / OUSTER_COLUMNS
@@ -58,10 +61,10 @@ def ouster_rays() -> tuple[Float[np.ndarray, "65536 3"], Float[np.ndarray, " 655
 def mid360_rays(
     frame: int,
 ) -> tuple[Float[np.ndarray, "20000 3"], Float[np.ndarray, " 20000"]]:
-    """Directions and times of a frame: 360 x (-7 .. 52) degrees, never twice the same.
+    """Return directions and times of a frame: 360 x (-7 .. 52) degrees.
 
-    Four lines draw a rosette whose two turns have no common period. The real pattern is
-    Livox's own; this one covers the same field with as many points.
+    Four lines draw a rosette that never repeats. Livox does not publish the pattern;
+    this one covers the same field of view with the same number of points.
     """
     seconds = np.arange(MID360_POINTS) * MID360.period_s / MID360_POINTS
     time_s = seconds + frame * MID360.period_s
@@ -75,33 +78,32 @@ def mid360_rays(
 def scan(
     random: np.random.Generator,
     scene: Scene,
-    platform: Motion,
     time_s: float,
     directions: Float[np.ndarray, "ray 3"],
     seconds: Float[np.ndarray, " ray"],
     *,
-    lidar: LidarSpec = OUSTER,
+    scanner: ScannerSpec = OUSTER,
 ) -> Float[np.ndarray, "ray 4"]:
-    """x, y, z (metres, at each ray's own time) and intensity, float32 in LiDAR frame.
+    """Return x, y, z (metres) and intensity of each ray, in the sensor's frame then.
 
-    `seconds` are the rays' times after the scan's start at `time_s`.
+    `seconds` are the times of the rays after the start of the scan at `time_s`.
     """
-    places = placements(scene, time_s + lidar.period_s / 2)
+    places = placements(scene, time_s + scanner.period_s / 2)
     when, ray_time = np.unique(seconds, return_inverse=True)
-    if len(when) > OUSTER_COLUMNS:  # 0.1 ms is 0.1 mm
+    if len(when) > OUSTER_COLUMNS:  # 20 rays, 0.1 ms apart, share a pose
         when, ray_time = when[::20], ray_time // 20
-    xyz, turn = sensor_pose(platform, lidar.name, time_s + when)
+    xyz, turn = sensor_pose(scene.platform, scanner.name, time_s + when)
     origins = xyz.astype(np.float32)[ray_time]
     local = directions.astype(np.float32)
     world = np.einsum("rij,rj->ri", turn.astype(np.float32)[ray_time], local)
     distance, strength = _returns(scene, places, origins, world)
 
-    fading = 10 ** (lidar.fading_db / 10 * random.standard_normal(len(local)))
-    signal = strength * lidar.reach_m**2 / 0.1 / np.maximum(distance, 0.1) ** 2
+    fading = 10 ** (scanner.fading_db / 10 * random.standard_normal(len(local)))
+    signal = strength * scanner.reach_m**2 / 0.1 / np.maximum(distance, 0.1) ** 2
     weak = np.clip(1 / np.maximum(signal, 1e-6), 0, 4) ** 0.5  # noisier where weaker
-    noise = lidar.noise_m * (1 + weak) * random.standard_normal(len(local))
+    noise = scanner.noise_m * (1 + weak) * random.standard_normal(len(local))
     heard = signal * fading > 1
-    heard &= (distance > lidar.least_range_m) & np.isfinite(distance)
+    heard &= (distance > scanner.least_range_m) & np.isfinite(distance)
     measured = np.where(heard, distance + noise, 0.0)
     intensity = np.where(heard, np.minimum(5 * np.sqrt(signal * fading), 2000), 0.0)
     cloud = np.column_stack([measured[:, None] * local, np.rint(intensity)])
@@ -109,7 +111,7 @@ def scan(
 
 
 def _returns(scene, places, origins, directions):
-    """Distance of what returns each ray, and albedo times cosine there."""
+    """Return the distance of each return, and albedo times cosine there."""
     albedo = np.array([material.albedo for material in MATERIALS])
     clear = np.array([material.clear for material in MATERIALS])
     hits = cast(scene, places, origins, directions)
@@ -135,7 +137,7 @@ def _returns(scene, places, origins, directions):
 
 
 def _directions(azimuth, elevation):
-    """Unit vectors."""
+    """Return unit vectors."""
     ground = np.cos(elevation)
     z = np.broadcast_to(
         np.sin(elevation), np.broadcast_shapes(azimuth.shape, elevation.shape)

@@ -1,10 +1,10 @@
 """A scene of rigid bodies, and rays cast through it at any time.
 
-Body 0 is the world that stands still. Every body has a search tree of its own, in its
-own frame and made once; rays are turned into the frames of the bodies they come near.
-For the radar each body also carries points spread over its surface, each with a complex
-reflectivity of its own (a circular Gaussian: the speckle of what is smaller than a
-range bin) that it keeps from frame to frame.
+Body 0 is the world, which stands still. Each body has a search tree in its own frame,
+built once; rays are turned into the frames of the bodies that they come near. For the
+radar each body also carries points spread over its surface. The reflectivity of a point
+is complex Gaussian: the speckle of details smaller than a range bin. A point keeps its
+reflectivity from frame to frame.
 """
 
 from typing import Any, NamedTuple
@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jradar.simulation.materials import MATERIALS
-from jradar.simulation.motion import Motion, pose_at, velocity_at
 from jradar.simulation.solids import Solid
+from jradar.simulation.trajectory import Trajectory, pose_at, velocity_at
 
-NUDGE_M = 1e-3  # past a surface, to go on behind it
+NUDGE_M = 1e-3  # by which a ray starts behind a surface
 
 
 class Body(NamedTuple):
@@ -25,8 +25,8 @@ class Body(NamedTuple):
     solid: Solid
     normals: Float[np.ndarray, "face 3"]
     tree: Any  # embree's scene
-    radius_m: float  # of a sphere about the frame's origin that holds it
-    motion: Motion | None  # None where it stands still
+    radius_m: float  # of the enclosing sphere about the frame's origin
+    trajectory: Trajectory | None  # None: it stands still
     points: Float[np.ndarray, "point 3"]
     point_face: Int[np.ndarray, " point"]
     reflectivity: Float[np.ndarray, " point"]  # magnitude, of mean square 1
@@ -34,25 +34,24 @@ class Body(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """The world, what moves in it, and the way of the sensors through it."""
+    """The world, the bodies that move in it, and the trajectory of the sensors."""
 
     name: str
     bodies: tuple[Body, ...]
-    platform: Motion
+    platform: Trajectory
 
 
 class Hits(NamedTuple):
-    """Where rays first meet a surface; distance is infinite where they do not."""
+    """First surfaces along rays; the distance is infinite where a ray meets none."""
 
     distance: Float[np.ndarray, " ray"]
     body: Int[np.ndarray, " ray"]
-    face: Int[np.ndarray, " ray"]
     material: Int[np.ndarray, " ray"]
     cosine: Float[np.ndarray, " ray"]  # of the angle to the normal, 0 to 1
 
 
 class Placement(NamedTuple):
-    """A body's place at one time."""
+    """Place and velocity of a body at one time."""
 
     xyz: Float[np.ndarray, " 3"]
     turn: Float[np.ndarray, "3 3"]  # from the body's frame to the world's
@@ -61,9 +60,9 @@ class Placement(NamedTuple):
 
 
 def make_body(
-    random: np.random.Generator, solid: Solid, *, motion: Motion | None = None
+    random: np.random.Generator, solid: Solid, *, trajectory: Trajectory | None = None
 ) -> Body:
-    """A body of a solid; its scatterers are drawn from `random`."""
+    """Return a body made of a solid, with random scatterers."""
     corners = solid.vertices[solid.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     double_area = np.linalg.norm(across, axis=-1)
@@ -83,7 +82,7 @@ def make_body(
         normals=normals.astype(np.float32),
         tree=_tree(solid),
         radius_m=float(np.linalg.norm(solid.vertices, axis=-1).max()),
-        motion=motion,
+        trajectory=trajectory,
         points=a + u[:, None] * (b - a) + v[:, None] * (c - a),
         point_face=face,
         reflectivity=np.sqrt(random.exponential(size=count)),
@@ -92,15 +91,15 @@ def make_body(
 
 
 def placements(scene: Scene, time_s: float) -> list[Placement]:
-    """Where every body is at a time."""
+    """Return the placement of every body at a time."""
     still = Placement(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
     found = []
     for body in scene.bodies:
-        if body.motion is None:
+        if body.trajectory is None:
             found.append(still)
             continue
-        xyz, turn = pose_at(body.motion, float(time_s))
-        moving = velocity_at(body.motion, float(time_s))
+        xyz, turn = pose_at(body.trajectory, float(time_s))
+        moving = velocity_at(body.trajectory, float(time_s))
         found.append(Placement(xyz, turn, *moving))
     return found
 
@@ -111,7 +110,7 @@ def cast(
     origins: Float[np.ndarray, "ray 3"],
     directions: Float[np.ndarray, "ray 3"],
 ) -> Hits:
-    """First surfaces along rays with unit directions, in the world's frame."""
+    """Return the first surfaces along rays (unit directions) in the world's frame."""
     origins = np.ascontiguousarray(origins, np.float32)
     directions = np.ascontiguousarray(directions, np.float32)
     world, *movers = scene.bodies
@@ -132,10 +131,10 @@ def cast(
         found = mover.tree.run(start, along, output=1)
         hit = (found["primID"] >= 0) & (found["tfar"] < distance[near])
         ray, its = near[hit], found["primID"][hit]
-        distance[ray], body[ray], face[ray] = found["tfar"][hit], index, its
+        distance[ray], body[ray] = found["tfar"][hit], index
         material[ray] = mover.solid.material[its]
         cosine[ray] = np.abs(np.einsum("rc,rc->r", along[hit], mover.normals[its]))
-    return Hits(distance, body, face, np.where(body < 0, -1, material), cosine)
+    return Hits(distance, body, np.where(body < 0, -1, material), cosine)
 
 
 def _near(
@@ -145,7 +144,7 @@ def _near(
     directions: np.ndarray,
     reach_m: np.ndarray,
 ) -> Int[np.ndarray, " near"]:
-    """Indices of the rays that pass the sphere about a body before they end."""
+    """Return the indices of the rays that cross a body's sphere before they end."""
     towards = place.xyz.astype(np.float32) - origins
     along = np.einsum("rc,rc->r", towards, directions)
     aside = np.einsum("rc,rc->r", towards, towards) - along**2
@@ -154,7 +153,7 @@ def _near(
 
 
 def _tree(solid: Solid) -> Any:
-    """Embree's search tree of a solid."""
+    """Return Embree's search tree of a solid."""
     try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene

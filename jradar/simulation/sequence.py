@@ -1,11 +1,12 @@
-"""A sequence: a scene, what the rig's sensors record on their way through it, on disk.
+"""A sequence on disk: what the sensors record while the rig moves through a scene.
 
-Streams have clocks of their own: they start apart, and their stamps jitter. A stamp is
-the time of a frame's first chirp, or of a scan's first column; half a turn (50 ms)
-later the scan looks ahead. Everything is a function of family and seed; a folder is
-there when it is complete, or never.
+Each stream has its own clock: it starts at its own time, and its stamps jitter. A stamp
+is the time of a frame's first chirp, or of a scan's first column; the scanner looks
+ahead half a turn (50 ms) later. Family and seed determine every byte. The folder
+appears when it is complete.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -15,28 +16,36 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from jradar.errors import UsageError
 from jradar.files import atomic_path
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
-from jradar.simulation.layouts import make_scene
-from jradar.simulation.motion import STEP_S
-from jradar.simulation.radar import (
+from jradar.simulation.hardware import (
     Hardware,
-    frame_paths,
     make_hardware,
     sample_frame,
 )
+from jradar.simulation.layouts import make_scene
+from jradar.simulation.propagation import radar_paths
 from jradar.simulation.reflectors import Reflectors, find_reflectors
 from jradar.simulation.rig import base_from, sensor_pose
-from jradar.simulation.scanner import ouster_rays, scan
+from jradar.simulation.scanner import (
+    MID360_POINTS,
+    OUSTER_COLUMNS,
+    OUSTER_ROWS,
+    ouster_rays,
+    scan,
+)
 from jradar.simulation.scene import Scene
+from jradar.simulation.trajectory import STEP_S
 
 EPOCH_S = 1_608_552_000.0  # 21 December 2020, when ColoRadar's first runs were made
+LIVOX_POINT_BYTES = 19
 GRAVITY = np.array([0.0, 0.0, 9.80665])
 
 
 class Clock(NamedTuple):
-    """A stream's rate, where in a period it starts, and how its stamps jitter."""
+    """Rate, start and jitter of a stream's stamps."""
 
     rate_hz: float
     start_s: float
@@ -51,7 +60,7 @@ CLOCKS = {
     "imu": Clock(300.0, 0.0, 0.05e-3),
 }
 RADARS = {"single_chip": RadarSpec.awr1843, "cascade": RadarSpec.cascade}
-SENSORS = {
+SENSOR_CHOICES = {
     "single_chip": ("single_chip",),
     "cascade": ("cascade",),
     "both": ("single_chip", "cascade"),
@@ -59,7 +68,7 @@ SENSORS = {
 
 
 class Setting(NamedTuple):
-    """A scene with all that does not change while it is recorded."""
+    """A scene and its radars: all that does not change during a recording."""
 
     scene: Scene
     reflectors: Reflectors
@@ -68,22 +77,32 @@ class Setting(NamedTuple):
 
 
 def make_setting(family: str, seed: int, *, sensor: str = "single_chip") -> Setting:
-    """The scene of a family and seed, and the radars: single_chip, cascade or both."""
-    if sensor not in SENSORS:
-        raise ValueError(f"sensor {sensor!r}, expected one of {', '.join(SENSORS)}")
+    """Return the scene of a family and seed, and its radars.
+
+    `sensor` is "single_chip", "cascade" or "both".
+    """
+    if sensor not in SENSOR_CHOICES:
+        raise UsageError(
+            f"sensor {sensor!r}, expected one of {', '.join(SENSOR_CHOICES)}"
+        )
     scene = make_scene(family, seed)
-    specs = {name: RADARS[name]() for name in SENSORS[sensor]}
-    radars = {name: (spec, make_hardware(name, spec)) for name, spec in specs.items()}
+    radars = {name: _radar(name) for name in SENSOR_CHOICES[sensor]}
     return Setting(scene, find_reflectors(scene.bodies), seed, radars)
+
+
+def _radar(name):
+    """Return a radar of the rig and its hardware."""
+    spec = RADARS[name]()
+    return spec, make_hardware(name, spec)
 
 
 def stream_stamps(
     setting: Setting, stream: str, seconds: float
 ) -> Float[np.ndarray, " item"]:
-    """Times of a stream's items in a recording that long, from its start."""
+    """Return the times of a stream's items in a recording of `seconds`."""
     clock = CLOCKS[stream]
     count = max(round(seconds * clock.rate_hz), 1)
-    if stream in ("groundtruth", "imu"):  # these run on either side of the rest
+    if stream in ("groundtruth", "imu"):  # these begin before the others and end after
         count += round(0.4 * clock.rate_hz)
     random = np.random.default_rng([setting.seed, *stream.encode()])
     stamps = clock.start_s + np.arange(count) / clock.rate_hz
@@ -91,23 +110,22 @@ def stream_stamps(
 
 
 def radar_frames(setting: Setting, sensor: str, stamps: np.ndarray) -> Iterator:
-    """int16 frames [tx, rx, chirp, sample, 2] of a radar, as JAX works them out."""
+    """Yield a radar's frames [tx, rx, chirp, sample, 2] in int16."""
     radar, hardware = setting.radars[sensor]
     key = jax.random.fold_in(jax.random.key(setting.seed), len(sensor))
     for frame, time_s in enumerate(stamps):
-        paths = frame_paths(
+        paths = radar_paths(
             setting.scene, setting.reflectors, sensor, float(time_s), radar
         )
         yield sample_frame(jax.random.fold_in(key, frame), paths, hardware, radar)
 
 
 def lidar_scans(setting: Setting, stamps: np.ndarray) -> Iterator[np.ndarray]:
-    """Scans [65536, 4] of the Ouster, float32."""
+    """Yield the Ouster's scans [65536, 4], float32."""
     directions, seconds = ouster_rays()
     for frame, time_s in enumerate(stamps):
         random = np.random.default_rng([setting.seed, 1, frame])
-        platform = setting.scene.platform
-        yield scan(random, setting.scene, platform, float(time_s), directions, seconds)
+        yield scan(random, setting.scene, float(time_s), directions, seconds)
 
 
 def simulate_sequence(
@@ -119,40 +137,48 @@ def simulate_sequence(
     sensor: str = "single_chip",
     advance: Callable[[], None] = lambda: None,
 ) -> Path:
-    """Write `frames` radar frames of a scene as `root/FAMILY_SEED`, and `root/calib`.
+    """Write a sequence of a scene as `root/FAMILY_SEED`; return its folder.
 
-    `sensor` is "single_chip", "cascade" or "both" (then `frames` counts the single
-    chip's). `advance` is called after each frame. Returns the sequence's folder.
+    `root/calib` is written, too. `sensor` is "single_chip", "cascade" or "both";
+    `frames` counts the frames of the first radar. `advance` is called after each frame.
     """
     if frames < 1:
-        raise ValueError(f"frames = {frames}, expected 1 or more")
+        raise UsageError(f"frames = {frames}, expected 1 or more")
     setting = make_setting(family, seed, sensor=sensor)
-    first = SENSORS[sensor][0]
+    first = SENSOR_CHOICES[sensor][0]
     seconds = frames / CLOCKS[first].rate_hz
     folder = Path(root) / setting.scene.name
-    files.write_calib(Path(root) / "calib", _all_radars(setting))
+    both = {name: _radar(name) for name in RADARS}
+    files.write_calib(Path(root) / "calib", both)
     with atomic_path(folder) as scratch:
         streams = [_radar_stream(setting, s, seconds, scratch) for s in setting.radars]
         streams.append(_lidar_stream(setting, seconds, scratch))
-        _write_motion(setting, seconds, scratch)
-        while streams:  # a turn each, so that JAX and the rays work side by side
+        _write_poses_and_imu(setting, seconds, scratch)
+        while streams:  # in turns: JAX computes while rays are cast
             streams = [stream for stream in streams if next(stream, None)]
             if streams:
                 advance()
     return folder
 
 
-def _all_radars(setting):
-    """Both radars of the rig: the folder `calib` is the same for all recordings."""
-    missing = {
-        name: make() for name, make in RADARS.items() if name not in setting.radars
-    }
-    made = {name: (spec, make_hardware(name, spec)) for name, spec in missing.items()}
-    return setting.radars | made
+def frame_bytes(*, sensor: str = "single_chip", layout: str = "coloradar") -> float:
+    """Return the bytes on disk of one radar frame and its share of the LiDAR scans.
+
+    `layout` is "coloradar" or "capture". With both radars the frame is the first's.
+    """
+    first = CLOCKS[SENSOR_CHOICES[sensor][0]].rate_hz
+    total = 0.0
+    for name in SENSOR_CHOICES[sensor]:
+        values = math.prod(RADARS[name]().cube_shape)
+        total += 4 * values * CLOCKS[name].rate_hz / first
+    scan_bytes = 16 * OUSTER_ROWS * OUSTER_COLUMNS
+    if layout == "capture":
+        scan_bytes = LIVOX_POINT_BYTES * MID360_POINTS
+    return total + scan_bytes * CLOCKS["lidar"].rate_hz / first
 
 
 def _radar_stream(setting, sensor, seconds, scratch):
-    """Write a radar's frames, one behind what JAX is working on."""
+    """Write a radar's frames, each while JAX computes the next."""
     stamps = stream_stamps(setting, sensor, seconds)
     folder = scratch / sensor / "adc_samples"
     files.write_stamps(folder, EPOCH_S + stamps)
@@ -173,8 +199,8 @@ def _lidar_stream(setting, seconds, scratch):
         yield True
 
 
-def _write_motion(setting, seconds, scratch):
-    """True poses of the base, and the IMU."""
+def _write_poses_and_imu(setting, seconds, scratch):
+    """Write the true poses of the base, and the records of the IMU."""
     platform = setting.scene.platform
     stamps = stream_stamps(setting, "groundtruth", seconds)
     xyz, turn = sensor_pose(platform, "base", stamps)
@@ -190,7 +216,7 @@ def _write_motion(setting, seconds, scratch):
 def imu_records(
     setting: Setting, stamps: Float[np.ndarray, " item"]
 ) -> Float[np.ndarray, "item 6"]:
-    """Specific force (m/s^2) and angular rate (rad/s) in the IMU frame, with noise."""
+    """Return specific force (m/s^2) and angular rate (rad/s) with the IMU's noise."""
     platform, step = setting.scene.platform, 10 * STEP_S
     before, now, after = (
         sensor_pose(platform, "base", stamps + side) for side in (-step, 0.0, step)

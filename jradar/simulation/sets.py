@@ -1,14 +1,16 @@
-"""Named sets of simulated sequences, split so that no layout is in two splits.
+"""Named data sets of simulated sequences, whose splits share no layout.
 
-`jradar-sim` is to train on and `jradar-sim-test` to test on, both with a frame of each
-of many layouts, which differ more than the frames of one; `jradar-sim-mini` is one
-layout for each split, to try things out.
+    jradar-sim-1        to train on
+    jradar-sim-1-test   to test on
+    jradar-sim-1-mini   one layout of each family for each split, to try things out
 
-A set's folder holds ColoRadar's layout, `splits.json`, which preparation reads, and
-`manifest.json`: splits, seeds, and a digest of every sequence. Sets are made anew by
-anyone, and a copy is checked by its digests. Samples are sums in float32, whose order
-differs between kinds of processors: made on another kind, some may differ by one count,
-and the digests tell so.
+A set has a frame of each of many layouts, because layouts differ more than the frames
+of one. The number in the name is the version: it changes whenever the data do.
+
+The folder of a set holds ColoRadar's layout, `splits.json` for preparation, and
+`manifest.json` with the splits and a digest of every sequence. Samples are float32
+sums, whose order depends on the kind of processor: on another kind some samples can
+differ by one count, and the digests then differ.
 """
 
 import hashlib
@@ -18,38 +20,37 @@ from pathlib import Path
 from typing import Any
 
 from jradar import __version__
+from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.simulation.layouts import FAMILIES
 from jradar.simulation.sequence import simulate_sequence
 
 MANIFEST = "manifest.json"
-SPLIT_SEEDS = {
-    "jradar-sim": {
+SETS: dict[str, dict[str, tuple[int, ...]]] = {  # seeds of each split
+    "jradar-sim-1": {
         "train": (*range(96), *range(1000, 1288)),
         "validation": (100, 101, 102, 103),
         "test": (200, 201, 202, 203),
     },
-    "jradar-sim-test": {
+    "jradar-sim-1-test": {
         "validation": tuple(range(100, 116)),
         "test": tuple(range(200, 392)),
     },
-    "jradar-sim-mini": {"train": (0,), "validation": (100,), "test": (200,)},
+    "jradar-sim-1-mini": {"train": (0,), "validation": (100,), "test": (200,)},
 }
-SETS: dict[str, dict[str, tuple[tuple[str, int], ...]]] = {
-    name: {
-        split: tuple((family, seed) for family in FAMILIES for seed in seeds)
-        for split, seeds in splits.items()
-    }
-    for name, splits in SPLIT_SEEDS.items()
-}
-FRAMES = 1  # of each sequence, unless told otherwise
+FRAMES = 1  # of each sequence, by default
 
 
 def set_sequences(name: str) -> list[tuple[str, str, int]]:
-    """(split, family, seed) of every sequence; ValueError for an unknown set."""
+    """Return (split, family, seed) of every sequence of a set."""
     if name not in SETS:
-        raise ValueError(f"set {name!r}, expected one of {', '.join(SETS)}")
-    return [(split, *pair) for split, pairs in SETS[name].items() for pair in pairs]
+        raise UsageError(f"set {name!r}, expected one of {', '.join(SETS)}")
+    return [
+        (split, family, seed)
+        for split, seeds in SETS[name].items()
+        for family in FAMILIES
+        for seed in seeds
+    ]
 
 
 def simulate_set(
@@ -60,10 +61,10 @@ def simulate_set(
     sensor: str = "single_chip",
     advance: Callable[[], None] = lambda: None,
 ) -> Path:
-    """Write a set and its manifest to `root`; returns the manifest's path.
+    """Write a set and its manifest to `root`; return the manifest's path.
 
-    Sequences that are there and as the manifest says are kept, so that a run that was
-    interrupted goes on. Raises ValueError where `root` holds another set.
+    Sequences that match the manifest are kept: an interrupted run resumes. Raises
+    UsageError if `root` holds another set.
     """
     root, wanted = Path(root), set_sequences(name)
     path = root / MANIFEST
@@ -73,7 +74,9 @@ def simulate_set(
         manifest = read_manifest(root)
         found = {key: manifest.get(key) for key in made}
         if found != made:
-            raise ValueError(f"{path} is of {found}, asked for {made}: another folder?")
+            raise UsageError(
+                f"{path} describes {found}, expected {made}: choose another folder"
+            )
     splits = {f"{family}_{seed}": split for split, family, seed in wanted}
     write_text(root / "splits.json", json.dumps(splits, indent=2) + "\n")
     for split, family, seed in wanted:
@@ -93,18 +96,8 @@ def simulate_set(
     return path
 
 
-def check_set(root: Path | str) -> list[str]:
-    """Names of the sequences in `root` that are not as its manifest says."""
-    manifest = read_manifest(root)
-    expected = {name: entry["sha256"] for name, entry in manifest["sequences"].items()}
-    expected["calib"] = manifest["calib_sha256"]
-    return [
-        n for n, digest in expected.items() if folder_digest(Path(root) / n) != digest
-    ]
-
-
 def read_manifest(root: Path | str) -> dict[str, Any]:
-    """The manifest of a set's folder; ValueError where it is none."""
+    """Return the manifest of a set's folder; ValueError if it is not one."""
     path = Path(root) / MANIFEST
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -113,13 +106,13 @@ def read_manifest(root: Path | str) -> dict[str, Any]:
             raise KeyError("split, sha256")
     except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(
-            f"{path} is no manifest of a simulated set: {error}"
+            f"{path} is not the manifest of a simulated set: {error}"
         ) from error
     return manifest
 
 
 def folder_digest(folder: Path | str) -> str:
-    """SHA-256 over the names and contents of a folder's files, in order of names."""
+    """Return the SHA-256 of the names and contents of a folder's files."""
     folder, total = Path(folder), hashlib.sha256()
     names = sorted(
         p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()

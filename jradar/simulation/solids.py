@@ -1,7 +1,7 @@
 """Solids and sheets of triangles, each face with its material.
 
-A solid is `(vertices [vertex, 3], faces [face, 3], material [face])` in metres, z up;
-`join` makes one of several. Sheets are single faces: both sides count.
+Metres, z up. `join` makes one solid of several. A sheet is a single layer of faces;
+both of its sides count.
 """
 
 from collections.abc import Sequence
@@ -13,11 +13,11 @@ from jaxtyping import Float, Int
 
 from jradar.simulation.materials import MATERIAL_IDS
 
-Numbers = Sequence[Any]  # of metres; integers will do
+Numbers = Sequence[Any]  # floats or integers
 
 
 class Solid(NamedTuple):
-    """Triangles and what each is made of."""
+    """Triangles and their materials."""
 
     vertices: Float[np.ndarray, "vertex 3"]
     faces: Int[np.ndarray, "face 3"]
@@ -25,7 +25,7 @@ class Solid(NamedTuple):
 
 
 def join(solids: list[Solid]) -> Solid:
-    """One solid of several."""
+    """Return one solid made of several."""
     first = np.cumsum([0, *(len(solid.vertices) for solid in solids)])
     return Solid(
         np.concatenate([solid.vertices for solid in solids]),
@@ -35,34 +35,34 @@ def join(solids: list[Solid]) -> Solid:
 
 
 def moved(solid: Solid, xyz: Numbers, *, yaw: float = 0.0) -> Solid:
-    """The solid turned about the vertical, then shifted."""
+    """Return the solid turned about the vertical, then shifted."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     return solid._replace(vertices=solid.vertices @ turn.T + np.array(xyz, float))
 
 
 def of_mesh(mesh: trimesh.Trimesh, material: str) -> Solid:
-    """A mesh of one material."""
+    """Return a mesh of one material as a solid."""
     faces = np.asarray(mesh.faces, np.int64)
     return Solid(np.asarray(mesh.vertices, float), faces, _fill(material, len(faces)))
 
 
 def sheet(corners: Sequence[Numbers], material: str) -> Solid:
-    """A flat convex polygon."""
+    """Return a flat convex polygon."""
     count = len(corners)
     faces = np.array([[0, k, k + 1] for k in range(1, count - 1)])
     return Solid(np.array(corners, float), faces, _fill(material, len(faces)))
 
 
 def box(size: Numbers, material: str) -> Solid:
-    """A box that stands on z = 0, centred in x and y."""
+    """Return a box that stands on z = 0, centred in x and y."""
     mesh = trimesh.creation.box(size)
     mesh.apply_translation([0, 0, size[2] / 2])
     return of_mesh(mesh, material)
 
 
 def pole(radius: float, height: float, material: str, *, sides: int = 12) -> Solid:
-    """An upright cylinder that stands on z = 0."""
+    """Return an upright cylinder that stands on z = 0."""
     mesh = trimesh.creation.cylinder(radius, height, sections=sides)
     mesh.apply_translation([0, 0, height / 2])
     return of_mesh(mesh, material)
@@ -76,11 +76,11 @@ def wall(
     *,
     openings: Numbers = (),
 ) -> Solid:
-    """An upright wall with doors and windows, set back by 8 cm to its left side.
+    """Return an upright wall; doors and windows are set back by 8 cm to its left.
 
-    An opening is (where it begins in metres, its width, kind): a door of "wood" or
-    "metal" is 2.1 m high, "glass" a window between 0.9 m and 2.2 m, "open" a passage,
-    "column" a ledge of metal that stands out instead.
+    An opening is (start in metres, width, kind). "wood" and "metal" are doors 2.1 m
+    high, "glass" is a window from 0.9 m to 2.2 m, "open" is a passage, and "column" a
+    ledge of metal that stands out.
     """
     along = np.subtract(end, start)
     length = float(np.hypot(*along))
@@ -116,13 +116,13 @@ def wall(
 
 
 def slab(low: Numbers, high: Numbers, z: float, material: str) -> Solid:
-    """A level rectangle: a floor or a ceiling."""
+    """Return a level rectangle: a floor or a ceiling."""
     (x0, y0), (x1, y1) = low, high
     return sheet([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], material)
 
 
 def person(height: float) -> Solid:
-    """A standing person: legs, trunk, arms and head of some 1,000 faces."""
+    """Return a standing person: legs, trunk, arms and head of about 1,000 faces."""
     scale = height / 1.75
     parts = [
         _capsule(0.08, 0.70, (0, 0.1, 0.08)),
@@ -136,9 +136,10 @@ def person(height: float) -> Solid:
     return solid._replace(vertices=solid.vertices * scale)
 
 
-def car(length: float, *, height: float = 1.45) -> Solid:
-    """A car on z = 0 that faces x: body, cabin of glass, roof, wheels."""
-    waist, width = 0.55 * height, 0.88
+def car(length: float) -> Solid:
+    """Return a car on z = 0 that faces x: body, cabin of glass, roof, wheels."""
+    height, width = 1.45, 0.88
+    waist = 0.55 * height
     body = box((length, 2 * width, waist - 0.25), "metal")
     cabin_low = [(-0.38 * length, waist), (0.22 * length, waist)]
     cabin_high = [(-0.28 * length, height), (0.05 * length, height)]
@@ -183,7 +184,7 @@ def car(length: float, *, height: float = 1.45) -> Solid:
 
 
 def tree(random: np.random.Generator, height: float) -> Solid:
-    """A trunk and a crown of leaf clusters that stand every way."""
+    """Return a tree: a trunk, and a crown of leaves with random directions."""
     trunk = pole(0.12 + 0.02 * random.random(), 0.6 * height, "wood", sides=10)
     count = 220
     centre = random.normal(size=(count, 3)) * [0.11, 0.11, 0.13] * height
@@ -196,7 +197,7 @@ def tree(random: np.random.Generator, height: float) -> Solid:
 
 
 def boulder(random: np.random.Generator, size: float, material: str) -> Solid:
-    """A rough lump that lies on z = 0."""
+    """Return a rough lump that lies on z = 0."""
     mesh = trimesh.creation.icosphere(subdivisions=2)
     bumps = random.normal(size=(6, 3)) * 2.0
     phase = random.uniform(0, 2 * np.pi, 6)
@@ -207,12 +208,12 @@ def boulder(random: np.random.Generator, size: float, material: str) -> Solid:
 
 
 def _capsule(radius: float, height: float, xyz: Numbers) -> Solid:
-    """An upright capsule of a person."""
+    """Return an upright capsule of a person."""
     mesh = trimesh.creation.capsule(height, radius, count=[8, 12])
     mesh.apply_translation([xyz[0], xyz[1], xyz[2] - mesh.bounds[0, 2]])
     return of_mesh(mesh, "person")
 
 
 def _fill(material: str, count: int) -> np.ndarray:
-    """The material's index for so many faces."""
+    """Return the material's index for `count` faces."""
     return np.full(count, MATERIAL_IDS[material])

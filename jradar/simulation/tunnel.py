@@ -1,4 +1,4 @@
-"""A winding tunnel with rough walls, swept along a closed curve."""
+"""A winding tunnel with rough walls along a closed curve."""
 
 import numpy as np
 from jaxtyping import Float
@@ -13,10 +13,10 @@ EVERY_M = 0.3  # along the tunnel
 def tunnel(
     random: np.random.Generator,
 ) -> tuple[Solid, Float[np.ndarray, "place 2"]]:
-    """Rock about a closed drift some 50 to 80 m long, and the drift's middle line.
+    """Return the rock about a closed drift, 50 to 80 m long, and its middle line.
 
-    The section is a horseshoe some 3 m wide with a rubble floor; its radius swells and
-    shrinks with waves of 0.3 to 8 m, so that niches and ribs stand out.
+    The section is a horseshoe about 3 m wide with a rubble floor. Waves of 0.3 to 8 m
+    in its radius form niches and ribs.
     """
     angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
     radius = np.full_like(angle, random.uniform(8, 12))
@@ -50,14 +50,14 @@ def tunnel(
 
 
 def _section(turn: np.ndarray) -> np.ndarray:
-    """Distance of the wall from the middle, by angle: wide walls, round roof."""
+    """Return the distance of the wall from the middle, by angle."""
     return 1.45 + 0.12 * np.cos(2 * turn) + 0.06 * np.cos(4 * turn)
 
 
 def _roughness(
     random: np.random.Generator, at: np.ndarray, length: float, turn: np.ndarray
 ) -> np.ndarray:
-    """Relative bumps of standard deviation 0.1, closed along and around."""
+    """Return relative bumps, closed along and around, of standard deviation 0.1."""
     bumps = np.zeros((len(at), len(turn)))
     for _ in range(40):
         wave_m = np.exp(random.uniform(np.log(0.7), np.log(8)))

@@ -10,7 +10,7 @@ from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation import rig
 from jradar.simulation.echoes import Paths
 from jradar.simulation.link import FULL_SCALE
-from jradar.simulation.radar import (
+from jradar.simulation.hardware import (
     LINK,
     RANGE_BIAS_M,
     Hardware,

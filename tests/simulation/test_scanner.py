@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from jradar.simulation.rig import sensor_pose
-from jradar.simulation.scanner import LidarSpec, mid360_rays, ouster_rays, scan
+from jradar.simulation.scanner import ScannerSpec, mid360_rays, ouster_rays, scan
 from jradar.simulation.solids import box, moved, sheet
 from tests.simulation.worlds import world
 
-EXACT = LidarSpec(noise_m=0.0, fading_db=0.0, reach_m=1e4, least_range_m=0.0)
+EXACT = ScannerSpec(noise_m=0.0, fading_db=0.0, reach_m=1e4, least_range_m=0.0)
 
 
 def ranges(scene, directions, seconds, *, lidar=EXACT, seed=0):
@@ -68,7 +68,7 @@ def test_far_and_grazing_returns_are_lost_and_written_as_zeros():
     floor = sheet([(-80, -80, 0), (80, -80, 0), (80, 80, 0), (-80, 80, 0)], "asphalt")
     scene, _ = world([floor])
     directions, seconds = ouster_rays()
-    measured, cloud = ranges(scene, directions, seconds, lidar=LidarSpec())
+    measured, cloud = ranges(scene, directions, seconds, lidar=ScannerSpec())
     lost = measured == 0
     assert (cloud[lost] == 0).all()
     assert lost[directions[:, 2] > 0].all()
@@ -85,7 +85,7 @@ def test_noise_is_as_specified():
     scene, _ = world([room])
     directions, seconds = ouster_rays()
     exact, _ = ranges(scene, directions, seconds)
-    noisy, _ = ranges(scene, directions, seconds, lidar=LidarSpec(least_range_m=0.0))
+    noisy, _ = ranges(scene, directions, seconds, lidar=ScannerSpec(least_range_m=0.0))
     heard = noisy > 0
     assert heard.mean() > 0.95
     error = (noisy - exact)[heard]

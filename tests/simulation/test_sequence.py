@@ -34,7 +34,7 @@ from jradar.simulation import (
 )
 from jradar.simulation.capture_writer import dca1000_bytes, simulate_capture, write_cfg
 from jradar.simulation.coloradar_writer import write_calib
-from jradar.simulation.radar import channel_factors, make_hardware
+from jradar.simulation.hardware import channel_factors, make_hardware
 from jradar.simulation.rig import EXTRINSICS
 from jradar.simulation.sequence import EPOCH_S, imu_records, make_setting
 from jradar.simulation.sets import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jradar.simulation.motion import STILL, Motion, loop
+from jradar.simulation.trajectory import STILL, Trajectory, loop
 from jradar.simulation.reflectors import find_reflectors
 from jradar.simulation.scene import Scene, make_body
 from jradar.simulation.solids import join, moved, sheet
@@ -17,16 +17,16 @@ def straight(speed_mps=0.0, height=1.2):
     curve = loop(np.column_stack([corners, np.full(4, height)]), rounding_m=0.5)
     at = np.linspace(5, 35, 30_001)
     start = at[np.abs(curve(at)[:, 0]).argmin()]
-    return Motion(
+    return Trajectory(
         curve, float(curve.x[-1]), speed_mps, start, np.array([0, 1.0, 0]), STILL
     )
 
 
 def world(solids, *, movers=(), speed_mps=0.0):
-    """A scene and its reflectors; `movers` are pairs of solid and motion."""
+    """A scene and its reflectors; `movers` are pairs of solid and trajectory."""
     random = np.random.default_rng(0)
     bodies = [make_body(random, join(list(solids)))]
-    bodies += [make_body(random, solid, motion=motion) for solid, motion in movers]
+    bodies += [make_body(random, solid, trajectory=trajectory) for solid, trajectory in movers]
     return Scene("test", tuple(bodies), straight(speed_mps)), find_reflectors(
         tuple(bodies)
     )

@@ -1,9 +1,9 @@
 """How platforms, people and cars move: closed loops at a varying pace, with sway.
 
-A path is a smooth closed curve, followed at a pace that swings about its mean. On top
-of it lies what walking adds: bobbing and rolling at the rate of the steps, looking
-around more slowly. All of it is a sum of smooth functions of time, so that velocities
-follow by differentiation, to 1e-6 m/s, at any time.
+A trajectory follows a smooth closed curve at a pace that swings about its mean. A rig
+carried by hand also bobs and rolls at the rate of the steps, and looks around slowly.
+All terms are smooth functions of time; velocities are their differences, accurate to
+1e-6 m/s at any time.
 """
 
 from typing import NamedTuple
@@ -25,8 +25,8 @@ class Sway(NamedTuple):
     phase: Float[np.ndarray, "term 6"]
 
 
-class Motion(NamedTuple):
-    """A thing's way through the world; its frame is x forward, y left, z up."""
+class Trajectory(NamedTuple):
+    """A body's way through the world; its frame is x forward, y left, z up."""
 
     curve: CubicSpline  # metres along the loop to x y z
     length_m: float
@@ -40,7 +40,7 @@ STILL = Sway(np.zeros((1, 6)), np.ones(1), np.zeros((1, 6)))
 
 
 def loop(waypoints: Float[np.ndarray, "corner 3"], *, rounding_m: float) -> CubicSpline:
-    """A closed curve through (rounded) corners, by metres from the first."""
+    """Return a closed curve through rounded corners, by metres from the first."""
     closed = np.vstack([waypoints, waypoints[:1]])
     legs = np.linalg.norm(np.diff(closed, axis=0), axis=-1)
     at = np.r_[0, np.cumsum(legs)]
@@ -61,17 +61,17 @@ def walk(
     speed_mps: float,
     rounding_m: float = 0.5,
     hand_held: bool = False,
-) -> Motion:
-    """A motion along waypoints from a random place; `hand_held` adds sway."""
+) -> Trajectory:
+    """Return a trajectory that starts at a random place; `hand_held` adds sway."""
     curve = loop(np.asarray(waypoints, float), rounding_m=rounding_m)
     length = float(curve.x[-1])
     surge = np.array([0.25, 0.15 + 0.1 * random.random(), 2 * np.pi * random.random()])
     sway = hand_sway(random) if hand_held else STILL
-    return Motion(curve, length, speed_mps, length * random.random(), surge, sway)
+    return Trajectory(curve, length, speed_mps, length * random.random(), surge, sway)
 
 
 def hand_sway(random: np.random.Generator) -> Sway:
-    """Sway of a sensor rig carried by hand: steps of 1.8 Hz, strides, a slow gaze."""
+    """Return the sway of a rig carried by hand: steps of 1.8 Hz, strides, slow gaze."""
     degree = np.pi / 180
     amplitude = np.array(
         [
@@ -89,19 +89,19 @@ def hand_sway(random: np.random.Generator) -> Sway:
 
 
 def pose_at(
-    motion: Motion, time_s: Float[np.ndarray, "*batch"] | float
+    trajectory: Trajectory, time_s: Float[np.ndarray, "*batch"] | float
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
-    """Position in the world and rotation from the thing's frame to it."""
+    """Return the position in the world and the rotation from the body's frame."""
     time_s = np.asarray(time_s, float)
-    share, frequency, phase = motion.surge
+    share, frequency, phase = trajectory.surge
     turns = 2 * np.pi * frequency
-    metres = motion.start_m + motion.speed_mps * (
+    metres = trajectory.start_m + trajectory.speed_mps * (
         time_s + share / turns * np.sin(turns * time_s + phase)
     )
-    at = np.mod(metres, motion.length_m)
-    xyz, tangent = motion.curve(at), motion.curve(at, 1)
-    cycles = 2 * np.pi * motion.sway.frequency_hz[:, None] * time_s[..., None, None]
-    added = (motion.sway.amplitude * np.sin(cycles + motion.sway.phase)).sum(-2)
+    at = np.mod(metres, trajectory.length_m)
+    xyz, tangent = trajectory.curve(at), trajectory.curve(at, 1)
+    cycles = 2 * np.pi * trajectory.sway.frequency_hz[:, None] * time_s[..., None, None]
+    added = (trajectory.sway.amplitude * np.sin(cycles + trajectory.sway.phase)).sum(-2)
     heading = np.arctan2(tangent[..., 1], tangent[..., 0])
     angles = np.stack([heading + added[..., 5], added[..., 4], added[..., 3]], -1)
     turn = Rotation.from_euler("ZYX", angles.reshape(-1, 3)).as_matrix()
@@ -109,11 +109,11 @@ def pose_at(
 
 
 def velocity_at(
-    motion: Motion, time_s: Float[np.ndarray, "*batch"] | float
+    trajectory: Trajectory, time_s: Float[np.ndarray, "*batch"] | float
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3"]]:
-    """Velocity and angular velocity in the world, m/s and rad/s."""
+    """Return velocity and angular velocity in the world, m/s and rad/s."""
     time_s = np.asarray(time_s, float)
-    before, after = (pose_at(motion, time_s + side) for side in (-STEP_S, STEP_S))
+    before, after = (pose_at(trajectory, time_s + side) for side in (-STEP_S, STEP_S))
     change = after[1] @ before[1].swapaxes(-1, -2)
     turned = Rotation.from_matrix(change.reshape(-1, 3, 3)).as_rotvec()
     return (

@@ -9,8 +9,8 @@ from jradar.radar import RadarSpec, calibrate_frequency_phase, radar_points
 from jradar.simulation.layouts import FAMILIES, make_scene
 from jradar.simulation.link import LinkSpec
 from jradar.simulation.materials import MATERIAL_IDS, MATERIALS, slab_shares
-from jradar.simulation.motion import pose_at, velocity_at
-from jradar.simulation.radar import (
+from jradar.simulation.trajectory import pose_at, velocity_at
+from jradar.simulation.hardware import (
     LINK,
     Hardware,
     frame_paths,
@@ -152,11 +152,11 @@ def test_velocity_is_the_rate_of_the_distance():
 
 
 def test_platform_velocity_is_the_slope_of_its_positions():
-    motion = make_scene("lab", 3).platform
+    trajectory = make_scene("lab", 3).platform
     time_s = np.linspace(0, 20, 200)
-    ahead, _ = pose_at(motion, time_s + 1e-3)
-    behind, _ = pose_at(motion, time_s - 1e-3)
-    velocity, spin = velocity_at(motion, time_s)
+    ahead, _ = pose_at(trajectory, time_s + 1e-3)
+    behind, _ = pose_at(trajectory, time_s - 1e-3)
+    velocity, spin = velocity_at(trajectory, time_s)
     np.testing.assert_allclose(velocity, (ahead - behind) / 2e-3, atol=1e-3)
     speed = np.linalg.norm(velocity, axis=-1)
     assert 0.3 < speed.mean() < 1.6 and speed.max() < 2.5
