@@ -59,7 +59,7 @@ def _radar_fields(path: Path | str) -> dict[str, Any]:
 
     if missing := [name for name in NEEDED if name not in commands]:
         raise ValueError(
-            f"{path}: no {', '.join(missing)}: is it a log of mmWave Studio?"
+            f"{path}: no {', '.join(missing)}: is it the log of mmWave Studio?"
         )
     chip = commands["select_chip_version"][0]
     if chip not in CHIPS:

@@ -100,7 +100,7 @@ def test_the_sensor_is_chosen_and_repairs_are_one_line_each(root, sequence, caps
     captured = capsys.readouterr()
     assert json.loads(captured.out)["radar"]["name"] == "coloradar cascade"
     assert captured.err.startswith("jradar: warning: ")
-    assert "adc_start_time = 7 s cannot be" in captured.err
+    assert "adc_start_time = 7 s is impossible" in captured.err
     assert captured.err.count("\n") == 1
 
 
@@ -137,9 +137,9 @@ def with_nan(folder):
     [
         (truncated, 4, "needs a multiple of 1,024"),
         (lambda d: save(d, random_cube((2, 4, 4, 9))), 4, "frames of (2, 4, 4, 9)"),
-        (with_nan, 4, "not finite numbers"),
+        (with_nan, 4, "samples of frame 0 are NaN or infinite"),
         (lambda d: d / "nothing.npy", 2, "no such file"),
-        (lambda d: d, 4, "holds no recording: expected a .npy"),
+        (lambda d: d, 2, "holds no recording, expected a folder"),
     ],
     ids=["truncated", "wrong_size", "nan", "missing", "folder"],
 )

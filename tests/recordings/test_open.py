@@ -181,5 +181,5 @@ def test_a_frame_of_a_sequence_is_refused(tmp_path):
     path = tmp_path / "run/single_chip/adc_samples/data/frame_0.bin"
     path.parent.mkdir(parents=True)
     path.write_bytes(b"1234")
-    with pytest.raises(ValueError, match="name the folder of the sequence"):
+    with pytest.raises(ValueError, match="name the folder of its sequence"):
         open_recording(path)
