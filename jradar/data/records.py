@@ -97,10 +97,13 @@ def write_shard(
 
     `failed` may be filled while `frames` is consumed: {frame: error}.
     """
-    module = _array_record()
+    try:
+        from array_record.python import array_record_module  # type: ignore
+    except ImportError as error:
+        raise ImportError(EXTRA) from error
     numbers = []
     with atomic_path(path) as scratch:
-        writer = module.ArrayRecordWriter(str(scratch), OPTIONS)
+        writer = array_record_module.ArrayRecordWriter(str(scratch), OPTIONS)
         try:
             for frame in frames:
                 writer.write(to_bytes(frame))
@@ -170,7 +173,7 @@ class Records(Sequence):
             raise ValueError(
                 f"{folder} is not complete: run the same `jradar prepare` again"
             )
-        self.radar = RadarSpec.from_dict(_tuples(self.manifest["radar"]))
+        self.radar = RadarSpec.from_dict(self.manifest["radar"])
         splits = [s["split"] for s in self.manifest["sequences"]]
         self.sequences = [
             sequence
@@ -194,11 +197,12 @@ class Records(Sequence):
         except ImportError as error:
             raise ImportError(EXTRA) from error
         for shard in shards:
-            size = _size(self.folder / shard["file"])
+            path = self.folder / shard["file"]
+            size = path.stat().st_size if path.is_file() else 0
             if size != shard["bytes"]:
                 raise ValueError(
-                    f"{self.folder / shard['file']} holds {size:,} bytes, expected "
-                    f"{shard['bytes']:,} as in the manifest: truncated or replaced?"
+                    f"{path} holds {size:,} bytes, expected {shard['bytes']:,} as in "
+                    "the manifest: truncated or replaced?"
                 )
         try:
             self._source = grain.sources.ArrayRecordDataSource(
@@ -237,26 +241,3 @@ class Records(Sequence):
                 path = self.folder / shard["file"]
                 if hashlib.sha256(path.read_bytes()).hexdigest() != shard["sha256"]:
                     raise ValueError(f"{path} does not match its digest: damaged?")
-
-
-def _array_record():
-    """Import the module that writes ArrayRecord files."""
-    try:
-        from array_record.python import array_record_module  # type: ignore
-    except ImportError as error:
-        raise ImportError(EXTRA) from error
-    return array_record_module
-
-
-def _size(path):
-    """Size of a file in bytes, 0 if it is missing."""
-    return path.stat().st_size if path.is_file() else 0
-
-
-def _tuples(value: Any) -> Any:
-    """The JSON value with tuples in place of lists."""
-    if isinstance(value, list):
-        return tuple(map(_tuples, value))
-    if isinstance(value, dict):
-        return {k: _tuples(v) for k, v in value.items()}
-    return value
