@@ -1,8 +1,8 @@
-"""How long does a cloud take to become a range image, beside NumPy's `minimum.at`?
+"""How fast does a cloud become a range image, compared with NumPy's `minimum.at`?
 
 The peers do the whole job, from x, y, z to the image, with two indices per point or
-with one flat index, which NumPy handles faster. And what eight images agree on, beside
-NumPy with a loop over them.
+with one flat index, which NumPy handles faster. The range on which eight images agree
+is compared with a NumPy loop over the images.
 """
 
 import math
@@ -20,7 +20,7 @@ COARSE = ImageSpec(height=64, width=64)
 
 
 def cases() -> Iterator[Case]:
-    """Clouds of several sizes and shares in view; slices with payload."""
+    """Clouds of several sizes and fractions in view; slices; agreement."""
     for num, spread in ((65_536, 1.0), (131_072, 1.0), (65_536, 3.0), (4096, 1.0)):
         yield project_case(num, spread)
     xyz = random_points(4096, 1.0, COARSE)
@@ -35,7 +35,7 @@ def cases() -> Iterator[Case]:
     draws = rng.uniform(3, 4, (8, *FINE.shape)).astype(np.float32)
     draws *= rng.random(draws.shape) < 0.8
     yield Case(
-        "what 8 images of 128 x 512 agree on",
+        "range on which 8 images of 128 x 512 agree",
         lambda: agreed_range(draws),
         {"NumPy, draw by draw": lambda: agreed_on_host(draws)},
         same=lambda ours, peer: np.allclose(ours, peer, atol=1e-5),
@@ -43,7 +43,7 @@ def cases() -> Iterator[Case]:
 
 
 def project_case(num: int, spread: float) -> Case:
-    """A cloud to 128 x 512 pixels; with a spread of 3, most points miss the image."""
+    """Project a cloud; with a spread of 3, most points miss the image."""
     xyz = random_points(num, spread, FINE)
     cloud = PointCloud.from_xyz(xyz)
     where = "in view" if spread == 1 else "mostly out of view"
@@ -68,7 +68,7 @@ def random_points(num: int, spread: float, spec: ImageSpec) -> np.ndarray:
 
 
 def pixels_on_host(xyz, spec):
-    """Row, column and range of the points in the image, Eq. 7 in NumPy's float32."""
+    """Row, column and range of the points in the image by Eq. 7, in float32."""
     x, y, z = xyz.T
     distance = np.sqrt(x * x + y * y + z * z)
     columns_per_radian = np.float32(spec.width / np.ptp(spec.azimuth))
@@ -83,7 +83,7 @@ def pixels_on_host(xyz, spec):
 
 
 def scatter_on_host(index, distance, spec):
-    """Smallest distance of each pixel, 0 where none; one flat index or two."""
+    """The smallest distance of each pixel, or 0; with one flat index or two."""
     size = spec.height * spec.width
     image = np.full(spec.shape if isinstance(index, tuple) else size, np.inf, "f4")
     np.minimum.at(image, index, distance)

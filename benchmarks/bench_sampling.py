@@ -1,8 +1,8 @@
-"""What does sampling in one scan cost, beside a Python loop over jitted steps?
+"""How fast is sampling in one scan, compared with a Python loop over jitted steps?
 
-One image of the paper's size by the network `tiny`, with 18 steps of Heun's method, 35
-evaluations, and with 8 of the fourth-order multistep method. The loop calls the same
-steps, compiled one by one; its result must be ours before it is timed.
+The network `tiny` draws one image of the paper's size, with 18 steps of Heun's method
+(35 evaluations) and with 8 of the fourth-order multistep method. The loop calls the
+same steps, compiled one by one. Both results must agree before they are timed.
 """
 
 from collections.abc import Iterator
@@ -13,18 +13,17 @@ import numpy as np
 
 from benchmarks.harness import Call, Case, random_params
 from jradar.diffusion import (
-    PRESETS,
+    HEUN,
+    Multistep,
     NoiseSpec,
-    UNet,
+    build_network,
     conditional_denoiser,
     heun_step,
-    karras_sigmas,
-    multistep_table,
     precondition,
-    solve,
 )
 
-NETWORK, NOISE = UNet(**PRESETS["tiny"]), NoiseSpec()
+NETWORK, NOISE = build_network(preset="tiny"), NoiseSpec()
+MULTISTEP = Multistep("ipndm4", 4)
 SHAPE, CONDITION = (1, 128, 512, 2), (1, 64, 64, 24)
 
 
@@ -34,16 +33,16 @@ def cases() -> Iterator[Case]:
     condition = jnp.asarray(rng.normal(size=CONDITION), jnp.float32)
     start = jnp.asarray(rng.normal(size=SHAPE), jnp.float32) * NOISE.sigma_max
     params = random_params(NETWORK, start, jnp.zeros(1), condition)
-    for solver, steps, loop in (("heun", 18, _heun), ("ipndm4", 8, _multistep)):
-        sigmas = karras_sigmas(steps, NOISE)
+    for solver, steps, loop in ((HEUN, 18, _heun), (MULTISTEP, 8, _multistep)):
+        sigmas = solver.levels(steps, NOISE)
 
         @jax.jit
         def sampled(params, condition, start, solver=solver, sigmas=sigmas):
             denoise = conditional_denoiser(NETWORK, params, NOISE)(condition)
-            return solve(denoise, start, sigmas, solver=solver)
+            return solver.solve(denoise, start, sigmas)
 
         yield Case(
-            f"{solver}, {steps} steps, {SHAPE[1]} x {SHAPE[2]}",
+            f"{solver.name}, {steps} steps, {SHAPE[1]} x {SHAPE[2]}",
             lambda call=sampled: call(params, condition, start),
             {"Python loop over jitted steps": loop(params, condition, start, sigmas)},
             same=_close,
@@ -51,13 +50,13 @@ def cases() -> Iterator[Case]:
 
 
 def _close(ours, peer):
-    """Whether images agree in float32 after all steps."""
+    """True if images agree in float32 after all steps."""
     ours, peer = np.asarray(ours), np.asarray(peer)
     return np.allclose(ours, peer, rtol=1e-3, atol=1e-3 * np.abs(peer).max())
 
 
 def _given(params, features):
-    """The denoiser with the features of a condition."""
+    """The denoiser for the features of a condition."""
     return precondition(
         lambda x, level: NETWORK.apply(params, x, level, features, method="decode"),
         NOISE,
@@ -75,7 +74,7 @@ def _denoise(params, features, x, sigma):
 
 
 def _heun(params, condition, start, sigmas) -> Call:
-    """Heun's steps one by one, then the image."""
+    """Take Heun's steps one by one, then return the image."""
 
     @jax.jit
     def step(params, features, x, sigma, after):
@@ -93,8 +92,8 @@ def _heun(params, condition, start, sigmas) -> Call:
 
 
 def _multistep(params, condition, start, sigmas) -> Call:
-    """Steps of iPNDM one by one, with the last slopes at hand, then the image."""
-    _, weights = multistep_table(sigmas, solver="ipndm4")
+    """Take steps of iPNDM one by one with the last slopes, then return the image."""
+    _, weights = MULTISTEP.table(sigmas)
 
     @jax.jit
     def step(params, features, x, history, sigma, weight):

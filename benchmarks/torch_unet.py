@@ -1,7 +1,7 @@
 """The network `UNet` of the form "adm" in PyTorch, a function of the same parameters.
 
-Weights go by their path, `trunk/stem/kernel`, and, like images, have their channels
-first.
+Weights are named by their path, `trunk/stem/kernel`. Like images, they have their
+channels first.
 """
 
 from typing import Any
@@ -14,13 +14,13 @@ from jradar.diffusion.blocks import angle_features
 
 
 def to_flax(weight: Any) -> np.ndarray:
-    """A weight with its axes as Flax has them."""
+    """Return a weight with its axes in Flax's order."""
     weight = weight.detach()
     return np.asarray(weight.movedim((0, 1), (-1, -2)) if weight.ndim > 1 else weight)
 
 
 def to_torch(params: Any, inputs: Any) -> tuple[dict[str, Any], tuple[Any, ...]]:
-    """Parameters by their path, and inputs, channels first."""
+    """Return parameters by their path, and inputs, channels first."""
     import torch
 
     weights = {}
@@ -35,7 +35,7 @@ def to_torch(params: Any, inputs: Any) -> tuple[dict[str, Any], tuple[Any, ...]]
 
 
 def network(unet: UNet, weights: Any, x: Any, c_noise: Any, condition: Any) -> Any:
-    """The output of `unet` with the weights of `to_torch`, channels first."""
+    """Return the output of `unet` with the weights of `to_torch`, channels first."""
     import torch
     from torch.nn import functional
 
@@ -44,7 +44,7 @@ def network(unet: UNet, weights: Any, x: Any, c_noise: Any, condition: Any) -> A
 
     def conv(name, h, stride=1):
         kernel = weights[f"{name}/kernel"]
-        if stride == 2:  # "same" as Flax has it: the odd pixel at the end
+        if stride == 2:  # Flax's "same" pads an odd pixel at the end
             h = functional.pad(h, (0, 1, 0, 1))
         padding = "same" if stride == 1 else 0
         return functional.conv2d(h, kernel, weights[f"{name}/bias"], stride, padding)

@@ -66,7 +66,7 @@ def map_values(
 
 
 def _with_coordinates(maps):
-    """Maps with the coordinates of their cells, -1 .. 1 along both axes, as channels."""
+    """Maps with their cells' coordinates, -1 .. 1 along both axes, as channels."""
     rows, columns = maps.shape[1:3]
     places = jnp.meshgrid(
         jnp.linspace(-1, 1, rows), jnp.linspace(-1, 1, columns), indexing="ij"

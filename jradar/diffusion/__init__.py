@@ -1,23 +1,38 @@
 """The conditional EDM denoiser (sections III-B and IV-C of the paper).
 
-NoiseSpec                        noise levels, a static argument
-training_sigma, loss_weight, karras_sigmas, log_sigmas
-Prediction, PREDICTIONS, EDM     what a network predicts, with its rule
-Network, NETWORKS, build_network, network_fields, network_from_fields
-                                 networks, and how configs and files name them
-UNet, PRESETS                    the network of the paper
-precondition, conditional_denoiser
-                                 network -> D(x; sigma), without and with a condition
-Solver, SOLVERS, HEUN, sample    images from noise
-heun_step, heun_churn, Heun, Multistep
-denoising_loss, LossSpec         training
-target_mask, channel_weights     values that count in it, and their weights
-lpips, load_lpips, LpipsWeights  the perceptual distance
-regression_estimate, regression_loss
-                                 the same network without diffusion, a baseline
-load_pretrained, Transfer        weights to start from, published or trained here
-save_prior, read_state, write_params, read_params
-                                 files of weights
+Noise, and what a network predicts
+    NoiseSpec                       noise levels and prediction, a static argument
+    PREDICTIONS, EDM, Prediction    predictions by name; each carries its rule
+    training_sigma                  random levels to train at
+    karras_sigmas, log_sigmas       levels to sample at
+    scalings                        EDM's factors of input and output
+
+Networks
+    UNet, PRESETS                   the paper's network, and its sizes
+    NETWORKS, Network               all networks by name, and what each provides
+    build_network, network_fields, network_from_fields
+                                    from configs, to JSON, and back
+    precondition                    network -> D(x; sigma)
+    conditional_denoiser            the same for a network that takes a condition
+
+Sampling
+    sample                          draws images with a solver
+    SOLVERS, HEUN, Solver           solvers by name; each carries its rule
+    Heun, Multistep, heun_step      their kinds
+
+Training
+    denoising_loss, LossSpec        Eq. 12 and its weights
+    target_mask, channel_weights    which values count, and how much
+    lpips, load_lpips, LpipsWeights
+                                    the perceptual distance
+    regression_loss, regression_estimate
+                                    the same network without diffusion, a baseline
+
+Weights
+    load_pretrained, Transfer       weights to start from, published or trained here
+    write_params, read_params       parameters to a file and back
+    save_prior                      a trunk that was trained without a condition
+    read_state                      any file's arrays by name
 """
 
 from jradar.diffusion.losses import (
@@ -37,7 +52,6 @@ from jradar.diffusion.noise import (
     NoiseSpec as NoiseSpec,
     karras_sigmas as karras_sigmas,
     log_sigmas as log_sigmas,
-    loss_weight as loss_weight,
     training_sigma as training_sigma,
 )
 from jradar.diffusion.perceptual import (
@@ -75,7 +89,6 @@ from jradar.diffusion.solvers import (
     Heun as Heun,
     Multistep as Multistep,
     Solver as Solver,
-    heun_churn as heun_churn,
     heun_step as heun_step,
     sample as sample,
 )

@@ -1,6 +1,6 @@
 """Parts of the network: residual block, resampling, embeddings of noise and angle.
 
-A block has one of the two published forms:
+A block has one of two published forms:
 
     "adm"      noise level as scale and shift of the second norm; attention with heads
                (Dhariwal & Nichol 2021; DhariwalUNet in EDM's code)
@@ -23,7 +23,7 @@ Image = Float[Array, "batch row column channel"]
 
 
 class Block(nn.Module):
-    """Residual block that knows the noise level, then self-attention on request."""
+    """Residual block that takes the noise level, then self-attention if `attend`."""
 
     channels: int
     form: str = "adm"
@@ -36,7 +36,7 @@ class Block(nn.Module):
     def __call__(
         self, x: Image, embedding: Float[Array, "batch _"]
     ) -> Float[Array, "batch _ _ _"]:
-        """The block's output, at half or double size where it resamples."""
+        """Return the output: half or double size for `resample` "down" or "up"."""
         song = self.form == "ddpm++"
         h = resample(nn.silu(self.norm("norm0")(x)), self.resample)
         h = conv(self.channels, self.dtype, name="conv0")(h)
@@ -59,11 +59,11 @@ class Block(nn.Module):
         return (x + self.attention(x)) * scale if self.attend else x
 
     def norm(self, name):
-        """Group normalisation of this form."""
+        """Return the form's group normalisation."""
         return norm(1e-6 if self.form == "ddpm++" else 1e-5, self.dtype, name)
 
     def attention(self, x):
-        """Self-attention over all pixels."""
+        """Return self-attention over all pixels."""
         batch, rows, columns, channels = x.shape
         heads = 1 if self.form == "ddpm++" else max(1, channels // self.head_channels)
         h = self.norm("norm2")(x).reshape(batch, rows * columns, channels)
@@ -77,13 +77,13 @@ class Block(nn.Module):
 
 
 def conv(channels, dtype, *, zero=False, name=None):
-    """3 x 3 convolution, starting at zero on request."""
+    """Return a 3 x 3 convolution, whose kernel starts at zero if `zero`."""
     init = nn.initializers.zeros if zero else nn.initializers.lecun_normal()
     return nn.Conv(channels, (3, 3), kernel_init=init, dtype=dtype, name=name)
 
 
 def norm(epsilon, dtype, name=None):
-    """Group normalisation with EDM's number of groups, in float32."""
+    """Return group normalisation with EDM's number of groups, in float32."""
 
     def apply(x):
         groups = min(32, max(1, x.shape[-1] // 4))
@@ -94,7 +94,7 @@ def norm(epsilon, dtype, name=None):
 
 
 def resample(x, way):
-    """Mean of 2 x 2 pixels, or each pixel four times."""
+    """Return means of 2 x 2 pixels ("down"), each pixel four times ("up"), or `x`."""
     if way == "down":
         batch, rows, columns, channels = x.shape
         return x.reshape(batch, rows // 2, 2, columns // 2, 2, channels).mean((2, 4))
@@ -102,11 +102,14 @@ def resample(x, way):
 
 
 def fold(x, stem):
-    """Patches of `stem` pixels to channels, [row and column in the patch, channel]."""
+    """Return `x` with each patch of `stem` pixels as one pixel of more channels.
+
+    The new channels are [row in the patch, column in the patch, channel].
+    """
     batch, rows, columns, channels = x.shape
     if rows % stem[0] or columns % stem[1]:
         raise ValueError(
-            f"image of {rows} x {columns} pixels, expected a multiple of the patches "
+            f"image of {rows} x {columns} pixels, expected a multiple of the patch "
             f"of {stem[0]} x {stem[1]}"
         )
     grid = (rows // stem[0], columns // stem[1])
@@ -115,7 +118,7 @@ def fold(x, stem):
 
 
 def unfold(x, stem):
-    """Channels to patches of `stem` pixels, the inverse of `fold`."""
+    """Return channels as patches of `stem` pixels: the inverse of `fold`."""
     batch, rows, columns, channels = x.shape
     x = x.reshape(batch, rows, columns, *stem, channels // math.prod(stem))
     return x.transpose(0, 1, 3, 2, 4, 5).reshape(
@@ -124,9 +127,9 @@ def unfold(x, stem):
 
 
 def noise_embedding(c_noise, channels, form):
-    """Cosines and sines of the noise level at `channels` / 2 frequencies.
+    """Return cosines and sines of the noise level at `channels` / 2 frequencies.
 
-    "ddpm++" has the sines first, and reaches the lowest frequency.
+    With "ddpm++" the sines come first, and the last frequency is exactly 1 / 10000.
     """
     half = channels // 2
     last = half - 1 if form == "ddpm++" else half
@@ -137,10 +140,10 @@ def noise_embedding(c_noise, channels, form):
 
 
 def angle_features(rows, columns):
-    """Fourier features of elevation and azimuth, `[row, column, feature]`.
+    """Return Fourier features of elevation and azimuth, `[row, column, feature]`.
 
-    Both angles are mapped to -1 .. 1 over the image; frequencies double from half a
-    period over the image to half a period per pixel of the paper's 128 x 512 pixels
+    Both angles are mapped to -1 .. 1 over the image. Frequencies double from one
+    period over the image to half a period per pixel of the paper's 128 x 512 image
     (Nakashima & Kurazume 2024). Their number does not depend on the image's size.
     """
     features = []
@@ -152,5 +155,5 @@ def angle_features(rows, columns):
 
 
 def _centres(size):
-    """Centres of `size` pixels on -1 .. 1."""
+    """The centres of `size` pixels on -1 .. 1."""
     return (2 * np.arange(size) + 1) / size - 1

@@ -1,11 +1,11 @@
 """Training losses (Eq. 9-12): L = squared L_m + perceptual L_p + absolute L_c.
 
 L_m   EDM-weighted squared error, over all noise levels (Eq. 9)
-L_p   a perceptual distance of the first channel, LPIPS for one (Eq. 10)
-L_c   distance |x0 - D| pixel by pixel (Eq. 11)
+L_p   a perceptual distance of the first channel, for example LPIPS (Eq. 10)
+L_c   absolute error |x0 - D| of each pixel (Eq. 11)
 
-L_p and L_c compare the images themselves, not what the network predicts, so `LossSpec`
-can limit them to noise levels at which an image is still recognised.
+L_p and L_c compare images. `LossSpec` can limit them to weak noise, at which the
+denoised image still resembles the clean one.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
-from jradar.diffusion.noise import NoiseSpec, loss_weight, training_sigma
+from jradar.diffusion.noise import NoiseSpec, training_sigma
 from jradar.diffusion.precondition import Denoiser
 
 Image = Float[Array, "batch row column channel"]
@@ -25,11 +25,12 @@ Perceptual = Callable[[Image, Image], Float[Array, " batch"]]
 
 @dataclasses.dataclass(frozen=True)
 class LossSpec:
-    """Weights of Eq. 12; the last two terms count below the level `below_sigma` only.
+    """Weights of the terms of Eq. 12.
 
-    The squared error of the first channel, the range, counts `range_weight` times as
-    much as that of another. The perceptual term is computed at every
-    `perceptual_every`-th step, and weighs as much more there.
+    Perceptual and absolute errors count only at noise levels below `below_sigma`. The
+    squared error of the first channel, the range, counts `range_weight` times as much
+    as the squared error of another channel. The perceptual term is computed at every
+    `perceptual_every`-th step, with its weight multiplied by that number.
     """
 
     squared: float = 1.0
@@ -66,12 +67,12 @@ def denoising_loss(
     perceptual: Perceptual | None = None,
     step: int | Int[Array, ""] = 0,
 ) -> Float[Array, ""]:
-    """Eq. 12 for images `clean` at random noise levels.
+    """Return Eq. 12 for images `clean` at random noise levels.
 
-    Values where `mask` is 0 count nowhere. The weight of the squared error makes 1 the
-    loss of a network that predicts nothing. `perceptual` is `functools.partial(lpips,
-    load_lpips())` or like it; `step` tells when it is due. Raises ValueError for a
-    perceptual weight without it.
+    Values where `mask` is 0 do not count. The squared error of a network that returns 0
+    everywhere is 1 on average. `perceptual` is a distance of two batches of images,
+    such as `functools.partial(lpips, load_lpips())`; `step` is the number of the
+    training step. Raises ValueError for a perceptual weight without a distance.
     """
     sigma_key, noise_key = jax.random.split(key)
     sigma = training_sigma(sigma_key, clean.shape[:1], noise)
@@ -84,16 +85,17 @@ def denoising_loss(
     per_value = jnp.maximum(total, 1) * len(clean)
     near = jnp.where(sigma < weights.below_sigma, 1.0, 0.0)
 
+    weight = noise.prediction.loss_weight(levels, noise)
     square = channel_weights(clean, weights.range_weight) * error**2
-    loss = weights.squared * (loss_weight(levels, noise) * square).sum() / per_value
+    loss = weights.squared * (weight * square).sum() / per_value
     if weights.absolute:
         distance = (near[:, None, None, None] * jnp.abs(error)).sum() / per_value
         loss += weights.absolute * distance
     if weights.perceptual:
         if perceptual is None:
             raise ValueError(
-                f"a perceptual weight of {weights.perceptual} without `perceptual`: "
-                "pass functools.partial(lpips, load_lpips())"
+                f"perceptual weight {weights.perceptual} without a distance: pass "
+                "perceptual=functools.partial(lpips, load_lpips())"
             )
         every = weights.perceptual_every
         images = clean[..., :1], (clean + error)[..., :1]
@@ -103,9 +105,9 @@ def denoising_loss(
 
 
 def channel_weights(image: Image, range_weight: float) -> Float[Array, "1 1 1 channel"]:
-    """Weights of the channels of `image`, the first's so many times the others'.
+    """Return the weight of each channel of `image`; the weights have mean 1.
 
-    Their mean is 1.
+    The first channel weighs `range_weight` times as much as every other.
     """
     channels = image.shape[-1]
     weights = jnp.ones((1, 1, 1, channels), image.dtype)
@@ -114,13 +116,13 @@ def channel_weights(image: Image, range_weight: float) -> Float[Array, "1 1 1 ch
 
 
 def _when(due, distance, *images):
-    """`distance(*images)` if it is due, else 0 at no cost."""
+    """`distance(*images)` if it is due, else 0 without computing it."""
     return jax.lax.cond(
         due, distance, lambda a, b: jnp.zeros(a.shape[:1], a.dtype), *images
     )
 
 
 def target_mask(target: Image) -> Image:
-    """Which values of a target of range and validity count: no range in a miss."""
+    """Return 1 for values that count, 0 for the range of pixels without a return."""
     hit = (target[..., 1:2] > 0).astype(target.dtype)
     return jnp.concatenate([hit, jnp.ones_like(target[..., 1:])], -1)

@@ -1,8 +1,7 @@
-"""Noise levels of EDM (Karras et al. 2022): for training, and for sampling.
+"""Noise levels of EDM (Karras et al. 2022), for training and for sampling.
 
-A clean image x0 is seen as x0 + sigma * n. Training draws sigma from a log-normal
-distribution and weights the squared error so that all levels count alike; sampling
-walks down from `sigma_max` to 0.
+The network sees a clean image x0 as x0 + sigma n. Training draws sigma from a
+log-normal distribution; sampling walks down from `sigma_max` to 0.
 """
 
 import dataclasses
@@ -46,21 +45,14 @@ class NoiseSpec:
 def training_sigma(
     key: Key[Array, ""], shape: tuple[int, ...], noise: NoiseSpec
 ) -> Float[Array, "..."]:
-    """Noise levels to train on: ln sigma is normal."""
+    """Return random noise levels to train at: ln sigma is normal."""
     return jnp.exp(noise.log_mean + noise.log_std * jax.random.normal(key, shape))
 
 
-def loss_weight(
-    sigma: Float[Array, "*batch"], noise: NoiseSpec
-) -> Float[Array, "*batch"]:
-    """Return the weight of the squared error at each noise level."""
-    return noise.prediction.loss_weight(sigma, noise)
-
-
 def karras_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:
-    """Sampling levels from `sigma_max` to `sigma_min`, `[steps]`, on the host.
+    """Return sampling levels from `sigma_max` to `sigma_min`, `[steps]`, on the host.
 
-    Eq. 5 of Karras et al. in float64, without the final 0.
+    They are Eq. 5 of Karras et al. in float64, without the final 0.
     """
     if steps < 1:
         raise ValueError(f"{steps=}, expected 1 or more")
@@ -72,7 +64,7 @@ def karras_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:
 
 
 def log_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:
-    """Sampling levels equal in ln sigma, `[steps]`, on the host (DPM-Solver's)."""
+    """Return DPM-Solver's levels, equal steps of ln sigma, `[steps]`, on the host."""
     if steps < 1:
         raise ValueError(f"{steps=}, expected 1 or more")
     low = noise.sigma_min if steps > 1 else noise.sigma_max

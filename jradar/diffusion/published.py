@@ -1,9 +1,9 @@
-"""Names and orders of published networks: EDM's, and OpenAI's ADM.
+"""Published networks, EDM's and OpenAI's ADM, with this network's names and axes.
 
-Every tensor gets EDM's name with the level for the pixels, `enc.1_block0.conv0.weight`,
-then this network's order of axes. RGB goes to range: input kernels are summed over the
-colours, as for a grey image, and output kernels averaged; behind a stem each pixel of a
-patch gets its share.
+Every tensor gets EDM's name with the level in place of the image size, for example
+`enc.1_block0.conv0.weight`, and then this network's order of axes. RGB becomes range:
+input kernels are summed over the colours, as for a grey image, and output kernels are
+averaged. With a stem, a kernel is divided evenly among the pixels of a patch.
 """
 
 import math
@@ -14,24 +14,23 @@ import numpy as np
 from jradar.diffusion.unet import UNet
 
 LAYERS = {"weight": "kernel", "bias": "bias"}
-# Not parameters, or for augmented training only.
+# Constants, and parameters used only for augmented training.
 DROPPED = ("resample_filter", "map_augment", "augment")
 
 State = dict[str, np.ndarray]
 
 
 def by_level(state: State) -> State:
-    """EDM's tensors with the level in place of the pixels: enc.32x32_ to enc.1_."""
+    """Return EDM's tensors with levels in their names: enc.32x32_ becomes enc.1_."""
     state = {name.removeprefix("model."): tensor for name, tensor in state.items()}
     first = re.compile(r"enc\.(\d+)x\d+_conv\.weight")
     sizes = [int(match[1]) for match in map(first.fullmatch, state) if match]
     if len(sizes) != 1:
         raise ValueError(
-            "neither jradar's weights nor a state dict of EDM nor of ADM: no first "
-            "convolution"
+            "no first convolution found: expected weights of jradar, EDM or ADM"
         )
     if any("aux_residual" in name or name == "map_noise.freqs" for name in state):
-        raise ValueError("an NCSN++ (ve) state dict: only DDPM++ (vp) and ADM fit")
+        raise ValueError("found NCSN++ (ve), expected DDPM++ (vp) or ADM")
 
     def level(match):
         return f"{match[1]}.{round(math.log2(sizes[0] / int(match[2])))}_"
@@ -40,7 +39,7 @@ def by_level(state: State) -> State:
 
 
 def from_adm(state: State, network: UNet) -> State:
-    """OpenAI's tensors under EDM's names, by walking both in the order of layers."""
+    """Return OpenAI's tensors under EDM's names; both walk the layers in one order."""
     last = len(network.multipliers) - 1
     places = {"time_embed.0": "map_layer0", "time_embed.2": "map_layer1"}
     places |= {"input_blocks.0.0": "enc.0_conv"}
@@ -92,7 +91,7 @@ def from_adm(state: State, network: UNet) -> State:
 
 
 def target_of(name: str) -> str:
-    """The path of a tensor in the trunk: enc.1_block0.conv0.weight and its like."""
+    """Return the path in the trunk of a tensor like enc.1_block0.conv0.weight."""
     name = re.sub(r"^(enc|dec)\.(\d+)_", r"\1\2_", name)
     *place, kind = name.split(".")
     place = "/".join(place)
@@ -110,12 +109,12 @@ def target_of(name: str) -> str:
 
 
 def arranged(tensor, target, shape, network, kind):
-    """A tensor in this network's order of axes and channels, those of `shape`."""
+    """Return a tensor with this network's order of axes and channels, as `shape`."""
     layer = target.split("/")[-2]
     if layer == "qkv":
         tensor = _heads_first(tensor, network, kind)
     if layer in ("qkv", "proj"):
-        tensor = tensor.reshape(tensor.shape[:2])  # a convolution of 1 x 1, or of 1
+        tensor = tensor.reshape(tensor.shape[:2])  # from a 1 x 1 convolution
     if tensor.ndim == 4:
         tensor = tensor.transpose(2, 3, 1, 0)
     elif tensor.ndim == 2:
@@ -134,7 +133,7 @@ def arranged(tensor, target, shape, network, kind):
 
 
 def _heads_first(tensor, network, kind):
-    """Channels of query, key and value as [head, query key value, channel]."""
+    """Query, key and value channels in the order [head, query key value, channel]."""
     channels = len(tensor) // 3
     song = network.form == "ddpm++"
     heads = 1 if song else max(1, channels // network.head_channels)

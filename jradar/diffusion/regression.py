@@ -1,8 +1,8 @@
 """Direct regression: the denoiser's network without the diffusion, as a baseline.
 
-The network sees no image, only the condition: its estimate is D(0; sigma_max), where
-the preconditioning passes the network's output through. Trained with the squared error,
-the estimate approaches the mean of all images that the condition allows, and is blurred
+The network sees only the condition. Its estimate is D(0; sigma_max), where the
+preconditioning passes the network's output through. Trained with the squared error, the
+estimate approaches the mean of all images that the condition allows, and is blurred
 where these differ.
 """
 

@@ -21,7 +21,6 @@ the whole around them.
 """
 
 import dataclasses
-import math
 from typing import Protocol, runtime_checkable
 
 import jax
@@ -33,7 +32,6 @@ from jradar.diffusion.noise import NoiseSpec, karras_sigmas, log_sigmas
 from jradar.diffusion.precondition import Denoiser
 
 Image = Float[Array, "*batch row column channel"]
-Path = Float[Array, "step *batch row column channel"]
 
 # Adams-Bashforth weights of the newest slopes for equal steps.
 ADAMS = (
@@ -61,18 +59,8 @@ class Solver(Protocol):
         """Return the levels that the solver walks, `[steps]`, on the host."""
         ...
 
-    def solve(
-        self,
-        denoise: Denoiser,
-        x: Image,
-        sigmas: np.ndarray,
-        *,
-        return_path: bool = False,
-    ) -> Image | Path:
-        """Solve the ODE from `x` at level `sigmas[0]` through all levels down to 0.
-
-        `return_path=True` returns the image at every level, from `x` to the result.
-        """
+    def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
+        """Solve the ODE from `x` at level `sigmas[0]` through all levels down to 0."""
         ...
 
 
@@ -90,24 +78,16 @@ class Heun:
         """Return the levels of Karras et al."""
         return karras_sigmas(steps, noise)
 
-    def solve(
-        self,
-        denoise: Denoiser,
-        x: Image,
-        sigmas: np.ndarray,
-        *,
-        return_path: bool = False,
-    ) -> Image | Path:
+    def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
         """Solve the ODE from `x`; see `Solver`."""
         levels = jnp.asarray(sigmas, x.dtype)
         pairs = jnp.stack([levels[:-1], levels[1:]], axis=-1)
 
         def step(x, pair):
-            after = heun_step(denoise, x, pair[0], pair[1])
-            return after, after if return_path else None
+            return heun_step(denoise, x, pair[0], pair[1]), None
 
-        end, path = jax.lax.scan(step, x, pairs)
-        return _finish(x, path, denoise(end, levels[-1]))
+        end, _ = jax.lax.scan(step, x, pairs)
+        return denoise(end, levels[-1])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,14 +129,7 @@ class Multistep:
         keep = sigmas[1:] / sigmas[:-1] if self.exponential else np.ones(steps)
         return keep, weights
 
-    def solve(
-        self,
-        denoise: Denoiser,
-        x: Image,
-        sigmas: np.ndarray,
-        *,
-        return_path: bool = False,
-    ) -> Image | Path:
+    def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
         """Solve the ODE from `x`; see `Solver`."""
         keep, weights = self.table(sigmas)
         levels, keep, weights = (
@@ -171,11 +144,11 @@ class Multistep:
                 newest = (x - newest) / sigma
             history = jnp.concatenate([newest[None], history[:-1]])
             x = keep * x + jnp.tensordot(weights, history, 1)
-            return (x, history), x if return_path else None
+            return (x, history), None
 
         history = jnp.zeros((weights.shape[1], *x.shape), x.dtype)
-        (end, _), path = jax.lax.scan(step, (x, history), (levels, keep, weights))
-        return _finish(x, path, denoise(end, jnp.asarray(sigmas, x.dtype)[-1]))
+        (end, _), _ = jax.lax.scan(step, (x, history), (levels, keep, weights))
+        return denoise(end, jnp.asarray(sigmas[-1], x.dtype))
 
 
 HEUN = Heun()
@@ -202,39 +175,15 @@ def sample(
     solver: Solver = HEUN,
     steps: int = 18,
     temperature: float | Float[Array, ""] = 1.0,
-    churn: float = 0.0,
-    churn_range: tuple[float, float] = (0.0, math.inf),
-    churn_noise: float = 1.0,
-    return_path: bool = False,
-) -> Image | Path:
+) -> Image:
     """Draw images of `shape` [*batch, row, column, channel].
 
     `steps=1` is the one-step estimate, nearly the mean of all images that the
     condition allows. `temperature` scales the noise from which a draw starts: below 1,
-    images differ less from one another, and unlikely ones are rarer. `churn` > 0 adds
-    noise in every step of Heun's method (`heun_churn`). Raises ValueError for churn
-    with another solver.
+    images differ less from one another, and unlikely ones are rarer.
     """
-    start_key, churn_key = jax.random.split(key) if churn else (key, key)
-    start = temperature * noise.sigma_max * jax.random.normal(start_key, shape)
-    sigmas = solver.levels(steps, noise)
-    if not churn:
-        return solver.solve(denoise, start, sigmas, return_path=return_path)
-    if solver != HEUN:
-        raise ValueError(
-            f"{churn=} with the solver {solver.name!r}, expected 'heun': other solvers "
-            "take no churn"
-        )
-    return heun_churn(
-        churn_key,
-        denoise,
-        start,
-        sigmas,
-        churn=churn,
-        churn_range=churn_range,
-        churn_noise=churn_noise,
-        return_path=return_path,
-    )
+    start = temperature * noise.sigma_max * jax.random.normal(key, shape)
+    return solver.solve(denoise, start, solver.levels(steps, noise))
 
 
 def heun_step(
@@ -248,49 +197,6 @@ def heun_step(
     euler = x + (after - sigma) * slope
     slope_after = (euler - denoise(euler, after)) / after
     return x + (after - sigma) * (slope + slope_after) / 2
-
-
-def heun_churn(
-    key: Key[Array, ""],
-    denoise: Denoiser,
-    x: Image,
-    sigmas: np.ndarray,
-    *,
-    churn: float,
-    churn_range: tuple[float, float] = (0.0, math.inf),
-    churn_noise: float = 1.0,
-    return_path: bool = False,
-) -> Image | Path:
-    """Solve with Heun's method, adding noise in each step (Karras et al., Algorithm 2).
-
-    Levels within `churn_range` (S_min, S_max) are raised by the fraction
-    min(`churn` / N, sqrt 2 - 1), with noise of standard deviation `churn_noise`.
-    """
-    low, high = churn_range
-    raise_by = min(churn / len(sigmas), math.sqrt(2) - 1)
-    raised = np.where((sigmas >= low) & (sigmas <= high), (1 + raise_by), 1.0) * sigmas
-    added = churn_noise * np.sqrt(raised**2 - sigmas**2)
-    raised, added, levels = (jnp.asarray(v, x.dtype) for v in (raised, added, sigmas))
-    keys = jax.random.split(key, len(sigmas))
-
-    def stir(key, x, amount):
-        return x + amount * jax.random.normal(key, x.shape, x.dtype)
-
-    def step(x, given):
-        key, amount, sigma, after = given
-        x = heun_step(denoise, stir(key, x, amount), sigma, after)
-        return x, x if return_path else None
-
-    end, path = jax.lax.scan(step, x, (keys[:-1], added[:-1], raised[:-1], levels[1:]))
-    result = denoise(stir(keys[-1], end, added[-1]), raised[-1])
-    return _finish(x, path, result)
-
-
-def _finish(start, path, result):
-    """The result, or the whole path as one array."""
-    if path is None:
-        return result
-    return jnp.concatenate([start[None], path, result[None]])
 
 
 def _exponential_weights(nodes, step):

@@ -10,12 +10,12 @@
       v                                      ^
     level 2  --blocks--  attention  --blocks-+
 
-The condition has a small tower of its own, which runs once per frame and enters the
-trunk at every level whose grid equals one of its own: radar pixels are never resampled
-to the LiDAR's. Its last layer starts at zero. Fourier features of azimuth and elevation
-enter at the stem and in the detail. Parameters are named by level, not by pixels, so
-the same ones serve any image size, and the trunk's are those of EDM's two published
-forms (`blocks`). Images are [batch, row, column, channel].
+A small separate tower encodes the condition once per frame. Its features enter the
+trunk at every level with an equal grid, so radar pixels are never resampled to the
+LiDAR's; the layers where they enter start at zero. Fourier features of azimuth and
+elevation enter at the stem and in the detail. Parameters are named by level, so they
+fit any image size, and the trunk matches EDM's two published forms (`blocks`). Images
+are [batch, row, column, channel].
 """
 
 import math
@@ -47,7 +47,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "attention_levels": (2,),
         "stem": (1, 4),
     },
-    "small": {  # half the patches of "tiny"
+    "small": {  # patches half as high as those of "tiny"
         "channels": 128,
         "multipliers": (1, 1),
         "blocks": 1,
@@ -71,18 +71,21 @@ PRESETS: dict[str, dict[str, Any]] = {
 
 Image = Float[Array, "batch row column channel"]
 Condition = Float[Array, "batch coarse_row coarse_column slice"]
-Features = Sequence[Float[Array, "_ _ _ _"]]  # of as many conditions as images, or 1
+Features = Sequence[Float[Array, "_ _ _ _"]]  # of one condition per image, or of one
 
 
 class UNet(nn.Module):
-    """F(x; c_noise, condition), as `encode` once per frame and `decode` per step.
+    """F(x; c_noise, condition), split into `encode` per frame and `decode` per step.
 
-    `form` is the kind of block, "adm" or "ddpm++"; `remat` trades time for memory in
-    training; `noise_scale` multiplies c_noise (1000 for OpenAI's networks). Patches of
-    `condition_stem` pixels of the condition make one of its grid. Without
-    `detail_channels` no pixel has a way around the trunk, and a linear map of each
-    patch's features is the head: the image is drawn patch by patch. For comparison
-    `condition_at_input` resizes the condition to the image, as further channels of it.
+    form                 kind of block, "adm" or "ddpm++"
+    stem, condition_stem
+                         pixels of image and condition in one pixel of their grid
+    noise_scale          factor of c_noise (1000 for OpenAI's networks)
+    detail_channels      channels of the full-size path around the trunk; with 0, the
+                         head is a linear map of each patch's features
+    condition_at_input   resize the condition to the image and append its channels
+                         there, instead of the tower (an ablation)
+    remat                save memory in training at the cost of time
     """
 
     channels: int = 64
@@ -102,13 +105,13 @@ class UNet(nn.Module):
     dtype: Any = jnp.float32
 
     def __post_init__(self):
-        """Refuse a form of block that there is not."""
+        """Refuse an unknown form of block."""
         if self.form not in FORMS:
             raise ValueError(f"form = {self.form!r}, expected one of {FORMS}")
         super().__post_init__()
 
     def setup(self):
-        """The tower of the condition and the trunk."""
+        """Define the condition's tower and the trunk."""
         self.tower = ConditionTower(
             self.condition_channels,
             len(self.multipliers),
@@ -133,19 +136,19 @@ class UNet(nn.Module):
     def __call__(
         self, x: Image, c_noise: Float[Array, " batch"], condition: Condition
     ) -> Float[Array, "batch row column output"]:
-        """`encode` and `decode` in one: what training and initialisation call."""
+        """Return `decode` of `encode`, for training and initialisation."""
         return self.decode(x, c_noise, self.encode(condition))
 
     def encode(self, condition: Condition) -> Features:
-        """Features of the condition at its own grid and at each half of it."""
+        """Return features of the condition at its grid and at each half of it."""
         return (condition,) if self.condition_at_input else self.tower(condition)
 
     def decode(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features
     ) -> Float[Array, "batch row column output"]:
-        """Output of the network for noisy images and the condition's features.
+        """Return the output for noisy images and features of the condition.
 
-        Those of one condition serve all images of the batch.
+        Features of one condition are used for all images of the batch.
         """
         if not self.condition_at_input:
             return self.trunk(x, c_noise, features)
@@ -157,7 +160,7 @@ class UNet(nn.Module):
 
 
 class ConditionTower(nn.Module):
-    """Features of the condition on ever coarser grids."""
+    """Features of the condition on coarser and coarser grids."""
 
     channels: int
     levels: int
@@ -166,7 +169,7 @@ class ConditionTower(nn.Module):
 
     @nn.compact
     def __call__(self, condition: Condition) -> Features:
-        """Maps of the grid of patches, of half of it, and so on."""
+        """Return features at the grid of patches, at half of it, and so on."""
         patches = fold(condition, self.stem)
         x = conv(self.channels, self.dtype, name="input")(patches)
         features = []
@@ -186,7 +189,7 @@ class ConditionTower(nn.Module):
 
 
 class Trunk(nn.Module):
-    """Stem, U-Net and head; levels are entered and left as in EDM's networks."""
+    """Stem, U-Net and head; blocks are ordered as in EDM's networks."""
 
     channels: int
     multipliers: tuple[int, ...]
@@ -205,7 +208,7 @@ class Trunk(nn.Module):
     def __call__(
         self, x: Image, c_noise: Float[Array, " batch"], features: Features
     ) -> Float[Array, "batch row column output"]:
-        """Output of the size of `x`. Raises ValueError where the sizes do not halve."""
+        """Return images of the size of `x`. Raises ValueError for unsuitable sizes."""
         self._check(x.shape, features)
         song = self.form == "ddpm++"
         width = [self.channels * m for m in self.multipliers]
@@ -262,7 +265,7 @@ class Trunk(nn.Module):
         return self._head(h, detail)
 
     def _detail(self, x, embedding):
-        """Every pixel's own value, scaled and shifted by the noise level."""
+        """Features of every pixel, scaled and shifted by the noise level."""
         detail = conv(self.detail_channels, self.dtype, name="detail")(x)
         detail += self._angles(self.detail_channels, x, "detail_angles")
         level = self._dense(2 * self.detail_channels, "detail_affine")(embedding)
@@ -270,7 +273,7 @@ class Trunk(nn.Module):
         return detail * (1 + scale) + shift
 
     def _head(self, h, detail):
-        """The trunk's own output, and a correction that sees every pixel."""
+        """The trunk's output plus, with detail, a correction from every pixel."""
         h = nn.silu(
             norm(1e-6 if self.form == "ddpm++" else 1e-5, self.dtype, "norm")(h)
         )
@@ -285,7 +288,7 @@ class Trunk(nn.Module):
         return (unfold(coarse, self.stem) + fine).astype(jnp.float32)
 
     def _add_condition(self, h, features, level):
-        """`h` plus the condition's features of the same grid, which start at zero."""
+        """`h` plus a map of the condition's features at this grid, zero at first."""
         for feature in features:
             if feature.shape[1:3] == h.shape[1:3]:
                 name = f"enc{level}_condition"
@@ -293,7 +296,7 @@ class Trunk(nn.Module):
         return h
 
     def _angles(self, channels, x, name):
-        """A linear map of the angles of all pixels of `x`, one for the whole batch."""
+        """A linear map of the angles of `x`'s pixels, shared by the batch."""
         angles = jnp.asarray(angle_features(*x.shape[1:3]), self.dtype)
         return self._dense(channels, name)(angles)[None]
 
@@ -318,6 +321,6 @@ class Trunk(nn.Module):
         given = [tuple(feature.shape[1:3]) for feature in features]
         if features and not set(grids) & set(given):
             raise ValueError(
-                f"the condition has grids {given}, the network {grids}: none is equal, "
-                "so the condition would be ignored; change the stem or an image size"
+                f"the condition has grids {given}, the network {grids}: none match, "
+                "so the condition would be ignored; change a stem or an image size"
             )

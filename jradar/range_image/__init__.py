@@ -1,11 +1,20 @@
 """Points to range images and back (sections IV-A and IV-B of the paper).
 
-ImageSpec                        field of view and pixels, a static argument
-project, unproject               cloud to image of metres and back
-project_slices, condition_image  one channel per slice of the range axis
-encode_target, decode_target     image of metres to network values and back
-close_gaps                       fills pixels between a LiDAR's beams
-agreed_range                     what several images of one scene agree on
+Pixels
+    ImageSpec                       field of view and pixels, a static argument
+    pixel_of, pixel_directions      points to pixels; pixels to unit vectors
+
+Projection
+    project, unproject              cloud to image of metres, and back
+    project_slices, SliceImages     one image for each slice of the range axis
+
+Values of the network
+    condition_image, CHANNELS       cloud to the network's condition
+    encode_target, decode_target    image of metres to the network's values, and back
+    encode_range, decode_range      the same for the range alone
+    close_gaps, fill_misses         fill pixels between a LiDAR's beams; every pixel
+
+    agreed_range                    the range on which several images agree
 """
 
 from jradar.range_image.agreement import agreed_range as agreed_range

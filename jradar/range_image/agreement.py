@@ -1,9 +1,9 @@
-"""Of several draws of one scene, what they agree on.
+"""The range on which several draws of one scene agree.
 
-A draw is one of the images that the condition allows, and each is wrong elsewhere. A
-score that counts points near the truth is highest, on average, for the range that most
-draws come near, where enough of them do: neither their mean, which hangs between
-surfaces, nor any one of them.
+A draw is one of the images that the condition allows; each has errors in different
+places. A score that counts points near the truth is highest, on average, for the range
+near which most draws lie, if enough of them do. The mean of the draws would hang
+between surfaces.
 """
 
 import functools
@@ -20,16 +20,17 @@ def agreed_range(
     share: float = 0.375,
     tolerance_m: float = 0.2,
 ) -> Float[Array, "row column"]:
-    """The range in metres that most of the draws come near, pixel by pixel.
+    """Return the range in metres near which most draws lie, for each pixel.
 
-    It is the mean of all draws within `tolerance_m` of the one that has the most of
-    them there, the nearer one of two that have as many; 0, a miss, where these are less
-    than `share` of all. Raises ValueError for a share or a tolerance that is none.
+    The largest group of draws within `tolerance_m` of one of them gives its mean; of
+    equally large groups, the one with the smaller mean. Pixels whose group is smaller
+    than `share` of all draws are misses, 0. Raises ValueError for an impossible share
+    or tolerance.
     """
     if not 0 < share <= 1:
-        raise ValueError(f"share={share}, expected more than 0 and at most 1")
+        raise ValueError(f"{share=}, expected more than 0 and at most 1")
     if not tolerance_m > 0:
-        raise ValueError(f"tolerance_m={tolerance_m}, expected metres, more than 0")
+        raise ValueError(f"{tolerance_m=}, expected more than 0 metres")
     hit = images > 0
     near = jnp.abs(images[:, None] - images[None]) <= tolerance_m
     near &= hit[:, None] & hit[None]

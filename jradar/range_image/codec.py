@@ -1,16 +1,18 @@
-"""Images of metres to network values and back.
+"""Images of metres to the network's values, and back.
 
 The target has two channels: the range, coded to -1 .. 1, and the validity, -1 or 1.
-Pixels without a return hold no edge in the range channel: they are filled smoothly
-from their neighbours and recognised by their validity, so that an average of the two
-never hangs a point between surfaces.
+Pixels without a return are marked by their validity alone. Their range is filled
+smoothly from their neighbours, so that smoothing the range channel does not create
+points between surfaces.
 
-The condition has up to three channels per slice: presence, where in the slice the point
-lies (-1 near, 1 far), and its power in decibels below the frame's strongest.
+The condition has up to three channels per slice: presence, the point's place in the
+slice (-1 near, 1 far), and its power in decibels relative to the frame's strongest.
 """
 
 import functools
 import math
+from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,48 +22,66 @@ from jradar.range_image.grid import ImageSpec
 from jradar.range_image.projection import project_slices
 from jradar.types import PointCloud
 
-CODECS = ("log", "linear", "inverse")
 CHANNELS = ("presence", "range", "power")  # of each slice of the condition
-DYNAMIC_RANGE_DB = 60.0  # weaker points than this below the strongest count as 0
+DYNAMIC_RANGE_DB = 60.0  # power further below the strongest point is coded as 0
 
 Image = Float[Array, "*batch row column"]
 Target = Float[Array, "*batch row column 2"]
 
 
+class Codec(NamedTuple):
+    """A pair of inverse functions of (value, max_range_m)."""
+
+    encode: Callable[[Array, float], Array]  # metres to 0 .. 1
+    decode: Callable[[Array, float], Array]  # 0 .. 1 to metres
+
+
+def _decode_inverse(unit, most):
+    share = unit * (most / (1 + most))
+    return share / (1 - share)
+
+
+CODECS = {
+    "log": Codec(
+        lambda r, most: jnp.log1p(r) / math.log1p(most),
+        lambda unit, most: jnp.expm1(unit * math.log1p(most)),
+    ),
+    "linear": Codec(lambda r, most: r / most, lambda unit, most: unit * most),
+    "inverse": Codec(
+        lambda r, most: r / (1 + r) * ((1 + most) / most), _decode_inverse
+    ),
+}
+
+
 def encode_range(
     range_m: Float[Array, "..."], *, max_range_m: float, codec: str = "log"
 ) -> Float[Array, "..."]:
-    """Metres from 0 to `max_range_m` to -1 .. 1; what lies beyond becomes 1."""
+    """Return -1 .. 1 for 0 .. `max_range_m` metres, and 1 beyond.
+
+    Raises ValueError for a codec that is not in `CODECS`.
+    """
     r = jnp.clip(range_m, 0.0, max_range_m)
-    if codec == "log":
-        unit = jnp.log1p(r) / math.log1p(max_range_m)
-    elif codec == "linear":
-        unit = r / max_range_m
-    elif codec == "inverse":
-        unit = r / (1 + r) * ((1 + max_range_m) / max_range_m)
-    else:
-        raise ValueError(f"codec {codec!r}, expected one of {CODECS}")
-    return 2 * unit - 1
+    return 2 * _codec(codec).encode(r, max_range_m) - 1
 
 
 def decode_range(
     value: Float[Array, "..."], *, max_range_m: float, codec: str = "log"
 ) -> Float[Array, "..."]:
-    """Inverse of `encode_range`; values outside -1 .. 1 are clipped first."""
+    """Return metres: the inverse of `encode_range`, of values clipped to -1 .. 1."""
     unit = (jnp.clip(value, -1.0, 1.0) + 1) / 2
-    if codec == "log":
-        return jnp.expm1(unit * math.log1p(max_range_m))
-    if codec == "linear":
-        return unit * max_range_m
-    if codec == "inverse":
-        share = unit * (max_range_m / (1 + max_range_m))
-        return share / (1 - share)
-    raise ValueError(f"codec {codec!r}, expected one of {CODECS}")
+    return _codec(codec).decode(unit, max_range_m)
+
+
+def _codec(name):
+    """The codec of this name."""
+    if name not in CODECS:
+        raise ValueError(f"codec = {name!r}, expected one of {[*CODECS]}")
+    return CODECS[name]
 
 
 @functools.partial(jax.jit, static_argnames=("spec", "codec"))
 def encode_target(image: Image, spec: ImageSpec, *, codec: str = "log") -> Target:
-    """Range image in metres, 0 for a miss, to range code and validity."""
+    """Return range code and validity of an image in metres, where a miss is 0."""
     hit = image > 0
     code = encode_range(image, max_range_m=spec.max_range_m, codec=codec)
     return jnp.stack([fill_misses(code, hit), jnp.where(hit, 1.0, -1.0)], -1)
@@ -75,7 +95,7 @@ def decode_target(
     codec: str = "log",
     validity_threshold: float | Float[Array, ""] = 0.0,
 ) -> Image:
-    """Range image in metres; 0 where the validity is not above the threshold."""
+    """Return the image in metres, 0 where the validity is not above the threshold."""
     range_m = decode_range(values[..., 0], max_range_m=spec.max_range_m, codec=codec)
     return jnp.where(values[..., 1] > validity_threshold, range_m, 0.0)
 
@@ -88,9 +108,10 @@ def condition_image(
     num_slices: int,
     channels: tuple[str, ...] = CHANNELS,
 ) -> Float[Array, "row column channel"]:
-    """What the network sees of a radar cloud, `len(channels) * num_slices` channels.
+    """Return the network's input for a radar cloud.
 
-    One cloud; `vmap` it. Raises ValueError for a channel that there is not.
+    It has `len(channels) * num_slices` channels. One cloud; `vmap` it. Raises
+    ValueError for a channel that is not in `CHANNELS`.
     """
     if unknown := [name for name in channels if name not in CHANNELS]:
         raise ValueError(f"channel {unknown[0]!r}, expected some of {CHANNELS}")
@@ -109,12 +130,12 @@ def condition_image(
 
 @functools.partial(jax.jit, static_argnames=("reach", "agreement"))
 def close_gaps(image: Image, *, reach: int = 2, agreement: float = 0.05) -> Image:
-    """`image` of metres with the pixels between neighbouring beams filled.
+    """Return `image`, in metres, with the pixels between a LiDAR's beams filled.
 
-    An image is finer than a LiDAR's beams, so that a wall has empty pixels in a pattern
-    that no radar can tell. One between two returns that face each other, in a row, a
-    column or a diagonal, at most `reach` pixels away, lies on the line between them; on
-    the nearer one where their ranges differ by more than the share `agreement`.
+    An image is finer than a LiDAR's beams, so a wall has a pattern of empty pixels that
+    a radar cannot predict. An empty pixel with returns on opposite sides, in its row,
+    column or diagonals and at most `reach` pixels away, is interpolated between them.
+    It takes the nearer range if the two differ by more than the fraction `agreement`.
     """
     margin = [(0, 0)] * (image.ndim - 2) + [(reach, reach)] * 2
     padded = jnp.pad(image, margin)
@@ -138,17 +159,17 @@ def close_gaps(image: Image, *, reach: int = 2, agreement: float = 0.05) -> Imag
 
 
 def fill_misses(value: Image, hit: Bool[Array, "*batch row column"]) -> Image:
-    """`value` where `hit`, elsewhere a smooth continuation; 0 if nothing was hit.
+    """Return `value` with pixels outside `hit` continued smoothly, or 0 without hits.
 
-    Averages the hits over ever larger blocks, and fills each miss from the smallest
-    block that holds one.
+    Hits are averaged over larger and larger blocks. Each miss is filled from the
+    smallest block that contains a hit.
     """
     weight = hit.astype(value.dtype)
     return _fill(value * weight, weight)
 
 
 def _fill(total, weight):
-    """Weighted sums to their means, the empty ones from blocks of 2 x 2 pixels."""
+    """Means of weighted sums; those of weight 0 come from blocks of 2 x 2 pixels."""
     mean = total / jnp.maximum(weight, 1e-12)
     height, width = weight.shape[-2:]
     if height == width == 1:

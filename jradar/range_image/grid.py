@@ -1,4 +1,4 @@
-"""The range image's pixels: which direction each one looks in (Eq. 7).
+"""The directions of a range image's pixels (Eq. 7).
 
     row 0       +----------------------+   highest elevation
       |         |                      |
@@ -7,7 +7,7 @@
               column 0  -->  column W-1
               right edge       left edge   (azimuth is positive to the left)
 
-Rows and columns are equal steps of angle, as in the paper; pictures mirror the columns.
+Rows and columns are equal steps of angle, as in the paper. Figures mirror the columns.
 """
 
 import dataclasses
@@ -19,9 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-# arctan(t) = t (c0 + c1 t^2 + ... + c8 t^16) on 0 .. 1 within 6e-9 radians: a least-
-# squares fit, reweighted by its own error until that was level. The library's arctan2
-# and arccos are not vectorised on CPUs and took nine tenths of a projection's time.
+# arctan(t) = t (c0 + c1 t^2 + ... + c8 t^16) on 0 .. 1, a least-squares fit within 6e-9
+# radians. XLA's arctan2 and arccos are slow on CPUs, because they are not vectorised.
 _ARCTAN = (
     0.999999881,
     -0.333325982,
@@ -48,7 +47,9 @@ class ImageSpec:
     def __post_init__(self):
         """Refuse an image without pixels or with an impossible field of view."""
         if self.height < 1 or self.width < 1:
-            raise ValueError(f"image of {self.height} x {self.width} pixels")
+            raise ValueError(
+                f"image of {self.height} x {self.width} pixels, expected 1 or more"
+            )
         for name, limit in (("azimuth", math.pi), ("elevation", math.pi / 2)):
             low, high = getattr(self, name)
             if not -limit <= low < high <= limit:
@@ -57,11 +58,13 @@ class ImageSpec:
                     f"+-{limit:.4f} radians"
                 )
         if not 0 < self.max_range_m < math.inf:
-            raise ValueError(f"max_range_m = {self.max_range_m}, expected more than 0")
+            raise ValueError(
+                f"max_range_m = {self.max_range_m}, expected more than 0 and finite"
+            )
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Return the numbers of rows and columns."""
         return self.height, self.width
 
 
@@ -74,10 +77,10 @@ def pixel_of(
     Float[Array, "*batch"],
     Bool[Array, "*batch"],
 ]:
-    """Row, column and range in metres of points, and whether they are in the image.
+    """Return row, column and range in metres of points, and True for points inside.
 
     Eq. 7. Intervals are half open: the highest azimuth and the lowest elevation are
-    outside, as are NaN, the origin and what lies beyond the maximum range.
+    outside. So are NaN, the origin and points beyond the maximum range.
     """
     x, y, z = jnp.moveaxis(xyz, -1, 0)
     ground = x * x + y * y
@@ -97,7 +100,7 @@ def pixel_of(
 
 
 def pixel_directions(spec: ImageSpec) -> np.ndarray:
-    """Unit vectors through the pixels' centres, `[row, column, 3]`, on the host."""
+    """Return unit vectors through pixel centres, `[row, column, 3]`, on the host."""
     row, column = np.arange(spec.height) + 0.5, np.arange(spec.width) + 0.5
     azimuth = spec.azimuth[0] + column / _per_radian(spec.width, spec.azimuth)
     elevation = spec.elevation[1] - row / _per_radian(spec.height, spec.elevation)
@@ -108,7 +111,7 @@ def pixel_directions(spec: ImageSpec) -> np.ndarray:
 
 
 def _arctan2(y, x):
-    """Angle of (x, y) within 3e-7 radians in float32; 0 at the origin, no gradient."""
+    """The angle of (x, y) within 3e-7 radians, without gradient; 0 at the origin."""
     x, y = jax.lax.stop_gradient((x, y))
     low, high = jnp.minimum(abs(x), abs(y)), jnp.maximum(abs(x), abs(y))
     ratio = low / jnp.where(high > 0, high, 1.0)

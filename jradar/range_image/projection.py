@@ -1,8 +1,8 @@
-"""Scattering points to range images, nearest point first, and back.
+"""Points to range images that keep the nearest point of each pixel, and back.
 
-An image holds metres, and 0 where no point fell. With slices, the range axis is cut
-into equal parts, each projected by itself, so that far points are not hidden by near
-ones (section IV-B). One cloud at a time; `vmap` it.
+An image holds metres, and 0 where no point fell. Slices are equal parts of the range
+axis, each with an image of its own, so that near points do not hide far ones (section
+IV-B). One cloud at a time; `vmap` it.
 """
 
 import functools
@@ -18,9 +18,10 @@ from jradar.types import PointCloud
 
 
 class SliceImages(NamedTuple):
-    """The nearest point of each pixel and slice, 0 where none.
+    """The nearest point of each pixel and slice, 0 without a point.
 
-    Metres, linear power and metres per second; velocity is None if not measured.
+    Units are metres, linear power and metres per second; velocity is None if it was not
+    measured.
     """
 
     range_m: Float[Array, "*batch row column slice"]
@@ -30,7 +31,7 @@ class SliceImages(NamedTuple):
 
 @functools.partial(jax.jit, static_argnames="spec")
 def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
-    """Range image of a cloud, in metres; 0 where no point fell."""
+    """Return the range image of a cloud in metres, 0 where no point fell."""
     row, column, distance, inside = pixel_of(cloud.xyz, spec)
     size = spec.height * spec.width
     pixel = jnp.where(inside & cloud.valid, row * spec.width + column, size)
@@ -42,13 +43,13 @@ def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
 def project_slices(
     cloud: PointCloud, spec: ImageSpec, *, num_slices: int
 ) -> SliceImages:
-    """Range image of each of `num_slices` equal parts of the range axis.
+    """Return a range image of each of `num_slices` equal parts of the range axis.
 
-    A cloud that measured no power has power 1. Where two points of a pixel are equally
-    near, the stronger one's power and velocity are kept.
+    A cloud without power has power 1. Of equally near points in a pixel, the power and
+    velocity of the strongest are kept.
     """
-    # The barrier: a distance computed twice could differ in its last bit, and then the
-    # nearest point would not be found again.
+    # Without the barrier, XLA could compute a distance twice with a different last bit,
+    # and the nearest point would not be found again.
     row, column, distance, inside = jax.lax.optimization_barrier(
         pixel_of(cloud.xyz, spec)
     )
@@ -77,7 +78,7 @@ def project_slices(
 
 @functools.partial(jax.jit, static_argnames="spec")
 def unproject(image: Float[Array, "*batch row column"], spec: ImageSpec) -> PointCloud:
-    """Cloud of one point per pixel, at its centre; pixels of 0 metres are invalid."""
+    """Return a point at the centre of each pixel; pixels of 0 metres are invalid."""
     if image.shape[-2:] != spec.shape:
         raise ValueError(
             f"image has shape {image.shape}, expected [..., *{spec.shape}]"
@@ -90,9 +91,9 @@ def unproject(image: Float[Array, "*batch row column"], spec: ImageSpec) -> Poin
 
 
 def _scatter_min(values, index, size):
-    """Smallest value of each of `size` pixels, infinite where none; `size` drops one.
+    """The smallest value of each of `size` pixels, or infinity; drops index `size`.
 
-    One flat index: a scatter to rows and columns takes longer.
+    A scatter with one flat index is faster than one with row and column.
     """
     return jnp.full(size, jnp.inf, values.dtype).at[index].min(values, mode="drop")
 
