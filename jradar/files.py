@@ -1,4 +1,4 @@
-"""Writing files so that nothing half-written is left behind; locks; JAX's cache."""
+"""Atomic writing, locked folders, and JAX's cache of compiled programs."""
 
 import contextlib
 import fcntl
@@ -10,12 +10,15 @@ from pathlib import Path
 
 
 class FolderLocked(OSError):
-    """Another process holds the folder."""
+    """Another process has locked the folder."""
 
 
 @contextlib.contextmanager
 def lock_folder(folder: Path | str) -> Iterator[None]:
-    """Hold a folder, which is made if need be; FolderLocked if another process does."""
+    """Lock a folder, created if missing.
+
+    Raises FolderLocked, with the other process's number, if another one has locked it.
+    """
     path = Path(folder) / ".lock"
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a+") as lock:
@@ -25,7 +28,8 @@ def lock_folder(folder: Path | str) -> Iterator[None]:
             lock.seek(0)
             holder = lock.read(20).strip() or "unknown"
             raise FolderLocked(
-                f"another process ({holder}) is running in {folder}"
+                f"another process ({holder}) is running in {folder}: wait for it, or "
+                "choose another folder"
             ) from error
         lock.seek(0)
         lock.truncate()
@@ -36,10 +40,11 @@ def lock_folder(folder: Path | str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def atomic_path(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; it takes `path`'s place on success only.
+    """Yield a temporary path beside `path`, and move it to `path` on success.
 
-    Works for a file and for a folder (make it with `mkdir`); missing parents are made.
-    The temporary path keeps the suffix, which writers such as `np.savez` look at.
+    It works for a file and for a folder, which the caller creates with `mkdir`. Missing
+    parents are created. The temporary path keeps the name, because writers such as
+    `np.savez` look at its suffix.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,10 +65,10 @@ def write_text(path: Path | str, text: str) -> None:
 
 
 def use_compilation_cache() -> None:
-    """Let JAX keep what it compiles in ~/.cache/jradar, for this process and its own.
+    """Let JAX keep compiled programs in ~/.cache/jradar, also in child processes.
 
-    To be called before JAX is imported. XDG_CACHE_HOME moves the folder, JAX's own
-    variables win, JRADAR_CACHE=off leaves it.
+    Call it before JAX is imported. XDG_CACHE_HOME moves the folder, JAX's own variables
+    take precedence, and JRADAR_CACHE=off disables it.
     """
     if os.environ.get("JRADAR_CACHE") == "off":
         return

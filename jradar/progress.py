@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal, a line every ten seconds elsewhere."""
+"""Progress on stderr: a bar on a terminal, otherwise a line every ten seconds."""
 
 import contextlib
 import datetime
@@ -16,9 +16,9 @@ Show = Callable[..., None]
 def progress(
     what: str, total: int, *, first: int = 0, unit: str = ""
 ) -> Iterator[Show]:
-    """Yield `show(done, note)`, to be called as `done` rises from `first` to `total`.
+    """Yield `show(done, note)`, to call as `done` rises from `first` to `total`.
 
-    The rate leaves out the first item, in which JAX compiles.
+    The printed rate leaves out the first item, during which JAX compiles.
     """
     if sys.stderr.isatty():
         with _bar(what, total, first, unit) as show:
@@ -50,7 +50,7 @@ def _bar(what, total, first, unit):
 
 
 def _lines(what, total, first, unit):
-    """Prints a line when ten seconds have passed since the last, and at the end."""
+    """Print a line ten seconds after the last one, and at the end."""
     rate, printed = _Rate(first, total, unit), {"at": -math.inf, "done": first - 1}
 
     def show(done, note=""):
@@ -65,7 +65,7 @@ def _lines(what, total, first, unit):
 
 
 class _Rate:
-    """Items per second since the first one, and the time that is left."""
+    """Items per second since the first one, and the remaining time."""
 
     def __init__(self, first, total, unit):
         self.first, self.total, self.unit = first, total, unit

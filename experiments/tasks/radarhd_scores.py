@@ -1,13 +1,14 @@
 """Scores of occupancy images in the plane: limits, table, picture."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
@@ -157,6 +158,47 @@ def picture(
     for name, draw in draws.items():
         images = np.asarray(draw(key, condition))
         columns[name] = [polar_to_points(image > limits[name]) for image in images]
-    return viz.plane_figure(
+    return plane_figure(
         np.asarray(condition[..., 0]), columns, max_range_m=LIDAR.max_range_m
     )
+
+
+def plane_figure(
+    radar: Float[np.ndarray, "frame range azimuth"],
+    clouds: Mapping[str, Sequence[np.ndarray]],
+    *,
+    max_range_m: float,
+) -> Figure:
+    """Draw polar radar images and clouds of the same frames in the plane, from above.
+
+    A row for each frame, a column for each name of `clouds`; forward is up. Images have
+    ranges from 0 to `max_range_m` and azimuths from -90 to 90 degrees.
+    """
+    rows, columns = len(radar), 1 + len(clouds)
+    figure = Figure(figsize=(3.2 * columns, 1.9 * rows + 0.4), layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    distance, azimuth = np.meshgrid(
+        np.linspace(0, max_range_m, radar.shape[1]),
+        np.linspace(-np.pi / 2, np.pi / 2, radar.shape[2]),
+        indexing="ij",
+    )
+    for row, image in enumerate(radar):
+        axes[row, 0].pcolormesh(
+            distance * np.sin(azimuth),
+            distance * np.cos(azimuth),
+            np.asarray(image),
+            cmap="magma",
+            shading="gouraud",
+            rasterized=True,
+        )
+        for axis, found in zip(axes[row, 1:], clouds.values(), strict=True):
+            axis.plot(found[row][:, 1], found[row][:, 0], ".", ms=1.2, color="black")
+    for axis, name in zip(axes[0], ("radar", *clouds), strict=True):
+        axis.set_title(name, fontsize=9)
+    for axis in axes.flat:
+        axis.set(
+            aspect="equal", xlim=(max_range_m, -max_range_m), ylim=(0, max_range_m)
+        )
+    figure.supxlabel("left and right (m)", fontsize=9)
+    figure.supylabel("forward (m)", fontsize=9)
+    return figure

@@ -1,16 +1,16 @@
-"""Methods scored frame by frame against LiDAR: tables, intervals, comparisons.
+"""Scores of methods against LiDAR: tables, intervals, comparisons, reports.
 
-score_frames                     scores of each method on each frame of a sequence
-write_scores, read_scores        the file of scores, from which all else is made
+score_frames, Method, Truth      scores of each method on each frame of a sequence
+write_scores, read_scores        the file of scores, the source of all that follows
 mean_interval, Estimate          means of correlated frames, with intervals
 compare_paired, compare_methods, Comparison
-                                 do two methods differ, frame by frame?
+                                 paired tests of two methods
 summarise, markdown, scenes_table, overview, csv_table, write_tables
-                                 tables: of all scores, the paper's, for spreadsheets
+                                 tables of all scores, the paper's tables, CSV
 read_runs, comparison_table      several runs side by side
 runs_table, frames_csv           one run minus another, frame by frame
-save_clouds, load_clouds         clouds of a few frames, kept with the scores
-build_report, open_report        a run's tables, curves and clouds in one HTML file
+save_clouds, load_clouds         clouds of a few frames
+build_report, open_report        tables, curves and clouds of a run in one HTML file
 """
 
 from jradar.evaluation.methods import (

@@ -1,10 +1,9 @@
-"""Each method is a function from a frame to a cloud; all are timed and scored alike.
+"""Scores of methods: functions from a frame to a cloud, timed and scored alike.
 
-A frame is whatever the methods and the truths know how to read: a pair of images, an
-item of a data set. The truth is a function of the frame too, so that one run can score
-against several: the points of the LiDAR, and the same after their range image. It stays
-on the host: the number of points changes from frame to frame, and JAX would compile
-for each.
+A frame is any object that the methods and truths can read, such as a pair of images. A
+truth is a function of the frame too, so that one run can score against several: the
+LiDAR's points, and the same points after their range image. Truths stay on the host:
+their number of points changes from frame to frame, and JAX would compile for each.
 """
 
 import math
@@ -34,18 +33,19 @@ def score_frames(
     sequence: str = "",
     warm_up: bool = True,
 ) -> Iterator[dict[str, Any]]:
-    """Scores of each method on each frame of one sequence, against each truth.
+    """Yield the scores of each method on each frame of a sequence, against each truth.
 
-    `frames` gives its length and `frames[i]`, in the order of time; a truth returns a
-    frame's points `[point, 3]`; rows are those of `scores.py`. The same key for a frame
-    serves all methods.
-    `milliseconds` is the wall time of the method on that frame until its cloud is
-    computed; a call on the first frame, not counted, has compiled it (`warm_up=False`:
-    another sequence's has). A method whose shapes change from frame to frame compiles
-    again, and that counts.
+    `frames` is a sequence in order of time; a truth returns a frame's points
+    `[point, 3]`; rows have the fields of `scores`. All methods get the same key for a
+    frame.
+
+    `milliseconds` is the wall time of the method until its cloud is computed. An
+    uncounted call on the first frame compiles the method, unless `warm_up` is False.
     """
     if not methods or not truths:
-        raise ValueError(f"{len(methods)} methods and {len(truths)} truths to score")
+        raise ValueError(
+            f"{len(methods)} methods and {len(truths)} truths, expected 1 or more each"
+        )
     for index in range(len(frames)):
         frame, frame_key = frames[index], jax.random.fold_in(key, index)
         true_points = {name: truth(frame) for name, truth in truths.items()}
@@ -70,7 +70,7 @@ def score_frames(
 
 
 def _scores(found, truth):
-    """Scores by name: of an empty cloud no distance and F of 0."""
+    """Scores by name; an empty cloud has no distances and F-scores of 0."""
     if not len(found) or not len(truth):
         f_score = 0.0 if len(truth) else math.nan
         return dict.fromkeys(DISTANCES, math.nan) | dict.fromkeys(F_SCORES, f_score)

@@ -1,13 +1,13 @@
-"""A run's report: built from what its evaluation left in the run's folder.
+"""A run's report, built from the files of its evaluation.
 
     RUN/metrics.jsonl                 learning curves
     RUN/evaluation/frames.jsonl       scores: tables, error curves
-    RUN/evaluation/clouds.npz         clouds of a few frames, to turn
+    RUN/evaluation/clouds.npz         clouds of a few frames
     RUN/evaluation/*.png              pictures
     RUN/evaluation/report.html        all of them in one file
 
-Only the scores must be there. Beside the report stand its own pictures, curves.png
-(Fig. 6), clouds.png (Fig. 5) and training.png, and each cloud as
+Only the scores are required. The report's own pictures are written beside it:
+curves.png (Fig. 6), clouds.png (Fig. 5) and training.png, and each cloud as
 clouds/SEQUENCE_FRAME/NAME.ply.
 """
 
@@ -40,7 +40,7 @@ from jradar.viz import (
     error_curves_figure,
     learning_curve_figure,
     save_figure,
-    write_report,
+    write_page,
 )
 
 MAX_CLOUD_BYTES = 1 << 30
@@ -66,7 +66,7 @@ def save_clouds(
 
 
 def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.ndarray]]:
-    """Clouds from a file of `save_clouds`; ValueError where it is damaged."""
+    """Return the clouds of `save_clouds`. Raises ValueError for a damaged file."""
     clouds: dict[tuple[str, str, int], dict[str, np.ndarray]] = {}
     try:
         with zipfile.ZipFile(path) as archive:
@@ -90,7 +90,7 @@ def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.nda
 def build_report(run: Path | str) -> Path:
     """Write `RUN/evaluation/report.html` and return its path.
 
-    Raises FileNotFoundError where the run was not evaluated.
+    Raises FileNotFoundError if the run was not evaluated.
     """
     run = Path(run)
     folder = run / "evaluation"
@@ -132,7 +132,7 @@ def build_report(run: Path | str) -> Path:
     figures |= {path.stem: path for path in others}
     path = folder / "report.html"
     title = f"{run.resolve().name}: {', '.join(errors)}"
-    write_report(
+    write_page(
         path,
         title=title,
         tables=tables,
@@ -144,7 +144,7 @@ def build_report(run: Path | str) -> Path:
 
 
 def _write_clouds(folder: Path, clouds) -> None:
-    """Every cloud as PLY, in place of those that were there."""
+    """Write every cloud as PLY, replacing earlier ones."""
     with atomic_path(folder) as scratch:
         scratch.mkdir()
         for (_, sequence, frame), named in clouds.items():
@@ -156,9 +156,9 @@ def _write_clouds(folder: Path, clouds) -> None:
 
 
 def open_report(run: Path | str, *, show: bool = True) -> Path:
-    """Path of the run's report, built where it is missing or older than its parts.
+    """Return the path of the run's report, and open it in a browser if `show`.
 
-    Opened in a browser unless `show` is False or there is none.
+    A report that is missing or older than its parts is built first.
     """
     run = Path(run)
     path = run / "evaluation" / "report.html"
@@ -173,9 +173,9 @@ def open_report(run: Path | str, *, show: bool = True) -> Path:
 
 
 def _clouds_figure(clouds) -> Figure:
-    """The first frame of each scene, sparse clouds with larger points.
+    """The first frame of each scene; sparse clouds have larger points.
 
-    Of the four detectors only OS-CFAR, as in the paper.
+    OS-CFAR stands for all detectors, as in the paper.
     """
     scenes: dict[str, dict[str, np.ndarray]] = {}
     for (scene, _, _), named in clouds.items():
@@ -188,7 +188,7 @@ def _clouds_figure(clouds) -> Figure:
 
 
 def _frames(clouds, scores: Scores) -> Sequence[CloudFrame]:
-    """Clouds beside their scores, as printed."""
+    """Clouds with their scores as printed."""
     texts: dict[tuple, dict[str, dict[str, str]]] = {}
     for row in scores:
         place = (row["scene"], row["sequence"], row["frame"])

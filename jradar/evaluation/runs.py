@@ -1,4 +1,4 @@
-"""Several runs side by side: their scores as one list, and who differs from whom."""
+"""Several runs side by side: merged scores, and tests of their differences."""
 
 import csv
 import io
@@ -16,16 +16,18 @@ COMPARED = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
 
 def read_runs(runs: Sequence[Path | str]) -> Scores:
-    """Scores of several runs' folders; rows of a run's method are named after both.
+    """Return the scores of several runs, with methods named "method (run)".
 
-    A method that only one run has keeps its own name, as does one that scored exactly
-    the same in all: a baseline on the same frames.
+    A method keeps its name if only one run has it, or if its scores are the same in all
+    runs, as for a baseline on the same frames.
     """
     found = {}
     for run in map(Path, runs):
         name = run.resolve().name
         if name in found:
-            raise ValueError(f"two runs are called {name}: {[str(r) for r in runs]}")
+            raise ValueError(
+                f"two runs are called {name}: {[str(r) for r in runs]}; rename one"
+            )
         found[name] = read_scores(run / "evaluation" / "frames.jsonl")
     versions: dict[str, set] = {}
     for scores in found.values():
@@ -52,15 +54,18 @@ def comparison_table(
     score: str = "chamfer",
     truth: str | None = None,
 ) -> str:
-    """Each method minus `reference` on the same frames, in Markdown, scenes pooled.
+    """Return each method minus `reference` on the same frames, as a Markdown table.
 
-    With the 95 % interval and both p-values of `compare_paired`; `truth` is the first
-    one unless named. Raises ValueError where nothing is called `reference`.
+    Scenes are pooled. Columns are the difference, its 95 % interval and both p-values
+    of `compare_paired`. `truth` is by default the first one. Raises ValueError if no
+    method is called `reference`.
     """
     against = truth or str(scores[0]["truth"])
     by_method = _by_method(scores, against)
     if reference not in by_method:
-        raise ValueError(f"{reference=} is none of {[*by_method]} against {against!r}")
+        raise ValueError(
+            f"{reference=}, expected one of {[*by_method]} against {against!r}"
+        )
     lines = [
         f"| {COLUMNS[score]}, minus {reference} | difference | 95 % interval "
         "| p, t-test | p, sign flips | frames | left out |",
@@ -78,11 +83,11 @@ def comparison_table(
 def runs_table(
     key: Key[Array, ""], first: Scores, second: Scores, *, truth: str | None = None
 ) -> str:
-    """Each method in the second run minus the same in the first, frame by frame.
+    """Return the second run minus the first, frame by frame, as a Markdown table.
 
-    Markdown, a line for each method and score, columns as in `comparison_table`.
-    Methods that scored the same in both are left out. Raises ValueError where the runs
-    have no method in common.
+    A line for each method and score; columns as in `comparison_table`. Methods with the
+    same scores in both are only named. Raises ValueError if the runs have no method in
+    common.
     """
     against = truth or str(first[0]["truth"])
     sides = [_by_method(scores, against) for scores in (first, second)]
@@ -112,7 +117,7 @@ def runs_table(
 
 
 def frames_csv(first: Scores, second: Scores) -> str:
-    """Every frame's scores in both runs and their difference, as CSV."""
+    """Return every frame's scores in both runs and their difference, as CSV."""
     found = {tuple(row[f] for f in IDENTITY): row for row in first}
     text = io.StringIO()
     write = csv.writer(text, lineterminator="\n").writerow
@@ -145,7 +150,7 @@ def _cells(found: Comparison, score: str) -> str:
 
 
 def _results(scores, method):
-    """What a method scored, times aside, as something to compare; NaN equals NaN."""
+    """A method's scores without times, such that NaN equals NaN."""
     return tuple(
         repr([value for field, value in row.items() if field != "milliseconds"])
         for row in scores

@@ -5,9 +5,9 @@
      "milliseconds": 3.1, "chamfer": 2.41, "modified_hausdorff": 0.31,
      "f_score_0.1": 0.21, "f_score_0.2": 0.33, "f_score_0.5": 0.58}
 
-Distances are in metres, F-scores 0 .. 1, NaN is written as null. Tables, curves and
-comparisons are made from this file alone. A frame where the method found nothing has no
-distances and F-scores of 0; where the truth is empty there are no scores at all.
+Distances are in metres, F-scores from 0 to 1, and NaN is written as null. Tables,
+curves and comparisons are made from this file alone. A frame in which the method found
+nothing has no distances and F-scores of 0; a frame with an empty truth has no scores.
 """
 
 import json
@@ -39,15 +39,15 @@ def write_scores(path: Path | str, scores: Iterable[dict[str, Any]]) -> None:
 
 
 def read_scores(path: Path | str) -> Scores:
-    """Scores from a file of `write_scores`, null as NaN.
+    """Return the scores of a file of `write_scores`, null as NaN.
 
-    Raises ValueError, naming the line, where a field is missing, unknown, of the wrong
-    kind or out of its range, and where a frame's score stands twice.
+    Raises ValueError, naming the line, for a field that is missing, unknown, of the
+    wrong type or out of range, and for a frame that is scored twice.
     """
     path = Path(path)
     size = path.stat().st_size
     if size > MAX_BYTES:
-        raise ValueError(f"{path} holds {size} bytes, more than {MAX_BYTES}")
+        raise ValueError(f"{path} holds {size:,} bytes, expected at most {MAX_BYTES:,}")
     scores: Scores = []
     seen: dict[tuple, int] = {}
     with path.open(encoding="utf-8", errors="replace") as lines:
@@ -66,14 +66,14 @@ def read_scores(path: Path | str) -> Scores:
                 )
             scores.append(row)
     if not scores:
-        raise ValueError(f"{path} holds no scores")
+        raise ValueError(f"{path} holds no scores: evaluate the run first")
     return scores
 
 
 def _checked(row):
     """The row with NaN for null, or ValueError."""
     if not isinstance(row, dict):
-        raise ValueError(f"{row!r:.60} is no object")
+        raise ValueError(f"{row!r:.60} is not a JSON object")
     missing, unknown = set(FIELDS) - set(row), set(row) - set(FIELDS)
     if missing or unknown:
         what = "lacks" if missing else "has unknown fields"

@@ -1,16 +1,17 @@
 """Means over frames that are not independent, and their comparison.
 
-Neighbouring frames see almost the same room: a thousand frames may say no more than
-thirty independent ones. The variance of a mean is the sum of the autocovariance over
-all pairs of frames; beyond the lag where it is lost in noise the sum stops (the initial
-positive sequence of Geyer, "Practical Markov chain Monte Carlo", 1992). Autocovariance
-is counted within each sequence, around the mean of all, and summed over sequences: if
-sequences differ more than their frames do, they become the units that count.
+Neighbouring frames see almost the same room, so a thousand frames may hold no more
+information than thirty independent ones. The variance of a mean is the sum of the
+autocovariance over all pairs of frames. The sum stops at the lag beyond which noise
+dominates (the initial positive sequence of Geyer, "Practical Markov chain Monte
+Carlo", 1992). Autocovariance is computed within each sequence, around the mean of all
+sequences, and summed over sequences: if sequences differ more than their frames do,
+they become the independent units.
 
-Deviations from a sample's own mean are too small. With `share` the part of all pairs
-that the sum holds, its expectation is `1 - share` of the truth, which is divided out,
-and the estimate has about `1 / share` degrees of freedom. An interval from a few
-correlation lengths is wide, as it should be.
+Deviations from a sample's own mean are too small. If the sum holds the fraction `share`
+of all pairs, its expectation is `1 - share` of the true variance. That factor is
+divided out, and the estimate has about `1 / share` degrees of freedom, so an interval
+from few correlation lengths is wide.
 """
 
 from collections.abc import Sequence
@@ -26,13 +27,13 @@ Series = Sequence[Sequence[float | int] | np.ndarray]
 
 
 class Estimate(NamedTuple):
-    """A mean, its confidence interval and what stands behind it."""
+    """A mean and its confidence interval."""
 
     mean: float
     low: float
     high: float
     frames: int  # finite values
-    effective: float  # as many independent frames would give this interval
+    effective: float  # independent frames that would give this interval
 
     @property
     def half_width(self) -> float:
@@ -50,9 +51,10 @@ class Comparison(NamedTuple):
 
 
 def mean_interval(sequences: Series, *, confidence: float = 0.95) -> Estimate:
-    """Mean over the frames of sequences, each in the order of time; NaN is left out.
+    """Return the mean over all frames, without NaN, and its confidence interval.
 
-    The interval is NaN where there are fewer than two finite values.
+    Each sequence is in order of time. The interval is NaN for fewer than two finite
+    values.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"{confidence=}, expected between 0 and 1")

@@ -1,7 +1,7 @@
 """Tables from scores: every mean with its interval, and the paper's Tables I and II.
 
-Distances are means over the frames where the method found something; a frame where it
-found nothing counts with an F-score of 0. Such frames are counted beside the means.
+Distances are means over the frames in which the method found points. A frame without
+points has the F-score 0. The number of such frames is printed beside the means.
 """
 
 import csv
@@ -35,10 +35,10 @@ MARK = {"markdown": " †", "latex": r"\textsuperscript{\dag}"}
 
 
 def summarise(scores: Iterable[dict[str, Any]]) -> Summary:
-    """An `Estimate` of every score: a row for each truth, scene and method.
+    """Return an `Estimate` of every score, a row for each truth, scene and method.
 
-    Rows stand in order of appearance. `empty` counts frames where the method found
-    nothing, `no_truth` those without a truth, which are left out.
+    Rows are in order of appearance. `empty` counts frames in which the method found
+    nothing; `no_truth` counts frames with an empty truth, which are left out.
     """
     groups: dict[tuple, dict[str, list]] = {}
     for row in scores:
@@ -68,10 +68,10 @@ def summarise(scores: Iterable[dict[str, Any]]) -> Summary:
 def markdown(
     summary: Summary, *, intervals: bool = False, milliseconds: bool = False
 ) -> str:
-    """Every row of a summary in Markdown, F-scores in percent.
+    """Return a summary as a Markdown table, F-scores in percent.
 
-    Truth and scene are columns where there are several. `intervals` writes half the
-    width of the 95 % interval behind each mean.
+    Truth and scene are columns if they vary. `intervals` adds half the width of the
+    95 % interval to each mean.
     """
     columns = COLUMNS | (TIME if milliseconds else {})
     names = [
@@ -95,21 +95,22 @@ def scenes_table(
     threshold_m: float = 0.2,
     intervals: bool = False,
 ) -> str:
-    """The paper's table: a row for each method, a column for each scene.
+    """Return the paper's table: a row for each method, a column for each scene.
 
     A cell holds CD (m) / MHD (m) / F-score (%), the best of each scene in bold. `truth`
-    is the first one unless named; `intervals` adds half the width of the 95 % interval.
-    Frames in which a method found nothing are counted below. LaTeX needs booktabs.
+    is by default the first one; `intervals` adds half the width of the 95 % interval.
+    A caption counts the frames in which a method found nothing. LaTeX needs booktabs.
+    Raises ValueError for an unknown scene or a threshold that was not scored.
     """
     truth = truth or summary[0]["truth"]
     rows = {(r["method"], r["scene"]): r for r in summary if r["truth"] == truth}
     known = [*dict.fromkeys(scene for _, scene in rows)]
     scenes = known if scenes is None else [*scenes]
     if not scenes or not set(scenes) <= set(known):
-        raise ValueError(f"{scenes=} against {truth!r}, but there is {known}")
+        raise ValueError(f"{scenes=} against {truth!r}, expected some of {known}")
     scores = (*DISTANCES, f"f_score_{threshold_m}")
     if scores[-1] not in F_SCORES:
-        raise ValueError(f"{threshold_m=} was not scored, only {F_SCORES}")
+        raise ValueError(f"{threshold_m=} was not scored, expected one of {F_SCORES}")
     methods = [*dict.fromkeys(method for method, scene in rows if scene in scenes)]
     best = {
         scene: [_best([r for (_, s), r in rows.items() if s == scene], score)
@@ -144,9 +145,9 @@ def scenes_table(
 
 
 def overview(scores: Sequence[dict[str, Any]]) -> str:
-    """What a run prints: means over all scenes, with milliseconds, and scene by scene.
+    """Return the tables that a run prints: means of all scenes, then scene by scene.
 
-    Against the first truth.
+    Scores are against the first truth.
     """
     rows = [row for row in scores if row["truth"] == scores[0]["truth"]]
     tables = (scenes_table(summarise(rows), scenes=part) for part in paper_tables(rows))
@@ -154,7 +155,7 @@ def overview(scores: Sequence[dict[str, Any]]) -> str:
 
 
 def pooled_table(scores: Sequence[dict[str, Any]]) -> str:
-    """Means over the frames of all scenes, with milliseconds, a row for each method."""
+    """Return means over all scenes, with milliseconds, a row for each method."""
     together = [
         row | {"scene": "all", "sequence": f"{row['scene']} {row['sequence']}"}
         for row in scores
@@ -163,9 +164,9 @@ def pooled_table(scores: Sequence[dict[str, Any]]) -> str:
 
 
 def paper_tables(scores: Iterable[dict[str, Any]]) -> list[list[str]]:
-    """Scenes in two parts where both are there: the paper's Table I and Table II.
+    """Return the scenes of the paper's Table I and Table II, without empty parts.
 
-    Table II is of corridor and hall, which the authors recorded themselves.
+    Table II holds corridor and hall, which the authors recorded themselves.
     """
     scenes = dict.fromkeys(row["scene"] for row in scores)
     own = [scene for scene in scenes if scene.lower() in TABLE_II]
@@ -174,9 +175,9 @@ def paper_tables(scores: Iterable[dict[str, Any]]) -> list[list[str]]:
 
 
 def csv_table(summary: Summary) -> str:
-    """The whole summary as CSV: each mean, its interval and its effective frames.
+    """Return the whole summary as CSV: means, intervals and effective frames.
 
-    A line for each truth, scene and method; metres, and F-scores 0 .. 1.
+    A line for each truth, scene and method; metres, and F-scores from 0 to 1.
     """
     names = ("truth", "scene", "method", "frames", "empty", "no_truth")
     parts = ("mean", "low", "high", "effective")
@@ -192,7 +193,7 @@ def csv_table(summary: Summary) -> str:
 def write_tables(path: Path | str) -> list[Path]:
     """Write `table.md`, `table.tex` and `table.csv` beside a file of scores.
 
-    They depend on that file alone. Times are left out: they never repeat.
+    They depend on that file alone. Times are left out because they never repeat.
     """
     summary = summarise(read_scores(path))
     truths = [*dict.fromkeys(row["truth"] for row in summary)]
@@ -205,7 +206,7 @@ def write_tables(path: Path | str) -> list[Path]:
         ]
 
     every = markdown(summary, intervals=True)
-    note = "± is half a 95 % interval that allows for the correlation of frames.\n"
+    note = "± is half of a 95 % interval that allows for correlated frames.\n"
     tables = {
         "table.md": "\n".join([*of_truths("markdown"), every, note]),
         "table.tex": "\n".join(of_truths("latex")),
@@ -220,7 +221,7 @@ def write_tables(path: Path | str) -> list[Path]:
 def _number(
     estimate: Estimate, column: str, intervals: bool = False, style: Style = "markdown"
 ) -> str:
-    """A mean as printed, with half of its interval's width if asked."""
+    """A mean as printed, optionally with half of its interval's width."""
     if not np.isfinite(estimate.mean):
         return "–"
     scale, digits = 1, 3
@@ -236,21 +237,21 @@ def _number(
 
 
 def _best(rows, score):
-    """The best mean of a score, as printed: equal digits share the honour."""
+    """The best mean of a score, as printed; equal digits are equally good."""
     known = [row[score] for row in rows if np.isfinite(row[score].mean)]
     pick = max if score in F_SCORES else min
     return _number(pick(known, key=lambda e: e.mean), score) if known else None
 
 
 def _markdown_lines(lines: list[list[Any]]) -> str:
-    """Lines of cells as a Markdown table, the first one its head."""
+    """Lines of cells as a Markdown table with a head."""
     escaped = [[str(cell).replace("|", "\\|") for cell in line] for line in lines]
     head, *body = ("| " + " | ".join(line) + " |" for line in escaped)
     return "\n".join([head, "|---" * len(lines[0]) + "|", *body]) + "\n"
 
 
 def _latex_lines(lines: list[list[str]], caption: str) -> str:
-    """Lines of cells as a LaTeX table with booktabs, the first one its head."""
+    """Lines of cells as a LaTeX table with a head, for booktabs."""
     head, *body = (" & ".join(line) + r" \\" for line in lines)
     return "\n".join(
         [

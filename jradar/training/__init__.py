@@ -1,18 +1,17 @@
-"""The training loop: a pure step, exact resumption, checkpoints that are verified.
+"""The training loop: a pure step, exact resumption, verified checkpoints.
 
 TrainState, create_state         what a checkpoint holds
-make_train_step, ema_decay_at    (state, key, batch) -> (state, metrics), pure
-train                            steps, evaluation, metrics.jsonl, checkpoints
-Checkpoints                      Orbax, with a digest of its own; latest and best
-join_processes                   before training with jax.distributed
-write_model_card                 what a run was made from
+Batch, make_train_step, ema_decay_at
+                                 (state, key, batch) -> (state, metrics), pure
+train, Interrupted               steps, evaluation, metrics.jsonl, checkpoints
+Checkpoints, CheckpointError     Orbax with a digest of every array
+join_processes                   several processes with jax.distributed
+write_model_card                 data, config and versions of a run
 """
 
+from jradar.errors import CheckpointError as CheckpointError
 from jradar.training.cards import write_model_card as write_model_card
-from jradar.training.checkpoints import (
-    CheckpointError as CheckpointError,
-    Checkpoints as Checkpoints,
-)
+from jradar.training.checkpoints import Checkpoints as Checkpoints
 from jradar.training.loop import (
     Interrupted as Interrupted,
     train as train,

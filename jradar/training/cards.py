@@ -1,4 +1,4 @@
-"""The model card: what a run was made from, for people and for programs."""
+"""The model card: data, config and versions of a run, as Markdown and JSON."""
 
 import json
 import platform
@@ -22,11 +22,10 @@ def write_model_card(
     seed: int,
     steps: int,
     purpose: str = "",
-    scores: dict[str, float] | None = None,
 ) -> None:
     """Write `model_card.md` and `model_card.json` into a run's folder.
 
-    `data_digest` says what the run was trained on; `scores` are its validation values.
+    `data_digest` identifies the training data.
     """
     versions = {"jradar": __version__, "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in LIBRARIES}
@@ -37,7 +36,6 @@ def write_model_card(
         "data_digest": data_digest,
         "versions": versions,
         "devices": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
-        "scores": scores or {},
         "config": config,
     }
     folder = Path(workdir)
@@ -54,8 +52,6 @@ def _markdown(card):
         _table(("", ""), [(name.replace("_", " "), card[name]) for name in facts]),
         _table(("library", "version"), card["versions"].items()),
     ]
-    if card["scores"]:
-        parts.append(_table(("validation", "value"), card["scores"].items()))
     config = json.dumps(card["config"], indent=2)
     parts.append(f"## Config\n\n```json\n{config}\n```")
     return "\n\n".join(part for part in parts if part) + "\n"

@@ -1,14 +1,13 @@
-"""Checkpoints by Orbax, verified when they are read; the latest and the best are kept.
+"""Checkpoints by Orbax, verified when they are read; the newest ones are kept.
 
-Orbax restores data whose bits have changed without complaint, never falls back to an
-older step, and takes any folder named by a number for one. So a digest of every array
-is stored beside the state, `restore` takes the newest step that is whole, and what is
-of no use is put aside, in `<folder>-unusable`, never deleted.
+Orbax restores flipped bits without complaint, never falls back to an older step, and
+takes any folder named by a number for a checkpoint. Therefore a digest of every array
+is stored beside the state, `restore` returns the newest step that is whole, and
+unusable folders are moved to `<folder>-unusable`, never deleted.
 """
 
 import errno
 import json
-import math
 import os
 import shutil
 import zlib
@@ -20,51 +19,36 @@ import numpy as np
 import orbax.checkpoint as ocp
 from absl import logging
 
+from jradar.errors import CheckpointError
 from jradar.training.parallel import wait_for_all
 from jradar.training.state import TrainState
 
 
-class CheckpointError(ValueError):
-    """Checkpoints that are all damaged, or of another run."""
-
-
 class Checkpoints:
-    """The checkpoints of one run, in a folder of its own."""
+    """The checkpoints of one run, in a folder that nothing else uses."""
 
     def __init__(
         self, folder: Path | str, *, keep: int = 2, run: dict[str, Any] | None = None
     ):
-        """Checkpoints in `folder`: the `keep` newest stay, and the best.
+        """Open the checkpoints in `folder`, of which the `keep` newest stay.
 
-        `run` is what must be the same when training goes on, as JSON takes it.
+        `run` identifies the run (JSON values): checkpoints of another are refused.
         """
         self._folder, self._run = Path(folder).absolute(), run or {}
         self._put_aside(self._foreign(), "not a whole checkpoint")
-        policies = ocp.checkpoint_managers
-        best = policies.BestN(
-            get_metric_fn=_value,
-            reverse=True,
-            n=1,
-            keep_checkpoints_without_metrics=False,
-        )
         self._manager = ocp.CheckpointManager(
             self._folder,
             options=ocp.CheckpointManagerOptions(
-                preservation_policy=policies.AnyPreservationPolicy(
-                    [policies.LatestN(keep), best]
-                ),
-                best_fn=_value,
-                best_mode="min",
+                max_to_keep=keep,
                 cleanup_tmp_directories=True,
                 enable_async_checkpointing=False,
             ),
         )
 
-    def save(self, state: TrainState, *, value: float | None = None) -> None:
+    def save(self, state: TrainState) -> None:
         """Save the state under its step, and wait until it is on disk.
 
-        The smallest `value` is the best; none, or one that is not finite, never is.
-        Raises OSError where the disk is full; older checkpoints stay.
+        Raises OSError if the disk is full; older checkpoints stay.
         """
         step = int(state.step)
         if step in self._manager.all_steps():
@@ -78,15 +62,8 @@ class Checkpoints:
             state=ocp.args.StandardSave(state),
             digest=ocp.args.JsonSave({**content, "seal": _seal(content)}),
         )
-        ranked = math.inf
-        if value is not None and math.isfinite(value):
-            ranked = float(value)
         try:
-            self._manager.save(
-                step,
-                args=items,
-                metrics={"value": ranked},
-            )
+            self._manager.save(step, args=items)
         except (OSError, ValueError) as error:
             if not _disk_is_full(error):
                 raise
@@ -95,33 +72,18 @@ class Checkpoints:
             raise OSError(
                 errno.ENOSPC,
                 f"no space left to save step {step}; steps {self._manager.all_steps()} "
-                "are kept: free some and run again",
+                "are kept: free space, then run again",
                 str(self._folder),
             ) from error
 
     def restore(self, like: TrainState) -> TrainState | None:
-        """The newest state that is whole, of the shapes of `like`; None without any.
+        """Return the newest whole state, with the shapes of `like`; None without any.
 
-        Newer steps that are damaged are named in a warning, and put aside once an older
-        one is found to be whole, so that they are saved anew. Raises CheckpointError,
-        and moves nothing, where none is, or for the checkpoints of another run.
+        Damaged newer steps are named in a warning, and moved aside once an older step
+        proves to be whole, so that they can be saved again. Raises CheckpointError, and
+        moves nothing, if no step is whole or if the checkpoints are of another run.
         """
-        return self._first_whole(like, sorted(self._manager.all_steps(), reverse=True))
-
-    def restore_best(self, like: TrainState) -> TrainState | None:
-        """The state of the smallest value; None where no step has one."""
-        step = self._manager.best_step()
-        if step is None or math.isinf(_value(self._manager.metrics(step))):
-            return None
-        return self._first_whole(like, [step])
-
-    def close(self) -> None:
-        """Finish writing; to be called once, at the end."""
-        self._manager.close()
-
-    def _first_whole(self, like, steps):
-        """State of the first of `steps` that is whole; those before it go aside."""
-        reason = ""
+        steps, reason = sorted(self._manager.all_steps(), reverse=True), ""
         for index, step in enumerate(steps):
             state, reason = self._read(step, like)
             if state is not None:
@@ -135,8 +97,12 @@ class Checkpoints:
             )
         return None
 
+    def close(self) -> None:
+        """Finish writing. Call it once, at the end."""
+        self._manager.close()
+
     def _read(self, step, like):
-        """State of a step, or None and the reason why it cannot be used."""
+        """The state of a step, or None and the reason why it cannot be used."""
         try:
             items: Any = self._manager.restore(
                 step, args=ocp.args.Composite(digest=ocp.args.JsonRestore())
@@ -152,14 +118,14 @@ class Checkpoints:
             )
         except CheckpointError:
             raise
-        except Exception as error:  # Orbax raises just that for truncated arrays
+        except Exception as error:  # the kind that Orbax raises for truncated arrays
             return None, f"{type(error).__name__}: {error}".splitlines()[0]
         if found["crc32"] != tree_digest(items.state):
             return None, "its data does not match its digest"
         return items.state, ""
 
     def _compare(self, step, found, like):
-        """Refuse the checkpoint of another run, naming the first difference."""
+        """Raise CheckpointError for another run, naming the first difference."""
         for name, given, wanted in (
             ("run", found["run"], self._run),
             ("state", found["leaves"], _leaves(like)),
@@ -169,18 +135,19 @@ class Checkpoints:
                 key = changed[0]
                 raise CheckpointError(
                     f"step {step} in {self._folder} is of another {name}: {key} was "
-                    f"{given.get(key)}, now {wanted.get(key)} ({len(changed)} such)"
+                    f"{given.get(key)}, now {wanted.get(key)} ({len(changed)} differ); "
+                    "choose another workdir"
                 )
 
     def _foreign(self):
-        """Folders named by a number that the manager would trip over."""
+        """Folders named by a number that no manager made."""
         if not self._folder.is_dir():
             return []
         numbered = [path for path in self._folder.iterdir() if path.name.isdecimal()]
         return [path.name for path in numbered if not _is_checkpoint(path)]
 
     def _put_aside(self, names, reason):
-        """Move steps into a folder beside this one; one process does."""
+        """Move steps into a folder beside this one, in the first process."""
         aside = self._folder.with_name(f"{self._folder.name}-unusable")
         for name in names if jax.process_index() == 0 else ():
             aside.mkdir(exist_ok=True)
@@ -196,7 +163,7 @@ class Checkpoints:
 
 
 def tree_digest(tree: TrainState) -> dict[str, int]:
-    """CRC-32 of every array of a tree, by its path."""
+    """Return the CRC-32 of every array of a tree, by its path."""
     return {
         jax.tree_util.keystr(path): zlib.crc32(np.ascontiguousarray(leaf).tobytes())
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
@@ -204,7 +171,7 @@ def tree_digest(tree: TrainState) -> dict[str, int]:
 
 
 def _leaves(tree):
-    """Type and shape of every array of a tree, by its path."""
+    """The type and shape of every array of a tree, by its path."""
     return {
         jax.tree_util.keystr(path): f"{leaf.dtype}{list(leaf.shape)}"
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
@@ -212,27 +179,17 @@ def _leaves(tree):
 
 
 def _seal(content):
-    """Digest of the digests themselves."""
+    """The digest of the digests themselves."""
     return zlib.crc32(json.dumps(content, sort_keys=True).encode())
 
 
 def _is_checkpoint(folder):
-    """Whether a manager made the folder, and can read its value."""
-    try:
-        metrics = json.loads((folder / "metrics" / "metrics").read_bytes())
-        readable = isinstance(_value(metrics), float)
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
-    return readable and (folder / "_CHECKPOINT_METADATA").is_file()
-
-
-def _value(metrics):
-    """What checkpoints are ranked by."""
-    return metrics["value"]
+    """Whether a manager made the folder."""
+    return (folder / "_CHECKPOINT_METADATA").is_file()
 
 
 def _disk_is_full(error):
-    """Whether an error, or one that it came from, is a full disk."""
+    """Whether an error, or one of its causes, is a full disk."""
     while error is not None:
         full = isinstance(error, OSError) and error.errno in (
             errno.ENOSPC,

@@ -1,7 +1,7 @@
-"""Where the numbers of a run go: `metrics.jsonl`, and TensorBoard where it is there.
+"""The numbers of a run: `metrics.jsonl`, and TensorBoard if it is installed.
 
-`metrics.jsonl` holds a line for each step. Lines of steps that are run once more are
-dropped, so that the file reads like that of an uninterrupted run.
+`metrics.jsonl` holds a line for each step. Lines of steps that run again are dropped,
+so that the file reads like that of an uninterrupted run.
 """
 
 import contextlib
@@ -20,9 +20,9 @@ Log = Callable[[int, dict[str, float]], None]
 
 @contextlib.contextmanager
 def step_log(workdir: Path | str, *, first: int) -> Iterator[Log]:
-    """Yield `write(step, values)`, for steps from `first` on; one process writes.
+    """Yield `write(step, values)` for steps from `first` on; one process writes.
 
-    A value that is not finite is written as null, which every reader of JSON takes.
+    A value that is not finite is written as null, which every JSON reader accepts.
     """
     if jax.process_index():
         yield lambda step, values: None
@@ -57,7 +57,7 @@ def _tensorboard(workdir, first):
 
 
 def _drop_lines_from(path, step):
-    """Keep the lines of the steps before `step`; a torn last line goes too."""
+    """Keep the lines of the steps before `step`; drop a torn last line."""
     if not path.exists():
         return
     kept = []

@@ -1,9 +1,8 @@
 """The loop around the step: progress, metrics, checkpoints, signals, evaluation.
 
-A run that was killed goes on from its last checkpoint when it is started again, and
-ends with the numbers of one that was not. Everything but the step itself runs on the
-host; at most two steps are in flight, since several devices on few cores hang with
-more.
+A killed run, started again, resumes from its last checkpoint and ends with the numbers
+of an uninterrupted one. Everything except the step itself runs on the host. At most two
+steps are in flight: with more, several devices on few cores hang.
 """
 
 import collections
@@ -33,7 +32,7 @@ from jradar.training.state import TrainState
 from jradar.training.step import Batch, Step
 
 IN_FLIGHT = 2  # steps
-SHOWN_MEAN = 100  # steps over which the shown loss is averaged
+SHOWN_MEAN = 100  # steps that the printed loss averages
 
 Evaluate = Callable[[TrainState, int], dict[str, float]]
 
@@ -44,7 +43,7 @@ class Interrupted(Exception):
     def __init__(self, signal_number: int, step: int):
         """`signal_number` is SIGINT or SIGTERM."""
         self.exit_code = 128 + signal_number
-        super().__init__(f"interrupted: saved at step {step}, run again to go on")
+        super().__init__(f"interrupted: saved at step {step}, run again to resume")
 
 
 def train(
@@ -58,18 +57,17 @@ def train(
     checkpoint_every: int = 500,
     evaluate_every: int = 0,
     evaluate: Evaluate | None = None,
-    best: str = "loss",
 ) -> TrainState:
     """Run `step` until `steps`, resuming from the workdir's last checkpoint.
 
-    `batch_at` gives the whole batch of a step, also where several devices or processes
+    `batch_at` returns the whole batch of a step, even if several devices or processes
     share it. Every `evaluate_every` steps, and after the last, `evaluate(state, step)`
-    is called; its values go to metrics.jsonl as `validation/<name>`, and the state
-    whose value `best` is smallest is kept beside the newest.
+    is called, and metrics.jsonl records its values as `validation/<name>`.
 
-    SIGTERM and SIGINT end the loop after the step in progress: the state is saved and
-    Interrupted raised. Where a loss or a gradient is not finite, training goes back to
-    the last checkpoint (see `retries`), FloatingPointError comes after the third time.
+    SIGTERM and SIGINT end the loop after the step in progress: the state is saved, and
+    Interrupted is raised. If a loss or a gradient is not finite, training returns to
+    the last checkpoint (see `retries`); after the third time it raises
+    FloatingPointError.
     """
     workdir, mesh = Path(workdir), data_mesh()
     seed = np.asarray(jax.random.key_data(key)).tolist()
@@ -90,19 +88,18 @@ def train(
                 retried = step_key(key, retries.count(index))
                 state, metrics = step(state, retried, batch_at(index))
                 pending.append((index, metrics))
-                done, value = index + 1, None
+                done = index + 1
                 stop = caught or ([signal.SIGTERM] if preempted(done) else [])
                 judged = evaluate and _due(done, evaluate_every, steps)
                 saved = judged or stop or _due(done, checkpoint_every, steps)
                 for number, values in _finished(pending, 0 if saved else IN_FLIGHT - 1):
                     if evaluate and judged and number == index:
                         scores = evaluate(state, done)
-                        value = _score(scores, best)
                         values |= {f"validation/{k}": v for k, v in scores.items()}
                     write(number, values | {"seconds": clock()})
                     show(number + 1, note(values["loss"]))
                 if saved:
-                    checkpoints.save(state, value=value)
+                    checkpoints.save(state)
                 if stop:
                     raise Interrupted(stop[0], done)
         return state
@@ -119,7 +116,7 @@ def train(
 
 
 def _finished(pending, keep):
-    """Steps and their values, checked, until `keep` are pending."""
+    """Yield steps with their checked values until `keep` are pending."""
     while len(pending) > keep:
         index, metrics = pending.popleft()
         names = sorted(metrics, key=lambda name: name != "loss")
@@ -129,19 +126,12 @@ def _finished(pending, keep):
 
 
 def _due(done, every, steps):
-    """Whether something that is done every so many steps, and at the end, is due."""
+    """Whether something that is done every `every` steps, and at the end, is due."""
     return done == steps or (every > 0 and done % every == 0)
 
 
-def _score(scores, best):
-    """The value that decides which state is the best."""
-    if best not in scores:
-        raise ValueError(f"best = {best!r}, expected one of {[*scores]}, as evaluated")
-    return scores[best]
-
-
 def _lap_time():
-    """A function that gives the seconds since its last call."""
+    """A function that returns the seconds since its last call."""
     last = time.monotonic()
 
     def lap():
@@ -153,7 +143,7 @@ def _lap_time():
 
 
 def _mean_loss():
-    """A function from the newest loss to the text that progress shows."""
+    """A function from the newest loss to the text that progress prints."""
     recent = collections.deque(maxlen=SHOWN_MEAN)
 
     def note(loss):
@@ -165,9 +155,9 @@ def _mean_loss():
 
 @contextlib.contextmanager
 def _signals():
-    """Collect SIGINT and SIGTERM in a list; a second one ends the process at once.
+    """Collect SIGINT and SIGTERM in a list; a second signal ends the process at once.
 
-    In a run of several processes they must agree on the step, see `preempted`.
+    Several processes have to agree on the step instead, see `preempted`.
     """
     caught: list[int] = []
     elsewhere = threading.current_thread() is not threading.main_thread()

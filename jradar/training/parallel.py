@@ -1,7 +1,7 @@
 """Data parallelism: the batch is split over all devices of all processes.
 
-Every process calls `batch_at` for the whole batch and keeps its own rows, so that what
-is trained on does not depend on how many devices there are. Parameters are replicated.
+Every process calls `batch_at` for the whole batch and keeps its own rows, so that the
+number of devices does not change the training data. Parameters are replicated.
 
     JAX_COORDINATOR_ADDRESS=host:port JAX_NUM_PROCESSES=2 JAX_PROCESS_ID=0 python ...
 
@@ -16,14 +16,15 @@ import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 
+from jradar.errors import UsageError
 from jradar.training.step import Step
 
 
 def join_processes() -> None:
     """Join the other processes, if the environment names a coordinator.
 
-    To be called before anything else of JAX. Raises ValueError for a number that is
-    none.
+    Call it before anything else of JAX. Raises UsageError for a variable that is not a
+    whole number.
     """
     if not os.environ.get("JAX_COORDINATOR_ADDRESS"):
         return
@@ -31,13 +32,13 @@ def join_processes() -> None:
     for name in ("JAX_NUM_PROCESSES", "JAX_PROCESS_ID"):
         text = os.environ.get(name)
         if text and not text.isdecimal():
-            raise ValueError(f"{name}={text}, expected a whole number")
+            raise UsageError(f"{name}={text}, expected a whole number")
         numbers.append(int(text) if text else None)
     jax.distributed.initialize(num_processes=numbers[0], process_id=numbers[1])
 
 
 def data_mesh() -> Mesh:
-    """All devices of all processes along the axis `batch`."""
+    """Return all devices of all processes along the axis `batch`."""
     devices = jax.devices()
     return jax.make_mesh(
         (len(devices),), ("batch",), axis_types=(AxisType.Auto,), devices=devices
@@ -45,7 +46,7 @@ def data_mesh() -> Mesh:
 
 
 def replicate(tree: Any, mesh: Mesh) -> Any:
-    """The tree's arrays and keys, which every process has, on all devices."""
+    """Return the tree with its arrays and keys copied to all devices."""
     whole = NamedSharding(mesh, PartitionSpec())
 
     def put(leaf):
@@ -58,13 +59,17 @@ def replicate(tree: Any, mesh: Mesh) -> Any:
 
 
 def shard_batch(batch: Any, mesh: Mesh) -> Any:
-    """A batch's rows spread over the devices; ValueError if they do not divide."""
+    """Return the batch with its rows spread over the devices.
+
+    Raises ValueError if the rows do not divide by the number of devices.
+    """
     rows = NamedSharding(mesh, PartitionSpec("batch"))
 
     def put(array):
         if len(array) % mesh.size:
             raise ValueError(
-                f"a batch of {len(array)} on {mesh.size} devices: expected a multiple"
+                f"a batch of {len(array)} on {mesh.size} devices: expected a multiple "
+                "of the number of devices"
             )
         host = np.asarray(array)
         return jax.make_array_from_callback(host.shape, rows, lambda i: host[i])
@@ -73,17 +78,17 @@ def shard_batch(batch: Any, mesh: Mesh) -> Any:
 
 
 def parallel_step(step: Step, mesh: Mesh) -> Step:
-    """The step on every device, for batches on the host; its results are replicated."""
+    """Return the step for batches on the host, with replicated results."""
     if mesh.size > 1:
         step = jax.jit(step, out_shardings=NamedSharding(mesh, PartitionSpec()))
     return lambda state, key, batch: step(state, key, shard_batch(batch, mesh))
 
 
 def preempted(step: int) -> bool:
-    """Whether all processes agree that this is the step to save and end at.
+    """Return whether all processes agree to save and end at this step.
 
-    JAX's own handler takes SIGTERM in a run of several processes. Each must ask at
-    every step.
+    In a run of several processes, JAX's own handler takes SIGTERM. Every process must
+    ask at every step.
     """
     return jax.process_count() > 1 and multihost_utils.reached_preemption_sync_point(
         step
@@ -91,6 +96,6 @@ def preempted(step: int) -> bool:
 
 
 def wait_for_all(what: str) -> None:
-    """Wait until every process is here."""
+    """Wait until every process has reached this call."""
     if jax.process_count() > 1:
         multihost_utils.sync_global_devices(what)

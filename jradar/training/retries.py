@@ -1,14 +1,14 @@
-"""Steps whose loss or gradient was not finite, and with which noise they are run again.
+"""Steps whose loss or gradient was not finite, and the noise of their next attempt.
 
-The step that failed gets another key, and training goes back to the last checkpoint.
-The key of a step depends on nothing but how often that step has failed before:
+The failed step gets another key, and training returns to the last checkpoint. The key
+of a step depends only on how often that step has failed before:
 
     step_key(key, retries) = key                            first attempt
                              fold_in(key, retries)          each one after it
 
-and the step folds in its own number. All other steps repeat what they did, so where the
-checkpoints lie, or how often the run is resumed, does not change its numbers. The steps
-that failed stand in `retries.json`.
+and the step folds in its own number. All other steps repeat exactly, so the numbers of
+a run do not depend on its checkpoints or on how often it is resumed. `retries.json`
+lists the failed steps.
 """
 
 import json
@@ -30,21 +30,21 @@ class NotFinite(Exception):
     """A value of a step was not finite."""
 
     def __init__(self, step: int, name: str, value: float):
-        """The first such step, and the name of its value."""
+        """Keep the step and the reason."""
         self.step, self.reason = step, f"{name} is {value} at step {step}"
         super().__init__(self.reason)
 
 
 def step_key(key: Key[Array, ""], retries: int) -> Key[Array, ""]:
-    """The key of a step that has failed `retries` times."""
+    """Return the key of a step that has failed `retries` times."""
     return jax.random.fold_in(key, retries) if retries else key
 
 
 def check_finite(step: int, values: dict[str, float]) -> None:
-    """Raise NotFinite for the first value that is not.
+    """Raise NotFinite for the first value that is not finite.
 
-    The gradient counts too: where only it is not finite, the next step's loss fails,
-    and that step's noise is not to blame.
+    The gradient is checked too: otherwise the next step's loss would fail, and that
+    step's noise is not the cause.
     """
     for name, value in values.items():
         if not math.isfinite(value):
@@ -52,7 +52,7 @@ def check_finite(step: int, values: dict[str, float]) -> None:
 
 
 def read_retries(workdir: Path | str) -> list[int]:
-    """The steps that have failed so far, one of them several times maybe."""
+    """Return the steps that have failed so far, repeated for each failure."""
     path = Path(workdir) / "retries.json"
     return json.loads(path.read_text())["steps"] if path.exists() else []
 
@@ -65,22 +65,22 @@ def note_retry(
     *,
     workdir: Path | str,
 ) -> list[int]:
-    """The steps that have failed, with the new one, which is written down.
+    """Record a failed step, and return all failed steps.
 
-    Raises FloatingPointError after MAX_RETRIES, or where the batch itself is to blame.
+    Raises FloatingPointError after MAX_RETRIES, or if the batch itself is not finite.
     """
     seed = np.asarray(jax.random.key_data(key)).tolist()
     where = f"{fault.reason}, key {seed}, retry {retries.count(fault.step)}"
     if not all(np.isfinite(array).all() for array in jax.tree.leaves(batch)):
         raise FloatingPointError(
-            f"{where}: its batch holds values that are not finite; mend the data"
+            f"{where}: its batch holds values that are not finite; correct the data"
         )
     if len(retries) >= MAX_RETRIES:
         raise FloatingPointError(
-            f"{where}: went back {len(retries)} times, at steps {retries}; lower the "
-            "learning rate; the last checkpoint is kept"
+            f"{where}: returned {len(retries)} times, at steps {retries}; lower the "
+            "learning rate. The last checkpoint is kept"
         )
-    logging.warning("%s: going back to the last checkpoint, with other noise", where)
+    logging.warning("%s: returning to the last checkpoint, with other noise", where)
     retries = [*retries, fault.step]
     if jax.process_index() == 0:
         write_text(Path(workdir) / "retries.json", json.dumps({"steps": retries}))

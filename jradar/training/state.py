@@ -1,4 +1,4 @@
-"""What training changes from step to step, and what a checkpoint holds."""
+"""The state of training, which a checkpoint holds."""
 
 from typing import Any, NamedTuple
 
@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Int, Key
 
-from jradar.diffusion import UNet
+from jradar.diffusion import Network
 
 
 class TrainState(NamedTuple):
@@ -21,13 +21,16 @@ class TrainState(NamedTuple):
 
 def create_state(
     key: Key[Array, ""],
-    network: UNet,
+    network: Network,
     optimizer: optax.GradientTransformation,
     *,
     image_shape: tuple[int, int, int],
     condition_shape: tuple[int, int, int],
 ) -> TrainState:
-    """State before the first step, for images and conditions [row, column, channel]."""
+    """Return the state before the first step.
+
+    Shapes of images and conditions are [row, column, channel].
+    """
     params = jax.jit(network.init)(
         key,
         jnp.zeros((1, *image_shape)),

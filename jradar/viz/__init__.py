@@ -1,24 +1,24 @@
-"""Pictures: captures, samples beside the truth, results; reports as one HTML file.
+"""Figures with matplotlib, and a page with point clouds.
 
-capture_figure, samples_figure, angle_spectra_figure, preparation_figure
-                                 a capture, range images, spectra, a scan step by step
-plane_figure                     polar images and clouds in the plane
+capture_figure                   a radar frame: spectrum, clouds, range image
+samples_figure                   range images side by side
+angle_spectra_figure             angle spectra over azimuth
+preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
 save_figure                      any of them as PNG
-write_report, CloudFrame         one HTML file with clouds to turn
+write_page, CloudFrame           one HTML file with point clouds that can be turned
 """
 
 from jradar.viz.figures import (
     angle_spectra_figure as angle_spectra_figure,
     capture_figure as capture_figure,
-    plane_figure as plane_figure,
     samples_figure as samples_figure,
     save_figure as save_figure,
 )
 from jradar.viz.page import (
     CloudFrame as CloudFrame,
-    write_report as write_report,
+    write_page as write_page,
 )
 from jradar.viz.results import (
     clouds_figure as clouds_figure,

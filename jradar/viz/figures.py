@@ -1,9 +1,10 @@
-"""Figures with matplotlib. Pictures mirror the columns: left is left.
+"""Figures of one capture and of range images.
 
-Range images are coloured by metres, misses are white.
+Range images are mirrored, so that left in the picture is left of the radar. Colour is
+range in metres; misses are white.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,10 +43,10 @@ def capture_figure(
     lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
 ) -> Figure:
-    """One capture: range-Doppler map, clouds from above, range image.
+    """Draw one capture: range-Doppler map, clouds from above, range image.
 
-    `power` is the linear map, `dense` the enhanced cloud, if there is one, `lidar` what
-    a LiDAR saw, in the radar's frame: points ahead within the image's range are drawn.
+    `power` is linear. `dense` is the enhanced cloud. `lidar` holds LiDAR points in the
+    radar's frame, of which those ahead and within the image's range are drawn.
     """
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     spectrum, above, front = figure.subplots(1, 3)
@@ -67,7 +68,7 @@ def capture_figure(
 
 
 def samples_figure(columns: dict[str, np.ndarray], image: ImageSpec) -> Figure:
-    """Range images side by side: a column `[frame, row, column]` for each method."""
+    """Draw range images `[frame, row, column]`, a column for each method."""
     frames = len(next(iter(columns.values())))
     figure = Figure(
         figsize=(4 * len(columns), 1.5 * frames + 0.4), layout="constrained"
@@ -88,9 +89,9 @@ def angle_spectra_figure(
     targets_deg: Sequence[float] = (),
     title: str = "",
 ) -> Figure:
-    """Spectra over the bins of `direction_sines`, each in decibels below its peak.
+    """Draw spectra over the bins of `direction_sines`, in decibels below their peaks.
 
-    `targets_deg` are the azimuths where targets truly are.
+    `targets_deg` are the true azimuths of targets.
     """
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()
@@ -152,44 +153,3 @@ def _draw_image(axes: Axes, metres, image: ImageSpec):
         interpolation="nearest",
     )
     axes.set(xlabel="azimuth (degrees)", ylabel="elevation (degrees)")
-
-
-def plane_figure(
-    radar: Float[np.ndarray, "frame range azimuth"],
-    clouds: Mapping[str, Sequence[np.ndarray]],
-    *,
-    max_range_m: float,
-) -> Figure:
-    """Polar radar images, and clouds of the same frames in the plane, from above.
-
-    A row for each frame, a column for each name of `clouds`; forward is up. Images hold
-    ranges from 0 to `max_range_m` and azimuths from -90 to 90 degrees.
-    """
-    rows, columns = len(radar), 1 + len(clouds)
-    figure = Figure(figsize=(3.2 * columns, 1.9 * rows + 0.4), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    distance, azimuth = np.meshgrid(
-        np.linspace(0, max_range_m, radar.shape[1]),
-        np.linspace(-np.pi / 2, np.pi / 2, radar.shape[2]),
-        indexing="ij",
-    )
-    for row, image in enumerate(radar):
-        axes[row, 0].pcolormesh(
-            distance * np.sin(azimuth),
-            distance * np.cos(azimuth),
-            np.asarray(image),
-            cmap="magma",
-            shading="gouraud",
-            rasterized=True,
-        )
-        for axis, found in zip(axes[row, 1:], clouds.values(), strict=True):
-            axis.plot(found[row][:, 1], found[row][:, 0], ".", ms=1.2, color="black")
-    for axis, name in zip(axes[0], ("radar", *clouds), strict=True):
-        axis.set_title(name, fontsize=9)
-    for axis in axes.flat:
-        axis.set(
-            aspect="equal", xlim=(max_range_m, -max_range_m), ylim=(0, max_range_m)
-        )
-    figure.supxlabel("left and right (m)", fontsize=9)
-    figure.supylabel("forward (m)", fontsize=9)
-    return figure

@@ -1,12 +1,12 @@
-"""One HTML file with tables, pictures and clouds to turn, which needs no network.
+"""One HTML file with tables, pictures and point clouds, which needs no network.
 
-    write_report("report.html", title="smoke", tables={"Scores": table}, figures={},
-                 frames=[CloudFrame("frame 0", {"radar": xyz, "LiDAR": truth})])
+    write_page("report.html", title="smoke", tables={"Scores": table}, figures={},
+               frames=[CloudFrame("frame 0", {"radar": xyz, "LiDAR": truth})])
 
-The page, `report.html` beside this module, draws points by itself on a plain canvas.
-Clouds travel as int16 millimetres, deflated; where the file would be larger than
-allowed, the largest clouds are thinned, and the legend says so. The page's address
-takes `#frame=3&layout=side&colour=cloud&hide=radar,LiDAR&theme=dark`.
+The template `page.html` draws points on a canvas without a library. Clouds are stored
+as deflated int16 millimetres. If the file would be larger than allowed, the largest
+clouds are thinned, and the legend shows how many points are drawn. The address takes
+`#frame=3&layout=side&colour=cloud&hide=radar,LiDAR&theme=dark`.
 """
 
 import base64
@@ -29,20 +29,20 @@ from matplotlib.figure import Figure
 
 from jradar.files import write_text
 
-TEMPLATE = Path(__file__).with_name("report.html")
-SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, seen on light and on dark ground
-POINT_PX = (1.6, 4.0)  # of clouds with many points, and with few
+TEMPLATE = Path(__file__).with_name("page.html")
+SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, visible in both themes
+POINT_PX = (1.6, 4.0)  # for clouds with many points, with few
 
 
 class CloudFrame(NamedTuple):
-    """Clouds of one frame by name, and each one's scores as they are to be printed."""
+    """Clouds of one frame by name, and the printed scores of each."""
 
     name: str
     clouds: Mapping[str, Float[np.ndarray, "_ 3"]]  # finite points, metres
     scores: Mapping[str, Mapping[str, str]] = {}  # {"jradar": {"CD (m)": "0.41"}}
 
 
-def write_report(
+def write_page(
     path: Path | str,
     *,
     title: str,
@@ -51,9 +51,9 @@ def write_report(
     frames: Sequence[CloudFrame],
     max_bytes: int = 5_000_000,
 ) -> None:
-    """Write the report: clouds first, then tables in Markdown, then pictures (PNG).
+    """Write a page of clouds, Markdown tables and pictures (PNG).
 
-    Raises ValueError where tables and pictures alone are larger than `max_bytes`.
+    Raises ValueError if tables and pictures alone are larger than `max_bytes`.
     """
     sections = [_table(name, text) for name, text in tables.items()]
     sections += [_picture(name, figure) for name, figure in figures.items()]
@@ -67,14 +67,14 @@ def write_report(
         share = 0.97 * (1 - excess / max(size_of_clouds, 1))
         if share * most < 100:
             raise ValueError(
-                f"report of {excess + max_bytes} bytes, {size_of_clouds} of them "
-                f"clouds, {max_bytes=}: leave out pictures or frames"
+                f"a page of {excess + max_bytes:,} bytes, {size_of_clouds:,} of them "
+                f"clouds, expected at most {max_bytes:,}: leave out pictures or frames"
             )
         most = int(share * most)
 
 
 def _page(page, title, sections, data):
-    """The page with its parts filled in, and how many bytes of it are clouds."""
+    """The page with its parts filled in, and the number of bytes of clouds."""
     parts = {
         "title": html.escape(title),
         "sections": "\n".join(sections),
@@ -86,7 +86,7 @@ def _page(page, title, sections, data):
 
 
 def _viewer_data(frames, most):
-    """What the page's script reads; clouds have `most` points at most."""
+    """The data of the page's script, with at most `most` points per cloud."""
     names = [*dict.fromkeys(name for frame in frames for name in frame.clouds)]
     labels = [
         *dict.fromkeys(
@@ -134,7 +134,7 @@ def _viewer_data(frames, most):
 
 
 def _points(frame: CloudFrame, name: str) -> np.ndarray:
-    """A frame's cloud, empty where it has none of that name."""
+    """A frame's cloud by name, empty if it has none."""
     xyz = np.asarray(frame.clouds.get(name, np.zeros((0, 3))), np.float64)
     if xyz.ndim != 2 or xyz.shape[1] != 3 or not np.isfinite(xyz).all():
         raise ValueError(
@@ -145,17 +145,17 @@ def _points(frame: CloudFrame, name: str) -> np.ndarray:
 
 
 def _thin(xyz, most):
-    """At most `most` points, evenly from the whole."""
+    """At most `most` points, evenly spaced in order."""
     if len(xyz) <= most:
         return xyz
     return xyz[np.linspace(0, len(xyz) - 1, most).round().astype(int)]
 
 
 def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
-    """Clouds as base64: int16 steps from a point to its neighbour, deflated.
+    """Clouds as base64 of deflated int16 differences between neighbouring points.
 
-    Points go along a Z-order curve, so that steps are small; of each axis the low
-    bytes of all points stand before the high bytes.
+    Points are sorted along a Z-order curve, so that differences are small. For each
+    axis, the low bytes of all points come before the high bytes.
     """
     planes = []
     for xyz in clouds:
@@ -196,7 +196,7 @@ def _picture(name: str, figure: Figure | Path | bytes) -> str:
 
 
 def _table(name: str, text: str) -> str:
-    """A section with Markdown's tables; lines outside of them are paragraphs."""
+    """A section with Markdown tables; other lines become paragraphs."""
     parts: list[str] = []
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     for is_table, group in itertools.groupby(lines, lambda line: line.startswith("|")):
@@ -212,12 +212,12 @@ def _table(name: str, text: str) -> str:
 
 
 def _is_rule(cells: list[str]) -> bool:
-    """Whether this is the line under the head."""
+    """Whether a line is the rule under a table's head."""
     return all(re.fullmatch(r":?-+:?", cell) for cell in cells)
 
 
 def _rows(lines: list[list[str]]) -> str:
-    """Lines of cells as an HTML table, the first one its head."""
+    """Lines of cells as an HTML table with a head."""
     marks = ["th", *["td"] * (len(lines) - 1)]
     rows = (
         "<tr>" + "".join(f"<{mark}>{_inline(cell)}</{mark}>" for cell in line) + "</tr>"
@@ -227,6 +227,6 @@ def _rows(lines: list[list[str]]) -> str:
 
 
 def _inline(text: str) -> str:
-    """A cell's text, bold where Markdown says so."""
+    """A cell's text as HTML, with Markdown's bold."""
     text = html.escape(text.replace("\\|", "|"))
     return re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", text)

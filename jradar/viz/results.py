@@ -1,6 +1,6 @@
-"""The paper's figures of results: error curves, clouds side by side; learning curves.
+"""Figures of results: error curves, clouds side by side, learning curves.
 
-Clouds are drawn as from behind and above the sensor, coloured by height, red is high.
+Clouds are drawn from behind and above the sensor. Colour is height, red is high.
 """
 
 import json
@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 MAX_CURVE_POINTS = 2000
-MAX_DOTS = 30  # more than these make a line that is seen without
+MAX_DOTS = 30  # values up to which a curve has markers
 Points = Float[np.ndarray, "_ 3"]
 
 
@@ -27,14 +27,14 @@ def error_curves_figure(
     label: str = "Chamfer distance (m)",
     percentile: float = 98.0,
 ) -> Figure:
-    """Cumulative distribution of each frame's error, an axis per scene (Fig. 6).
+    """Draw the cumulative distribution of errors, an axis per scene (Fig. 6).
 
-    `errors[scene][method]` holds a number per frame; NaN, where a method found nothing,
-    is worse than any error, so that its curve ends below 1. The axis ends at the
-    largest `percentile` of all methods.
+    `errors[scene][method]` holds a number per frame. NaN means that the method found
+    nothing: it is worse than any error, so the curve ends below 1. The axis ends at the
+    largest `percentile` of all methods. Raises ValueError without scenes.
     """
     if not errors:
-        raise ValueError("no scenes to draw")
+        raise ValueError("no scenes to draw, expected at least one")
     columns = min(len(errors), 4)
     rows = math.ceil(len(errors) / columns)
     figure = Figure(
@@ -87,16 +87,16 @@ def clouds_figure(
     heights_m: tuple[float, float] | None = None,
     view_deg: tuple[float, float] = (28.0, -155.0),
 ) -> Figure:
-    """Clouds `[point, 3]`, a row for each scene and a column for each method (Fig. 5).
+    """Draw clouds `[point, 3]`, a row per scene and a column per method (Fig. 5).
 
-    All of a row share limits, which leave out the outermost 1 % of its points, and view
-    (elevation and azimuth of the camera). Points of the methods in `enlarged` are drawn
-    at twice the size. `heights_m` are the ends of the colours, of each row's own points
-    unless given.
+    The panels of a row share view and limits, which leave out the outermost 1 % of the
+    points. `view_deg` is the elevation and azimuth of the camera. Methods in `enlarged`
+    have points of twice the size. `heights_m` are the ends of the colour scale, by
+    default those of each row's points. Raises ValueError without clouds.
     """
     names = [*dict.fromkeys(name for row in scenes.values() for name in row)]
     if not names:
-        raise ValueError("no clouds to draw")
+        raise ValueError("no clouds to draw, expected at least one")
     figure = Figure(
         figsize=(3.1 * len(names) + 0.8, 2.6 * len(scenes) + 0.3), layout="constrained"
     )
@@ -135,11 +135,12 @@ def clouds_figure(
 
 
 def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
-    """Every number of a `metrics.jsonl` over the steps, an axis each.
+    """Draw every number of a `metrics.jsonl` over the steps, an axis each.
 
-    Faint: each step; strong: the mean of the last `window` steps, or of a tenth of all
-    where there are few, dotted where there are very few. A torn last line, of a run
-    that goes on, is left out.
+    The faint line has each step; the strong line is the mean of the last `window`
+    steps, or of a tenth of all steps if these are fewer. Short curves have markers. A
+    torn last line of a running training is left out. Raises ValueError, naming the
+    line, for a damaged file.
     """
     records = _read_metrics(Path(path))
     names = {name for record in records for name in record} - {"step"}
@@ -172,7 +173,7 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
 
 
 def _set_view(axes, low, high, view_deg):
-    """Equal scales, the camera, and axes that do not distract."""
+    """Set equal scales, the camera and faint axes."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.35)
     axes.set_proj_type("persp", focal_length=0.6)
@@ -201,5 +202,5 @@ def _read_metrics(path):
             raise ValueError(f"{path}, line {number}: {error!r}") from error
         records.append({"step": record["step"], **numbers})
     if not records:
-        raise ValueError(f"{path} holds no steps")
+        raise ValueError(f"{path} holds no steps: train first")
     return records

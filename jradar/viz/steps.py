@@ -1,8 +1,8 @@
 """The preparation of one LiDAR scan, step by step, as a figure.
 
-A column for each step; above, the scan from above (x up, y to the left), and below it
-from the side (x to the right, z up). Points are coloured by height; what the step took
-away is grey; radar points are rings.
+Each step has a column: the scan from above (x up, y to the left), and below it from
+the side (x to the right, z up). Colour is height, removed points are grey, radar points
+are rings.
 """
 
 import numpy as np
@@ -27,9 +27,9 @@ def preparation_figure(
     *,
     title: str = "",
 ) -> Figure:
-    """Aligned scan, field of view, floor, ceiling, clusters: what each step leaves.
+    """Draw the points that each step of a LiDAR scan's preparation keeps.
 
-    `radar_xyz` are the radar points that the clusters were compared with.
+    `radar_xyz` are the radar points with which clusters were compared.
     """
     stages = _stages(steps)
     behind, ahead = -BEHIND * spec.max_range_m, MARGIN * spec.max_range_m
@@ -69,7 +69,7 @@ def preparation_figure(
 
 
 def _stages(steps):
-    """Name, points kept and points taken away, of each step."""
+    """The name, kept points and removed points of each step."""
     real = returns(steps.xyz)
     above = steps.in_view & ~steps.ground
     upright = above & ~steps.ceiling
@@ -83,14 +83,14 @@ def _stages(steps):
 
 
 def _height_limits(steps):
-    """Of all that is drawn from the side, with a margin."""
+    """Height limits of the side views, with a margin."""
     heights = steps.xyz[steps.in_view, 2]
     low, high = (heights.min(), heights.max()) if len(heights) else (0.0, 0.0)
     return float(min(low - 0.6, -2)), float(max(high + 0.6, 2))
 
 
 def _draw_clouds(axes: Axes, clouds, colours, *, right, up):
-    """What is gone, what is left and the radar points, by two of their coordinates."""
+    """Draw removed points, kept points and radar points by two coordinates."""
     removed, kept, echoes = clouds
     points = {"s": 1.5, "linewidths": 0}
     axes.scatter(removed[:, right], removed[:, up], c=REMOVED, **points)
@@ -106,7 +106,7 @@ def _draw_clouds(axes: Axes, clouds, colours, *, right, up):
 
 
 def _draw_wedge(axes: Axes, angles, reach, *, turned):
-    """The edge of the field of view; `turned` where x is up."""
+    """Draw the edge of the field of view; `turned` means that x points up."""
     arc = np.linspace(angles[0], angles[1], 61)
     forward = np.r_[0, reach * np.cos(arc), 0]
     across = np.r_[0, reach * np.sin(arc), 0]
@@ -115,14 +115,12 @@ def _draw_wedge(axes: Axes, angles, reach, *, turned):
 
 
 def _draw_legend(figure: Figure):
-    """What grey, rings and the triangle stand for."""
+    """Draw the legend."""
     marks = {
         "radar points": Line2D(
             [], [], linestyle="", marker="o", markerfacecolor="none", color=RADAR
         ),
-        "taken away by this step": Line2D(
-            [], [], linestyle="", marker="o", color=REMOVED
-        ),
+        "removed by this step": Line2D([], [], linestyle="", marker="o", color=REMOVED),
         "field of view": Line2D([], [], color="0.45", linestyle=(0, (4, 3))),
         "radar": Line2D([], [], linestyle="", marker="^", color="k"),
     }

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.training import tiny
+
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.timeout(280)
 
@@ -67,51 +69,49 @@ def wait_for_step(process, workdir, step):
 
 
 @pytest.fixture(scope="module")
-def whole(launch, tmp_path_factory):
+def whole(tmp_path_factory):
     """Workdir of a run of 12 steps that nothing disturbed."""
     workdir = tmp_path_factory.mktemp("whole")
-    finish(launch(workdir, 12))
+    tiny.run(workdir, 12)
     assert len(losses(workdir)) == 12
     return workdir
 
 
-def kill_and_go_on(launch, whole, workdir, delays):
-    """Kill a run after each of `delays` seconds, counted from its first new step."""
-    for delay in delays:
-        process = launch(workdir, 12, "--seconds=0.02")
-        path, deadline = workdir / "metrics.jsonl", time.monotonic() + 120
-        before = path.stat().st_mtime_ns if path.exists() else 0
-        while process.poll() is None and time.monotonic() < deadline:
-            if path.exists() and path.stat().st_mtime_ns != before:
-                break
-            time.sleep(0.005)
-        time.sleep(delay)
-        process.kill()
-        process.wait()
-    finish(launch(workdir, 12))
-    assert losses(workdir) == losses(whole)
-    assert not (workdir / "checkpoints-unusable").exists()
+def kill(launch, workdir, delay):
+    """Kill a run `delay` seconds after its first new step."""
+    process = launch(workdir, 12, "--seconds=0.02")
+    path, deadline = workdir / "metrics.jsonl", time.monotonic() + 120
+    before = path.stat().st_mtime_ns if path.exists() else 0
+    while process.poll() is None and time.monotonic() < deadline:
+        if path.exists() and path.stat().st_mtime_ns != before:
+            break
+        time.sleep(0.005)
+    time.sleep(delay)
+    process.kill()
+    process.wait()
 
 
-def test_killed_runs_end_like_one_that_was_not(launch, whole, tmp_path):
-    kill_and_go_on(launch, whole, tmp_path, (0.15, 0.4))
+def test_killed_and_stopped_runs_end_like_an_uninterrupted_one(launch, whole, tmp_path):
+    kill(launch, tmp_path, 0.1)
+    done = len(losses(tmp_path)) if (tmp_path / "metrics.jsonl").exists() else 0
+    process = launch(tmp_path, 12, "--seconds=0.2")
+    wait_for_step(process, tmp_path, min(done, 10))
+    process.send_signal(signal.SIGTERM)
+    assert "run again to resume" in finish(process, code=143)
+    tiny.run(tmp_path, 12)
+    assert losses(tmp_path) == losses(whole)
+    assert not (tmp_path / "checkpoints-unusable").exists()
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(5))
-def test_runs_killed_at_random_end_like_one_that_was_not(launch, whole, tmp_path, seed):
-    delays = random.Random(seed).choices([n / 100 for n in range(60)], k=5)
-    kill_and_go_on(launch, whole, tmp_path, delays)
-
-
-def test_sigterm_saves_and_tells_how_to_go_on(launch, whole, tmp_path):
-    process = launch(tmp_path, 12, "--seconds=0.1")
-    wait_for_step(process, tmp_path, 2)
-    process.send_signal(signal.SIGTERM)
-    assert "run again to go on" in finish(process, code=143)
-    assert 3 <= len(losses(tmp_path)) < 12
-    finish(launch(tmp_path, 12))
+def test_runs_killed_at_random_end_like_an_uninterrupted_one(
+    launch, whole, tmp_path, seed
+):
+    for delay in random.Random(seed).choices([n / 100 for n in range(60)], k=5):
+        kill(launch, tmp_path, delay)
+    tiny.run(tmp_path, 12)
     assert losses(tmp_path) == losses(whole)
 
 
@@ -126,7 +126,7 @@ def same(found, expected):
 def test_four_devices_give_the_losses_of_one(launch, whole, tmp_path):
     four = {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"}
     finish(launch(tmp_path, 7, **four))
-    finish(launch(tmp_path, 12))  # the rest on one device
+    tiny.run(tmp_path, 12)  # the rest on one device
     same(losses(tmp_path), losses(whole))
 
 
@@ -152,14 +152,13 @@ def test_two_processes_give_the_losses_of_one_and_stop_together(
     wait_for_step(pair[0], tmp_path, 2)
     pair[1].send_signal(signal.SIGTERM)  # either may be told; both save and end
     for process in pair:
-        assert "run again to go on" in finish(process, code=143)
+        assert "run again to resume" in finish(process, code=143)
     assert 3 <= len(losses(tmp_path)) < 12
-    for process in together(launch, tmp_path, 12):
-        finish(process)
+    tiny.run(tmp_path, 12)  # the rest in one process
     same(losses(tmp_path), losses(whole))
 
 
-def test_full_disk_ends_with_its_code_and_freed_space_goes_on(launch, whole, tmp_path):
+def test_full_disk_ends_with_its_code_and_freed_space_resumes(launch, whole, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk)]
@@ -175,7 +174,7 @@ def test_full_disk_ends_with_its_code_and_freed_space_goes_on(launch, whole, tmp
                 file.flush()
         assert "o space left" in finish(process, code=3)
         ballast.unlink()
-        finish(launch(disk / "run", 12))
+        tiny.run(disk / "run", 12)
         assert losses(disk / "run") == losses(whole)
     finally:
         subprocess.run(["umount", "--lazy", str(disk)], check=True)

@@ -52,22 +52,6 @@ def average(values, **options):
     return mean
 
 
-@pytest.mark.parametrize("gamma", [6.94, 16.97])
-def test_power_function_average_weighs_steps_by_their_power(gamma):
-    times = np.arange(1, 2001)
-    weights = (times / 2000.0) ** gamma
-    for values in (times, np.sqrt(times)):
-        expected = (weights * values).sum() / weights.sum()
-        np.testing.assert_allclose(average(values, gamma=gamma), expected, rtol=1e-3)
-
-
-@pytest.mark.parametrize(("gamma", "width"), [(6.94, 0.10), (16.97, 0.05)])
-def test_power_function_average_has_the_width_that_the_paper_gives(gamma, width):
-    times = np.arange(1, 4001) / 4000
-    mean, square = average(times, gamma=gamma), average(times**2, gamma=gamma)
-    np.testing.assert_allclose(np.sqrt(square - mean**2), width, rtol=0.01)
-
-
 def test_warm_average_forgets_the_start_within_a_hundred_steps():
     # The product of k / (k + 9) for k = 1..n is n! 9! / (n + 9)!: about 1e-12 at 100.
     assert abs(average(np.zeros(100), decay=0.999)) < 1e-5

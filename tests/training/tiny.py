@@ -13,7 +13,7 @@ import jax
 import numpy as np
 import optax
 
-from jradar.diffusion import NoiseSpec, UNet
+from jradar.diffusion import NoiseSpec
 from jradar.training import (
     Batch,
     Interrupted,
@@ -30,13 +30,17 @@ NOISE, OPTIMIZER = (
 )
 
 
-class TinyNet(UNet):
-    """Three small convolutions with the interface of the U-Net."""
+class TinyNet(nn.Module):
+    """Three small convolutions with the interface of a network."""
 
     def setup(self):
         """One layer each for the condition, the image and both."""
         self.condition, self.image = nn.Conv(8, (1, 1)), nn.Conv(8, (3, 3))
         self.output = nn.Conv(2, (3, 3))
+
+    def __call__(self, x, c_noise, condition):
+        """Encode and decode."""
+        return self.decode(x, c_noise, self.encode(condition))
 
     def encode(self, condition):
         """Features at the image's size."""
@@ -78,34 +82,38 @@ def distance_from_zero(state, step):
     }
 
 
+def run(workdir, steps, *, seconds=0.0):
+    """Train until `steps`; each step first waits `seconds`."""
+    workdir.mkdir(exist_ok=True, parents=True)
+
+    def slow_batch_at(step):
+        time.sleep(seconds)
+        return batch_at(step)
+
+    train(
+        jax.random.key(KEY_SEED),
+        new_state(),
+        STEP,
+        slow_batch_at,
+        steps=steps,
+        workdir=workdir,
+        checkpoint_every=2,
+        evaluate_every=3,
+        evaluate=distance_from_zero,
+    )
+
+
 def main():
     """Train, slowly enough to be disturbed; exit codes as those of the experiments."""
     parser = argparse.ArgumentParser()
     parser.add_argument("workdir")
     parser.add_argument("steps", type=int)
-    parser.add_argument("--seconds", type=float, default=0.0, help="of a step")
+    parser.add_argument("--seconds", type=float, default=0.0, help="that a step waits")
     options = parser.parse_args()
-    sys.modules["tensorboardX"] = None  # which imports PyTorch where it is installed
+    sys.modules["tensorboardX"] = None  # it imports PyTorch if that is installed
     join_processes()
-    workdir = Path(options.workdir)
-    workdir.mkdir(exist_ok=True, parents=True)
-
-    def slow_batch_at(step):
-        time.sleep(options.seconds)
-        return batch_at(step)
-
     try:
-        train(
-            jax.random.key(KEY_SEED),
-            new_state(),
-            STEP,
-            slow_batch_at,
-            steps=options.steps,
-            workdir=workdir,
-            checkpoint_every=2,
-            evaluate_every=3,
-            evaluate=distance_from_zero,
-        )
+        run(Path(options.workdir), options.steps, seconds=options.seconds)
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code

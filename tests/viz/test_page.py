@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from jradar.viz import CloudFrame, write_report
+from jradar.viz import CloudFrame, write_page
 
 RNG = np.random.default_rng(0)
 TABLE = "| a\\|b | CD |\n|---|---|\n| x<y | **0.5** |\n\n† a note"
@@ -41,7 +41,7 @@ def frames(count, *, dense=3000):
 
 def write(path, shown, **options):
     parts = {"title": "A </script> title", "tables": {"Table": TABLE}, "figures": {}}
-    write_report(path, **{**parts, **options}, frames=shown)
+    write_page(path, **{**parts, **options}, frames=shown)
     return path.read_text()
 
 
