@@ -11,7 +11,7 @@ from jaxtyping import Float
 from jradar.errors import UsageError
 from jradar.lidar import Poses, accumulate as merge, interpolate_poses
 from jradar.recordings.bags import open_bag
-from jradar.recordings.capture_toml import NAME, Table, read_capture_toml, read_place
+from jradar.recordings.capture_toml import NAME, read_capture_toml, read_place
 from jradar.recordings.dca1000 import open_dca1000
 from jradar.recordings.formats import Format
 from jradar.recordings.recording import Recording, Stream
@@ -100,12 +100,7 @@ def accumulate(
     return Stream(read, len(clouds), clouds.stamps)
 
 
-def _radar_stamps(
-    path: Path,
-    radar: Table,
-    recording: Recording,
-    lidar_stamps: Float[np.ndarray, " cloud"],
-) -> tuple[Float[np.ndarray, " frame"], list[str]]:
+def _radar_stamps(path, radar, recording, lidar_stamps):
     """Return the times of the radar's frames on the LiDAR's clock, and doubts."""
     period = radar.get("frame_period_s", recording.radar.frame_period_s)
     given = [key for key in ("start_time_s", "offset_s") if key in radar]

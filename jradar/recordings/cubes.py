@@ -117,7 +117,7 @@ def _order_axes(array, axes, radar, path, description):
     return array
 
 
-def _is_wrapped(cube: np.ndarray) -> bool:
+def _is_wrapped(cube):
     """True if all parts are non-negative integers and many lie just below 65536."""
     parts = np.stack([cube.real, cube.imag])
     if not np.isfinite(parts).all() or parts.min() < 0 or parts.max() > 65535:
@@ -125,7 +125,7 @@ def _is_wrapped(cube: np.ndarray) -> bool:
     return bool((parts > 32767).mean() > 0.05 and (parts == np.round(parts)).all())
 
 
-def _unwrap(cube: np.ndarray) -> np.ndarray:
+def _unwrap(cube):
     """Return a cube with parts of 32768 and more read as negative int16."""
     real, imaginary = (
         part.astype(np.uint16).view(np.int16).astype(np.float32)

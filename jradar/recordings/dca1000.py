@@ -69,8 +69,8 @@ def open_dca1000(
     path = Path(path)
     if description is None and "adc_samples" in path.parts:
         raise UsageError(
-            f"{path} looks like one frame of ColoRadar: name the folder of its sequence, "
-            "and the frame with --frame"
+            f"{path} looks like one frame of ColoRadar: name the folder of its "
+            "sequence, and the frame with --frame"
         )
     description = description or find_description(path, DESCRIPTION_NAMES)
     files, name = _files(path)

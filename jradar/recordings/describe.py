@@ -11,7 +11,7 @@ from jradar.radar import RadarSpec
 from jradar.recordings.bags import bag_topics
 from jradar.recordings.clouds import read_cloud
 from jradar.recordings.formats import Format, has_suffix
-from jradar.recordings.recording import Recording, Stream, radar_from_lidar
+from jradar.recordings.recording import Recording, radar_from_lidar
 
 CLOUD_NAMES = re.compile(r".*\.(ply|pcd)|(.*lidar.*|[0-9]+)\.bin")  # ColoRadar, KITTI
 GAP = 1.5  # median steps: a longer step between stamps counts as a gap
@@ -147,12 +147,12 @@ def _readable(recording: Recording) -> dict[str, str]:
     lines = {}
     for name, stream in (("frame", recording.cubes), ("scan", recording.lidar)):
         count = len(stream) if stream is not None else 0
-        for item in sorted({0, count - 1}) if stream is not None and count else ():
+        for item in sorted({0, count - 1}) if count else ():
             lines[f"{name} {item}"] = _item(stream, item)
     return lines
 
 
-def _item(stream: Stream, item: int) -> str:
+def _item(stream, item: int) -> str:
     """Return the size of an item in words, or the error that reading it raises."""
     try:
         array = stream[item]

@@ -64,7 +64,7 @@ def need(path: Path, start: int, count: int, size: int) -> None:
         )
 
 
-def _width(point: np.dtype) -> int:
+def _width(point):
     """Return the number of words of a point."""
     return sum(point[name].shape[0] if point[name].shape else 1 for name in point.names)
 
