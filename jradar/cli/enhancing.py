@@ -45,13 +45,14 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     model = load_model(options.model)
     recording, frames = open_frames(options)
     spec, watch = model.spec, Stopwatch()
-    stages = watch("compiling", _compiled_stages, model, recording, options)
+    key = jax.random.key(options.seed)
+    stages = watch("compiling", _compiled_stages, key, model, recording, options)
     rows = []
     with progress("enhancing", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
             values = [watch("read", recordings.calibrated_cube, recording, frame)]
             for name, stage in stages.items():
-                values.append(watch(name, stage, model, values[-1]))
+                values.append(watch(name, stage, key, model, values[-1]))
             cube, cloud, _, image, dense = values
             folder = Path(options.output)
             if options.frames:
@@ -81,29 +82,28 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _compiled_stages(model: Model, recording, options) -> dict[str, Callable]:
+def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callable]:
     """The stages of `jradar.enhance`, compiled; each takes the result of the last."""
     spec = model.spec
 
-    def radar_processing(_model, cube):
+    def radar_processing(_key, _model, cube):
         return frame_points(cube, recording, spec.points)
 
-    def condition(_model, cloud):
+    def condition(_key, _model, cloud):
         return condition_image(cloud, spec.coarse, num_slices=spec.num_slices)
 
-    def sampling(model, condition):
-        key = jax.random.key(options.seed)
+    def sampling(key, model, condition):
         return draw(key, condition, model, draws=options.draws, steps=options.steps)
 
-    def back_projection(_model, image):
+    def back_projection(_key, _model, image):
         return unproject(image, spec.fine)
 
     value: Any = jax.ShapeDtypeStruct(recording.radar.cube_shape, jnp.complex64)
     compiled = {}
     for stage in (radar_processing, condition, sampling, back_projection):
         name = stage.__name__.replace("_", " ")
-        compiled[name] = jax.jit(stage).lower(model, value).compile()
-        value = jax.eval_shape(stage, model, value)
+        compiled[name] = jax.jit(stage).lower(key, model, value).compile()
+        value = jax.eval_shape(stage, key, model, value)
     return compiled
 
 

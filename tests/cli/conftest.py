@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from jradar.cli import main
+from jradar.diffusion import UNet
 from jradar.model import save_model
 from jradar.radar import RadarSpec, simulate_cube
 from tests.models import tiny_model
 from tests.recordings.small_sequence import room_echoes
+
+NETWORK = UNet(channels=4, multipliers=(1,), blocks=1, attention_levels=(), stem=(1, 4))
+MODEL = tiny_model(network=NETWORK)
 
 
 @pytest.fixture
@@ -28,7 +32,7 @@ def run_json(capsys):
 def model_folder(tmp_path_factory):
     """The folder of a random diffusion model."""
     folder = tmp_path_factory.mktemp("models") / "tiny"
-    save_model(folder, tiny_model())
+    save_model(folder, MODEL)
     return str(folder)
 
 

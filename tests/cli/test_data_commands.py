@@ -15,9 +15,14 @@ def root(tmp_path_factory):
     return root
 
 
-def test_prepare_prints_what_it_wrote_and_dropped(root, tmp_path, run_json):
-    spec = tmp_path / "spec.toml"
-    spec.write_text("capacity = 64\n[lidar]\nmax_range_m = 7.0\n")
+@pytest.fixture(scope="module")
+def spec(tmp_path_factory):
+    path = tmp_path_factory.mktemp("spec") / "spec.toml"
+    path.write_text("capacity = 64\n[lidar]\nmax_range_m = 7.0\n")
+    return path
+
+
+def test_prepare_prints_what_it_wrote_and_dropped(root, spec, tmp_path, run_json):
     result = run_json(
         "prepare", root, "-o", tmp_path / "dst", "--spec", spec, "--workers", 1
     )
@@ -27,8 +32,9 @@ def test_prepare_prints_what_it_wrote_and_dropped(root, tmp_path, run_json):
     assert records.manifest["options"]["lidar"]["max_range_m"] == 7.0
 
 
-def test_preview_draws_and_writes_nothing_else(root, tmp_path, run_json):
-    result = run_json("prepare", root, "-o", tmp_path, "--preview", "--frames", "1:2")
+def test_preview_draws_and_writes_nothing_else(root, spec, tmp_path, run_json):
+    command = ["prepare", root, "-o", tmp_path, "--spec", spec, "--preview"]
+    result = run_json(*command, "--frames", "1:2")
     assert result["frame"] == 1 and result["kept"] <= result["in the radar's view"]
     assert [p.name for p in tmp_path.iterdir()] == ["preparation.png"]
 

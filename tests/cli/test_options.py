@@ -9,7 +9,9 @@ import pytest
 from jradar import simulation
 from jradar.cli import main
 from jradar.cli.options import DETECTORS, DEVICES, FAMILIES, SETS, parser
+from jradar.cli.simulating import SCENE_FRAMES
 from jradar.radar import DETECTORS as RADAR_DETECTORS, PointSpec, RadarSpec
+from jradar.simulation.sets import FRAMES
 
 
 @pytest.mark.parametrize(
@@ -55,8 +57,10 @@ def test_choices_are_those_of_the_library():
         assert RadarSpec.named(device).num_rx == 4
 
 
-def test_help_shows_the_defaults_of_point_spec():
+def test_help_shows_the_defaults_of_the_library():
     (commands,) = parser()._subparsers._group_actions
+    actions = {a.dest: a for a in commands.choices["simulate"]._actions}
+    assert f"{SCENE_FRAMES} for a scene, {FRAMES} in a set" in actions["frames"].help
     actions = {a.dest: a for a in commands.choices["points"]._actions}
     spec = PointSpec()
     for name in ("detector", "false_alarm_rate", "capacity"):
