@@ -59,17 +59,10 @@ class CaptureSpec:
     The defaults describe a capture that mmWave Studio configured.
     """
 
-    sample_swap: bool = False  # Q before I
-    interleaved: bool = False  # receivers alternate from sample to sample, as on a 1443
+    iq_order: str = "IIQQ"  # order of I and Q, see the module `iq_order`
     has_headers: bool = False  # the stream holds more than samples
     range_bias_m: float = 0.0  # by which measured ranges are too long
     channel_factors: tuple[complex, ...] = ()  # per virtual antenna, in cube order
-
-    @property
-    def iq_order(self) -> str:
-        """Order of I and Q in the stream, see `iq_order`."""
-        orders = ("I4Q4", "Q4I4") if self.interleaved else ("IIQQ", "QQII")
-        return orders[self.sample_swap]
 
     @property
     def channel_array(self) -> Complex[np.ndarray, " virtual"] | None:
@@ -88,6 +81,7 @@ class CaptureSpec:
         commands = _frame_commands(path)
         _, tx, rx = _turn(path, commands)
         _, sample_swap, non_interleaved = _sample_order(commands)
+        orders = ("IIQQ", "QQII") if non_interleaved else ("I4Q4", "Q4I4")
         _, has_headers = commands.get("lvdsStreamCfg", [[-1, 0]])[-1][:2]
         bias_m, factors = _channels(path, commands)
         needed = NUM_RX * max(tx) + max(rx) + 1
@@ -97,8 +91,7 @@ class CaptureSpec:
                 f"factors, transmitters {tx} with receivers {rx} need {needed}"
             )
         return cls(
-            sample_swap=bool(sample_swap),
-            interleaved=not non_interleaved,
+            iq_order=orders[bool(sample_swap)],
             has_headers=bool(has_headers),
             range_bias_m=bias_m,
             channel_factors=tuple(factors[NUM_RX * t + r] for t in tx for r in rx),

@@ -166,13 +166,11 @@ def test_complex_2x_warns_of_the_image_band(write):
 
 def test_order_of_samples_in_the_stream(write):
     capture = CaptureSpec.from_cfg(write())
-    assert (capture.sample_swap, capture.interleaved) == (True, False)
-    assert not capture.has_headers
+    assert capture.iq_order == "QQII" and not capture.has_headers
     assert (capture.range_bias_m, capture.channel_factors) == (0.0, (1,) * 12)
     old = write(("-1 0 1 1 1", "0 0 0 1"), ("Cfg -1 0 1 0", "Cfg -1 1 1 0"))
     capture = CaptureSpec.from_cfg(old)
-    assert (capture.sample_swap, capture.interleaved) == (False, True)
-    assert capture.has_headers
+    assert capture.iq_order == "I4Q4" and capture.has_headers
     assert hash(capture) == hash(CaptureSpec.from_cfg(old))
 
 
