@@ -8,17 +8,16 @@ from scipy.spatial.transform import Rotation
 from jradar.radar import RadarSpec
 from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation import rig
-from jradar.simulation.echoes import Paths
-from jradar.simulation.link import FULL_SCALE
 from jradar.simulation.hardware import (
-    LINK,
     RANGE_BIAS_M,
     Hardware,
     make_hardware,
     sample_frame,
 )
+from jradar.simulation.link import FULL_SCALE, LINK
+from jradar.simulation.propagation import Paths
 from jradar.simulation.synthesiser import SynthesiserSpec, sampling_errors
-from tests.simulation.test_echoes import PERFECT
+from tests.simulation.test_propagation import PERFECT
 
 RADAR = RadarSpec.awr1843()
 BIN = 40  # of the target, some 5 m away
@@ -58,15 +57,14 @@ def test_late_starts_fill_all_velocities_at_the_echos_range():
 
 
 def test_a_chirp_starts_once_at_either_edge():
-    errors = np.asarray(
-        sampling_errors(jax.random.key(1), RADAR, SynthesiserSpec(-300.0, 1.1e-9))
-    )
+    draw = jax.jit(sampling_errors, static_argnums=(1, 2))
+    errors = np.asarray(draw(jax.random.key(1), RADAR, SynthesiserSpec(-300.0, 1.1e-9)))
     np.testing.assert_allclose(np.abs(errors), 0.55e-9, rtol=1e-5)
     assert abs((errors > 0).mean() - 0.5) < 0.1
     assert (np.ptp(errors, axis=-1) < 1e-15).all()
 
 
-def test_imbalance_spreads_the_beams_as_its_spread_says():
+def test_imbalance_takes_power_from_the_beam_by_its_variance():
     hardware = make_hardware("single_chip", RADAR)
     channels = spectrum_of(hardware._replace(leakage=PERFECT.leakage))[:2, :, 0, BIN]
     beams = np.abs(np.fft.fft(channels.ravel())) ** 2
@@ -97,7 +95,7 @@ def test_a_boards_own_calibration_undoes_the_single_chips_channels(samples):
     assert float(line[1]) == pytest.approx(RANGE_BIAS_M, abs=1e-4)
 
 
-def test_radars_sit_beside_where_calib_says_by_a_degree(monkeypatch):
+def test_radars_are_mounted_a_degree_beside_calib(monkeypatch):
     names = tuple(f"radar {k}" for k in range(400))
     monkeypatch.setattr(rig, "MISMOUNTED", names)
     errors = np.array([rig.mount_error(name) for name in names])

@@ -1,4 +1,4 @@
-"""Materials: energy is kept, slabs are those of a transfer matrix, metal is metal."""
+"""Materials: energy is conserved, slabs match a transfer matrix, metal reflects."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ def test_reflected_transmitted_and_absorbed_power_add_up(material):
 
 
 @pytest.mark.parametrize("name", ["glass", "drywall", "wood", "foliage", "plastic"])
-def test_a_slab_is_that_of_the_transfer_matrix(name):
+def test_a_slab_matches_its_transfer_matrix(name):
     reflected, transmitted, _ = slab_shares(of(name), COSINE, HZ)
     expected = [transfer_matrix(of(name), cosine) for cosine in COSINE]
     np.testing.assert_allclose(
@@ -65,7 +65,7 @@ def test_metal_reflects_all_and_smooth_drywall_little_off_its_normal():
     assert concrete[0] == pytest.approx(abs((1 - index) / (1 + index)) ** 2, rel=1e-6)
 
 
-def test_what_is_scattered_back_is_no_more_than_what_is_reflected():
+def test_a_surface_scatters_no_more_than_it_reflects():
     # Integrated over the half sphere, facets return all that they meet and no more.
     for material in MATERIALS:
         angle = np.linspace(0, np.pi / 2, 4001)[:-1]

@@ -1,4 +1,4 @@
-"""What the radar sees: places, powers and velocities that can be worked out by hand."""
+"""Paths: places, powers and velocities that follow by hand, and what is detected."""
 
 import jax
 import jax.numpy as jnp
@@ -6,21 +6,16 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec, calibrate_frequency_phase, radar_points
+from jradar.simulation.hardware import Hardware, make_hardware, sample_frame
 from jradar.simulation.layouts import FAMILIES, make_scene
-from jradar.simulation.link import LinkSpec
+from jradar.simulation.link import LINK
 from jradar.simulation.materials import MATERIAL_IDS, MATERIALS, slab_shares
-from jradar.simulation.trajectory import pose_at, velocity_at
-from jradar.simulation.hardware import (
-    LINK,
-    Hardware,
-    frame_paths,
-    make_hardware,
-    sample_frame,
-)
+from jradar.simulation.propagation import radar_paths
 from jradar.simulation.reflectors import find_reflectors
 from jradar.simulation.rig import sensor_pose, viewpoint
 from jradar.simulation.scene import make_body
 from jradar.simulation.solids import boulder, box, join, moved, sheet, slab
+from jradar.simulation.trajectory import pose_at, velocity_at
 from tests.simulation.worlds import corner_reflector, straight, world
 
 RADAR = RadarSpec.awr1843()
@@ -30,7 +25,7 @@ PERFECT = Hardware(
 
 
 def paths_of(scene, reflectors, time_s=0.0):
-    return frame_paths(scene, reflectors, "single_chip", time_s, RADAR)
+    return radar_paths(scene, reflectors, "single_chip", time_s, RADAR)
 
 
 def cloud_of(paths):
@@ -188,8 +183,8 @@ def test_noise_has_the_level_of_the_radar_equation():
     empty = paths_of(*world([moved(box((0.2, 0.2, 0.2), "rock"), (0, 40, 0))]))
     assert not empty.power.size
     frame = np.asarray(sample_frame(jax.random.key(1), empty, PERFECT, RADAR), float)
-    noise_dbm = -173.975 + 10 * np.log10(10.666e6) + LinkSpec().noise_figure_db
-    full_scale_db = noise_dbm - LinkSpec().full_scale_dbm
+    noise_dbm = -173.975 + 10 * np.log10(10.666e6) + LINK.noise_figure_db
+    full_scale_db = noise_dbm - LINK.full_scale_dbm
     expected = 32768**2 * 10 ** (full_scale_db / 10)
     assert (frame**2).sum(-1).mean() == pytest.approx(expected, rel=0.01)
 

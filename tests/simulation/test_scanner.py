@@ -11,16 +11,9 @@ from tests.simulation.worlds import world
 EXACT = ScannerSpec(noise_m=0.0, fading_db=0.0, reach_m=1e4, least_range_m=0.0)
 
 
-def ranges(scene, directions, seconds, *, lidar=EXACT, seed=0):
-    cloud = scan(
-        np.random.default_rng(seed),
-        scene,
-        scene.platform,
-        0.0,
-        directions,
-        seconds,
-        lidar=lidar,
-    )
+def ranges(scene, directions, seconds, *, scanner=EXACT):
+    random = np.random.default_rng(0)
+    cloud = scan(random, scene, 0.0, directions, seconds, scanner=scanner)
     return np.linalg.norm(cloud[:, :3], axis=-1), cloud
 
 
@@ -68,7 +61,7 @@ def test_far_and_grazing_returns_are_lost_and_written_as_zeros():
     floor = sheet([(-80, -80, 0), (80, -80, 0), (80, 80, 0), (-80, 80, 0)], "asphalt")
     scene, _ = world([floor])
     directions, seconds = ouster_rays()
-    measured, cloud = ranges(scene, directions, seconds, lidar=ScannerSpec())
+    measured, cloud = ranges(scene, directions, seconds, scanner=ScannerSpec())
     lost = measured == 0
     assert (cloud[lost] == 0).all()
     assert lost[directions[:, 2] > 0].all()
@@ -85,7 +78,9 @@ def test_noise_is_as_specified():
     scene, _ = world([room])
     directions, seconds = ouster_rays()
     exact, _ = ranges(scene, directions, seconds)
-    noisy, _ = ranges(scene, directions, seconds, lidar=ScannerSpec(least_range_m=0.0))
+    noisy, _ = ranges(
+        scene, directions, seconds, scanner=ScannerSpec(least_range_m=0.0)
+    )
     heard = noisy > 0
     assert heard.mean() > 0.95
     error = (noisy - exact)[heard]

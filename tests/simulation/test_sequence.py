@@ -2,55 +2,27 @@
 
 import subprocess
 import sys
-from types import SimpleNamespace
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jradar.errors import UsageError
 from jradar.lidar import rigid_transform, transform
-from jradar.radar import (
-    RadarSpec,
-    Scatterers,
-    range_doppler,
-    simulate_cube,
-    subtract_coupling,
-)
+from jradar.radar import RadarSpec, range_doppler, subtract_coupling
 from jradar.recordings import (
-    radar_from_cfg,
     radar_from_coloradar,
     read_coupling,
     read_frequency_phase,
 )
-from jradar.recordings.capture import open_capture
-from jradar.recordings.dca1000 import open_dca1000
-from jradar.simulation import (
-    SETS,
-    check_set,
-    simulate,
-    simulate_sequence,
-    simulate_set,
-)
-from jradar.simulation.capture_writer import dca1000_bytes, simulate_capture, write_cfg
+from jradar.simulation import frame_bytes, simulate_sequence
 from jradar.simulation.coloradar_writer import write_calib
 from jradar.simulation.hardware import channel_factors, make_hardware
-from jradar.simulation.rig import EXTRINSICS
-from jradar.simulation.sequence import EPOCH_S, imu_records, make_setting
-from jradar.simulation.sets import (
-    folder_digest,
-    read_manifest,
-    set_sequences,
-)
-from tests.simulation.test_echoes import paths_of
+from jradar.simulation.sequence import EPOCH_S, imu_records
+from jradar.simulation.sets import folder_digest
 from tests.simulation.worlds import straight
 
 RADAR = RadarSpec.awr1843()
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return simulate_sequence("corridor", 5, tmp_path_factory.mktemp("sim"), frames=2)
 
 
 def test_files_have_coloradars_names_and_sizes(folder):
@@ -71,7 +43,7 @@ def test_files_have_coloradars_names_and_sizes(folder):
     assert imu.shape == (len(np.loadtxt(folder / "imu" / "timestamps.txt")), 6)
 
 
-def test_the_calib_folder_says_what_was_simulated(folder):
+def test_the_calib_folder_describes_what_was_simulated(folder):
     calib = folder.parent / "calib"
     for name, radar in (("single_chip", RADAR), ("cascade", RadarSpec.cascade())):
         read = radar_from_coloradar(calib / name)
@@ -115,7 +87,7 @@ def test_the_coupling_file_removes_the_leakage(folder):
 
 def test_a_real_calib_folder_is_not_replaced(tmp_path):
     (tmp_path / "calib").mkdir()
-    with pytest.raises(ValueError, match="not simulated"):
+    with pytest.raises(UsageError, match="not simulated"):
         write_calib(tmp_path / "calib", {})
 
 
@@ -129,7 +101,7 @@ def test_the_same_seed_gives_the_same_bytes_in_another_process(folder, tmp_path)
     assert folder_digest(tmp_path / "calib") == folder_digest(folder.parent / "calib")
 
 
-def test_an_interrupted_run_leaves_nothing_half_written(tmp_path):
+def test_an_interrupted_run_leaves_nothing_half_written(scene_built_once, tmp_path):
     def interrupt():
         raise KeyboardInterrupt
 
@@ -138,118 +110,29 @@ def test_an_interrupted_run_leaves_nothing_half_written(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["calib"]
 
 
-def test_capture_order_is_what_the_cfg_and_the_card_say(tmp_path):
-    write_cfg(tmp_path / "awr1843.cfg", RADAR, frame_period_s=0.1)
-    radar = radar_from_cfg(tmp_path / "awr1843.cfg")
-    assert radar.cube_shape == RADAR.cube_shape
-    assert radar.tx_positions == RADAR.tx_positions
-    assert radar.max_velocity_mps == pytest.approx(RADAR.max_velocity_mps)
-    assert radar.range_resolution_m == pytest.approx(RADAR.range_resolution_m)
-    random = np.random.default_rng(0)
-    frame = random.integers(-99, 99, (*RADAR.cube_shape, 2)).astype(np.int16)
-    (tmp_path / "adc_data.bin").write_bytes(dca1000_bytes(frame))
-    recording = open_dca1000(tmp_path / "adc_data.bin", tmp_path / "awr1843.cfg")
-    cube = recording.cubes[0]
-    np.testing.assert_array_equal(cube, frame[..., 0] + 1j * frame[..., 1])
-
-
-def test_a_capture_holds_a_bag_of_the_livox(tmp_path):
-    reader = pytest.importorskip("rosbags.highlevel")
-    capture = simulate_capture("corridor", 5, tmp_path, frames=1)
-    assert (capture / "adc_data.bin").stat().st_size == 786_432
-    with reader.AnyReader([capture / "lidar.bag"]) as bag:
-        kinds = {c.topic: (c.msgtype, c.msgcount) for c in bag.connections}
-        assert kinds["/livox/lidar"] == ("livox_ros_driver2/msg/CustomMsg", 1)
-        connection = next(c for c in bag.connections if c.topic == "/livox/lidar")
-        _, stamp, raw = next(bag.messages([connection]))
-        message = bag.deserialize(raw, connection.msgtype)
-    assert message.point_num == len(message.points) == 20_000
-    assert message.timebase == stamp and message.points[-1].offset_time < 1e8
-    some = np.array([(p.x, p.y, p.z) for p in message.points])
-    assert 0.5 < (some != 0).any(-1).mean() <= 1
-    recording = open_capture(capture)
-    assert recording.cubes[0].shape == RADAR.cube_shape
-    start = np.loadtxt(capture / "timestamps.txt")
-    np.testing.assert_allclose(recording.cubes.stamps[0], start, atol=1e-4)
-    assert 0.5 * 20_000 < len(recording.lidar[0]) <= 20_000
-    first, last = recording.poses.stamps[[0, -1]]
-    assert first < start < last
-    calib = np.array(EXTRINSICS["livox"][0])
-    np.testing.assert_allclose(recording.base_from_lidar[:3, 3], calib)
-
-
-def test_a_resting_imu_feels_gravity_alone():
-    setting = make_setting("corridor", 5)
-    scene = setting.scene._replace(platform=straight())
-    records = imu_records(setting._replace(scene=scene), np.arange(200) / 300)
+def test_a_resting_imu_feels_gravity_alone(corridor):
+    scene = corridor.scene._replace(platform=straight())
+    records = imu_records(corridor._replace(scene=scene), np.arange(200) / 300)
     assert np.linalg.norm(records[:, :3].mean(0)) == pytest.approx(9.81, abs=0.1)
     assert np.abs(records[:, 3:].mean(0)).max() < 0.01
 
 
-def test_gradients_through_a_frame_are_finite():
-    setting = make_setting("corridor", 5)
-    paths = paths_of(setting.scene, setting.reflectors, 0.5)
-    columns = (paths.xyz, paths.velocity, np.sqrt(paths.power), paths.departure)
-    few = Scatterers(*(jnp.asarray(column[:32], jnp.float32) for column in columns))
-    radar = RadarSpec.awr1843(num_chirps=8)
-    key = jax.random.key(0)
-    gradient = jax.grad(lambda s: jnp.abs(simulate_cube(key, s, radar)).sum())(few)
-    assert all(bool(jnp.isfinite(g).all()) for g in gradient)
-
-
-def test_splits_share_no_layout_and_the_manifest_finds_a_changed_file(
-    tmp_path, monkeypatch
-):
-    scenes = [pair for _, *pair in set_sequences("jradar-sim")]
-    assert len({tuple(pair) for pair in scenes}) == len(scenes) == 6 * (384 + 4 + 4)
-    assert {split for split, *_ in set_sequences("jradar-sim")} == {
-        *("train", "validation", "test")
-    }
-    tested = {
-        tuple(p) for split, *p in set_sequences("jradar-sim-test") if split == "test"
-    }
-    others = {tuple(p) for split, *p in set_sequences("jradar-sim") if split != "test"}
-    assert len(tested) == 6 * 192 and not tested & others
-    tiny = {"train": (("corridor", 5),), "test": (("corridor", 6),)}
-    monkeypatch.setitem(SETS, "tiny", tiny)
-    path = simulate_set("tiny", tmp_path, frames=1)
-    manifest = read_manifest(tmp_path)
-    assert path.exists() and manifest["sequences"]["corridor_6"]["split"] == "test"
-    assert check_set(tmp_path) == []
-    changed = tmp_path / "corridor_6/lidar/timestamps.txt"
-    before = changed.stat().st_mtime_ns
-    simulate_set("tiny", tmp_path, frames=1)  # goes on where it stopped: makes nothing
-    assert changed.stat().st_mtime_ns == before
-    changed.write_text("0\n")
-    assert check_set(tmp_path) == ["corridor_6"]
-    with pytest.raises(ValueError, match="another folder"):
-        simulate_set("tiny", tmp_path, frames=2)
-
-
-def options(**changes):
-    given = dict(scene="corridor", set=None, frames=1, seed=5, output="x", json=True)
-    given |= dict(sensor="single_chip", format="coloradar", dry_run=False)
-    return SimpleNamespace(**(given | changes))
-
-
-def test_the_command_writes_or_only_says_what_it_would(tmp_path):
-    dry = simulate(options(output=tmp_path / "dry", dry_run=True))
-    assert not (tmp_path / "dry").exists() and dry["size"] == "2 MB"
-    done = simulate(options(output=tmp_path / "out"))
-    assert done["written"] == str(tmp_path / "out" / "corridor_5")
+def test_size_of_a_frame(folder):
+    files = [*folder.rglob("frame_0.bin"), *folder.rglob("lidar_pointcloud_0.bin")]
+    assert frame_bytes() == sum(path.stat().st_size for path in files)
+    cascade = 4 * 12 * 16 * 16 * 256  # half as many frames as the single chip
+    assert frame_bytes(sensor="both") - frame_bytes() == cascade / 2
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("arguments", "options", "message"),
     [
-        ({"scene": None}, "either --scene"),
-        ({"set": "jradar-sim"}, "either --scene"),
-        ({"format": "capture", "sensor": "both"}, "--format capture"),
-        ({"scene": None, "set": "nothing"}, "jradar-sim"),
-        ({"scene": "moon"}, "hallways"),
+        (("moon", 5), {}, "hallways"),
+        (("corridor", 5), {"frames": 0}, "1 or more"),
+        (("corridor", 5), {"sensor": "sonar"}, "cascade"),
     ],
 )
-def test_wrong_options_are_refused(tmp_path, changes, message):
-    with pytest.raises(ValueError, match=message):
-        simulate(options(output=tmp_path / "out", **changes))
+def test_wrong_options_are_usage_errors(tmp_path, arguments, options, message):
+    with pytest.raises(UsageError, match=message):
+        simulate_sequence(*arguments, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()

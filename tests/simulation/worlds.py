@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jradar.simulation.trajectory import STILL, Trajectory, loop
 from jradar.simulation.reflectors import find_reflectors
 from jradar.simulation.scene import Scene, make_body
 from jradar.simulation.solids import join, moved, sheet
+from jradar.simulation.trajectory import STILL, Trajectory, loop
 
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
 
@@ -26,10 +26,9 @@ def world(solids, *, movers=(), speed_mps=0.0):
     """A scene and its reflectors; `movers` are pairs of solid and trajectory."""
     random = np.random.default_rng(0)
     bodies = [make_body(random, join(list(solids)))]
-    bodies += [make_body(random, solid, trajectory=trajectory) for solid, trajectory in movers]
-    return Scene("test", tuple(bodies), straight(speed_mps)), find_reflectors(
-        tuple(bodies)
-    )
+    bodies += [make_body(random, solid, trajectory=way) for solid, way in movers]
+    scene = Scene("test", tuple(bodies), straight(speed_mps))
+    return scene, find_reflectors(scene.bodies)
 
 
 def corner_reflector(xyz, side=0.2):

@@ -1,0 +1,58 @@
+"""Data sets: splits without common layouts, digests, resuming."""
+
+import json
+
+import pytest
+
+from jradar.errors import UsageError
+from jradar.simulation import set_sequences, sets, simulate_set
+
+
+def test_splits_share_no_layout():
+    scenes = [(family, seed) for _, family, seed in set_sequences("jradar-sim-1")]
+    assert len(set(scenes)) == len(scenes) == 6 * (384 + 4 + 4)
+    splits = {split for split, *_ in set_sequences("jradar-sim-1")}
+    assert splits == {"train", "validation", "test"}
+    tested = {
+        tuple(pair)
+        for split, *pair in set_sequences("jradar-sim-1-test")
+        if split == "test"
+    }
+    others = {
+        tuple(pair) for split, *pair in set_sequences("jradar-sim-1") if split != "test"
+    }
+    assert len(tested) == 6 * 192 and not tested & others
+
+
+def test_an_unknown_set_names_the_known_ones():
+    with pytest.raises(UsageError, match="'jradar-sim', expected one of jradar-sim-1,"):
+        set_sequences("jradar-sim")
+
+
+def test_a_set_keeps_what_matches_its_manifest_and_remakes_the_rest(
+    scene_built_once, tmp_path, monkeypatch
+):
+    tiny = [("train", "corridor", 5), ("test", "corridor", 6)]
+    monkeypatch.setattr(sets, "set_sequences", lambda name: tiny)
+    path = simulate_set("tiny", tmp_path, frames=1)
+    manifest = json.loads(path.read_text())
+    assert manifest["set"] == "tiny"
+    assert manifest["sequences"]["corridor_6"]["split"] == "test"
+    splits = json.loads((tmp_path / "splits.json").read_text())
+    assert splits == {"corridor_5": "train", "corridor_6": "test"}
+    kept, changed = (
+        tmp_path / f"corridor_{seed}/lidar/timestamps.txt" for seed in (5, 6)
+    )
+    before, text = kept.stat().st_mtime_ns, changed.read_text()
+    changed.write_text("0\n")
+    simulate_set("tiny", tmp_path, frames=1)
+    assert kept.stat().st_mtime_ns == before and changed.read_text() == text
+    assert json.loads(path.read_text()) == manifest
+    with pytest.raises(UsageError, match="another folder"):
+        simulate_set("tiny", tmp_path, frames=2)
+
+
+def test_a_file_of_another_kind_is_no_manifest(tmp_path):
+    (tmp_path / "manifest.json").write_text('{"sequences": {"lab_0": {}}}')
+    with pytest.raises(ValueError, match="not the manifest of a simulated set"):
+        simulate_set("jradar-sim-1-mini", tmp_path)
