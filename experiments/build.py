@@ -158,11 +158,12 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             "used with directions by fft: train on records with angles = 'fft'"
         )
     names = {field.name for field in dataclasses.fields(PointSpec)}
-    points = {
+    chosen = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in options.items()
         if name in names
     }
+    points = PointSpec(**chosen).fitted(records.radar)
     coarse, fine = build_images(config.image)
     network, noise = build_network(config), build_noise(config)
     with section("method"):
@@ -173,7 +174,7 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             coarse=coarse,
             fine=fine,
             radar=records.radar,
-            points=PointSpec(**points).fitted(records.radar),
+            points=points,
             num_slices=config.image.num_slices,
             codec=config.image.codec,
             steps_seen=config.train.steps,

@@ -17,15 +17,7 @@ from jradar.lidar import LidarSpec
 from jradar.model import Model
 from tests.recordings.small_sequence import write_sequence, write_splits
 
-SMOKE = "--config=experiments/configs/smoke.py"
-SMALL = [
-    "--config.network.channels=8",
-    "--config.evaluation.detectors=('os',)",
-    "--config.train.batch_size=4",
-    "--config.train.steps=12",
-    "--config.train.checkpoint_every=4",
-    "--config.sampling.steps=3",
-]
+TINY = f"--config={Path(__file__).with_name('tiny_config.py')}"
 
 
 @pytest.fixture(scope="session")
@@ -39,13 +31,6 @@ def records(tmp_path_factory):
     view = build.field_of_view(default.get_config().image)
     prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
     return folder
-
-
-def shrink(config):
-    """Images and a network that compile in seconds."""
-    config.image.update(coarse=(8, 8), fine=(16, 64))
-    config.network.update(channels=8, multipliers=(1, 2), attention_levels=())
-    config.network.update(stem=(2, 8), condition_stem=(1, 1))
 
 
 def random_model(config, records: Records) -> Model:
@@ -76,9 +61,9 @@ class Run(NamedTuple):
 
 @pytest.fixture(scope="session")
 def finished(records, tmp_path_factory):
-    """A small run of the smoke experiment, from training to the report."""
+    """A tiny run, from training to the report."""
     workdir = tmp_path_factory.mktemp("finished")
-    flags = [SMOKE, *SMALL, f"--config.data.path={records}"]
+    flags = [TINY, f"--config.data.path={records}"]
     with contextlib.redirect_stdout(io.StringIO()) as out:
         assert main.main(["main", *flags, f"--workdir={workdir}"]) == 0
     return Run(workdir, flags, out.getvalue())

@@ -12,7 +12,8 @@ from jradar.data import PrepareSpec, Records, prepare
 from jradar.evaluation import load_clouds, read_scores
 from jradar.lidar import LidarSpec
 from jradar.model import Model, save_model
-from tests.experiments.conftest import random_model, shrink
+from tests.experiments.conftest import random_model
+from tests.experiments.tiny_config import shrink
 from tests.recordings.small_sequence import write_sequence, write_splits
 
 

@@ -19,9 +19,9 @@ from experiments.studies import compare, solvers
 from experiments.tasks import radarhd, rpdnet
 from experiments.train import flat
 from jradar.data import Records
-from tests.experiments.conftest import SMOKE
 
 ROOT = Path(__file__).parents[2]
+SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
 CONFIGS = sorted((ROOT / "experiments" / "configs").glob("[!_]*.py"))
 
 

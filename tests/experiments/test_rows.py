@@ -15,7 +15,8 @@ from jradar import data
 from jradar.errors import UsageError
 from jradar.model import Model
 from jradar.range_image import encode_range
-from tests.experiments.conftest import random_model, shrink
+from tests.experiments.conftest import random_model
+from tests.experiments.tiny_config import shrink
 
 
 @pytest.fixture(scope="module")
