@@ -171,13 +171,16 @@ def _corners(facets: Facets, edges: Edges) -> Corners:
     at = edges.along @ facets.centre.T - (edges.along * edges.start).sum(1)[:, None]
     for end, sign in ((np.zeros(len(at)), 1.0), (edges.length_m, -1.0)):
         ends = across & (np.abs(at - end[:, None]) < 2 * TOUCH_M)
+        for f in np.flatnonzero(ends.any(0)):
+            k = np.flatnonzero(ends[:, f])
+            xyz = edges.start[k] + at[k, f, None] * edges.along[k]
+            ends[k, f] = _joined(edges, edges_of[f], xyz, edges.facets[k])
         for k, f in np.argwhere(ends):
             xyz = edges.start[k] + at[k, f] * edges.along[k]
-            if _joined(edges, edges_of[f], xyz, edges.facets[k]):
-                inward = [*edges.inward[k], sign * edges.along[k]]
-                material = [*edges.material[k], facets.material[f]]
-                side = min(edges.length_m[k], edges.width_m[k])
-                rows.append((xyz, np.array(inward), np.array(material), side))
+            inward = [*edges.inward[k], sign * edges.along[k]]
+            material = [*edges.material[k], facets.material[f]]
+            side = min(edges.length_m[k], edges.width_m[k])
+            rows.append((xyz, np.array(inward), np.array(material), side))
     if not rows:
         return Corners(
             np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), int), np.zeros(0)
@@ -189,12 +192,12 @@ def _corners(facets: Facets, edges: Edges) -> Corners:
     return Corners(*(column[np.sort(first)] for column in corners))
 
 
-def _joined(edges, some, xyz, pair):
-    """Return whether `some` edges at a point belong to both facets of a pair."""
-    offset = xyz - edges.start[some]
-    along = (offset * edges.along[some]).sum(1)
+def _joined(edges, some, xyz, pairs):
+    """Return whether, at each point, `some` edges belong to both facets of its pair."""
+    offset = xyz[:, None] - edges.start[some]
+    along = (offset * edges.along[some]).sum(-1)
     near = (along > -2 * TOUCH_M) & (along < edges.length_m[some] + 2 * TOUCH_M)
-    aside = offset - along[:, None] * edges.along[some]
-    near &= (aside**2).sum(1) < (2 * TOUCH_M) ** 2
-    reached = edges.facets[some[near]]
-    return all((reached == other).any() for other in pair)
+    aside = offset - along[..., None] * edges.along[some]
+    near &= (aside**2).sum(-1) < (2 * TOUCH_M) ** 2
+    belongs = (edges.facets[some][:, :, None] == pairs[:, None, None, :]).any(2)
+    return (near[..., None] & belongs).any(1).all(1)
