@@ -1,5 +1,6 @@
 """Captures with a capture.toml: places, times, poses, wrong descriptions."""
 
+import shutil
 import struct
 from pathlib import Path
 
@@ -46,17 +47,24 @@ def clouds():
         yield [(here, float(y), 0.5 * i) for y in range(-2, 3)]
 
 
-@pytest.fixture
-def folder(tmp_path):
-    """A capture: five frames, six clouds, a trajectory."""
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The files of a capture: five frames, six clouds, a trajectory."""
+    folder = tmp_path_factory.mktemp("written")
     words = np.arange(FRAMES * 4 * 4 * 8 * 2, dtype="<i2")
-    (tmp_path / "adc_data.bin").write_bytes(words.tobytes())
-    (tmp_path / "radar.cfg").write_text(CFG)
+    (folder / "adc_data.bin").write_bytes(words.tobytes())
+    (folder / "radar.cfg").write_text(CFG)
     poses = ["# t x y z qx qy qz qw"]
     poses += [f"{1000 + 0.1 * i} {SPEED * 0.1 * i} 0 0 0 0 0 1" for i in range(-1, 8)]
-    (tmp_path / "poses.txt").write_text("\n".join(poses))
-    write_bag(tmp_path / "livox.bag")
-    return tmp_path
+    (folder / "poses.txt").write_text("\n".join(poses))
+    write_bag(folder / "livox.bag")
+    return folder
+
+
+@pytest.fixture
+def folder(tmp_path, written):
+    """A capture without its description."""
+    return shutil.copytree(written, tmp_path, dirs_exist_ok=True)
 
 
 def write_bag(path):

@@ -162,7 +162,7 @@ def test_lost_first_packet(write):
     assert as_bytes(recording.cubes) == bytes(1456) + stream[1456:]
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None, derandomize=True)
 @given(data=st.data())
 def test_any_packet_stream_against_its_bytes(data, tmp_path_factory):
     draw = data.draw
