@@ -69,7 +69,7 @@ def test_pruned_distances_of_large_clouds_equal_brute_force(kind, valid):
     rng = np.random.default_rng(7)
     a, b = (cloud_of_kind(kind, i, num) for i, num in enumerate(LARGE))
     masks = [jnp.asarray(rng.random(num) < valid) for num in LARGE]
-    # Padding holds whatever it holds.
+    # The values of padding must not matter.
     a = a.at[:3].set(jnp.where(masks[0][:3, None], a[:3], jnp.nan))
     distances = nearest_distances(PointCloud(a, masks[0]), PointCloud(b, masks[1]))
     expected = brute_force(np.nan_to_num(a), masks[0], b, masks[1])
@@ -77,7 +77,7 @@ def test_pruned_distances_of_large_clouds_equal_brute_force(kind, valid):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=0)
 
 
-@pytest.mark.parametrize("sizes", [(1, 1), (1, 300), (129, 64)])
+@pytest.mark.parametrize("sizes", [(1, 300), (129, 64)])
 def test_pruned_search_of_any_size_equals_all_pairs(sizes):
     clouds = [random_cloud(i, num, 1.0) for i, num in enumerate(sizes)]
     a, b = clouds
@@ -124,12 +124,6 @@ def test_kernel_and_host_equal_brute_force(sizes):
             np.testing.assert_allclose(scores.recall[i], r, atol=1e-6)
 
 
-def test_mean_of_both_halves_the_chamfer_distance():
-    a, b = random_cloud(0, 50), random_cloud(1, 60)
-    whole, half = compare(a, b), compare(a, b, mean_of_both=True)
-    np.testing.assert_allclose(half.chamfer, whole.chamfer / 2, rtol=1e-6)
-
-
 def test_padding_changes_nothing():
     a, b = random_cloud(0, 50, 1.0), random_cloud(1, 60, 1.0)
     padded = PointCloud(
@@ -174,13 +168,15 @@ def test_empty_cloud_is_nan_everywhere():
         assert all(np.isnan(score).all() for score in scores)
 
 
-@pytest.mark.parametrize("sizes", [(40, 30), LARGE])
-def test_vmap_equals_the_loop(sizes):
+@pytest.mark.parametrize(
+    ("function", "sizes"), [(compare, (40, 30)), (nearest_distances, LARGE)]
+)
+def test_vmap_equals_the_loop(function, sizes):
     pairs = [[random_cloud(2 * i + j, sizes[j]) for j in (0, 1)] for i in range(3)]
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *pairs)
-    batch = jax.vmap(compare)(*stacked)
+    batch = jax.vmap(function)(*stacked)
     for i, pair in enumerate(pairs):
-        for one, many in zip(compare(*pair), batch, strict=True):
+        for one, many in zip(function(*pair), batch, strict=True):
             np.testing.assert_allclose(one, many[i], rtol=1e-6)
 
 
@@ -204,7 +200,9 @@ def test_gradient_is_that_of_the_table_of_all_pairs(sizes):
         )
 
     xyz = [cloud.xyz for cloud in clouds]
-    gradients, expected = (jax.grad(f, argnums=(0, 1))(*xyz) for f in (ours, table))
+    gradients, expected = (
+        jax.jit(jax.grad(f, argnums=(0, 1)))(*xyz) for f in (ours, table)
+    )
     for one, other in zip(gradients, expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-5)
 

@@ -1,10 +1,9 @@
-"""Directions by MUSIC: exact for one target, nearer to the truth for two; a choice."""
+"""Directions by MUSIC: exact for one target, nearer to the truth for two."""
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
-from jradar.radar import RadarSpec, all_cells, directions, music_directions
+from jradar.radar import RadarSpec, directions, music_directions
 
 CHIP = RadarSpec.awr1843()
 
@@ -37,8 +36,3 @@ def test_of_two_targets_in_a_beam_one_is_found_that_the_spectrum_merges():
     found, _ = music_directions(cell, CHIP)
     assert np.abs(true - merged).min() > np.radians(3)
     assert np.abs(true - found).min() < np.radians(1)
-
-
-def test_a_method_that_there_is_not():
-    with pytest.raises(ValueError, match="method='esprit' for directions, expected"):
-        all_cells(jnp.zeros(CHIP.cube_shape, jnp.complex64), CHIP, method="esprit")

@@ -1,5 +1,7 @@
 """RadarSpec: derived quantities against published ones, files, and clear errors."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,21 @@ def test_firing_position_inverts_the_firing_order():
     assert radar.firing_position[3] == 9  # the first elevated one fires tenth
 
 
+def test_a_board_and_a_waveform_make_a_radar():
+    waveform = {
+        name: value
+        for name, value in dataclasses.asdict(RadarSpec.awr1843()).items()
+        if not name.startswith(("name", "tx", "rx", "design"))
+    }
+    isk = RadarSpec.named("iwr6843isk", **waveform)
+    assert (isk.name, isk.tx_positions[1]) == ("iwr6843isk", (2, 1))
+    assert isk.design_frequency_hz == 62e9
+    in_mask_order = ((0, 0), (2, 1), (4, 0))
+    assert RadarSpec.named("awr1843", tx_positions=in_mask_order) == (
+        dataclasses.replace(RadarSpec.named("awr1443", **waveform), name="awr1843")
+    )
+
+
 def test_spec_is_hashable_and_equal_by_value():
     assert hash(RadarSpec.awr1843()) == hash(RadarSpec.awr1843())
     assert RadarSpec.awr1843() != RadarSpec.awr1843(num_chirps=64)
@@ -54,7 +71,8 @@ def test_spec_is_hashable_and_equal_by_value():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"device": "awr9"}, "device = 'awr9', expected one of"),
+        ({"device": "awr1834"}, r"device = 'awr1834', .*: did you mean 'awr1843'\?"),
+        ({"device": "awr1443"}, "missing radar fields: start_frequency_hz"),
         ({"device": "awr1843", "num_chirp": 3}, "'num_chirp', expected num_chirps"),
         ({"device": "awr1843", "num_chirps": 1.5}, "num_chirps = 1.5, expected an int"),
         (
@@ -119,7 +137,7 @@ def test_studio_log_gives_transmitters_in_firing_order(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("API:ProfileConfig", "API:X", "no ProfileConfig: is it the log of"),
+        ("API:ProfileConfig", "API:X", "no ProfileConfig: is it"),
         ("AR1843", "AR9999", "chip AR9999, expected one of"),
         ("AdcOutConfig,2,1", "AdcOutConfig,2,0", "real samples were recorded"),
         ("0,0,0,1,0,0,", "0,0,0,1,1,0,", "expected each chirp to fire one"),
