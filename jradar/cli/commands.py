@@ -14,11 +14,13 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     from jradar.radar import PointSpec
     from jradar.recordings import calibrated_cube, describe, describe_file
 
-    if (found := describe_file(options.path)) is not None:
-        return found
+    if (described := describe_file(options.path)) is not None:
+        return described
     recording, (frame,) = open_frames(options)
     cube = calibrated_cube(recording, frame)
-    found = {"echoes": echoes(frame_points(cube, recording, PointSpec()), recording)}
+    found: dict[str, Any] = {
+        "echoes": echoes(frame_points(cube, recording, PointSpec()), recording)
+    }
     if recording.radar.num_chirps > 1:
         moving = frame_points(cube, recording, PointSpec(remove_static=True))
         found["moving echoes"] = echoes(moving, recording)

@@ -114,7 +114,7 @@ def _times(watch: Stopwatch) -> dict[str, Any]:
     drawing = sum(stages.values()) - stages["writing"]
     return {
         "milliseconds per frame": stages,
-        "frames per second without writing": 1e3 / drawing,
+        "frames/s without writing": 1e3 / drawing,
         "compiling (s)": compiling,
     }
 

@@ -45,7 +45,7 @@ def test_every_stage_of_several_frames_is_timed(
     stages = result["milliseconds per frame"]
     assert len(stages) == 6 and all(value > 0 for value in stages.values())
     drawing = sum(stages.values()) - stages["writing"]
-    rate = result["frames per second without writing"]
+    rate = result["frames/s without writing"]
     assert rate == pytest.approx(1000 / drawing) and result["compiling (s)"] > 0
     alone = run_json(*command, tmp_path / "one", "--frame", 11)
     assert alone["enhanced points"] == result["enhanced"][1]["enhanced points"]
