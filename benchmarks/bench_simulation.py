@@ -2,8 +2,8 @@
 
     python -m benchmarks.bench_simulation [FAMILY]     a table of one scene's steps
 
-In the common table the forward model stands beside the same sum with a phasor for each
-sample of each chirp, and a LiDAR scan beside trimesh's first hits.
+In the common table the forward model is compared with the same sum that takes a phasor
+for each sample of each chirp, and a LiDAR scan with trimesh's first hits.
 """
 
 import functools
@@ -31,7 +31,7 @@ FRAMES = 20
 
 
 def cases() -> Iterator[Case]:
-    """The forward model at two sizes, and the rays of a scan."""
+    """Yield the forward model at two sizes, and the rays of a scan."""
     for count in (256, 1024):
         scatterers = _scatterers(count)
         key = jax.random.key(0)
@@ -93,7 +93,7 @@ def main(family: str = "hallways") -> None:
 
 
 def _median(step) -> tuple[float, float]:
-    """Milliseconds of the clock and of all processors."""
+    """Return the median milliseconds of the clock and of all processors."""
     times = []
     for _ in range(10):
         begin = time.perf_counter(), time.process_time()
@@ -104,7 +104,7 @@ def _median(step) -> tuple[float, float]:
 
 
 def _scatterers(count: int) -> Scatterers:
-    """Scatterers in front of the radar that approach and recede."""
+    """Return scatterers in front of the radar that approach and recede."""
     random = np.random.default_rng(0)
     xyz = random.uniform([1, -5, -2], [12, 5, 2], (count, 3))
     columns = xyz, random.uniform(-1.5, 1.5, count), np.ones(count)
@@ -113,7 +113,7 @@ def _scatterers(count: int) -> Scatterers:
 
 @jax.jit
 def _every_sample(scatterers: Scatterers) -> jax.Array:
-    """The model's sum as it is defined, chirp by chirp."""
+    """Return the model's sum as it is defined, chirp by chirp."""
     distance = jnp.linalg.norm(scatterers.xyz, axis=-1)
     direction = scatterers.xyz[:, 1:] / distance[:, None]
     positions = jnp.array(RADAR.rx_positions), jnp.array(RADAR.tx_positions)
@@ -138,7 +138,7 @@ def _every_sample(scatterers: Scatterers) -> jax.Array:
 
 
 def _trimesh(setting, origins, directions):
-    """First hits on the world's mesh."""
+    """Return a function that finds the first hits on the world's mesh."""
     import trimesh
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 

@@ -182,8 +182,8 @@ STANDS_FOR = {  # of the user's own
 }
 NOT_RUN = {  # and why
     "python -m benchmarks.run": "half an hour; the quick one is run",
-    "jradar simulate --set jradar-sim -o sim": "minutes; the mini set is run by smoke",
-    "--set jradar-sim-test": "minutes, too",
+    "jradar simulate --set jradar-sim-1 -o sim": "minutes; the mini set is run by smoke",
+    "--set jradar-sim-1-test": "minutes, too",
     "jradar prepare sim-test -o records/test": "needs that",
     "--scheduler": "needs a Dask cluster",
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
@@ -221,7 +221,7 @@ def test_commands_run_one_after_another(tmp_path):
 
     simulated("--scene", "hall", "--frames", "3", "-o", "sim")
     simulated(*"--scene hall --frames 3 --format capture -o capture".split())
-    simulated("--set", "jradar-sim-mini", "--frames", "2", "-o", "coloradar")
+    simulated("--set", "jradar-sim-1-mini", "--frames", "2", "-o", "coloradar")
     ordered = [command for name, command in commands() if name.startswith("exp")]
     ran = 0
     for command in dict.fromkeys([*ordered, *COMMANDS]):

@@ -1,24 +1,24 @@
 """A simulated ColoRadar: scenes seen by a LiDAR and a radar, in ColoRadar's own layout.
 
-    make_scene, FAMILIES      procedural scenes from a seed
-    make_setting              a scene and its radars
-    radar_frames, lidar_scans what the sensors measure, in memory
-    simulate_sequence         a sequence on disk, in ColoRadar's layout
-    simulate_capture          DCA1000 samples, a `.cfg`, and the bag of a Livox
-    simulate_set, SETS        the data sets jradar-sim-1, -test and -mini
-    set_sequences             the sequences of a set
-    frame_bytes               size of a frame on disk
+    make_scene, FAMILIES        procedural scenes from a seed
+    make_setting                a scene and its radars
+    radar_frames, lidar_scans   what the sensors measure, in memory
+    simulate_sequence           a sequence on disk, in ColoRadar's layout
+    simulate_capture            DCA1000 samples, a `.cfg`, and the bag of a Livox
+    simulate_set, SETS          the data sets jradar-sim-1, -test and -mini
+    set_sequences               the sequences of a set
+    frame_bytes                 size of a frame on disk
 
-The modules and what they model:
+Its modules, and what they model:
 
-    layouts, furniture, tunnel, solids    geometry
-    scene, trajectory, rig    moving bodies, hand-held motion, mounts beside calibration
-    materials                 reflection, transmission and roughness of surfaces
-    propagation, reflectors, line_of_sight    speckle, mirrors, corners, ghosts
-    link, hardware, synthesiser    antennas, noise, leakage, uncalibrated channels,
-                              ADC, phase noise, chirps that start late
-    scanner                   LiDAR: lost returns, glass
-    sequence                  streams with their own clocks
+    solids, furniture, tunnel, layouts        geometry
+    materials                                 reflection, transmission, roughness
+    scene, trajectory, rig                    moving bodies, hand-held motion, mounts
+    reflectors, line_of_sight, propagation    speckle, mirrors, corners, ghosts
+    link, hardware, synthesiser               antennas, noise, leakage, channels, ADC,
+                                              phase noise, chirps that start late
+    scanner                                   LiDAR: lost returns, glass
+    sequence                                  streams with their own clocks
     coloradar_writer, capture_writer, sets    files
 
 Not modelled: diffraction, a second bounce between walls, interference, limbs that

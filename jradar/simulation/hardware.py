@@ -4,8 +4,8 @@ ColoRadar calibrates the cascade's channels, but not the single chip's. The sing
 here has the channels of a real AWR1843: the coefficients that TI's demo measured on one
 board (`compRangeBiasAndRxChanPhase` in radarize_ae's 1843_v1.cfg). A factor for each
 transmitter times a factor for each receiver reproduces all twelve to 0.3 dB and 3
-degrees. They spread by 3.5 dB and 47 degrees; those of an AWR6843AOP, measured in the
-same way, by 3.1 dB and 30 degrees. The phase of the third transmitter tilts the
+degrees. They spread by 3.5 dB and 47 degrees; the channels of an AWR6843AOP, measured
+in the same way, spread by 3.1 dB and 30 degrees. The phase of the third transmitter tilts the
 elevation by about 9 degrees, the other phases turn the azimuth by 1 degree. The
 coefficients cannot tell how much of that is due to the board, and how much to a
 reflector beside boresight. Measured ranges are 6.6 cm too long.
@@ -47,7 +47,7 @@ def make_hardware(sensor: str, radar: RadarSpec) -> Hardware:
 
     The leakage crosses the board, a few centimetres. Channels differ in gain, phase and
     delay. The cascade's calibration file lists them; the single chip's were measured on
-    another board of its kind.
+    another AWR1843.
     """
     random = np.random.default_rng([*sensor.encode()])
     channels = (radar.num_tx, radar.num_rx)

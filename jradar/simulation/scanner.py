@@ -37,16 +37,13 @@ class ScannerSpec:
 
 
 OUSTER = ScannerSpec()
-MID360 = ScannerSpec("livox", 0.1, 0.1, 40.0, 0.02)
+MID360 = ScannerSpec(name="livox", least_range_m=0.1, reach_m=40.0, noise_m=0.02)
 OUSTER_ROWS, OUSTER_COLUMNS = 64, 1024
 MID360_POINTS, MID360_LINES = 20_000, 4
 
 
 def ouster_rays() -> tuple[Float[np.ndarray, "65536 3"], Float[np.ndarray, " 65536"]]:
-    """Return directions and times of a scan: rows from +16.6 to -16.6 degrees.
-
-    Each row turns clockwise from x.
-    """
+    """Return directions and times of a scan, row by row, each clockwise from x."""
     elevation = np.radians(np.linspace(16.6, -16.6, OUSTER_ROWS))[:, None]
     column = np.arange(OUSTER_COLUMNS)[None]
     azimuth = -2 * np.pi * column / OUSTER_COLUMNS
@@ -84,9 +81,10 @@ def scan(
     *,
     scanner: ScannerSpec = OUSTER,
 ) -> Float[np.ndarray, "ray 4"]:
-    """Return x, y, z (metres) and intensity of each ray, in the sensor's frame then.
+    """Return x, y, z (metres) and intensity of each ray, in the sensor's frame.
 
-    `seconds` are the times of the rays after the start of the scan at `time_s`.
+    `seconds` are the times of the rays after the start of the scan at `time_s`. Points
+    are relative to the sensor's place at the time of their ray.
     """
     places = placements(scene, time_s + scanner.period_s / 2)
     when, ray_time = np.unique(seconds, return_inverse=True)

@@ -25,7 +25,6 @@ from jradar.files import write_text
 from jradar.simulation.layouts import FAMILIES
 from jradar.simulation.sequence import simulate_sequence
 
-MANIFEST = "manifest.json"
 SETS: dict[str, dict[str, tuple[int, ...]]] = {  # seeds of each split
     "jradar-sim-1": {
         "train": (*range(96), *range(1000, 1288)),
@@ -67,11 +66,11 @@ def simulate_set(
     UsageError if `root` holds another set.
     """
     root, wanted = Path(root), set_sequences(name)
-    path = root / MANIFEST
+    path = root / "manifest.json"
     made = {"set": name, "frames": frames, "sensor": sensor, "jradar": __version__}
     manifest: dict[str, Any] = {**made, "sequences": {}}
     if path.exists():
-        manifest = read_manifest(root)
+        manifest = _read_manifest(path)
         found = {key: manifest.get(key) for key in made}
         if found != made:
             raise UsageError(
@@ -96,9 +95,8 @@ def simulate_set(
     return path
 
 
-def read_manifest(root: Path | str) -> dict[str, Any]:
-    """Return the manifest of a set's folder; ValueError if it is not one."""
-    path = Path(root) / MANIFEST
+def _read_manifest(path):
+    """Return the manifest of a set; ValueError if the file is not one."""
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
         entries = manifest["sequences"].values()
