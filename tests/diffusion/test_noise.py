@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from jradar.diffusion import (
+    EDM,
     NoiseSpec,
     denoising_loss,
     karras_sigmas,
-    loss_weight,
     precondition,
     scalings,
     training_sigma,
@@ -36,7 +36,7 @@ def test_scalings_keep_unit_variance(sigma):
     error = ((1 - c_skip) * NOISE.sigma_data) ** 2 + (c_skip * sigma) ** 2
     np.testing.assert_allclose(error / c_out**2, 1, rtol=1e-3)
     np.testing.assert_allclose(c_noise, np.log(sigma) / 4, rtol=1e-5)
-    weight = loss_weight(jnp.float32(sigma), NOISE)
+    weight = EDM.loss_weight(jnp.float32(sigma), NOISE)
     np.testing.assert_allclose(weight * c_out**2, 1, rtol=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""Agreement equals a count by hand, and does not depend on the draws' order."""
+"""Agreement equals a count by hand and does not depend on the order of draws."""
 
 import jax
 import numpy as np
@@ -53,7 +53,7 @@ def test_vmap_over_frames_equals_the_loop():
     [
         ({"share": 0.0}, "share=0.0, expected more than 0"),
         ({"share": 1.5}, "share=1.5"),
-        ({"tolerance_m": 0.0}, "tolerance_m=0.0, expected metres"),
+        ({"tolerance_m": 0.0}, "tolerance_m=0.0, expected more than 0 metres"),
     ],
 )
 def test_wrong_options_are_refused(options, message):

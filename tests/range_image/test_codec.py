@@ -64,7 +64,7 @@ def test_filling_an_empty_image_is_finite():
     assert not fill_misses(jnp.ones((7, 5)), jnp.zeros((7, 5), bool)).any()
 
 
-def test_condition_says_presence_place_and_power():
+def test_condition_holds_presence_place_and_power():
     spec = ImageSpec(height=4, width=8, max_range_m=8.0)
     xyz = jnp.array([[1.0, 0.01, 0.01], [7.5, 0.01, 0.01]])
     cloud = PointCloud(xyz, jnp.ones(2, bool), power=jnp.array([1e6, 1e3]))

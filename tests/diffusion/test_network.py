@@ -1,0 +1,69 @@
+"""Networks: built from configs, described as JSON, wrong names refused."""
+
+import json
+
+import numpy as np
+import pytest
+import safetensors
+
+from jradar.diffusion import (
+    PRESETS,
+    UNet,
+    build_network,
+    load_pretrained,
+    network_fields,
+    network_from_fields,
+    read_params,
+    write_params,
+)
+from jradar.model import shipped_models
+
+
+def test_a_presets_fields_can_be_replaced():
+    network = build_network(preset="small", channels=64)
+    assert network == UNet(**PRESETS["small"] | {"channels": 64})
+    assert build_network() == UNet()
+
+
+def test_json_of_a_network_makes_an_equal_network():
+    network = build_network(preset="tiny", outputs=4)
+    values = json.loads(json.dumps(network_fields(network)))
+    assert values["kind"] == "unet" and "dtype" not in values
+    again = network_from_fields(values)
+    assert again == network and hash(again) == hash(network)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kind": "vit"}, r"kind = 'vit', expected one of \['unet'\]"),
+        ({"preset": "huge"}, "preset = 'huge', expected one of .*'tiny'"),
+        ({"chanels": 64}, "'chanels', expected channels"),
+    ],
+)
+def test_unknown_names_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        build_network(**options)
+
+
+def test_networks_without_an_entry_are_refused():
+    class Other(UNet):
+        """A network that no config can name."""
+
+    with pytest.raises(ValueError, match="Other has no entry in NETWORKS"):
+        network_fields(Other())
+
+
+def test_shipped_weights_are_rewritten_byte_for_byte_and_start_a_training(tmp_path):
+    path = shipped_models()["jradar-sim"] / "weights.safetensors"
+    with safetensors.safe_open(path, "numpy") as file:
+        metadata = file.metadata()
+    params, copy = read_params(path), tmp_path / "weights.safetensors"
+    assert params["params"]["trunk"]["stem"]["kernel"].dtype == np.float32
+    write_params(copy, params, metadata=metadata)
+    assert copy.read_bytes() == path.read_bytes()
+    network = network_from_fields(json.loads(metadata["network"]))
+    _, report = load_pretrained(path, network, params)
+    assert not report.new and not report.unused
+    with pytest.raises(FileNotFoundError):
+        read_params(tmp_path / "none.safetensors")
