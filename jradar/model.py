@@ -109,27 +109,15 @@ def enhance(
     radar: RadarSpec | None = None,
     coupling: Complex[Array, "tx rx half_range"] | None = None,
     range_bias_m: float = 0.0,
-    draws: int | None = None,
-    steps: int | None = None,
-    solver: Solver | None = None,
-    temperature: float | Float[Array, ""] | None = None,
+    **drawing: Any,
 ) -> PointCloud:
     """Return the dense, LiDAR-like cloud of one radar frame (Fig. 3b).
 
-    The first options are those of `condition`, the last four those of `draw`.
-    One frame; `vmap` it.
+    `drawing` are options of `draw`, the others are those of `condition`. One frame;
+    `vmap` it.
     """
-    image = draw(
-        key,
-        condition(
-            cube, model, radar=radar, coupling=coupling, range_bias_m=range_bias_m
-        ),
-        model,
-        draws=draws,
-        steps=steps,
-        solver=solver,
-        temperature=temperature,
-    )
+    sensor = {"radar": radar, "coupling": coupling, "range_bias_m": range_bias_m}
+    image = draw(key, condition(cube, model, **sensor), model, **drawing)
     return unproject(image, model.spec.fine)
 
 
