@@ -184,7 +184,7 @@ NOT_RUN = {  # and why
     "python -m benchmarks.run": "half an hour; the quick one is run",
     "jradar simulate --set jradar-sim-1 -o sim": "minutes; the mini set is run by smoke",
     "--set jradar-sim-1-test": "minutes, too",
-    "jradar prepare sim-test -o records/test": "needs that",
+    "jradar prepare sim-test -o records/test": "needs the test set",
     "--scheduler": "needs a Dask cluster",
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
     "--config=experiments/configs/default.py": "an hour of training",
