@@ -47,7 +47,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "attention_levels": (2,),
         "stem": (1, 4),
     },
-    "small": {  # patches half as high as those of "tiny"
+    "small": {  # half the patch height of "tiny"
         "channels": 128,
         "multipliers": (1, 1),
         "blocks": 1,

@@ -18,6 +18,7 @@ from jradar.range_image import (
 from jradar.range_image.codec import CODECS
 from jradar.types import PointCloud
 
+FILL = jax.jit(fill_misses)
 SPEC = ImageSpec(height=12, width=20, max_range_m=10.0)
 
 
@@ -53,15 +54,15 @@ def test_target_round_trip_keeps_hits_and_misses(codec):
 def test_filling_keeps_hits_and_stays_within_their_range():
     value = jax.random.uniform(jax.random.key(0), SPEC.shape)
     hit = jax.random.bernoulli(jax.random.key(1), 0.2, SPEC.shape)
-    filled = fill_misses(value, hit)
+    filled = FILL(value, hit)
     np.testing.assert_allclose(filled[hit], value[hit], rtol=1e-6)
     assert filled.min() >= value[hit].min() - 1e-6
     assert filled.max() <= value[hit].max() + 1e-6
-    np.testing.assert_allclose(fill_misses(jnp.ones(SPEC.shape), hit), 1, rtol=1e-6)
+    np.testing.assert_allclose(FILL(jnp.ones(SPEC.shape), hit), 1, rtol=1e-6)
 
 
 def test_filling_an_empty_image_is_finite():
-    assert not fill_misses(jnp.ones((7, 5)), jnp.zeros((7, 5), bool)).any()
+    assert not FILL(jnp.ones(SPEC.shape), jnp.zeros(SPEC.shape, bool)).any()
 
 
 def test_condition_holds_presence_place_and_power():

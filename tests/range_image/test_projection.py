@@ -94,7 +94,7 @@ def test_up_is_row_0_and_left_is_the_last_column():
     assert np.argwhere(image).tolist() == [[0, 15]]
 
 
-def test_nearest_point_wins_whatever_the_order():
+def test_nearest_point_wins_in_any_order():
     near, far = direction(0.1, 0.1) * 2, direction(0.1, 0.1) * 7
     for points in ((near, far), (far, near)):
         assert project(cloud(*points), SPEC).max() == pytest.approx(2, rel=1e-6)
