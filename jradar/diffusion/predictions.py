@@ -12,8 +12,9 @@ clean      D = sigma_data F: the image itself.
 gaussian   D = m + (x - m) s^2 / (s^2 + sigma^2), with a mean m = sigma_data F1 and a
            spread s = sigma_data exp(4 tanh(F2 / 4)) for each value of the image.
 
-With patches too coarse to carry a pixel's noise, "gaussian" lets F estimate a pixel from
-its surroundings and the condition; Bayes' rule adds the pixel's own value. It equals "edm" with F = F1 / c_out where F2 = 0.
+If patches are too coarse to carry a pixel's noise, "gaussian" lets F estimate a pixel
+from its surroundings and the condition; Bayes' rule adds the pixel's own value. It
+equals "edm" with F = F1 / c_out where F2 = 0.
 """
 
 import dataclasses
