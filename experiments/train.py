@@ -39,7 +39,7 @@ class Training(NamedTuple):
 def run(task: Any, config: ConfigDict, workdir: Path) -> None:
     """Train and evaluate a task in a workdir that no other config has used.
 
-    Several processes train together; the first one saves and evaluates.
+    Several processes train together; the first one validates, saves and evaluates.
     """
     if config.data.path and not Path(config.data.path).exists():
         raise UsageError(f"data.path = {config.data.path}: no such file or folder")
@@ -48,6 +48,11 @@ def run(task: Any, config: ConfigDict, workdir: Path) -> None:
     job = task.setup(config, workdir)
     if job is not None:
         print(f"training on {job.trained_on}", file=sys.stderr, flush=True)
+
+        def validate(state, step):
+            first = not jax.process_index()
+            return job.validate(jax.device_get(state), step) if first else {}
+
         state = training.train(
             random_key(config, TRAIN_KEY),
             job.state,
@@ -57,7 +62,7 @@ def run(task: Any, config: ConfigDict, workdir: Path) -> None:
             workdir=workdir,
             checkpoint_every=config.train.checkpoint_every,
             evaluate_every=config.train.evaluate_every,
-            evaluate=job.validate,
+            evaluate=validate,
         )
         if jax.process_index():
             return

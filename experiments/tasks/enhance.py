@@ -113,8 +113,7 @@ def validate(
         "LiDAR": np.stack([frames[i].pair.lidar for i in some]),
         name: np.stack([data.lidar_image(points_of(clouds[i]), fine) for i in some]),
     }
-    if not jax.process_index():
-        viz.save_figure(viz.samples_figure(columns, fine), picture)
+    viz.save_figure(viz.samples_figure(columns, fine), picture)
     view = View(model.spec.radar, fine)
     return mean_scores(clouds, [frame.prepared for frame in frames], view)
 

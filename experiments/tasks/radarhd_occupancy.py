@@ -8,7 +8,6 @@ Bayes' rule adds the evidence of the pixel's own noisy value x:
 where p is the share of occupied pixels, from sigma_data^2 = p (1 - p).
 """
 
-import dataclasses
 import math
 from typing import Any
 
@@ -19,6 +18,7 @@ from jaxtyping import Array, Float, Int, Key
 from jradar.diffusion import (
     Denoiser,
     NoiseSpec,
+    Prediction,
     regression_estimate,
     training_sigma,
 )
@@ -26,12 +26,8 @@ from jradar.diffusion import (
 Image = Float[Array, "batch row column channel"]
 
 
-@dataclasses.dataclass(frozen=True)
-class Occupancy:
+class Occupancy(Prediction):
     """The prediction of pixels that are 0 or 1; see the module's docstring."""
-
-    name: str = "occupancy"
-    outputs_per_channel: int = 1
 
     def check(self, noise: NoiseSpec) -> None:
         """Raise ValueError for a spread that no image of 0 and 1 has."""
@@ -53,7 +49,7 @@ class Occupancy:
         return jax.nn.sigmoid(odds + prior(noise) + (x - 0.5) / level**2)
 
 
-OCCUPANCY = Occupancy()
+OCCUPANCY = Occupancy("occupancy")
 
 
 def prior(noise: NoiseSpec) -> float:

@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -34,7 +35,7 @@ def test_direct_regression_draws_the_networks_answer(trained):
     params, spec = model.params, model.spec
     # A network that answers 5 m everywhere, by the bias of its last layer.
     value = encode_range(
-        np.float32(5.0), max_range_m=spec.fine.max_range_m, codec=spec.codec
+        jnp.asarray(5.0), max_range_m=spec.fine.max_range_m, codec=spec.codec
     )
     out = np.float32([value, 1.0]) / spec.noise.sigma_data
     changed = jax.tree.map(np.zeros_like, params)
