@@ -12,14 +12,15 @@ clean      D = sigma_data F: the image itself.
 gaussian   D = m + (x - m) s^2 / (s^2 + sigma^2), with a mean m = sigma_data F1 and a
            spread s = sigma_data exp(4 tanh(F2 / 4)) for each value of the image.
 
-If patches are too coarse to carry a pixel's noise, "gaussian" lets F estimate a pixel
-from its surroundings and the condition; Bayes' rule adds the pixel's own value. It
-equals "edm" with F = F1 / c_out where F2 = 0.
+With patches too coarse to carry a pixel's noise, "gaussian" lets F describe what the
+surroundings and the condition tell about a pixel, and Bayes' rule adds what the pixel's
+own value tells. It equals "edm" with F = F1 / c_out where F2 = 0.
 """
 
+import abc
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -32,48 +33,30 @@ Level = Float[Array, "*batch"]
 NetworkFunction = Callable[[Image, Level], Image]
 
 
-@runtime_checkable
-class Prediction(Protocol):
-    """What a network predicts: hashable, with a name for configs and files."""
+@dataclasses.dataclass(frozen=True)
+class Prediction(abc.ABC):
+    """What a network predicts; `name` stands in configs and model files."""
 
-    @property
-    def name(self) -> str:
-        """Name in configs and model files."""
-        ...
+    name: str
+    outputs_per_channel: int = 1  # of the network, for each channel of the image
 
-    @property
-    def outputs_per_channel(self) -> int:
-        """Number of outputs of the network for each channel of the image."""
-        ...
-
-    def check(self, noise: "NoiseSpec") -> None:
-        """Raise ValueError for noise levels that the prediction cannot use."""
-
-    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
-        """Return the weight of the squared error at each noise level."""
-        ...
-
+    @abc.abstractmethod
     def denoise(
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
     ) -> Image:
         """Return the clean image; `sigma` is one level for each image."""
-        ...
-
-
-@dataclasses.dataclass(frozen=True)
-class Edm:
-    """EDM's mixture of image and noise."""
-
-    name: str = "edm"
-    outputs_per_channel: int = 1
-
-    def check(self, noise: "NoiseSpec") -> None:
-        """Accept all noise levels."""
 
     def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
-        """Return the weight that gives the network's target unit variance."""
+        """Return the weight of the squared error; EDM's gives F unit variance."""
         data = noise.sigma_data
         return (sigma**2 + data**2) / (sigma * data) ** 2
+
+    def check(self, noise: "NoiseSpec") -> None:  # noqa: B027  (all levels, by default)
+        """Raise ValueError for noise levels that the prediction cannot use."""
+
+
+class Edm(Prediction):
+    """EDM's mixture of image and noise."""
 
     def denoise(
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
@@ -84,15 +67,8 @@ class Edm:
         return c_skip * x + c_out * network(c_in * x, c_noise)
 
 
-@dataclasses.dataclass(frozen=True)
-class Clean:
+class Clean(Prediction):
     """The clean image, in units of `sigma_data`."""
-
-    name: str = "clean"
-    outputs_per_channel: int = 1
-
-    def check(self, noise: "NoiseSpec") -> None:
-        """Accept all noise levels."""
 
     def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
         """Return the same weight for all noise levels."""
@@ -105,19 +81,8 @@ class Clean:
         return noise.sigma_data * _output(network, x, sigma, noise)
 
 
-@dataclasses.dataclass(frozen=True)
-class Gaussian:
+class Gaussian(Prediction):
     """A mean and a spread for each value of the image, combined with its own value."""
-
-    name: str = "gaussian"
-    outputs_per_channel: int = 2
-
-    def check(self, noise: "NoiseSpec") -> None:
-        """Accept all noise levels."""
-
-    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
-        """Return the weight of "edm"."""
-        return EDM.loss_weight(sigma, noise)
 
     def denoise(
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
@@ -130,9 +95,10 @@ class Gaussian:
         return mean + (x - mean) * own / (own + variance)
 
 
-EDM = Edm()
+EDM = Edm("edm")
 PREDICTIONS: dict[str, Prediction] = {
-    prediction.name: prediction for prediction in (EDM, Clean(), Gaussian())
+    prediction.name: prediction
+    for prediction in (EDM, Clean("clean"), Gaussian("gaussian", 2))
 }
 
 

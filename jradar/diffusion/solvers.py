@@ -20,8 +20,8 @@ instance, and an entry in `SOLVERS`. Functions that take a denoiser are not jitt
 the whole around them.
 """
 
+import abc
 import dataclasses
-from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -42,41 +42,31 @@ ADAMS = (
 )
 
 
-@runtime_checkable
-class Solver(Protocol):
+@dataclasses.dataclass(frozen=True)
+class Solver(abc.ABC):
     """A rule that walks noise levels: hashable, so that it can be a static argument."""
 
-    @property
-    def name(self) -> str:
-        """Name in configs and tables."""
-        ...
+    name: str
 
     def evaluations(self, steps: int) -> int:
         """Return how often `steps` steps evaluate the network."""
-        ...
+        return steps
 
     def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
         """Return the levels that the solver walks, `[steps]`, on the host."""
-        ...
+        return karras_sigmas(steps, noise)
 
+    @abc.abstractmethod
     def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
         """Solve the ODE from `x` at level `sigmas[0]` through all levels down to 0."""
-        ...
 
 
-@dataclasses.dataclass(frozen=True)
-class Heun:
+class Heun(Solver):
     """Heun's method of second order."""
-
-    name: str = "heun"
 
     def evaluations(self, steps: int) -> int:
         """Return how often `steps` steps evaluate the network."""
         return 2 * steps - 1
-
-    def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
-        """Return the levels of Karras et al."""
-        return karras_sigmas(steps, noise)
 
     def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
         """Solve the ODE from `x`; see `Solver`."""
@@ -91,19 +81,14 @@ class Heun:
 
 
 @dataclasses.dataclass(frozen=True)
-class Multistep:
+class Multistep(Solver):
     """Steps x' = keep x + weights . history, with a table made on the host.
 
     The history holds slopes, or with `exponential` denoised images, newest first.
     """
 
-    name: str
     order: int
     exponential: bool = False
-
-    def evaluations(self, steps: int) -> int:
-        """Return how often `steps` steps evaluate the network."""
-        return steps
 
     def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
         """Return levels equal in ln sigma with `exponential`, else Karras et al.'s."""
@@ -151,7 +136,7 @@ class Multistep:
         return denoise(end, jnp.asarray(sigmas[-1], x.dtype))
 
 
-HEUN = Heun()
+HEUN = Heun("heun")
 SOLVERS: dict[str, Solver] = {
     solver.name: solver
     for solver in (
