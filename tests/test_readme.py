@@ -192,6 +192,7 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/finetune.py": "starts from that",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/radarhd.py": "hours of training",
+    "--config=experiments/configs/radarhd_regression.py": "hours of training",
     "python -m experiments.studies.realism SAMPLES -o runs/realism": "see test_realism",
 }
 
