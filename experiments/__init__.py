@@ -1,1 +1,1 @@
-"""Experiments: a config each, run by `python -m experiments.main`."""
+"""Experiments: each is a config, run by `python -m experiments.main`."""

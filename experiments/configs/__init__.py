@@ -1,1 +1,1 @@
-"""One file per experiment; `default` holds every field, the others differ from it."""
+"""One file per experiment. `default` contains every field; others change a few."""

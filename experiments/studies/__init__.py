@@ -1,1 +1,1 @@
-"""Studies beside the experiments: a command each."""
+"""Studies that answer one question each: `python -m experiments.studies.NAME`."""

@@ -1,1 +1,1 @@
-"""What each task of `experiments.main` does."""
+"""Tasks of `experiments.main`: what each one trains and how it is evaluated."""

@@ -20,6 +20,7 @@ from jradar.diffusion import (
     NoiseSpec,
     Prediction,
     regression_estimate,
+    scalings,
     training_sigma,
 )
 
@@ -37,16 +38,12 @@ class Occupancy(Prediction):
                 "standard deviation of pixels that are 0 or 1"
             )
 
-    def loss_weight(self, sigma: Any, noise: NoiseSpec) -> Any:
-        """Return the weight of the squared error, the same at every noise level."""
-        return jnp.full_like(sigma, 1 / noise.sigma_data**2)
-
     def denoise(self, network: Any, x: Any, sigma: Any, noise: NoiseSpec) -> Any:
         """Return D(x; sigma), the probability of each pixel."""
-        level = sigma[..., None, None, None]
-        c_in = 1 / jnp.sqrt(level**2 + noise.sigma_data**2)
-        odds = network(c_in * x, jnp.log(sigma) / 4)
-        return jax.nn.sigmoid(odds + prior(noise) + (x - 0.5) / level**2)
+        _, _, c_in, c_noise = scalings(sigma, noise)
+        odds = network(c_in[..., None, None, None] * x, c_noise)
+        evidence = (x - 0.5) / sigma[..., None, None, None] ** 2
+        return jax.nn.sigmoid(odds + prior(noise) + evidence)
 
 
 OCCUPANCY = Occupancy("occupancy")
