@@ -9,15 +9,7 @@ PairSource, mirrored, lidar_image     prepared frames to images
 Batches                               shuffled batches by step
 """
 
-from jradar.data.coloradar_splits import (
-    SEQUENCES as SEQUENCES,
-    paper_split as paper_split,
-    scene as scene,
-)
-from jradar.data.frames import (
-    matches_of as matches_of,
-    prepare_frame as prepare_frame,
-)
+from jradar.data.frames import matches_of as matches_of, prepare_frame as prepare_frame
 from jradar.data.loading import (
     Batches as Batches,
     Pair as Pair,
@@ -25,14 +17,14 @@ from jradar.data.loading import (
     lidar_image as lidar_image,
     mirrored as mirrored,
 )
-from jradar.data.matching import (
-    Matches as Matches,
-    match_nearest as match_nearest,
-)
+from jradar.data.matching import Matches as Matches, match_nearest as match_nearest
 from jradar.data.prepare import prepare as prepare
-from jradar.data.records import (
-    PreparedFrame as PreparedFrame,
-    Records as Records,
+from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
+from jradar.data.sources import (
+    SEQUENCES as SEQUENCES,
+    Source as Source,
+    find_sources as find_sources,
+    paper_split as paper_split,
+    scene as scene,
 )
-from jradar.data.sources import Source as Source, find_sources as find_sources
 from jradar.data.spec import PrepareSpec as PrepareSpec

@@ -10,13 +10,7 @@ from jradar.data.matching import Matches, match_nearest
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSteps, interpolate_poses, preprocess
-from jradar.radar import (
-    Cells,
-    RadarSpec,
-    all_cells,
-    cell_points,
-    detect,
-)
+from jradar.radar import Cells, RadarSpec, all_cells, cell_points, detect
 from jradar.recordings.recording import Recording, Stream, calibrated_cube
 from jradar.types import PointCloud
 
@@ -25,8 +19,8 @@ def matches_of(recording: Recording, spec: PrepareSpec) -> Matches:
     """Return the matched frames; raises ValueError without LiDAR or time stamps."""
     stamps, _, lidar_stamps = _timed(recording)
     span = (-np.inf, np.inf)
-    if (poses := recording.poses) is not None:
-        span = (float(poses.stamps[0]), float(poses.stamps[-1]))
+    if recording.poses is not None:
+        span = tuple(recording.poses.stamps[[0, -1]].tolist())
     return match_nearest(stamps, lidar_stamps, tolerance_s=spec.tolerance_s, span=span)
 
 
@@ -55,13 +49,14 @@ def prepare_frame(
         radar_from_lidar=np.linalg.inv(world_from_radar) @ world_from_lidar,
         spec=spec.lidar,
     )
-    known = recording.poses is not None
+    if recording.poses is None:
+        world_from_radar = np.full((4, 4), np.nan)
     frame = PreparedFrame(
         sequence=recording.name,
         frame=radar_index,
         stamp=stamp,
         lidar_stamp=lidar_stamp,
-        world_from_radar=world_from_radar if known else np.full((4, 4), np.nan),
+        world_from_radar=world_from_radar,
         cells=jax.tree.map(np.asarray, cells),
         radar=jax.tree.map(np.asarray, cloud),
         lidar_xyz=steps.xyz[steps.visible],
@@ -71,7 +66,7 @@ def prepare_frame(
 
 
 def _timed(recording: Recording) -> tuple[np.ndarray, Stream, np.ndarray]:
-    """The radar's time stamps, the LiDAR's scans and their time stamps."""
+    """Return the radar's time stamps, the LiDAR's scans and their time stamps."""
     lidar, cubes = recording.lidar, recording.cubes
     if lidar is None or lidar.stamps is None or cubes.stamps is None:
         lacks = "no LiDAR" if lidar is None else "no time stamps"
@@ -89,16 +84,15 @@ def sensor_poses(
 
     Without a trajectory the rig is at rest and its base is the world.
     """
-    base = np.stack([np.eye(4)] * 2)
-    if recording.poses is not None:
-        base = interpolate_poses(recording.poses, np.array([stamp, lidar_stamp]))
-        if not np.isfinite(base[1]).all():  # a scan just beyond the trajectory's end
-            base[1] = base[0]
-    mounted = [
-        np.eye(4) if matrix is None else matrix
-        for matrix in (recording.base_from_radar, recording.base_from_lidar)
-    ]
-    return base[0] @ mounted[0], base[1] @ mounted[1]
+    radar, lidar = recording.base_from_radar, recording.base_from_lidar
+    radar = np.eye(4) if radar is None else radar
+    lidar = np.eye(4) if lidar is None else lidar
+    if recording.poses is None:
+        return radar, lidar
+    base = interpolate_poses(recording.poses, np.array([stamp, lidar_stamp]))
+    if not np.isfinite(base[1]).all():  # a scan just beyond the trajectory's end
+        base[1] = base[0]
+    return base[0] @ radar, base[1] @ lidar
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "spec", "range_bias_m"))

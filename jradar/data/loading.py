@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jradar.data.records import EXTRA, PreparedFrame
+from jradar.data.records import PreparedFrame, package
 from jradar.range_image import ImageSpec, condition_image, project
 from jradar.types import PointCloud
 
@@ -79,7 +79,7 @@ def lidar_image(
 
 
 def _padded(xyz):
-    """The points, padded to a power of two, and their number: few sizes compile."""
+    """Return padded points and their number; few sizes exist, each is compiled once."""
     size = max(1024, 1 << max(len(xyz) - 1, 0).bit_length())
     padded = np.zeros((size, 3), np.float32)
     padded[: len(xyz)] = xyz
@@ -88,13 +88,11 @@ def _padded(xyz):
 
 @functools.partial(jax.jit, static_argnames="spec")
 def _lidar_image(padded, count, spec):
-    """Range image of the first `count` points."""
     return project(PointCloud(padded, jnp.arange(len(padded)) < count), spec)
 
 
 @functools.partial(jax.jit, static_argnames=("coarse", "fine", "num_slices"))
 def _images(radar, padded, count, *, coarse, fine, num_slices):
-    """Condition and LiDAR image of a frame in one call."""
     condition = condition_image(radar, coarse, num_slices=num_slices)
     return condition, _lidar_image(padded, count, fine)
 
@@ -122,11 +120,7 @@ class Batches(Sequence):
         """
         if not len(source):
             raise ValueError("no frames to draw batches from")
-        try:
-            import grain
-        except ImportError as error:
-            raise ImportError(EXTRA) from error
-        items = grain.MapDataset.source(source).seed(seed).shuffle().repeat()
+        items = package("grain").MapDataset.source(source).seed(seed).shuffle().repeat()
         self._items = items if change is None else items.random_map(change)
         self._batch_size, self._prefetch = batch_size, prefetch
         self._pool = concurrent.futures.ThreadPoolExecutor(max(prefetch, 1))
@@ -146,7 +140,6 @@ class Batches(Sequence):
         return self._pending.pop(step).result()
 
     def _load(self, step):
-        """The items of a step, stacked leaf by leaf."""
         first = step * self._batch_size
         items = [self._items[first + k] for k in range(self._batch_size)]
         return jax.tree.map(lambda *leaves: np.stack(leaves), *items)

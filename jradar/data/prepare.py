@@ -14,7 +14,6 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,13 +22,7 @@ import numpy as np
 from jradar import __version__
 from jradar.data.frames import matches_of, prepare_frame
 from jradar.data.matching import Matches, check_dropped
-from jradar.data.records import (
-    FORMAT,
-    PreparedFrame,
-    finished_shard,
-    read_json,
-    write_shard,
-)
+from jradar.data.records import FORMAT, finished_shard, read_json, write_shard
 from jradar.data.sources import Source, find_sources
 from jradar.data.spec import PrepareSpec
 from jradar.errors import UsageError
@@ -76,20 +69,15 @@ def prepare(
             shutil.rmtree(scratch)
         write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
         jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
-        descriptions = {}
+        descriptions, done = {}, 0
         total = sum(len(job.matches.radar) for job in jobs)
-        done = 0
         with progress("preparing", total, unit="frames") as show:
             for job, description in _run(jobs, spec, keep_going, workers, scheduler):
                 descriptions[job.path] = description
                 done += len(job.matches.radar)
                 show(done, job.source.name)
-        manifest = head | {
-            "complete": True,
-            "sequences": [
-                _summary(source, jobs, descriptions, spec, frames) for source in sources
-            ],
-        }
+        summaries = [_summary(s, jobs, descriptions, spec, frames) for s in sources]
+        manifest = head | {"complete": True, "sequences": summaries}
         write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
     return manifest
 
@@ -100,30 +88,27 @@ def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, An
     if (found := finished_shard(path, job.about)) is not None:
         return found
     recording = _opened(job.source)
-    failed: dict[str, str] = {}
+    failed = {}
 
-    def frames() -> Iterator[PreparedFrame]:
+    def frames():
         for i, j in zip(job.matches.radar, job.matches.lidar, strict=True):
             try:
-                frame, *_ = prepare_frame(recording, int(i), int(j), spec)
+                yield prepare_frame(recording, int(i), int(j), spec)[0]
             except ValueError as error:
                 if not keep_going:
                     raise
                 failed[str(i)] = str(error)
-                continue
-            yield frame
 
     return write_shard(path, frames(), job.about, failed)
 
 
 @functools.lru_cache(maxsize=4)
 def _opened(source: Source) -> Recording:
-    """The recording of a source, opened once per process."""
     return source.open()
 
 
 def _head(sources, spec, frames):
-    """The manifest's part that determines the bytes of the shards."""
+    """Return the manifest's part that determines the bytes of the shards."""
     radars = {source.open().radar for source in sources}
     if len(radars) > 1:
         names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
@@ -160,7 +145,6 @@ def _check_options(folder, head):
 
 
 def _difference(found, wanted, key):
-    """The first field that differs, as text."""
     old, new = found.get(key), wanted[key]
     if isinstance(old, dict) and isinstance(new, dict):
         field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
@@ -172,12 +156,10 @@ def _difference(found, wanted, key):
 
 
 def _jobs(source, folder, spec, frames):
-    """The jobs of a source, one for each block of matched frames."""
-    recording = _opened(source)
-    matches = _chosen(recording, spec, frames)
-    digest = hashlib.sha256(
-        json.dumps(dataclasses.asdict(spec), sort_keys=True).encode()
-    ).hexdigest()
+    """Yield the jobs of a source, one for each block of matched frames."""
+    matches = _chosen(_opened(source), spec, frames)
+    options = json.dumps(dataclasses.asdict(spec), sort_keys=True)
+    digest = hashlib.sha256(options.encode()).hexdigest()
     for block, first in enumerate(range(0, len(matches.radar), spec.block)):
         part = slice(first, first + spec.block)
         radar, lidar = matches.radar[part], matches.lidar[part]
@@ -191,7 +173,7 @@ def _jobs(source, folder, spec, frames):
 
 
 def _chosen(recording, spec, frames):
-    """The matches among the selected frames; ValueError if too many are dropped."""
+    """Return the matches of selected frames; ValueError if too many are dropped."""
     matches = matches_of(recording, spec)
     wanted = range(*frames.indices(len(recording.cubes)))
     dropped = {i: why for i, why in matches.dropped.items() if i in wanted}
@@ -201,7 +183,7 @@ def _chosen(recording, spec, frames):
 
 
 def _summary(source, jobs, descriptions, spec, frames):
-    """A sequence's entry in the manifest; ValueError if too many frames are lost."""
+    """Return a sequence's manifest entry; ValueError if too many frames are lost."""
     recording = _opened(source)
     shards = [descriptions[job.path] for job in jobs if job.source == source]
     dropped = dict(_chosen(recording, spec, frames).dropped)

@@ -10,6 +10,7 @@ order. ArrayRecord checks each record when it is read; `Records.verify` checks a
 """
 
 import hashlib
+import importlib
 import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -21,12 +22,12 @@ from jaxtyping import Float
 
 from jradar.files import atomic_path, write_text
 from jradar.radar import Cells, RadarSpec
+from jradar.recordings.text_files import read_text
 from jradar.types import PointCloud
 
 FORMAT = 1
 OPTIONS = "group_size:1,zstd:1"  # one record per group: larger groups shuffle slowly
 MAX_JSON_BYTES = 64 << 20
-EXTRA = "reading and writing records needs: pip install 'jradar[data]'"
 
 
 class PreparedFrame(NamedTuple):
@@ -43,6 +44,16 @@ class PreparedFrame(NamedTuple):
     range_bias_m: float = 0.0  # to subtract from the cells' ranges
 
 
+def package(name: str) -> Any:
+    """Import a package that the extra `data` installs."""
+    try:
+        return importlib.import_module(name)
+    except ImportError as error:
+        raise ImportError(
+            "reading and writing records needs: pip install 'jradar[data]'"
+        ) from error
+
+
 def to_bytes(frame: PreparedFrame) -> bytes:
     """Return a frame as safetensors bytes; the angles of cells become float16."""
     arrays = {
@@ -56,8 +67,7 @@ def to_bytes(frame: PreparedFrame) -> bytes:
         "cells.azimuth": np.asarray(frame.cells.azimuth, np.float16),
         "cells.elevation": np.asarray(frame.cells.elevation, np.float16),
     }
-    for name, value in frame.radar._asdict().items():
-        arrays[f"radar.{name}"] = np.asarray(value)
+    arrays |= {f"radar.{name}": value for name, value in frame.radar._asdict().items()}
     return safetensors.numpy.save(
         {name: np.asarray(value, order="C") for name, value in arrays.items()}
     )
@@ -97,13 +107,10 @@ def write_shard(
 
     `failed` may be filled while `frames` is consumed: {frame: error}.
     """
-    try:
-        from array_record.python import array_record_module  # type: ignore
-    except ImportError as error:
-        raise ImportError(EXTRA) from error
+    array_record = package("array_record.python.array_record_module")
     numbers = []
     with atomic_path(path) as scratch:
-        writer = array_record_module.ArrayRecordWriter(str(scratch), OPTIONS)
+        writer = array_record.ArrayRecordWriter(str(scratch), OPTIONS)
         try:
             for frame in frames:
                 writer.write(to_bytes(frame))
@@ -139,14 +146,11 @@ def finished_shard(path: Path, about: dict[str, Any]) -> dict[str, Any] | None:
 
 def read_json(path: Path | str) -> dict[str, Any]:
     """Return the JSON object in a file; raises ValueError for anything else."""
-    path = Path(path)
-    if not path.is_file():
+    if not Path(path).is_file():
         raise FileNotFoundError(f"no such file: {path}")
-    if path.stat().st_size > MAX_JSON_BYTES:
-        raise ValueError(f"{path} is larger than {MAX_JSON_BYTES:,} bytes")
     try:
-        values = json.loads(path.read_text())
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        values = json.loads(read_text(path, limit=MAX_JSON_BYTES))
+    except json.JSONDecodeError as error:
         raise ValueError(f"{path} is not valid JSON: {error}") from error
     if not isinstance(values, dict):
         raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
@@ -174,29 +178,22 @@ class Records(Sequence):
                 f"{folder} is not complete: run the same `jradar prepare` again"
             )
         self.radar = RadarSpec.from_dict(self.manifest["radar"])
-        splits = [s["split"] for s in self.manifest["sequences"]]
         self.sequences = [
-            sequence
-            for sequence in self.manifest["sequences"]
-            if split in (None, sequence["split"])
+            s for s in self.manifest["sequences"] if split in (None, s["split"])
         ]
         if not self.sequences:
+            splits = sorted({s["split"] for s in self.manifest["sequences"]})
             raise ValueError(
-                f"{folder} has no sequences of {split=}, expected one of "
-                f"{sorted({*splits})}"
+                f"{folder} has no sequences of {split=}, expected one of {splits}"
             )
-        shards = [shard for s in self.sequences for shard in s["shards"]]
+        self.shards = [shard for s in self.sequences for shard in s["shards"]]
         self.where = [
-            (sequence["name"], frame)
-            for sequence in self.sequences
-            for shard in sequence["shards"]
+            (s["name"], frame)
+            for s in self.sequences
+            for shard in s["shards"]
             for frame in shard["frames"]
         ]
-        try:
-            import grain
-        except ImportError as error:
-            raise ImportError(EXTRA) from error
-        for shard in shards:
+        for shard in self.shards:
             path = self.folder / shard["file"]
             size = path.stat().st_size if path.is_file() else 0
             if size != shard["bytes"]:
@@ -205,8 +202,8 @@ class Records(Sequence):
                     "the manifest: truncated or replaced?"
                 )
         try:
-            self._source = grain.sources.ArrayRecordDataSource(
-                [str(self.folder / shard["file"]) for shard in shards]
+            self._source = package("grain").sources.ArrayRecordDataSource(
+                [str(self.folder / shard["file"]) for shard in self.shards]
             )
         except RuntimeError as error:
             raise ValueError(f"{folder} contains a damaged shard: {error}") from error
@@ -223,21 +220,20 @@ class Records(Sequence):
         try:
             return from_bytes(self._source[index % len(self)])
         except (RuntimeError, ValueError) as error:
-            sequence, frame = self.where[index]
+            name, frame = self.where[index]
             raise ValueError(
-                f"{self.folder}, {sequence}, frame {frame}: {error}"
+                f"{self.folder}, {name}, frame {frame}: {error}"
             ) from error
 
     @property
     def digest(self) -> str:
         """SHA-256 of the shards' digests, which identifies a training set."""
-        shards = (shard["sha256"] for s in self.sequences for shard in s["shards"])
-        return hashlib.sha256("".join(shards).encode()).hexdigest()
+        digests = "".join(shard["sha256"] for shard in self.shards)
+        return hashlib.sha256(digests.encode()).hexdigest()
 
     def verify(self) -> None:
         """Read every shard; raises ValueError for one that differs from its digest."""
-        for sequence in self.sequences:
-            for shard in sequence["shards"]:
-                path = self.folder / shard["file"]
-                if hashlib.sha256(path.read_bytes()).hexdigest() != shard["sha256"]:
-                    raise ValueError(f"{path} does not match its digest: damaged?")
+        for shard in self.shards:
+            path = self.folder / shard["file"]
+            if hashlib.sha256(path.read_bytes()).hexdigest() != shard["sha256"]:
+                raise ValueError(f"{path} does not match its digest: damaged?")

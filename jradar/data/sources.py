@@ -1,17 +1,42 @@
-"""Find the recordings at a path: one recording, or a folder of recordings."""
+"""The recordings at a path, and their splits.
+
+ColoRadar's 52 sequences are divided as in the paper (section V-A). Their names are
+taken with and without the date with which the release starts them.
+"""
 
 import dataclasses
+import difflib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from jradar.data.coloradar_splits import paper_split
 from jradar.data.records import read_json
 from jradar.recordings.open import is_recording, open_recording
 from jradar.recordings.recording import Recording
 
 SPLITS = ("train", "validation", "test")
+TRAIN_RUNS = 3  # "the first three trajectories of each environment"
+
+# environment: date of the recording, number of runs, scene of the paper's Table I
+ENVIRONMENTS = {
+    "arpg_lab": ("12_21_2020", 5, "Arpg Lab"),
+    "ec_hallways": ("12_21_2020", 5, "Hallways"),
+    "aspen": ("2_24_2021", 12, "Aspen Lab"),
+    "longboard": ("2_22_2021", 8, "Longboard"),
+    "outdoors": ("2_28_2021", 10, "Outdoor"),
+    "edgar_army": ("2_23_2021", 6, "Edgar Mine"),
+    "edgar_classroom": ("2_23_2021", 6, "Edgar Mine"),
+}
+
+# The sequences of each environment, in the order of their runs (run10 after run9).
+SEQUENCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        place: tuple(f"{date}_{place}_run{run}" for run in range(runs))
+        for place, (date, runs, _) in ENVIRONMENTS.items()
+    }
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,12 +63,19 @@ def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
     """
     path = Path(path).absolute()
     options = tuple((k, v) for k, v in sorted(opening.items()) if v is not None)
-    found = [path]
+    found, splits = [path], {}
     if path.is_dir() and not is_recording(path):
         inside = (p for pattern in ("*", "*/*") for p in path.glob(pattern))
-        shown = (p for p in inside if not _hidden(p.relative_to(path)))
+        # Folders of killed runs are hidden.
+        shown = (p for p in inside if "/." not in f"/{p.relative_to(path)}")
         found = sorted(p for p in shown if p.is_dir() and is_recording(p)) or [path]
-    splits = _splits(path / "splits.json" if path.is_dir() else None)
+    if (listed := path / "splits.json").is_file():
+        splits = read_json(listed)
+    for name, split in splits.items():
+        if split not in SPLITS:
+            raise ValueError(
+                f"{listed}: {name} is in {json.dumps(split)}, expected one of {SPLITS}"
+            )
     names = [p.name if p.is_dir() else p.stem for p in found]
     if twice := {name for name in names if names.count(name) > 1}:
         raise ValueError(
@@ -51,34 +83,47 @@ def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
             "them into different folders"
         )
     return tuple(
-        Source(name, _split(name, splits), str(p), options)
+        Source(name, splits.get(name) or _usual_split(name), str(p), options)
         for name, p in zip(names, found, strict=True)
     )
 
 
-def _hidden(path: Path) -> bool:
-    """Whether a part of the path is hidden, as folders of killed runs are."""
-    return any(part.startswith(".") for part in path.parts)
-
-
-def _splits(path: Path | None) -> Mapping[str, str]:
-    """The names and splits in a `splits.json`; empty if the file is missing."""
-    if path is None or not path.is_file():
-        return {}
-    splits = read_json(path)
-    if wrong := [name for name, split in splits.items() if split not in SPLITS]:
-        raise ValueError(
-            f"{path}: {wrong[0]} is in {json.dumps(splits[wrong[0]])}, expected one of "
-            f"{SPLITS}"
-        )
-    return splits
-
-
-def _split(name: str, splits: Mapping[str, str]) -> str:
-    """The split of a sequence, by its name."""
-    if name in splits:
-        return splits[name]
+def _usual_split(name: str) -> str:
     try:
         return paper_split(name)
-    except ValueError:
+    except ValueError:  # not a sequence of ColoRadar
         return "train"
+
+
+def environment(name: str) -> str:
+    """Return the environment of a sequence, a key of `SEQUENCES`.
+
+    Raises ValueError for a name that is not one of the 52.
+    """
+    known = {
+        alias: place
+        for place, names in SEQUENCES.items()
+        for full in names
+        for alias in (full, full.removeprefix(f"{ENVIRONMENTS[place][0]}_"))
+    }
+    if name in known:
+        return known[name]
+    near = difflib.get_close_matches(name, known, 3) or ["12_21_2020_ec_hallways_run0"]
+    raise ValueError(
+        f"{name!r} is not a sequence of ColoRadar, expected a name such as "
+        f"{', '.join(near)}"
+    )
+
+
+def scene(name: str) -> str:
+    """Return the scene of a sequence as the paper's Table I names it.
+
+    The two mines are one scene. Arpg Lab and Longboard are not in that table.
+    """
+    return ENVIRONMENTS[environment(name)][2]
+
+
+def paper_split(name: str) -> str:
+    """Return "train" for runs 0 to 2 of an environment and "test" for later runs."""
+    environment(name)
+    return "train" if int(name.rpartition("run")[2]) < TRAIN_RUNS else "test"

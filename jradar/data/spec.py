@@ -1,7 +1,6 @@
 """Options of preparation, in Python and in a user's TOML file."""
 
 import dataclasses
-import difflib
 import json
 import math
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 from jradar.errors import UsageError
 from jradar.lidar import LidarSpec
 from jradar.radar import PointSpec
-from jradar.recordings.text_files import toml
+from jradar.recordings.text_files import check_names, toml
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,39 +75,36 @@ class PrepareSpec:
 
         Raises UsageError for unknown fields and for values that cannot be used.
         """
+        values = toml(path)
+        lidar = values.pop("lidar", {})
+        if not isinstance(lidar, dict):
+            raise UsageError(f"{path}: lidar = {lidar!r}, expected a table [lidar]")
+        fields = _fields(path, values, cls)
+        lidar_fields = _fields(path, lidar, LidarSpec)
         try:
-            values = toml(path)
-        except ValueError as error:
-            raise UsageError(str(error)) from error
-        try:
-            lidar = _fields(values.pop("lidar", {}), LidarSpec)
-            return cls(**_fields(values, cls), lidar=LidarSpec(**lidar))
+            return cls(**fields, lidar=LidarSpec(**lidar_fields))
         except ValueError as error:
             raise UsageError(f"{path}: {error}") from error
 
 
-def _fields(values: Any, spec: Any) -> dict[str, Any]:
-    """The values of a TOML table as fields of `spec`; ValueError for other values."""
-    if not isinstance(values, dict):
-        raise ValueError(f"lidar = {values!r}, expected a table [lidar]")
+def _fields(path, values, spec) -> dict[str, Any]:
+    """Return the values of a TOML table in the types of the fields of `spec`."""
     defaults = {field.name: field.default for field in dataclasses.fields(spec)}
+    check_names(path, "field", values, defaults)
     fields = {}
     for name, value in values.items():
-        if name not in defaults:
-            near = difflib.get_close_matches(name, defaults, 1) or [", ".join(defaults)]
-            raise ValueError(f"unknown field {name!r}, expected {near[0]}")
         try:
             fields[name] = _converted(value, defaults[name])
         except TypeError as error:
             like = json.dumps(1.0 if defaults[name] is None else defaults[name])
-            raise ValueError(
-                f"{name} = {value!r}, expected a value like {like}"
+            raise UsageError(
+                f"{path}: {name} = {value!r}, expected a value like {like}"
             ) from error
     return fields
 
 
 def _converted(value: Any, default: Any) -> Any:
-    """A TOML value in the type of a default; the default None stands for a number."""
+    """Return a TOML value in a default's type; the default None stands for a number."""
     if isinstance(default, tuple) and isinstance(value, list):
         if len(value) == len(default):
             return tuple(map(_converted, value, default))

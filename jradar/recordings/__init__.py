@@ -70,7 +70,10 @@ from jradar.recordings.recording import (
     radar_from_lidar as radar_from_lidar,
 )
 from jradar.recordings.studio_log import radar_from_studio_log as radar_from_studio_log
-from jradar.recordings.text_files import radar_from_toml as radar_from_toml
+from jradar.recordings.text_files import (
+    radar_from_toml as radar_from_toml,
+    read_tum as read_tum,
+)
 from jradar.recordings.ti_cfg import (
     CaptureSpec as CaptureSpec,
     radar_from_cfg as radar_from_cfg,
@@ -80,4 +83,3 @@ from jradar.recordings.time_offset import (
     propose_offset as propose_offset,
     radar_speed as radar_speed,
 )
-from jradar.recordings.trajectory import read_tum as read_tum

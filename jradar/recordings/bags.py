@@ -38,14 +38,11 @@ class LidarStream(Stream):
         """Read the stamps of all messages of `topic`."""
         self.path, self.topic, self.kind = path, topic, kind
         self.is_ros1 = path.suffix == ".bag"
-        stamps = np.zeros((0, 2), np.int64)
         with READING:
             found = [(time, self._stamp(raw)) for time, raw in self._messages()]
-        if found:
-            stamps = np.array(found, np.int64)
-        self._times = stamps[:, 0]
-        seconds, notes = self._stamps(stamps[:, 1])
-        super().__init__(self._read_cloud, len(stamps), seconds, notes)
+        self._times, headers = np.array(found, np.int64).reshape(-1, 2).T
+        seconds, notes = self._stamps(headers)
+        super().__init__(self._read_cloud, len(found), seconds, notes)
 
     def read_points(self, index: int) -> dict[str, np.ndarray]:
         """Return all fields of the points of cloud `index` by name.
@@ -73,7 +70,7 @@ class LidarStream(Stream):
         columns = self.read_points(index)
         found = [columns[name] for name in INTENSITIES if name in columns]
         intensity = found[0] if found else np.zeros_like(columns["x"])
-        table = [columns["x"], columns["y"], columns["z"], intensity]
+        table = [*(columns[name] for name in "xyz"), intensity]
         return np.stack(table, -1, dtype=np.float32, casting="same_kind")
 
     def _message(self, index):
@@ -108,8 +105,9 @@ class LidarStream(Stream):
 
     def _stamps(self, headers):
         """Return the headers' times in seconds, or the bag's times with a note."""
-        fault = "zero" if (headers == 0).any() else "not rising"
-        if (headers == 0).any() or (np.diff(headers) <= 0).any():
+        zero = (headers == 0).any()
+        if zero or (np.diff(headers) <= 0).any():
+            fault = "zero" if zero else "not rising"
             return self._times / NS, (
                 f"{self.topic}: the stamps in the headers are {fault}; the times of "
                 "recording are used instead",
@@ -169,8 +167,7 @@ def _open_reader(path, _process, _version):
     except ImportError as error:
         raise ImportError("bags need rosbags: pip install 'jradar[ros]'") from error
     try:
-        kind = rosbag1.Reader if path.suffix == ".bag" else rosbag2.Reader
-        reader = kind(path)
+        reader = (rosbag1 if path.suffix == ".bag" else rosbag2).Reader(path)
         reader.open()
     except Exception as error:  # a damaged file can raise anything
         raise ValueError(_damaged(path, error)) from error

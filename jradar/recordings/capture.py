@@ -1,22 +1,61 @@
-"""A capture of your own rig: radar, LiDAR and poses in one folder.
+"""A capture of your own rig: a folder with radar, LiDAR, poses and a `capture.toml`.
 
-Its `capture.toml` names the files and the places of the sensors, see `capture_toml`.
+    [radar]
+    file = "adc_data.bin"            # of a DCA1000
+    description = "profile.cfg"      # or mmWave Studio's log, or a .toml
+    start_time_s = 1732190000.25     # of its first frame, on the LiDAR's clock; or
+    # offset_s = 0.4                 # .. after the LiDAR's first cloud
+    xyz = [0.03, 0.12, -0.09]        # position on the base: metres, x forward,
+    rpy_degrees = [0, 0, 90]         # y left, z up; roll, then pitch, then yaw
+
+    [lidar]
+    file = "livox.bag"               # or a ROS 2 folder, .db3 or .mcap
+    topic = "/livox/lidar"           # optional if only one topic holds clouds
+    xyz = [0, 0, 0.2]
+    rpy_degrees = [0, 30, 0]         # tilted forward: the x axis points down
+    accumulate = 5                   # neighbouring clouds merged into each
+
+    [poses]
+    file = "poses.txt"               # of the base: TUM, t x y z qx qy qz qw
+
+`quaternion` (x y z w) may replace `rpy_degrees`. `[radar]` also takes `device`,
+`iq_order`, `allow_partial` and `frame_period_s`. Times are in seconds.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
-from jradar.lidar import Poses, accumulate as merge, interpolate_poses
+from jradar.lidar import (
+    Poses,
+    accumulate as merge,
+    interpolate_poses,
+    rigid_transform,
+)
 from jradar.recordings.bags import open_bag
-from jradar.recordings.capture_toml import NAME, read_capture_toml, read_place
 from jradar.recordings.dca1000 import open_dca1000
 from jradar.recordings.formats import Format
 from jradar.recordings.recording import Recording, Stream
-from jradar.recordings.trajectory import read_tum
+from jradar.recordings.text_files import check_names, read_tum, toml
 
+NAME = "capture.toml"
+PLACE = {"xyz": list, "rpy_degrees": list, "quaternion": list}
+KEYS = {
+    "radar": {
+        **{"file": str, "description": str, "device": str, "iq_order": str},
+        **{"allow_partial": bool, "frame_period_s": float},
+        **{"start_time_s": float, "offset_s": float, **PLACE},
+    },
+    "lidar": {"file": str, "topic": str, "accumulate": int, **PLACE},
+    "poses": {"file": str},
+}
+NEEDED = {"radar": ("file", "description"), "lidar": ("file",), "poses": ("file",)}
+KINDS = {str: "a text", float: "a number", int: "an integer", bool: "true or false"}
+FARTHEST_M = 20.0  # from a sensor to the base of its rig
 LATEST_S = 1e11  # seconds since 1970; a larger stamp is in another unit
 
 
@@ -29,7 +68,7 @@ def open_capture(folder: Path | str) -> Recording:
     path = path if path.name == NAME else path / NAME
     if not path.is_file():
         raise FileNotFoundError(f"no such description of a capture: {path}")
-    tables = read_capture_toml(path)
+    tables = _read_capture_toml(path)
     radar, lidar = tables["radar"], tables.get("lidar")
     options = ("device", "iq_order", "allow_partial")
     recording = open_dca1000(
@@ -38,28 +77,31 @@ def open_capture(folder: Path | str) -> Recording:
         **{key: radar[key] for key in options if key in radar},
     )
     notes = [*recording.notes]
-    recording = recording._replace(
-        name=path.parent.resolve().name,
-        path=path.parent,
-        base_from_radar=read_place(path, "radar", radar),
-    )
+    base_from_radar = _read_place(path, "radar", radar)
+    poses = scans = base_from_lidar = None
+    lidar_stamps = np.zeros(0)
     if "poses" in tables:
         poses = read_tum(path.parent / tables["poses"]["file"])
-        recording = recording._replace(poses=poses)
-    lidar_stamps = np.zeros(0)
     if lidar:
         clouds = open_bag(path.parent / lidar["file"], topic=lidar.get("topic"))
         notes += clouds.notes
-        base_from_lidar = read_place(path, "lidar", lidar)
+        base_from_lidar = _read_place(path, "lidar", lidar)
         lidar_stamps = clouds.stamps
         near = lidar.get("accumulate", 1)
-        if near > 1 and recording.poses is None:
+        if near > 1 and poses is None:
             notes.append(f"no poses: {near} clouds are merged as if nothing moved")
-        stream = accumulate(clouds, near, recording.poses, base_from_lidar)
-        recording = recording._replace(lidar=stream, base_from_lidar=base_from_lidar)
+        scans = accumulate(clouds, near, poses, base_from_lidar)
     stamps, doubts = _radar_stamps(path, radar, recording, lidar_stamps)
-    cubes = Stream(recording.cubes.__getitem__, len(recording.cubes), stamps)
-    return recording._replace(cubes=cubes, notes=(*notes, *doubts))
+    return recording._replace(
+        name=path.parent.resolve().name,
+        path=path.parent,
+        cubes=Stream(recording.cubes.__getitem__, len(recording.cubes), stamps),
+        lidar=scans,
+        poses=poses,
+        base_from_radar=base_from_radar,
+        base_from_lidar=base_from_lidar,
+        notes=(*notes, *doubts),
+    )
 
 
 READER = Format(
@@ -133,3 +175,64 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
             f"clouds, {first:.3f} to {lidar_stamps[-1]:.3f} s, do not overlap in time"
         )
     return stamps, doubts
+
+
+def _read_capture_toml(path: Path) -> dict[str, dict[str, Any]]:
+    """Return the tables of a `capture.toml`.
+
+    Raises UsageError for keys that are unknown, missing or of the wrong type.
+    """
+    tables = toml(path)
+    check_names(path, "table", tables, KEYS)
+    if "radar" not in tables:
+        raise UsageError(f"{path}: no [radar] table")
+    for name, table in tables.items():
+        if not isinstance(table, dict):
+            raise UsageError(f"{path}: {name} = {table!r}, expected a table [{name}]")
+        check_names(path, f"key of [{name}]", table, KEYS[name])
+        if missing := [key for key in NEEDED[name] if key not in table]:
+            raise UsageError(f"{path}: [{name}] lacks {', '.join(missing)}")
+        for key, value in table.items():
+            kind = KEYS[name][key]
+            types = (int, float) if kind is float else (kind,)
+            if kind is not list and type(value) not in types:  # lists: `_read_place`
+                raise UsageError(
+                    f"{path}: [{name}] {key} = {value!r}, expected {KINDS[kind]}"
+                )
+    return tables
+
+
+def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
+    """Return the transform from the sensor in table `name` to the base."""
+
+    def numbers(key: str, count: int) -> list[float] | None:
+        values: Any = table.get(key)
+        if values is None:
+            return None
+        plain = isinstance(values, list) and len(values) == count
+        if not plain or not all(type(v) in (int, float) for v in values):
+            raise UsageError(
+                f"{path}: [{name}] {key} = {values!r}, expected {count} numbers"
+            )
+        return [float(value) for value in values]
+
+    xyz = numbers("xyz", 3) or [0.0, 0.0, 0.0]
+    angles, quaternion = numbers("rpy_degrees", 3), numbers("quaternion", 4)
+    if angles and quaternion:
+        raise UsageError(
+            f"{path}: [{name}] has rpy_degrees and quaternion: keep one of them"
+        )
+    if max(map(abs, xyz)) > FARTHEST_M:
+        raise UsageError(
+            f"{path}: [{name}] xyz = {xyz}, expected at most {FARTHEST_M:g} m: are "
+            "the numbers millimetres?"
+        )
+    if angles:
+        turn = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
+    else:
+        turn = np.array(quaternion or [0.0, 0.0, 0.0, 1.0])
+    if abs(np.linalg.norm(turn) - 1) > 0.01:
+        raise UsageError(
+            f"{path}: [{name}] quaternion = {quaternion}, expected x y z w of length 1"
+        )
+    return rigid_transform(np.array(xyz, float), turn)

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-LIVOX_POINT = ("offset_time", "x", "y", "z", "reflectivity", "tag", "line")
-LIVOX_FORMATS = ("u4", "f4", "f4", "f4", "u1", "u1", "u1")
-LIVOX_OFFSETS = (0, 4, 8, 12, 16, 17, 18)
+LIVOX_POINT = {
+    **{"offset_time": "u4", "x": "f4", "y": "f4", "z": "f4"},
+    **{"reflectivity": "u1", "tag": "u1", "line": "u1"},
+}
 FIELD_FORMATS = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")  # of PointCloud2
 
 
@@ -37,7 +38,6 @@ def decode_cloud(raw: bytes, kind: str, *, is_ros1: bool) -> np.ndarray:
 
 @functools.cache
 def _point_cloud2_decoders():
-    """Return the decoders of ROS 1 and ROS 2."""
     from rosbags.typesys import Stores, get_typestore
 
     ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
@@ -45,14 +45,13 @@ def _point_cloud2_decoders():
 
 
 def _point_cloud2(raw, is_ros1):
-    """Return the points of a sensor_msgs/PointCloud2 as a structured array."""
     try:
         decode = _point_cloud2_decoders()[not is_ros1]
         message: Any = decode(raw, "sensor_msgs/msg/PointCloud2")
     except Exception as error:  # a damaged message can raise anything
         raise ValueError(f"not a whole PointCloud2: {error}") from error
     order = ">" if message.is_bigendian else "<"
-    fields: dict[str, Any] = {}
+    fields = {}
     for field in message.fields:  # PCL names several padding fields alike
         fields.setdefault(field.name, field)
     for field in fields.values():
@@ -83,7 +82,6 @@ def _point_cloud2(raw, is_ros1):
 
 
 def _livox(raw, is_ros1):
-    """Return the points of a Livox CustomMsg as a structured array."""
     order, body, align = "<", memoryview(raw), 1
     if is_ros1:
         body = body[4:]  # the header's sequence number, absent in ROS 2
@@ -96,9 +94,8 @@ def _livox(raw, is_ros1):
     size = 19 if is_ros1 else 20
     points = np.dtype(
         {
-            "names": LIVOX_POINT,
-            "formats": [order + form for form in LIVOX_FORMATS],
-            "offsets": LIVOX_OFFSETS,
+            "names": [*LIVOX_POINT],
+            "formats": [order + form for form in LIVOX_POINT.values()],
             "itemsize": size,
         }
     )

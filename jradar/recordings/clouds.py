@@ -4,12 +4,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from jradar.errors import UsageError
 from jradar.files import atomic_path
 from jradar.recordings.pcd import read_pcd
 from jradar.recordings.ply import read_ply
 from jradar.types import PointCloud
+
+MAX_BIN_BYTES = 1 << 30
 
 
 def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
@@ -22,7 +25,7 @@ def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"no such cloud: {path}")
-    readers = {".pcd": read_pcd, ".ply": read_ply, ".bin": _read_kitti}
+    readers = {".pcd": read_pcd, ".ply": read_ply, ".bin": _read_bin_columns}
     if path.suffix not in readers:
         raise UsageError(f"{path} is not a cloud, expected {', '.join(readers)}")
     columns = readers[path.suffix](path)
@@ -31,15 +34,18 @@ def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
     return columns
 
 
-def _read_kitti(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a .bin file."""
-    if path.stat().st_size % 16:
+def read_bin(path: Path) -> Float[np.ndarray, "point 4"]:
+    """Return the points of a .bin file, x y z intensity; an empty file holds none."""
+    if (size := path.stat().st_size) % 16 or size > MAX_BIN_BYTES:
         raise ValueError(
-            f"{path} holds {path.stat().st_size:,} bytes, expected a multiple of 16 "
-            "(float32 x y z intensity): truncated?"
+            f"{path} holds {size:,} bytes, expected a multiple of 16 (float32 x y z "
+            f"intensity), at most {MAX_BIN_BYTES:,}: truncated?"
         )
-    table = np.fromfile(path, "<f4").reshape(-1, 4)
-    return dict(zip(("x", "y", "z", "intensity"), table.T, strict=True))
+    return np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float32, copy=False)
+
+
+def _read_bin_columns(path):
+    return dict(zip(("x", "y", "z", "intensity"), read_bin(path).T, strict=True))
 
 
 def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:

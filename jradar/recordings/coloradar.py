@@ -13,15 +13,13 @@ their sensor's frame.
 """  # noqa: E501
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses
-from jradar.radar import RadarSpec
+from jradar.recordings.clouds import read_bin
 from jradar.recordings.coloradar_calib import (
     radar_from_coloradar,
     read_coupling,
@@ -29,14 +27,13 @@ from jradar.recordings.coloradar_calib import (
 )
 from jradar.recordings.coloradar_files import (
     file_stream,
-    read_records,
-    read_samples,
+    read_cube,
     read_stamps,
     read_table,
     read_transform,
 )
 from jradar.recordings.formats import Format
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Recording
 
 SENSORS = ("single_chip", "cascade")
 KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
@@ -65,21 +62,29 @@ def open_coloradar(
     sensor = _sensor(folder, sensor, notes)
     calib = Path(description or _find_calib(folder, sensor))
     radar = radar_from_coloradar(calib / sensor, tx_firing_order=tx_firing_order)
-    cubes = _adc_samples(folder, sensor, radar)
+    at = folder / sensor / "adc_samples"
+    cubes = file_stream(
+        at / "data", "frame", at / "timestamps.txt", lambda file: read_cube(file, radar)
+    )
     notes += cubes.notes
     lidar = poses = None
-    if (folder / "lidar" / "pointclouds").is_dir():
-        lidar = _lidar(folder)
+    at = folder / "lidar"
+    if (at / "pointclouds").is_dir():
+        # A missing return of the Ouster is (0, 0, 0); a scan may be empty.
+        lidar = file_stream(
+            at / "pointclouds", "lidar_pointcloud", at / "timestamps.txt", read_bin
+        )
         notes += lidar.notes
     if (folder / "groundtruth" / "groundtruth_poses.txt").is_file():
         poses = _poses(folder / "groundtruth", notes)
     coupling = frequency_phase = None
+    pairs = (radar.num_tx, radar.num_rx)
     if (path := calib / sensor / "coupling_calib.txt").is_file():
         coupling = read_coupling(path)
-        _check_array(path, coupling.shape, radar, (radar.num_samples // 2,))
+        _check_array(path, coupling, (*pairs, radar.num_samples // 2), radar)
     if (path := calib / sensor / "phase_frequency_calib.txt").is_file():
         frequency_phase = read_frequency_phase(path)
-        _check_array(path, frequency_phase.phase.shape, radar, ())
+        _check_array(path, frequency_phase.phase, pairs, radar)
     return Recording(
         name=folder.absolute().name,
         path=folder,
@@ -87,6 +92,7 @@ def open_coloradar(
         cubes=cubes,
         lidar=lidar,
         poses=poses,
+        # ColoRadar+ calls its only radar `radar`.
         base_from_radar=_base_from(calib, (sensor, "radar"), notes),
         base_from_lidar=_base_from(calib, ("lidar",), notes),
         coupling=coupling,
@@ -127,71 +133,35 @@ def _find_calib(folder: Path, sensor: str) -> Path:
     )
 
 
-def _adc_samples(folder: Path, sensor: str, radar: RadarSpec) -> Stream:
-    """Return ADC frames, int16 [tx][rx][chirp][sample][I, Q], as complex64."""
-    axes = dict(
-        zip(("tx", "rx", "chirps", "samples"), radar.cube_shape, strict=True), halves=2
-    )
-
-    def read(path: Path) -> np.ndarray:
-        halves = read_samples(path, "<i2", axes).astype(np.float32)
-        return halves.view(np.complex64).reshape(radar.cube_shape)
-
-    at = folder / sensor / "adc_samples"
-    return file_stream(at / "data", "frame", at / "timestamps.txt", read)
-
-
-def _lidar(folder: Path) -> Stream:
-    """Return LiDAR scans, float32 [point, 4]: x y z intensity.
-
-    The Ouster writes a missing return as (0, 0, 0); a scan may be empty.
-    """
-    return file_stream(
-        folder / "lidar" / "pointclouds",
-        "lidar_pointcloud",
-        folder / "lidar" / "timestamps.txt",
-        lambda path: read_records(path, 4),
-    )
-
-
 def _sensor(folder: Path, sensor: str | None, notes: list[str]) -> str:
     """Return the radar to read, one whose raw samples exist."""
     if sensor is not None and sensor not in SENSORS:
         raise UsageError(f"sensor = {sensor!r}, expected {' or '.join(SENSORS)}")
     here = [s for s in SENSORS if (folder / s / "adc_samples" / "data").is_dir()]
-    if sensor is None and here:
-        if len(here) > 1:
-            notes.append(f"radar: {here[0]}; {here[1]} was recorded as well")
-        return here[0]
-    if sensor is None or sensor not in here:
+    if sensor in here:
+        return sensor
+    if sensor is not None or not here:
         wanted = f"{sensor or '<radar>'}/adc_samples/data"
         other = f", but {here[0]}/adc_samples/data" if here else ""
         raise UsageError(
             f"{folder} holds no {wanted}{other}: ColoRadar offers raw samples as a "
             "separate download"
         )
-    return sensor
+    if len(here) > 1:
+        notes.append(f"radar: {here[0]}; {here[1]} was recorded as well")
+    return here[0]
 
 
-def _check_array(
-    path: Path, shape: Sequence[int], radar: RadarSpec, more: tuple[int, ...]
-) -> None:
-    """Raise ValueError for a calibration of another radar."""
-    expected = (radar.num_tx, radar.num_rx, *more)
-    if tuple(shape) != expected:
+def _check_array(path, measured, expected, radar):
+    if measured.shape != expected:
         raise ValueError(
-            f"{path} is for an array of {tuple(shape)}, {radar.name} needs {expected} "
-            "[tx, rx, range bins]"
+            f"{path} is for an array of {measured.shape}, {radar.name} needs "
+            f"{expected} [tx, rx, range bins]"
         )
 
 
-def _base_from(
-    calib: Path, names: Sequence[str], notes: list[str]
-) -> Float[np.ndarray, "4 4"] | None:
-    """Return the transform from a sensor to the base.
-
-    ColoRadar+ calls the transform of its only radar `radar`.
-    """
+def _base_from(calib, names, notes):
+    """Return the transform to the base of the first of `names`; None without one."""
     for name in names:
         if (path := calib / "transforms" / f"base_to_{name}.txt").is_file():
             return read_transform(path)

@@ -67,7 +67,7 @@ def radar_from_coloradar(
     order = tx_firing_order
     if order is None and antennas["tx"] == CASCADE["tx_positions"]:
         order = CASCADE["tx_firing_order"]
-    values = {
+    fields = {
         "name": f"coloradar {folder.name}",
         **{field: waveform[key] for key, field in FIELDS.items()},
         "tx_positions": antennas["tx"],
@@ -75,7 +75,7 @@ def radar_from_coloradar(
         "design_frequency_hz": antennas["F_design"] * 1e9,
         **({"tx_firing_order": tuple(order)} if order else {}),
     }
-    return radar_of(folder, values)
+    return radar_of(folder, fields)
 
 
 def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
@@ -151,22 +151,18 @@ def _waveform(path: Path) -> dict[str, Any]:
             values[key] = float(_numbers(path, rest)[0])
     if missing := [key for key in (*COUNTS, *FIELDS) if key not in values]:
         raise ValueError(f"{path}: no {', '.join(dict.fromkeys(missing))}")
-    start, end = values["adc_start_time"], values["ramp_end_time"]
-    if start > 1e-3:  # longer than any chirp: microseconds
-        values["adc_start_time"] = _repair(path, "adc_start_time", start, 1e-6)
-    if 0 < end < 1e-8:  # shorter than any chirp: scaled by 1e-6 twice
-        values["ramp_end_time"] = _repair(path, "ramp_end_time", end, 1e6)
+    for key, low, high, factor in (
+        ("adc_start_time", 1e-3, math.inf, 1e-6),  # longer than any chirp: microseconds
+        ("ramp_end_time", 0, 1e-8, 1e6),  # shorter than any chirp: 1e-6 applied twice
+    ):
+        if low < (seconds := values[key]) < high:
+            values[key] = seconds * factor
+            warnings.warn(
+                f"{path}: {key} = {seconds:g} s is impossible, read as "
+                f"{values[key]:g} s (a known fault of ColoRadar's cascade)",
+                stacklevel=3,
+            )
     return values
-
-
-def _repair(path: Path, key: str, seconds: float, factor: float) -> float:
-    """Return a time in its plausible unit, with a warning."""
-    warnings.warn(
-        f"{path}: {key} = {seconds:g} s is impossible, read as {seconds * factor:g} s "
-        "(a known fault of ColoRadar's cascade)",
-        stacklevel=4,
-    )
-    return seconds * factor
 
 
 def _antennas(path: Path) -> dict[str, Any]:
@@ -210,7 +206,7 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
-def _numbers(path: Path | str, values: Any) -> np.ndarray:
+def _numbers(path, values) -> np.ndarray:
     """Return finite numbers in float64."""
     try:
         numbers = np.array(values, dtype=float)
@@ -221,8 +217,7 @@ def _numbers(path: Path | str, values: Any) -> np.ndarray:
     return numbers
 
 
-def _count(path: Path | str, key: str, value: Any) -> int:
-    """Return a positive integer."""
+def _count(path, key, value) -> int:
     number = float(_numbers(path, [value])[0])
     if number < 1 or number % 1:
         raise ValueError(f"{path}: {key} = {value}, expected a whole number above 0")

@@ -4,19 +4,22 @@ File N of a stream belongs to line N of its stamps. Lines are counted from 0, or
 if the file numbers begin with 1, as in ColoRadar+.
 """
 
+import io
+import math
 import os
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from jradar.lidar import rigid_transform
+from jradar.radar import RadarSpec
 from jradar.recordings.recording import Stream
+from jradar.recordings.text_files import read_text
 
 MAX_TEXT_BYTES = 64 << 20
-MAX_CLOUD_BYTES = 256 << 20
 NANOSECONDS = 1e12  # larger stamps are nanoseconds, not seconds
 FARTHEST_M = 5.0  # from the base to a sensor of a rig that is carried
 
@@ -29,15 +32,14 @@ def file_stream(
     The folder is listed, no file is opened. The stream's notes list gaps and stamps
     that do not fit. Raises ValueError if there are no files or two of one number.
     """
-    found = _numbered(folder, prefix)
+    found, notes = _numbered(folder, prefix), []
     numbers = np.array(sorted(found))
-    notes: list[str] = []
     first, last = numbers[[0, -1]].tolist()
-    label = f"{folder.parent.parent.name}/{folder.parent.name}/{prefix}"
+    label = f"{folder.parent.parent.name}/{folder.parent.name}/{prefix}_<N>.bin"
     if missing := last - first + 1 - len(numbers):
         gap = first + int(np.argmax(np.diff(numbers) > 1)) + 1
         notes.append(
-            f"{label}_<N>.bin: {missing} of the numbers {first} to {last} are missing, "
+            f"{label}: {missing} of the numbers {first} to {last} are missing, "
             f"first {gap}"
         )
     times = None
@@ -46,23 +48,23 @@ def file_stream(
         origin = 0 if first > 1 and len(times) > last else first
         if origin != first or first > 1:
             notes.append(
-                f"{label}_<N>.bin: the first number is {first}, taken as line "
+                f"{label}: the first number is {first}, taken as line "
                 f"{first - origin + 1} of the stamps"
             )
         lines = numbers - origin
         stamped = lines < len(times)
         if unstamped := np.count_nonzero(~stamped):
             notes.append(
-                f"{label}_<N>.bin: {len(times)} stamps for {len(numbers)} files: "
+                f"{label}: {len(times)} stamps for {len(numbers)} files: "
                 f"{unstamped} files without a stamp are left out"
             )
         if (spare := len(times) - 1 - int(lines[-1])) > 0:
             notes.append(
-                f"{label}_<N>.bin: the last {spare} of {len(times)} stamps have no file"
+                f"{label}: the last {spare} of {len(times)} stamps have no file"
             )
         numbers, times = numbers[stamped], times[lines[stamped]]
     else:
-        notes.append(f"{label}_<N>.bin: no {stamps.name}, times are unknown")
+        notes.append(f"{label}: no {stamps.name}, times are unknown")
     paths = [folder / found[number] for number in numbers.tolist()]
     return Stream(lambda item: read(paths[item]), len(paths), times, tuple(notes))
 
@@ -73,8 +75,7 @@ def _numbered(folder: Path, prefix: str) -> dict[int, str]:
     names = sorted(os.listdir(folder)) if folder.is_dir() else []
     for name in names:
         if match := re.fullmatch(rf"{prefix}_([0-9]{{1,9}})\.bin", name):
-            other = found.setdefault(int(match[1]), name)
-            if other != name:
+            if (other := found.setdefault(int(match[1]), name)) != name:
                 raise ValueError(
                     f"{folder} holds {other} and {name}, expected one of them"
                 )
@@ -94,11 +95,8 @@ def read_stamps(path: Path, notes: list[str]) -> Float[np.ndarray, " item"]:
         stamps = stamps * 1e-9
     label = f"{path.parent.parent.name}/{path.parent.name}/{path.name}"
     steps = np.diff(stamps)
-    for count, what in (
-        (np.count_nonzero(steps < 0), "go back"),
-        (np.count_nonzero(steps == 0), "repeat the one before"),
-    ):
-        if count:
+    for wrong, what in ((steps < 0, "go back"), (steps == 0, "repeat the one before")):
+        if count := np.count_nonzero(wrong):
             notes.append(f"{label}: {count} of {len(stamps)} stamps {what}")
     return stamps
 
@@ -108,16 +106,11 @@ def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
 
     Raises ValueError for a large or empty file, other columns, NaN and infinity.
     """
-    if (size := path.stat().st_size) > MAX_TEXT_BYTES:
-        raise ValueError(
-            f"{path} holds {size:,} bytes, expected at most {MAX_TEXT_BYTES:,}"
-        )
-    if not size or not path.read_bytes().strip():
+    text = read_text(path, limit=MAX_TEXT_BYTES)
+    if not text.strip():
         raise ValueError(f"{path} is empty, expected {columns} numbers per line")
     try:
-        table = np.loadtxt(path, ndmin=2, comments=None, encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not a text file: {error.reason}") from error
+        table = np.loadtxt(io.StringIO(text), ndmin=2, comments=None)
     except ValueError as error:
         raise ValueError(
             f"{path}: {error}, expected {columns} numbers per line"
@@ -134,31 +127,20 @@ def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
     return table
 
 
-def read_samples(path: Path, dtype: str, axes: dict[str, int]) -> np.ndarray:
-    """Return all numbers of a binary file, flat; `axes` are names and sizes.
-
-    Raises ValueError if the file's size does not fit.
-    """
-    size = path.stat().st_size
-    needed = int(np.prod([*axes.values()])) * np.dtype(dtype).itemsize
+def read_cube(
+    path: Path, radar: RadarSpec
+) -> Complex[np.ndarray, "tx rx chirp sample"]:
+    """Return an ADC frame, int16 [tx][rx][chirp][sample][I, Q], as complex64."""
+    size, needed = path.stat().st_size, 4 * math.prod(radar.cube_shape)
     if size != needed:
-        shape = " x ".join(f"{count} {name}" for name, count in axes.items())
+        tx, rx, chirps, samples = radar.cube_shape
         raise ValueError(
-            f"{path} holds {size:,} bytes, {shape} of {dtype} need {needed:,}: "
+            f"{path} holds {size:,} bytes, {tx} tx x {rx} rx x {chirps} chirps x "
+            f"{samples} samples x 2 halves of <i2 need {needed:,}: "
             f"{'truncated' if size < needed else 'from another configuration'}?"
         )
-    return np.fromfile(path, dtype)
-
-
-def read_records(path: Path, fields: int) -> Float[np.ndarray, "point field"]:
-    """Return records of `fields` float32 each; an empty file holds none."""
-    size, record = path.stat().st_size, 4 * fields
-    if size % record or size > MAX_CLOUD_BYTES:
-        raise ValueError(
-            f"{path} holds {size:,} bytes, expected a multiple of {record} ({fields} "
-            f"float32 per point), at most {MAX_CLOUD_BYTES:,}: truncated?"
-        )
-    return np.fromfile(path, "<f4").reshape(-1, fields).astype(np.float32, copy=False)
+    halves = np.fromfile(path, "<i2").astype(np.float32)
+    return halves.view(np.complex64).reshape(radar.cube_shape)
 
 
 def read_transform(path: Path) -> Float[np.ndarray, "4 4"]:

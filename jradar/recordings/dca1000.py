@@ -95,14 +95,15 @@ def open_dca1000(
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
         return cube_of_words(raw.view("<i2"), radar, order)
 
-    notes = [f"{len(files.paths)} files were joined"] if len(files.paths) > 1 else []
+    notes, lost, whole = [], None, 0
+    if len(files.paths) > 1:
+        notes.append(f"{len(files.paths)} files were joined")
     if rest:
         notes.append(f"the last {rest:,} bytes, less than a frame, were left out")
-    lost = None
     if isinstance(source, Packets):
         lost = lost_per_frame(source, frame_bytes, count)
         notes += _losses(source, lost)
-    whole = int(lost.argmin()) if lost is not None else 0
+        whole = int(lost.argmin())
     words = source.read(whole * frame_bytes, (whole + 1) * frame_bytes).view("<i2")
     if advice := advise_iq_order(words.reshape(-1, 2 * radar.num_samples), order=order):
         notes.append(advice)
@@ -172,27 +173,20 @@ def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
 
 
 def _does_not_fit(files: Files, size: int, radar: RadarSpec) -> str:
-    """Return the error for a size that is not a multiple of a frame's."""
     tx, rx, chirps, samples = radar.cube_shape
     frame_bytes = 4 * tx * rx * chirps * samples
     mine = (samples, chirps, rx, tx)
     usual = (sorted({*USUAL[k], v}) for k, v in zip(USUAL, mine, strict=True))
-    fitting = [
-        shape
-        for shape in itertools.product(*usual)
-        if size and size % (4 * math.prod(shape)) == 0
-    ]
-    fitting.sort(
-        key=lambda shape: (
-            sum(a != b for a, b in zip(shape, mine, strict=True)),
-            -math.prod(shape),
-        )
-    )
-    others = (
-        f"frames of (samples, chirps, rx, tx) that fit: {fitting[:6]}"
-        if fitting
-        else "no usual frame size fits"
-    )
+
+    def least_changed(shape):
+        changed = sum(a != b for a, b in zip(shape, mine, strict=True))
+        return changed, -math.prod(shape)
+
+    shapes = [s for s in itertools.product(*usual) if not size % (4 * math.prod(s))]
+    fitting = sorted(shapes if size else [], key=least_changed)[:6]
+    others = f"frames of (samples, chirps, rx, tx) that fit: {fitting}"
+    if not fitting:
+        others = "no usual frame size fits"
     return (
         f"{files.paths[0]} holds {size:,} bytes, {radar.name} needs a multiple of "
         f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x 4 "

@@ -23,12 +23,15 @@ def describe(recording: Recording) -> dict[str, Any]:
     The first and the last item of each stream are read; an item that cannot be read is
     reported under "readable".
     """
-    poses = recording.poses
+    poses, lost = recording.poses, {}
     streams = [_timing("radar", len(recording.cubes), recording.cubes.stamps)]
     if recording.lidar is not None:
         streams.append(_timing("lidar", len(recording.lidar), recording.lidar.stamps))
     if poses is not None:
         streams.append(_timing("poses", len(poses.stamps), poses.stamps))
+    if (bytes_of_frame := recording.lost_bytes) is not None:
+        lost["lost bytes"] = int(bytes_of_frame.sum())
+        lost["frames with losses"] = int((bytes_of_frame > 0).sum())
     return {
         "recording": str(recording.path),
         "frames": len(recording.cubes),
@@ -38,7 +41,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "readable": _readable(recording),
         "calibration": _calibration(recording),
         "transforms": _transforms(recording),
-        **_lost(recording),
+        **lost,
         "notes": [*recording.notes],
     }
 
@@ -86,14 +89,11 @@ CONTENTS = (
 
 def describe_file(path: Path | str) -> dict[str, Any] | None:
     """Return what a file without radar frames holds; None if it is not in CONTENTS."""
-    for known in CONTENTS:
-        if known.matches(Path(path)):
-            return known.open(Path(path))
-    return None
+    path = Path(path)
+    return next((kind.open(path) for kind in CONTENTS if kind.matches(path)), None)
 
 
 def _radar(radar: RadarSpec) -> dict[str, Any]:
-    """Return the radar's sizes, resolutions and limits."""
     return {
         "name": radar.name,
         "tx x rx x chirps x samples": list(radar.cube_shape),
@@ -107,17 +107,17 @@ def _radar(radar: RadarSpec) -> dict[str, Any]:
     }
 
 
-def _timing(name: str, count: int, stamps: np.ndarray | None) -> dict[str, Any]:
+def _timing(name: str, count: int, stamps: Any) -> dict[str, Any]:
     """Return a stream's rate, and the faults of its stamps."""
     known = stamps is not None and len(stamps) > 1
-    steps = np.diff(stamps) if stamps is not None and known else np.zeros(0)
+    steps = np.diff(stamps) if known else np.zeros(0)
     forward = steps[steps > 0]
     usual = float(np.median(forward)) if forward.size else None
     return {
         "stream": name,
         "items": count,
         "rate_hz": 1 / usual if usual else None,
-        "seconds": float(np.ptp(stamps)) if stamps is not None and known else None,
+        "seconds": float(np.ptp(stamps)) if known else None,
         "gaps": int((forward > GAP * usual).sum()) if usual else None,
         "longest_gap_s": float(forward.max()) if usual else None,
         "repeated": int((steps == 0).sum()) if known else None,
@@ -143,7 +143,7 @@ def _matches(recording: Recording) -> dict[str, Any]:
 
 
 def _readable(recording: Recording) -> dict[str, str]:
-    """Return a line about the first and the last item of each stream."""
+    """Try to read the first and the last item of each stream."""
     lines = {}
     for name, stream in (("frame", recording.cubes), ("scan", recording.lidar)):
         count = len(stream) if stream is not None else 0
@@ -166,7 +166,6 @@ def _item(stream, item: int) -> str:
 
 
 def _calibration(recording: Recording) -> list[str]:
-    """Return a line for each correction that the recording holds."""
     found = []
     if recording.coupling is not None:
         shape = " x ".join(map(str, recording.coupling.shape))
@@ -197,14 +196,4 @@ def _transforms(recording: Recording) -> dict[str, Any]:
         }
         for name, matrix in found.items()
         if matrix is not None
-    }
-
-
-def _lost(recording: Recording) -> dict[str, Any]:
-    """Return the number of bytes that the capture lost, if the reader counted them."""
-    if recording.lost_bytes is None:
-        return {}
-    return {
-        "lost bytes": int(recording.lost_bytes.sum()),
-        "frames with losses": int((recording.lost_bytes > 0).sum()),
     }

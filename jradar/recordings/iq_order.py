@@ -41,18 +41,14 @@ def cube_of_words(
     """Convert one frame of int16 to complex64 [tx, rx, chirp, sample]."""
     tx, rx, chirps, samples = radar.cube_shape
     cube = np.empty(radar.cube_shape, np.complex64)
-    if order in ("I4Q4", "Q4I4"):
-        halves = np.moveaxis(words.reshape(chirps, tx, samples, 2, rx), 3, 0)
-        in_phase, quadrature = (
-            half.transpose(1, 3, 0, 2)
-            for half in (halves if order == "I4Q4" else halves[::-1])
+    if order in TWO_LANES:
+        shape = (chirps, tx, rx, samples)
+        cube.real, cube.imag = (
+            half.reshape(shape).transpose(1, 2, 0, 3) for half in _halves(words, order)
         )
     else:
-        in_phase, quadrature = (
-            half.reshape(chirps, tx, rx, samples).transpose(1, 2, 0, 3)
-            for half in _halves(words, order)
-        )
-    cube.real, cube.imag = in_phase, quadrature
+        halves = words.reshape(chirps, tx, samples, 2, rx).transpose(3, 1, 4, 0, 2)
+        cube.real, cube.imag = halves if order == "I4Q4" else halves[::-1]
     return cube
 
 
@@ -69,8 +65,7 @@ def advise_iq_order(
     if order not in TWO_LANES or num_samples % 2 or num_samples < 64:
         return None
     levels = {name: _levels(words, name) for name in TWO_LANES}
-    best = order
-    other = OTHER_INTERLEAVE[order]
+    best, other = order, OTHER_INTERLEAVE[order]
     if levels[other][0] > levels[order][0] + 3:
         best = other
     _, near, far = levels[best]

@@ -7,7 +7,6 @@ replaces the earlier one.
 """
 
 from pathlib import Path
-from typing import Any
 
 from jradar.radar import RadarSpec
 from jradar.radar.devices import BOARDS
@@ -30,22 +29,6 @@ def radar_from_studio_log(path: Path | str) -> RadarSpec:
 
     Transmitters are in firing order, which is also their order in the recorded file.
     """
-    return radar_of(path, _radar_fields(path))
-
-
-def one_tx_each(path: Path | str, fired: list[list[int]]) -> list[int]:
-    """Return the one transmitter of each chirp of a turn, given the lists of all."""
-    order = [tx[0] for tx in fired if len(tx) == 1]
-    if len(order) < len(fired) or len(set(order)) < len(order):
-        raise ValueError(
-            f"{path}: the chirps of a frame fire transmitters {fired}, expected each "
-            "chirp to fire one, and each transmitter to fire once"
-        )
-    return order
-
-
-def _radar_fields(path: Path | str) -> dict[str, Any]:
-    """Return the fields of the radar for `RadarSpec.from_dict`."""
     commands: dict[str, list[str]] = {}
     tx_of_chirp: dict[int, list[int]] = {}
     for line in read_text(path).splitlines():
@@ -56,7 +39,6 @@ def _radar_fields(path: Path | str) -> dict[str, Any]:
             first, last, *_ = map(int, arguments)
             on = [tx for tx, bit in enumerate(arguments[7:]) if int(bit)]
             tx_of_chirp |= dict.fromkeys(range(first, last + 1), on)
-
     if missing := [name for name in NEEDED if name not in commands]:
         raise ValueError(
             f"{path}: no {', '.join(missing)}: is it the log of mmWave Studio?"
@@ -67,8 +49,7 @@ def _radar_fields(path: Path | str) -> dict[str, Any]:
     board = CHIPS[chip]
     try:
         profile = [int(value) for value in commands["ProfileConfig"]]
-        frame = [int(value) for value in commands["FrameConfig"][:5]]
-        first, last, _, loops, period = frame
+        first, last, _, loops, period = map(int, commands["FrameConfig"][:5])
         rx_mask = int(commands["ChannelConfig"][1])
         is_complex = int(commands["AdcOutConfig"][1]) > 0
         fired = [tx_of_chirp[chirp] for chirp in range(first, last + 1)]
@@ -78,7 +59,7 @@ def _radar_fields(path: Path | str) -> dict[str, Any]:
         raise ValueError(f"{path}: incomplete configuration ({error})") from error
     if not is_complex:
         raise ValueError(f"{path}: real samples were recorded, expected complex ones")
-    return {
+    fields = {
         "name": chip.lower(),
         "start_frequency_hz": profile[1] * FREQUENCY_HZ,
         "slope_hz_per_s": slope * SLOPE_HZ_PER_S,
@@ -95,3 +76,15 @@ def _radar_fields(path: Path | str) -> dict[str, Any]:
         "design_frequency_hz": board.design_frequency_hz,
         "frame_period_s": period * FRAME_PERIOD_S,
     }
+    return radar_of(path, fields)
+
+
+def one_tx_each(path: Path | str, fired: list[list[int]]) -> list[int]:
+    """Return the one transmitter of each chirp of a turn, given the lists of all."""
+    order = [tx[0] for tx in fired if len(tx) == 1]
+    if len(order) < len(fired) or len(set(order)) < len(order):
+        raise ValueError(
+            f"{path}: the chirps of a frame fire transmitters {fired}, expected each "
+            "chirp to fire one, and each transmitter to fire once"
+        )
+    return order

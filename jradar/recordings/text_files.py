@@ -1,4 +1,4 @@
-"""Small text files: read with a size limit, as TOML, as a radar."""
+"""Text files: read with a size limit, as TOML, as a radar, as a trajectory."""
 
 import difflib
 import tomllib
@@ -6,20 +6,26 @@ from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from jradar.errors import UsageError
+from jradar.lidar import Poses
 from jradar.radar import RadarSpec
 
 MAX_BYTES = 4 << 20  # the largest description, a cascade's coupling, takes 0.5 MB
+MAX_POSES_BYTES = 512 << 20
 
 
-def read_text(path: Path | str, *, errors: str = "strict") -> str:
-    """Return the text of a small file; ValueError if it is large or binary.
+def read_text(
+    path: Path | str, *, errors: str = "strict", limit: int = MAX_BYTES
+) -> str:
+    """Return the text of a file; ValueError if it is binary or exceeds `limit` bytes.
 
     `errors="replace"` is for formats whose comments may use another encoding.
     """
     path = Path(path)
-    if (size := path.stat().st_size) > MAX_BYTES:
-        raise ValueError(f"{path} holds {size:,} bytes, expected at most {MAX_BYTES:,}")
+    if (size := path.stat().st_size) > limit:
+        raise ValueError(f"{path} holds {size:,} bytes, expected at most {limit:,}")
     try:
         return path.read_text(encoding="utf-8-sig", errors=errors)
     except UnicodeDecodeError as error:
@@ -27,10 +33,10 @@ def read_text(path: Path | str, *, errors: str = "strict") -> str:
 
 
 def toml(path: Path | str) -> dict[str, Any]:
-    """Return the tables of a TOML file; UsageError for a syntax error."""
+    """Return the tables of a TOML file; UsageError for a file of another kind."""
     try:
         return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:
         raise UsageError(f"{path} is not valid TOML: {error}") from error
 
 
@@ -58,3 +64,41 @@ def radar_from_toml(path: Path | str) -> RadarSpec:
         return RadarSpec.from_dict(toml(path).get("radar", {}))
     except ValueError as error:
         raise UsageError(f"{path}: {error}") from error
+
+
+def read_tum(path: Path | str) -> Poses:
+    """Return the poses in a file in TUM's format, a line `t x y z qx qy qz qw` each.
+
+    `#` begins a comment.
+    Raises ValueError, with the line, for malformed lines and times that do not rise.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such file of poses: {path}")
+    rows, before = [], -np.inf
+    text = read_text(path, errors="replace", limit=MAX_POSES_BYTES)
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            row = []
+        length = sum(value * value for value in row[4:])
+        if len(row) != 8 or not np.isfinite(row).all() or abs(length - 1) > 0.02:
+            raise ValueError(
+                f"{path}, line {number}: {line.strip()!r}, expected 8 numbers: t x y z "
+                "and a quaternion qx qy qz qw of length 1"
+            )
+        if row[0] <= before:
+            raise ValueError(
+                f"{path}, line {number}: time {row[0]} after {before}, expected rising "
+                "times"
+            )
+        rows.append(row)
+        before = row[0]
+    if len(rows) < 2:
+        raise ValueError(f"{path} holds {len(rows)} poses, expected 2 or more")
+    table = np.array(rows)
+    return Poses(table[:, 0], table[:, 1:4], table[:, 4:])

@@ -16,7 +16,6 @@ import math
 import re
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jaxtyping import Complex
@@ -83,8 +82,15 @@ class CaptureSpec:
         _, sample_swap, non_interleaved = _sample_order(commands)
         orders = ("IIQQ", "QQII") if non_interleaved else ("I4Q4", "Q4I4")
         _, has_headers = commands.get("lvdsStreamCfg", [[-1, 0]])[-1][:2]
-        bias_m, factors = _channels(path, commands)
+        neutral = [0.0] + [1.0, 0.0] * (NUM_RX * 3)
+        bias_m, *parts = commands.get("compRangeBiasAndRxChanPhase", [neutral])[-1]
         needed = NUM_RX * max(tx) + max(rx) + 1
+        if len(parts) % 2:
+            raise ValueError(
+                f"{path}: compRangeBiasAndRxChanPhase has {len(parts)} numbers after "
+                "the bias, expected pairs of real and imaginary parts"
+            )
+        factors = np.array(parts, float).view(complex).tolist()
         if len(factors) < needed:
             raise ValueError(
                 f"{path}: compRangeBiasAndRxChanPhase holds {len(factors)} complex "
@@ -107,11 +113,6 @@ def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
     cannot describe: several kinds of chirps, transmitters that fire together, or a
     transmitter that fires twice in a turn.
     """
-    return radar_of(path, _radar_fields(path, device))
-
-
-def _radar_fields(path: Path | str, device: str) -> dict[str, Any]:
-    """Return the fields of the radar for `RadarSpec.from_dict`."""
     if device not in BOARDS:
         raise UsageError(f"device = {device!r}: {CHOICES}")
     board = BOARDS[device]
@@ -130,7 +131,7 @@ def _radar_fields(path: Path | str, device: str) -> dict[str, Any]:
             f"{low_hz / 1e9:.0f} to {high_hz / 1e9:.0f} GHz: {CHOICES}"
         )
     turns, _, period_ms = commands["frameCfg"][-1][2:5]
-    return {
+    fields = {
         "name": device,
         "start_frequency_hz": start_ghz * 1e9,
         "slope_hz_per_s": profile[7] * 1e12,
@@ -145,6 +146,7 @@ def _radar_fields(path: Path | str, device: str) -> dict[str, Any]:
         "design_frequency_hz": board.design_frequency_hz,
         "frame_period_s": period_ms * 1e-3,
     }
+    return radar_of(path, fields)
 
 
 def _frame_commands(path: Path | str) -> Commands:
@@ -202,9 +204,7 @@ def _commands(path: Path | str) -> Commands:
     return commands
 
 
-def _turn(
-    path: Path | str, commands: Commands
-) -> tuple[list[float], list[int], list[int]]:
+def _turn(path, commands: Commands) -> tuple[list[float], list[int], list[int]]:
     """Return the profile of the chirps, transmitters in firing order, receivers."""
     chirps = _chirps(path, commands)
     number = chirps[0][0]
@@ -219,12 +219,9 @@ def _turn(
             f"{path}: the chirps use profile {number:g}, profileCfg describes "
             f"{[*map(int, profiles)]}"
         )
-    fired = [_bits(_whole(path, "chirpCfg", chirp[5])) for chirp in chirps]
-    tx = one_tx_each(path, fired)
-    rx_on, tx_on = (
-        _bits(_whole(path, "channelCfg", mask))
-        for mask in commands["channelCfg"][-1][:2]
-    )
+    tx = one_tx_each(path, [_bits(path, "chirpCfg", chirp[5]) for chirp in chirps])
+    masks = commands["channelCfg"][-1][:2]
+    rx_on, tx_on = (_bits(path, "channelCfg", mask) for mask in masks)
     rx = [bit for bit in rx_on if bit < NUM_RX]
     if not rx or not set(tx) <= set(tx_on):
         raise ValueError(
@@ -258,21 +255,9 @@ def _sample_order(commands: Commands) -> list[float]:
     return fields[1:4] if len(fields) > 4 or fields[0] < 0 else fields[:3]
 
 
-def _channels(path: Path | str, commands: Commands) -> tuple[float, list[complex]]:
-    """Return the range bias in metres and the factors of all antenna pairs."""
-    neutral = [0.0] + [1.0, 0.0] * (NUM_RX * 3)
-    bias_m, *halves = commands.get("compRangeBiasAndRxChanPhase", [neutral])[-1]
-    if len(halves) % 2:
-        raise ValueError(
-            f"{path}: compRangeBiasAndRxChanPhase has {len(halves)} numbers after the "
-            "bias, expected pairs of real and imaginary parts"
-        )
-    pairs = zip(halves[::2], halves[1::2], strict=True)
-    return bias_m, [complex(*pair) for pair in pairs]
-
-
-def _bits(mask: int) -> list[int]:
-    """Return the numbers of the set bits, lowest first."""
+def _bits(path, name, value):
+    """Return the numbers of the bits that a field sets, lowest first."""
+    mask = _whole(path, name, value)
     return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]
 
 
