@@ -22,7 +22,7 @@ from experiments.tasks.radarhd_scores import (
     choose_limits,
     mean_scores,
     score_pairs,
-    write_results,
+    write_polar_results,
 )
 from experiments.train import Training
 from experiments.weights import load_weights
@@ -110,7 +110,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         reported = pairs.of(config.data.report_trajectories)
         where = f"trajectories {config.data.report_trajectories}, not trained on"
     title = f"{config.purpose}; {where}"
-    write_results(config, workdir, title, reported, draws, limits)
+    write_polar_results(config, workdir, title, reported, draws, limits)
 
 
 def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:

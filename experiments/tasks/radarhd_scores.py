@@ -32,7 +32,7 @@ Draw = Callable[[jax.Array, jax.Array], jax.Array]
 Rows = list[dict[str, Any]]
 
 
-def write_results(
+def write_polar_results(
     config: ConfigDict,
     workdir: Path,
     title: str,
