@@ -41,15 +41,8 @@ from jradar.simulation import simulate_sequence
 
 SPEC = PrepareSpec()
 FRAMES = 6
-COARSE, FINE = (
-    ImageSpec(
-        *size,
-        azimuth=SPEC.lidar.azimuth,
-        elevation=SPEC.lidar.elevation,
-        max_range_m=SPEC.lidar.max_range_m,
-    )
-    for size in ((64, 64), (128, 512))
-)
+VIEW = SPEC.lidar.azimuth, SPEC.lidar.elevation, SPEC.lidar.max_range_m
+COARSE, FINE = ImageSpec(64, 64, *VIEW), ImageSpec(128, 512, *VIEW)
 
 
 def cases() -> Iterator[Case]:
@@ -75,7 +68,9 @@ def cases() -> Iterator[Case]:
 
     prepare(root, root / "records", SPEC, workers=1)
     pairs = PairSource(Records(root / "records"), COARSE, FINE, num_slices=8)
-    np.savez_compressed(root / "frame.npz", **_arrays(frame))
+    cells = {f"cells_{k}": v for k, v in frame.cells._asdict().items()}
+    arrays = cells | frame.radar._asdict() | {"lidar": frame.lidar_xyz}
+    np.savez_compressed(root / "frame.npz", **arrays)
     yield Case(
         "load a pair, record to 64 x 64 x 24 and 128 x 512",
         lambda: pairs[1],
@@ -98,7 +93,7 @@ def main(frames: str = "60") -> None:
     records = Records(folder)
     pairs = PairSource(records, COARSE, FINE, num_slices=8)
     for what, source in (("records", records), ("records as images", pairs)):
-        _ = source[0]
+        _ = source[0]  # warm up
         start = time.perf_counter()
         for index in range(500):
             _ = source[index % len(source)]
@@ -116,29 +111,20 @@ def _temporary():
 def _loop(xyz, spec):
     """Range image of a scan, point by point."""
     image = np.zeros(spec.shape)
-    low, high = spec.azimuth
-    top = spec.elevation[1]
+    (low, high), (bottom, top) = spec.azimuth, spec.elevation
     for x, y, z in xyz.tolist():
         distance = math.sqrt(x * x + y * y + z * z)
         if not 0 < distance < spec.max_range_m:
             continue
         column = int((math.atan2(y, x) - low) * spec.width / (high - low))
-        row = (top - math.asin(z / distance)) * spec.height
-        row = int(row / (top - spec.elevation[0]))
+        row = int((top - math.asin(z / distance)) * spec.height / (top - bottom))
         if 0 <= row < spec.height and 0 <= column < spec.width:
             if not 0 < image[row, column] < distance:
                 image[row, column] = distance
     return image
 
 
-def _arrays(frame):
-    """The arrays of a prepared frame."""
-    cells = {f"cells_{k}": v for k, v in frame.cells._asdict().items()}
-    return cells | frame.radar._asdict() | {"lidar": frame.lidar_xyz}
-
-
 def _read_npz(path):
-    """All arrays of a file."""
     with np.load(path, allow_pickle=False) as file:
         return [file[name] for name in file]
 

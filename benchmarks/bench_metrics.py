@@ -30,7 +30,12 @@ def cases() -> Iterator[Case]:
         lambda: compare(a, b),
         {"KDTree": lambda: compare_on_host(*points)},
     )
-    gradient = jax.jit(jax.grad(chamfer))
+
+    @jax.jit
+    @jax.grad
+    def gradient(xyz, a, b):
+        return compare(a._replace(xyz=xyz), b).chamfer
+
     yield Case(
         "gradient of the Chamfer distance 10,000 x 10,000 in a room",
         lambda: gradient(a.xyz, a, b),
@@ -47,11 +52,6 @@ def nearest_case(shape, num: int) -> Case:
         lambda: nearest_distances(a, b),
         {"KDTree": lambda: (KDTree(q).query(p)[0], KDTree(p).query(q)[0])},
     )
-
-
-def chamfer(xyz, a, b):
-    """Chamfer distance as a function of one cloud's points."""
-    return compare(a._replace(xyz=xyz), b).chamfer
 
 
 def cube(rng, num):

@@ -4,6 +4,7 @@ Spectra are also compared with OpenRadar. Before a peer is timed, its result mus
 ours.
 """
 
+import functools
 from collections.abc import Iterator
 
 import jax
@@ -37,9 +38,12 @@ def cases() -> Iterator[Case]:
 
 
 def _random(*shape):
-    """Complex noise [*shape], complex64."""
     parts = np.random.default_rng(0).normal(size=(2, *shape)).astype(np.float32)
     return parts[0] + 1j * parts[1]
+
+
+def _size(radar):
+    return " x ".join(map(str, (radar.num_virtual, *radar.cube_shape[2:])))
 
 
 def _same_power(ours, peer):
@@ -52,10 +56,8 @@ def _spectra(radar):
     """Power map, and spectra with power, compared with FFTs over the trailing axes."""
     cube = _random(*radar.cube_shape)
     on_device = jnp.asarray(cube)
-    weight = np.outer(
-        window("hann", radar.num_chirps), window("hann", radar.num_samples)
-    )
-    weight = weight.astype(np.float32)
+    tapers = window("hann", radar.num_chirps), window("hann", radar.num_samples)
+    weight = np.outer(*tapers).astype(np.float32)
 
     def on_host(fft2):
         def run():
@@ -85,39 +87,26 @@ def _spectra(radar):
         def run():
             data = (cube * weight).reshape(-1, chirps, samples).swapaxes(0, 1)
             ranges = dsp.range_processing(data)
-            _, spectrum = dsp.doppler_processing(
-                ranges, interleaved=False, accumulate=False
-            )
+            options = {"interleaved": False, "accumulate": False}
+            _, spectrum = dsp.doppler_processing(ranges, **options)
             power = (spectrum.real**2 + spectrum.imag**2).sum(1).T
             return np.fft.fftshift(power, axes=0)
 
         return run
 
-    peers = dict(
-        available(
-            {
-                "SciPy, 1 worker": lambda: on_host(scipy.fft.fft2),
-                "SciPy, 2 workers": lambda: on_host(
-                    lambda x: scipy.fft.fft2(x, workers=2)
-                ),
-                "NumPy": lambda: on_host(np.fft.fft2),
-                "PyTorch": torch_fft,
-                "OpenRadar": openradar,
-            }
-        )
+    two_workers = functools.partial(scipy.fft.fft2, workers=2)
+    peers = available(
+        {
+            "SciPy, 1 worker": lambda: on_host(scipy.fft.fft2),
+            "SciPy, 2 workers": lambda: on_host(two_workers),
+            "NumPy": lambda: on_host(np.fft.fft2),
+            "PyTorch": torch_fft,
+            "OpenRadar": openradar,
+        }
     )
-    size = " x ".join(
-        map(str, (radar.num_virtual, radar.num_chirps, radar.num_samples))
-    )
-    yield Case(
-        f"power map, {size}", lambda: power_map(on_device), peers, same=_same_power
-    )
-    yield Case(
-        f"spectra and power, {size}",
-        lambda: range_doppler(on_device),
-        peers,
-        same=_same_power,
-    )
+    for name, ours in (("power map", power_map), ("spectra and power", range_doppler)):
+        call = functools.partial(ours, on_device)
+        yield Case(f"{name}, {_size(radar)}", call, peers, same=_same_power)
 
 
 def _angles(radar, num_cells, num_azimuth, num_elevation):
@@ -182,14 +171,13 @@ def _frame():
         k = int(np.ceil(0.75 * cells.sum()))
         return ndimage.rank_filter(spectra(), k - 1, footprint=cells, mode="wrap")
 
-    size = " x ".join(map(str, (radar.num_virtual, *radar.cube_shape[2:])))
     yield Case(
-        f"int16 frame to 1,024 points, {size}",
+        f"int16 frame to 1,024 points, {_size(radar)}",
         lambda: points(on_device),
         {"SciPy, without angles": spectra_and_floor},
     )
     yield Case(
-        f"int16 frame to the angles of all cells, {size}",
+        f"int16 frame to the angles of all cells, {_size(radar)}",
         lambda: cells(on_device),
         {"SciPy, spectra alone": spectra},
     )

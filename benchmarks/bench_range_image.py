@@ -67,8 +67,8 @@ def random_points(num: int, spread: float, spec: ImageSpec) -> np.ndarray:
     return (np.stack(xyz, -1) * rng.uniform(1, 11, (num, 1))).astype(np.float32)
 
 
-def pixels_on_host(xyz, spec):
-    """Row, column and range of the points in the image by Eq. 7, in float32."""
+def project_on_host(xyz, spec, *, flat=True):
+    """`project` in NumPy by Eq. 7, in float32, with one flat index or two."""
     x, y, z = xyz.T
     distance = np.sqrt(x * x + y * y + z * z)
     columns_per_radian = np.float32(spec.width / np.ptp(spec.azimuth))
@@ -79,23 +79,11 @@ def pixels_on_host(xyz, spec):
     inside = (row >= 0) & (row < spec.height) & (column >= 0) & (column < spec.width)
     inside &= distance <= spec.max_range_m
     row, column = row[inside].astype(np.int32), column[inside].astype(np.int32)
-    return row, column, distance[inside]
-
-
-def scatter_on_host(index, distance, spec):
-    """The smallest distance of each pixel, or 0; with one flat index or two."""
-    size = spec.height * spec.width
-    image = np.full(spec.shape if isinstance(index, tuple) else size, np.inf, "f4")
-    np.minimum.at(image, index, distance)
+    index = row * spec.width + column if flat else (row, column)
+    image = np.full(spec.height * spec.width if flat else spec.shape, np.inf, "f4")
+    np.minimum.at(image, index, distance[inside])
     image[np.isinf(image)] = 0
     return image.reshape(spec.shape)
-
-
-def project_on_host(xyz, spec, *, flat=True):
-    """`project` in NumPy."""
-    row, column, distance = pixels_on_host(xyz, spec)
-    index = row * spec.width + column if flat else (row, column)
-    return scatter_on_host(index, distance, spec)
 
 
 def agreed_on_host(images, share=0.375, tolerance_m=0.2):

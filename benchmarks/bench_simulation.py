@@ -48,7 +48,7 @@ def cases() -> Iterator[Case]:
     yield Case(
         "65,536 rays into a mine of 20,000 triangles and a person",
         lambda: cast(setting.scene, places, origins, directions),
-        dict(available({"trimesh": lambda: _trimesh(setting, origins, directions)})),
+        available({"trimesh": lambda: _trimesh(setting, origins, directions)}),
     )
 
 

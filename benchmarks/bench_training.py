@@ -6,6 +6,7 @@ float32. The peer is the same network in PyTorch: its forward pass and gradient 
 equal ours before they are timed. The optimiser is compared with PyTorch's fused Adam.
 """
 
+import functools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -20,13 +21,12 @@ from jradar.diffusion import PRESETS, NoiseSpec, UNet
 from jradar.training import Batch, TrainState, make_train_step
 
 BATCH, FINE, COARSE = 2, (64, 256, 2), (32, 32, 8)
-PRESET_NAMES = ("tiny", "small")
 OPTIMIZER = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(1e-4))
 
 
 def cases() -> Iterator[Case]:
     """Yield the parts of a step for each preset."""
-    for name in PRESET_NAMES:
+    for name in ("tiny", "small"):
         yield from _preset(name, UNet(**PRESETS[name]))
 
 
@@ -42,22 +42,23 @@ def _preset(name, network):
 
     forward = jax.jit(network.apply)
 
-    def error(params):
+    @jax.jit
+    @jax.grad
+    def gradient(params):
         return jnp.mean((network.apply(params, *inputs) - clean) ** 2)
 
-    gradient = jax.jit(jax.grad(error))
     torch = TorchPeer(network, params, inputs, clean)
     size = f"batch {BATCH}, {FINE[0]} x {FINE[1]}"
     yield Case(
         f"{name}: forward, {size}",
         lambda: forward(params, *inputs),
-        dict(available({"PyTorch": torch.forward})),
+        available({"PyTorch": torch.forward}),
         same=_close,
     )
     yield Case(
         f"{name}: gradient, {size}",
         lambda: gradient(params),
-        dict(available({"PyTorch": torch.gradient})),
+        available({"PyTorch": torch.gradient}),
         same=_close_trees,
     )
 
@@ -74,15 +75,19 @@ def _preset(name, network):
     yield Case(
         f"{name}: clip, Adam and moving average, {count / 1e6:.1f}M parameters",
         lambda: update(state, slopes),
-        dict(available({"PyTorch": lambda: _torch_update(leaves, slopes)})),
+        available({"PyTorch": lambda: _torch_update(leaves, slopes)}),
     )
     step = make_train_step(network, OPTIMIZER, NoiseSpec())
     batch, key = Batch(condition, clean), jax.random.key(0)
-    peers = {"PyTorch": lambda: _torch_step(torch, leaves, slopes)}
+
+    def torch_step():
+        peer_gradient, peer_update = torch.gradient(), _torch_update(leaves, slopes)
+        return lambda: (peer_gradient(), peer_update())
+
     yield Case(
         f"{name}: whole step, {size}",
         lambda: step(state, key, batch),
-        dict(available(peers)),
+        available({"PyTorch": torch_step}),
     )
 
 
@@ -99,11 +104,9 @@ def _close_trees(ours, peer):
         for path, leaf in jax.tree_util.tree_leaves_with_path(ours)
     }
     largest = max(np.abs(leaf).max() for leaf in ours.values())
+    close = functools.partial(np.allclose, rtol=1e-2, atol=1e-4 * largest)
     return ours.keys() == peer.keys() and all(
-        np.allclose(
-            leaf, torch_unet.to_flax(peer[name]), rtol=1e-2, atol=1e-4 * largest
-        )
-        for name, leaf in ours.items()
+        close(leaf, torch_unet.to_flax(peer[name])) for name, leaf in ours.items()
     )
 
 
@@ -161,16 +164,5 @@ def _torch_update(leaves, slopes):
         optimizer.step()
         with torch.no_grad():
             torch._foreach_lerp_(average, [w.detach() for w in weights], 1e-3)
-
-    return run
-
-
-def _torch_step(peer, leaves, slopes):
-    """A call that computes the gradient and then the update."""
-    gradient, update = peer.gradient(), _torch_update(leaves, slopes)
-
-    def run():
-        gradient()
-        update()
 
     return run

@@ -11,7 +11,7 @@ import random
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -83,16 +83,18 @@ def measure(
     )
 
 
-def available(peers: dict[str, Callable[[], Call]]) -> Iterator[tuple[str, Call]]:
-    """Yield the peers that can be made; `peers` maps names to functions that make them.
+def available(makers: dict[str, Callable[[], Call]]) -> dict[str, Call]:
+    """Return the peers that can be made, from functions that make them.
 
     Prints why a peer is left out: its package is missing or too old to import.
     """
-    for name, make in peers.items():
+    peers = {}
+    for name, make in makers.items():
         try:
-            yield name, make()
+            peers[name] = make()
         except (ImportError, AttributeError) as error:
             print(f"without {name}: {error}", file=sys.stderr)
+    return peers
 
 
 def random_params(network: Any, *inputs: Any) -> Any:
@@ -107,7 +109,6 @@ def random_params(network: Any, *inputs: Any) -> Any:
 
 
 def _elapsed(call):
-    """Seconds that a call takes until its result is ready."""
     begin = time.perf_counter()
     jax.block_until_ready(call())
     return time.perf_counter() - begin

@@ -37,7 +37,7 @@ def test_peers_that_are_not_installed_are_left_out(capsys):
     def missing():
         import no_such_package  # noqa: F401
 
-    peers = dict(available({"there": lambda: print, "missing": missing}))
+    peers = available({"there": lambda: print, "missing": missing})
     assert peers == {"there": print}
     assert "without missing: No module named 'no_such_pac" in capsys.readouterr().err
 

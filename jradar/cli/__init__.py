@@ -24,9 +24,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _show_warning
             result = options.command(options)
-        as_json = options.json
-        print(json.dumps(result, indent=2) if as_json else "\n".join(lines(result)))
-        sys.stdout.flush()
+        text = (
+            json.dumps(result, indent=2) if options.json else "\n".join(lines(result))
+        )
+        print(text, flush=True)
     except BrokenPipeError:  # the reader of stdout has seen enough, such as `head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (Exception, KeyboardInterrupt) as error:

@@ -32,15 +32,14 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
 def points(options: argparse.Namespace) -> dict[str, Any]:
     """Detect points in a radar frame; write them as PLY and NPZ, with a picture."""
     from jradar import recordings, viz
-    from jradar.cli.reading import echoes, frame_points, open_frames, summary
+    from jradar.cli.reading import echoes, frame_points, given, open_frames, summary
     from jradar.radar import PointSpec, power_map
     from jradar.range_image import ImageSpec
 
     recording, (frame,) = open_frames(options)
     cube = recordings.calibrated_cube(recording, frame)
     names = ("detector", "false_alarm_rate", "capacity", "remove_static")
-    given = {n: v for n in names if (v := getattr(options, n)) is not None}
-    cloud = frame_points(cube, recording, PointSpec(**given))
+    cloud = frame_points(cube, recording, PointSpec(**given(options, *names)))
     figure = viz.capture_figure(
         power_map(cube, remove_static=options.remove_static),
         recording.radar,
@@ -122,15 +121,15 @@ def view(options: argparse.Namespace) -> dict[str, Any]:
 
 def export(options: argparse.Namespace) -> dict[str, Any]:
     """Write a trained model as one file that runs without jradar."""
+    from jradar.cli.reading import given
     from jradar.export import export_function
     from jradar.model import load_model
     from jradar.recordings import read_coupling
 
     model = load_model(options.model)
     coupling = read_coupling(options.coupling) if options.coupling else None
-    names = ("draws", "steps")
-    given = {n: v for n in names if (v := getattr(options, n)) is not None}
-    export_function(options.output, model, coupling=coupling, **given)
+    drawing = given(options, "draws", "steps")
+    export_function(options.output, model, coupling=coupling, **drawing)
     return {
         "takes": f"seed, cube {list(model.spec.radar.cube_shape)} of complex64",
         "purpose": model.spec.purpose,
@@ -154,12 +153,8 @@ def _preview(recording, spec, options):
     i, j = map(int, found[0])
     frame, steps, trusted = prepare_frame(recording, i, j, spec)
     path = Path(options.output) / "preparation.png"
-    figure = viz.preparation_figure(
-        steps,
-        trusted,
-        spec.lidar,
-        title=f"{recording.name}, frame {frame.frame}",
-    )
+    title = f"{recording.name}, frame {frame.frame}"
+    figure = viz.preparation_figure(steps, trusted, spec.lidar, title=title)
     viz.save_figure(figure, path)
     return {
         "recording": str(recording.path),

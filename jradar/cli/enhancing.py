@@ -54,17 +54,16 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             for name, stage in stages.items():
                 values.append(watch(name, stage, key, model, values[-1]))
             cube, cloud, _, image, dense = values
-            folder = Path(options.output)
-            if options.frames:
-                folder = folder / f"{frame:06d}"
+            folder = Path(options.output, f"{frame:06d}" if options.frames else "")
             drawn = cube, cloud, image, dense
             watch("writing", _write, folder, recording, frame, spec, *drawn)
-            row = {
-                "frame": frame,
-                "radar points": int(cloud.valid.sum()),
-                "enhanced points": int(dense.valid.sum()),
-            }
-            rows.append(row)
+            rows.append(
+                {
+                    "frame": frame,
+                    "radar points": int(cloud.valid.sum()),
+                    "enhanced points": int(dense.valid.sum()),
+                }
+            )
             if len(frames) > 1:
                 show(done)
     written = [str(Path(options.output) / name) for name in WRITTEN]

@@ -44,17 +44,17 @@ def parser() -> argparse.ArgumentParser:
     )
     top.add_argument("--version", action="version", version=f"jradar {__version__}")
     kinds = top.add_subparsers(required=True, metavar="COMMAND")
-    _info(_add(kinds, commands.info, RECORDING_HELP + FILES_HELP))
-    _points(_add(kinds, commands.points, RECORDING_HELP))
-    _enhance(_add(kinds, commands.enhance, RECORDING_HELP))
-    _prepare(_add(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
-    _simulate(_add(kinds, commands.simulate))
-    _view(_add(kinds, commands.view))
-    _export(_add(kinds, commands.export))
+    _info(_command(kinds, commands.info, RECORDING_HELP + FILES_HELP))
+    _points(_command(kinds, commands.points, RECORDING_HELP))
+    _enhance(_command(kinds, commands.enhance, RECORDING_HELP))
+    _prepare(_command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
+    _simulate(_command(kinds, commands.simulate))
+    _view(_command(kinds, commands.view))
+    _export(_command(kinds, commands.export))
     return top
 
 
-def _add(kinds, command: Callable, path_help: str = ""):
+def _command(kinds, command: Callable, path_help: str = ""):
     """Return a command's parser; `path_help` describes its PATH, if it has one."""
     summary = (command.__doc__ or "").splitlines()[0]
     sub = kinds.add_parser(
@@ -66,134 +66,77 @@ def _add(kinds, command: Callable, path_help: str = ""):
     sub.set_defaults(command=command)
     if path_help:
         sub.add_argument("path", metavar="PATH", help="file or folder, see above")
-    sub.add_argument("--json", action="store_true", help="print the result as JSON")
+    _flag(sub, "--json", "print the result as JSON")
     return sub
 
 
+def _flag(sub, name: str, text: str):
+    sub.add_argument(name, action="store_true", help=text)
+
+
+def _value(sub, name: str, metavar: str, text: str, **options):
+    sub.add_argument(name, metavar=metavar, help=text, **options)
+
+
+def _count(sub, name: str, text: str, **options):
+    _value(sub, name, "N", text, type=_at_least_1, **options)
+
+
 def _info(sub):
-    """Add the options of `jradar info`."""
     _recording(sub)
     _frame(sub)
 
 
 def _points(sub):
-    """Add the options of `jradar points`."""
     _recording(sub)
     _frame(sub)
     _output(sub)
-    sub.add_argument(
-        "--detector",
-        choices=DETECTORS,
-        help="CFAR detector: cell averaging, greatest of, smallest of or ordered "
-        "statistic (default: os)",
+    text = (
+        "CFAR detector: cell averaging, greatest of, smallest of or ordered statistic"
     )
-    sub.add_argument(
-        "--false-alarm-rate",
-        type=_rate,
-        metavar="RATE",
-        help="probability that a cell of pure noise is detected (default: 0.001)",
-    )
-    sub.add_argument(
-        "--capacity",
-        type=_at_least_1,
-        metavar="N",
-        help="keep at most the N strongest points (default: 1024)",
-    )
-    sub.add_argument(
-        "--remove-static", action="store_true", help="keep only echoes that move"
-    )
+    sub.add_argument("--detector", choices=DETECTORS, help=f"{text} (default: os)")
+    text = "probability that a cell of pure noise is detected (default: 0.001)"
+    _value(sub, "--false-alarm-rate", "RATE", text, type=_rate)
+    _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
+    _flag(sub, "--remove-static", "keep only echoes that move")
 
 
 def _enhance(sub):
-    """Add the options of `jradar enhance`."""
     _recording(sub)
     _frame(sub, several=True)
     _output(sub)
-    sub.add_argument(
-        "--model",
-        default="jradar-sim",
-        metavar="NAME|FOLDER",
-        help="name of a shipped model, or folder of a model (default: %(default)s)",
-    )
+    text = "name of a shipped model, or folder of a model (default: %(default)s)"
+    _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
     _drawing(sub)
-    sub.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="random seed of the draws (default: %(default)s)",
-    )
+    _seed(sub, "random seed of the draws")
 
 
 def _prepare(sub):
-    """Add the options of `jradar prepare`."""
     _recording(sub)
     _output(sub)
-    sub.add_argument(
-        "--spec",
-        metavar="FILE",
-        help="TOML file with the fields of jradar.data.PrepareSpec to change",
-    )
-    sub.add_argument(
-        "--frames",
-        type=_frames,
-        default=slice(None),
-        metavar="A:B",
-        help="frames of each sequence: A to B-1 (default: all)",
-    )
-    sub.add_argument(
-        "--workers",
-        type=_at_least_1,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="processes on this machine (default: its CPU cores, %(default)s)",
-    )
-    sub.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="run on the Dask cluster at this address instead",
-    )
-    sub.add_argument(
-        "--keep-going",
-        action="store_true",
-        help="skip frames that cannot be read, and count them",
-    )
-    sub.add_argument(
-        "--preview",
-        action="store_true",
-        help="write only a picture of how the first of the frames is prepared",
-    )
+    text = "TOML file with the fields of jradar.data.PrepareSpec to change"
+    _value(sub, "--spec", "FILE", text)
+    text = "frames of each sequence: A to B-1 (default: all)"
+    _value(sub, "--frames", "A:B", text, type=_frames, default=slice(None))
+    text = "processes on this machine (default: its CPU cores, %(default)s)"
+    _count(sub, "--workers", text, default=os.cpu_count() or 1)
+    text = "run on the Dask cluster at this address instead"
+    _value(sub, "--scheduler", "ADDRESS", text)
+    _flag(sub, "--keep-going", "skip frames that cannot be read, and count them")
+    text = "write only a picture of how the first of the frames is prepared"
+    _flag(sub, "--preview", text)
 
 
 def _simulate(sub):
-    """Add the options of `jradar simulate`."""
     _output(sub)
     what = sub.add_mutually_exclusive_group(required=True)
-    what.add_argument(
-        "--scene",
-        choices=FAMILIES,
-        metavar="FAMILY",
-        help=f"one recording of a scene of this family: {', '.join(FAMILIES)}",
-    )
-    what.add_argument(
-        "--set",
-        choices=SETS,
-        metavar="NAME",
-        help=f"a whole data set: {', '.join(SETS)}",
-    )
-    sub.add_argument(
-        "--frames",
-        type=_at_least_1,
-        metavar="N",
-        help="frames of each recording (default: 50 for a scene, 1 in a set)",
-    )
-    sub.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="random seed of a scene (default: %(default)s)",
-    )
+    text = f"one recording of a scene of this family: {', '.join(FAMILIES)}"
+    _value(what, "--scene", "FAMILY", text, choices=FAMILIES)
+    text = f"a whole data set: {', '.join(SETS)}"
+    _value(what, "--set", "NAME", text, choices=SETS)
+    text = "frames of each recording (default: 50 for a scene, 1 in a set)"
+    _count(sub, "--frames", text)
+    _seed(sub, "random seed of a scene")
     sub.add_argument(
         "--sensor",
         choices=("single_chip", "cascade", "both"),
@@ -207,121 +150,68 @@ def _simulate(sub):
         help="coloradar: files laid out as in the ColoRadar data set; capture: a "
         "DCA1000 file and a ROS bag of a Livox LiDAR (default: %(default)s)",
     )
-    sub.add_argument(
-        "--dry-run",
-        action="store_true",
-        help="print the expected size and time, write nothing",
-    )
+    _flag(sub, "--dry-run", "print the expected size and time, write nothing")
 
 
 def _view(sub):
-    """Add the options of `jradar view`."""
     sub.add_argument("run", metavar="RUN", help="workdir of an experiment")
-    sub.add_argument(
-        "--no-open", action="store_true", help="print the report's path, do not open it"
-    )
+    _flag(sub, "--no-open", "print the report's path, do not open it")
 
 
 def _export(sub):
-    """Add the options of `jradar export`."""
-    sub.add_argument(
-        "model",
-        metavar="MODEL",
-        help="name of a shipped model (jradar-sim), or folder of a model",
-    )
-    sub.add_argument(
-        "-o", "--output", metavar="FILE", required=True, help="file to write"
-    )
+    text = "name of a shipped model (jradar-sim), or folder of a model"
+    sub.add_argument("model", metavar="MODEL", help=text)
+    _output(sub, "FILE", "file to write")
     _drawing(sub)
-    sub.add_argument(
-        "--coupling",
-        metavar="FILE",
-        help="coupling_calib.txt of the radar unit that will use the file",
-    )
+    text = "coupling_calib.txt of the radar unit that will use the file"
+    _value(sub, "--coupling", "FILE", text)
 
 
 def _recording(sub):
     """Add how a recording is opened."""
-    sub.add_argument(
-        "--radar",
-        metavar="FILE",
-        help="description of the radar: a .toml, a .cfg, a log or a calib folder",
-    )
-    sub.add_argument(
-        "--device",
-        choices=DEVICES,
-        metavar="NAME",
-        help=f"board that a .cfg was written for: {', '.join(DEVICES)} "
-        "(default: awr1843)",
-    )
+    text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
+    _value(sub, "--radar", "FILE", text)
+    text = f"board that a .cfg was written for: {', '.join(DEVICES)} (default: awr1843)"
+    _value(sub, "--device", "NAME", text, choices=DEVICES)
     sub.add_argument(
         "--sensor",
         choices=("single_chip", "cascade"),
         help="radar of a ColoRadar sequence (default: single_chip if it has both)",
     )
-    sub.add_argument(
-        "--iq-order",
-        metavar="ORDER",
-        help="order of I and Q in adc_data.bin: IIQQ, QQII, IQIQ, QIQI, I4Q4 or Q4I4 "
-        "(default: as in the radar's description)",
-    )
-    sub.add_argument(
-        "--allow-partial",
-        action="store_true",
-        help="accept an adc_data.bin that ends inside a frame; leave that frame out",
-    )
+    text = "order of I and Q in adc_data.bin: IIQQ, QQII, IQIQ, QIQI, I4Q4 or Q4I4"
+    text += " (default: as in the radar's description)"
+    _value(sub, "--iq-order", "ORDER", text)
+    text = "accept an adc_data.bin that ends inside a frame; leave that frame out"
+    _flag(sub, "--allow-partial", text)
 
 
 def _frame(sub, *, several: bool = False):
     """Add which frame is read, or which frames."""
     which = sub.add_mutually_exclusive_group()
-    which.add_argument(
-        "--frame",
-        type=int,
-        default=0,
-        metavar="N",
-        help="frame to read (default: %(default)s)",
-    )
+    text = "frame to read (default: %(default)s)"
+    _value(which, "--frame", "N", text, type=int, default=0)
     if several:
-        which.add_argument(
-            "--frames",
-            type=_frames,
-            metavar="A:B",
-            help="frames A to B-1, each written to its own folder inside DIR",
-        )
-    sub.add_argument(
-        "--frames-as-chirps",
-        action="store_true",
-        help="read a recording of one chirp per frame as one frame of many chirps",
-    )
+        text = "frames A to B-1, each written to its own folder inside DIR"
+        _value(which, "--frames", "A:B", text, type=_frames)
+    text = "read a recording of one chirp per frame as one frame of many chirps"
+    _flag(sub, "--frames-as-chirps", text)
 
 
-def _output(sub):
-    """Add the output folder."""
-    sub.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        required=True,
-        help="output folder, created if missing",
-    )
+def _output(sub, metavar="DIR", text="output folder, created if missing"):
+    sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
+
+
+def _seed(sub, text: str):
+    text += " (default: %(default)s)"
+    _value(sub, "--seed", "N", text, type=int, default=0)
 
 
 def _drawing(sub):
     """Add how a diffusion model is sampled."""
-    sub.add_argument(
-        "--draws",
-        type=_at_least_1,
-        metavar="N",
-        help="draw N samples and keep what they agree on; 1 is the paper's single draw "
-        "(default: 8)",
-    )
-    sub.add_argument(
-        "--steps",
-        type=_at_least_1,
-        metavar="N",
-        help="solver steps per draw (default: 5 for several draws, 18 for one)",
-    )
+    text = "draw N samples and keep what they agree on; 1 is the paper's single draw"
+    _count(sub, "--draws", f"{text} (default: 8)")
+    text = "solver steps per draw (default: 5 for several draws, 18 for one)"
+    _count(sub, "--steps", text)
 
 
 def _frames(text: str) -> slice:

@@ -12,16 +12,15 @@ from jradar.recordings import Recording, open_recording
 from jradar.types import PointCloud
 
 
+def given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Return the options of these names that the user gave."""
+    return {name: value for name in names if (value := getattr(options, name))}
+
+
 def opening(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `open_recording` that the user gave."""
-    values = {
-        "description": options.radar,
-        "sensor": options.sensor,
-        "iq_order": options.iq_order,
-        "allow_partial": options.allow_partial,
-        "device": options.device,
-    }
-    return {name: value for name, value in values.items() if value}
+    named = {"description": options.radar} if options.radar else {}
+    return named | given(options, "sensor", "iq_order", "allow_partial", "device")
 
 
 def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
