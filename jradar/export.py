@@ -62,12 +62,11 @@ def export_function(
     if unknown or not platforms:
         raise ValueError(f"platforms {platforms}, expected some of {PLATFORMS}")
     spec, radar = model.spec, model.spec.radar
-    if coupling is not None:
-        coupling = jnp.asarray(coupling, jnp.complex64)
+    leakage = None if coupling is None else jnp.asarray(coupling, jnp.complex64)
 
     def function(seed, cube):
         key = jax.random.key(seed)
-        cloud = enhance(key, cube, model, coupling=coupling, **drawing)
+        cloud = enhance(key, cube, model, coupling=leakage, **drawing)
         return cloud.xyz, cloud.valid
 
     shape = radar.cube_shape

@@ -14,7 +14,7 @@ from jradar.range_image import ImageSpec
 
 SPEC = ModelSpec(
     method="diffusion",
-    network=UNet(channels=8, multipliers=(1, 2), blocks=1, attention_levels=(1,)),
+    network=UNet(channels=8, multipliers=(1,), blocks=1, attention_levels=()),
     noise=NoiseSpec(sigma_data=0.7),
     coarse=ImageSpec(8, 8),
     fine=ImageSpec(8, 32),
@@ -40,6 +40,6 @@ def tiny_model(**changes: Any) -> Model:
     )
     rng = np.random.default_rng(0)
     params = jax.tree.map(
-        lambda leaf: jnp.asarray(0.3 * rng.normal(size=leaf.shape), leaf.dtype), shapes
+        lambda leaf: jnp.asarray(0.1 * rng.normal(size=leaf.shape), leaf.dtype), shapes
     )
     return Model(params, spec)

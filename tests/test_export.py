@@ -12,12 +12,11 @@ import pytest
 from jradar.export import export_function, load_function
 from jradar.model import enhance
 from jradar.radar import PointSpec
-from jradar.range_image import ImageSpec
 from tests.models import tiny_model
 
 pytest.importorskip("flatbuffers", reason="needs jradar[export]")
 
-MODEL = tiny_model(fine=ImageSpec(8, 16), points=PointSpec(capacity=16))
+MODEL = tiny_model(points=PointSpec(capacity=16))
 RADAR = MODEL.spec.radar
 CUBE = np.random.default_rng(0).normal(size=RADAR.cube_shape)
 COUPLING = np.random.default_rng(2).normal(size=(RADAR.num_tx, RADAR.num_rx, 32, 2))
