@@ -102,14 +102,14 @@ def main(frames: str = "60") -> None:
 
 
 def _temporary():
-    """A folder that is deleted at exit."""
+    """Return a folder that is deleted at exit."""
     root = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, root, ignore_errors=True)
     return root
 
 
 def _loop(xyz, spec):
-    """Range image of a scan, point by point."""
+    """Return the range image of a scan, computed point by point."""
     image = np.zeros(spec.shape)
     (low, high), (bottom, top) = spec.azimuth, spec.elevation
     for x, y, z in xyz.tolist():

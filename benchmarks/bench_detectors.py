@@ -56,7 +56,7 @@ def cases() -> Iterator[Case]:
 
 
 def _same_inside(ours, peer):
-    """Whether masks or floors agree away from the ends of the range axis."""
+    """Return whether masks or floors agree away from the ends of the range axis."""
     ours, peer = (np.asarray(x)[:, MARGIN:-MARGIN] for x in (ours, peer))
     return ours.shape == peer.shape and np.allclose(ours, peer, rtol=1e-4)
 

@@ -44,7 +44,7 @@ def cases() -> Iterator[Case]:
 
 
 def nearest_case(shape, num: int) -> Case:
-    """Nearest neighbours of two clouds of one shape."""
+    """Return the search for nearest neighbours in two clouds of one shape."""
     a, b = (random_cloud(shape, seed, num) for seed in (0, 1))
     p, q = valid_points(a), valid_points(b)
     return Case(
@@ -55,12 +55,12 @@ def nearest_case(shape, num: int) -> Case:
 
 
 def cube(rng, num):
-    """Points in a volume of 20 m."""
+    """Return points in a cube of 20 m."""
     return rng.uniform(-10, 10, (num, 3))
 
 
 def room(rng, num):
-    """Points on the walls, floor and ceiling of a room, with 2 cm of noise."""
+    """Return points on the walls, floor and ceiling of a room, with 2 cm of noise."""
     size = np.array([10.0, 6.0, 2.0])
     xyz = rng.uniform(-1, 1, (num, 3)) * size
     axis, side = rng.integers(0, 3, num), rng.choice((-1, 1), num)
@@ -69,12 +69,12 @@ def room(rng, num):
 
 
 def random_cloud(shape, seed: int, num: int) -> PointCloud:
-    """Cloud of a shape with one point in ten invalid."""
+    """Return a cloud of a shape with one point in ten invalid."""
     rng = np.random.default_rng(seed)
     xyz = jnp.asarray(shape(rng, num), jnp.float32)
     return PointCloud(xyz, jnp.asarray(rng.random(num) < 0.9))
 
 
 def valid_points(cloud: PointCloud) -> np.ndarray:
-    """The valid points alone, on the host."""
+    """Return the valid points alone, on the host."""
     return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]

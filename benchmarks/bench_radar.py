@@ -47,7 +47,7 @@ def _size(radar):
 
 
 def _same_power(ours, peer):
-    """Whether power maps agree in float32; ours may come with spectra."""
+    """Return whether power maps agree in float32; ours may come with spectra."""
     ours = np.asarray(ours[1] if isinstance(ours, tuple) else ours)
     return np.allclose(ours, peer, rtol=1e-3, atol=1e-5 * ours.max())
 
@@ -126,7 +126,7 @@ def _angles(radar, num_cells, num_azimuth, num_elevation):
         return power.reshape(num_cells, -1).argmax(-1)
 
     def same(ours, peer):
-        """Whether azimuths agree within a bin; peers' invisible maxima are ignored."""
+        """Return whether azimuths agree within a bin, where the peer's is visible."""
         u, w = (np.fft.ifftshift(sines) for sines in direction_sines(radar, **bins))
         u, w = u[peer % num_azimuth], w[peer // num_azimuth]
         seen = u**2 + w**2 <= 1

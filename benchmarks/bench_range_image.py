@@ -20,7 +20,7 @@ COARSE = ImageSpec(height=64, width=64)
 
 
 def cases() -> Iterator[Case]:
-    """Clouds of several sizes and fractions in view; slices; agreement."""
+    """Yield clouds of several sizes and fractions in view, slices, and agreement."""
     for num, spread in ((65_536, 1.0), (131_072, 1.0), (65_536, 3.0), (4096, 1.0)):
         yield project_case(num, spread)
     xyz = random_points(4096, 1.0, COARSE)
@@ -43,7 +43,7 @@ def cases() -> Iterator[Case]:
 
 
 def project_case(num: int, spread: float) -> Case:
-    """Project a cloud; with a spread of 3, most points miss the image."""
+    """Return the projection of a cloud; with a spread of 3, most points miss it."""
     xyz = random_points(num, spread, FINE)
     cloud = PointCloud.from_xyz(xyz)
     where = "in view" if spread == 1 else "mostly out of view"
@@ -58,7 +58,7 @@ def project_case(num: int, spread: float) -> Case:
 
 
 def random_points(num: int, spread: float, spec: ImageSpec) -> np.ndarray:
-    """Points in `spread` times the field of view, 1 m to 11 m away."""
+    """Return points in `spread` times the field of view, 1 m to 11 m away."""
     rng = np.random.default_rng(0)
     azimuth = rng.uniform(*spec.azimuth, num) * spread
     elevation = rng.uniform(*spec.elevation, num) * spread

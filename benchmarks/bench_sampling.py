@@ -28,7 +28,7 @@ SHAPE, CONDITION = (1, 128, 512, 2), (1, 64, 64, 24)
 
 
 def cases() -> Iterator[Case]:
-    """Heun and a multistep method."""
+    """Yield Heun's method and a multistep method."""
     rng = np.random.default_rng(0)
     condition = jnp.asarray(rng.normal(size=CONDITION), jnp.float32)
     start = jnp.asarray(rng.normal(size=SHAPE), jnp.float32) * NOISE.sigma_max
@@ -50,13 +50,13 @@ def cases() -> Iterator[Case]:
 
 
 def _close(ours, peer):
-    """True if images agree in float32 after all steps."""
+    """Return whether images agree in float32 after all steps."""
     ours, peer = np.asarray(ours), np.asarray(peer)
     return np.allclose(ours, peer, rtol=1e-3, atol=1e-3 * np.abs(peer).max())
 
 
 def _given(params, features):
-    """The denoiser for the features of a condition."""
+    """Return the denoiser for the features of a condition."""
     return precondition(
         lambda x, level: NETWORK.apply(params, x, level, features, method="decode"),
         NOISE,
@@ -74,7 +74,7 @@ def _denoise(params, features, x, sigma):
 
 
 def _heun(params, condition, start, sigmas) -> Call:
-    """Take Heun's steps one by one, then return the image."""
+    """Return a call that takes Heun's steps one by one and returns the image."""
 
     @jax.jit
     def step(params, features, x, sigma, after):
@@ -92,7 +92,7 @@ def _heun(params, condition, start, sigmas) -> Call:
 
 
 def _multistep(params, condition, start, sigmas) -> Call:
-    """Take steps of iPNDM one by one with the last slopes, then return the image."""
+    """Return a call that takes iPNDM's steps one by one and returns the image."""
     _, weights = MULTISTEP.table(sigmas)
 
     @jax.jit

@@ -2,8 +2,8 @@
 
     python -m benchmarks.bench_simulation [FAMILY]     a table of one scene's steps
 
-In the common table the forward model is compared with the same sum that takes a phasor
-for each sample of each chirp, and a LiDAR scan with trimesh's first hits.
+`benchmarks.run` compares the forward model with a sum that computes a phasor for each
+sample of each chirp, and a LiDAR scan with trimesh's first hits.
 """
 
 import functools
@@ -58,19 +58,20 @@ def main(family: str = "hallways") -> None:
     radar, hardware = setting.radars["single_chip"]
     directions, seconds = ouster_rays()
     key, scene = jax.random.key(0), setting.scene
-    paths = radar_paths(scene, setting.reflectors, "single_chip", TIME_S, radar)
-    frame = np.asarray(sample_frame(key, paths, hardware, radar))
     random = np.random.default_rng(0)
-    cloud = scan(random, scene, TIME_S, directions, seconds)
+    find_paths = functools.partial(
+        radar_paths, scene, setting.reflectors, "single_chip", TIME_S, radar
+    )
+    measure = functools.partial(scan, random, scene, TIME_S, directions, seconds)
+    paths = find_paths()
+    frame, cloud = np.asarray(sample_frame(key, paths, hardware, radar)), measure()
     with tempfile.TemporaryDirectory() as folder:
         steps = {
-            "paths of the radar": lambda: radar_paths(
-                scene, setting.reflectors, "single_chip", TIME_S, radar
-            ),
+            "paths of the radar": find_paths,
             f"samples of {len(paths.power)} paths": lambda: np.asarray(
                 sample_frame(key, paths, hardware, radar)
             ),
-            "LiDAR scan": lambda: scan(random, scene, TIME_S, directions, seconds),
+            "LiDAR scan": measure,
             "writing": lambda: [
                 item.tofile(Path(folder) / f"{k}.bin")
                 for k, item in enumerate((frame, cloud))
@@ -81,13 +82,11 @@ def main(family: str = "hallways") -> None:
             wall, processor = _median(step)
             print(f"| {name} | {wall:.1f} | {processor:.1f} |")
         ticks: list[float] = []
-        simulate_sequence(
-            family,
-            0,
-            folder,
-            frames=FRAMES,
-            advance=lambda: ticks.append(time.perf_counter()),
-        )
+
+        def advance():
+            ticks.append(time.perf_counter())
+
+        simulate_sequence(family, 0, folder, frames=FRAMES, advance=advance)
         rate = (len(ticks) - 2) / (ticks[-1] - ticks[1])
         print(f"\n{family}: {rate:.1f} frames/s of radar and LiDAR, written to disk")
 

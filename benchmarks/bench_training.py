@@ -1,9 +1,10 @@
 """Which part of a training step takes how long, and how long does PyTorch take?
 
-Forward pass, gradient, optimiser with moving average, and the whole step, which also
-draws noise, of the networks `tiny` and `small` at half the paper's image sizes in
-float32. The peer is the same network in PyTorch: its forward pass and gradient must
-equal ours before they are timed. The optimiser is compared with PyTorch's fused Adam.
+The forward pass, the gradient, the optimiser with its moving average, and the whole
+step, which also draws noise, are timed for the networks `tiny` and `small`. Images have
+half the paper's size; numbers are float32. The peer is the same network in PyTorch: its
+forward pass and gradient must equal ours before they are timed. The optimiser is
+compared with PyTorch's fused Adam.
 """
 
 import functools
@@ -92,13 +93,12 @@ def _preset(name, network):
 
 
 def _close(ours, peer):
-    """Whether outputs agree in float32."""
     ours = np.asarray(ours)
     return np.allclose(ours, peer, rtol=1e-3, atol=1e-4 * np.abs(ours).max())
 
 
 def _close_trees(ours, peer):
-    """Whether gradients agree, leaf by leaf, in float32."""
+    """Return whether gradients agree, leaf by leaf, in float32."""
     ours = {
         "/".join(str(k.key) for k in path[1:]): np.asarray(leaf)
         for path, leaf in jax.tree_util.tree_leaves_with_path(ours)
@@ -149,7 +149,7 @@ class TorchPeer(NamedTuple):
 
 
 def _torch_update(leaves, slopes):
-    """A call that clips, steps fused Adam and averages, all in place."""
+    """Return a call that clips, steps fused Adam and averages, all in place."""
     import torch
 
     weights = [torch.from_numpy(np.array(leaf)).requires_grad_() for leaf in leaves]

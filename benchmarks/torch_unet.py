@@ -1,7 +1,7 @@
 """The network `UNet` of the form "adm" in PyTorch, a function of the same parameters.
 
-Weights are named by their path, `trunk/stem/kernel`. Like images, they have their
-channels first.
+Weights are named by their path, such as `trunk/stem/kernel`. Weights and images have
+their channels first.
 """
 
 from typing import Any

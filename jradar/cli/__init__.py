@@ -1,7 +1,7 @@
 """The command line: info, points, enhance, prepare, simulate, view, export.
 
 A command imports what it needs when it runs, so `--help` and a wrong option answer
-before JAX loads. Exit codes are those of `jradar.errors`.
+before JAX loads. `jradar.errors` lists the exit codes.
 """
 
 import json

@@ -171,7 +171,7 @@ def _preview(recording, spec, options):
 
 
 def _time_offset(recording):
-    """The offset between the sensors' clocks, estimated from the rig's motion."""
+    """Estimate the offset between the sensors' clocks from the rig's motion."""
     from jradar.recordings import propose_offset
 
     try:

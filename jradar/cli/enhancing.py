@@ -1,7 +1,7 @@
 """`jradar enhance`: frames of a recording through a trained model, every stage timed.
 
-The stages of `jradar.enhance` are compiled before the first frame, so their times are
-of running them alone. Every frame uses the same noise: its result does not depend on
+The stages of `jradar.enhance` are compiled before the first frame, so their times do
+not include compiling. Every frame uses the same noise: its result does not depend on
 which other frames are enhanced.
 """
 
@@ -82,7 +82,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callable]:
-    """The stages of `jradar.enhance`, compiled; each takes the result of the last."""
+    """Compile the stages of `jradar.enhance`; each takes the result of the last."""
     spec = model.spec
 
     def radar_processing(_key, _model, cube):
@@ -107,7 +107,7 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
 
 
 def _times(watch: Stopwatch) -> dict[str, Any]:
-    """The median time of each stage, the frame rate, and the time of compiling."""
+    """Return the median time of each stage, the frame rate and the compile time."""
     (compiling,) = watch.pop("compiling")
     stages = {name: 1e3 * statistics.median(times) for name, times in watch.items()}
     drawing = sum(stages.values()) - stages["writing"]

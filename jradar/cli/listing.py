@@ -25,7 +25,7 @@ def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
 
 
 def _table(rows):
-    """The lines of a table, from dictionaries with the same keys."""
+    """Yield the lines of a table, from dictionaries with the same keys."""
     cells = [[*rows[0]], *([_short(v) for v in row.values()] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     for row in cells:
@@ -33,7 +33,7 @@ def _table(rows):
 
 
 def _short(value):
-    """A value as text, numbers with about four digits."""
+    """Return a value as text, numbers with about four digits."""
     if isinstance(value, float):
         return f"{value:.4g}" if abs(value) < 1 else f"{value:.2f}"
     if isinstance(value, bool):

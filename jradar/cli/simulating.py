@@ -55,7 +55,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _job(options: argparse.Namespace, folder: Path | str) -> Callable[..., Path]:
-    """The function that writes to `folder`; it takes `frames` and `advance`."""
+    """Return the function that writes to `folder`; it takes `frames` and `advance`."""
     if options.set:
         return functools.partial(
             simulate_set, options.set, folder, sensor=options.sensor
@@ -67,7 +67,7 @@ def _job(options: argparse.Namespace, folder: Path | str) -> Callable[..., Path]
 
 
 def _seconds_per_frame(options: argparse.Namespace) -> float:
-    """The time of a frame, measured on a few that are thrown away."""
+    """Return the time of a frame, measured on a few frames that are then deleted."""
     ticks: list[float] = []
     one_scene = argparse.Namespace(**{**vars(options), "set": None})
     with tempfile.TemporaryDirectory() as folder:

@@ -1,9 +1,9 @@
 """Scores of methods: functions from a frame to a cloud, timed and scored alike.
 
 A frame is any object that the methods and truths can read, such as a pair of images. A
-truth is a function of the frame too, so that one run can score against several: the
-LiDAR's points, and the same points after their range image. Truths stay on the host:
-their number of points changes from frame to frame, and JAX would compile for each.
+truth is a function from a frame to its true points. One run can score against several
+truths, such as the LiDAR's points and the same points after a range image. Truths are
+NumPy arrays: JAX would compile anew for each number of points.
 """
 
 import math
@@ -35,12 +35,10 @@ def score_frames(
 ) -> Iterator[dict[str, Any]]:
     """Yield the scores of each method on each frame of a sequence, against each truth.
 
-    `frames` is a sequence in order of time; a truth returns a frame's points
-    `[point, 3]`; rows have the fields of `scores`. All methods get the same key for a
-    frame.
-
-    `milliseconds` is the wall time of the method until its cloud is computed. An
-    uncounted call on the first frame compiles the method, unless `warm_up` is False.
+    `frames` is in order of time. A truth returns a frame's points `[point, 3]`. All
+    methods get the same key for a frame. Rows have the fields of `scores`, of which
+    `milliseconds` is the wall time of the method. Before the first frame, an untimed
+    call compiles the method, unless `warm_up` is False.
     """
     if not methods or not truths:
         raise ValueError(

@@ -6,8 +6,8 @@
     RUN/evaluation/*.png              pictures
     RUN/evaluation/report.html        all of them in one file
 
-Only the scores are required. The report's own pictures are written beside it:
-curves.png (Fig. 6), clouds.png (Fig. 5) and training.png, and each cloud as
+Only the scores are required. The pictures that the report draws are written beside it:
+curves.png (Fig. 6), clouds.png (Fig. 5) and training.png. Each cloud is written as
 clouds/SEQUENCE_FRAME/NAME.ply.
 """
 
@@ -15,7 +15,7 @@ import json
 import re
 import webbrowser
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,10 @@ from matplotlib.figure import Figure
 from jradar.evaluation.scores import Scores, read_scores
 from jradar.evaluation.tables import (
     COLUMNS,
+    format_score,
     markdown,
     paper_tables,
     pooled_table,
-    scenes_table,
     summarise,
 )
 from jradar.files import atomic_path
@@ -45,8 +45,8 @@ from jradar.viz import (
 
 MAX_CLOUD_BYTES = 1 << 30
 MAX_REPORT_BYTES = 10_000_000
-SPARSE = 2000  # points
-OWN = ("curves.png", "clouds.png", "training.png")
+SPARSE = 2000  # points; clouds with fewer are drawn with larger dots
+DRAWN = ("curves.png", "clouds.png", "training.png")
 OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
 SHOWN_SCORES = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
@@ -101,13 +101,9 @@ def build_report(run: Path | str) -> Path:
     truths = [*dict.fromkeys(row["truth"] for row in summary)]
     first = [row for row in scores if row["truth"] == truths[0]]
     tables = {f"All scenes, against {truths[0]}": pooled_table(first)}
-    tables |= {
-        f"Scenes, against {truth}": "\n".join(
-            scenes_table(summary, truth=truth, scenes=scenes, intervals=True)
-            for scenes in paper_tables([r for r in summary if r["truth"] == truth])
-        )
-        for truth in truths
-    }
+    for truth in truths:
+        parts = paper_tables(summary, truth=truth, intervals=True)
+        tables[f"Scenes, against {truth}"] = "\n".join(parts)
     tables["Every score"] = markdown(summary, milliseconds=True)
     errors: dict[str, dict[str, list[float]]] = {}
     for row in first:
@@ -121,20 +117,17 @@ def build_report(run: Path | str) -> Path:
         frames = _frames(clouds, first)
         drawn["Clouds"] = ("clouds.png", _clouds_figure(clouds))
         _write_clouds(folder / "clouds", clouds)
-    if (run / "metrics.jsonl").is_file():
-        figure = learning_curve_figure(run / "metrics.jsonl")
-        drawn["Training"] = ("training.png", figure)
-    figures: dict[str, Path] = {}
-    for title, (name, figure) in drawn.items():
+    if (metrics := run / "metrics.jsonl").is_file():
+        drawn["Training"] = ("training.png", learning_curve_figure(metrics))
+    for name, figure in drawn.values():
         save_figure(figure, folder / name)
-        figures[title] = folder / name
-    others = [p for p in sorted(folder.glob("*.png")) if p.name not in OWN]
+    figures = {title: folder / name for title, (name, _) in drawn.items()}
+    others = [p for p in sorted(folder.glob("*.png")) if p.name not in DRAWN]
     figures |= {path.stem: path for path in others}
     path = folder / "report.html"
-    title = f"{run.resolve().name}: {', '.join(errors)}"
     write_page(
         path,
-        title=title,
+        title=f"{run.resolve().name}: {', '.join(errors)}",
         tables=tables,
         figures=figures,
         frames=frames,
@@ -173,38 +166,30 @@ def open_report(run: Path | str, *, show: bool = True) -> Path:
 
 
 def _clouds_figure(clouds) -> Figure:
-    """The first frame of each scene; sparse clouds have larger points.
+    """Draw the first frame of each scene, sparse clouds with larger points.
 
-    OS-CFAR stands for all detectors, as in the paper.
+    OS-CFAR is the only detector drawn, as in the paper.
     """
     scenes: dict[str, dict[str, np.ndarray]] = {}
     for (scene, _, _), named in clouds.items():
         scenes.setdefault(scene, {n: x for n, x in named.items() if n not in OTHERS})
     every = [cloud for named in scenes.values() for cloud in named.items()]
-    sparse = {name for name, _ in every} - {
-        name for name, xyz in every if len(xyz) >= SPARSE
-    }
-    return clouds_figure(scenes, enlarged=sparse)
+    dense = {name for name, xyz in every if len(xyz) >= SPARSE}
+    return clouds_figure(scenes, enlarged={name for name, _ in every} - dense)
 
 
-def _frames(clouds, scores: Scores) -> Sequence[CloudFrame]:
-    """Clouds with their scores as printed."""
+def _frames(clouds, scores: Scores) -> list[CloudFrame]:
+    """Return the clouds of each frame with their printed scores."""
     texts: dict[tuple, dict[str, dict[str, str]]] = {}
     for row in scores:
         place = (row["scene"], row["sequence"], row["frame"])
-        values = {
-            COLUMNS[name]: f"{100 * row[name]:.1f}"
-            if name.startswith("f_")
-            else f"{row[name]:.3f}"
+        texts.setdefault(place, {})[row["method"]] = {
+            COLUMNS[name]: format_score(row[name], name)
             for name in SHOWN_SCORES
             if np.isfinite(row[name])
         }
-        texts.setdefault(place, {})[row["method"]] = values
+    title = {place: ", ".join(str(p) for p in place if p != "") for place in clouds}
     return [
-        CloudFrame(
-            ", ".join(str(part) for part in place if part != ""),
-            named,
-            texts.get(place, {}),
-        )
+        CloudFrame(title[place], named, texts.get(place, {}))
         for place, named in clouds.items()
     ]

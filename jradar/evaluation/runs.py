@@ -8,9 +8,9 @@ from pathlib import Path
 import jax
 from jaxtyping import Array, Key
 
-from jradar.evaluation.scores import F_SCORES, IDENTITY, Scores, read_scores
+from jradar.evaluation.scores import IDENTITY, Scores, read_scores
 from jradar.evaluation.statistics import Comparison, compare_methods
-from jradar.evaluation.tables import COLUMNS
+from jradar.evaluation.tables import COLUMNS, format_score
 
 COMPARED = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
@@ -18,8 +18,8 @@ COMPARED = ("chamfer", "modified_hausdorff", "f_score_0.2")
 def read_runs(runs: Sequence[Path | str]) -> Scores:
     """Return the scores of several runs, with methods named "method (run)".
 
-    A method keeps its name if only one run has it, or if its scores are the same in all
-    runs, as for a baseline on the same frames.
+    A method keeps its name if only one run scored it, or if its scores are the same in
+    all runs: a baseline on the same frames, for example.
     """
     found = {}
     for run in map(Path, runs):
@@ -34,7 +34,7 @@ def read_runs(runs: Sequence[Path | str]) -> Scores:
         for method in {row["method"] for row in scores}:
             versions.setdefault(method, set()).add(_results(scores, method))
     merged: Scores = []
-    shared: set[str] = set()  # methods that are in already
+    shared: set[str] = set()  # methods of earlier runs
     for run, scores in found.items():
         for row in scores:
             method = row["method"]
@@ -85,9 +85,9 @@ def runs_table(
 ) -> str:
     """Return the second run minus the first, frame by frame, as a Markdown table.
 
-    A line for each method and score; columns as in `comparison_table`. Methods with the
-    same scores in both are only named. Raises ValueError if the runs have no method in
-    common.
+    It has a line for each method and score, and the columns of `comparison_table`.
+    Methods with equal scores in both runs are only named. Raises ValueError if the runs
+    have no method in common.
     """
     against = truth or str(first[0]["truth"])
     sides = [_by_method(scores, against) for scores in (first, second)]
@@ -133,7 +133,6 @@ def frames_csv(first: Scores, second: Scores) -> str:
 
 
 def _by_method(scores: Scores, truth: str) -> dict[str, Scores]:
-    """Rows of each method against a truth."""
     found: dict[str, Scores] = {}
     for row in scores:
         if row["truth"] == truth:
@@ -142,15 +141,13 @@ def _by_method(scores: Scores, truth: str) -> dict[str, Scores]:
 
 
 def _cells(found: Comparison, score: str) -> str:
-    """A comparison as cells of a line."""
-    scale, digits = (100, 1) if score in F_SCORES else (1, 3)
-    mean, low, high = (f"{scale * x:+.{digits}f}" for x in found.difference[:3])
+    mean, low, high = (format_score(x, score, sign="+") for x in found.difference[:3])
     cells = [mean, f"{low} .. {high}", f"{found.t_test:.2g}", f"{found.sign_flip:.2g}"]
     return " | ".join([*cells, str(found.difference.frames), str(found.left_out)])
 
 
 def _results(scores, method):
-    """A method's scores without times, such that NaN equals NaN."""
+    """Return a method's scores without times, as texts, so that NaN equals NaN."""
     return tuple(
         repr([value for field, value in row.items() if field != "milliseconds"])
         for row in scores

@@ -20,7 +20,6 @@ from jradar.files import write_text
 from jradar.metrics import THRESHOLDS_M
 
 Scores = list[dict[str, Any]]
-
 IDENTITY = ("scene", "sequence", "frame", "truth", "method")
 DISTANCES = ("chamfer", "modified_hausdorff")
 F_SCORES = tuple(f"f_score_{limit}" for limit in THRESHOLDS_M)
@@ -55,9 +54,8 @@ def read_scores(path: Path | str) -> Scores:
             try:
                 row = _checked(json.loads(line))
             except ValueError as error:
-                raise ValueError(
-                    f"{path}, line {number}: {error}; evaluate again"
-                ) from error
+                where = f"{path}, line {number}"
+                raise ValueError(f"{where}: {error}; evaluate again") from error
             identity = tuple(row[field] for field in IDENTITY)
             if (first := seen.setdefault(identity, number)) != number:
                 raise ValueError(
@@ -71,7 +69,7 @@ def read_scores(path: Path | str) -> Scores:
 
 
 def _checked(row):
-    """The row with NaN for null, or ValueError."""
+    """Return the row with NaN for null, or raise ValueError."""
     if not isinstance(row, dict):
         raise ValueError(f"{row!r:.60} is not a JSON object")
     missing, unknown = set(FIELDS) - set(row), set(row) - set(FIELDS)
@@ -90,7 +88,6 @@ def _checked(row):
 
 
 def _number(field, value):
-    """A score as a float in its range, or ValueError."""
     if value is None or _is_nan(value):
         return math.nan
     highest = 1 if field in F_SCORES else math.inf

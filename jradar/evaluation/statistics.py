@@ -73,12 +73,12 @@ def compare_paired(
     confidence: float = 0.95,
     flips: int = 9999,
 ) -> Comparison:
-    """Whether two methods differ on the same frames, whose differences are correlated.
+    """Return the mean difference of two methods on the same frames, with two tests.
 
-    A t-test on the interval of the mean difference, and a permutation test that flips
-    the sign of whole blocks, as long as the correlation reaches (frames one by one, as
-    in Wilcoxon's test, would call chance a finding). Frames where one of the two is NaN
-    are left out and counted.
+    The t-test uses the interval of the mean difference. The permutation test flips the
+    signs of whole blocks of frames, each as long as the correlation reaches: flips of
+    single frames, as in Wilcoxon's test, would report chance as a difference. Frames
+    where one of the two is NaN are left out and counted.
     """
     first, second = _arrays(first), _arrays(second)
     lengths = [[len(series) for series in both] for both in (first, second)]
@@ -113,10 +113,10 @@ def compare_methods(
     *,
     score: str,
 ) -> Comparison:
-    """`compare_paired` for rows of scores, of one method each, from one run or two.
+    """Return `compare_paired` of the rows of two methods, from one run or two.
 
-    Frames are matched by scene, sequence and frame; a frame that only one of them has
-    counts as left out.
+    Frames are matched by scene, sequence and frame. A frame that only one method scored
+    is left out and counted.
     """
     by_frame = []
     for rows in (first, second):
@@ -130,7 +130,9 @@ def compare_methods(
         for scores, grouped in zip(by_frame, series, strict=True):
             grouped.setdefault(place[:-1], []).append(scores.get(place, np.nan))
     if not by_frame[0].keys() & by_frame[1].keys():
-        raise ValueError("the two have no frame in common: were they run on one split?")
+        raise ValueError(
+            "the methods have no frame in common: evaluate them on one split"
+        )
     return compare_paired(key, [*series[0].values()], [*series[1].values()])
 
 
@@ -139,21 +141,20 @@ def _place(row):
 
 
 def _arrays(sequences):
-    """Sequences as float64 arrays."""
     return [np.asarray(series, np.float64) for series in sequences]
 
 
 def _analyse(sequences):
-    """Mean, its variance, degrees of freedom, frames, effective frames, and reach.
+    """Return mean, its variance, degrees of freedom, frames, effective frames, reach.
 
-    `reach` is how many frames the sum of the autocovariance spans.
+    `reach` is the number of frames that the sum of the autocovariance spans.
     """
     values = np.concatenate([*sequences, np.zeros(0)])
     known = np.isfinite(values)
     count = int(known.sum())
     mean = values[known].mean() if count else np.nan
     if count and np.ptp(values[known]) == 0:
-        mean = values[known][0]  # no rounding: a constant deviates by nothing
+        mean = values[known][0]  # exact, so that a constant has a variance of 0
     if count < 2:
         return mean, np.nan, np.nan, count, float(count), 1
     products, pairs = _autocovariance(sequences, mean)
@@ -168,7 +169,7 @@ def _analyse(sequences):
 
 
 def _autocovariance(sequences, mean):
-    """Sums of products of deviations, and numbers of pairs, by lag."""
+    """Return the sums of products of deviations and the numbers of pairs, by lag."""
     length = max(map(len, sequences))
     products, pairs = np.zeros(length), np.zeros(length)
     for series in sequences:
@@ -183,9 +184,9 @@ def _autocovariance(sequences, mean):
 
 
 def _positive_lags(products):
-    """Last lag before the sum of two neighbouring lags, 2k and 2k + 1, is not positive.
+    """Return the last lag before noise: before a sum of lags 2k and 2k + 1 is <= 0.
 
-    These sums are positive for a reversible chain; the first that is not is noise.
+    All these sums are positive for a reversible chain.
     """
     even = np.append(products, np.zeros(len(products) % 2)).reshape(-1, 2).sum(1)
     first = np.flatnonzero(even <= 0)

@@ -6,6 +6,7 @@ points has the F-score 0. The number of such frames is printed beside the means.
 
 import csv
 import io
+import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -149,9 +150,9 @@ def overview(scores: Sequence[dict[str, Any]]) -> str:
 
     Scores are against the first truth.
     """
-    rows = [row for row in scores if row["truth"] == scores[0]["truth"]]
-    tables = (scenes_table(summarise(rows), scenes=part) for part in paper_tables(rows))
-    return "\n".join([pooled_table(rows), *tables])
+    truth = scores[0]["truth"]
+    rows = [row for row in scores if row["truth"] == truth]
+    return "\n".join([pooled_table(rows), *paper_tables(summarise(rows), truth=truth)])
 
 
 def pooled_table(scores: Sequence[dict[str, Any]]) -> str:
@@ -163,15 +164,16 @@ def pooled_table(scores: Sequence[dict[str, Any]]) -> str:
     return markdown(summarise(together), milliseconds=True)
 
 
-def paper_tables(scores: Iterable[dict[str, Any]]) -> list[list[str]]:
-    """Return the scenes of the paper's Table I and Table II, without empty parts.
+def paper_tables(summary: Summary, *, truth: str, **options: Any) -> list[str]:
+    """Return `scenes_table` for the scenes of Table I and for those of Table II.
 
-    Table II holds corridor and hall, which the authors recorded themselves.
+    Table II holds corridor and hall, which the authors recorded themselves. A table
+    without scenes is left out.
     """
-    scenes = dict.fromkeys(row["scene"] for row in scores)
-    own = [scene for scene in scenes if scene.lower() in TABLE_II]
-    parts = [scene for scene in scenes if scene not in own], own
-    return [part for part in parts if part]
+    scenes = dict.fromkeys(row["scene"] for row in summary if row["truth"] == truth)
+    table_ii = [scene for scene in scenes if scene.lower() in TABLE_II]
+    parts = [scene for scene in scenes if scene not in table_ii], table_ii
+    return [scenes_table(summary, truth=truth, scenes=s, **options) for s in parts if s]
 
 
 def csv_table(summary: Summary) -> str:
@@ -193,17 +195,14 @@ def csv_table(summary: Summary) -> str:
 def write_tables(path: Path | str) -> list[Path]:
     """Write `table.md`, `table.tex` and `table.csv` beside a file of scores.
 
-    They depend on that file alone. Times are left out because they never repeat.
+    They depend on that file alone: times, which never repeat, are left out.
     """
     summary = summarise(read_scores(path))
-    truths = [*dict.fromkeys(row["truth"] for row in summary)]
+    truths = dict.fromkeys(row["truth"] for row in summary)
 
     def of_truths(style: Style) -> list[str]:
-        return [
-            scenes_table(summary, truth=truth, scenes=scenes, style=style)
-            for truth in truths
-            for scenes in paper_tables([r for r in summary if r["truth"] == truth])
-        ]
+        tables = (paper_tables(summary, truth=truth, style=style) for truth in truths)
+        return [*itertools.chain.from_iterable(tables)]
 
     every = markdown(summary, intervals=True)
     note = "± is half of a 95 % interval that allows for correlated frames.\n"
@@ -218,40 +217,40 @@ def write_tables(path: Path | str) -> list[Path]:
     return [folder / name for name in tables]
 
 
+def format_score(value: float, column: str, *, sign: str = "") -> str:
+    """Return a score as printed: metres, or F-scores in percent."""
+    if column in F_SCORES:
+        return f"{100 * value:{sign}.1f}"
+    digits = 3 if column in DISTANCES else 0 if column == "points" else 1
+    return f"{value:{sign}.{digits}f}"
+
+
 def _number(
     estimate: Estimate, column: str, intervals: bool = False, style: Style = "markdown"
 ) -> str:
-    """A mean as printed, optionally with half of its interval's width."""
+    """Return a mean as printed, optionally with half of its interval's width."""
     if not np.isfinite(estimate.mean):
         return "–"
-    scale, digits = 1, 3
-    if column in F_SCORES:
-        scale, digits = 100, 1
-    elif column not in DISTANCES:
-        digits = 0 if column == "points" else 1
-    text = f"{scale * estimate.mean:.{digits}f}"
-    half = scale * estimate.half_width
-    if intervals and np.isfinite(half):
-        text += f" {PLUS_MINUS[style]} {half:.{digits}f}"
+    text = format_score(estimate.mean, column)
+    if intervals and np.isfinite(estimate.half_width):
+        text += f" {PLUS_MINUS[style]} {format_score(estimate.half_width, column)}"
     return text
 
 
 def _best(rows, score):
-    """The best mean of a score, as printed; equal digits are equally good."""
+    """Return the best mean of a score as printed: all methods that print it tie."""
     known = [row[score] for row in rows if np.isfinite(row[score].mean)]
     pick = max if score in F_SCORES else min
     return _number(pick(known, key=lambda e: e.mean), score) if known else None
 
 
 def _markdown_lines(lines: list[list[Any]]) -> str:
-    """Lines of cells as a Markdown table with a head."""
     escaped = [[str(cell).replace("|", "\\|") for cell in line] for line in lines]
     head, *body = ("| " + " | ".join(line) + " |" for line in escaped)
     return "\n".join([head, "|---" * len(lines[0]) + "|", *body]) + "\n"
 
 
 def _latex_lines(lines: list[list[str]], caption: str) -> str:
-    """Lines of cells as a LaTeX table with a head, for booktabs."""
     head, *body = (" & ".join(line) + r" \\" for line in lines)
     return "\n".join(
         [
@@ -272,7 +271,6 @@ def _latex_lines(lines: list[list[str]], caption: str) -> str:
 
 
 def _latex(text: str) -> str:
-    """Text with LaTeX's own characters escaped."""
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}"}
     special |= {"^": r"\textasciicircum{}"} | {c: f"\\{c}" for c in "&%$#_{}"}
     return "".join(special.get(character, character) for character in text)

@@ -44,20 +44,16 @@ def write_model_card(
 
 
 def _markdown(card):
-    """The card as tables, and the config as it is."""
-    facts = ("steps", "seed", "data_digest", "devices")
+    names = ("steps", "seed", "data_digest", "devices")
     parts = [
         "# Model card",
         card["purpose"],
-        _table(("", ""), [(name.replace("_", " "), card[name]) for name in facts]),
+        _table(("", ""), [(name.replace("_", " "), card[name]) for name in names]),
         _table(("library", "version"), card["versions"].items()),
+        f"## Config\n\n```json\n{json.dumps(card['config'], indent=2)}\n```",
     ]
-    config = json.dumps(card["config"], indent=2)
-    parts.append(f"## Config\n\n```json\n{config}\n```")
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
 def _table(head, rows):
-    """Two columns in Markdown."""
-    lines = [f"| {a} | {b} |" for a, b in (head, ("---", "---"), *rows)]
-    return "\n".join(lines)
+    return "\n".join(f"| {a} | {b} |" for a, b in (head, ("---", "---"), *rows))

@@ -32,18 +32,17 @@ class Checkpoints:
     ):
         """Open the checkpoints in `folder`, of which the `keep` newest stay.
 
-        `run` identifies the run (JSON values): checkpoints of another are refused.
+        `run` identifies the run (JSON values); `restore` refuses checkpoints of others.
         """
         self._folder, self._run = Path(folder).absolute(), run or {}
-        self._put_aside(self._foreign(), "not a whole checkpoint")
-        self._manager = ocp.CheckpointManager(
-            self._folder,
-            options=ocp.CheckpointManagerOptions(
-                max_to_keep=keep,
-                cleanup_tmp_directories=True,
-                enable_async_checkpointing=False,
-            ),
+        names = [path.name for path in self._folder.glob("*") if _is_foreign(path)]
+        self._put_aside(names, "not a whole checkpoint")
+        options = ocp.CheckpointManagerOptions(
+            max_to_keep=keep,
+            cleanup_tmp_directories=True,
+            enable_async_checkpointing=False,
         )
+        self._manager = ocp.CheckpointManager(self._folder, options=options)
 
     def save(self, state: TrainState) -> None:
         """Save the state under its step, and wait until it is on disk.
@@ -53,11 +52,8 @@ class Checkpoints:
         step = int(state.step)
         if step in self._manager.all_steps():
             return
-        content = {
-            "run": self._run,
-            "leaves": _leaves(state),
-            "crc32": tree_digest(state),
-        }
+        shapes, digest = _leaves(state), tree_digest(state)
+        content = {"run": self._run, "leaves": shapes, "crc32": digest}
         items = ocp.args.Composite(
             state=ocp.args.StandardSave(state),
             digest=ocp.args.JsonSave({**content, "seal": _seal(content)}),
@@ -79,9 +75,10 @@ class Checkpoints:
     def restore(self, like: TrainState) -> TrainState | None:
         """Return the newest whole state, with the shapes of `like`; None without any.
 
-        Damaged newer steps are named in a warning, and moved aside once an older step
-        proves to be whole, so that they can be saved again. Raises CheckpointError, and
-        moves nothing, if no step is whole or if the checkpoints are of another run.
+        A warning names every damaged step that is newer. If an older step is whole,
+        the damaged ones are moved aside, so that they can be saved again. Raises
+        CheckpointError, and moves nothing, if no step is whole or if the checkpoints
+        belong to another run.
         """
         steps, reason = sorted(self._manager.all_steps(), reverse=True), ""
         for index, step in enumerate(steps):
@@ -102,20 +99,17 @@ class Checkpoints:
         self._manager.close()
 
     def _read(self, step, like):
-        """The state of a step, or None and the reason why it cannot be used."""
+        """Return the state of a step, or None and the reason why it cannot be used."""
         try:
-            items: Any = self._manager.restore(
-                step, args=ocp.args.Composite(digest=ocp.args.JsonRestore())
-            )
+            wanted = ocp.args.Composite(digest=ocp.args.JsonRestore())
+            items: Any = self._manager.restore(step, args=wanted)
             found = items.digest
             if found.pop("seal") != _seal(found):
                 return None, "its digest is damaged"
             self._compare(step, found, like)
             abstract = jax.tree.map(ocp.utils.to_shape_dtype_struct, like)
-            items = self._manager.restore(
-                step,
-                args=ocp.args.Composite(state=ocp.args.StandardRestore(abstract)),
-            )
+            wanted = ocp.args.Composite(state=ocp.args.StandardRestore(abstract))
+            items = self._manager.restore(step, args=wanted)
         except CheckpointError:
             raise
         except Exception as error:  # the kind that Orbax raises for truncated arrays
@@ -125,7 +119,7 @@ class Checkpoints:
         return items.state, ""
 
     def _compare(self, step, found, like):
-        """Raise CheckpointError for another run, naming the first difference."""
+        """Raise CheckpointError for the checkpoint of another run."""
         for name, given, wanted in (
             ("run", found["run"], self._run),
             ("state", found["leaves"], _leaves(like)),
@@ -139,26 +133,16 @@ class Checkpoints:
                     "choose another workdir"
                 )
 
-    def _foreign(self):
-        """Folders named by a number that no manager made."""
-        if not self._folder.is_dir():
-            return []
-        numbered = [path for path in self._folder.iterdir() if path.name.isdecimal()]
-        return [path.name for path in numbered if not _is_checkpoint(path)]
-
     def _put_aside(self, names, reason):
         """Move steps into a folder beside this one, in the first process."""
         aside = self._folder.with_name(f"{self._folder.name}-unusable")
         for name in names if jax.process_index() == 0 else ():
             aside.mkdir(exist_ok=True)
-            count = sum(
-                path.name.split("-")[0] == str(name) for path in aside.iterdir()
-            )
+            count = sum(p.name.split("-")[0] == str(name) for p in aside.iterdir())
+            source = self._folder / str(name)
             target = aside / (f"{name}-{count}" if count else str(name))
-            logging.warning(
-                "%s/%s: %s, moved to %s", self._folder, name, reason, target
-            )
-            os.replace(self._folder / str(name), target)
+            logging.warning("%s: %s, moved to %s", source, reason, target)
+            os.replace(source, target)
         wait_for_all("put aside")
 
 
@@ -171,7 +155,7 @@ def tree_digest(tree: TrainState) -> dict[str, int]:
 
 
 def _leaves(tree):
-    """The type and shape of every array of a tree, by its path."""
+    """Return the type and shape of every array of a tree, by its path."""
     return {
         jax.tree_util.keystr(path): f"{leaf.dtype}{list(leaf.shape)}"
         for path, leaf in jax.tree_util.tree_leaves_with_path(tree)
@@ -179,22 +163,18 @@ def _leaves(tree):
 
 
 def _seal(content):
-    """The digest of the digests themselves."""
     return zlib.crc32(json.dumps(content, sort_keys=True).encode())
 
 
-def _is_checkpoint(folder):
-    """Whether a manager made the folder."""
-    return (folder / "_CHECKPOINT_METADATA").is_file()
+def _is_foreign(path):
+    """Return whether a path is named by a number, but is no checkpoint of Orbax."""
+    return path.name.isdecimal() and not (path / "_CHECKPOINT_METADATA").is_file()
 
 
 def _disk_is_full(error):
-    """Whether an error, or one of its causes, is a full disk."""
+    """Return whether an error, or one of its causes, is a full disk."""
     while error is not None:
-        full = isinstance(error, OSError) and error.errno in (
-            errno.ENOSPC,
-            errno.EDQUOT,
-        )
+        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
         if full or "RESOURCE_EXHAUSTED" in str(error) or "No space left" in str(error):
             return True
         error = error.__cause__ or error.__context__

@@ -1,7 +1,7 @@
 """The numbers of a run: `metrics.jsonl`, and TensorBoard if it is installed.
 
 `metrics.jsonl` holds a line for each step. Lines of steps that run again are dropped,
-so that the file reads like that of an uninterrupted run.
+so that a resumed run writes the same lines as an uninterrupted one.
 """
 
 import contextlib
@@ -57,7 +57,7 @@ def _tensorboard(workdir, first):
 
 
 def _drop_lines_from(path, step):
-    """Keep the lines of the steps before `step`; drop a torn last line."""
+    """Keep the lines of the steps before `step`; drop an incomplete last line."""
     if not path.exists():
         return
     kept = []

@@ -58,15 +58,16 @@ def train(
     evaluate_every: int = 0,
     evaluate: Evaluate | None = None,
 ) -> TrainState:
-    """Run `step` until `steps`, resuming from the workdir's last checkpoint.
+    """Train up to step `steps`, resuming from the workdir's last checkpoint.
 
     `batch_at` returns the whole batch of a step, even if several devices or processes
-    share it. Every `evaluate_every` steps, and after the last, `evaluate(state, step)`
-    is called, and metrics.jsonl records its values as `validation/<name>`.
+    share it. Every `evaluate_every` steps, and after the last one,
+    `evaluate(state, step)` is called; metrics.jsonl records its values as
+    `validation/<name>`.
 
-    SIGTERM and SIGINT end the loop after the step in progress: the state is saved, and
+    After SIGTERM or SIGINT, the step in progress ends, the state is saved, and
     Interrupted is raised. If a loss or a gradient is not finite, training returns to
-    the last checkpoint (see `retries`); after the third time it raises
+    the last checkpoint (see `retries`). If that happens a fourth time, it raises
     FloatingPointError.
     """
     workdir, mesh = Path(workdir), data_mesh()
@@ -83,7 +84,7 @@ def train(
             step_log(workdir, first=first) as write,
             progress("training", steps, first=first, unit="steps") as show,
         ):
-            note, clock = _mean_loss(), _lap_time()
+            losses, before = collections.deque(maxlen=SHOWN_MEAN), time.monotonic()
             for index in range(first, steps):
                 retried = step_key(key, retries.count(index))
                 state, metrics = step(state, retried, batch_at(index))
@@ -96,8 +97,11 @@ def train(
                     if evaluate and judged and number == index:
                         scores = evaluate(state, done)
                         values |= {f"validation/{k}": v for k, v in scores.items()}
-                    write(number, values | {"seconds": clock()})
-                    show(number + 1, note(values["loss"]))
+                    now = time.monotonic()
+                    write(number, values | {"seconds": round(now - before, 4)})
+                    before = now
+                    losses.append(values["loss"])
+                    show(number + 1, f"loss {sum(losses) / len(losses):.4f}")
                 if saved:
                     checkpoints.save(state)
                 if stop:
@@ -126,31 +130,8 @@ def _finished(pending, keep):
 
 
 def _due(done, every, steps):
-    """Whether something that is done every `every` steps, and at the end, is due."""
+    """Return whether a task is due that runs every `every` steps and after the last."""
     return done == steps or (every > 0 and done % every == 0)
-
-
-def _lap_time():
-    """A function that returns the seconds since its last call."""
-    last = time.monotonic()
-
-    def lap():
-        nonlocal last
-        before, last = last, time.monotonic()
-        return round(last - before, 4)
-
-    return lap
-
-
-def _mean_loss():
-    """A function from the newest loss to the text that progress prints."""
-    recent = collections.deque(maxlen=SHOWN_MEAN)
-
-    def note(loss):
-        recent.append(loss)
-        return f"loss {sum(recent) / len(recent):.4f}"
-
-    return note
 
 
 @contextlib.contextmanager

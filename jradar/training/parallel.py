@@ -87,12 +87,11 @@ def parallel_step(step: Step, mesh: Mesh) -> Step:
 def preempted(step: int) -> bool:
     """Return whether all processes agree to save and end at this step.
 
-    In a run of several processes, JAX's own handler takes SIGTERM. Every process must
-    ask at every step.
+    In a run of several processes, JAX's own handler catches SIGTERM. Every process must
+    call this function at every step.
     """
-    return jax.process_count() > 1 and multihost_utils.reached_preemption_sync_point(
-        step
-    )
+    several = jax.process_count() > 1
+    return several and multihost_utils.reached_preemption_sync_point(step)
 
 
 def wait_for_all(what: str) -> None:

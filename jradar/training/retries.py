@@ -27,10 +27,9 @@ MAX_RETRIES = 3
 
 
 class NotFinite(Exception):
-    """A value of a step was not finite."""
+    """The loss or the gradient of a step was not finite."""
 
     def __init__(self, step: int, name: str, value: float):
-        """Keep the step and the reason."""
         self.step, self.reason = step, f"{name} is {value} at step {step}"
         super().__init__(self.reason)
 
@@ -77,8 +76,8 @@ def note_retry(
         )
     if len(retries) >= MAX_RETRIES:
         raise FloatingPointError(
-            f"{where}: returned {len(retries)} times, at steps {retries}; lower the "
-            "learning rate. The last checkpoint is kept"
+            f"{where}: returned {len(retries)} times to a checkpoint, at steps "
+            f"{retries}; lower the learning rate. The last checkpoint is kept"
         )
     logging.warning("%s: returning to the last checkpoint, with other noise", where)
     retries = [*retries, fault.step]

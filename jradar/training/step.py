@@ -17,7 +17,7 @@ Loss = Callable[..., Float[Array, ""]]
 
 
 class Batch(NamedTuple):
-    """Conditions, and the encoded images that the network should draw."""
+    """Conditions, and the encoded images that the network learns to draw."""
 
     condition: Float[Array, "batch row column channel"]
     target: Float[Array, "batch target_row target_column 2"]
@@ -26,9 +26,10 @@ class Batch(NamedTuple):
 def ema_decay_at(
     step: int | Int[Array, ""], *, decay: float = 0.999
 ) -> Float[Array, ""]:
-    """Return the share of the old average that stays after a step, counted from 0.
+    """Return the weight of the old average after a step; the first step is 0.
 
-    The decay warms up, so that early averages do not keep the initial weights.
+    The weight is small at first, so that the average soon forgets the initial
+    parameters.
     """
     count = jnp.asarray(step, jnp.float32) + 1
     return jnp.minimum(decay, count / (count + 9))

@@ -46,7 +46,7 @@ def capture_figure(
     """Draw one capture: range-Doppler map, clouds from above, range image.
 
     `power` is linear. `dense` is the enhanced cloud. `lidar` holds LiDAR points in the
-    radar's frame, of which those ahead and within the image's range are drawn.
+    radar's frame; only points ahead and within the image's range are drawn.
     """
     figure = Figure(figsize=(13, 4.2), layout="constrained")
     spectrum, above, front = figure.subplots(1, 3)
@@ -61,18 +61,16 @@ def capture_figure(
             clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
     _draw_above(above, clouds)
     _draw_image(front, project(dense or cloud, image), image)
-    front.set_title(
-        f"range image of the {'radar' if dense is None else 'enhanced'} cloud"
-    )
+    shown = "radar" if dense is None else "enhanced"
+    front.set_title(f"range image of the {shown} cloud")
     return figure
 
 
 def samples_figure(columns: dict[str, np.ndarray], image: ImageSpec) -> Figure:
     """Draw range images `[frame, row, column]`, a column for each method."""
     frames = len(next(iter(columns.values())))
-    figure = Figure(
-        figsize=(4 * len(columns), 1.5 * frames + 0.4), layout="constrained"
-    )
+    size = 4 * len(columns), 1.5 * frames + 0.4
+    figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(frames, len(columns), squeeze=False)
     for column, (name, images) in enumerate(columns.items()):
         axes[0, column].set_title(name)
@@ -112,7 +110,6 @@ def angle_spectra_figure(
 
 
 def _draw_spectrum(axes: Axes, power, radar):
-    """Power in decibels over velocity and range."""
     level = 10 * np.log10(power + power.max() * 1e-12 + 1e-30)
     velocity, distance = radar.max_velocity_mps, radar.max_range_m
     half_bin = radar.velocity_resolution_mps / 2
@@ -128,7 +125,7 @@ def _draw_spectrum(axes: Axes, power, radar):
 
 
 def _draw_above(axes: Axes, clouds):
-    """Clouds from above: x up, y to the left."""
+    """Draw clouds from above: x up, y to the left."""
     for name, xyz in clouds.items():
         colour, size = STYLES[name]
         axes.scatter(xyz[:, 1], xyz[:, 0], s=size, c=colour, linewidths=0, label=name)
@@ -140,7 +137,7 @@ def _draw_above(axes: Axes, clouds):
 
 
 def _draw_image(axes: Axes, metres, image: ImageSpec):
-    """A range image [row, column] in metres, 0 for a miss."""
+    """Draw a range image [row, column] in metres, 0 for a miss."""
     metres = np.asarray(metres)
     right, left, low, high = np.degrees([*image.azimuth, *image.elevation])
     axes.imshow(

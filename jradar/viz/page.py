@@ -74,7 +74,7 @@ def write_page(
 
 
 def _page(page, title, sections, data):
-    """The page with its parts filled in, and the number of bytes of clouds."""
+    """Return the page with its parts filled in, and the size of its clouds in bytes."""
     parts = {
         "title": html.escape(title),
         "sections": "\n".join(sections),
@@ -86,16 +86,10 @@ def _page(page, title, sections, data):
 
 
 def _viewer_data(frames, most):
-    """The data of the page's script, with at most `most` points per cloud."""
+    """Return the data of the page's script, with at most `most` points per cloud."""
     names = [*dict.fromkeys(name for frame in frames for name in frame.clouds)]
-    labels = [
-        *dict.fromkeys(
-            label
-            for frame in frames
-            for scores in frame.scores.values()
-            for label in scores
-        )
-    ]
+    every_score = (scores for frame in frames for scores in frame.scores.values())
+    labels = [*dict.fromkeys(label for scores in every_score for label in scores)]
     clouds = [[_points(frame, name) for name in names] for frame in frames]
     every = np.concatenate([*(x for row in clouds for x in row), np.zeros((1, 3))])
     low, near, far, high = np.percentile(every, (1, 4, 96, 99), axis=0)
@@ -134,25 +128,23 @@ def _viewer_data(frames, most):
 
 
 def _points(frame: CloudFrame, name: str) -> np.ndarray:
-    """A frame's cloud by name, empty if it has none."""
+    """Return a frame's cloud by name, empty if the frame lacks it."""
     xyz = np.asarray(frame.clouds.get(name, np.zeros((0, 3))), np.float64)
     if xyz.ndim != 2 or xyz.shape[1] != 3 or not np.isfinite(xyz).all():
-        raise ValueError(
-            f"{name} of {frame.name} has shape {xyz.shape}, expected finite points "
-            "[point, 3]"
-        )
+        found = f"{name} of {frame.name} has shape {xyz.shape}"
+        raise ValueError(f"{found}, expected finite points [point, 3]")
     return xyz
 
 
 def _thin(xyz, most):
-    """At most `most` points, evenly spaced in order."""
+    """Return at most `most` points, evenly spaced in order."""
     if len(xyz) <= most:
         return xyz
     return xyz[np.linspace(0, len(xyz) - 1, most).round().astype(int)]
 
 
 def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
-    """Clouds as base64 of deflated int16 differences between neighbouring points.
+    """Return base64 of the deflated int16 differences between neighbouring points.
 
     Points are sorted along a Z-order curve, so that differences are small. For each
     axis, the low bytes of all points come before the high bytes.
@@ -169,7 +161,7 @@ def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
 
 
 def _z_order(whole):
-    """Place of integer points along a Z-order curve: their bits interleaved."""
+    """Return the places of integer points along a Z-order curve."""
     code = np.zeros(len(whole), np.int64)
     for bit in range(16):
         for axis in range(3):
@@ -178,7 +170,6 @@ def _z_order(whole):
 
 
 def _picture(name: str, figure: Figure | Path | bytes) -> str:
-    """A section with a picture inside."""
     if isinstance(figure, Figure):
         FigureCanvasAgg(figure)
         buffer = io.BytesIO()
@@ -187,24 +178,18 @@ def _picture(name: str, figure: Figure | Path | bytes) -> str:
     png = figure.read_bytes() if isinstance(figure, Path) else figure
     if not png.startswith(b"\x89PNG"):
         raise ValueError(f"{name}: expected a PNG picture, found {png[:4]!r}")
-    label = html.escape(name)
-    source = base64.b64encode(png).decode()
-    return (
-        f"<h2>{label}</h2>\n"
-        f'<figure><img alt="{label}" src="data:image/png;base64,{source}"></figure>'
-    )
+    label, source = html.escape(name), base64.b64encode(png).decode()
+    image = f'<img alt="{label}" src="data:image/png;base64,{source}">'
+    return f"<h2>{label}</h2>\n<figure>{image}</figure>"
 
 
 def _table(name: str, text: str) -> str:
-    """A section with Markdown tables; other lines become paragraphs."""
+    """Return a section with Markdown tables; other lines become paragraphs."""
     parts: list[str] = []
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     for is_table, group in itertools.groupby(lines, lambda line: line.startswith("|")):
         if is_table:
-            rows = [
-                [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
-                for line in group
-            ]
+            rows = [re.split(r"\s*(?<!\\)\|\s*", line)[1:-1] for line in group]
             parts.append(_rows([row for row in rows if not _is_rule(row)]))
         else:
             parts += [f"<p class='hint'>{_inline(line)}</p>" for line in group]
@@ -212,21 +197,21 @@ def _table(name: str, text: str) -> str:
 
 
 def _is_rule(cells: list[str]) -> bool:
-    """Whether a line is the rule under a table's head."""
+    """Return whether a line is the rule under a table's head."""
     return all(re.fullmatch(r":?-+:?", cell) for cell in cells)
 
 
 def _rows(lines: list[list[str]]) -> str:
-    """Lines of cells as an HTML table with a head."""
-    marks = ["th", *["td"] * (len(lines) - 1)]
-    rows = (
-        "<tr>" + "".join(f"<{mark}>{_inline(cell)}</{mark}>" for cell in line) + "</tr>"
-        for mark, line in zip(marks, lines, strict=True)
-    )
-    return f"<div class='scroll'><table>{''.join(rows)}</table></div>"
+    """Return lines of cells as an HTML table with a head."""
+    text = ""
+    for i, line in enumerate(lines):
+        mark = "td" if i else "th"
+        cells = "".join(f"<{mark}>{_inline(cell)}</{mark}>" for cell in line)
+        text += f"<tr>{cells}</tr>"
+    return f"<div class='scroll'><table>{text}</table></div>"
 
 
 def _inline(text: str) -> str:
-    """A cell's text as HTML, with Markdown's bold."""
+    """Return a text as HTML, with Markdown's bold."""
     text = html.escape(text.replace("\\|", "|"))
     return re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", text)

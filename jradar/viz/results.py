@@ -17,29 +17,26 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
 MAX_CURVE_POINTS = 2000
+AVERAGED = 100  # steps of the strong learning curve, at most
 MAX_DOTS = 30  # values up to which a curve has markers
-Points = Float[np.ndarray, "_ 3"]
+CAMERA_DEG = (28.0, -155.0)  # elevation, azimuth
 
 
 def error_curves_figure(
     errors: Mapping[str, Mapping[str, Sequence[float | int] | np.ndarray]],
-    *,
-    label: str = "Chamfer distance (m)",
-    percentile: float = 98.0,
 ) -> Figure:
-    """Draw the cumulative distribution of errors, an axis per scene (Fig. 6).
+    """Draw the cumulative distribution of the Chamfer distance per scene (Fig. 6).
 
     `errors[scene][method]` holds a number per frame. NaN means that the method found
-    nothing: it is worse than any error, so the curve ends below 1. The axis ends at the
-    largest `percentile` of all methods. Raises ValueError without scenes.
+    nothing: it is worse than any error, so the curve ends below 1. The axis ends where
+    every method has at least 98 % of its errors. Raises ValueError without scenes.
     """
     if not errors:
         raise ValueError("no scenes to draw, expected at least one")
     columns = min(len(errors), 4)
     rows = math.ceil(len(errors) / columns)
-    figure = Figure(
-        figsize=(max(3.4 * columns, 5), 3 * rows + 0.6), layout="constrained"
-    )
+    size = max(3.4 * columns, 5), 3 * rows + 0.6
+    figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     names = [*dict.fromkeys(name for methods in errors.values() for name in methods)]
     for axes, (scene, methods) in zip(grid.flat, errors.items(), strict=False):
@@ -48,7 +45,7 @@ def error_curves_figure(
             values = np.asarray(values, np.float64)
             known = np.sort(values[np.isfinite(values)])
             if len(known):
-                limits.append(np.percentile(known, percentile))
+                limits.append(np.percentile(known, 98))
             share = np.arange(1, len(known) + 1) / max(len(values), 1)
             index = names.index(name)
             axes.step(
@@ -60,7 +57,7 @@ def error_curves_figure(
                 linewidth=2.4 if index == len(names) - 1 else 1.5,
                 label=name,
             )
-        axes.set(title=scene, xlabel=label, ylim=(0, 1.02))
+        axes.set(title=scene, xlabel="Chamfer distance (m)", ylim=(0, 1.02))
         axes.set_xlim(0, 1.05 * max(limits, default=1.0) or 1.0)
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
@@ -81,79 +78,64 @@ def error_curves_figure(
 
 
 def clouds_figure(
-    scenes: Mapping[str, Mapping[str, Points]],
+    scenes: Mapping[str, Mapping[str, Float[np.ndarray, "_ 3"]]],
     *,
     enlarged: Collection[str] = (),
-    heights_m: tuple[float, float] | None = None,
-    view_deg: tuple[float, float] = (28.0, -155.0),
 ) -> Figure:
     """Draw clouds `[point, 3]`, a row per scene and a column per method (Fig. 5).
 
-    The panels of a row share view and limits, which leave out the outermost 1 % of the
-    points. `view_deg` is the elevation and azimuth of the camera. Methods in `enlarged`
-    have points of twice the size. `heights_m` are the ends of the colour scale, by
-    default those of each row's points. Raises ValueError without clouds.
+    The panels of a row share view, limits and colours. The limits leave out the
+    outermost 1 % of the points. Methods in `enlarged` have points of twice the size.
+    Raises ValueError without clouds.
     """
     names = [*dict.fromkeys(name for row in scenes.values() for name in row)]
     if not names:
         raise ValueError("no clouds to draw, expected at least one")
-    figure = Figure(
-        figsize=(3.1 * len(names) + 0.8, 2.6 * len(scenes) + 0.3), layout="constrained"
-    )
+    size = 3.1 * len(names) + 0.8, 2.6 * len(scenes) + 0.3
+    figure = Figure(figsize=size, layout="constrained")
+    shape = {"squeeze": False, "subplot_kw": {"projection": "3d"}}
+    grid: Any = figure.subplots(len(scenes), len(names), **shape)
     for row, (scene, clouds) in enumerate(scenes.items()):
         together = np.concatenate([*clouds.values(), np.zeros((1, 3))])
         low, high = np.percentile(together, (0.5, 99.5), axis=0)
         low, high = np.minimum(low, 0), np.maximum(high, low + 1)  # with the sensor
-        norm = Normalize(*(heights_m or (low[2], high[2])))
-        panels = []
-        for column, name in enumerate(names):
-            axes = figure.add_subplot(
-                len(scenes), len(names), row * len(names) + column + 1, projection="3d"
-            )
-            panels.append(axes)
+        norm = Normalize(low[2], high[2])
+        panels = grid[row]
+        for column, (axes, name) in enumerate(zip(panels, names, strict=True)):
             xyz = clouds.get(name, np.zeros((0, 3)))
-            inside = ((xyz >= low - 0.5) & (xyz <= high + 0.5)).all(1)
-            xyz = xyz[inside]
+            xyz = xyz[((xyz >= low - 0.5) & (xyz <= high + 0.5)).all(1)]
             area = (1.2 if len(xyz) > 3000 else 3.0) * (4 if name in enlarged else 1)
             look: dict[str, Any] = {"s": area, "cmap": "turbo", "norm": norm}
             axes.scatter(*xyz.T, c=xyz[:, 2], linewidths=0, depthshade=False, **look)
-            _set_view(axes, low, high, view_deg)
+            _set_view(axes, low, high)
             if row == 0:
                 axes.set_title(name, y=1.0)
             if column == 0:
-                axes.text2D(
-                    -0.05,
-                    0.86,
-                    scene,
-                    transform=axes.transAxes,
-                    va="top",
-                    weight="bold",
-                )
+                style = {"transform": axes.transAxes, "va": "top", "weight": "bold"}
+                axes.text2D(-0.05, 0.86, scene, **style)
         heights = ScalarMappable(norm, "turbo")
         figure.colorbar(heights, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
     return figure
 
 
-def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
+def learning_curve_figure(path: Path | str) -> Figure:
     """Draw every number of a `metrics.jsonl` over the steps, an axis each.
 
-    The faint line has each step; the strong line is the mean of the last `window`
-    steps, or of a tenth of all steps if these are fewer. Short curves have markers. A
-    torn last line of a running training is left out. Raises ValueError, naming the
-    line, for a damaged file.
+    The faint line shows every step. The strong line is the mean of the last 100 steps,
+    or of a tenth of all steps if that is fewer. Short curves have markers. A last line
+    that is still being written is left out. Raises ValueError, naming the line, for a
+    damaged file.
     """
     records = _read_metrics(Path(path))
     names = {name for record in records for name in record} - {"step"}
     names = sorted(names, key=lambda name: (name != "loss", "/" not in name, name))
-    figure = Figure(
-        figsize=(6.4 * min(len(names), 2), 3.4 * math.ceil(len(names) / 2)),
-        layout="constrained",
-    )
+    rows, columns = math.ceil(len(names) / 2), min(len(names), 2)
+    figure = Figure(figsize=(6.4 * columns, 3.4 * rows), layout="constrained")
     for i, name in enumerate(names):
-        axes = figure.add_subplot(math.ceil(len(names) / 2), min(len(names), 2), i + 1)
+        axes = figure.add_subplot(rows, columns, i + 1)
         pairs = [(r["step"], r[name]) for r in records if name in r]
         steps, values = np.array(pairs, np.float64).T
-        span = max(min(window, len(values) // 10), 1)
+        span = max(min(AVERAGED, len(values) // 10), 1)
         sums = np.cumsum(np.insert(values, 0, 0.0))
         smooth = (sums[span:] - sums[:-span]) / span
         thin = max(len(steps) // MAX_CURVE_POINTS, 1)
@@ -172,12 +154,12 @@ def learning_curve_figure(path: Path | str, *, window: int = 100) -> Figure:
     return figure
 
 
-def _set_view(axes, low, high, view_deg):
+def _set_view(axes, low, high):
     """Set equal scales, the camera and faint axes."""
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.35)
     axes.set_proj_type("persp", focal_length=0.6)
-    axes.view_init(*view_deg)
+    axes.view_init(*CAMERA_DEG)
     axes.tick_params(labelsize=6, pad=-3, length=0)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.pane.fill = False
@@ -187,7 +169,6 @@ def _set_view(axes, low, high, view_deg):
 
 
 def _read_metrics(path):
-    """Records of a `metrics.jsonl`."""
     records = []
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     for number, line in enumerate(lines, 1):

@@ -5,6 +5,8 @@ the side (x to the right, z up). Colour is height, removed points are grey, rada
 are rings.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -34,17 +36,13 @@ def preparation_figure(
     stages = _stages(steps)
     behind, ahead = -BEHIND * spec.max_range_m, MARGIN * spec.max_range_m
     bottom, top = _height_limits(steps)
-    inches = (
-        WIDTH * (ahead - behind) / (2 * ahead),
-        WIDTH * (top - bottom) / (ahead - behind),
-    )
-    figure = Figure(
-        (WIDTH * len(stages) + 1.2, sum(inches) + 2.4), layout="constrained"
-    )
+    depth = ahead - behind
+    inches = WIDTH * depth / (2 * ahead), WIDTH * (top - bottom) / depth
+    size = WIDTH * len(stages) + 1.2, sum(inches) + 2.4
+    figure = Figure(size, layout="constrained")
     figure.suptitle(title, fontsize=14)
-    axes = figure.subplots(
-        2, len(stages), sharex="row", sharey="row", height_ratios=inches
-    )
+    shape: Any = {"sharex": "row", "sharey": "row", "height_ratios": inches}
+    axes = figure.subplots(2, len(stages), **shape)
     heights = steps.xyz[steps.in_view, 2]
     low, high = np.percentile(heights, [1, 99]) if len(heights) else (-1.0, 1.0)
     colours = ScalarMappable(Normalize(float(low), float(high)), COLOURS)
@@ -61,15 +59,14 @@ def preparation_figure(
         side.set_xlabel("x, forward (m)")
     axes[0, 0].set(xlim=(ahead, -ahead), ylim=(behind, ahead), ylabel="x, forward (m)")
     axes[1, 0].set(xlim=(behind, ahead), ylim=(bottom, top), ylabel="z, up (m)")
-    figure.colorbar(
-        colours, ax=axes, label="height over the radar (m)", aspect=40, pad=0.01
-    )
+    label = "height above the radar (m)"
+    figure.colorbar(colours, ax=axes, label=label, aspect=40, pad=0.01)
     _draw_legend(figure)
     return figure
 
 
 def _stages(steps):
-    """The name, kept points and removed points of each step."""
+    """Return the name, kept points and removed points of each step."""
     real = returns(steps.xyz)
     above = steps.in_view & ~steps.ground
     upright = above & ~steps.ceiling
@@ -83,7 +80,6 @@ def _stages(steps):
 
 
 def _height_limits(steps):
-    """Height limits of the side views, with a margin."""
     heights = steps.xyz[steps.in_view, 2]
     low, high = (heights.min(), heights.max()) if len(heights) else (0.0, 0.0)
     return float(min(low - 0.6, -2)), float(max(high + 0.6, 2))
@@ -115,19 +111,18 @@ def _draw_wedge(axes: Axes, angles, reach, *, turned):
 
 
 def _draw_legend(figure: Figure):
-    """Draw the legend."""
-    marks = {
-        "radar points": Line2D(
-            [], [], linestyle="", marker="o", markerfacecolor="none", color=RADAR
+    ring: Any = {"marker": "o", "markerfacecolor": "none", "color": RADAR}
+    marks = [
+        Line2D([], [], linestyle="", label="radar points", **ring),
+        Line2D(
+            [],
+            [],
+            linestyle="",
+            label="removed by this step",
+            marker="o",
+            color=REMOVED,
         ),
-        "removed by this step": Line2D([], [], linestyle="", marker="o", color=REMOVED),
-        "field of view": Line2D([], [], color="0.45", linestyle=(0, (4, 3))),
-        "radar": Line2D([], [], linestyle="", marker="^", color="k"),
-    }
-    figure.legend(
-        list(marks.values()),
-        list(marks),
-        loc="outside lower center",
-        ncols=4,
-        frameon=False,
-    )
+        Line2D([], [], label="field of view", color="0.45", linestyle=(0, (4, 3))),
+        Line2D([], [], linestyle="", label="radar", marker="^", color="k"),
+    ]
+    figure.legend(handles=marks, loc="outside lower center", ncols=4, frameon=False)

@@ -114,7 +114,7 @@ GOOD = invented.row("Hall", "", 0, "LiDAR", "a", 2.0)
     "line, message",
     [
         ('{"scene": "Hall"', "line 2: .*evaluate again"),
-        ("[1]", r"\[1\] is no object"),
+        ("[1]", r"\[1\] is not a JSON object"),
         (json.dumps(GOOD), "lines 1 and 2 score the same frame: Hall"),
         (json.dumps({k: GOOD[k] for k in GOOD if k != "truth"}), "lacks truth"),
         (json.dumps(GOOD | {"cd": 1}), "unknown fields cd"),

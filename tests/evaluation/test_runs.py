@@ -65,7 +65,7 @@ def test_differences_from_a_reference(runs):
     assert 0 < low < mean < high and t_test < 0.05
     assert 0.1 < sign_flip < 0.2  # four blocks: no p-value below 2 / 2**4
     assert "| 60 | 0 |" in short
-    with pytest.raises(ValueError, match="reference='ours' is none of"):
+    with pytest.raises(ValueError, match="reference='ours', expected one of"):
         comparison_table(KEY, read_runs(runs), reference="ours")
 
 

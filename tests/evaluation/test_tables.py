@@ -76,7 +76,7 @@ def test_scenes_thresholds_and_truths_can_be_chosen():
     assert cells(table[0]) == ["method", "Hallways", "Outdoor"]
     assert "F 0.5 m" in table[-1] and "re-projected" in table[-1]
     assert re.fullmatch(r"(\d+\.\d+ ± \d+\.\d+( / )?){3}", cells(table[2])[1])
-    with pytest.raises(ValueError, match="Hallway'.*there is .*Hallways"):
+    with pytest.raises(ValueError, match="Hallway'.*expected some of .*Hallways"):
         scenes_table(summary, scenes=["Hallway"])
     with pytest.raises(ValueError, match="threshold_m=0.3 was not scored"):
         scenes_table(summary, threshold_m=0.3)

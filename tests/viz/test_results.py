@@ -73,13 +73,13 @@ def test_learning_curve(tmp_path):
         for i, value in enumerate(loss)
     ]
     path.write_text("\n".join(lines) + '\n{"step": 300, "lo')  # a run in progress
-    figure = learning_curve_figure(path, window=20)
+    figure = learning_curve_figure(path)
     first, second = figure.axes
     assert (first.get_title(), second.get_title()) == ("loss", "gradient norm")
     faint, smooth = first.lines
     np.testing.assert_allclose(faint.get_ydata(), loss)
-    assert smooth.get_xdata()[0] == 19
-    np.testing.assert_allclose(smooth.get_ydata()[0], loss[:20].mean())
+    assert smooth.get_xdata()[0] == 29  # a tenth of the steps
+    np.testing.assert_allclose(smooth.get_ydata()[0], loss[:30].mean())
     path.write_text('{"step": 0, "loss": 1}\n{"step": 1, "loss": 1, "chamfer": 2}\n')
     alone = learning_curve_figure(path).axes[1].lines[1]
     assert len(alone.get_xdata()) == 1 and alone.get_marker() == "o"
