@@ -1,0 +1,39 @@
+"""Exit codes: the nearest kind of an error decides; faults of the program have none."""
+
+import json
+
+import pytest
+
+from jradar.errors import CheckpointError, ModelError, UsageError, exit_code
+from jradar.files import FolderLocked
+
+CODES = {
+    UsageError("no such option"): 2,
+    FileNotFoundError("no such recording"): 2,
+    FolderLocked("another process is running"): 3,
+    OSError("disk full"): 3,
+    ModuleNotFoundError("missing extra"): 3,
+    ValueError("bad data"): 4,
+    json.JSONDecodeError("bad data", "{", 1): 4,
+    FloatingPointError("loss is nan"): 4,
+    ModelError("no weights"): 5,
+    CheckpointError("none is whole"): 5,
+    KeyboardInterrupt(): 130,
+}
+FAULTS = [TypeError(), KeyError(), AssertionError(), ZeroDivisionError(), SystemExit(1)]
+
+
+@pytest.mark.parametrize("error", CODES, ids=lambda error: type(error).__name__)
+def test_errors_that_a_user_can_mend_have_their_code(error):
+    assert exit_code(error) == CODES[error]
+
+
+@pytest.mark.parametrize("error", FAULTS, ids=lambda error: type(error).__name__)
+def test_faults_of_the_program_have_no_code(error):
+    assert exit_code(error) is None
+
+
+@pytest.mark.parametrize("kind", [UsageError, ModelError, CheckpointError])
+def test_callers_that_catch_value_errors_catch_them_too(kind):
+    with pytest.raises(ValueError, match="why"):
+        raise kind("why")
