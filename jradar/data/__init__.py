@@ -9,7 +9,12 @@ PairSource, mirrored, lidar_image     prepared frames to images
 Batches                               shuffled batches by step
 """
 
-from jradar.data.frames import matches_of as matches_of, prepare_frame as prepare_frame
+from jradar.data.frames import (
+    Matches as Matches,
+    match_nearest as match_nearest,
+    matches_of as matches_of,
+    prepare_frame as prepare_frame,
+)
 from jradar.data.loading import (
     Batches as Batches,
     Pair as Pair,
@@ -17,7 +22,6 @@ from jradar.data.loading import (
     lidar_image as lidar_image,
     mirrored as mirrored,
 )
-from jradar.data.matching import Matches as Matches, match_nearest as match_nearest
 from jradar.data.prepare import prepare as prepare
 from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
 from jradar.data.sources import (

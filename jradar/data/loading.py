@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from jradar.data.records import PreparedFrame, package
 from jradar.range_image import ImageSpec, condition_image, project
+from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
 
 
@@ -28,7 +29,7 @@ class Pair(NamedTuple):
     lidar: Float[np.ndarray, "*batch lidar_row lidar_column"]  # metres, 0 for a miss
 
 
-class PairSource(Sequence):
+class PairSource(Stream):
     """The pairs of prepared frames, computed on reading."""
 
     def __init__(
@@ -44,19 +45,12 @@ class PairSource(Sequence):
         `coarse` is the grid of the condition, `fine` the grid of the LiDAR image.
         """
         self._source = source
-        self._images = functools.partial(
-            _images, coarse=coarse, fine=fine, num_slices=num_slices
-        )
+        self._grids = {"coarse": coarse, "fine": fine, "num_slices": num_slices}
+        super().__init__(self._pair, len(source))
 
-    def __len__(self) -> int:
-        return len(self._source)
-
-    def __getitem__(self, index: int | slice) -> Any:
-        """Return pair `index`, or a list of pairs."""
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
+    def _pair(self, index):
         frame = self._source[index]
-        images = self._images(frame.radar, *_padded(frame.lidar_xyz))
+        images = _images(frame.radar, *_padded(frame.lidar_xyz), **self._grids)
         return Pair(*map(np.asarray, images))
 
 
@@ -97,7 +91,7 @@ def _images(radar, padded, count, *, coarse, fine, num_slices):
     return condition, _lidar_image(padded, count, fine)
 
 
-class Batches(Sequence):
+class Batches(Stream):
     """Batches of a shuffled source by step; later batches are read ahead in threads.
 
     The source is repeated without end and shuffled anew in every epoch. The same seed
@@ -125,14 +119,9 @@ class Batches(Sequence):
         self._batch_size, self._prefetch = batch_size, prefetch
         self._pool = concurrent.futures.ThreadPoolExecutor(max(prefetch, 1))
         self._pending: dict[int, concurrent.futures.Future] = {}
+        super().__init__(self._batch, len(self._items) // batch_size)
 
-    def __len__(self) -> int:
-        return len(self._items) // self._batch_size
-
-    def __getitem__(self, step: int | slice) -> Any:
-        """Return the stacked items of batch `step`, or a list of batches."""
-        if isinstance(step, slice):
-            return [self[i] for i in range(*step.indices(len(self)))]
+    def _batch(self, step):
         wanted = range(step, step + 1 + self._prefetch)
         self._pending = {
             i: self._pending.get(i) or self._pool.submit(self._load, i) for i in wanted

@@ -7,7 +7,6 @@ same bytes. One worker runs in this process; several run in a local Dask cluster
 the cluster at `scheduler`, whose machines must see the same files.
 """
 
-import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -20,8 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jradar import __version__
-from jradar.data.frames import matches_of, prepare_frame
-from jradar.data.matching import Matches, check_dropped
+from jradar.data.frames import Matches, check_dropped, matches_of, prepare_frame
 from jradar.data.records import FORMAT, finished_shard, read_json, write_shard
 from jradar.data.sources import Source, find_sources
 from jradar.data.spec import PrepareSpec
@@ -129,13 +127,13 @@ def _head(sources, spec, frames):
 
 def _check_options(folder, head):
     """Raise UsageError for a folder of other options, sources or contents."""
-    if not (folder / "manifest.json").exists():
-        if any(entry.name != ".lock" for entry in folder.iterdir()):
-            raise UsageError(
-                f"{folder} is neither empty nor a folder of records: choose another -o"
-            )
-        return
-    found, wanted = read_json(folder / "manifest.json"), json.loads(json.dumps(head))
+    path = folder / "manifest.json"
+    if not path.exists() and any(entry.name != ".lock" for entry in folder.iterdir()):
+        raise UsageError(
+            f"{folder} is neither empty nor a folder of records: choose another -o"
+        )
+    wanted = json.loads(json.dumps(head))
+    found = read_json(path) if path.exists() else wanted
     for key in ("radar", "options", "frames", "names"):
         if found.get(key) != wanted[key]:
             raise UsageError(
@@ -186,7 +184,7 @@ def _summary(source, jobs, descriptions, spec, frames):
     """Return a sequence's manifest entry; ValueError if too many frames are lost."""
     recording = _opened(source)
     shards = [descriptions[job.path] for job in jobs if job.source == source]
-    dropped = dict(_chosen(recording, spec, frames).dropped)
+    dropped = _chosen(recording, spec, frames).dropped
     for shard in shards:
         dropped |= {int(i): why for i, why in shard["failed"].items()}
     count = len(range(*frames.indices(len(recording.cubes))))
@@ -209,7 +207,7 @@ def _run(jobs, spec, keep_going, workers, scheduler):
         for job in jobs:
             yield job, prepare_block(job, spec, keep_going)
         return
-    with _cluster(workers, scheduler) as client:
+    with _client(workers, scheduler) as client:
         from distributed import as_completed
 
         futures = {
@@ -220,24 +218,19 @@ def _run(jobs, spec, keep_going, workers, scheduler):
             yield futures[future], future.result()
 
 
-@contextlib.contextmanager
-def _cluster(workers, scheduler):
-    """Yield a client of the scheduler, or of a new cluster on this machine."""
+def _client(workers, scheduler):
+    """Return a client of the scheduler, or of a new cluster on this machine."""
     try:
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise ImportError("several workers need: pip install 'jradar[data]'") from error
     if scheduler is not None:
-        with Client(scheduler, timeout=10) as client:
-            yield client
-        return
+        return Client(scheduler, timeout=10)
     # Workers read files of this machine: they need no dashboard and only local sockets.
-    local = LocalCluster(
+    return Client(
         n_workers=workers,
         threads_per_worker=1,
-        dashboard_address=None,  # type: ignore
+        dashboard_address=None,
         host="127.0.0.1",
         local_directory=os.environ.get("TMPDIR", "/tmp"),
     )
-    with local, Client(local) as client:
-        yield client

@@ -12,7 +12,7 @@ order. ArrayRecord checks each record when it is read; `Records.verify` checks a
 import hashlib
 import importlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from jaxtyping import Float
 
 from jradar.files import atomic_path, write_text
 from jradar.radar import Cells, RadarSpec
+from jradar.recordings.recording import Stream
 from jradar.recordings.text_files import read_text
 from jradar.types import PointCloud
 
@@ -130,10 +131,7 @@ def write_shard(
 
 
 def finished_shard(path: Path, about: dict[str, Any]) -> dict[str, Any] | None:
-    """Return the description of a complete shard that was written for `about`.
-
-    None if the shard is missing, damaged or was written for something else.
-    """
+    """Return the description of a whole shard written for `about`; None without one."""
     try:
         description = read_json(path.with_suffix(".json"))
         content = path.read_bytes()
@@ -157,8 +155,8 @@ def read_json(path: Path | str) -> dict[str, Any]:
     return values
 
 
-class Records(Sequence):
-    """The prepared frames of a folder by index; each is read on access."""
+class Records(Stream):
+    """The prepared frames of a folder; ValueError on access to damaged bytes."""
 
     def __init__(self, folder: Path | str, split: str | None = None):
         """Open all sequences, or the sequences of one `split`, by the manifest.
@@ -207,23 +205,14 @@ class Records(Sequence):
             )
         except RuntimeError as error:
             raise ValueError(f"{folder} contains a damaged shard: {error}") from error
+        super().__init__(self._frame, len(self.where))
 
-    def __len__(self) -> int:
-        return len(self.where)
-
-    def __getitem__(self, index: int | slice) -> Any:
-        """Return frame `index`; raises ValueError if its bytes are damaged."""
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"frame {index} of {len(self)}")
+    def _frame(self, index):
         try:
-            return from_bytes(self._source[index % len(self)])
+            return from_bytes(self._source[index])
         except (RuntimeError, ValueError) as error:
-            name, frame = self.where[index]
-            raise ValueError(
-                f"{self.folder}, {name}, frame {frame}: {error}"
-            ) from error
+            where = "{}, frame {}".format(*self.where[index])
+            raise ValueError(f"{self.folder}, {where}: {error}") from error
 
     @property
     def digest(self) -> str:

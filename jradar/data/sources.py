@@ -7,9 +7,7 @@ taken with and without the date with which the release starts them.
 import dataclasses
 import difflib
 import json
-from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from jradar.data.records import read_json
@@ -31,12 +29,10 @@ ENVIRONMENTS = {
 }
 
 # The sequences of each environment, in the order of their runs (run10 after run9).
-SEQUENCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        place: tuple(f"{date}_{place}_run{run}" for run in range(runs))
-        for place, (date, runs, _) in ENVIRONMENTS.items()
-    }
-)
+SEQUENCES = {
+    place: tuple(f"{date}_{place}_run{run}" for run in range(runs))
+    for place, (date, runs, _) in ENVIRONMENTS.items()
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,15 +96,11 @@ def environment(name: str) -> str:
 
     Raises ValueError for a name that is not one of the 52.
     """
-    known = {
-        alias: place
-        for place, names in SEQUENCES.items()
-        for full in names
-        for alias in (full, full.removeprefix(f"{ENVIRONMENTS[place][0]}_"))
-    }
-    if name in known:
-        return known[name]
-    near = difflib.get_close_matches(name, known, 3) or ["12_21_2020_ec_hallways_run0"]
+    for place, names in SEQUENCES.items():
+        if name in names or f"{ENVIRONMENTS[place][0]}_{name}" in names:
+            return place
+    known = [full for names in SEQUENCES.values() for full in names]
+    near = difflib.get_close_matches(name, known, 3) or known[:1]
     raise ValueError(
         f"{name!r} is not a sequence of ColoRadar, expected a name such as "
         f"{', '.join(near)}"

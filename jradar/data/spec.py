@@ -39,8 +39,7 @@ class PrepareSpec:
     def __post_init__(self):
         """Refuse values that cannot be used, naming the field."""
         _ = self.points  # checks its own fields
-        if not 0 < self.visible_false_alarm_rate <= 1:
-            rate = self.visible_false_alarm_rate
+        if not 0 < (rate := self.visible_false_alarm_rate) <= 1:
             raise ValueError(
                 f"visible_false_alarm_rate = {rate}, expected 0 < rate <= 1"
             )

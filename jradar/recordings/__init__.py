@@ -22,14 +22,10 @@ Radars and their calibration:
     read_coupling, read_frequency_phase
     estimate_time_offset, propose_offset    the time between radar and LiDAR clocks
 
-`formats` explains how to add a format.
+`recording` explains how to add a format.
 """
 
-from jradar.recordings.bags import (
-    LidarStream as LidarStream,
-    bag_topics as bag_topics,
-    open_bag as open_bag,
-)
+from jradar.recordings.bags import bag_topics as bag_topics, open_bag as open_bag
 from jradar.recordings.capture import (
     accumulate as accumulate,
     open_capture as open_capture,
@@ -57,7 +53,6 @@ from jradar.recordings.descriptions import (
     Description as Description,
     read_description as read_description,
 )
-from jradar.recordings.iq_order import advise_iq_order as advise_iq_order
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
@@ -81,5 +76,4 @@ from jradar.recordings.ti_cfg import (
 from jradar.recordings.time_offset import (
     estimate_time_offset as estimate_time_offset,
     propose_offset as propose_offset,
-    radar_speed as radar_speed,
 )

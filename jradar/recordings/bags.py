@@ -175,7 +175,6 @@ def _open_reader(path, _process, _version):
 
 
 def _damaged(path, error):
-    """Return the error for a bag that cannot be read, with the command for repair."""
     parts = {part.suffix for part in path.iterdir()} if path.is_dir() else {path.suffix}
     repair = "ros2 bag reindex FOLDER, or sqlite3 FILE.db3 .recover"
     if ".bag" in parts:

@@ -30,16 +30,10 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
-from jradar.lidar import (
-    Poses,
-    accumulate as merge,
-    interpolate_poses,
-    rigid_transform,
-)
+from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_transform
 from jradar.recordings.bags import open_bag
 from jradar.recordings.dca1000 import open_dca1000
-from jradar.recordings.formats import Format
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Format, Recording, Stream
 from jradar.recordings.text_files import check_names, read_tum, toml
 
 NAME = "capture.toml"
@@ -70,11 +64,12 @@ def open_capture(folder: Path | str) -> Recording:
         raise FileNotFoundError(f"no such description of a capture: {path}")
     tables = _read_capture_toml(path)
     radar, lidar = tables["radar"], tables.get("lidar")
-    options = ("device", "iq_order", "allow_partial")
     recording = open_dca1000(
         path.parent / radar["file"],
         path.parent / radar["description"],
-        **{key: radar[key] for key in options if key in radar},
+        iq_order=radar.get("iq_order"),
+        allow_partial=radar.get("allow_partial", False),
+        device=radar.get("device"),
     )
     notes = [*recording.notes]
     base_from_radar = _read_place(path, "radar", radar)
@@ -178,10 +173,7 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
 
 
 def _read_capture_toml(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the tables of a `capture.toml`.
-
-    Raises UsageError for keys that are unknown, missing or of the wrong type.
-    """
+    """Return the tables; UsageError for wrong or missing keys and wrong types."""
     tables = toml(path)
     check_names(path, "table", tables, KEYS)
     if "radar" not in tables:
@@ -206,7 +198,7 @@ def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
     """Return the transform from the sensor in table `name` to the base."""
 
     def numbers(key: str, count: int) -> list[float] | None:
-        values: Any = table.get(key)
+        values = table.get(key)
         if values is None:
             return None
         plain = isinstance(values, list) and len(values) == count
@@ -227,10 +219,9 @@ def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
             f"{path}: [{name}] xyz = {xyz}, expected at most {FARTHEST_M:g} m: are "
             "the numbers millimetres?"
         )
+    turn = np.array(quaternion or [0.0, 0.0, 0.0, 1.0])
     if angles:
         turn = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
-    else:
-        turn = np.array(quaternion or [0.0, 0.0, 0.0, 1.0])
     if abs(np.linalg.norm(turn) - 1) > 0.01:
         raise UsageError(
             f"{path}: [{name}] quaternion = {quaternion}, expected x y z w of length 1"

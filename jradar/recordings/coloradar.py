@@ -32,8 +32,7 @@ from jradar.recordings.coloradar_files import (
     read_table,
     read_transform,
 )
-from jradar.recordings.formats import Format
-from jradar.recordings.recording import Recording
+from jradar.recordings.recording import Format, Recording
 
 SENSORS = ("single_chip", "cascade")
 KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
@@ -101,25 +100,17 @@ def open_coloradar(
     )
 
 
-def is_coloradar(folder: Path | str) -> bool:
-    """True if a folder contains a folder of radar data, `<radar>/adc_samples` or so."""
-    return any((Path(folder) / s / kind).is_dir() for s in SENSORS for kind in KINDS)
-
-
 READER = Format(
     "a ColoRadar sequence, a folder with single_chip/adc_samples or "
     "cascade/adc_samples",
-    is_coloradar,
+    lambda path: any((path / s / kind).is_dir() for s in SENSORS for kind in KINDS),
     open_coloradar,
     ("description", "sensor"),
 )
 
 
 def _find_calib(folder: Path, sensor: str) -> Path:
-    """Return the `calib` folder inside, beside, or up to three levels above a sequence.
-
-    If the sequence is a link, the folders around its target are searched as well.
-    """
+    """Return the `calib` folder in, beside or above a sequence or a link's target."""
     starts = dict.fromkeys([os.path.abspath(folder), os.path.realpath(folder)])
     levels = [[Path(s), *Path(s).parents][: LEVELS_UP + 1] for s in starts]
     places = list(dict.fromkeys(place / "calib" for way in levels for place in way))

@@ -96,8 +96,7 @@ def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
     if halves.size != 2 * math.prod(shape):
         raise ValueError(
             f"{path} holds {halves.size:,} numbers, {shape[0]} tx x {shape[1]} rx x "
-            f"{shape[2]} complex range bins need {2 * math.prod(shape):,}: "
-            "truncated?"
+            f"{shape[2]} complex range bins need {2 * math.prod(shape):,}: truncated?"
         )
     return halves.view(complex).reshape(shape)
 
@@ -200,14 +199,13 @@ def _antennas(path: Path) -> dict[str, Any]:
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:
-    """Yield the numbered lines, without comments and blank lines."""
+    """Yield the numbered lines without comments and blank lines."""
     for number, line in enumerate(text.splitlines(), 1):
         if line := line.partition("#")[0].strip():
             yield number, line
 
 
 def _numbers(path, values) -> np.ndarray:
-    """Return finite numbers in float64."""
     try:
         numbers = np.array(values, dtype=float)
     except ValueError as error:

@@ -102,10 +102,7 @@ def read_stamps(path: Path, notes: list[str]) -> Float[np.ndarray, " item"]:
 
 
 def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
-    """Return a table of finite numbers from a text file with `columns` per line.
-
-    Raises ValueError for a large or empty file, other columns, NaN and infinity.
-    """
+    """Return finite numbers, `columns` per line; ValueError for any other file."""
     text = read_text(path, limit=MAX_TEXT_BYTES)
     if not text.strip():
         raise ValueError(f"{path} is empty, expected {columns} numbers per line")
@@ -144,11 +141,7 @@ def read_cube(
 
 
 def read_transform(path: Path) -> Float[np.ndarray, "4 4"]:
-    """Return the transform from sensor to base in a file `base_to_<sensor>.txt`.
-
-    The file holds x y z, then qx qy qz qw. Raises ValueError if the quaternion is not
-    of length 1, and for a distance that must be in millimetres.
-    """
+    """Return the transform from sensor to base in a file: x y z, then qx qy qz qw."""
     if path.stat().st_size > 4096:
         raise ValueError(f"{path} is not a transform: expected two lines of numbers")
     try:

@@ -16,12 +16,15 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.recordings.descriptions import find_description, read_description
-from jradar.recordings.formats import Format, has_suffix
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Format, Recording, Stream
 from jradar.recordings.text_files import check_names, toml
 
 AXES = ("frame", "tx", "rx", "virtual", "chirp", "sample")
 DEFAULT_AXES = ["tx", "rx", "chirp", "sample"]
+WRAPPED = (
+    "the samples were signed 16-bit numbers stored as unsigned ones (65535 for -1); "
+    "they were converted back"
+)
 
 
 def open_npy(
@@ -67,10 +70,6 @@ def open_npy(
             )
         return cube
 
-    note = (
-        "the samples were signed 16-bit numbers stored as unsigned ones (65535 for "
-        "-1); they were converted back"
-    )
     return Recording(
         name=path.stem,
         path=path,
@@ -78,12 +77,16 @@ def open_npy(
         cubes=Stream(read, len(frames)),
         channel_factors=capture.channel_array,
         range_bias_m=capture.range_bias_m,
-        notes=(note,) if wrapped else (),
+        notes=(WRAPPED,) if wrapped else (),
     )
 
 
-OPTIONS = ("description", "device")
-READER = Format("a .npy cube with its .toml", has_suffix(".npy"), open_npy, OPTIONS)
+READER = Format(
+    "a .npy cube with its .toml",
+    lambda path: path.suffix == ".npy",
+    open_npy,
+    ("description", "device"),
+)
 
 
 def _order_axes(array, axes, radar, path, description):
@@ -107,13 +110,11 @@ def _order_axes(array, axes, radar, path, description):
             f"{path} has {sizes['virtual']} virtual antennas, {radar.name} has "
             f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
         )
-    wanted = [name for name in AXES if name in axes]
-    array = array.transpose([axes.index(name) for name in wanted])
+    array = array.transpose([axes.index(name) for name in AXES if name in axes])
     if "frame" not in axes:
         array = array[None]
     if "virtual" in axes:
-        pair = (radar.num_tx, radar.num_rx)
-        array = array.reshape(array.shape[0], *pair, *array.shape[2:])
+        array = array.reshape(len(array), radar.num_tx, radar.num_rx, *array.shape[2:])
     return array
 
 
@@ -127,8 +128,5 @@ def _is_wrapped(cube):
 
 def _unwrap(cube):
     """Return a cube with parts of 32768 and more read as negative int16."""
-    real, imaginary = (
-        part.astype(np.uint16).view(np.int16).astype(np.float32)
-        for part in (cube.real, cube.imag)
-    )
-    return real + 1j * imaginary
+    parts = np.stack([cube.real, cube.imag]).astype(np.uint16).view(np.int16)
+    return parts[0].astype(np.float32) + 1j * parts[1].astype(np.float32)

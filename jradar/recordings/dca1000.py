@@ -29,9 +29,8 @@ from jradar.recordings.dca1000_packets import (
     lost_per_frame,
 )
 from jradar.recordings.descriptions import find_description, read_description
-from jradar.recordings.formats import Format, has_suffix
 from jradar.recordings.iq_order import advise_iq_order, check_iq_order, cube_of_words
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Format, Recording, Stream
 
 DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.toml")
 USUAL = {  # sizes of a frame, suggested where a description does not fit
@@ -122,7 +121,7 @@ def open_dca1000(
 
 READER = Format(
     "an adc_data.bin of a DCA1000 with its mmWave Studio log, .cfg or .toml",
-    has_suffix(".bin"),
+    lambda path: path.suffix == ".bin",
     open_dca1000,
     ("description", "iq_order", "allow_partial", "device"),
 )
@@ -156,7 +155,6 @@ def _files(path: Path) -> tuple[Files, str]:
 
 
 def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
-    """Yield a note for packets that were lost, repeated or late."""
     first, last = packets.holes()
     missing = int((last - first).sum())
     again = int((packets.payload * packets.number).sum()) - packets.size + missing

@@ -31,8 +31,8 @@ class Files(NamedTuple):
     @classmethod
     def of(cls, paths: list[Path]) -> "Files":
         """Return the files in the order of `paths` with their present sizes."""
-        sizes = [path.stat().st_size for path in paths]
-        return cls(tuple(paths), np.cumsum(np.array(sizes, np.int64)))
+        sizes = np.array([path.stat().st_size for path in paths], np.int64)
+        return cls(tuple(paths), np.cumsum(sizes))
 
     @property
     def size(self) -> int:
@@ -87,9 +87,8 @@ class Packets(NamedTuple):
         stream = np.zeros(stop - start, np.uint8)
         first = np.searchsorted(self.end, start, "right")
         last = np.searchsorted(self.start, stop)
-        runs = [column[first:last] for column in self[2:]]
-        for run in np.stack(runs, -1).tolist():
-            begin, offset, payload, count = run
+        runs = np.stack([column[first:last] for column in self[2:]], -1)
+        for begin, offset, payload, count in runs.tolist():
             record = self.header_bytes + payload
             low = max(start - begin, 0) // payload
             high = min(-((begin - stop) // payload), count)
@@ -232,7 +231,6 @@ def _plausible(sequence, length, count):
 
 
 def _place(files, position):
-    """Return the file and the byte in it, for an error."""
     file = int(np.searchsorted(files.ends, position, "right"))
     before = int(files.ends[file - 1]) if file else 0
     return f"{files.paths[file]}, byte {position - before:,}"

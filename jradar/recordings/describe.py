@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from jradar.radar import RadarSpec
 from jradar.recordings.bags import bag_topics
 from jradar.recordings.clouds import read_cloud
-from jradar.recordings.formats import Format, has_suffix
-from jradar.recordings.recording import Recording, radar_from_lidar
+from jradar.recordings.recording import Format, Recording, radar_from_lidar
 
+BAGS = (".bag", ".mcap", ".db3")
 CLOUD_NAMES = re.compile(r".*\.(ply|pcd)|(.*lidar.*|[0-9]+)\.bin")  # ColoRadar, KITTI
 GAP = 1.5  # median steps: a longer step between stamps counts as a gap
 
@@ -48,11 +48,9 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 def describe_bag(path: Path | str) -> dict[str, Any]:
     """Return the topics of a bag with their types and numbers of messages."""
-    topics = [
-        {"topic": name, "type": kind, "messages": count}
-        for name, (kind, count) in bag_topics(path).items()
-    ]
-    return {"bag": str(path), "topics": topics}
+    topics = bag_topics(path).items()
+    rows = [{"topic": t, "type": kind, "messages": n} for t, (kind, n) in topics]
+    return {"bag": str(path), "topics": rows}
 
 
 def describe_cloud(path: Path | str) -> dict[str, Any]:
@@ -73,10 +71,7 @@ def describe_cloud(path: Path | str) -> dict[str, Any]:
 CONTENTS = (
     Format(
         "a bag: .bag, .mcap, .db3 or a ROS 2 folder",
-        lambda path: (
-            has_suffix(".bag", ".mcap", ".db3")(path)
-            or (path / "metadata.yaml").is_file()
-        ),
+        lambda path: path.suffix in BAGS or (path / "metadata.yaml").is_file(),
         describe_bag,
     ),
     Format(
@@ -107,17 +102,16 @@ def _radar(radar: RadarSpec) -> dict[str, Any]:
     }
 
 
-def _timing(name: str, count: int, stamps: Any) -> dict[str, Any]:
-    """Return a stream's rate, and the faults of its stamps."""
-    known = stamps is not None and len(stamps) > 1
-    steps = np.diff(stamps) if known else np.zeros(0)
+def _timing(name: str, count: int, stamps: np.ndarray | None) -> dict[str, Any]:
+    times = np.zeros(0) if stamps is None else stamps
+    known, steps = len(times) > 1, np.diff(times)
     forward = steps[steps > 0]
     usual = float(np.median(forward)) if forward.size else None
     return {
         "stream": name,
         "items": count,
         "rate_hz": 1 / usual if usual else None,
-        "seconds": float(np.ptp(stamps)) if known else None,
+        "seconds": float(np.ptp(times)) if known else None,
         "gaps": int((forward > GAP * usual).sum()) if usual else None,
         "longest_gap_s": float(forward.max()) if usual else None,
         "repeated": int((steps == 0).sum()) if known else None,
@@ -127,11 +121,11 @@ def _timing(name: str, count: int, stamps: Any) -> dict[str, Any]:
 
 def _matches(recording: Recording) -> dict[str, Any]:
     """Count the frames with a LiDAR scan within 50 ms, and with a pose around them."""
-    stamps, found = recording.cubes.stamps, {}
+    stamps, lidar, found = recording.cubes.stamps, recording.lidar, {}
     if stamps is None:
         return found
-    if recording.lidar is not None and recording.lidar.stamps is not None:
-        scans = np.concatenate([[-np.inf], np.sort(recording.lidar.stamps), [np.inf]])
+    if lidar is not None and lidar.stamps is not None:
+        scans = np.concatenate([[-np.inf], np.sort(lidar.stamps), [np.inf]])
         after = np.searchsorted(scans, stamps)
         apart = np.minimum(stamps - scans[after - 1], scans[after] - stamps)
         found["frames with a LiDAR scan"] = int((apart <= 0.05).sum())
@@ -146,8 +140,7 @@ def _readable(recording: Recording) -> dict[str, str]:
     """Try to read the first and the last item of each stream."""
     lines = {}
     for name, stream in (("frame", recording.cubes), ("scan", recording.lidar)):
-        count = len(stream) if stream is not None else 0
-        for item in sorted({0, count - 1}) if count else ():
+        for item in sorted({0, len(stream) - 1}) if stream else ():
             lines[f"{name} {item}"] = _item(stream, item)
     return lines
 
@@ -181,19 +174,15 @@ def _calibration(recording: Recording) -> list[str]:
 
 
 def _transforms(recording: Recording) -> dict[str, Any]:
-    """Return the sensors' positions in metres and orientations in degrees."""
     found = {
         "radar in the base": recording.base_from_radar,
         "lidar in the base": recording.base_from_lidar,
         "lidar in the radar's frame": radar_from_lidar(recording),
     }
-    return {
-        name: {
-            "xyz_m": matrix[:3, 3].tolist(),
-            "yaw_pitch_roll_deg": Rotation.from_matrix(matrix[:3, :3])
-            .as_euler("ZYX", degrees=True)
-            .tolist(),
-        }
-        for name, matrix in found.items()
-        if matrix is not None
-    }
+    places = {}
+    for name, matrix in found.items():
+        if matrix is not None:
+            turn = Rotation.from_matrix(matrix[:3, :3]).as_euler("ZYX", degrees=True)
+            position = matrix[:3, 3].tolist()
+            places[name] = {"xyz_m": position, "yaw_pitch_roll_deg": turn.tolist()}
+    return places

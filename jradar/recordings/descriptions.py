@@ -1,11 +1,6 @@
 """Descriptions of a radar, of any kind in `DESCRIPTIONS`.
 
-    radar.toml            device and fields in its [radar] table, see `text_files`
-    radar.cfg             commands of TI's mmWave SDK, see `ti_cfg`
-    LogFile.txt           log of mmWave Studio, see `studio_log`
-    calib/single_chip/    calibration folder of ColoRadar, see `coloradar_calib`
-
-`--radar` names any of them; a reader finds the only one beside its file.
+`--radar` names one; otherwise a reader finds the only one beside its file.
 """
 
 from collections.abc import Sequence
@@ -15,7 +10,7 @@ from typing import NamedTuple
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 from jradar.recordings.coloradar_calib import radar_from_coloradar
-from jradar.recordings.formats import Format, has_suffix, read
+from jradar.recordings.recording import Format, read
 from jradar.recordings.studio_log import radar_from_studio_log
 from jradar.recordings.text_files import radar_from_toml
 from jradar.recordings.ti_cfg import CaptureSpec, radar_from_cfg
@@ -29,20 +24,24 @@ class Description(NamedTuple):
 
 
 def _read_cfg(path: Path, device: str = "awr1843") -> Description:
-    """Return the radar and the sample stream of a .cfg for the board `device`."""
     return Description(radar_from_cfg(path, device=device), CaptureSpec.from_cfg(path))
 
 
 DESCRIPTIONS = (
     Format(
         "a .toml with a [radar] table",
-        has_suffix(".toml"),
+        lambda path: path.suffix == ".toml",
         lambda path: Description(radar_from_toml(path)),
     ),
-    Format("a .cfg of TI's mmWave SDK", has_suffix(".cfg"), _read_cfg, ("device",)),
+    Format(
+        "a .cfg of TI's mmWave SDK",
+        lambda path: path.suffix == ".cfg",
+        _read_cfg,
+        ("device",),
+    ),
     Format(
         "a log of mmWave Studio (.txt or .csv)",
-        has_suffix(".txt", ".csv"),
+        lambda path: path.suffix in (".txt", ".csv"),
         lambda path: Description(radar_from_studio_log(path)),
     ),
     Format(
@@ -62,7 +61,7 @@ def read_description(path: Path | str, *, device: str | None = None) -> Descript
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no such radar description: {path}")
-    return read(path, DESCRIPTIONS, {"device": device})
+    return read(path, DESCRIPTIONS, device=device)
 
 
 def find_description(path: Path, patterns: Sequence[str]) -> Path:

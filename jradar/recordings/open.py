@@ -1,13 +1,4 @@
-"""`open_recording`: the radar recording at a path, in any format.
-
-    folder with a capture.toml     radar, LiDAR and poses of your own rig, see `capture`
-    sequence/                      of ColoRadar, see `coloradar`
-    adc_data.bin + LogFile.txt     of a DCA1000, with mmWave Studio's log, see `dca1000`
-    adc_data.bin + radar.cfg       the same with the .cfg of TI's mmWave SDK
-    cube.npy + radar.toml          complex samples, see `cubes`
-
-The first of `READERS` that matches a path reads it.
-"""
+"""`open_recording`: the first of `READERS` that matches a path reads it."""
 
 import dataclasses
 from pathlib import Path
@@ -16,8 +7,7 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.recordings import capture, coloradar, cubes, dca1000
-from jradar.recordings.formats import read
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Recording, Stream, read
 
 READERS = (capture.READER, coloradar.READER, dca1000.READER, cubes.READER)
 
@@ -58,19 +48,19 @@ def open_recording(
         raise FileNotFoundError(f"no such file or folder: {path}")
     if path.is_dir() and not is_recording(path):
         _refuse_folder(path)
-    options = {
-        "description": description,
-        "sensor": sensor,
-        "iq_order": iq_order,
-        "allow_partial": allow_partial or None,
-        "device": device,
-    }
-    recording = read(path, READERS, options)
+    recording = read(
+        path,
+        READERS,
+        description=description,
+        sensor=sensor,
+        iq_order=iq_order,
+        allow_partial=allow_partial or None,
+        device=device,
+    )
     return _frames_as_chirps(recording) if frames_as_chirps else recording
 
 
 def _refuse_folder(path: Path) -> None:
-    """Raise UsageError with the recordings inside, if there are any."""
     inside = sorted(
         p for g in ("*", "kitti/*") for p in path.glob(g) if is_recording(p)
     )
@@ -83,7 +73,6 @@ def _refuse_folder(path: Path) -> None:
 
 
 def _frames_as_chirps(recording: Recording) -> Recording:
-    """Return one frame whose chirps are the recording's frames."""
     radar, frames, lost = recording.radar, recording.cubes, recording.lost_bytes
     if radar.num_chirps != 1 or radar.num_tx != 1 or not radar.frame_period_s:
         raise UsageError(

@@ -7,7 +7,6 @@ HEIGHT at 0.
 
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -56,8 +55,7 @@ def columns_of_words(
 
 def need(path: Path, start: int, count: int, size: int) -> None:
     """Raise ValueError if a file ends before `count` points of `size` bytes."""
-    left = path.stat().st_size - start
-    if left < count * size:
+    if (left := path.stat().st_size - start) < count * size:
         raise ValueError(
             f"{path} holds {left:,} bytes of points, its header claims {count:,} "
             f"points of {size} bytes: truncated or damaged"
@@ -65,7 +63,6 @@ def need(path: Path, start: int, count: int, size: int) -> None:
 
 
 def _width(point):
-    """Return the number of words of a point."""
     return sum(point[name].shape[0] if point[name].shape else 1 for name in point.names)
 
 
@@ -131,13 +128,10 @@ def _packed(path, start, point, count):
         raw = lzf_decompress(data[8 : 8 + packed], size)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
-    columns: dict[str, Any] = {}
+    columns = {}
     for name in point.names:
         kind, at = point[name], point.fields[name][1] * count
-        column = np.frombuffer(
-            raw, kind.base, kind.itemsize // kind.base.itemsize * count, at
-        )
-        columns[name] = column.reshape(count, *kind.shape)
+        columns[name] = np.ndarray((count, *kind.shape), kind.base, raw, at)
     return columns
 
 

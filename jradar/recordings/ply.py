@@ -4,6 +4,7 @@ A text header lists elements (vertex, face, ..) and their properties; the rows f
 the same order. A list property is a count followed by its values.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -98,12 +99,10 @@ def _rows(path, start, element, order):
     if len(numbers) == len(element.properties):
         need(path, start, element.rows, row.itemsize)
         table = np.fromfile(path, row, element.rows, offset=start)
-        table = table.astype(row.newbyteorder("="))
-        end = start + element.rows * row.itemsize
-        return {name: table[name] for name in row.names or ()}, end
-    data, kept = path.read_bytes(), bytearray()
-    for _ in range(element.rows):
-        for entry in element.properties:
+        start += element.rows * row.itemsize
+    else:
+        data, kept = path.read_bytes(), bytearray()
+        for entry in _entries(element):
             size = np.dtype(entry.type).itemsize
             if entry.length:
                 form = np.dtype(order + entry.length)
@@ -115,9 +114,8 @@ def _rows(path, start, element, order):
             if size < 0 or start + size > len(data):
                 raise ValueError(_cut(path, element))
             start += size
-    if not numbers:
-        return {}, start
-    table = np.frombuffer(bytes(kept), row).astype(row.newbyteorder("="))
+        table = np.frombuffer(bytes(kept), row) if numbers else np.zeros(0, row)
+    table = table.astype(row.newbyteorder("="))
     return {name: table[name] for name in row.names or ()}, start
 
 
@@ -126,20 +124,22 @@ def _text(path, words, elements):
     at, kept = 0, list[bytes]()
     for element in elements:
         kept.clear()
-        for _ in range(element.rows):
-            for entry in element.properties:
-                if not entry.length:
-                    kept += words[at : at + 1]
-                at += 1
-                if entry.length and at <= len(words) and words[at - 1].isdigit():
-                    at += int(words[at - 1])
-                elif entry.length or at > len(words):
-                    raise ValueError(_cut(path, element))
+        for entry in _entries(element):
+            if not entry.length:
+                kept += words[at : at + 1]
+            at += 1
+            if entry.length and at <= len(words) and words[at - 1].isdigit():
+                at += int(words[at - 1])
+            elif entry.length or at > len(words):
+                raise ValueError(_cut(path, element))
     numbers = [p for p in elements[-1].properties if not p.length]
     row = np.dtype([(p.name, p.type) for p in numbers])
     return columns_of_words(path, kept, row)
 
 
+def _entries(element: Element) -> Iterator[Property]:
+    return (entry for _ in range(element.rows) for entry in element.properties)
+
+
 def _cut(path: Path, element: Element) -> str:
-    """Return the error for rows that end too early."""
     return f"{path}: the rows of {element.name} are damaged or truncated"

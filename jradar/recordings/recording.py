@@ -2,6 +2,14 @@
 
 Readers of every format return a `Recording`, and everything else works on it. Fields
 that a recording lacks are None.
+
+Three lists of formats drive this room, and `read` serves them all:
+
+    open.READERS                  radar frames              -> Recording
+    descriptions.DESCRIPTIONS     a radar's configuration   -> Description
+    describe.CONTENTS             bags and clouds           -> what they hold
+
+A new format is one file with a function that reads it, and one entry in a list.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,6 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from jradar.errors import UsageError
 from jradar.lidar import Poses, transform
 from jradar.radar import RadarSpec, calibrate_channels, calibrate_frequency_phase
 from jradar.recordings.coloradar_calib import FrequencyPhase
@@ -21,7 +30,7 @@ class Stream(Sequence):
 
     def __init__(
         self,
-        read: Callable[[int], np.ndarray],
+        read: Callable[[int], Any],
         count: int,
         stamps: np.ndarray | None = None,
         notes: tuple[str, ...] = (),
@@ -116,3 +125,33 @@ def nearest_scan(
     xyz = lidar[int(apart.argmin())][:, :3]
     kept = np.isfinite(xyz).all(1) & (xyz != 0).any(1)
     return transform(move, xyz[kept])
+
+
+class Format(NamedTuple):
+    """One kind of file or folder."""
+
+    name: str  # in error messages, such as "a .npy cube with its .toml"
+    matches: Callable[[Path], bool]
+    open: Callable[..., Any]
+    options: tuple[str, ...] = ()  # that `open` takes after the path
+
+
+def read(path: Path, formats: Sequence[Format], **options: Any) -> Any:
+    """Read `path` by the first of `formats` that matches it.
+
+    Options that are None count as not given. Raises UsageError if no format matches,
+    and for an option that the matching format does not take.
+    """
+    found = next((known for known in formats if known.matches(path)), None)
+    if found is None:
+        names = "; ".join(known.name for known in formats)
+        raise UsageError(f"{path} is of no known format, expected {names}")
+    given = {k: v for k, v in options.items() if v is not None}
+    for option, value in given.items():
+        if option not in found.options:
+            takers = [known.name for known in formats if option in known.options]
+            raise UsageError(
+                f"{option} = {value!r} does not apply to {path}, {found.name}; it is "
+                f"an option of {'; '.join(takers) or 'no format'}: leave it out"
+            )
+    return found.open(path, **given)

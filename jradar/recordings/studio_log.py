@@ -39,10 +39,8 @@ def radar_from_studio_log(path: Path | str) -> RadarSpec:
             first, last, *_ = map(int, arguments)
             on = [tx for tx, bit in enumerate(arguments[7:]) if int(bit)]
             tx_of_chirp |= dict.fromkeys(range(first, last + 1), on)
-    if missing := [name for name in NEEDED if name not in commands]:
-        raise ValueError(
-            f"{path}: no {', '.join(missing)}: is it the log of mmWave Studio?"
-        )
+    if missing := ", ".join(name for name in NEEDED if name not in commands):
+        raise ValueError(f"{path}: no {missing}: is it the log of mmWave Studio?")
     chip = commands["select_chip_version"][0]
     if chip not in CHIPS:
         raise ValueError(f"{path}: chip {chip}, expected one of {', '.join(CHIPS)}")

@@ -60,8 +60,9 @@ def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:
 
 def radar_from_toml(path: Path | str) -> RadarSpec:
     """Return the radar in the `[radar]` table of a TOML file; UsageError if wrong."""
+    values = toml(path).get("radar", {})
     try:
-        return RadarSpec.from_dict(toml(path).get("radar", {}))
+        return RadarSpec.from_dict(values)
     except ValueError as error:
         raise UsageError(f"{path}: {error}") from error
 

@@ -48,8 +48,6 @@ CHOICES = (
     "and cannot be read)"
 )
 
-Commands = dict[str, list[list[float]]]
-
 
 @dataclasses.dataclass(frozen=True)
 class CaptureSpec:
@@ -149,7 +147,7 @@ def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
     return radar_of(path, fields)
 
 
-def _frame_commands(path: Path | str) -> Commands:
+def _frame_commands(path: Path | str) -> dict[str, list[list[float]]]:
     """Return the commands of a file with complex samples and one kind of frame."""
     commands = _commands(path)
     mode = commands.get("dfeDataOutputMode", [[1]])[-1][0]
@@ -160,10 +158,8 @@ def _frame_commands(path: Path | str) -> Commands:
         )
     if mode != 1:
         raise ValueError(f"{path}: dfeDataOutputMode {mode:g}, expected 1: frames")
-    if missing := [name for name in NEEDED if name not in commands]:
-        raise ValueError(
-            f"{path}: no {', '.join(missing)}: is it a .cfg of TI's mmWave SDK?"
-        )
+    if missing := ", ".join(name for name in NEEDED if name not in commands):
+        raise ValueError(f"{path}: no {missing}: is it a .cfg of TI's mmWave SDK?")
     adc_format = commands["adcCfg"][-1][1]
     if adc_format == 0 or _sample_order(commands)[0] == 1:
         raise ValueError(
@@ -179,12 +175,12 @@ def _frame_commands(path: Path | str) -> Commands:
     return commands
 
 
-def _commands(path: Path | str) -> Commands:
+def _commands(path: Path | str) -> dict[str, list[list[float]]]:
     """Return the fields of each command that is read, in file order."""
     text = read_text(path, errors="replace")
     if kind := {"{": "JSON", "[": "JSON", "<": "XML"}.get(text.lstrip()[:1]):
         raise ValueError(f"{path} is {kind}, expected a .cfg of TI's mmWave SDK")
-    commands: Commands = {}
+    commands = {}
     for number, line in enumerate(text.splitlines(), 1):
         name, *fields = re.split("[%#]", line)[0].split() or [""]
         if name == "flushCfg":
@@ -204,7 +200,7 @@ def _commands(path: Path | str) -> Commands:
     return commands
 
 
-def _turn(path, commands: Commands) -> tuple[list[float], list[int], list[int]]:
+def _turn(path, commands) -> tuple[list[float], list[int], list[int]]:
     """Return the profile of the chirps, transmitters in firing order, receivers."""
     chirps = _chirps(path, commands)
     number = chirps[0][0]
@@ -231,15 +227,14 @@ def _turn(path, commands: Commands) -> tuple[list[float], list[int], list[int]]:
     return profiles[number], tx, rx
 
 
-def _chirps(path: Path | str, commands: Commands) -> list[list[float]]:
+def _chirps(path, commands) -> list[list[float]]:
     """Return profile, four variations and transmitter mask of each chirp of a turn."""
-    described: dict[int, list[float]] = {}
+    described = {}
     for fields in commands["chirpCfg"]:
         start, end = (_whole(path, "chirpCfg", v, MAX_CHIRPS) for v in fields[:2])
         described |= dict.fromkeys(range(start, end + 1), fields[2:8])
-    first, last = (
-        _whole(path, "frameCfg", v, MAX_CHIRPS) for v in commands["frameCfg"][-1][:2]
-    )
+    ends = commands["frameCfg"][-1][:2]
+    first, last = (_whole(path, "frameCfg", end, MAX_CHIRPS) for end in ends)
     turn = range(first, last + 1)
     if not turn or not set(turn) <= set(described):
         raise ValueError(
@@ -249,7 +244,7 @@ def _chirps(path: Path | str, commands: Commands) -> list[list[float]]:
     return [described[chirp] for chirp in turn]
 
 
-def _sample_order(commands: Commands) -> list[float]:
+def _sample_order(commands) -> list[float]:
     """Return format, sample swap, channel order; newer SDKs put a sub-frame first."""
     fields = commands["adcbufCfg"][-1]
     return fields[1:4] if len(fields) > 4 or fields[0] < 0 else fields[:3]
@@ -261,7 +256,7 @@ def _bits(path, name, value):
     return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]
 
 
-def _whole(path: Path | str, name: str, value: float, below: int = 2**16) -> int:
+def _whole(path, name: str, value: float, below: int = 2**16) -> int:
     """Return a field that counts as an integer; files may write it with decimals."""
     if value != int(value) or not 0 <= value < below:
         raise ValueError(

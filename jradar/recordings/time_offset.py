@@ -8,13 +8,13 @@ speed of the scene, measured by each sensor, rises and falls at the same moments
              ->|   |<- offset         confidence.
 """
 
-from collections.abc import Callable
+import itertools
 
 import numpy as np
 from jaxtyping import Complex, Float
 
 from jradar.radar import RadarSpec
-from jradar.recordings.recording import Recording, Stream
+from jradar.recordings.recording import Recording
 
 MAX_FRAMES, MAX_CLOUDS = 200, 400
 PERIOD_S = 0.1  # shortest time between two measurements of motion
@@ -42,11 +42,10 @@ def estimate_time_offset(
             f"{len(radar_stamps)} radar frames and {len(lidar_stamps)} clouds, "
             "expected 8 or more of each to compare their motion"
         )
-    for stamps in (radar_stamps, lidar_stamps):
-        if not (np.diff(stamps) > 0).all():
-            raise ValueError("stamps fall or repeat, expected rising ones")
-    periods = [np.median(np.diff(stamps)) for stamps in (radar_stamps, lidar_stamps)]
-    step = 0.5 * float(min(periods))
+    radar_steps, lidar_steps = np.diff(radar_stamps), np.diff(lidar_stamps)
+    if not (radar_steps > 0).all() or not (lidar_steps > 0).all():
+        raise ValueError("stamps fall or repeat, expected rising ones")
+    step = 0.5 * float(min(np.median(radar_steps), np.median(lidar_steps)))
     least = LEAST_OVERLAP * min(np.ptp(radar_stamps), np.ptp(lidar_stamps)) / step
     clock = np.arange(lidar_stamps[0], lidar_stamps[-1], step)
     lidar = np.interp(clock, lidar_stamps, lidar_motion)
@@ -59,8 +58,7 @@ def estimate_time_offset(
         if both.sum() >= least:
             radar = np.interp(there[both], radar_stamps, radar_motion)
             correlation[at] = _correlation(radar, lidar[both])
-    peak = int(correlation.argmax())
-    shift = 0.0
+    peak, shift = int(correlation.argmax()), 0.0
     if 0 < peak < len(offsets) - 1:
         left, top, right = correlation[peak - 1 : peak + 2]
         bend = left - 2 * top + right
@@ -81,9 +79,8 @@ def propose_offset(
         raise ValueError(f"{recording.name}: LiDAR and radar both need stamps")
     frames = _chosen(cubes.stamps, -np.inf, np.inf)[:MAX_FRAMES]
     first, last = cubes.stamps[frames[[0, -1]]] if len(frames) else (0.0, 0.0)
-    near = _chosen(clouds.stamps, first - max_offset_s, last + max_offset_s)[
-        :MAX_CLOUDS
-    ]
+    near = _chosen(clouds.stamps, first - max_offset_s, last + max_offset_s)
+    near = near[:MAX_CLOUDS]
     if min(len(frames), len(near)) < 9:
         raise ValueError(
             f"{recording.name}: {len(frames)} radar frames and {len(near)} clouds "
@@ -114,12 +111,8 @@ def radar_speed(
     One antenna pair is used. The median over Doppler bins is subtracted as noise; the
     speed of an empty frame is 0.
     """
-    chirps = (
-        cube[0, 0]
-        * np.hanning(radar.num_samples)
-        * np.hanning(radar.num_chirps)[:, None]
-    )
-    power = (np.abs(np.fft.fft2(chirps)) ** 2).sum(-1)
+    window = np.outer(np.hanning(radar.num_chirps), np.hanning(radar.num_samples))
+    power = (np.abs(np.fft.fft2(cube[0, 0] * window)) ** 2).sum(-1)
     power = np.maximum(power - np.median(power), 0)
     speed = np.abs(np.fft.fftfreq(radar.num_chirps)) * 2 * radar.max_velocity_mps
     return float((power * speed).sum() / power.sum()) if power.any() else 0.0
@@ -134,16 +127,9 @@ def _chosen(stamps, first, last):
     return inside[:: max(round(PERIOD_S / max(period, 1e-9)), 1)]
 
 
-def _changes(
-    items: Stream, chosen: np.ndarray, change: Callable[[np.ndarray, np.ndarray], float]
-) -> Float[np.ndarray, " change"]:
-    """Return `change` between each chosen item and the next."""
-    before, result = items[int(chosen[0])], []
-    for index in chosen[1:]:
-        after = items[int(index)]
-        result.append(change(before, after))
-        before = after
-    return np.array(result)
+def _changes(items, chosen, change):
+    chosen_items = (items[int(index)] for index in chosen)
+    return np.array([change(*two) for two in itertools.pairwise(chosen_items)])
 
 
 def _radar_change(before, after):

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from jradar.data.matching import check_dropped, match_nearest
+from jradar.data.frames import check_dropped, match_nearest
 
 
 def test_each_frame_gets_its_nearest_scan():

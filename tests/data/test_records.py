@@ -77,7 +77,7 @@ def test_frames_are_read_in_any_order(folder):
     assert_same(records[2], invented_frame(2, "run0"))
     assert records.where[13] == ("run1", 5)
     assert_same(records[-1], invented_frame(7, "run1"))
-    with pytest.raises(IndexError, match="16 of 16"):
+    with pytest.raises(IndexError, match="item 16 of a stream of 16"):
         records[16]
 
 

@@ -5,8 +5,8 @@ import pytest
 
 from jradar.errors import UsageError
 from jradar.recordings import is_recording, open_recording, read_description
-from jradar.recordings.formats import Format, has_suffix
 from jradar.recordings.open import READERS
+from jradar.recordings.recording import Format
 from tests.recordings.cube_writer import (
     LOG,
     RADAR,
@@ -135,7 +135,9 @@ def test_a_format_is_one_entry_in_the_list(tmp_path, monkeypatch):
     def open_mat(path, device=None):
         return open_recording(path.with_suffix(".npy"))._replace(name=device)
 
-    reader = Format("a .mat cube", has_suffix(".mat"), open_mat, ("device",))
+    reader = Format(
+        "a .mat cube", lambda path: path.suffix == ".mat", open_mat, ("device",)
+    )
     monkeypatch.setattr("jradar.recordings.open.READERS", (reader, *READERS))
     assert is_recording(path)
     assert open_recording(path, device="board").name == "board"
