@@ -40,13 +40,8 @@ from jradar.radar.cfar import (
     so_cfar as so_cfar,
 )
 from jradar.radar.direction import directions as directions
-from jradar.radar.echoes import (
-    Echo as Echo,
-    strongest_echoes as strongest_echoes,
-)
-from jradar.radar.multipliers import (
-    false_alarm_multiplier as false_alarm_multiplier,
-)
+from jradar.radar.echoes import Echo as Echo, strongest_echoes as strongest_echoes
+from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
 from jradar.radar.points import (
     Cells as Cells,
     PointSpec as PointSpec,

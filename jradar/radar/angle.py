@@ -20,7 +20,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.sensor import RadarSpec
@@ -66,12 +66,17 @@ def check_sizes(
             f"{num_elevation} elevation and {num_azimuth} azimuth bins are fewer than "
             f"the array's {rows} rows and {columns} columns: ask for more bins"
         )
+    check_antennas(shape, radar)
+    return rows, columns
+
+
+def check_antennas(shape: tuple[int, ...], radar: RadarSpec) -> None:
+    """Raise ValueError unless snapshots have one value for each virtual antenna."""
     if shape[-1] != radar.num_virtual:
         raise ValueError(
-            f"{shape[-1]} values per cell, {radar.name} has "
+            f"{shape[-1]} values per snapshot, {radar.name} has "
             f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
         )
-    return rows, columns
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation"))
@@ -164,10 +169,7 @@ def spectrum_peaks(
 
 
 def angles_of_sines(
-    u: Float[Array, "*batch"],
-    w: Float[Array, "*batch"],
-    flip_azimuth: bool,
-    flip_elevation: bool,
+    u: Angle, w: Angle, flip_azimuth: bool, flip_elevation: bool
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians, with finite gradients."""
     w = jnp.clip(w, -NEARLY_ONE, NEARLY_ONE)
@@ -179,16 +181,14 @@ def angles_of_sines(
     )
 
 
-def _visible(spectrum: Float[Array, "*batch elevation azimuth"], radar: RadarSpec):
+def _visible(spectrum, radar):
     """Bins that are directions, `[elevation, azimuth]`, on the host."""
     num_elevation, num_azimuth = spectrum.shape[-2:]
     u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
     return u**2 + w[:, None] ** 2 <= 1
 
 
-def _is_local_maximum(
-    power: Float[Array, "*batch elevation azimuth"],
-) -> Bool[Array, "*batch elevation azimuth"]:
+def _is_local_maximum(power):
     """Whether a bin exceeds its eight neighbours; of equal bins, the first does."""
     rows = (-1, 0, 1) if power.shape[-2] > 1 else (0,)
     highest = jnp.ones(power.shape, bool)
@@ -199,12 +199,7 @@ def _is_local_maximum(
     return highest
 
 
-def _sines(
-    spectrum: Float[Array, "*batch elevation azimuth"],
-    index: Int[Array, "*batch"],
-    radar: RadarSpec,
-    interpolate: bool,
-) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+def _sines(spectrum, index, radar, interpolate):
     """Direction sines u and w of the peak in the flat bin `index`."""
     *batch, num_elevation, num_azimuth = spectrum.shape
     u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)

@@ -35,7 +35,7 @@ from jradar.radar.multipliers import KINDS, false_alarm_multiplier
 
 GUARD, TRAIN = (2, 2), (4, 4)  # cells on a side in (doppler, range)
 RANK = 0.75  # of the ordered statistic, as a fraction of the training cells
-STATIC = ("false_alarm_rate", "channels", "guard", "train")
+STATIC = ("kind", "false_alarm_rate", "channels", "guard", "train")
 MAX_COMPARISONS = 96  # in one fused kernel: XLA stops vectorising beyond about 100
 
 Map = Float[Array, "*batch doppler range"]
@@ -43,68 +43,36 @@ Mask = Bool[Array, "*batch doppler range"]
 
 
 @functools.partial(jax.jit, static_argnames=STATIC)
-def ca_cfar(
+def cfar(
     power: Map,
     *,
+    kind: str,
     false_alarm_rate: float,
     channels: int = 1,
     guard: tuple[int, int] = GUARD,
     train: tuple[int, int] = TRAIN,
 ) -> Mask:
-    """Cell averaging: detect above the mean of all training cells.
+    """Return the cells that the detector of this kind marks.
+
+    "ca" (cell averaging) detects above the mean of all training cells, "go" (greatest
+    of) above the greater of the means of two halves, which gives fewer false alarms
+    where clutter begins, and "so" (smallest of) above the smaller one, which finds
+    targets beside other targets. "os" (ordered statistic) detects above the training
+    cell at three quarters of the rank.
 
     Raises ValueError if the window does not fit into the map.
     """
-    return _mean_cfar("ca", power, false_alarm_rate, channels, guard, train)
-
-
-@functools.partial(jax.jit, static_argnames=STATIC)
-def go_cfar(
-    power: Map,
-    *,
-    false_alarm_rate: float,
-    channels: int = 1,
-    guard: tuple[int, int] = GUARD,
-    train: tuple[int, int] = TRAIN,
-) -> Mask:
-    """Greatest of: detect above the greater of the means of two halves.
-
-    Gives fewer false alarms where clutter begins. Raises ValueError as `ca_cfar`.
-    """
-    return _mean_cfar("go", power, false_alarm_rate, channels, guard, train)
-
-
-@functools.partial(jax.jit, static_argnames=STATIC)
-def so_cfar(
-    power: Map,
-    *,
-    false_alarm_rate: float,
-    channels: int = 1,
-    guard: tuple[int, int] = GUARD,
-    train: tuple[int, int] = TRAIN,
-) -> Mask:
-    """Smallest of: detect above the smaller of the means of two halves.
-
-    Finds targets beside other targets. Raises ValueError as `ca_cfar`.
-    """
-    return _mean_cfar("so", power, false_alarm_rate, channels, guard, train)
-
-
-@functools.partial(jax.jit, static_argnames=STATIC)
-def os_cfar(
-    power: Map,
-    *,
-    false_alarm_rate: float,
-    channels: int = 1,
-    guard: tuple[int, int] = GUARD,
-    train: tuple[int, int] = TRAIN,
-) -> Mask:
-    """Ordered statistic: detect above the training cell at three quarters of the rank.
-
-    No cell is sorted: x exceeds alpha times the k-th smallest cell exactly when at
-    least k cells lie below x / alpha. Raises ValueError as `ca_cfar`.
-    """
-    cells, k = _ranks(power.shape, guard, train)
+    low, high = _cells_per_range_bin(power.shape, guard, train)
+    if kind != "os":
+        multiplier = [
+            false_alarm_multiplier(kind, false_alarm_rate, halves, channels=channels)
+            for halves in zip(low.tolist(), high.tolist(), strict=True)
+        ]
+        floor = _mean_floor(kind, power, guard, train)
+        return power > jnp.asarray(multiplier, power.dtype) * floor
+    # No cell is sorted: x exceeds alpha times the k-th smallest cell exactly when at
+    # least k cells lie below x / alpha.
+    cells, k = low + high, _rank(low + high)
     multiplier = [
         false_alarm_multiplier("os", false_alarm_rate, n, rank=r, channels=channels)
         for n, r in zip(cells.tolist(), k.tolist(), strict=True)
@@ -114,7 +82,8 @@ def os_cfar(
     return _count_below(level, padded, guard, train) >= jnp.asarray(k)
 
 
-DETECTORS = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}
+DETECTORS = {kind: functools.partial(cfar, kind=kind) for kind in KINDS}
+ca_cfar, go_cfar, so_cfar, os_cfar = DETECTORS.values()
 
 
 @functools.partial(jax.jit, static_argnames=("kind", "guard", "train"))
@@ -134,8 +103,8 @@ def noise_floor(
         raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
     if kind != "os":
         return _mean_floor(kind, power, guard, train)
-    _, k = _ranks(power.shape, guard, train)
-    ranks = jnp.asarray(k)
+    low, high = _cells_per_range_bin(power.shape, guard, train)
+    ranks = jnp.asarray(_rank(low + high))
     keys = jax.lax.bitcast_convert_type(power.astype(jnp.float32), jnp.int32)
     padded = _pad(keys, guard, train, jnp.iinfo(jnp.int32).max)
 
@@ -159,17 +128,6 @@ def largest_window(
     return guard, train
 
 
-def _mean_cfar(kind, power, rate, channels, guard, train):
-    """Mask of a detector whose noise estimate is a mean."""
-    low, high = _cells_per_range_bin(power.shape, guard, train)
-    multiplier = [
-        false_alarm_multiplier(kind, rate, halves, channels=channels)
-        for halves in zip(low.tolist(), high.tolist(), strict=True)
-    ]
-    floor = _mean_floor(kind, power, guard, train)
-    return power > jnp.asarray(multiplier, power.dtype) * floor
-
-
 def _mean_floor(kind, power, guard, train):
     """Mean of all training cells, or of the greater or smaller half."""
     low, high = _cells_per_range_bin(power.shape, guard, train)
@@ -188,11 +146,9 @@ def _mean_floor(kind, power, guard, train):
     return jnp.maximum(*means) if kind == "go" else jnp.minimum(*means)
 
 
-def _ranks(shape, guard, train):
-    """Number of training cells of each range bin, and OS-CFAR's rank; host."""
-    low, high = _cells_per_range_bin(shape, guard, train)
-    cells = low + high
-    return cells, np.ceil(RANK * cells - 1e-9).astype(int)
+def _rank(cells):
+    """Rank of the ordered statistic among this number of training cells; host."""
+    return np.ceil(RANK * cells - 1e-9).astype(int)
 
 
 def _cells_per_range_bin(shape, guard, train):

@@ -16,7 +16,6 @@ at the refined azimuth.
 """
 
 import functools
-from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -48,9 +47,6 @@ class _Row(NamedTuple):
     part: slice
     columns: np.ndarray
     weights: np.ndarray  # 1 / number of elements at the position
-
-
-Sums = list[tuple[Array, Array]]  # real and imaginary part of each row's sum
 
 
 @functools.partial(
@@ -114,7 +110,7 @@ def elevation_sines(
     return w.reshape(u.shape)
 
 
-def _rows(radar: RadarSpec) -> tuple[np.ndarray, list[_Row]]:
+def _rows(radar):
     """The order that groups elements by row, and the rows in that order."""
     _, place, shared = np.unique(
         radar.virtual_positions, axis=0, return_inverse=True, return_counts=True
@@ -131,9 +127,7 @@ def _rows(radar: RadarSpec) -> tuple[np.ndarray, list[_Row]]:
     return order, rows
 
 
-def _in_blocks(
-    function: Callable, cells: Complex[Array, "cell virtual"], block: int
-) -> tuple[Array, ...]:
+def _in_blocks(function, cells, block):
     """Apply `function` to blocks of `[cell, virtual]` and join its results `[cell]`."""
     count, num_virtual = cells.shape
     if count <= block:
@@ -144,17 +138,11 @@ def _in_blocks(
     return tuple(out.ravel()[:count] for out in jax.lax.map(function, blocks))
 
 
-def _azimuth_sine(
-    cells: Complex[Array, "virtual cell"],
-    rows: list[_Row],
-    radar: RadarSpec,
-    num_azimuth: int,
-    num_elevation: int,
-    interpolate: bool,
-) -> Float[Array, "cell"]:
-    """Direction sine u of the strongest azimuth bin, refined by its neighbours."""
+def _azimuth_sine(cells, rows, radar, num_azimuth, num_elevation, interpolate):
+    """Direction sine u of the strongest azimuth of `[virtual, cell]`."""
     u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
-    power = _power_over_azimuth(_sums_over_bins(cells, rows, radar, u), rows, radar, w)
+    sums = _sums_over_bins(cells, rows, radar, u)
+    power = _power_over_azimuth(sums, rows, radar, u, w)
     seen = jnp.where((np.abs(u) <= 1)[:, None], power, -1.0)
     # Two vectorised reductions; argmax would run cell by cell.
     bins = np.arange(num_azimuth, dtype=np.int32)[:, None]
@@ -162,20 +150,12 @@ def _azimuth_sine(
     sine = jnp.asarray(u, jnp.float32)[index]
     if not interpolate:
         return sine
-    near = jnp.stack([index - 1, index, index + 1]) % num_azimuth
-    offset = parabola_offset(*jnp.take_along_axis(power, near, 0, mode="clip"))
-    return jnp.clip(sine + offset * (u[1] - u[0]), -NEARLY_ONE, NEARLY_ONE)
+    sine += _offset(power, index) * (u[1] - u[0])
+    return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE)
 
 
-def _elevation_sine(
-    cells: Complex[Array, "virtual cell"],
-    u: Float[Array, "cell"],
-    rows: list[_Row],
-    radar: RadarSpec,
-    num_elevation: int,
-    interpolate: bool,
-) -> Float[Array, "cell"]:
-    """Direction sine w of the maximum over elevation in the direction sines u."""
+def _elevation_sine(cells, u, rows, radar, num_elevation, interpolate):
+    """Direction sine w of the strongest elevation at the direction sines u `[cell]`."""
     if len(rows) == 1:
         return jnp.zeros_like(u)
     limit = jnp.sqrt(jnp.maximum(1 - u**2, 1 - NEARLY_ONE**2))
@@ -192,19 +172,18 @@ def _elevation_sine(
     index = jnp.argmax(jnp.where(visible, power, -1.0), 0)
     w = jnp.asarray(bins, jnp.float32)[index]
     if interpolate:
-        near = jnp.stack([index - 1, index, index + 1]) % num_elevation
-        offset = parabola_offset(*jnp.take_along_axis(power, near, 0, mode="clip"))
-        w = w + offset * (bins[1] - bins[0])
+        w += _offset(power, index) * (bins[1] - bins[0])
     return jnp.clip(w, -limit, limit)
 
 
-def _sums_over_bins(
-    cells: Complex[Array, "virtual cell"],
-    rows: list[_Row],
-    radar: RadarSpec,
-    u: np.ndarray,
-) -> Sums:
-    """Sums of the rows towards every azimuth bin, `[azimuth, cell]` each.
+def _offset(power, index):
+    """Bins from the peaks of `[bin, cell]` to the vertices of their parabolas."""
+    near = jnp.stack([index - 1, index, index + 1]) % len(power)
+    return parabola_offset(*jnp.take_along_axis(power, near, 0, mode="clip"))
+
+
+def _sums_over_bins(cells, rows, radar, u):
+    """Sums of the rows towards every azimuth bin: real, imaginary `[azimuth, cell]`.
 
     Bins to the left and to the right share the products with cosines and sines.
     """
@@ -231,13 +210,8 @@ def _sums_over_bins(
     return sums
 
 
-def _sums_at(
-    cells: Complex[Array, "virtual cell"],
-    rows: list[_Row],
-    radar: RadarSpec,
-    u: Float[Array, "cell"],
-) -> Sums:
-    """Sums of the rows towards one azimuth for each cell, `[cell]` each."""
+def _sums_at(cells, rows, radar, u):
+    """Sums of the rows towards one azimuth for each cell: real, imaginary `[cell]`."""
     turn = 2 * np.pi * radar.spacing_wavelengths * u
     cosine, sine = jnp.cos(turn), jnp.sin(turn)
     sums = []
@@ -259,10 +233,10 @@ def _sums_at(
     return sums
 
 
-def _lags(sums: Sums, rows: list[_Row]) -> tuple[Array, dict[int, tuple[Array, Array]]]:
+def _lags(sums, rows):
     """The power of all rows, and the sum of s_q conj(s_r) for each lag between rows."""
     constant = sum((real**2 + imag**2 for real, imag in sums), jnp.zeros(()))
-    lags: dict[int, tuple[Array, Array]] = {}
+    lags = {}
     for q, (real_q, imag_q) in enumerate(sums):
         for r, (real_r, imag_r) in enumerate(sums[:q]):
             lag = rows[q].row - rows[r].row
@@ -274,16 +248,12 @@ def _lags(sums: Sums, rows: list[_Row]) -> tuple[Array, dict[int, tuple[Array, A
     return constant, lags
 
 
-def _power_over_azimuth(
-    sums: Sums, rows: list[_Row], radar: RadarSpec, w: np.ndarray
-) -> Float[Array, "azimuth cell"]:
+def _power_over_azimuth(sums, rows, radar, u, w):
     """Maximum over the visible elevations of the power in each azimuth bin."""
     constant, lags = _lags(sums, rows)
-    num_azimuth = constant.shape[0]
-    u, _ = direction_sines(radar, num_azimuth=num_azimuth)
-    highest = np.sqrt(np.maximum(1 - u**2, 0))[:, None]  # |w| in that bin
     if len(rows) == 1:
         return constant
+    highest = np.sqrt(np.maximum(1 - u**2, 0))[:, None]  # |w| in that bin
     if len(rows) == 2:
         # c cos(p) + s sin(p) has its maximum |c + j s| at a visible phase, or else at
         # the nearer end of the visible phases.
@@ -298,13 +268,8 @@ def _power_over_azimuth(
     return jnp.where(visible, power, 0.0).max(0)
 
 
-def _power_over_elevation(
-    constant: Float[Array, "*batch"],
-    lags: dict[int, tuple[Array, Array]],
-    radar: RadarSpec,
-    w: np.ndarray,
-) -> Float[Array, "elevation *batch"]:
-    """Power in every elevation bin from the lags between rows."""
+def _power_over_elevation(constant, lags, radar, w):
+    """Power in every elevation bin, `[elevation, ...]`, from the lags between rows."""
     phase = 2 * np.pi * radar.spacing_wavelengths * np.outer(w, [*lags])
     waves = np.stack([np.cos(phase), np.sin(phase)], -1).reshape(len(w), -1)
     waves = np.concatenate([np.ones((len(w), 1)), 2 * waves], -1).astype(np.float32)

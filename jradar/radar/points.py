@@ -17,15 +17,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Complex, Float
 
-from jradar.radar.angle import (
-    FLIPS,
-    Peaks,
-    angle_spectrum,
-    azimuth_bins,
-    spectrum_peaks,
-)
+from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
 from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_floor
 from jradar.radar.direction import directions
@@ -36,17 +30,12 @@ from jradar.radar.subspace import music_directions
 from jradar.types import PointCloud
 
 ANGLES = ("fft", "music")
+ANGLE_BINS = ("num_azimuth", "num_elevation")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
 Cube = Complex[Array, "tx rx chirp sample"]
 Coupling = Complex[Array, "tx rx half_range"]
-Spectrum = Complex[Array, "virtual doppler range"]
-Map = Float[Array, "doppler range"]
-Mask = Bool[Array, "doppler range"]
-Snapshots = Complex[Array, "point virtual"]
-Values = Float[Array, " point"]
-Index = Int[Array, " point"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,14 +121,11 @@ def radar_points(
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     if points.peaks == 1:
-        azimuth, elevation = _directions(snapshot, radar, points)
+        direction = _directions(snapshot, radar, points)
     else:
-        peaks = _peaks(snapshot, radar, points)
-        strongest, azimuth, elevation, of = _strongest_peaks(strongest, peaks)
+        strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
         cell = cell[of]
-    return _cloud(
-        power, cell, strongest, azimuth, elevation, radar, points, range_bias_m
-    )
+    return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -166,7 +152,7 @@ def all_cells(
 @functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
 def cell_points(
     cells: Cells,
-    mask: Mask,
+    mask: Bool[Array, "doppler range"],
     radar: RadarSpec,
     *,
     points: PointSpec = PointSpec(),
@@ -178,10 +164,8 @@ def cell_points(
     """
     power, azimuth, elevation = cells
     strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
-    azimuth, elevation = azimuth.ravel()[cell], elevation.ravel()[cell]
-    return _cloud(
-        power, cell, strongest, azimuth, elevation, radar, points, range_bias_m
-    )
+    direction = azimuth.ravel()[cell], elevation.ravel()[cell]
+    return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -201,9 +185,7 @@ def detect(
     )
 
 
-def _spectra(
-    cube: Cube, radar: RadarSpec, points: PointSpec, coupling: Coupling | None
-) -> tuple[Spectrum, Map]:
+def _spectra(cube, radar, points, coupling):
     """`range_doppler` of the cube without its coupling.
 
     `remove_static` removes the coupling too, because it is steady.
@@ -220,9 +202,7 @@ def _spectra(
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 
 
-def _strongest_cells(
-    power: Map, mask: Mask, radar: RadarSpec, points: PointSpec, range_bias_m: float
-) -> tuple[Values, Index]:
+def _strongest_cells(power, mask, radar, points, range_bias_m):
     """Power and flat index of the strongest cells in `mask`, padded with power 0.
 
     Three kinds of range bins are excluded: bin 0, which is the sensor itself; bins that
@@ -238,7 +218,7 @@ def _strongest_cells(
     return jnp.pad(strongest, padding), jnp.pad(cell, padding)
 
 
-def _bins(power: Map, cell: Index, points: PointSpec) -> tuple[Values, Values]:
+def _bins(power, cell, points):
     """Range bin and signed Doppler bin of flat cells."""
     num_doppler, num_range = power.shape
     row, column = jnp.divmod(cell, num_range)
@@ -257,71 +237,42 @@ def _bins(power: Map, cell: Index, points: PointSpec) -> tuple[Values, Values]:
     return range_bin, doppler_bin
 
 
-def _directions(
-    snapshot: Snapshots, radar: RadarSpec, points: PointSpec
-) -> tuple[Values, Values]:
+def _directions(snapshot, radar, points):
     """Azimuth and elevation of the strongest direction of each snapshot."""
+    options = _fields(points, FLIPS)
     if points.angles == "music":
-        return music_directions(snapshot, radar, **_flips(points))
-    return directions(
-        snapshot,
-        radar,
-        interpolate=points.refine,
-        **_angle_bins(points),
-        **_flips(points),
-    )
+        return music_directions(snapshot, radar, **options)
+    options |= _fields(points, ANGLE_BINS)
+    return directions(snapshot, radar, interpolate=points.refine, **options)
 
 
-def _peaks(snapshot: Snapshots, radar: RadarSpec, points: PointSpec) -> Peaks:
-    """The strongest directions of each snapshot, a few spectra at a time."""
-
-    def peaks_of(snapshot):
-        return spectrum_peaks(
-            angle_spectrum(snapshot, radar, **_angle_bins(points)),
-            radar,
-            count=points.peaks,
-            interpolate=points.refine,
-            **_flips(points),
-        )
-
-    return jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
-
-
-def _angle_bins(points: PointSpec) -> dict[str, int]:
-    names = ("num_azimuth", "num_elevation")
+def _fields(points, names):
     return {name: getattr(points, name) for name in names}
 
 
-def _flips(points: PointSpec) -> dict[str, bool]:
-    return {name: getattr(points, name) for name in FLIPS}
-
-
-def _strongest_peaks(
-    power: Values, peaks: Peaks
-) -> tuple[Values, Values, Values, Index]:
-    """Power, azimuth, elevation and place in `power` of the strongest of all peaks.
+def _strongest_peaks(power, snapshot, radar, points):
+    """Power, direction and place in `power` of the strongest of all peaks.
 
     A cell's first peak has the power of its cell. The peaks of all cells therefore
     include the strongest ones of the frame.
     """
+
+    def peaks_of(snapshot):
+        spectrum = angle_spectrum(snapshot, radar, **_fields(points, ANGLE_BINS))
+        options = {"count": points.peaks, "interpolate": points.refine}
+        return spectrum_peaks(spectrum, radar, **options, **_fields(points, FLIPS))
+
+    peaks = jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
     share = peaks.power / jnp.maximum(peaks.power[:, :1], 1e-30)
     powers = jnp.where(peaks.valid, power[:, None] * share, 0.0)
     strongest, peak = jax.lax.top_k(powers.ravel(), len(power))
-    azimuth, elevation = peaks.azimuth.ravel()[peak], peaks.elevation.ravel()[peak]
-    return strongest, azimuth, elevation, peak // powers.shape[-1]
+    direction = peaks.azimuth.ravel()[peak], peaks.elevation.ravel()[peak]
+    return strongest, direction, peak // powers.shape[-1]
 
 
-def _cloud(
-    power: Map,
-    cell: Index,
-    strongest: Values,
-    azimuth: Values,
-    elevation: Values,
-    radar: RadarSpec,
-    points: PointSpec,
-    range_bias_m: float,
-) -> PointCloud:
+def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):
     """The cloud of the cells; those without power are padding."""
+    azimuth, elevation = direction
     range_bin, doppler_bin = _bins(power, cell, points)
     noise = noise_floor(power, guard=points.guard, train=points.train).ravel()[cell]
     distance = range_bin * radar.range_resolution_m - range_bias_m

@@ -200,7 +200,9 @@ class RadarSpec:
         """
         given = dict(values)
         device = given.pop("device", None)
-        complete = {"name": "radar"} if device is None else device_fields(device)
+        complete: dict[str, Any] = {"name": "radar"}
+        if device is not None:
+            complete = device_fields(device)
         fields = {field.name: field for field in dataclasses.fields(cls)}
         for key, value in given.items():
             if key not in fields:

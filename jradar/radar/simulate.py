@@ -80,9 +80,9 @@ def simulate_cube(
     chirps = ((weight * transmit) * chirp)[:, :, None] * receive
     drift = 2j * jnp.pi * cycles_per_m_sample * scatterers.velocity
     linear = chirps * (drift * within_s[..., None])[:, :, None]
-    both = _real_pairs(
-        jnp.concatenate([chirps, linear], -1).reshape(-1, 2 * len(drift))
-    )
+    both = jnp.concatenate([chirps, linear], -1).reshape(-1, 2 * len(drift))
+    # A real matrix, for real parts stacked on imaginary parts.
+    both = jnp.block([[both.real, -both.imag], [both.imag, both.real]])
 
     def beat(metres, moved):
         """Phasors `[point sample]` of targets at `metres` after they `moved`."""
@@ -98,10 +98,8 @@ def simulate_cube(
     moved = scatterers.velocity * radar.turn_period_s * block
     step = beat(moved, moved)
     moved = scatterers.velocity * first_s
-    count = radar.num_chirps // block
-    _, blocks = jax.lax.scan(
-        samples_of, beat(distance + moved, moved), None, length=count
-    )
+    first, count = beat(distance + moved, moved), radar.num_chirps // block
+    _, blocks = jax.lax.scan(samples_of, first, None, length=count)
     shape = (radar.num_chirps, radar.num_tx, radar.num_rx, radar.num_samples)
     cube = jnp.moveaxis(blocks.reshape(shape), 0, 2)
     if not noise_power:
@@ -110,12 +108,6 @@ def simulate_cube(
         key, (2, *radar.cube_shape)
     )
     return cube + jax.lax.complex(real, imaginary)
-
-
-def _real_pairs(matrix):
-    """A complex matrix as a real one, for real parts stacked on imaginary parts."""
-    real, imaginary = matrix.real, matrix.imag
-    return jnp.block([[real, -imaginary], [imaginary, real]])
 
 
 def _block(radar):

@@ -27,6 +27,7 @@ from jradar.radar.angle import (
     NEARLY_ONE,
     Angle,
     angles_of_sines,
+    check_antennas,
     direction_sines,
 )
 from jradar.radar.direction import elevation_sines
@@ -58,9 +59,8 @@ def capon_spectrum(
     level = _mean_power(covariance)
     loaded = covariance / level + loading * jnp.eye(size)
     factor = jnp.linalg.cholesky(loaded)
-    steering = jnp.broadcast_to(
-        _steering(radar, size, num_azimuth), (*factor.shape[:-1], num_azimuth)
-    )
+    steering = _steering(radar, size, num_azimuth)
+    steering = jnp.broadcast_to(steering, (*factor.shape[:-1], num_azimuth))
     whitened = jax.lax.linalg.triangular_solve(
         factor, steering, left_side=True, lower=True
     )
@@ -126,8 +126,7 @@ def _music_sine(cell, radar):
     pseudo = music_spectrum(
         cell[None], radar, num_sources=SOURCES, num_azimuth=NUM_AZIMUTH
     )
-    average = jnp.asarray(_longest_row(radar))
-    row = average @ cell
+    row = jnp.asarray(_longest_row(radar)) @ cell
     beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
     u, _ = direction_sines(radar, num_azimuth=NUM_AZIMUTH)
     left, right = jnp.roll(pseudo, 1), jnp.roll(pseudo, -1)
@@ -146,11 +145,7 @@ def smoothed_covariance(
     subarray: int | None = None,
 ) -> Complex[Array, "*batch element element"]:
     """Return a subarray's covariance: mean over snapshots, places, both directions."""
-    if snapshot.shape[-1] != radar.num_virtual:
-        raise ValueError(
-            f"{snapshot.shape[-1]} values per snapshot, {radar.name} has "
-            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
-        )
+    check_antennas(snapshot.shape, radar)
     average = _longest_row(radar)
     length = len(average)
     size = max(2, round(2 * length / 3)) if subarray is None else subarray
@@ -168,37 +163,34 @@ def smoothed_covariance(
     return (forward + forward[..., ::-1, ::-1].conj()) / 2
 
 
-def _longest_row(radar: RadarSpec) -> np.ndarray:
+def _longest_row(radar):
     """Matrix that averages antennas into the longest run, `[element, virtual]`."""
     columns, rows = radar.virtual_positions.T
     runs = []
     for row in np.unique(rows):
         held = np.unique(columns[rows == row])
-        runs += [
-            (run, row) for run in np.split(held, np.flatnonzero(np.diff(held) > 1) + 1)
-        ]
+        gaps = np.flatnonzero(np.diff(held) > 1) + 1
+        runs += [(run, row) for run in np.split(held, gaps)]
     run, row = max(runs, key=lambda pair: len(pair[0]))
     member = (columns == run[:, None]) & (rows == row)
     return (member / member.sum(1, keepdims=True)).astype(np.complex64)
 
 
-def _steering(radar: RadarSpec, size: int, num_azimuth: int) -> Array:
+def _steering(radar, size, num_azimuth):
     """Response of `size` neighbours to every azimuth bin, `[element, azimuth]`."""
     u, _ = direction_sines(radar, num_azimuth=num_azimuth)
     phase = 2 * np.pi * radar.spacing_wavelengths * np.outer(np.arange(size), u)
     return jnp.asarray(np.exp(1j * phase), jnp.complex64)
 
 
-def _mean_power(covariance: Complex[Array, "*batch element element"]) -> Array:
+def _mean_power(covariance):
     """Mean of the diagonal, `[*batch, 1, 1]`; 1 if it is 0."""
     level = jnp.trace(covariance, axis1=-2, axis2=-1).real / covariance.shape[-1]
     return jnp.where(level > 0, level, 1.0)[..., None, None]
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
-def _signal_projector(
-    covariance: Complex[Array, "*batch element element"], num_sources: int
-) -> Complex[Array, "*batch element element"]:
+def _signal_projector(covariance, num_sources):
     """Projector on the eigenvectors of the `num_sources` largest eigenvalues.
 
     Its derivative depends only on the gap between signal and noise. The derivatives of
