@@ -26,10 +26,7 @@ swing, wrong stamps (5 ms at walking pace would be 5 mm).
 """
 
 from jradar.simulation.capture_writer import simulate_capture as simulate_capture
-from jradar.simulation.layouts import (
-    FAMILIES as FAMILIES,
-    make_scene as make_scene,
-)
+from jradar.simulation.layouts import FAMILIES as FAMILIES, make_scene as make_scene
 from jradar.simulation.sequence import (
     frame_bytes as frame_bytes,
     lidar_scans as lidar_scans,

@@ -41,6 +41,7 @@ from jradar.simulation.trajectory import walk
 from jradar.simulation.tunnel import tunnel
 
 EYE_M = 1.2  # height at which the rig is carried
+INDOORS = ["wood", "metal", "column"]  # along inner walls
 
 
 def make_scene(family: str, seed: int) -> Scene:
@@ -50,11 +51,10 @@ def make_scene(family: str, seed: int) -> Scene:
     random = np.random.default_rng([seed, *family.encode()])
     statics, movers, way, speed = FAMILIES[family](random)
     world = make_body(random, join(statics))
-    bodies = [world, *movers]
     at_eye = np.column_stack([way, np.full(len(way), random.uniform(-0.15, 0.15))])
     at_eye[:, 2] += EYE_M
     platform = walk(random, at_eye, speed_mps=speed, rounding_m=0.7, hand_held=True)
-    return Scene(f"{family}_{seed}", tuple(bodies), platform)
+    return Scene(f"{family}_{seed}", (world, *movers), platform)
 
 
 def hallways(random: np.random.Generator):
@@ -67,25 +67,19 @@ def hallways(random: np.random.Generator):
     floor = slab((-4, -4), (length + 4, depth + 4), 0.0, "floor")
     top = slab((-4, -4), (length + 4, depth + 4), height, "ceiling")
     parts = [floor, top]
-    for k in range(4):
-        a, b = outer[k], outer[(k + 1) % 4]
-        kinds = ["wood", "metal", "wood", "column", "glass"]
+    kinds = ["wood", "metal", "wood", "column", "glass"]
+    for (a, b), (c, d), (e, f) in zip(*map(_sides, (outer, inner, back)), strict=True):
         parts.append(_wall(random, b, a, height, "drywall", kinds))
-        a, b = inner[k], inner[(k + 1) % 4]
-        parts.append(
-            _wall(random, a, b, height, "drywall", ["wood", "metal", "column"])
-        )
-        a, b = back[k], back[(k + 1) % 4]
-        parts.append(wall(tuple(b), tuple(a), height, "concrete"))
+        parts.append(_wall(random, c, d, height, "drywall", INDOORS))
+        parts.append(wall(f, e, height, "concrete"))
     for _ in range(random.integers(6, 11)):  # along the walls of the corridors
-        corner = int(random.integers(4))
-        parts.append(_along(random, outer, corner, 0.28, hall_item(random)))
+        side = _sides(outer)[random.integers(4)]
+        parts.append(_along(random, side, 0.28, hall_item(random)))
     for _ in range(8):  # behind the drywall: only the radar sees them
         x = random.uniform(width + 0.6, length - width - 0.6)
         y = random.uniform(width + 0.6, depth - width - 0.6)
-        parts.append(
-            moved(cabinet(random), (x, y, 0), yaw=random.integers(4) * np.pi / 2)
-        )
+        item = cabinet(random)
+        parts.append(moved(item, (x, y, 0), yaw=random.integers(4) * np.pi / 2))
     middle = _ring(length - width, depth - width, offset=width / 2)
     parts += _lamps(random, middle, height)
     movers = [_walker(random, middle + random.uniform(-0.4, 0.4)) for _ in range(2)]
@@ -132,18 +126,14 @@ def lab(random: np.random.Generator):
         y = random.uniform(lane + 0.8, depth - lane - 0.8)
         item = pick(random, [table, cabinet, shelf, chair])(random)
         parts.append(moved(item, (x, y, 0), yaw=random.integers(8) * np.pi / 4))
-    walls = _ring(length, depth)
-    for k in range(4):
+    for side in _sides(_ring(length, depth)):
         for _ in range(3):
             item = pick(random, [cabinet, shelf, chair])(random)
-            parts.append(_along(random, walls, k, 0.4, item))
+            parts.append(_along(random, side, 0.4, item))
     for _ in range(2):
         spot = random.uniform([lane, lane], [length - lane, depth - lane])
-        parts.append(
-            moved(
-                person(random.uniform(1.6, 1.9)), (*spot, 0), yaw=random.uniform(0, 6)
-            )
-        )
+        someone = person(random.uniform(1.6, 1.9))
+        parts.append(moved(someone, (*spot, 0), yaw=random.uniform(0, 6)))
     way = _ring(length - 2 * lane, depth - 2 * lane, offset=lane)
     movers = [_walker(random, way + random.normal(size=(4, 2)) * 0.3) for _ in range(2)]
     return parts, movers, way, random.uniform(0.6, 1.0)
@@ -159,43 +149,31 @@ def outdoor(random: np.random.Generator):
         kinds = ["glass", "metal", "glass", "column"]
         front = random.choice(["brick", "concrete"])
         parts.append(_wall(random, centre + along, centre - along, 6.0, front, kinds))
-        parts.append(
-            wall(tuple(centre * 1.5 + along), tuple(centre * 1.5 - along), 6.0, front)
-        )
+        behind = centre * 1.5
+        parts.append(wall(behind + along, behind - along, 6.0, front))
     for _ in range(random.integers(7, 12)):
         spot = _ring_spot(random, 4.5, 16)
-        parts.append(moved(tree(random, random.uniform(3, 6)), (*spot, 0)))
+        parts.append(moved(tree(random, random.uniform(3, 6)), spot))
     for _ in range(random.integers(4, 7)):
         spot = _ring_spot(random, 4.5, 14)
-        parts.append(moved(pole(random.uniform(0.05, 0.1), 5.0, "metal"), (*spot, 0)))
+        parts.append(moved(pole(random.uniform(0.05, 0.1), 5.0, "metal"), spot))
     for _ in range(random.integers(3, 6)):
-        spot = _ring_spot(random, 8.5, 14)
-        parts.append(
-            moved(car(random.uniform(3.9, 4.7)), (*spot, 0), yaw=random.uniform(0, 6))
-        )
+        spot, parked = _ring_spot(random, 8.5, 14), car(random.uniform(3.9, 4.7))
+        parts.append(moved(parked, spot, yaw=random.uniform(0, 6)))
     for _ in range(4):
         spot = _ring_spot(random, 5.5, 15)
-        parts.append(
-            moved(boulder(random, random.uniform(0.3, 0.9), "grass"), (*spot, 0))
-        )
+        parts.append(moved(boulder(random, random.uniform(0.3, 0.9), "grass"), spot))
     angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles)], -1)
     road = np.column_stack([6.8 * circle, np.zeros(8)])
+    drive = walk(random, road, speed_mps=4.0, rounding_m=1.0)
     movers = [
-        make_body(
-            random,
-            car(4.3),
-            trajectory=walk(random, road, speed_mps=4.0, rounding_m=1.0),
-        ),
+        make_body(random, car(4.3), trajectory=drive),
         _walker(random, 5.0 * circle[::-1]),
         _walker(random, 2.0 * circle),
     ]
-    return (
-        parts,
-        movers,
-        3.4 * circle[:: random.choice([-1, 1])],
-        random.uniform(0.9, 1.3),
-    )
+    way = 3.4 * circle[:: random.choice([-1, 1])]
+    return parts, movers, way, random.uniform(0.9, 1.3)
 
 
 def corridor(random: np.random.Generator):
@@ -205,48 +183,25 @@ def corridor(random: np.random.Generator):
     parts = [
         slab((0, -9), (length, width + 4), 0.0, "floor"),
         slab((0, 0), (length, width), height, "ceiling"),
-        _wall(
-            random,
-            (0.0, width),
-            (length, width),
-            height,
-            "concrete",
-            ["wood", "metal", "column"],
-        ),
+        _wall(random, (0.0, width), (length, width), height, "concrete", INDOORS),
         wall((0, 0), (0, width), height, "concrete", openings=((0.5, 1.0, "metal"),)),
         wall((length, width), (length, 0), height, "concrete"),
-        sheet(
-            [(0, 0, 0.1), (length, 0, 0.1), (length, 0, height), (0, 0, height)],
-            "glass",
-        ),
+        _glass_front(0, length, 0, height),
         wall((length, -8.0), (0, -8.0), 4.0, "brick", openings=((4.0, 3.0, "glass"),)),
     ]
     for x in np.arange(0.0, length, random.uniform(1.8, 3.0)):
         parts.append(moved(box((0.06, 0.12, height), "metal"), (x, 0.0, 0)))
     for _ in range(5):  # outside, behind the glass
         spot = (random.uniform(2, length - 2), random.uniform(-6.5, -1.5), 0.0)
-        parts.append(
-            moved(tree(random, 3.5) if random.random() < 0.6 else car(4.2), spot)
-        )
+        item = tree(random, 3.5) if random.random() < 0.6 else car(4.2)
+        parts.append(moved(item, spot))
     for _ in range(random.integers(3, 6)):
         x = random.uniform(1, length - 1)
         parts.append(moved(hall_item(random), (x, width - 0.3, 0), yaw=np.pi))
-    aside = width / 2 + np.array([-0.3, 0.3])
-    way = np.array(
-        [
-            (1.5, aside[0]),
-            (length - 1.5, aside[0]),
-            (length - 1.5, aside[1]),
-            (1.5, aside[1]),
-        ]
-    )
+    way = _rectangle((1.5, width / 2 - 0.3), (length - 1.5, width / 2 + 0.3))
     parts += _lamps(random, way[:2] + [0, 0.3], height)
-    return (
-        parts,
-        [_walker(random, way[::-1] + [0, 0.15])],
-        way,
-        random.uniform(0.8, 1.2),
-    )
+    movers = [_walker(random, way[::-1] + [0, 0.15])]
+    return parts, movers, way, random.uniform(0.8, 1.2)
 
 
 def hall(random: np.random.Generator):
@@ -254,30 +209,17 @@ def hall(random: np.random.Generator):
     length, depth = random.uniform(16, 24), random.uniform(12, 16)
     height = random.uniform(4.5, 6.5)
     parts = _shell(random, length, depth, height, "concrete", ["metal", "wood", "open"])
-    parts.append(
-        sheet(
-            [(1, 0.4, 0.1), (length - 1, 0.4, 0.1), (length - 1, 0.4, 4), (1, 0.4, 4)],
-            "glass",
-        )
-    )
+    parts.append(_glass_front(1, length - 1, 0.4, 4))
     for x in np.arange(4.0, length - 3, random.uniform(3.5, 5.0)):
         for y in (depth * 0.3, depth * 0.7):
-            shape = pole(0.3, height, "concrete", sides=16)
-            parts.append(moved(shape, (x, y, 0)))
+            parts.append(moved(pole(0.3, height, "concrete", sides=16), (x, y, 0)))
     parts.append(moved(box((3.0, 0.8, 1.1), "wood"), (length / 2, depth / 2, 0)))
     for _ in range(random.integers(5, 9)):
         spot = random.uniform([2, 2], [length - 2, depth - 2])
         item = pick(random, [chair, table, bench])(random)
         parts.append(moved(item, (*spot, 0), yaw=random.uniform(0, 6)))
     way = _ring(length - 4.4, depth - 4.4, offset=2.2)
-    cross = np.array(
-        [
-            (3, depth / 2 + 1.2),
-            (length - 3, depth / 2 + 1.2),
-            (length - 3, depth / 2 - 1.2),
-            (3, depth / 2 - 1.2),
-        ]
-    )
+    cross = _rectangle((3, depth / 2 + 1.2), (length - 3, depth / 2 - 1.2))
     movers = [
         _walker(random, cross),
         _walker(random, way[::-1] * 0.97),
@@ -287,27 +229,34 @@ def hall(random: np.random.Generator):
 
 
 FAMILIES: dict[str, Callable] = {
-    "hallways": hallways,
-    "mine": mine,
-    "lab": lab,
-    "outdoor": outdoor,
-    "corridor": corridor,
-    "hall": hall,
+    family.__name__: family for family in (hallways, mine, lab, outdoor, corridor, hall)
 }
 
 
-def _ring(length: float, depth: float, *, offset: float = 0.0) -> np.ndarray:
-    """Return the corners of a rectangle, counterclockwise."""
-    corners = [(0, 0), (length, 0), (length, depth), (0, depth)]
-    return np.array(corners, float) + offset
+def _rectangle(low, high):
+    """Return the corners `[corner, 2]` of a rectangle in turn, along x first."""
+    (x0, y0), (x1, y1) = low, high
+    return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], float)
 
 
-def _ring_spot(
-    random: np.random.Generator, near: float, far: float | int
-) -> np.ndarray:
-    """Return a random place between two circles."""
+def _ring(length, depth, *, offset=0.0):
+    return _rectangle((0, 0), (length, depth)) + offset
+
+
+def _sides(corners):
+    """Return the start and end of each side of a closed line."""
+    return [*zip(corners, np.roll(corners, -1, 0), strict=True)]
+
+
+def _ring_spot(random, near, far):
+    """Return a random place on the ground between two circles."""
     angle, radius = random.uniform(0, 2 * np.pi), random.uniform(near, far)
-    return radius * np.array([np.cos(angle), np.sin(angle)])
+    return radius * np.array([np.cos(angle), np.sin(angle), 0])
+
+
+def _glass_front(x0, x1, y, height):
+    corners = [(x0, y, 0.1), (x1, y, 0.1), (x1, y, height), (x0, y, height)]
+    return sheet(corners, "glass")
 
 
 def _wall(random, start, end, height, material, kinds) -> Solid:
@@ -319,25 +268,23 @@ def _wall(random, start, end, height, material, kinds) -> Solid:
         wide = {"glass": 1.6, "column": 0.3}.get(kind, 0.95)
         openings.append((at, wide, kind))
         at += wide + random.uniform(1.2, 3.5)
-    return wall(tuple(start), tuple(end), height, material, openings=tuple(openings))
+    return wall(start, end, height, material, openings=openings)
 
 
 def _shell(random, length, depth, height, material, kinds) -> list[Solid]:
     """Return floor, ceiling and four walls."""
-    corners = _ring(length, depth)
     parts = [
         slab((-0.2, -0.2), (length + 0.2, depth + 0.2), 0.0, "floor"),
         slab((-0.2, -0.2), (length + 0.2, depth + 0.2), height, "ceiling"),
     ]
-    for k in range(4):
-        a, b = corners[(k + 1) % 4], corners[k]
-        parts.append(_wall(random, a, b, height, material, kinds))
+    for a, b in _sides(_ring(length, depth)):
+        parts.append(_wall(random, b, a, height, material, kinds))
     return parts
 
 
-def _along(random, corners, side: int, gap: float, item: Solid) -> Solid:
-    """Return an item placed at the wall from one corner to the next."""
-    a, b = corners[side], corners[(side + 1) % 4]
+def _along(random, side, gap, item) -> Solid:
+    """Return an item placed at the wall of one side of a room."""
+    a, b = side
     along = (b - a) / np.linalg.norm(b - a)
     inward = np.array([-along[1], along[0]])
     spot = a + (b - a) * random.uniform(0.12, 0.88) + gap * inward
@@ -347,7 +294,7 @@ def _along(random, corners, side: int, gap: float, item: Solid) -> Solid:
 def _lamps(random, line, height) -> list[Solid]:
     """Return lamps under the ceiling along a line."""
     lamps, every = [], random.uniform(2.5, 4.0)
-    for a, b in zip(line, np.roll(line, -1, 0), strict=True):
+    for a, b in _sides(line):
         length = float(np.linalg.norm(b - a))
         for at in np.arange(1.0, length, every):
             spot = (*(a + (b - a) * at / length), height - 0.08)

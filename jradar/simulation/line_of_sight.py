@@ -34,11 +34,10 @@ def surface_tables(frequency_hz: float) -> SurfaceTables:
     cosine = np.linspace(0, 1, COSINES)
     rows = []
     for material in MATERIALS:
-        reflected, transmitted, _ = slab_shares(material, cosine, frequency_hz)
+        reflected, transmitted = slab_shares(material, cosine, frequency_hz)
         mirrored = reflected * mirror_share(material, cosine, frequency_hz)
-        rows.append(
-            (backscatter(material, cosine, frequency_hz), mirrored, transmitted)
-        )
+        scattered = backscatter(material, cosine, frequency_hz)
+        rows.append((scattered, mirrored, transmitted))
     return SurfaceTables(*np.array(rows).swapaxes(0, 1))
 
 

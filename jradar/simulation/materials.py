@@ -48,41 +48,33 @@ class MaterialSpec:
 
 
 THICK = float("inf")
+CONCRETE = (5.24, 0.0, 0.0462, 0.7822)  # also of rock and asphalt
 MATERIALS = (
+    MaterialSpec("concrete", CONCRETE, THICK, 0.3e-3, 0.2, 0.15, 0.35),
     MaterialSpec(
-        "concrete", (5.24, 0.0, 0.0462, 0.7822), THICK, 0.30e-3, 0.20, 0.15, 0.35
-    ),
-    MaterialSpec(
-        "drywall", (2.73, 0.0, 0.0085, 0.9395), 0.0125, 0.15e-3, 0.15, 0.10, 0.65
+        "drywall", (2.73, 0.0, 0.0085, 0.9395), 0.0125, 0.15e-3, 0.15, 0.1, 0.65
     ),
     MaterialSpec("brick", (3.91, 0.0, 0.0238, 0.16), THICK, 0.8e-3, 0.35, 0.3, 0.30),
     MaterialSpec(
         "metal",
         (1.0, 0.0, 1e7, 0.0),
         THICK,
-        0.10e-3,
+        0.1e-3,
         0.25,
         0.05,
-        0.40,
+        0.4,
         points_per_m2=25.0,
     ),
     MaterialSpec(
-        "glass",
-        (6.31, 0.0, 0.0036, 1.3394),
-        0.006,
-        0.01e-3,
-        0.10,
-        0.02,
-        0.0,
-        clear=True,
+        "glass", (6.31, 0.0, 0.0036, 1.3394), 0.006, 0.01e-3, 0.1, 0.02, 0.0, clear=True
     ),
-    MaterialSpec("rock", (5.24, 0.0, 0.0462, 0.7822), THICK, 15e-3, 0.6, 0.5, 0.25),
+    MaterialSpec("rock", CONCRETE, THICK, 15e-3, 0.6, 0.5, 0.25),
     MaterialSpec("foliage", (8.0, 0.0, 26.0, 0.0), 0.2e-3, 30e-3, 1.0, 0.9, 0.45),
     MaterialSpec(
         "person", (6.6, 0.0, 38.0, 0.0), THICK, 3e-3, 0.5, 0.4, 0.45, points_per_m2=60.0
     ),
     MaterialSpec("wood", (1.99, 0.0, 0.0047, 1.0718), 0.03, 0.2e-3, 0.25, 0.2, 0.5),
-    MaterialSpec("asphalt", (5.24, 0.0, 0.0462, 0.7822), THICK, 1.5e-3, 0.5, 0.4, 0.12),
+    MaterialSpec("asphalt", CONCRETE, THICK, 1.5e-3, 0.5, 0.4, 0.12),
     MaterialSpec("grass", (3.0, 0.0, 0.05, 0.8), THICK, 20e-3, 1.0, 0.8, 0.4),
     MaterialSpec("floor", (3.66, 0.0, 0.0044, 1.3515), THICK, 0.15e-3, 0.15, 0.1, 0.4),
     MaterialSpec("ceiling", (1.48, 0.0, 0.0011, 1.075), 0.02, 0.5e-3, 0.3, 0.3, 0.8),
@@ -92,18 +84,12 @@ MATERIAL_IDS = {material.name: i for i, material in enumerate(MATERIALS)}
 
 
 def slab_shares(
-    material: MaterialSpec,
-    cosine: Float[np.ndarray, "*batch"],
-    frequency_hz: float,
-) -> tuple[
-    Float[np.ndarray, "*batch"],
-    Float[np.ndarray, "*batch"],
-    Float[np.ndarray, "*batch"],
-]:
-    """Return the reflected, transmitted and absorbed shares of unpolarised power.
+    material: MaterialSpec, cosine: Float[np.ndarray, "*batch"], frequency_hz: float
+) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
+    """Return the reflected and transmitted shares of unpolarised power.
 
     `cosine` belongs to the angle to the normal. The reflected share includes the
-    scattered power.
+    scattered power. The rest is absorbed.
     """
     permittivity = material.permittivity(frequency_hz)
     cosine = np.clip(np.abs(cosine), 1e-3, 1.0)
@@ -114,7 +100,7 @@ def slab_shares(
     )
     if np.isinf(material.thickness_m):
         reflected = np.mean([np.abs(face) ** 2 for face in faces], 0)
-        return reflected, np.zeros_like(reflected), 1 - reflected
+        return reflected, np.zeros_like(reflected)
     cycles = material.thickness_m * frequency_hz / SPEED_OF_LIGHT
     turn = np.exp(-2j * np.pi * cycles * inside)
     reflections, transmissions = [], []
@@ -122,8 +108,7 @@ def slab_shares(
         echoes = 1 - face**2 * turn**2
         reflections.append(np.abs(face * (1 - turn**2) / echoes) ** 2)
         transmissions.append(np.abs((1 - face**2) * turn / echoes) ** 2)
-    reflected, transmitted = np.mean(reflections, 0), np.mean(transmissions, 0)
-    return reflected, transmitted, 1 - reflected - transmitted
+    return np.mean(reflections, 0), np.mean(transmissions, 0)
 
 
 def mirror_share(
@@ -143,7 +128,7 @@ def backscatter(
     deviation s have exp(-tan^2 / 2 s^2) / (2 s^2 cos^4) (Ulaby & Long 2014, ch. 10).
     """
     cosine = np.clip(np.abs(cosine), 1e-3, 1.0)
-    reflected, _, _ = slab_shares(material, cosine, frequency_hz)
+    reflected, _ = slab_shares(material, cosine, frequency_hz)
     scattered = reflected * (1 - mirror_share(material, cosine, frequency_hz))
     spread = 2 * material.slope**2
     tangent_squared = 1 / cosine**2 - 1

@@ -84,9 +84,7 @@ def _scattered(scene, places, view, radar):
         section *= body.area_m2[near] * body.reflectivity[near] ** 2
         moving = place.velocity + np.cross(place.spin, xyz[near] - place.xyz)
         columns.append((xyz[near], distance, section, moving))
-    xyz, distance, section, moving = (
-        np.concatenate(c) for c in zip(*columns, strict=True)
-    )
+    xyz, distance, section, moving = map(np.concatenate, zip(*columns, strict=True))
     seen = (xyz - view.xyz) @ view.turn
     power = LINK.received_mw(radar, seen, distance, section)
     best = np.argsort(-power * distance**2, kind="stable")[: 3 * CAPACITY]
@@ -105,7 +103,7 @@ def _images(scene, reflectors, places, view, radar):
     mirror = surface_tables(frequency).mirrored
     found = []
 
-    def add(xyz, cap, share, velocity, aside=0.0):
+    def add(xyz, cap, share, *, velocity=0.0, aside=0.0):
         """Add images; `aside` is added to the point that a ray must reach."""
         velocity, aside = (np.broadcast_to(v, xyz.shape) for v in (velocity, aside))
         found.append((xyz, cap, share, velocity, aside))
@@ -119,35 +117,36 @@ def _images(scene, reflectors, places, view, radar):
         cap = 4 * np.pi * facets.area_m2**2 / wavelength**2
         share = mirror[facets.material, -1]
         spin = np.cross(place.spin, foot - place.xyz)
-        add(foot[near], cap[near], share[near], (place.velocity + spin)[near])
+        moving = (place.velocity + spin)[near]
+        add(foot[near], cap[near], share[near], velocity=moving)
 
     edges = reflectors.edges
     offset = view.xyz - edges.start
     at = np.einsum("ec,ec->e", offset, edges.along)
     aside = offset - at[:, None] * edges.along
-    distance = np.maximum(np.linalg.norm(aside, axis=-1), 1e-6)
-    cosine = np.einsum("epc,ec->ep", edges.inward, aside) / distance[:, None]
-    on = (at > 0) & (at < edges.length_m) & (cosine > 0).all(1)
-    column = column_of(np.clip(cosine, 0, 1))
-    share = mirror[edges.material, column].prod(1)
+    faced, share = _towards(aside, edges, mirror)
+    on = (at > 0) & (at < edges.length_m) & faced
     cap = 4 * np.pi * (edges.length_m * edges.width_m) ** 2 / wavelength**2
     foot = edges.start + at[:, None] * edges.along
     aside = 2 * TOUCH_M * edges.inward.sum(1)
-    add(foot[on], cap[on], share[on], np.zeros(3), aside[on])
+    add(foot[on], cap[on], share[on], aside=aside[on])
 
     corners = reflectors.corners
-    offset = view.xyz - corners.xyz
-    distance = np.maximum(np.linalg.norm(offset, axis=-1), 1e-6)
-    cosine = np.einsum("kpc,kc->kp", corners.inward, offset) / distance[:, None]
-    on = (cosine > 0).all(1)
-    column = column_of(np.clip(cosine, 0, 1))
-    share = mirror[corners.material, column].prod(1)
+    on, share = _towards(view.xyz - corners.xyz, corners, mirror)
     cap = 4 * np.pi * corners.side_m**4 / (3 * wavelength**2)
     aside = 2 * TOUCH_M * corners.inward.sum(1)
-    add(corners.xyz[on], cap[on], share[on], np.zeros(3), aside[on])
+    add(corners.xyz[on], cap[on], share[on], aside=aside[on])
 
-    columns = (np.concatenate(column) for column in zip(*found, strict=True))
+    columns = map(np.concatenate, zip(*found, strict=True))
     return _image_paths(scene, places, view, radar, *columns)
+
+
+def _towards(offset, joints, mirror):
+    """Return which edges or corners face the radar, and the share they mirror."""
+    distance = np.maximum(np.linalg.norm(offset, axis=-1), 1e-6)
+    cosine = np.einsum("kpc,kc->kp", joints.inward, offset) / distance[:, None]
+    share = mirror[joints.material, column_of(np.clip(cosine, 0, 1))].prod(1)
+    return (cosine > 0).all(1), share
 
 
 def _image_paths(scene, places, view, radar, xyz, cap, share, moving, aside):
@@ -195,34 +194,32 @@ def _ghosts(scene, reflectors, places, view, radar, scattered, spots):
     first, lands = line_of_sight(scene, places, start, bounce[keep], frequency)
     keep, first = keep[lands & (first > 0)], first[lands & (first > 0)]
     side = np.sign(beyond[keep])[:, None] * normal[keep]
-    second, _ = line_of_sight(
-        scene, places, bounce[keep] + NUDGE_M * side, xyz[keep], frequency
-    )
+    start = bounce[keep] + NUDGE_M * side
+    second, _ = line_of_sight(scene, places, start, xyz[keep], frequency)
     keep, one_way = keep[second > 0], (first * second)[second > 0]
     if not keep.size:
         return empty
 
-    m, p, distance, offset = m[keep], p[keep], distance[keep], offset[keep]
-    cosine = np.abs((offset * normal[keep]).sum(-1)) / distance
+    m, p, distance, offset, moving, normal = (
+        column[keep] for column in (m, p, distance, offset, moving, normal)
+    )
+    cosine = np.abs((offset * normal).sum(-1)) / distance
     one_way = one_way * mirror[facets.material[m], column_of(cosine)]
     seen, there = offset @ view.turn, scattered.xyz[p]
     near = np.linalg.norm(there, axis=-1)
-    reflected = (
-        moving[keep] - 2 * (moving[keep] * normal[keep]).sum(-1)[:, None] * normal[keep]
-    )
+    reflected = moving - 2 * (moving * normal).sum(-1)[:, None] * normal
     rate = (offset / distance[:, None] * (reflected - view.velocity)).sum(-1)
     # Gain, spreading and reflection of one way, relative to the direct way.
     way = LINK.antenna_gain(seen) / np.maximum(LINK.antenna_gain(there), 1e-9)
     way = way * (near / distance) ** 2 * one_way
     direct = scattered.power[p] / np.maximum(LINK.passband(radar, near), 1e-9)
     halfway = (near + distance) / 2
+    whole = direct * way**2 * LINK.passband(radar, distance)
     mixed = direct * way * LINK.passband(radar, halfway)
     mixed_rate = (scattered.velocity[p] + rate) / 2
     return Paths(
         np.concatenate([seen, seen, there]),
         np.concatenate([seen, there, seen]),
         np.concatenate([rate, mixed_rate, mixed_rate]),
-        np.concatenate(
-            [direct * way**2 * LINK.passband(radar, distance), mixed, mixed]
-        ),
+        np.concatenate([whole, mixed, mixed]),
     )

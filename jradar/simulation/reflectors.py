@@ -5,6 +5,7 @@ the wave returns after two or three reflections, from the image of the radar beh
 edge or the corner. Edges and corners are searched in the world only, once.
 """
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -60,10 +61,8 @@ class Reflectors(NamedTuple):
 def find_reflectors(bodies: tuple[Body, ...]) -> Reflectors:
     """Return the reflectors of a scene's bodies, of which the first is the world."""
     found = [_facets(body) for body in bodies]
-    edges = _edges(*found[0])
-    return Reflectors(
-        tuple(facets for facets, _ in found), edges, _corners(found[0][0], edges)
-    )
+    edges, facets = _edges(*found[0]), tuple(facets for facets, _ in found)
+    return Reflectors(facets, edges, _corners(facets[0], edges))
 
 
 def _facets(body: Body) -> tuple[Facets, list[np.ndarray]]:
@@ -82,14 +81,14 @@ def _facets(body: Body) -> tuple[Facets, list[np.ndarray]]:
         area = float(mesh.area_faces[faces].sum())
         rows.append((points.mean(0), normal, area, solid.material[faces[0]]))
         outlines.append(points)
-    if not rows:
-        empty = np.zeros((0, 3))
-        return Facets(empty, empty, np.zeros(0), np.zeros(0, int)), []
-    centre, normal, area, material = zip(*rows, strict=True)
-    return (
-        Facets(np.array(centre), np.array(normal), np.array(area), np.array(material)),
-        outlines,
-    )
+    example = (np.zeros(3), np.zeros(3), 0.0, 0)
+    return Facets(*_columns(rows, example)), outlines
+
+
+def _columns(rows, example):
+    """Return columns of rows as arrays; `example` is a row that gives their shapes."""
+    columns = zip(*(rows or [example]), strict=True)
+    return [np.array(column)[: len(rows)] for column in columns]
 
 
 def _edges(facets: Facets, outlines: list[np.ndarray]) -> Edges:
@@ -103,13 +102,9 @@ def _edges(facets: Facets, outlines: list[np.ndarray]) -> Edges:
         touching[: i + 1] = False
         for j in np.flatnonzero(upright & touching):
             rows += _edges_of_pair(facets, outlines, i, j)
-    if not rows:
-        none = np.zeros((0, 3))
-        return Edges(
-            *(none, none, np.zeros(0), np.zeros((0, 2, 3))),
-            *(np.zeros((0, 2), int), np.zeros(0), np.zeros((0, 2), int)),
-        )
-    return Edges(*(np.array(column) for column in zip(*rows, strict=True)))
+    pair, point = np.zeros(2, int), np.zeros(3)
+    example = (point, point, 0.0, np.zeros((2, 3)), pair, 0.0, pair)
+    return Edges(*_columns(rows, example))
 
 
 def _edges_of_pair(facets, outlines, i, j):
@@ -119,33 +114,25 @@ def _edges_of_pair(facets, outlines, i, j):
     heights = [
         (outlines[a] - facets.centre[b]) @ facets.normal[b] for a, b in ((i, j), (j, i))
     ]
-    sides = [
-        [
-            sign
-            for sign in (-1, 1)
-            if (sign * h).max() > 0.1 and (sign * h).min() < TOUCH_M
-        ]
-        for h in heights
-    ]
-    for side_of_j in sides[0]:  # on which side of plane j facet i lies
-        for side_of_i in sides[1]:
-            first = _crossing(outlines[i], side_of_j * heights[0], along)
-            second = _crossing(outlines[j], side_of_i * heights[1], along)
-            if first is None or second is None:
-                continue
-            low, high = max(first[0], second[0]), min(first[1], second[1])
-            if high - low < LEAST_EDGE_M:
-                continue
-            normals = np.stack([facets.normal[i], facets.normal[j]])
-            reach = [
-                (facets.centre[f] * n).sum()
-                for f, n in zip((i, j), normals, strict=True)
-            ]
-            base = normals.T @ reach + along * low
-            inward = np.stack([side_of_i * normals[0], side_of_j * normals[1]])
-            width = min((side_of_j * heights[0]).max(), (side_of_i * heights[1]).max())
-            material = facets.material[[i, j]]
-            yield base, along, high - low, inward, material, width, np.array([i, j])
+    pair = np.array([i, j])
+    normals = facets.normal[pair]
+    reach = [(facets.centre[f] * facets.normal[f]).sum() for f in pair]
+    # On which side of plane j facet i lies, and the other way round.
+    for side_of_j, side_of_i in itertools.product((-1, 1), repeat=2):
+        sided = (side_of_j * heights[0], side_of_i * heights[1])
+        if any(height.max() <= 0.1 or height.min() >= TOUCH_M for height in sided):
+            continue
+        first = _crossing(outlines[i], sided[0], along)
+        second = _crossing(outlines[j], sided[1], along)
+        if first is None or second is None:
+            continue
+        low, high = max(first[0], second[0]), min(first[1], second[1])
+        if high - low < LEAST_EDGE_M:
+            continue
+        base = normals.T @ reach + along * low
+        inward = np.stack([side_of_i * normals[0], side_of_j * normals[1]])
+        width = min(height.max() for height in sided)
+        yield base, along, high - low, inward, facets.material[pair], width, pair
 
 
 def _crossing(outline, height, along):
@@ -181,11 +168,8 @@ def _corners(facets: Facets, edges: Edges) -> Corners:
             material = [*edges.material[k], facets.material[f]]
             side = min(edges.length_m[k], edges.width_m[k])
             rows.append((xyz, np.array(inward), np.array(material), side))
-    if not rows:
-        return Corners(
-            np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3), int), np.zeros(0)
-        )
-    corners = Corners(*(np.array(column) for column in zip(*rows, strict=True)))
+    example = (np.zeros(3), np.zeros((3, 3)), np.zeros(3, int), 0.0)
+    corners = Corners(*_columns(rows, example))
     # Each corner is found three times: from each of its edges.
     inside = corners.xyz + 0.1 * corners.inward.sum(1)
     _, first = np.unique(np.round(inside, 1), axis=0, return_index=True)

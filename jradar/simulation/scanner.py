@@ -45,14 +45,10 @@ MID360_POINTS, MID360_LINES = 20_000, 4
 def ouster_rays() -> tuple[Float[np.ndarray, "65536 3"], Float[np.ndarray, " 65536"]]:
     """Return directions and times of a scan, row by row, each clockwise from x."""
     elevation = np.radians(np.linspace(16.6, -16.6, OUSTER_ROWS))[:, None]
-    column = np.arange(OUSTER_COLUMNS)[None]
-    azimuth = -2 * np.pi * column / OUSTER_COLUMNS
-    directions = _directions(azimuth, elevation)
-    seconds = np.broadcast_to(
-        column * OUSTER.period_s / OUSTER_COLUMNS,
-        elevation.shape[:1] + column.shape[1:],
-    )
-    return directions.reshape(-1, 3), seconds.reshape(-1)
+    column = np.arange(OUSTER_COLUMNS)
+    directions = _directions(-2 * np.pi * column / OUSTER_COLUMNS, elevation)
+    seconds = np.tile(column * OUSTER.period_s / OUSTER_COLUMNS, OUSTER_ROWS)
+    return directions.reshape(-1, 3), seconds
 
 
 def mid360_rays(
@@ -136,8 +132,6 @@ def _returns(scene, places, origins, directions):
 
 def _directions(azimuth, elevation):
     """Return unit vectors."""
-    ground = np.cos(elevation)
-    z = np.broadcast_to(
-        np.sin(elevation), np.broadcast_shapes(azimuth.shape, elevation.shape)
-    )
-    return np.stack([ground * np.cos(azimuth), ground * np.sin(azimuth), z], -1)
+    ground, z = np.cos(elevation), np.sin(elevation)
+    xyz = np.broadcast_arrays(ground * np.cos(azimuth), ground * np.sin(azimuth), z)
+    return np.stack(xyz, -1)

@@ -70,10 +70,8 @@ def make_body(
     density = np.array([material.points_per_m2 for material in MATERIALS])
     expected = density[solid.material] * double_area / 2
     count = random.poisson(expected.sum())
-    face = np.searchsorted(
-        np.cumsum(expected), random.uniform(0, expected.sum(), count)
-    )
-    face = np.minimum(face, len(expected) - 1)
+    drawn = random.uniform(0, expected.sum(), count)
+    face = np.searchsorted(np.cumsum(expected), drawn).clip(max=len(expected) - 1)
     u, v = random.random((2, count))
     u, v = np.where(u + v > 1, (1 - u, 1 - v), (u, v))
     a, b, c = np.moveaxis(corners[face], 1, 0)
@@ -137,13 +135,7 @@ def cast(
     return Hits(distance, body, np.where(body < 0, -1, material), cosine)
 
 
-def _near(
-    body: Body,
-    place: Placement,
-    origins: np.ndarray,
-    directions: np.ndarray,
-    reach_m: np.ndarray,
-) -> Int[np.ndarray, " near"]:
+def _near(body, place, origins, directions, reach_m):
     """Return the indices of the rays that cross a body's sphere before they end."""
     towards = place.xyz.astype(np.float32) - origins
     along = np.einsum("rc,rc->r", towards, directions)

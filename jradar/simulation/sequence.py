@@ -20,11 +20,7 @@ from jradar.errors import UsageError
 from jradar.files import atomic_path
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
-from jradar.simulation.hardware import (
-    Hardware,
-    make_hardware,
-    sample_frame,
-)
+from jradar.simulation.hardware import Hardware, make_hardware, sample_frame
 from jradar.simulation.layouts import make_scene
 from jradar.simulation.propagation import radar_paths
 from jradar.simulation.reflectors import Reflectors, find_reflectors

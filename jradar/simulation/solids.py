@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from jradar.simulation.materials import MATERIAL_IDS
 
-Numbers = Sequence[Any]  # floats or integers
+Numbers = Sequence[Any] | np.ndarray  # floats or integers
 
 
 class Solid(NamedTuple):
@@ -47,10 +47,9 @@ def of_mesh(mesh: trimesh.Trimesh, material: str) -> Solid:
     return Solid(np.asarray(mesh.vertices, float), faces, _fill(material, len(faces)))
 
 
-def sheet(corners: Sequence[Numbers], material: str) -> Solid:
+def sheet(corners: Numbers, material: str) -> Solid:
     """Return a flat convex polygon."""
-    count = len(corners)
-    faces = np.array([[0, k, k + 1] for k in range(1, count - 1)])
+    faces = np.array([[0, k, k + 1] for k in range(1, len(corners) - 1)])
     return Solid(np.array(corners, float), faces, _fill(material, len(faces)))
 
 
@@ -97,10 +96,8 @@ def wall(
         panel(at, begin, 0, height, material)
         at = stop
         if kind == "column":
-            solid = moved(
-                box((width, 0.16, height), "metal"), (begin + width / 2, 0, 0)
-            )
-            parts.append(solid)
+            ledge = box((width, 0.16, height), "metal")
+            parts.append(moved(ledge, (begin + width / 2, 0, 0)))
             continue
         low, high = (0.9, 2.2) if kind == "glass" else (0.0, 2.1)
         high = min(high, height - 0.1)
@@ -123,7 +120,6 @@ def slab(low: Numbers, high: Numbers, z: float, material: str) -> Solid:
 
 def person(height: float) -> Solid:
     """Return a standing person: legs, trunk, arms and head of about 1,000 faces."""
-    scale = height / 1.75
     parts = [
         _capsule(0.08, 0.70, (0, 0.1, 0.08)),
         _capsule(0.08, 0.70, (0, -0.1, 0.08)),
@@ -133,51 +129,40 @@ def person(height: float) -> Solid:
         _capsule(0.10, 0.08, (0, 0, 1.60)),
     ]
     solid = join(parts)
-    return solid._replace(vertices=solid.vertices * scale)
+    return solid._replace(vertices=solid.vertices * (height / 1.75))
 
 
 def car(length: float) -> Solid:
     """Return a car on z = 0 that faces x: body, cabin of glass, roof, wheels."""
-    height, width = 1.45, 0.88
+    height, width, inner = 1.45, 0.88, 0.8 * 0.88
     waist = 0.55 * height
     body = box((length, 2 * width, waist - 0.25), "metal")
-    cabin_low = [(-0.38 * length, waist), (0.22 * length, waist)]
-    cabin_high = [(-0.28 * length, height), (0.05 * length, height)]
-    (xa, za), (xb, _) = cabin_low
-    (xc, zc), (xd, _) = cabin_high
-    inner = 0.8 * width
+    tail, hood, back, front = np.array(  # corners of the cabin on the left side
+        [
+            (-0.38 * length, width, waist),
+            (0.22 * length, width, waist),
+            (-0.28 * length, inner, height),
+            (0.05 * length, inner, height),
+        ]
+    )
+
+    def across(low, high, material):
+        mirror = np.array([1, -1, 1])
+        return sheet([low * mirror, high * mirror, high, low], material)
+
     parts = [
         moved(body, (0, 0, 0.25)),
-        sheet(
-            [(xc, -inner, zc), (xd, -inner, zc), (xd, inner, zc), (xc, inner, zc)],
-            "metal",
-        ),
-        sheet(
-            [(xb, -width, za), (xd, -inner, zc), (xd, inner, zc), (xb, width, za)],
-            "glass",
-        ),
-        sheet(
-            [(xa, -width, za), (xc, -inner, zc), (xc, inner, zc), (xa, width, za)],
-            "glass",
-        ),
+        across(back, front, "metal"),
+        across(hood, front, "glass"),
+        across(tail, back, "glass"),
     ]
     for side in (-1, 1):
-        parts.append(
-            sheet(
-                [
-                    (xa, side * width, za),
-                    (xb, side * width, za),
-                    (xd, side * inner, zc),
-                    (xc, side * inner, zc),
-                ],
-                "glass",
-            )
-        )
+        pane = np.array([tail, hood, front, back]) * [1, side, 1]
+        parts.append(sheet(pane, "glass"))
         for x in (-0.32 * length, 0.32 * length):
             wheel = trimesh.creation.cylinder(0.31, 0.2, sections=14)
-            wheel.apply_transform(
-                trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
-            )
+            upright = trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
+            wheel.apply_transform(upright)
             wheel.apply_translation([x, side * (width - 0.05), 0.31])
             parts.append(of_mesh(wheel, "plastic"))
     return join(parts)
@@ -207,13 +192,13 @@ def boulder(random: np.random.Generator, size: float, material: str) -> Solid:
     return Solid(vertices, np.asarray(mesh.faces), _fill(material, len(mesh.faces)))
 
 
-def _capsule(radius: float, height: float, xyz: Numbers) -> Solid:
+def _capsule(radius, height, xyz):
     """Return an upright capsule of a person."""
     mesh = trimesh.creation.capsule(height, radius, count=[8, 12])
     mesh.apply_translation([xyz[0], xyz[1], xyz[2] - mesh.bounds[0, 2]])
     return of_mesh(mesh, "person")
 
 
-def _fill(material: str, count: int) -> np.ndarray:
+def _fill(material, count):
     """Return the material's index for `count` faces."""
     return np.full(count, MATERIAL_IDS[material])

@@ -10,9 +10,7 @@ AROUND = 36  # vertices of a cross-section
 EVERY_M = 0.3  # along the tunnel
 
 
-def tunnel(
-    random: np.random.Generator,
-) -> tuple[Solid, Float[np.ndarray, "place 2"]]:
+def tunnel(random: np.random.Generator) -> tuple[Solid, Float[np.ndarray, "place 2"]]:
     """Return the rock about a closed drift, 50 to 80 m long, and its middle line.
 
     The section is a horseshoe about 3 m wide with a rubble floor. Waves of 0.3 to 8 m

@@ -38,17 +38,16 @@ def transfer_matrix(material, cosine):
 
 
 @pytest.mark.parametrize("material", MATERIALS, ids=lambda m: m.name)
-def test_reflected_transmitted_and_absorbed_power_add_up(material):
+def test_a_surface_reflects_and_transmits_no_more_than_it_receives(material):
     shares = np.array(slab_shares(material, COSINE, HZ))
-    np.testing.assert_allclose(shares.sum(0), 1, atol=1e-12)
-    assert (shares > -1e-12).all() and (shares < 1 + 1e-12).all()
+    assert (shares > -1e-12).all() and (shares.sum(0) < 1 + 1e-12).all()
     mirrored = mirror_share(material, COSINE, HZ)
     assert ((mirrored >= 0) & (mirrored <= 1)).all()
 
 
 @pytest.mark.parametrize("name", ["glass", "drywall", "wood", "foliage", "plastic"])
 def test_a_slab_matches_its_transfer_matrix(name):
-    reflected, transmitted, _ = slab_shares(of(name), COSINE, HZ)
+    reflected, transmitted = slab_shares(of(name), COSINE, HZ)
     expected = [transfer_matrix(of(name), cosine) for cosine in COSINE]
     np.testing.assert_allclose(
         np.stack([reflected, transmitted], -1), expected, atol=1e-9
@@ -56,11 +55,11 @@ def test_a_slab_matches_its_transfer_matrix(name):
 
 
 def test_metal_reflects_all_and_smooth_drywall_little_off_its_normal():
-    reflected, _, _ = slab_shares(of("metal"), np.array([1.0]), HZ)
+    reflected, _ = slab_shares(of("metal"), np.array([1.0]), HZ)
     assert reflected[0] > 0.99
     ahead, aside = backscatter(of("drywall"), np.cos(np.radians([0.0, 30.0])), HZ)
     assert ahead > 40 * aside
-    concrete, _, _ = slab_shares(of("concrete"), np.array([1.0]), HZ)
+    concrete, _ = slab_shares(of("concrete"), np.array([1.0]), HZ)
     index = np.sqrt(of("concrete").permittivity(HZ))
     assert concrete[0] == pytest.approx(abs((1 - index) / (1 + index)) ** 2, rel=1e-6)
 
