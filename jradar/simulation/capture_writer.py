@@ -153,8 +153,7 @@ def _write_bag(path: Path, bags: Any, setting: Setting, seconds: float) -> None:
         points = bag.add_connection("/livox/lidar", kind, typestore=store)
         for frame, time_s in enumerate(stamps):
             message = _livox_message(store, setting, frame, float(time_s))
-            stamp = message.timebase
-            bag.write(points, stamp, store.serialize_ros1(message, kind))
+            bag.write(points, message.timebase, store.serialize_ros1(message, kind))
         kind = "sensor_msgs/msg/Imu"
         inertial = bag.add_connection("/livox/imu", kind, typestore=store)
         times = stream_stamps(setting, "imu", seconds)
@@ -181,7 +180,7 @@ def _livox_message(store: Any, setting: Setting, frame: int, time_s: float) -> A
         )
     ]
     return types["livox_ros_driver2/msg/CustomMsg"](
-        header=_header(types, stamp, "livox_frame"),
+        header=_header(types, stamp),
         timebase=stamp,
         point_num=len(points),
         lidar_id=0,
@@ -196,7 +195,7 @@ def _imu_message(store: Any, stamp: int, record: np.ndarray) -> Any:
     vector = types["geometry_msgs/msg/Vector3"]
     unknown = np.zeros(9)
     return types["sensor_msgs/msg/Imu"](
-        header=_header(types, stamp, "livox_frame"),
+        header=_header(types, stamp),
         orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
         orientation_covariance=unknown,
         angular_velocity=vector(*record[3:].tolist()),
@@ -206,10 +205,9 @@ def _imu_message(store: Any, stamp: int, record: np.ndarray) -> Any:
     )
 
 
-def _header(types: Any, stamp: int, frame: str) -> Any:
-    """Return a header with a stamp in nanoseconds."""
-    time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
-    return types["std_msgs/msg/Header"](seq=0, stamp=time, frame_id=frame)
+def _header(types, stamp_ns):
+    time = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+    return types["std_msgs/msg/Header"](seq=0, stamp=time, frame_id="livox_frame")
 
 
 def _rosbags() -> Any:

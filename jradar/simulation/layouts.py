@@ -292,7 +292,6 @@ def _along(random, side, gap, item) -> Solid:
 
 
 def _lamps(random, line, height) -> list[Solid]:
-    """Return lamps under the ceiling along a line."""
     lamps, every = [], random.uniform(2.5, 4.0)
     for a, b in _sides(line):
         length = float(np.linalg.norm(b - a))
@@ -303,7 +302,6 @@ def _lamps(random, line, height) -> list[Solid]:
 
 
 def _walker(random, way) -> Body:
-    """Return a person who walks along a way."""
     ground = np.column_stack([way, np.zeros(len(way))])
     trajectory = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
     return make_body(random, person(random.uniform(1.55, 1.95)), trajectory=trajectory)

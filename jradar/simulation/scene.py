@@ -144,8 +144,7 @@ def _near(body, place, origins, directions, reach_m):
     return np.flatnonzero(near & (along - body.radius_m < reach_m))
 
 
-def _tree(solid: Solid) -> Any:
-    """Return Embree's search tree of a solid."""
+def _tree(solid):
     try:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene

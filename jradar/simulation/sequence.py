@@ -87,7 +87,6 @@ def make_setting(family: str, seed: int, *, sensor: str = "single_chip") -> Sett
 
 
 def _radar(name):
-    """Return a radar of the rig and its hardware."""
     spec = RADARS[name]()
     return spec, make_hardware(name, spec)
 
@@ -185,7 +184,6 @@ def _radar_stream(setting, sensor, seconds, scratch):
 
 
 def _lidar_stream(setting, seconds, scratch):
-    """Write the LiDAR's scans."""
     stamps = stream_stamps(setting, "lidar", seconds)
     files.write_stamps(scratch / "lidar", EPOCH_S + stamps)
     (scratch / "lidar" / "pointclouds").mkdir()

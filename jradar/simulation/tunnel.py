@@ -47,14 +47,12 @@ def tunnel(random: np.random.Generator) -> tuple[Solid, Float[np.ndarray, "place
     return Solid(vertices, faces, np.full(len(faces), MATERIAL_IDS["rock"])), line
 
 
-def _section(turn: np.ndarray) -> np.ndarray:
+def _section(turn):
     """Return the distance of the wall from the middle, by angle."""
     return 1.45 + 0.12 * np.cos(2 * turn) + 0.06 * np.cos(4 * turn)
 
 
-def _roughness(
-    random: np.random.Generator, at: np.ndarray, length: float, turn: np.ndarray
-) -> np.ndarray:
+def _roughness(random, at, length, turn):
     """Return relative bumps, closed along and around, of standard deviation 0.1."""
     bumps = np.zeros((len(at), len(turn)))
     for _ in range(40):
