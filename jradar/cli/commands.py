@@ -7,6 +7,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from jradar.errors import UsageError
+
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """Describe a recording, a bag or a point cloud, and check that it can be read."""
@@ -39,7 +41,11 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
     recording, (frame,) = open_frames(options)
     cube = recordings.calibrated_cube(recording, frame)
     names = ("detector", "false_alarm_rate", "capacity", "remove_static")
-    cloud = frame_points(cube, recording, PointSpec(**given(options, *names)))
+    try:
+        spec = PointSpec(**given(options, *names))
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    cloud = frame_points(cube, recording, spec)
     figure = viz.capture_figure(
         power_map(cube, remove_static=options.remove_static),
         recording.radar,

@@ -32,7 +32,6 @@ PREPARE_HELP = """
 PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same
 command again to resume after an interruption."""
 DEVICES = ("awr1443", "awr1642", "awr1843", "iwr6843isk")
-DETECTORS = ("ca", "go", "so", "os")
 FAMILIES = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
 SETS = ("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini")
 
@@ -92,9 +91,10 @@ def _points(sub):
     _frame(sub)
     _output(sub)
     text = (
-        "CFAR detector: cell averaging, greatest of, smallest of or ordered statistic"
+        "CFAR detector: ca (cell averaging), go (greatest of), so (smallest of) or os "
+        "(ordered statistic) (default: os)"
     )
-    sub.add_argument("--detector", choices=DETECTORS, help=f"{text} (default: os)")
+    _value(sub, "--detector", "NAME", text)
     text = "probability that a cell of pure noise is detected (default: 0.001)"
     _value(sub, "--false-alarm-rate", "RATE", text, type=_rate)
     _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")

@@ -52,13 +52,7 @@ def cfar(
     guard: tuple[int, int] = GUARD,
     train: tuple[int, int] = TRAIN,
 ) -> Mask:
-    """Return the cells that the detector of this kind marks.
-
-    "ca" (cell averaging) detects above the mean of all training cells, "go" (greatest
-    of) above the greater of the means of two halves, which gives fewer false alarms
-    where clutter begins, and "so" (smallest of) above the smaller one, which finds
-    targets beside other targets. "os" (ordered statistic) detects above the training
-    cell at three quarters of the rank.
+    """Return the cells that the detector of this kind marks: "ca", "go", "so" or "os".
 
     Raises ValueError if the window does not fit into the map.
     """
@@ -82,8 +76,33 @@ def cfar(
     return _count_below(level, padded, guard, train) >= jnp.asarray(k)
 
 
-DETECTORS = {kind: functools.partial(cfar, kind=kind) for kind in KINDS}
-ca_cfar, go_cfar, so_cfar, os_cfar = DETECTORS.values()
+def ca_cfar(power: Map, **options: Any) -> Mask:
+    """Cell averaging: `cfar` above the mean of all training cells."""
+    return cfar(power, kind="ca", **options)
+
+
+def go_cfar(power: Map, **options: Any) -> Mask:
+    """Greatest of: `cfar` above the greater of the means of two halves.
+
+    It gives fewer false alarms where clutter begins.
+    """
+    return cfar(power, kind="go", **options)
+
+
+def so_cfar(power: Map, **options: Any) -> Mask:
+    """Smallest of: `cfar` above the smaller of the means of two halves.
+
+    It finds targets beside other targets.
+    """
+    return cfar(power, kind="so", **options)
+
+
+def os_cfar(power: Map, **options: Any) -> Mask:
+    """Ordered statistic: `cfar` above the cell at three quarters of the rank."""
+    return cfar(power, kind="os", **options)
+
+
+DETECTORS = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}
 
 
 @functools.partial(jax.jit, static_argnames=("kind", "guard", "train"))

@@ -151,6 +151,13 @@ def test_fault_is_one_line_and_leaves_nothing(tmp_path, capsys, make, code, mess
     assert not captured.out and not (tmp_path / "out").exists()
 
 
+def test_an_unknown_detector_is_a_usage_error(small_cube, capsys, tmp_path):
+    out = tmp_path / "out"
+    assert main(["points", str(small_cube), "--detector", "x", "-o", str(out)]) == 2
+    assert "detector = 'x', expected one of ('ca', 'go'" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_a_frame_beyond_the_recording_is_a_usage_error(small_cube, capsys):
     for frame in ("1", "-1"):
         assert main(["info", small_cube, "--frame", frame]) == 2
