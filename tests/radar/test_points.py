@@ -231,5 +231,7 @@ def test_cube_of_another_radar_is_refused():
         ValueError, match="fewer than the array's 7 rows and 86 columns"
     ):
         angle_spectrum(jnp.zeros(192, complex), RadarSpec.cascade())
-    with pytest.raises(ValueError, match="8 values per cell, awr1843 has 3 tx x 4 rx"):
+    with pytest.raises(
+        ValueError, match="8 values per snapshot, awr1843 has 3 tx x 4 rx"
+    ):
         angle_spectrum(jnp.zeros(8, complex), SMALL)
