@@ -6,7 +6,7 @@ METHODS = {"OS-CFAR": 3.0, "RPDNet": 1.5, "jradar": 0.8}
 
 
 def scores(*, scenes=("Hallways", "Outdoor"), frames=40, truths=("LiDAR",)):
-    """Rows of all methods; the distances of a frame are those of a smooth walk."""
+    """Return rows of all methods, whose distances follow a smooth random walk."""
     rng = np.random.default_rng(5)
     rows = []
     for scene in scenes:

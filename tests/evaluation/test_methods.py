@@ -59,7 +59,7 @@ def test_empty_frames_leave_distances_and_lower_the_f_score():
     assert (mean["frames"], mean["empty"], mean["no_truth"]) == (2, 1, 0)
 
 
-def test_frames_without_a_truth_say_nothing_about_the_method():
+def test_frames_without_a_truth_are_left_out():
     truths = {"LiDAR": lambda xyz: xyz if xyz[0, 0] == 5 else xyz[:0]}
     rows = score({"a": lambda key, xyz: EMPTY}, truths=truths)
     assert np.isnan(rows[1]["f_score_0.2"]) and rows[1]["truth_points"] == 0

@@ -1,4 +1,4 @@
-"""Tables: the paper's layout, the best in bold, empty frames said, from one file."""
+"""Tables: the paper's layout, the best in bold, a caption that counts empty frames."""
 
 import csv
 import re
@@ -59,7 +59,7 @@ def test_the_best_of_each_scene_is_bold_and_ties_share_it():
     assert cells(table[3])[3] == cells(table[4])[3]
 
 
-def test_empty_frames_are_said():
+def test_empty_frames_are_counted_in_the_caption():
     table = scenes_table(summarise(ROWS))
     f_score = 100 * 0.75 * 0.2 / 2.2
     assert f"2.000 / 0.250 / {f_score:.1f} †" in table

@@ -8,7 +8,7 @@ import jradar
 from jradar.training import write_model_card
 
 
-def test_card_for_people_and_for_programs(tmp_path):
+def test_card_as_markdown_and_as_json(tmp_path):
     config = {"train": {"steps": 7}, "image": {"coarse": (8, 8)}}
     write_model_card(
         tmp_path, config=config, data_digest="rooms 12ab", seed=3, steps=7,

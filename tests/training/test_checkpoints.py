@@ -1,9 +1,8 @@
-"""Checkpoints: damage is found, older ones serve, the newest are kept."""
+"""Checkpoints: damage is found, an older step is restored, the newest are kept."""
 
 import errno
 import json
 import shutil
-import subprocess
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from jradar.training.checkpoints import tree_digest
 
 
 def state_of(step, *, size=2000, dtype=jnp.float32):
-    """A state whose numbers tell its step."""
+    """Return a state whose numbers depend on its step."""
     params = {"w": jax.random.normal(jax.random.key(step), (size,), dtype)}
     opt_state = (jnp.asarray(step), {"mean": params["w"] / 2})
     return TrainState(jnp.asarray(step, jnp.int32), params, params, opt_state)
@@ -36,7 +35,7 @@ def save(folder, *steps, **options):
 
 
 def restored_step(folder, like=None):
-    """The step that is restored; its arrays are those of the step."""
+    """Return the restored step, after a check that its arrays belong to it."""
     checkpoints = Checkpoints(folder)
     state = checkpoints.restore(like or state_of(0))
     checkpoints.close()
@@ -60,7 +59,7 @@ def data_file(folder):
 
 
 @pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
-def test_flipped_bit_is_found_and_the_older_step_serves(folder, caplog, place):
+def test_flipped_bit_is_found_and_the_older_step_is_restored(folder, caplog, place):
     flip(data_file(folder / "4"), place)
     assert restored_step(folder) == 2
     assert "checkpoint of step 4 is not usable: its data does not match its digest" in (
@@ -145,18 +144,6 @@ def test_the_newest_are_kept(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["3", "4"]
     save(tmp_path, 5, 6, keep=3)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["4", "5", "6"]
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A disk of 1 MiB."""
-    path = tmp_path / "disk"
-    path.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(path)]
-    if subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("may not mount a small disk here")
-    yield path
-    subprocess.run(["umount", "--lazy", str(path)], check=True)
 
 
 def test_full_disk_leaves_the_older_checkpoints(small_disk):

@@ -52,7 +52,7 @@ def assert_equal_trees(a, b):
 
 
 def by_hand(start, steps, *, retries=()):
-    """The same steps in a plain loop, `retries` saying which failed before."""
+    """Do the same steps in a plain loop; those in `retries` have failed before."""
     state = start
     for step in range(steps):
         count = [*retries].count(step)
@@ -161,7 +161,7 @@ def test_batch_that_is_not_finite_is_not_tried_again(start, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_signal_saves_and_the_run_goes_on(start, tmp_path, number):
+def test_signal_saves_and_the_run_resumes(start, tmp_path, number):
     def interrupting(step):
         if step == 2:
             os.kill(os.getpid(), number)

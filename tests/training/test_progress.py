@@ -24,7 +24,7 @@ def test_rate_leaves_the_first_step_out(capsys, monkeypatch, seconds, total, exp
     assert expected in capsys.readouterr().err
 
 
-def test_the_end_is_said_once(capsys):
+def test_the_end_is_printed_once(capsys):
     with progress("scoring", 3) as show:
         for done in (1, 2, 3, 3, 3):
             show(done)

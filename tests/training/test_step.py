@@ -16,7 +16,7 @@ def start():
     return tiny.new_state()
 
 
-def test_step_is_pure_and_its_noise_its_own(start):
+def test_step_is_pure_and_each_step_has_other_noise(start):
     batch = tiny.batch_at(0)
     once, again = STEP(start, KEY, batch), STEP(start, KEY, batch)
     jax.tree.map(np.testing.assert_array_equal, once, again)
@@ -33,7 +33,7 @@ def test_loss_falls(start):
     assert np.mean(losses[-40:]) < 0.9 * np.mean(losses[:40])
 
 
-def test_loss_is_told_its_step(start):
+def test_loss_receives_its_step(start):
     def count(key, denoise, clean, *, noise, step):
         return step * 1.0 + 0 * denoise(clean, 1.0).sum()
 

@@ -1,4 +1,4 @@
-"""A run that compiles in a second; as a program, one that is killed and damaged.
+"""A run that compiles in a second, and a program of it that tests can kill.
 
 python -m tests.training.tiny WORKDIR STEPS [--seconds=S]
 """
@@ -75,26 +75,26 @@ def new_state():
 
 
 def distance_from_zero(state, step):
-    """A validation value that is cheap."""
+    """Return a validation value that costs little."""
     leaves = jax.tree.leaves(state.ema_params)
     return {
         "loss": float(sum(np.square(leaf).sum() for leaf in map(np.asarray, leaves)))
     }
 
 
-def run(workdir, steps, *, seconds=0.0):
-    """Train until `steps`; each step first waits `seconds`."""
+def run(workdir, steps, *, before_step=lambda step: None):
+    """Train until `steps`, and call `before_step` with the number of each step."""
     workdir.mkdir(exist_ok=True, parents=True)
 
-    def slow_batch_at(step):
-        time.sleep(seconds)
+    def next_batch_at(step):
+        before_step(step)
         return batch_at(step)
 
     train(
         jax.random.key(KEY_SEED),
         new_state(),
         STEP,
-        slow_batch_at,
+        next_batch_at,
         steps=steps,
         workdir=workdir,
         checkpoint_every=2,
@@ -104,22 +104,23 @@ def run(workdir, steps, *, seconds=0.0):
 
 
 def main():
-    """Train, slowly enough to be disturbed; exit codes as those of the experiments."""
+    """Train, slowly enough to be disturbed. An interrupted run returns its code."""
     parser = argparse.ArgumentParser()
     parser.add_argument("workdir")
     parser.add_argument("steps", type=int)
-    parser.add_argument("--seconds", type=float, default=0.0, help="that a step waits")
+    parser.add_argument("--seconds", type=float, default=0.0, help="before each step")
     options = parser.parse_args()
     sys.modules["tensorboardX"] = None  # it imports PyTorch if that is installed
     join_processes()
     try:
-        run(Path(options.workdir), options.steps, seconds=options.seconds)
+        run(
+            Path(options.workdir),
+            options.steps,
+            before_step=lambda step: time.sleep(options.seconds),
+        )
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code
-    except OSError as error:
-        print(error, file=sys.stderr)
-        return 3
     return 0
 
 

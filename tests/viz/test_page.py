@@ -81,7 +81,7 @@ def test_a_large_scene_takes_a_coarser_unit(tmp_path):
     np.testing.assert_allclose(found, [[1, 2, 3], [80, -79, 3]], atol=data["unit_m"])
 
 
-def test_the_file_is_thinned_to_its_limit_and_says_so(tmp_path):
+def test_clouds_are_thinned_to_the_limit_and_counted(tmp_path):
     text = write(tmp_path / "report.html", frames(3, dense=9000), max_bytes=150_000)
     assert 100_000 < len(text) <= 150_000
     (frame, *_) = data_of(text)["frames"]
