@@ -181,7 +181,9 @@ def test_a_cell_without_power_or_peaks_has_no_valid_ones():
 def test_what_does_not_fit_is_refused():
     with pytest.raises(ValueError, match="7 rows and 86 columns: ask for more bins"):
         directions(jnp.zeros(192, complex), CASCADE)
-    with pytest.raises(ValueError, match="8 values per snapshot, awr1843 has 3 tx x 4 rx"):
+    with pytest.raises(
+        ValueError, match="8 values per snapshot, awr1843 has 3 tx x 4 rx"
+    ):
         directions(jnp.zeros(8, complex), CHIP)
     with pytest.raises(ValueError, match="count=0, expected 1 to .* 32 x 64 bins"):
         spectrum_peaks(jnp.zeros((32, 64)), CHIP, count=0)
