@@ -21,6 +21,13 @@ os.environ["JRADAR_CACHE"] = "off"  # the tests of the cache turn it on themselv
 SAMPLES = Path(__file__).parents[2] / "shared" / "samples"
 
 
+def pytest_collection_modifyitems(items):
+    """Start with the files that take longest, so that both workers end together."""
+    items.sort(
+        key=lambda item: item.path.parent.name not in ("training", "experiments")
+    )
+
+
 @pytest.fixture(scope="session")
 def samples():
     """Folder of real captures, which are not part of the repository."""
