@@ -10,6 +10,10 @@
 A run that saved its state after SIGTERM ends with 143 (`training.Interrupted`).
 """
 
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
 
 class UsageError(ValueError):
     """A wrong option or config, or an input that the user has to name."""
@@ -40,3 +44,30 @@ def exit_code(error: BaseException) -> int | None:
     """Return the exit code of an error, or None for a fault of the program."""
     kinds = EXIT_CODES.items()
     return next((code for kind, code in kinds if isinstance(error, kind)), None)
+
+
+@contextlib.contextmanager
+def parsing(path: Path | str, what: str) -> Iterator[None]:
+    """Raise ValueError that names the file for every error of a parser in the block.
+
+    `what` is what the file should be, such as "a .npy file". Parsers answer damaged
+    bytes with errors of many kinds. Errors of the system, errors of this module and
+    messages that already name the file pass unchanged.
+    """
+    try:
+        yield
+    except (UsageError, ModelError, CheckpointError, ImportError):
+        raise
+    except OSError as error:
+        if error.errno is not None:  # of the system; parsers raise it without a number
+            raise
+        raise ValueError(_unreadable(path, what, error)) from error
+    except Exception as error:
+        if isinstance(error, ValueError) and str(path) in str(error):
+            raise
+        raise ValueError(_unreadable(path, what, error)) from error
+
+
+def _unreadable(path: Path | str, what: str, error: Exception) -> str:
+    reason = " ".join(str(error).split())[:200] or type(error).__name__
+    return f"{path} is damaged or not {what}: {reason}"

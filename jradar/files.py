@@ -2,11 +2,21 @@
 
 import contextlib
 import fcntl
+import glob
+import json
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+
+from jradar.errors import UsageError, parsing
+
+MAX_JSON_BYTES = 64 << 20
+NEW_S = 60.0  # a younger hidden folder may not be locked yet
 
 
 class FolderLocked(OSError):
@@ -40,28 +50,109 @@ def lock_folder(folder: Path | str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def atomic_path(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary path beside `path`, and move it to `path` on success.
+    """Yield a temporary path beside `path`; on success the file there becomes `path`.
 
-    It works for a file and for a folder, which the caller creates with `mkdir`. Missing
-    parents are created. The temporary path keeps the name, because writers such as
-    `np.savez` look at its suffix.
+    An earlier file is replaced, and missing parents are created. The temporary path
+    keeps the name, because writers such as `np.savez` look at its suffix. Raises
+    UsageError if `path` is a folder.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    scratch = Path(tempfile.mkdtemp(prefix=f".{path.stem}-", dir=path.parent))
-    try:
-        yield scratch / path.name
+
+    def refuse_folder() -> None:
         if path.is_dir():
-            os.replace(path, scratch / "replaced")
-        os.replace(scratch / path.name, path)
+            raise UsageError(f"{path} is a folder, expected the name of a file")
+
+    with _scratch(path, refuse_folder) as scratch:
+        yield scratch
+        refuse_folder()
+        os.replace(scratch, path)
+
+
+@contextlib.contextmanager
+def atomic_folder(folder: Path | str, *, marker: str) -> Iterator[Path]:
+    """Yield a new temporary folder; on success it becomes `folder`.
+
+    `marker` is the file by which folders of this kind are recognised; the caller writes
+    it. An empty folder and one with the marker are replaced, missing parents are
+    created. Raises UsageError for a folder with other contents, and for a file.
+    """
+    folder = Path(folder)
+
+    def refuse_others() -> None:
+        if folder.exists() and not folder.is_dir():
+            raise UsageError(f"{folder} is a file, expected a folder or a new name")
+        names = sorted(entry.name for entry in folder.glob("*"))
+        if names and marker not in names:
+            raise UsageError(
+                f"{folder} holds {', '.join(names[:3])}{' ..' if names[3:] else ''} "
+                f"but no {marker}, so jradar did not write it: choose another name"
+            )
+
+    with _scratch(folder, refuse_others) as scratch:
+        scratch.mkdir()
+        yield scratch
+        refuse_others()
+        if folder.exists():
+            os.replace(folder, scratch.parent / ".replaced")
+        os.replace(scratch, folder)
+
+
+@contextlib.contextmanager
+def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
+    """Yield a path of the same name in a hidden folder beside `path`, then delete it.
+
+    The hidden folder is locked while it is in use, so that a later call can tell the
+    leftovers of a killed process, and removes them.
+    """
+    check()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    prefix = f".{path.stem}-"
+    for old in path.parent.glob(f"{glob.escape(prefix)}*"):
+        if re.fullmatch("[a-z0-9_]{8}", old.name.removeprefix(prefix)):
+            _remove_abandoned(old)
+    scratch = Path(tempfile.mkdtemp(prefix=prefix, dir=path.parent))
+    lock = os.open(scratch, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield scratch / path.name
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+        os.close(lock)
+
+
+def _remove_abandoned(scratch: Path) -> None:
+    """Remove the hidden folder of a process that no longer runs."""
+    with contextlib.suppress(OSError):  # in use, gone, or not ours to open
+        lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if time.time() - scratch.stat().st_mtime > NEW_S:
+                shutil.rmtree(scratch, ignore_errors=True)
+        finally:
+            os.close(lock)
 
 
 def write_text(path: Path | str, text: str) -> None:
     """Write `text` to `path` in one step."""
     with atomic_path(path) as scratch:
         scratch.write_text(text, encoding="utf-8")
+
+
+def read_json(path: Path | str, *, limit: int = MAX_JSON_BYTES) -> dict[str, Any]:
+    """Return the JSON object in a file of at most `limit` bytes.
+
+    Raises FileNotFoundError for a missing file, and ValueError for anything else.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such file: {path}")
+    if (size := path.stat().st_size) > limit:
+        raise ValueError(f"{path} holds {size:,} bytes, expected at most {limit:,}")
+    with parsing(path, "a JSON file"):
+        values = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(values, dict):
+        raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
+    return values
 
 
 def use_compilation_cache() -> None:

@@ -41,7 +41,7 @@ from jradar.diffusion import (
     write_params,
 )
 from jradar.errors import ModelError, UsageError
-from jradar.files import atomic_path
+from jradar.files import atomic_folder
 from jradar.radar import PointSpec, RadarSpec, radar_points
 from jradar.range_image import (
     CHANNELS,
@@ -282,9 +282,11 @@ def load_model(name: Path | str) -> Model:
 
 
 def save_model(folder: Path | str, model: Model) -> None:
-    """Write a model's folder in one step; an earlier model there is replaced."""
-    with atomic_path(folder) as scratch:
-        scratch.mkdir()
+    """Write a model's folder in one step; an earlier model there is replaced.
+
+    Raises UsageError for a folder that holds something else.
+    """
+    with atomic_folder(folder, marker="model.json") as scratch:
         weights = scratch / "weights.safetensors"
         network = json.dumps(network_fields(model.spec.network))
         write_params(weights, model.params, metadata={"network": network})

@@ -4,7 +4,13 @@ import json
 
 import pytest
 
-from jradar.errors import CheckpointError, ModelError, UsageError, exit_code
+from jradar.errors import (
+    CheckpointError,
+    ModelError,
+    UsageError,
+    exit_code,
+    parsing,
+)
 from jradar.files import FolderLocked
 
 CODES = {
@@ -37,3 +43,27 @@ def test_faults_of_the_program_have_no_code(error):
 def test_callers_that_catch_value_errors_catch_them_too(kind):
     with pytest.raises(ValueError, match="why"):
         raise kind("why")
+
+
+@pytest.mark.parametrize(
+    "raised",
+    [ValueError("bad"), KeyError("x"), MemoryError(), RecursionError(), OSError("cut")],
+    ids=lambda error: type(error).__name__,
+)
+def test_what_a_parser_raises_names_the_file(raised):
+    with pytest.raises(ValueError, match="^a.npy is damaged or not a .npy file: "):
+        with parsing("a.npy", "a .npy file"):
+            raise raised
+
+
+@pytest.mark.parametrize(
+    "raised",
+    [UsageError("x"), ModelError("x"), FileNotFoundError(2, "x"), ImportError("x")]
+    + [ValueError("a.npy holds 3 bytes"), KeyboardInterrupt()],
+    ids=lambda error: type(error).__name__,
+)
+def test_other_errors_pass_a_parser_unchanged(raised):
+    with pytest.raises(type(raised)) as found:
+        with parsing("a.npy", "a .npy file"):
+            raise raised
+    assert found.value is raised

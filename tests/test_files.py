@@ -1,13 +1,18 @@
 """Files: one owner of a folder, nothing half-written; progress where no terminal is."""
 
+import fcntl
 import os
+import time
 
 import pytest
 
+from jradar.errors import UsageError
 from jradar.files import (
     FolderLocked,
+    atomic_folder,
     atomic_path,
     lock_folder,
+    read_json,
     use_compilation_cache,
 )
 from jradar.progress import progress
@@ -30,6 +35,76 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
             scratch.write_text("new")
             raise RuntimeError
     assert path.read_text() == "old" and [*tmp_path.iterdir()] == [path]
+
+
+def test_a_file_never_replaces_a_folder(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("years of work")
+    with pytest.raises(UsageError, match="out is a folder"):
+        with atomic_path(tmp_path / "out") as scratch:
+            scratch.write_text("new")
+    late = tmp_path / "late"
+    with pytest.raises(UsageError, match="late is a folder"):
+        with atomic_path(late) as scratch:
+            scratch.write_text("new")
+            late.mkdir()
+    assert (tmp_path / "out" / "thesis.txt").read_text() == "years of work"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["late", "out"]
+
+
+def write_note(folder, text):
+    with atomic_folder(folder, marker="note.txt") as scratch:
+        (scratch / "note.txt").write_text(text)
+
+
+def test_a_folder_replaces_only_its_own_kind(tmp_path):
+    folder, others = tmp_path / "run", tmp_path / "others"
+    folder.mkdir()  # an empty one is free
+    for text in ("first", "second"):
+        write_note(folder, text)
+        assert (folder / "note.txt").read_text() == text
+    others.mkdir()
+    (others / "thesis.txt").write_text("years of work")
+    with pytest.raises(UsageError, match="others holds thesis.txt but no note.txt"):
+        write_note(others, "lost")
+    (tmp_path / "file").write_text("years of work")
+    with pytest.raises(UsageError, match="file is a file, expected a folder"):
+        write_note(tmp_path / "file", "lost")
+    assert [p.name for p in others.iterdir()] == ["thesis.txt"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "others", "run"]
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path):
+    left, used, young = (tmp_path / f".a-{k * 8}" for k in "xyz")
+    mine = tmp_path / ".a-notes"
+    for folder in (left, used, young, mine):
+        folder.mkdir()
+        (folder / "half").write_text("written")
+    for folder in (left, used, mine):
+        os.utime(folder, (time.time() - 3600,) * 2)
+    lock = os.open(used, os.O_RDONLY)
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    with atomic_path(tmp_path / "a.txt") as scratch:
+        scratch.write_text("new")
+    os.close(lock)
+    found = {path.name for path in tmp_path.iterdir()}
+    assert found == {"a.txt", used.name, young.name, mine.name}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"{", "bad.json is damaged or not a JSON file"),
+        (b"[" * 100_000, "bad.json is damaged or not a JSON file"),
+        (b"\xff\xfe", "bad.json is damaged or not a JSON file"),
+        (b"[1]", "is a list, expected an object"),
+        (b" " * 200, "holds 200 bytes, expected at most 100"),
+    ],
+)
+def test_a_file_that_is_no_json_object(tmp_path, content, message):
+    (tmp_path / "bad.json").write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        read_json(tmp_path / "bad.json", limit=100 if b" " in content else 1 << 20)
 
 
 def test_progress_without_a_terminal_is_a_line_at_start_and_end(capsys):

@@ -20,11 +20,11 @@ import numpy as np
 
 from jradar import __version__
 from jradar.data.frames import Matches, check_dropped, matches_of, prepare_frame
-from jradar.data.records import FORMAT, finished_shard, read_json, write_shard
+from jradar.data.records import FORMAT, finished_shard, write_shard
 from jradar.data.sources import Source, find_sources
 from jradar.data.spec import PrepareSpec
 from jradar.errors import UsageError
-from jradar.files import lock_folder, write_text
+from jradar.files import lock_folder, read_json, write_text
 from jradar.progress import progress
 from jradar.recordings.recording import Recording
 

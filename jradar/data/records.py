@@ -20,15 +20,13 @@ import numpy as np
 import safetensors.numpy
 from jaxtyping import Float
 
-from jradar.files import atomic_path, write_text
+from jradar.files import atomic_path, read_json, write_text
 from jradar.radar import Cells, RadarSpec
 from jradar.recordings.recording import Stream
-from jradar.recordings.text_files import read_text
 from jradar.types import PointCloud
 
 FORMAT = 1
 OPTIONS = "group_size:1,zstd:1"  # one record per group: larger groups shuffle slowly
-MAX_JSON_BYTES = 64 << 20
 
 
 class PreparedFrame(NamedTuple):
@@ -140,19 +138,6 @@ def finished_shard(path: Path, about: dict[str, Any]) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError):
         return None
     return description if same and whole else None
-
-
-def read_json(path: Path | str) -> dict[str, Any]:
-    """Return the JSON object in a file; raises ValueError for anything else."""
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"no such file: {path}")
-    try:
-        values = json.loads(read_text(path, limit=MAX_JSON_BYTES))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is not valid JSON: {error}") from error
-    if not isinstance(values, dict):
-        raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
-    return values
 
 
 class Records(Stream):

@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jradar.data.records import read_json
+from jradar.files import read_json
 from jradar.recordings.open import is_recording, open_recording
 from jradar.recordings.recording import Recording
 

@@ -31,7 +31,7 @@ from jradar.evaluation.tables import (
     pooled_table,
     summarise,
 )
-from jradar.files import atomic_path
+from jradar.files import atomic_folder, atomic_path
 from jradar.recordings import write_ply
 from jradar.types import PointCloud
 from jradar.viz import (
@@ -44,6 +44,7 @@ from jradar.viz import (
 )
 
 MAX_CLOUD_BYTES = 1 << 30
+CLOUDS_NOTE = "clouds.txt"  # marks the folder of clouds as written here
 MAX_REPORT_BYTES = 10_000_000
 SPARSE = 2000  # points; clouds with fewer are drawn with larger dots
 DRAWN = ("curves.png", "clouds.png", "training.png")
@@ -138,8 +139,8 @@ def build_report(run: Path | str) -> Path:
 
 def _write_clouds(folder: Path, clouds) -> None:
     """Write every cloud as PLY, replacing earlier ones."""
-    with atomic_path(folder) as scratch:
-        scratch.mkdir()
+    with atomic_folder(folder, marker=CLOUDS_NOTE) as scratch:
+        (scratch / CLOUDS_NOTE).write_text("Written with the report of a run.\n")
         for (_, sequence, frame), named in clouds.items():
             for name, xyz in named.items():
                 file = re.sub(r"[^A-Za-z0-9.+-]+", "_", name) + ".ply"

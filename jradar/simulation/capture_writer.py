@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
-from jradar.files import atomic_path
+from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
 from jradar.simulation.rig import EXTRINSICS, sensor_pose
@@ -74,8 +74,8 @@ def simulate_capture(
     seconds = frames * FRAME_PERIOD_S
     stamps = stream_stamps(setting, "single_chip", seconds)
     folder = Path(root) / setting.scene.name
-    with atomic_path(folder) as scratch:
-        scratch.mkdir()
+    with atomic_folder(folder, marker=files.NOTE) as scratch:
+        files.write_note(scratch)
         write_cfg(scratch / "awr1843.cfg", radar)
         files.write_stamps(scratch, EPOCH_S + stamps)
         poses = stream_stamps(setting, "groundtruth", seconds)

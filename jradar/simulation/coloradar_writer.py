@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from jradar.errors import UsageError
-from jradar.files import atomic_path
+from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation.hardware import Hardware, channel_factors
 from jradar.simulation.rig import EXTRINSICS
@@ -42,21 +41,21 @@ def write_calib(folder: Path, radars: dict[str, tuple[RadarSpec, Hardware]]) -> 
 
     Raises UsageError instead of replacing a `calib` that was not simulated.
     """
-    if folder.exists() and not (folder / NOTE).exists():
-        raise UsageError(
-            f"{folder} was not simulated, and would be replaced: choose another output "
-            "folder"
-        )
-    with atomic_path(folder) as scratch:
+    with atomic_folder(folder, marker=NOTE) as scratch:
         transforms = scratch / "transforms"
-        transforms.mkdir(parents=True)
-        (scratch / NOTE).write_text("Written by `jradar simulate`.\n")
+        transforms.mkdir()
+        write_note(scratch)
         for sensor in IN_CALIB:
             lines = (" ".join(map(repr, row)) for row in EXTRINSICS[sensor])
             (transforms / f"base_to_{sensor}.txt").write_text("\n".join(lines) + "\n")
         for sensor, (radar, hardware) in radars.items():
             (scratch / sensor).mkdir()
             _write_radar(scratch / sensor, radar, hardware)
+
+
+def write_note(folder: Path) -> None:
+    """Write the note by which a simulated folder is recognised."""
+    (folder / NOTE).write_text("Written by `jradar simulate`.\n")
 
 
 def write_stamps(folder: Path, stamps: Float[np.ndarray, " item"]) -> None:

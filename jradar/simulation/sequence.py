@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
-from jradar.files import atomic_path
+from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
 from jradar.simulation.hardware import Hardware, make_hardware, sample_frame
@@ -145,7 +145,8 @@ def simulate_sequence(
     folder = Path(root) / setting.scene.name
     both = {name: _radar(name) for name in RADARS}
     files.write_calib(Path(root) / "calib", both)
-    with atomic_path(folder) as scratch:
+    with atomic_folder(folder, marker=files.NOTE) as scratch:
+        files.write_note(scratch)
         streams = [_radar_stream(setting, s, seconds, scratch) for s in setting.radars]
         streams.append(_lidar_stream(setting, seconds, scratch))
         _write_poses_and_imu(setting, seconds, scratch)
