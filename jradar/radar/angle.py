@@ -1,6 +1,6 @@
 """Azimuth and elevation from the phases across the virtual array.
 
-The elements lie on a grid of half wavelengths; tx-rx pairs at the same position are
+The elements lie on a grid of columns and rows; tx-rx pairs at the same position are
 averaged. The grid is zero-padded and Fourier transformed. For a single target, the peak
 of the spectrum is the maximum-likelihood direction, also with sparse rows.
 
@@ -44,10 +44,14 @@ def direction_sines(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the direction sines of the bins: u `[azimuth]`, w `[elevation]`; host."""
 
-    def sines(bins):
-        return (np.arange(bins) - bins // 2) / (bins * radar.spacing_wavelengths)
+    def sines(bins, spacing):
+        return (np.arange(bins) - bins // 2) / (bins * spacing)
 
-    return sines(num_azimuth), sines(num_elevation if radar.has_elevation else 1)
+    rows = num_elevation if radar.has_elevation else 1
+    return (
+        sines(num_azimuth, radar.spacing_wavelengths),
+        sines(rows, radar.row_spacing_wavelengths),
+    )
 
 
 def azimuth_bins(radar: RadarSpec) -> int:

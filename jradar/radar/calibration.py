@@ -13,7 +13,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS, window
@@ -21,12 +21,13 @@ from jradar.radar.spectrum import WINDOWS, window
 
 @jax.jit
 def calibrate_channels(
-    cube: Complex[Array, "*batch tx rx chirp sample"],
+    cube: Inexact[Array, "*batch tx rx chirp sample"],
     factors: Complex[Array, "virtual"],
-) -> Complex[Array, "*batch tx rx chirp sample"]:
+) -> Inexact[Array, "*batch tx rx chirp sample"]:
     """Multiply the samples of each virtual antenna by its factor.
 
-    Raises ValueError unless there is one factor for each pair of tx and rx.
+    Real samples stay real: the positive half of their spectrum is multiplied. Raises
+    ValueError unless there is one factor for each pair of tx and rx.
     """
     tx, rx = cube.shape[-4:-2]
     if factors.size != tx * rx:
@@ -34,7 +35,10 @@ def calibrate_channels(
             f"{factors.size} factors, expected {tx * rx}: one for each of {tx} tx x "
             f"{rx} rx"
         )
-    return cube * factors.reshape(tx, rx, 1, 1)
+    factors = factors.reshape(tx, rx, 1, 1)
+    if jnp.iscomplexobj(cube):
+        return cube * factors
+    return jnp.fft.irfft(jnp.fft.rfft(cube) * factors, cube.shape[-1])
 
 
 @functools.partial(

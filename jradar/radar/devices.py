@@ -24,9 +24,10 @@ ROW_OF_RECEIVERS = ((0, 0), (1, 0), (2, 0), (3, 0))
 class Board:
     """Antennas and band of a single-chip board that TI's tools configure.
 
-    Positions are (azimuth, elevation) in half wavelengths at the design frequency, in
-    the order of the antennas' bits in a mask. `studio_chip` is the chip's name in logs
-    of mmWave Studio.
+    Positions are (column, row), as in `RadarSpec`, in the order of the antennas' bits
+    in a mask. `rx_signs` is -1 for receivers that are fed from the opposite side, whose
+    signal is therefore inverted. `studio_chip` is the chip's name in logs of mmWave
+    Studio.
     """
 
     tx_positions: tuple[tuple[int, int], ...]
@@ -34,19 +35,36 @@ class Board:
     band_hz: tuple[float, float] = (76e9, 81e9)
     design_frequency_hz: float = 76.8e9
     studio_chip: str = ""
+    rx_signs: tuple[int, ...] = (1, 1, 1, 1)
+    row_spacing: float = 1.0
+    real_samples: bool = False
 
 
 ELEVATED_SECOND = ((0, 0), (2, 1), (4, 0))
+BAND_60_GHZ: dict[str, Any] = {"band_hz": (60e9, 64e9), "design_frequency_hz": 62e9}
 
-# The ISK's positions agree with TI's `antGeometry` commands for it; its design
-# frequency is taken from TI's IWR6843L board. Of the 6843's boards, ODS and AOP have
-# other antennas.
+# The boards of the 6843 and the 2944 follow `antGeometry0`, `antGeometry1`, `antPhaseRot`
+# and `antGeometryCfg` in TI's configurations for them. The design frequency of the
+# 6843's boards is taken from TI's IWR6843L board, that of the 2944 is assumed.
 BOARDS = {
     "awr1443": Board(ELEVATED_SECOND),
     "awr1642": Board(((0, 0), (4, 0)), studio_chip="AR1642"),
     "awr1843": Board(ELEVATED_SECOND, studio_chip="AR1843"),
-    "iwr6843isk": Board(
-        ELEVATED_SECOND, band_hz=(60e9, 64e9), design_frequency_hz=62e9
+    "iwr6843isk": Board(ELEVATED_SECOND, **BAND_60_GHZ),
+    "iwr6843ods": Board(
+        ((0, 0), (2, 0), (2, -2)),
+        ((0, 0), (0, -1), (1, -1), (1, 0)),
+        rx_signs=(1, -1, -1, 1),
+        **BAND_60_GHZ,
+    ),
+    "iwr6843aop": Board(
+        ((0, 0), (2, -2), (0, -2)),
+        ((1, -1), (1, 0), (0, -1), (0, 0)),
+        rx_signs=(1, -1, 1, -1),
+        **BAND_60_GHZ,
+    ),
+    "awr2944": Board(
+        ((0, 0), (2, 1), (4, 0), (8, 0)), row_spacing=1.6, real_samples=True
     ),
 }
 
@@ -101,7 +119,8 @@ def device_fields(name: str) -> dict[str, Any]:
     _check_known(name, BOARDS | RECORDED)
     antennas = {}
     if name in BOARDS:
-        keys = ("tx_positions", "rx_positions", "design_frequency_hz")
+        keys = ("tx_positions", "rx_positions", "design_frequency_hz", "row_spacing")
+        keys = (*keys, "real_samples")
         antennas = {key: getattr(BOARDS[name], key) for key in keys}
     return {"name": name, **antennas, **RECORDED.get(name, {})}
 
@@ -111,7 +130,4 @@ def _check_known(name: str, names: dict[str, Any]) -> None:
     if name not in names:
         near = difflib.get_close_matches(name, names, 1)
         hint = f": did you mean {near[0]!r}?" if near else ""
-        raise ValueError(
-            f"device = {name!r}, expected one of {[*names]}{hint} "
-            "(ODS and AOP boards have other antennas)"
-        )
+        raise ValueError(f"device = {name!r}, expected one of {[*names]}{hint}")

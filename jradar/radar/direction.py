@@ -1,7 +1,7 @@
 """The strongest direction of each snapshot, without its whole angle spectrum.
 
 Elements of one row r differ in azimuth only. One small matrix product gives their sums
-s_r(u) for all azimuth bins. Over the elevation phase p = 2 pi d w, the power is then
+s_r(u) for all azimuth bins. Over the elevation phase p = 2 pi d_r w, the power is then
 
     |sum_r s_r e^(-j r p)|^2 = sum_r |s_r|^2 + 2 Re sum_l c_l e^(-j l p)
 
@@ -164,7 +164,7 @@ def _elevation_sine(cells, u, rows, radar, num_elevation, interpolate):
         ((lag, (real, imag)),) = lags.items()
         known = real**2 + imag**2 > TINY
         phase = jnp.arctan2(jnp.where(known, imag, 0.0), jnp.where(known, real, 1.0))
-        w = phase / (2 * np.pi * radar.spacing_wavelengths * lag)
+        w = phase / (2 * np.pi * radar.row_spacing_wavelengths * lag)
         return jnp.clip(w, -limit, limit)
     _, bins = direction_sines(radar, num_azimuth=1, num_elevation=num_elevation)
     power = _power_over_elevation(constant, lags, radar, bins)
@@ -258,7 +258,7 @@ def _power_over_azimuth(sums, rows, radar, u, w):
         # c cos(p) + s sin(p) has its maximum |c + j s| at a visible phase, or else at
         # the nearer end of the visible phases.
         ((lag, (real, imag)),) = lags.items()
-        end = 2 * np.pi * radar.spacing_wavelengths * lag * highest
+        end = 2 * np.pi * radar.row_spacing_wavelengths * lag * highest
         cosine = np.where(end < np.pi, np.cos(end), -2.0).astype(np.float32)
         peak = jnp.sqrt(jnp.maximum(real**2 + imag**2, TINY))
         edge = real * cosine + jnp.abs(imag) * np.sin(end).astype(np.float32)
@@ -270,7 +270,7 @@ def _power_over_azimuth(sums, rows, radar, u, w):
 
 def _power_over_elevation(constant, lags, radar, w):
     """Power in every elevation bin, `[elevation, ...]`, from the lags between rows."""
-    phase = 2 * np.pi * radar.spacing_wavelengths * np.outer(w, [*lags])
+    phase = 2 * np.pi * radar.row_spacing_wavelengths * np.outer(w, [*lags])
     waves = np.stack([np.cos(phase), np.sin(phase)], -1).reshape(len(w), -1)
     waves = np.concatenate([np.ones((len(w), 1)), 2 * waves], -1).astype(np.float32)
     parts = [constant, *(part for pair in lags.values() for part in pair)]

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Inexact
 
 from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
@@ -34,7 +34,7 @@ ANGLE_BINS = ("num_azimuth", "num_elevation")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
-Cube = Complex[Array, "tx rx chirp sample"]
+Cube = Inexact[Array, "tx rx chirp sample"]
 Coupling = Complex[Array, "tx rx half_range"]
 
 
@@ -83,7 +83,8 @@ class PointSpec:
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":
         """Return the spec with a CFAR window and azimuth bins that suit the radar."""
-        guard, train = largest_window(radar.cube_shape[2:], self.guard, self.train)
+        cells = radar.num_chirps, radar.num_range_bins
+        guard, train = largest_window(cells, self.guard, self.train)
         return dataclasses.replace(
             self, guard=guard, train=train, num_azimuth=azimuth_bins(radar)
         )
@@ -194,6 +195,11 @@ def _spectra(cube, radar, points, coupling):
         raise ValueError(
             f"cube has shape {cube.shape}, {radar.name} needs [tx, rx, chirp, sample] "
             f"= {radar.cube_shape}: one frame, or another radar?"
+        )
+    if jnp.iscomplexobj(cube) == radar.real_samples:
+        expected = "real" if radar.real_samples else "complex"
+        raise ValueError(
+            f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
         )
     if coupling is None or points.remove_static:
         return range_doppler(cube, remove_static=points.remove_static)

@@ -9,10 +9,14 @@
       |____/              /____.___> time
       idle
 
-Everything is in SI units. Antenna positions are (azimuth, elevation) in half
-wavelengths at the design frequency, growing to the left and upwards as the target
-sees phase lead. A plane wave from direction (u, w) = (sin az cos el, sin el) has the
-phase 2 pi d (a u + e w) at position (a, e), where d is the spacing in wavelengths.
+Everything is in SI units. Antenna positions (a, e) count columns to the left and rows
+upwards, as the target sees phase lead. Columns are half a wavelength apart at the
+design frequency, rows `row_spacing` times as much. A plane wave from direction
+(u, w) = (sin az cos el, sin el) has the phase 2 pi (d_c a u + d_r e w), where d_c and
+d_r are the distances of neighbouring columns and rows in wavelengths.
+
+A receiver with one mixer delivers real samples. Their spectrum is symmetric, so that
+only half of it is range: N real samples have N / 2 range bins.
 """
 
 import dataclasses
@@ -49,6 +53,8 @@ class RadarSpec:
     design_frequency_hz: float
     tx_firing_order: tuple[int, ...] = ()  # array indices in time; () is array order
     frame_period_s: float = 0.0  # from frame to frame; 0 if unknown
+    row_spacing: float = 1.0  # of rows of antennas, in distances of columns
+    real_samples: bool = False  # one mixer: no imaginary part
 
     def __post_init__(self):
         """Refuse a radar that cannot exist; the error names the field."""
@@ -133,8 +139,18 @@ class RadarSpec:
 
     @property
     def spacing_wavelengths(self) -> float:
-        """Distance between neighbouring antenna positions in wavelengths, d."""
+        """Distance between neighbouring columns of antennas in wavelengths, d_c."""
         return 0.5 * self.center_frequency_hz / self.design_frequency_hz
+
+    @property
+    def row_spacing_wavelengths(self) -> float:
+        """Distance between neighbouring rows of antennas in wavelengths, d_r."""
+        return self.row_spacing * self.spacing_wavelengths
+
+    @property
+    def num_range_bins(self) -> int:
+        """Number of range bins of a spectrum: half of the samples if they are real."""
+        return self.num_samples // 2 if self.real_samples else self.num_samples
 
     @property
     def range_resolution_m(self) -> float:
@@ -143,8 +159,8 @@ class RadarSpec:
 
     @property
     def max_range_m(self) -> float:
-        """Range at which the spectrum of complex samples ends, f_s c / (2 S)."""
-        return self.num_samples * self.range_resolution_m
+        """Range at which the spectrum ends: f_s c / (2 S), or half for real samples."""
+        return self.num_range_bins * self.range_resolution_m
 
     @property
     def chirp_period_s(self) -> float:
@@ -220,16 +236,17 @@ class RadarSpec:
 
 def _converted(key: str, value: Any, kind: Any) -> Any:
     """The value of a file or a caller as the type `kind` of the field `key`."""
-    expected = {int: "an integer", float: "a number", str: "a text"}.get(kind, "a list")
-    allowed = {int: int, float: (int, float), str: str}.get(kind, (list, tuple))
-    if not isinstance(value, allowed) or isinstance(value, bool):
-        raise ValueError(f"{key} = {value!r}, expected {expected}")
-    if kind in (int, float, str):
+    names = {int: "an integer", float: "a number", str: "a text", bool: "true or false"}
+    allowed = {int: int, float: (int, float), str: str, bool: bool}
+    right = isinstance(value, allowed.get(kind, (list, tuple)))
+    if not right or (isinstance(value, bool) and kind is not bool):
+        raise ValueError(f"{key} = {value!r}, expected {names.get(kind, 'a list')}")
+    if kind in names:
         return kind(value)
     array = np.array(value)
     if array.dtype != int or (kind == Positions and array.shape[1:] != (2,)):
         raise ValueError(
             f"{key} = {value!r}, expected a list of whole numbers, or of pairs of them "
-            "for positions: (azimuth, elevation), in half wavelengths"
+            "for positions: (column, row)"
         )
     return tuple(map(tuple, array.tolist())) if kind == Positions else tuple(value)

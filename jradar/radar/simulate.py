@@ -24,7 +24,8 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float, Key
+import numpy as np
+from jaxtyping import Array, Float, Inexact, Key
 
 from jradar.radar.sensor import SPEED_OF_LIGHT, RadarSpec
 
@@ -47,10 +48,10 @@ def simulate_cube(
     radar: RadarSpec,
     *,
     noise_power: float = 0.0,
-) -> Complex[Array, "tx rx chirp sample"]:
-    """Return the ADC samples of one frame; `vmap` it.
+) -> Inexact[Array, "tx rx chirp sample"]:
+    """Return the ADC samples of one frame, complex or real; `vmap` it.
 
-    Complex white noise of mean power `noise_power` (counts squared) is added. With
+    White noise of mean power `noise_power` (counts squared) is added. With
     `departure`, `xyz` is the position as seen by the receivers.
     """
     distance, receive = _seen(scatterers.xyz, radar.rx_positions, radar)
@@ -102,6 +103,9 @@ def simulate_cube(
     _, blocks = jax.lax.scan(samples_of, first, None, length=count)
     shape = (radar.num_chirps, radar.num_tx, radar.num_rx, radar.num_samples)
     cube = jnp.moveaxis(blocks.reshape(shape), 0, 2)
+    if radar.real_samples:
+        noise = jax.random.normal(key, radar.cube_shape)
+        return cube.real + jnp.sqrt(noise_power) * noise
     if not noise_power:
         return cube
     real, imaginary = jnp.sqrt(noise_power / 2) * jax.random.normal(
@@ -126,7 +130,8 @@ def _seen(xyz, positions, radar):
 def _steer(xyz, distance, positions, radar):
     """Phasors `[antenna point]` of plane waves at the antennas."""
     direction = xyz[:, 1:] / jnp.maximum(distance, 1e-6)[:, None]
-    return _turn(radar.spacing_wavelengths * jnp.array(positions) @ direction.T)
+    columns = jnp.array(np.array(positions) * [1.0, radar.row_spacing])
+    return _turn(radar.spacing_wavelengths * columns @ direction.T)
 
 
 def _turn(cycles):

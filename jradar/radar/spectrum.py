@@ -2,8 +2,9 @@
 
 Windows are normalised to a coherent gain of 1: a target of amplitude a in the middle
 of its bin peaks at |a|. White noise of power P per sample has power
-P * (w ** 2).sum() in a cell, where w is the product of both windows. The samples are
-complex, so the whole spectrum is positive range.
+P * (w ** 2).sum() in a cell, where w is the product of both windows. The whole spectrum
+of complex samples is positive range. Of real samples only the first half is returned:
+a real target of amplitude a peaks there at |a| / 2.
 
 Antennas are transformed one after the other, so that each spectrum is still in the
 cache when its power is added up. The signs of the chirps alternate, which moves zero
@@ -16,7 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Inexact
 
 WINDOWS = {  # coefficients of the cosine series, periodic
     "none": (1.0,),
@@ -26,7 +27,7 @@ WINDOWS = {  # coefficients of the cosine series, periodic
 }
 STATIC = ("range_window", "doppler_window", "remove_static")
 
-Cube = Complex[Array, "*batch tx rx chirp sample"]
+Cube = Inexact[Array, "*batch tx rx chirp sample"]
 Spectrum = Complex[Array, "*batch virtual doppler range"]
 PowerMap = Float[Array, "*batch doppler range"]
 
@@ -85,13 +86,17 @@ def _transform(cube, range_window, doppler_window, remove_static, *, keep) -> An
     def add(power, antenna):
         if remove_static:
             antenna = antenna - antenna.mean(-2, keepdims=True)
-        weighted = jax.lax.complex(antenna.real * weight, antenna.imag * weight)
-        spectrum = jnp.fft.fft2(weighted)
+        if jnp.iscomplexobj(antenna):
+            weighted = jax.lax.complex(antenna.real * weight, antenna.imag * weight)
+            spectrum = jnp.fft.fft2(weighted)
+        else:
+            spectrum = jnp.fft.rfft2(antenna * weight)[..., : samples // 2]
         power += spectrum.real**2 + spectrum.imag**2
         return power, spectrum if keep else None
 
     antennas = jnp.moveaxis(cube.reshape(*batch, tx * rx, chirps, samples), -3, 0)
-    start = jnp.zeros((*batch, chirps, samples), cube.real.dtype)
+    bins = samples if jnp.iscomplexobj(cube) else samples // 2
+    start = jnp.zeros((*batch, chirps, bins), cube.real.dtype)
     power, spectrum = jax.lax.scan(add, start, antennas)
     if spectrum is not None:
         spectrum = jnp.moveaxis(spectrum, 0, -3)
