@@ -31,7 +31,10 @@ PREPARE_HELP = """
 
 PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same
 command again to resume after an interruption."""
-DEVICES = ("awr1443", "awr1642", "awr1843", "iwr6843isk")
+DEVICES = (
+    *("awr1443", "awr1642", "awr1843", "awr2944"),
+    *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
+)
 FAMILIES = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
 SETS = ("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini")
 

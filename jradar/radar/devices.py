@@ -50,6 +50,9 @@ BOARDS = {
     "awr1443": Board(ELEVATED_SECOND),
     "awr1642": Board(((0, 0), (4, 0)), studio_chip="AR1642"),
     "awr1843": Board(ELEVATED_SECOND, studio_chip="AR1843"),
+    "awr2944": Board(
+        ((0, 0), (2, 1), (4, 0), (8, 0)), row_spacing=1.6, real_samples=True
+    ),
     "iwr6843isk": Board(ELEVATED_SECOND, **BAND_60_GHZ),
     "iwr6843ods": Board(
         ((0, 0), (2, 0), (2, -2)),
@@ -62,9 +65,6 @@ BOARDS = {
         ((1, -1), (1, 0), (0, -1), (0, 0)),
         rx_signs=(1, -1, 1, -1),
         **BAND_60_GHZ,
-    ),
-    "awr2944": Board(
-        ((0, 0), (2, 1), (4, 0), (8, 0)), row_spacing=1.6, real_samples=True
     ),
 }
 

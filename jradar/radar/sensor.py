@@ -239,7 +239,7 @@ def _converted(key: str, value: Any, kind: Any) -> Any:
     names = {int: "an integer", float: "a number", str: "a text", bool: "true or false"}
     allowed = {int: int, float: (int, float), str: str, bool: bool}
     right = isinstance(value, allowed.get(kind, (list, tuple)))
-    if not right or (isinstance(value, bool) and kind is not bool):
+    if not right or isinstance(value, bool) != (kind is bool):
         raise ValueError(f"{key} = {value!r}, expected {names.get(kind, 'a list')}")
     if kind in names:
         return kind(value)
