@@ -24,7 +24,8 @@ class Description(NamedTuple):
 
 
 def _read_cfg(path: Path, device: str = "awr1843") -> Description:
-    return Description(radar_from_cfg(path, device=device), CaptureSpec.from_cfg(path))
+    radar = radar_from_cfg(path, device=device)
+    return Description(radar, CaptureSpec.from_cfg(path, device=device))
 
 
 DESCRIPTIONS = (

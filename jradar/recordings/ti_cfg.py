@@ -1,4 +1,4 @@
-"""Radar and sample stream in a `.cfg` of TI's mmWave SDK, for boards 1443 to 6843.
+"""Radar and sample stream in a `.cfg` of TI's mmWave SDK: boards 1443 to 6843, 2944.
 
     channelCfg 15 7 0               bit masks of the receivers and transmitters in use
     adcCfg 2 1                      bits and format of a sample
@@ -6,6 +6,7 @@
     profileCfg 0 77 267 7 57.14 ..  chirp: GHz, us, .., MHz/us, .., samples, ksps
     chirpCfg 1 1 0 0 0 0 0 4        chirp 1 of profile 0, fired by mask 4: transmitter 2
     frameCfg 0 2 16 0 100 ..        first and last chirp of a turn, turns, frames, ms
+                                    (2944: samples per chirp before the ms)
 
 A repeated command replaces the earlier one (a profile or chirp: the one of the same
 number), and `flushCfg` deletes all. Commands that do not affect samples are skipped.
@@ -22,7 +23,7 @@ from jaxtyping import Complex
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
-from jradar.radar.devices import BOARDS, ROW_OF_RECEIVERS
+from jradar.radar.devices import BOARDS, ROW_OF_RECEIVERS, Board
 from jradar.recordings.studio_log import one_tx_each
 from jradar.recordings.text_files import radar_of, read_text
 
@@ -39,14 +40,12 @@ LEAST_FIELDS = {
     "subFrameCfg": 0,
     "lvdsStreamCfg": 2,
     "compRangeBiasAndRxChanPhase": 1,
+    "antPhaseRot": 1,
 }
 NEEDED = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg", "frameCfg")
 MAX_CHIRPS = 512  # that a chip can store
 NUM_RX = len(ROW_OF_RECEIVERS)
-CHOICES = (
-    f"name the board, one of {', '.join(BOARDS)} (a 6843 ODS or AOP has another array "
-    "and cannot be read)"
-)
+CHOICES = f"name the board, one of {', '.join(BOARDS)}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +55,7 @@ class CaptureSpec:
     The defaults describe a capture that mmWave Studio configured.
     """
 
-    iq_order: str = "IIQQ"  # order of I and Q, see the module `iq_order`
+    iq_order: str = "IIQQ"  # of I and Q, see the module `iq_order`; "I": real samples
     has_headers: bool = False  # the stream holds more than samples
     range_bias_m: float = 0.0  # by which measured ranges are too long
     channel_factors: tuple[complex, ...] = ()  # per virtual antenna, in cube order
@@ -69,18 +68,22 @@ class CaptureSpec:
         return np.array(self.channel_factors, np.complex64)
 
     @classmethod
-    def from_cfg(cls, path: Path | str) -> "CaptureSpec":
-        """Read the stream of a `.cfg`; ValueError as for `radar_from_cfg`.
+    def from_cfg(cls, path: Path | str, *, device: str = "awr1843") -> "CaptureSpec":
+        """Read the stream of a `.cfg`; errors as in `radar_from_cfg`.
 
         The file lists a factor for each pair of antennas on the board, 4 for each bit
-        of a transmitter. `channel_factors` holds the pairs in use, in firing order.
+        of a transmitter. `channel_factors` holds the pairs in use, in firing order. Of
+        a file without factors, they are the signs of the board's receivers: measured
+        factors include these, unless `antPhaseRot` lists the signs separately.
         """
-        commands = _frame_commands(path)
+        board = _board(device)
+        commands = _frame_commands(path, board)
         _, tx, rx = _turn(path, commands)
         _, sample_swap, non_interleaved = _sample_order(commands)
         orders = ("IIQQ", "QQII") if non_interleaved else ("I4Q4", "Q4I4")
+        orders = ("I", "I") if board.real_samples else orders
         _, has_headers = commands.get("lvdsStreamCfg", [[-1, 0]])[-1][:2]
-        neutral = [0.0] + [1.0, 0.0] * (NUM_RX * 3)
+        neutral = [0.0] + [1.0, 0.0] * (NUM_RX * len(board.tx_positions))
         bias_m, *parts = commands.get("compRangeBiasAndRxChanPhase", [neutral])[-1]
         needed = NUM_RX * max(tx) + max(rx) + 1
         if len(parts) % 2:
@@ -88,12 +91,23 @@ class CaptureSpec:
                 f"{path}: compRangeBiasAndRxChanPhase has {len(parts)} numbers after "
                 "the bias, expected pairs of real and imaginary parts"
             )
-        factors = np.array(parts, float).view(complex).tolist()
+        factors = np.array(parts, float).view(complex)
         if len(factors) < needed:
             raise ValueError(
                 f"{path}: compRangeBiasAndRxChanPhase holds {len(factors)} complex "
                 f"factors, transmitters {tx} with receivers {rx} need {needed}"
             )
+        signs = np.resize(board.rx_signs, len(factors))
+        if "antPhaseRot" in commands:
+            signs = np.array(commands["antPhaseRot"][-1])
+        elif (factors != 1).any():
+            signs = np.ones(len(factors))
+        if len(signs) < needed or (abs(signs) != 1).any():
+            raise ValueError(
+                f"{path}: antPhaseRot holds {signs.tolist()}, expected {needed} or "
+                "more numbers, each 1 or -1"
+            )
+        factors = (factors[:needed] * signs[:needed]).tolist()
         return cls(
             iq_order=orders[bool(sample_swap)],
             has_headers=bool(has_headers),
@@ -107,14 +121,12 @@ def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
 
     Transmitters are in firing order, which is also their order in the recorded file.
     Raises UsageError for a `device` that is unknown or has another band or fewer
-    transmitters. Raises ValueError for real samples and for frames that a `RadarSpec`
-    cannot describe: several kinds of chirps, transmitters that fire together, or a
-    transmitter that fires twice in a turn.
+    transmitters. Raises ValueError for samples that the board does not deliver, and for
+    frames that a `RadarSpec` cannot describe: several kinds of chirps, transmitters
+    that fire together, or a transmitter that fires twice in a turn.
     """
-    if device not in BOARDS:
-        raise UsageError(f"device = {device!r}: {CHOICES}")
-    board = BOARDS[device]
-    commands = _frame_commands(path)
+    board = _board(device)
+    commands = _frame_commands(path, board)
     profile, tx, rx = _turn(path, commands)
     if max(tx) >= len(board.tx_positions):
         raise UsageError(
@@ -128,7 +140,7 @@ def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
             f"{path}: chirps start at {start_ghz} GHz, the {device} works from "
             f"{low_hz / 1e9:.0f} to {high_hz / 1e9:.0f} GHz: {CHOICES}"
         )
-    turns, _, period_ms = commands["frameCfg"][-1][2:5]
+    turns, *_, period_ms = _frame(commands)
     fields = {
         "name": device,
         "start_frequency_hz": start_ghz * 1e9,
@@ -143,12 +155,26 @@ def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
         "rx_positions": tuple(board.rx_positions[r] for r in rx),
         "design_frequency_hz": board.design_frequency_hz,
         "frame_period_s": period_ms * 1e-3,
+        "row_spacing": board.row_spacing,
+        "real_samples": board.real_samples,
     }
     return radar_of(path, fields)
 
 
-def _frame_commands(path: Path | str) -> dict[str, list[list[float]]]:
-    """Return the commands of a file with complex samples and one kind of frame."""
+def _board(device: str) -> Board:
+    if device not in BOARDS:
+        raise UsageError(f"device = {device!r}: {CHOICES}")
+    return BOARDS[device]
+
+
+def _frame(commands) -> list[float]:
+    """Return turns, frames and period of a frame; newer SDKs put samples before it."""
+    fields = commands["frameCfg"][-1]
+    return [*fields[2:4], fields[5 if len(fields) > 7 else 4]]
+
+
+def _frame_commands(path: Path | str, board: Board) -> dict[str, list[list[float]]]:
+    """Return the commands of a file of one kind of frame and the board's samples."""
     commands = _commands(path)
     mode = commands.get("dfeDataOutputMode", [[1]])[-1][0]
     if mode == 3 or "advFrameCfg" in commands or "subFrameCfg" in commands:
@@ -161,10 +187,12 @@ def _frame_commands(path: Path | str) -> dict[str, list[list[float]]]:
     if missing := ", ".join(name for name in NEEDED if name not in commands):
         raise ValueError(f"{path}: no {missing}: is it a .cfg of TI's mmWave SDK?")
     adc_format = commands["adcCfg"][-1][1]
-    if adc_format == 0 or _sample_order(commands)[0] == 1:
+    real = adc_format == 0 or _sample_order(commands)[0] == 1
+    if real != board.real_samples:
+        kinds = ("real", "complex") if real else ("complex", "real")
         raise ValueError(
-            f"{path}: adcCfg or adcbufCfg selects real samples, expected complex ones "
-            "(adcCfg 2 1)"
+            f"{path}: adcCfg or adcbufCfg selects {kinds[0]} samples, expected "
+            f"{kinds[1]} ones (adcCfg 2 {int(real)}): {CHOICES}"
         )
     if adc_format == 2:
         warnings.warn(

@@ -153,8 +153,8 @@ def test_unusable_configuration_is_refused(write, old, new, message):
 
 
 def test_unknown_or_other_board_is_refused(write):
-    with pytest.raises(ValueError, match="'iwr6843ods': name .* awr1443,.* ODS or AOP"):
-        radar_from_cfg(write(), device="iwr6843ods")
+    with pytest.raises(ValueError, match="'iwr6843': name the board, .* iwr6843ods"):
+        radar_from_cfg(write(), device="iwr6843")
     with pytest.raises(ValueError, match=r"\[0, 2, 1\], the awr1642 has 2"):
         radar_from_cfg(write(), device="awr1642")
 
@@ -199,6 +199,55 @@ def test_incomplete_factors_are_refused(write, halves, message):
         CaptureSpec.from_cfg(write(("sensorStart", command)))
 
 
+ODS_SIGNS = np.tile([1, -1, -1, 1], 3)
+FACTORS = "compRangeBiasAndRxChanPhase 0.0" + " 1 0 -1 0" * 6
+
+
+@pytest.mark.parametrize(
+    ("commands", "expected"),
+    [
+        ("", ODS_SIGNS),
+        ("compRangeBiasAndRxChanPhase 0.0" + " 1 0" * 12, ODS_SIGNS),
+        (FACTORS, np.tile([1, -1], 6)),  # measured ones include the signs
+        (FACTORS + "\nantPhaseRot" + " 1 -1 -1 1" * 3, np.tile([1, 1, -1, -1], 3)),
+    ],
+    ids=["none", "neutral", "measured", "separate"],
+)
+def test_inverted_receivers_are_undone_once(write, commands, expected):
+    path = write(("sensorStart", f"{commands}\nsensorStart"), ("0 77 ", "0 60.25 "))
+    radar = radar_from_cfg(path, device="iwr6843ods")
+    assert radar.rx_positions == ((0, 0), (0, -1), (1, -1), (1, 0))
+    capture = CaptureSpec.from_cfg(path, device="iwr6843ods")
+    np.testing.assert_array_equal(capture.channel_factors, expected)
+    assert capture.channel_array is not None
+
+
+@pytest.mark.parametrize("signs", ["1 -1", "1 0 " * 6, "2 " * 12])
+def test_unusable_signs_are_refused(write, signs):
+    path = write(("sensorStart", f"antPhaseRot {signs}"), ("0 77 ", "0 60.25 "))
+    with pytest.raises(ValueError, match="antPhaseRot holds .* each 1 or -1"):
+        CaptureSpec.from_cfg(path, device="iwr6843ods")
+
+
+def test_a_board_with_real_samples(write):
+    """As TI's profile_LVDS.cfg for the AWR2944, with 8 fields after frameCfg."""
+    path = write(
+        ("adcCfg 2 1", "adcCfg 2 0"),
+        ("adcbufCfg -1 0", "adcbufCfg -1 1"),
+        ("1 256 5209", "1 560 11396"),
+        ("0 2 16 0 100 1 0", "0 2 16 20 560 100 1 0"),
+    )
+    radar = radar_from_cfg(path, device="awr2944")
+    assert radar.real_samples and radar.cube_shape == (3, 4, 16, 560)
+    assert radar.tx_positions == ((0, 0), (4, 0), (2, 1)) and radar.row_spacing == 1.6
+    assert radar.frame_period_s == 0.1 and radar.num_range_bins == 280
+    assert CaptureSpec.from_cfg(path, device="awr2944").iq_order == "I"
+    with pytest.raises(ValueError, match="selects real samples, expected complex"):
+        radar_from_cfg(path, device="awr1843")
+    with pytest.raises(ValueError, match="selects complex samples, expected real"):
+        radar_from_cfg(write(), device="awr2944")
+
+
 def test_every_real_file_is_read_or_refused_with_the_reason(samples):
     paths = sorted((samples / "cfg").iterdir())
     assert len(paths) == 35
@@ -212,7 +261,7 @@ def test_every_real_file_is_read_or_refused_with_the_reason(samples):
                 radar_from_cfg(path)
         device = "iwr6843isk" if "6843" in path.name else "awr1843"
         radar = radar_from_cfg(path, device=device)
-        capture = CaptureSpec.from_cfg(path)
+        capture = CaptureSpec.from_cfg(path, device=device)
         assert radar.num_rx == 4
         assert len(capture.channel_factors) == radar.num_virtual
         assert 0.04 < radar.range_resolution_m < 0.5
