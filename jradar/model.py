@@ -166,8 +166,8 @@ def draw(
     `draws=1, steps=1` its one-step estimate. Defaults for several draws: 5 steps of
     iPNDM, temperature 1; for one: 18 steps of Heun, the model's temperature.
 
-    A regression model has one answer and takes none of these options. One condition;
-    `vmap` it. Raises ValueError for options that the model does not take.
+    A regression model has one answer and takes none of these options. Without a radar
+    point in the condition the image is empty. One condition; `vmap` it. Raises ValueError for options that the model does not take.
     """
     spec = model.spec
     denoise = conditional_denoiser(spec.network, model.params, spec.noise)
@@ -178,7 +178,8 @@ def draw(
         "temperature": temperature,
     }
     given = {name: value for name, value in options.items() if value is not None}
-    return METHODS[spec.method](key, denoise(condition[None]), spec, **given)
+    image = METHODS[spec.method](key, denoise(condition[None]), spec, **given)
+    return jnp.where(condition.any(), image, 0.0)
 
 
 def _draw_diffusion(

@@ -100,7 +100,7 @@ def test_the_networks_image_becomes_the_cloud():
 def test_several_draws_give_what_they_agree_on():
     near, far = np.full(FINE.shape, 3.0), np.full(FINE.shape, 6.0)
     model = oracle(near, far, far + 0.1, np.zeros(FINE.shape))
-    key, image = jax.random.key(0), jnp.zeros((8, 8, 12))
+    key, image = jax.random.key(0), jnp.ones((8, 8, 12))
     agreed = draw(key, image, model, draws=4, steps=2)
     np.testing.assert_allclose(agreed, 6.05, atol=1e-4)
     with pytest.raises(ValueError, match="draws=0, expected 1 or more"):
@@ -109,12 +109,20 @@ def test_several_draws_give_what_they_agree_on():
 
 def test_a_regression_model_answers_once_and_draws_no_samples(model):
     spec = dataclasses.replace(oracle(LIDAR).spec, method="regression")
-    key, image = jax.random.key(0), jnp.zeros((8, 8, 12))
+    key, image = jax.random.key(0), jnp.ones((8, 8, 12))
     np.testing.assert_allclose(draw(key, image, Model({}, spec)), LIDAR, atol=1e-4)
     with pytest.raises(ValueError, match="draws, steps: a model trained by regression"):
         draw(key, image, Model({}, spec), draws=1, steps=3)
     with pytest.raises(ValueError, match="method = 'magic', expected one of"):
         dataclasses.replace(model.spec, method="magic")
+
+
+def test_a_frame_without_echoes_gives_no_points(quick):
+    image = jnp.zeros((8, 8, 12))
+    assert not draw(jax.random.key(0), image, quick).any()
+    assert draw(jax.random.key(0), image.at[3, 4, 5].set(1.0), quick).all()
+    cube = jnp.zeros(RADAR.cube_shape, complex)
+    assert not enhance(jax.random.key(0), cube, quick).valid.any()
 
 
 def test_vmap_over_frames_equals_the_loop(quick):
