@@ -139,7 +139,7 @@ def test_damaged_data_have_their_code(tmp_path, capsys):
     (tmp_path / "records" / "manifest.json").write_text("{")
     flags = [SMOKE, f"--config.data.path={tmp_path / 'records'}"]
     assert run(tmp_path / "new", *flags) == 4
-    assert "not valid JSON" in capsys.readouterr().err
+    assert "manifest.json is damaged or not a JSON file" in capsys.readouterr().err
 
 
 def test_a_run_turns_on_the_cache_before_jax_is_needed(tmp_path, monkeypatch):
