@@ -5,9 +5,12 @@ prediction and loss. Samples are occupancy images of 0 and 1. A pixel is occupie
 it exceeds a limit, which is chosen for each method on trajectories kept for that.
 """
 
+import functools
 from pathlib import Path
+from typing import Any
 
 import jax
+from jaxtyping import Array, Float, Key
 from ml_collections import ConfigDict
 
 from experiments import build
@@ -129,26 +132,30 @@ def draw_methods(config: ConfigDict, params: dict) -> dict[str, Draw]:
     """Return functions (key, conditions) -> images by method, the quickest first."""
     network, noise = networks(config)
 
-    def drawn(draw):
-        @jax.jit
-        def images(key, condition):
-            denoise = diffusion.conditional_denoiser(network, params, noise)(condition)
-            return draw(key, denoise, (len(condition), *LIDAR.shape, 1))[..., 0]
-
-        return images
-
-    def regress(key, denoise, shape):
-        return diffusion.regression_estimate(denoise, shape, noise=noise)
-
-    def sample(steps):
-        return lambda key, denoise, shape: diffusion.sample(
-            key, denoise, shape, noise=noise, steps=steps
+    def drawn(steps):
+        return functools.partial(
+            draw_images, params=params, network=network, noise=noise, steps=steps
         )
 
     if config.method == "regression":
-        return {"direct regression": drawn(regress)}
+        return {"direct regression": drawn(None)}
     steps = config.sampling.steps
-    return {
-        "one-step estimate": drawn(sample(1)),
-        f"diffusion, Heun {steps}": drawn(sample(steps)),
-    }
+    return {"one-step estimate": drawn(1), f"diffusion, Heun {steps}": drawn(steps)}
+
+
+@functools.partial(jax.jit, static_argnames=("network", "noise", "steps"))
+def draw_images(
+    key: Key[Array, ""],
+    condition: Float[Array, "batch row column channel"],
+    *,
+    params: Any,
+    network: diffusion.Network,
+    noise: diffusion.NoiseSpec,
+    steps: int | None,
+) -> Float[Array, "batch lidar_row lidar_column"]:
+    """Return an image for each condition: regressed if `steps` is None, else drawn."""
+    denoise = diffusion.conditional_denoiser(network, params, noise)(condition)
+    shape = (len(condition), *LIDAR.shape, 1)
+    if steps is None:
+        return diffusion.regression_estimate(denoise, shape, noise=noise)[..., 0]
+    return diffusion.sample(key, denoise, shape, noise=noise, steps=steps)[..., 0]
