@@ -43,7 +43,7 @@ def open_npy(
     """
     path = Path(path)
     description = Path(description or find_description(path, ["*.toml"]))
-    radar, capture = read_description(description, device=device)
+    radar, capture, notes = read_description(description, device=device)
     array = _map(path)
     pairs = _holds_pairs(path, array, radar)
     axes = [*(DEFAULT_AXES[-2:] if array.ndim - pairs == 2 else DEFAULT_AXES)]
@@ -82,7 +82,7 @@ def open_npy(
         cubes=Stream(read, len(frames)),
         channel_factors=capture.channel_array,
         range_bias_m=capture.range_bias_m,
-        notes=(WRAPPED,) if wrapped else (),
+        notes=(*notes, WRAPPED) if wrapped else notes,
     )
 
 

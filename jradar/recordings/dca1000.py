@@ -32,7 +32,7 @@ from jradar.recordings.descriptions import find_description, read_description
 from jradar.recordings.iq_order import advise_iq_order, check_iq_order, cube_of_words
 from jradar.recordings.recording import Format, Recording, Stream
 
-DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.toml")
+DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.json", "*.toml")
 USUAL = {  # sizes of a frame, suggested where a description does not fit
     "samples": (64, 128, 200, 250, 256, 512, 1024),
     "chirps": (1, 16, 32, 64, 96, 100, 128, 255, 256),
@@ -73,7 +73,7 @@ def open_dca1000(
         )
     description = description or find_description(path, DESCRIPTION_NAMES)
     files, name = _files(path)
-    radar, capture = read_description(description, device=device)
+    radar, capture, doubts = read_description(description, device=device)
     if capture.has_headers:
         raise ValueError(
             f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
@@ -94,7 +94,7 @@ def open_dca1000(
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
         return cube_of_words(raw.view("<i2"), radar, order)
 
-    notes, lost, whole = [], None, 0
+    notes, lost, whole = [*doubts], None, 0
     if len(files.paths) > 1:
         notes.append(f"{len(files.paths)} files were joined")
     if rest:

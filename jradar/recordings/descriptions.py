@@ -1,8 +1,10 @@
 """Descriptions of a radar, of any kind in `DESCRIPTIONS`.
 
-`--radar` names one; otherwise a reader finds the only one beside its file.
+`--radar` names one; otherwise a reader finds the one beside its file. `LOG.txt#2` is
+the second configuration in a log of mmWave Studio.
 """
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,22 +12,52 @@ from typing import NamedTuple
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 from jradar.recordings.coloradar_calib import radar_from_coloradar
+from jradar.recordings.mmwave_json import read_mmwave_json
 from jradar.recordings.recording import Format, read
-from jradar.recordings.studio_log import radar_from_studio_log
-from jradar.recordings.text_files import radar_from_toml
+from jradar.recordings.studio_log import count_configurations, radar_from_studio_log
+from jradar.recordings.text_files import MAX_BYTES, radar_from_toml
 from jradar.recordings.ti_cfg import CaptureSpec, radar_from_cfg
+
+# What only the files of each kind contain that describe a radar.
+SIGNS = {
+    ".toml": b"[radar]",
+    ".cfg": b"profileCfg",
+    ".json": b'"mmWaveDevices"',
+    ".txt": b"API:ProfileConfig",
+    ".csv": b"API:ProfileConfig",
+}
+CAPTURE_TOML = "capture.toml"  # describes a whole rig, and names the radar's file
 
 
 class Description(NamedTuple):
-    """A radar, and how a capture card stores its samples."""
+    """A radar, how a capture card stores its samples, and what is doubtful about it."""
 
     radar: RadarSpec
     capture: CaptureSpec = CaptureSpec()
+    notes: tuple[str, ...] = ()
 
 
 def _read_cfg(path: Path, device: str = "awr1843") -> Description:
     radar = radar_from_cfg(path, device=device)
     return Description(radar, CaptureSpec.from_cfg(path, device=device))
+
+
+def _read_log(path: Path, configuration: int | None = None) -> Description:
+    radar = radar_from_studio_log(path, configuration=configuration)
+    count = count_configurations(path)
+    if count == 1:
+        return Description(radar)
+    taken = configuration or count
+    other = 1 if taken == count else count
+    note = (
+        f"{path.name} holds {count} configurations; number {taken} was taken "
+        f"(--radar {path}#{other} names another)"
+    )
+    return Description(radar, notes=(note,))
+
+
+def _read_json(path: Path, device: str = "awr1843") -> Description:
+    return Description(*read_mmwave_json(path, device=device))
 
 
 DESCRIPTIONS = (
@@ -43,7 +75,14 @@ DESCRIPTIONS = (
     Format(
         "a log of mmWave Studio (.txt or .csv)",
         lambda path: path.suffix in (".txt", ".csv"),
-        lambda path: Description(radar_from_studio_log(path)),
+        _read_log,
+        ("configuration",),
+    ),
+    Format(
+        "an .mmwave.json of mmWave Studio",
+        lambda path: path.suffix == ".json",
+        _read_json,
+        ("device",),
     ),
     Format(
         "a ColoRadar folder such as calib/single_chip",
@@ -56,21 +95,33 @@ DESCRIPTIONS = (
 def read_description(path: Path | str, *, device: str | None = None) -> Description:
     """Return the radar that a file or folder describes.
 
-    `device` is the board of a .cfg. Raises FileNotFoundError for a missing path, and
-    UsageError for an unknown kind of file or a `device` that does not apply.
+    `device` is the board of a .cfg or .json. Raises FileNotFoundError for a missing
+    path, and UsageError for an unknown kind of file, a `device` that does not apply and
+    a configuration that a log does not hold.
     """
-    path = Path(path)
+    path, number = Path(path), None
+    numbered = re.fullmatch(r"(.+)#(\d{1,6})", path.name)
+    if numbered and not path.exists():
+        path, number = path.with_name(numbered[1]), int(numbered[2])
     if not path.exists():
         raise FileNotFoundError(f"no such radar description: {path}")
-    return read(path, DESCRIPTIONS, device=device)
+    return read(path, DESCRIPTIONS, device=device, configuration=number)
 
 
 def find_description(path: Path, patterns: Sequence[str]) -> Path:
-    """Return the only file beside `path` that matches one of `patterns`.
+    """Return the file beside `path` that matches one of `patterns` and describes it.
 
-    Raises UsageError if there are several or none.
+    Of several files, those that describe no radar, such as logs of the capture card, do
+    not count. Among those that do, the name decides: `run_1.bin` belongs to
+    `run_1.cfg`, `run_1_LogFile.txt` and `LogFile_1.txt`. Raises UsageError if several
+    or none are left.
     """
     found = sorted({file for p in patterns for file in path.parent.glob(p)})
+    found = [file for file in found if file.name != CAPTURE_TOML and file != path]
+    if len(found) > 1:
+        found = [file for file in found if _describes_radar(file)] or found
+    if len(found) > 1:
+        found = _of_same_name(path, found) or found
     if len(found) == 1:
         return found[0]
     names = f" ({', '.join(file.name for file in found[:5])})" if found else ""
@@ -78,3 +129,21 @@ def find_description(path: Path, patterns: Sequence[str]) -> Path:
         f"{len(found) or 'no'} radar descriptions beside {path}{names}, expected one "
         f"of {', '.join(patterns)}: name the file with --radar"
     )
+
+
+def _describes_radar(file: Path) -> bool:
+    with file.open("rb") as content:
+        return SIGNS.get(file.suffix, b"") in content.read(MAX_BYTES)
+
+
+def _of_same_name(path: Path, found: list[Path]) -> list[Path]:
+    """Return the files that are named after a capture, or else bear its number."""
+    stem = re.sub(r"_Raw_\d+$", "", path.stem)
+    begin = re.compile(rf"{re.escape(stem)}([._](?!\d).*)")
+    if named := [file for file in found if begin.fullmatch(file.name)]:
+        return named
+    number = re.search(r"_(\d+)$", stem)
+    if number is None:
+        return []
+    end = re.compile(rf".*_0*{int(number[1])}")
+    return [file for file in found if end.fullmatch(file.stem)]

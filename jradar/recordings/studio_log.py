@@ -3,11 +3,17 @@
     API:ProfileConfig,0,1435384036,10000,600,6000,0,0,621,0,256,10000,0,0,30,0,
 
 Each line holds a command and its arguments in register units. A repeated command
-replaces the earlier one.
+replaces the earlier one (a profile or chirp: the one of the same number). What is in
+force at a FrameConfig or a SensorStart is one configuration; a log of several captures
+holds several.
 """
 
+import itertools
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
+from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 from jradar.radar.devices import BOARDS
 from jradar.recordings.text_files import radar_of, read_text
@@ -17,57 +23,82 @@ FREQUENCY_HZ = 3.6e9 / 2**26
 SLOPE_HZ_PER_S = 3.6e9 * 900 / 2**26 * 1e6
 TIME_S = 10e-9
 FRAME_PERIOD_S = 5e-9
-NEEDED = (
-    *("select_chip_version", "ChannelConfig", "AdcOutConfig", "ProfileConfig"),
-    *("ChirpConfig", "FrameConfig"),
-)
+# The commands that are read, and the fewest fields of each.
+LEAST_FIELDS = {
+    "select_chip_version": 1,
+    "ChannelConfig": 2,
+    "AdcOutConfig": 2,
+    "ProfileConfig": 11,
+    "ChirpConfig": 8,
+    "FrameConfig": 5,
+}
+ENDS = ("FrameConfig", "SensorStart")  # of a configuration
+MAX_CHIRPS = 512  # that a chip can store
+LARGEST = 2**32  # a register has at most 32 bits
 CHIPS = {board.studio_chip: board for board in BOARDS.values() if board.studio_chip}
 
 
-def radar_from_studio_log(path: Path | str) -> RadarSpec:
+class Configuration(NamedTuple):
+    """The commands in force at a line of the log."""
+
+    commands: dict[str, list[int]]
+    chip: list[str]  # the last one selected
+    profiles: dict[int, list[int]]  # of each number: the fields
+    chirps: dict[tuple[int, int], list[int]]  # from first to last: the other fields
+
+    @property
+    def missing(self) -> list[str]:
+        """The commands that have not been given."""
+        given = {*self.commands, *("select_chip_version" for _ in self.chip)}
+        return [name for name in LEAST_FIELDS if name not in given]
+
+
+def count_configurations(path: Path | str) -> int:
+    """Return the number of complete configurations in a log, at least 1.
+
+    Raises ValueError for a file of another kind and for a malformed line.
+    """
+    return sum(1 for _ in _replay(path))
+
+
+def radar_from_studio_log(
+    path: Path | str, *, configuration: int | None = None
+) -> RadarSpec:
     """Return the radar in the log that mmWave Studio writes beside `adc_data.bin`.
 
+    Of several configurations, counted from 1, the last is taken by default.
     Transmitters are in firing order, which is also their order in the recorded file.
     """
-    commands: dict[str, list[str]] = {}
-    tx_of_chirp: dict[int, list[int]] = {}
-    for line in read_text(path).splitlines():
-        name, _, rest = line.partition("API:")[2].partition(",")
-        arguments = rest.rstrip(",").split(",")
-        commands[name] = arguments
-        if name == "ChirpConfig":
-            first, last, *_ = map(int, arguments)
-            on = [tx for tx, bit in enumerate(arguments[7:]) if int(bit)]
-            tx_of_chirp |= dict.fromkeys(range(first, last + 1), on)
-    if missing := ", ".join(name for name in NEEDED if name not in commands):
-        raise ValueError(f"{path}: no {missing}: is it the log of mmWave Studio?")
-    chip = commands["select_chip_version"][0]
+    count = count_configurations(path)
+    number = count if configuration is None else configuration
+    if not 1 <= number <= count:
+        raise UsageError(f"{path} has no configuration {number}, expected 1 to {count}")
+    chosen = next(itertools.islice(_replay(path), number - 1, None))
+    chip = chosen.chip[-1]
     if chip not in CHIPS:
         raise ValueError(f"{path}: chip {chip}, expected one of {', '.join(CHIPS)}")
     board = CHIPS[chip]
-    try:
-        profile = [int(value) for value in commands["ProfileConfig"]]
-        first, last, _, loops, period = map(int, commands["FrameConfig"][:5])
-        rx_mask = int(commands["ChannelConfig"][1])
-        is_complex = int(commands["AdcOutConfig"][1]) > 0
-        fired = [tx_of_chirp[chirp] for chirp in range(first, last + 1)]
-        idle, adc_start, ramp_end, slope = *profile[2:5], profile[7]
-        num_samples, sample_rate_ksps = profile[9:11]
-    except (KeyError, ValueError) as error:
-        raise ValueError(f"{path}: incomplete configuration ({error})") from error
-    if not is_complex:
+    rx_mask = chosen.commands["ChannelConfig"][1]
+    if chosen.commands["AdcOutConfig"][1] <= 0:
         raise ValueError(f"{path}: real samples were recorded, expected complex ones")
+    profile, tx = _turn(path, chosen)
+    _, _, _, loops, period = chosen.commands["FrameConfig"][:5]
+    if max(tx) >= len(board.tx_positions):
+        raise ValueError(
+            f"{path}: the chirps fire transmitters {tx}, counted from 0; an {chip} has "
+            f"{len(board.tx_positions)}"
+        )
     fields = {
         "name": chip.lower(),
         "start_frequency_hz": profile[1] * FREQUENCY_HZ,
-        "slope_hz_per_s": slope * SLOPE_HZ_PER_S,
-        "sample_rate_hz": sample_rate_ksps * 1e3,
-        "num_samples": num_samples,
+        "slope_hz_per_s": profile[7] * SLOPE_HZ_PER_S,
+        "sample_rate_hz": profile[10] * 1e3,
+        "num_samples": profile[9],
         "num_chirps": loops,
-        "idle_time_s": idle * TIME_S,
-        "adc_start_time_s": adc_start * TIME_S,
-        "ramp_end_time_s": ramp_end * TIME_S,
-        "tx_positions": tuple(board.tx_positions[t] for t in one_tx_each(path, fired)),
+        "idle_time_s": profile[2] * TIME_S,
+        "adc_start_time_s": profile[3] * TIME_S,
+        "ramp_end_time_s": profile[4] * TIME_S,
+        "tx_positions": tuple(board.tx_positions[t] for t in tx),
         "rx_positions": tuple(
             place for bit, place in enumerate(board.rx_positions) if rx_mask >> bit & 1
         ),
@@ -86,3 +117,80 @@ def one_tx_each(path: Path | str, fired: list[list[int]]) -> list[int]:
             "chirp to fire one, and each transmitter to fire once"
         )
     return order
+
+
+def _replay(path: Path | str) -> Iterator[Configuration]:
+    """Yield each complete configuration; the object changes with the next line."""
+    now, changed, found = Configuration({}, [], {}, {}), False, 0
+    for number, line in enumerate(read_text(path, errors="replace").splitlines(), 1):
+        name, _, rest = line.partition("API:")[2].partition(",")
+        if name in LEAST_FIELDS:
+            words = rest.rstrip(",").split(",")
+            changed |= _apply(now, name, words, f"{path}, line {number}: {line!r:.120}")
+        if name in ENDS and changed and not now.missing:
+            changed, found = False, found + 1
+            yield now
+    if now.missing:
+        names = ", ".join(now.missing)
+        raise ValueError(f"{path}: no {names}: is it the log of mmWave Studio?")
+    if not found:
+        yield now
+
+
+def _apply(now: Configuration, name: str, words: list[str], place: str) -> bool:
+    """Carry out a command; return whether it changed the configuration."""
+    if name == "select_chip_version":
+        changed = now.chip != words[:1]
+        now.chip[:] = words[:1]
+        return changed
+    try:
+        fields = [int(word) for word in words]
+    except ValueError:
+        fields = []
+    if len(fields) < LEAST_FIELDS[name] or max(map(abs, fields)) > LARGEST:
+        raise ValueError(
+            f"{place}, expected {LEAST_FIELDS[name]} or more register values after "
+            f"{name}"
+        )
+    if name == "ProfileConfig":
+        changed = now.profiles.get(fields[0]) != fields
+        now.profiles[fields[0]] = fields
+    elif name == "ChirpConfig":
+        first, last, *others = fields
+        if not 0 <= first <= last < MAX_CHIRPS:
+            raise ValueError(
+                f"{place}, expected chirps from 0 to {MAX_CHIRPS - 1} in rising order"
+            )
+        changed = now.chirps.pop((first, last), None) != others
+        now.chirps[first, last] = others  # the latest stands last
+    else:
+        changed = now.commands.get(name) != fields
+    now.commands[name] = fields
+    return changed
+
+
+def _turn(path, chosen: Configuration) -> tuple[list[int], list[int]]:
+    """Return the profile of the chirps of a frame, and transmitters in firing order."""
+    described = {}
+    for (first, last), others in chosen.chirps.items():
+        described |= dict.fromkeys(range(first, last + 1), others)
+    first, last = chosen.commands["FrameConfig"][:2]
+    turn = [described.get(chirp) for chirp in range(first, min(last + 1, MAX_CHIRPS))]
+    if not turn or None in turn or last >= MAX_CHIRPS:
+        raise ValueError(
+            f"{path}: incomplete configuration: a frame sends chirps {first} to "
+            f"{last}, ChirpConfig describes {sorted(described)[:20]}"
+        )
+    number = turn[0][0]
+    if any(chirp[0] != number or any(chirp[1:5]) for chirp in turn):
+        raise ValueError(
+            f"{path}: the chirps of a frame differ in profile, frequency, slope or "
+            "times, expected one profile without variations"
+        )
+    if number not in chosen.profiles:
+        raise ValueError(
+            f"{path}: the chirps use profile {number}, ProfileConfig describes "
+            f"{[*chosen.profiles]}"
+        )
+    fired = [[tx for tx, on in enumerate(chirp[5:]) if on] for chirp in turn]
+    return chosen.profiles[number], one_tx_each(path, fired)

@@ -24,7 +24,7 @@ from jaxtyping import Complex
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 from jradar.radar.devices import BOARDS, ROW_OF_RECEIVERS, Board
-from jradar.recordings.studio_log import one_tx_each
+from jradar.recordings.studio_log import MAX_CHIRPS, one_tx_each
 from jradar.recordings.text_files import radar_of, read_text
 
 # The commands that are read, and the fewest fields of each: files omit trailing ones.
@@ -43,7 +43,6 @@ LEAST_FIELDS = {
     "antPhaseRot": 1,
 }
 NEEDED = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg", "frameCfg")
-MAX_CHIRPS = 512  # that a chip can store
 NUM_RX = len(ROW_OF_RECEIVERS)
 CHOICES = f"name the board, one of {', '.join(BOARDS)}"
 

@@ -154,9 +154,9 @@ def test_a_description_of_any_kind_serves_any_file(tmp_path):
     np.testing.assert_array_equal(binary.cubes[0], cube)
     with pytest.raises(UsageError, match="device = 'awr1642' does not apply .*.toml"):
         open_recording(path, device="awr1642")
-    with pytest.raises(UsageError, match="radar.json is of no known format"):
-        (tmp_path / "radar.json").write_text("{}")
-        open_recording(path, tmp_path / "radar.json")
+    with pytest.raises(UsageError, match="radar.yaml is of no known format"):
+        (tmp_path / "radar.yaml").write_text("{}")
+        open_recording(path, tmp_path / "radar.yaml")
 
 
 def test_a_capture_toml_describes_its_folder(tmp_path):

@@ -1,0 +1,105 @@
+"""Logs of mmWave Studio: several configurations, malformed lines, claimed sizes."""
+
+import pytest
+
+from jradar.errors import UsageError
+from jradar.recordings import open_recording, radar_from_studio_log, read_description
+from tests.recordings.cube_writer import LOG, SHAPE, random_cube, save_studio
+
+SECOND = """\
+API:ProfileConfig,0,1435384036,10000,600,6000,0,0,500,0,8,10000,0,0,30,0,
+API:FrameConfig,0,1,3,7,200000,0,512,0,
+API:SensorStart,0,
+"""
+
+
+@pytest.fixture
+def log(tmp_path):
+    """A function that writes a log: its path."""
+
+    def write(text):
+        (tmp_path / "LogFile.txt").write_text(text)
+        return tmp_path / "LogFile.txt"
+
+    return write
+
+
+def chirps(path, configuration=None):
+    return radar_from_studio_log(path, configuration=configuration).num_chirps
+
+
+def test_of_several_configurations_the_last_complete_one_is_taken(log):
+    assert chirps(log(LOG + SECOND)) == 7
+    assert chirps(log(LOG + SECOND), 1) == 4
+    unfinished = "API:ProfileConfig,0,1435384036,10000,600,6000,0,0,9,0,8,10000,0,0,30,"
+    radar = radar_from_studio_log(log(LOG + SECOND + unfinished))
+    assert radar.num_chirps == 7
+    assert radar.slope_hz_per_s == pytest.approx(500 * 48.279e9, rel=1e-4)
+
+
+def test_a_repeated_configuration_counts_once(log):
+    path = log(LOG + "API:SensorStart,0,\n" + LOG + LOG + "API:SensorStart,0,\n")
+    assert read_description(path).notes == ()
+
+
+def test_a_change_without_a_new_frame_counts_when_the_sensor_starts(log):
+    profile = SECOND.splitlines()[0]
+    assert read_description(log(f"{LOG}{profile}\n")).notes == ()
+    radar = radar_from_studio_log(log(f"{LOG}{profile}\nAPI:SensorStart,0,\n"))
+    assert radar.slope_hz_per_s == pytest.approx(500 * 48.279e9, rel=1e-4)
+
+
+def test_the_choice_is_reported_and_can_be_made(tmp_path):
+    path = save_studio(tmp_path, random_cube((2, *SHAPE)), LOG + SECOND)
+    log = tmp_path / "adc_LogFile.txt"
+    with pytest.raises(ValueError, match="needs a multiple of 1,792"):
+        open_recording(path)
+    recording = open_recording(path, f"{log}#1")
+    assert recording.radar.num_chirps == 4
+    assert recording.notes == (
+        "adc_LogFile.txt holds 2 configurations; number 1 was taken "
+        f"(--radar {log}#2 names another)",
+    )
+    assert "number 2 was taken" in read_description(log).notes[0]
+    for number in (0, 3):
+        with pytest.raises(UsageError, match=f"configuration {number}, expected 1 to"):
+            read_description(f"{log}#{number}")
+    with pytest.raises(FileNotFoundError, match="no such radar description"):
+        read_description(f"{tmp_path / 'none.txt'}#1")
+    (tmp_path / "radar.toml").write_text("[radar]\ndevice = 'awr1843'\n")
+    with pytest.raises(UsageError, match="configuration = 1 does not apply"):
+        read_description(f"{tmp_path / 'radar.toml'}#1")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("ChannelConfig,3,15,0", "ChannelConfig,3", "line 2: 'API:ChannelConfig,3,'"),
+        ("ChannelConfig,3,15,0", "ChannelConfig", "line 2: .* 2 or more register"),
+        ("ChannelConfig,3,15,0", "ChannelConfig,3,0,0", "rx_positions"),
+        ("ChirpConfig,0,0", "ChirpConfig,0,60000000", "chirps from 0 to 511"),
+        ("ChirpConfig,0,0", "ChirpConfig,1,0", "chirps from 0 to 511"),
+        ("ChirpConfig,1,1,0,0", "ChirpConfig,1,1,1,0", "differ in profile"),
+        ("ChirpConfig,1,1,0,0", "ChirpConfig,1,1,0,9", "differ in profile"),
+        ("ProfileConfig,0", "ProfileConfig,1", r"use profile 0, .* describes \[1\]"),
+        ("FrameConfig,0,1", "FrameConfig,0,60000000", "incomplete configuration"),
+        ("FrameConfig,0,1", "FrameConfig,1,0", "incomplete configuration"),
+        ("FrameConfig,0,1,3,4", "FrameConfig,0,1,3,0", "num_chirps = 0"),
+        ("FrameConfig,0,1,3,4", "FrameConfig,0,1,3,-4", "num_chirps = -4"),
+        ("FrameConfig,0,1,3,4", "FrameConfig,0,1,3," + "9" * 400, "line 7"),
+        ("FrameConfig,0,1,3,4", "FrameConfig,0,1,3,nan", "line 7"),
+        ("0,0,0,0,0,0,1,\n", "0,0,0,0,0,0,0,1,\n", "fire transmitters"),
+        (",621,", ",-621,", "slope_hz_per_s"),
+        ("AR1642", "", "chip , expected one of"),
+    ],
+)
+def test_malformed_lines_are_named(log, old, new, message):
+    assert old in LOG
+    with pytest.raises(ValueError, match=f"LogFile.txt.*{message}"):
+        radar_from_studio_log(log(LOG.replace(old, new, 1)))
+
+
+def test_other_encodings_of_names_are_read(tmp_path):
+    path = tmp_path / "LogFile.txt"
+    path.write_bytes("C:\\Müller\\capture,0,\n".encode("cp1252") + LOG.encode())
+    assert chirps(path) == 4
