@@ -4,8 +4,8 @@
     <prefix>_Raw_<i>.bin         packets with headers of 14 bytes, in several files
     a dump of UDP payloads       packets with headers of 10 bytes
 
-Samples are complex little-endian int16 in the order [frame][chirp][tx][rx][sample];
-`iq_order` describes how I and Q alternate. Files recorded with `dataLoggingMode` multi
+Samples are little-endian int16 in the order [frame][chirp][tx][rx][sample]; `iq_order`
+describes how I and Q alternate. Files recorded with `dataLoggingMode` multi
 cannot be read.
 """
 
@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Num
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
@@ -79,9 +79,9 @@ def open_dca1000(
             f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
             "second field to 0 and record again"
         )
-    order = iq_order or capture.iq_order
+    order = iq_order or ("I" if radar.real_samples else capture.iq_order)
     check_iq_order(order, radar)
-    frame_bytes = 4 * math.prod(radar.cube_shape)
+    frame_bytes = _frame_bytes(radar)
     header_bytes = header_size(files)
     source = files
     if header_bytes:
@@ -90,7 +90,7 @@ def open_dca1000(
     if not count or (rest and not allow_partial):
         raise ValueError(_does_not_fit(files, source.size, radar))
 
-    def read(index: int) -> Complex[np.ndarray, "tx rx chirp sample"]:
+    def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
         return cube_of_words(raw.view("<i2"), radar, order)
 
@@ -103,8 +103,7 @@ def open_dca1000(
         lost = lost_per_frame(source, frame_bytes, count)
         notes += _losses(source, lost)
         whole = int(lost.argmin())
-    words = source.read(whole * frame_bytes, (whole + 1) * frame_bytes).view("<i2")
-    if advice := advise_iq_order(words.reshape(-1, 2 * radar.num_samples), order=order):
+    if advice := advise_iq_order(read(whole), order=order):
         notes.append(advice)
     period = radar.frame_period_s
     return Recording(
@@ -154,6 +153,10 @@ def _files(path: Path) -> tuple[Files, str]:
     return files, name
 
 
+def _frame_bytes(radar: RadarSpec) -> int:
+    return (2 if radar.real_samples else 4) * math.prod(radar.cube_shape)
+
+
 def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
     first, last = packets.holes()
     missing = int((last - first).sum())
@@ -172,7 +175,8 @@ def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
 
 def _does_not_fit(files: Files, size: int, radar: RadarSpec) -> str:
     tx, rx, chirps, samples = radar.cube_shape
-    frame_bytes = 4 * tx * rx * chirps * samples
+    frame_bytes = _frame_bytes(radar)
+    sample_bytes = frame_bytes // math.prod(radar.cube_shape)
     mine = (samples, chirps, rx, tx)
     usual = (sorted({*USUAL[k], v}) for k, v in zip(USUAL, mine, strict=True))
 
@@ -180,15 +184,16 @@ def _does_not_fit(files: Files, size: int, radar: RadarSpec) -> str:
         changed = sum(a != b for a, b in zip(shape, mine, strict=True))
         return changed, -math.prod(shape)
 
-    shapes = [s for s in itertools.product(*usual) if not size % (4 * math.prod(s))]
+    shapes = itertools.product(*usual)
+    shapes = [s for s in shapes if not size % (sample_bytes * math.prod(s))]
     fitting = sorted(shapes if size else [], key=least_changed)[:6]
     others = f"frames of (samples, chirps, rx, tx) that fit: {fitting}"
     if not fitting:
         others = "no usual frame size fits"
     return (
         f"{files.paths[0]} holds {size:,} bytes, {radar.name} needs a multiple of "
-        f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x 4 "
-        f"bytes): {size // frame_bytes} whole frames. Was the file cut off "
-        "(allow_partial reads the whole frames), or does the description belong to "
+        f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x "
+        f"{sample_bytes} bytes): {size // frame_bytes} whole frames. Was the file cut "
+        "off (allow_partial reads the whole frames), or does the description belong to "
         f"another capture ({others})?"
     )

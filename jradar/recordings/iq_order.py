@@ -6,20 +6,26 @@ Samples are int16 in the order [chirp][tx][rx][sample]; an `iq_order` is one of
                               samples
     I4Q4  Q4I4                four lanes (xWR12xx, 14xx): I of every receiver, then Q
                               of every receiver, sample by sample
+    I                         real samples (2944)
 
 The orders that begin with Q come from the sample swap of `adcbufCfg`. `reorderEnable`
 of a DCA1000 turns IIQQ into IQIQ.
 """
 
 import numpy as np
-from jaxtyping import Complex, Int16
+from jaxtyping import Int16, Num
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 
-IQ_ORDERS = ("IIQQ", "QQII", "IQIQ", "QIQI", "I4Q4", "Q4I4")
-TWO_LANES = IQ_ORDERS[:4]
+TWO_LANES = ("IIQQ", "QQII", "IQIQ", "QIQI")
+IQ_ORDERS = (*TWO_LANES, "I4Q4", "Q4I4", "I")
 OTHER_INTERLEAVE = {"IIQQ": "IQIQ", "IQIQ": "IIQQ", "QQII": "QIQI", "QIQI": "QQII"}
+SWAPPED = {"IIQQ": "QQII", "IQIQ": "QIQI", "I4Q4": "Q4I4"}
+SWAPPED |= {swapped: order for order, swapped in SWAPPED.items()}
+LEAST_SAMPLES = 64  # for a spectrum in which both ends can be told apart
+IMAGE_RATIO = 4.0  # 6 dB; a wrong interleave raises the images by 10 to 30 dB
+LEAKAGE_RATIO = 10.0  # the leakage exceeds the far end by 20 dB or more
 
 
 def check_iq_order(order: str, radar: RadarSpec) -> None:
@@ -27,6 +33,14 @@ def check_iq_order(order: str, radar: RadarSpec) -> None:
     if order not in IQ_ORDERS:
         raise UsageError(
             f"iq_order = {order!r}, expected one of {', '.join(IQ_ORDERS)}"
+        )
+    if (order == "I") != radar.real_samples:
+        kind, orders = "complex", ", ".join(IQ_ORDERS[:-1])
+        if radar.real_samples:
+            kind, orders = "real", "I"
+        raise ValueError(
+            f"iq_order = {order!r}, but {radar.name} has {kind} samples: expected "
+            f"{orders}"
         )
     if order in TWO_LANES and radar.num_samples % 2:
         raise ValueError(
@@ -37,9 +51,12 @@ def check_iq_order(order: str, radar: RadarSpec) -> None:
 
 def cube_of_words(
     words: Int16[np.ndarray, " word"], radar: RadarSpec, order: str
-) -> Complex[np.ndarray, "tx rx chirp sample"]:
-    """Convert one frame of int16 to complex64 [tx, rx, chirp, sample]."""
+) -> Num[np.ndarray, "tx rx chirp sample"]:
+    """Convert one frame of int16 to [tx, rx, chirp, sample]: complex64, or float32."""
     tx, rx, chirps, samples = radar.cube_shape
+    if order == "I":
+        frame = words.reshape(chirps, tx, rx, samples).transpose(1, 2, 0, 3)
+        return frame.astype(np.float32)
     cube = np.empty(radar.cube_shape, np.complex64)
     if order in TWO_LANES:
         shape = (chirps, tx, rx, samples)
@@ -53,44 +70,68 @@ def cube_of_words(
 
 
 def advise_iq_order(
-    words: Int16[np.ndarray, "chirp word"], *, order: str
+    cube: Num[np.ndarray, "tx rx chirp sample"], *, order: str
 ) -> str | None:
-    """Return advice if the spectra of two-lane chirps contradict `order`, else None.
+    """Return advice if the spectrum of a frame contradicts `order`, else None.
 
-    A wrong interleave mirrors every echo about the middle of the range axis. Swapped
-    I and Q reverse the range axis: the notch of the decimation filter, at the far end
-    of complex 1x samples, appears at the near end. Differences below 3 dB are ignored.
+    A wrong interleave adds to every echo its image on the other side of the range
+    axis' middle: the right one has the weaker images. Swapped I and Q reverse the range
+    axis. Part of the transmitted signal leaks directly into the receivers; it stands
+    still and belongs into the first range bins, so that a leakage in the last ones
+    shows the reversal. A silent frame, or noise alone, gives no advice.
     """
-    num_samples = words.shape[1] // 2
-    if order not in TWO_LANES or num_samples % 2 or num_samples < 64:
+    if order not in SWAPPED or cube.shape[-1] < LEAST_SAMPLES:
         return None
-    levels = {name: _levels(words, name) for name in TWO_LANES}
-    best, other = order, OTHER_INTERLEAVE[order]
-    if levels[other][0] > levels[order][0] + 3:
-        best = other
-    _, near, far = levels[best]
-    if near < far - 3:
-        best = best[::-1]
+    best, power = order, _power(cube)
+    if other := OTHER_INTERLEAVE.get(order):
+        changed = _power(_reread(cube, order, other))
+        if _image(changed) * IMAGE_RATIO < _image(power):
+            best, power = other, changed
+    if _is_reversed(power):
+        best = SWAPPED[best]
     if best == order:
         return None
     return (
         f"the spectra suggest samples in the order {best}, they were read as {order}: "
-        f"check whether iq_order='{best}' puts the echoes where they belong"
+        f"check whether iq_order='{best}' (--iq-order {best}) puts the echoes where "
+        "they belong"
     )
 
 
-def _levels(words, order):
-    """Return asymmetry about the range axis' middle, near and far level, in dB."""
-    in_phase, quadrature = _halves(words[:256].astype(np.float32), order)
-    samples = in_phase + 1j * quadrature
-    samples -= samples.mean(-1, keepdims=True)
-    count = samples.shape[-1]
-    power = np.abs(np.fft.fft(samples * np.hanning(count))) ** 2
-    level = 10 * np.log10(power.mean(0) + 1e-9)
-    bins = np.arange(1, count // 2)
-    contrast = np.median(np.abs(level[bins] - level[-bins]))
-    edge = slice(count // 50, max(count // 12, 2))
-    return contrast, np.median(level[edge]), np.median(level[::-1][edge])
+def _power(cube):
+    """Return the power over range of what stands still, antennas averaged."""
+    still = cube.mean(2)
+    still = still - still.mean(-1, keepdims=True)
+    spectra = np.fft.fft(still * np.hanning(still.shape[-1]))
+    return (np.abs(spectra) ** 2).mean((0, 1))
+
+
+def _image(power):
+    """Return the power of images, relative to that of the echoes they belong to."""
+    bins = np.arange(2, len(power) // 2)  # without the constant part
+    both = np.stack([power[bins], power[-bins]])
+    return both.min(0).sum() / max(both.max(0).sum(), 1e-9)
+
+
+def _is_reversed(power):
+    """True if the far end is the stronger one, and falls from the end inwards.
+
+    The last condition tells leakage from an echo that lies a little nearer.
+    """
+    width = max(len(power) // 32, 4)
+    near, far = power[2 : 2 + width], power[::-1][1 : 1 + width]
+    return bool(far.sum() > LEAKAGE_RATIO * near.sum() and far[0] > far[3])
+
+
+def _reread(cube, order, other):
+    """Return the cube that another order makes of the same words, for two lanes."""
+    shape = (*cube.shape[:-1], -1)
+    pairs = cube.reshape(*shape, 2)
+    words = np.empty((*pairs.shape[:-1], 4), np.float32)
+    for half, part in (("I", pairs.real), ("Q", pairs.imag)):
+        words[..., [at for at in range(4) if order[at] == half]] = part
+    in_phase, quadrature = _halves(words.reshape(shape), other)
+    return in_phase + 1j * quadrature
 
 
 def _halves(words, order):

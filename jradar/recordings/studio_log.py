@@ -175,12 +175,13 @@ def _turn(path, chosen: Configuration) -> tuple[list[int], list[int]]:
     for (first, last), others in chosen.chirps.items():
         described |= dict.fromkeys(range(first, last + 1), others)
     first, last = chosen.commands["FrameConfig"][:2]
-    turn = [described.get(chirp) for chirp in range(first, min(last + 1, MAX_CHIRPS))]
-    if not turn or None in turn or last >= MAX_CHIRPS:
+    wanted = range(first, min(last, MAX_CHIRPS) + 1)
+    if not wanted or not set(wanted) <= set(described):
         raise ValueError(
             f"{path}: incomplete configuration: a frame sends chirps {first} to "
             f"{last}, ChirpConfig describes {sorted(described)[:20]}"
         )
+    turn = [described[chirp] for chirp in wanted]
     number = turn[0][0]
     if any(chirp[0] != number or any(chirp[1:5]) for chirp in turn):
         raise ValueError(

@@ -2,6 +2,8 @@
 
 import pytest
 
+from jradar.recordings import open_capture
+from jradar.simulation import simulate_capture
 from tests.recordings.coloradar_writer import (
     write_calib,
     write_lidar,
@@ -24,3 +26,11 @@ def root(tmp_path):
 @pytest.fixture
 def sequence(root):
     return root / "12_21_2020_ec_hallways_run0"
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory):
+    """A simulated capture of one frame; needs rosbags."""
+    pytest.importorskip("rosbags", reason="pip install jradar[ros]")
+    root = tmp_path_factory.mktemp("simulated")
+    return open_capture(simulate_capture("hall", 0, root, frames=1))
