@@ -1,16 +1,16 @@
 """Errors that a user can mend, and the exit codes of all commands.
 
-    0    ok
-    2    usage or config
-    3    environment: lock held, disk full, missing extra
-    4    bad data
-    5    no usable checkpoint or model
-    130  interrupted
-
-A run that saved its state after SIGTERM ends with 143 (`training.Interrupted`).
+0    ok
+2    usage or config
+3    environment: lock held, disk full, missing extra
+4    bad data
+5    no usable checkpoint or model
+130  interrupted (Ctrl-C)
+143  ended by SIGTERM; a training has saved its state (`training.Interrupted`)
 """
 
 import contextlib
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,6 +27,10 @@ class CheckpointError(ValueError):
     """Checkpoints of which none can be used."""
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, as an exception: unfinished files are removed on the way out."""
+
+
 EXIT_CODES: dict[type[BaseException], int] = {
     UsageError: 2,
     FileNotFoundError: 2,
@@ -36,14 +40,28 @@ EXIT_CODES: dict[type[BaseException], int] = {
     ImportError: 3,
     ValueError: 4,
     FloatingPointError: 4,
+    Terminated: 143,
     KeyboardInterrupt: 130,
 }
+NO_DEVICE = ("Unable to initialize backend", "Unknown backend")  # RuntimeError of JAX
 
 
 def exit_code(error: BaseException) -> int | None:
     """Return the exit code of an error, or None for a fault of the program."""
+    if isinstance(error, RuntimeError) and str(error).startswith(NO_DEVICE):
+        return EXIT_CODES[OSError]
     kinds = EXIT_CODES.items()
     return next((code for kind, code in kinds if isinstance(error, kind)), None)
+
+
+def terminate_on_sigterm() -> None:
+    """Raise Terminated in the main thread at SIGTERM; a second one ends at once."""
+
+    def terminate(number, _):
+        signal.signal(number, signal.SIG_DFL)
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, terminate)
 
 
 @contextlib.contextmanager

@@ -8,7 +8,6 @@ import os
 import re
 import shutil
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 from jradar.errors import UsageError, parsing
 
 MAX_JSON_BYTES = 64 << 20
-NEW_S = 60.0  # a younger hidden folder may not be locked yet
+LOCK, REPLACED = ".lock", ".replaced"  # in a scratch folder: its lock, the old folder
 
 
 class FolderLocked(OSError):
@@ -93,43 +92,73 @@ def atomic_folder(folder: Path | str, *, marker: str) -> Iterator[Path]:
         yield scratch
         refuse_others()
         if folder.exists():
-            os.replace(folder, scratch.parent / ".replaced")
+            os.replace(folder, scratch.parent / REPLACED)
         os.replace(scratch, folder)
+
+
+def remove_leftovers(path: Path | str) -> None:
+    """Remove what killed writers of `path` left beside it.
+
+    If a writer was killed while it replaced the folder `path`, the old one returns.
+    """
+    path = Path(path)
+    prefix = f".{path.name}-"
+    for scratch in path.parent.glob(f"{glob.escape(prefix)}*"):
+        if re.fullmatch("[a-z0-9_]{8}", scratch.name.removeprefix(prefix)):
+            with contextlib.suppress(OSError):  # in use, gone, or without a lock
+                with (scratch / LOCK).open("r+") as lock:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    _discard(scratch, path)
 
 
 @contextlib.contextmanager
 def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
     """Yield a path of the same name in a hidden folder beside `path`, then delete it.
 
-    The hidden folder is locked while it is in use, so that a later call can tell the
-    leftovers of a killed process, and removes them.
+    The hidden folder holds a lock, by which the next writer tells the leftovers of a
+    killed process from a folder in use.
     """
     check()
     path.parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".{path.stem}-"
-    for old in path.parent.glob(f"{glob.escape(prefix)}*"):
-        if re.fullmatch("[a-z0-9_]{8}", old.name.removeprefix(prefix)):
-            _remove_abandoned(old)
-    scratch = Path(tempfile.mkdtemp(prefix=prefix, dir=path.parent))
-    lock = os.open(scratch, os.O_RDONLY)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield scratch / path.name
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-        os.close(lock)
-
-
-def _remove_abandoned(scratch: Path) -> None:
-    """Remove the hidden folder of a process that no longer runs."""
-    with contextlib.suppress(OSError):  # in use, gone, or not ours to open
-        lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY)
+    remove_leftovers(path)
+    scratch = None
+    while scratch is None:
+        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if time.time() - scratch.stat().st_mtime > NEW_S:
-                shutil.rmtree(scratch, ignore_errors=True)
+            with (scratch / LOCK).open("w") as lock:
+                with contextlib.suppress(OSError):  # a file system without locks
+                    fcntl.flock(lock, fcntl.LOCK_EX)
+                if os.fstat(lock.fileno()).st_nlink:
+                    yield scratch / path.name
+                else:  # another writer took it for a leftover
+                    scratch = None
         finally:
-            os.close(lock)
+            if scratch is not None:
+                _discard(scratch, path)
+
+
+def _discard(scratch: Path, path: Path) -> None:
+    """Delete a scratch folder; put an old folder back whose place is still free."""
+    old = scratch / REPLACED
+    if old.exists() and not path.exists():
+        os.replace(old, path)
+    shutil.rmtree(scratch, ignore_errors=True)
+
+
+def inside(folder: Path | str, name: Any, *, source: Path | str) -> Path:
+    """Return `folder / name`; ValueError if `name`, read in `source`, leaves `folder`.
+
+    Absolute paths and `..` are refused, so that a file can only name its neighbours.
+    """
+    if (
+        not isinstance(name, str)
+        or Path(name).is_absolute()
+        or ".." in Path(name).parts
+    ):
+        raise ValueError(
+            f"{source} names {name!r}, expected a path inside {folder} without `..`"
+        )
+    return Path(folder) / name
 
 
 def write_text(path: Path | str, text: str) -> None:

@@ -1,15 +1,19 @@
 """Exit codes: the nearest kind of an error decides; faults of the program have none."""
 
 import json
+import os
+import signal
 
 import pytest
 
 from jradar.errors import (
     CheckpointError,
     ModelError,
+    Terminated,
     UsageError,
     exit_code,
     parsing,
+    terminate_on_sigterm,
 )
 from jradar.files import FolderLocked
 
@@ -25,8 +29,18 @@ CODES = {
     ModelError("no weights"): 5,
     CheckpointError("none is whole"): 5,
     KeyboardInterrupt(): 130,
+    Terminated(): 143,
+    RuntimeError("Unable to initialize backend 'cuda': no GPU"): 3,
+    RuntimeError("Unknown backend: 'gpu' requested"): 3,
 }
-FAULTS = [TypeError(), KeyError(), AssertionError(), ZeroDivisionError(), SystemExit(1)]
+FAULTS = [
+    TypeError(),
+    RuntimeError("else"),
+    KeyError(),
+    AssertionError(),
+    ZeroDivisionError(),
+    SystemExit(1),
+]
 
 
 @pytest.mark.parametrize("error", CODES, ids=lambda error: type(error).__name__)
@@ -67,3 +81,14 @@ def test_other_errors_pass_a_parser_unchanged(raised):
         with parsing("a.npy", "a .npy file"):
             raise raised
     assert found.value is raised
+
+
+def test_sigterm_runs_what_cleans_up_and_a_second_one_ends_at_once():
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        terminate_on_sigterm()
+        with pytest.raises(Terminated):
+            os.kill(os.getpid(), signal.SIGTERM)
+        assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGTERM, before)

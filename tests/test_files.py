@@ -1,18 +1,25 @@
 """Files: one owner of a folder, nothing half-written; progress where no terminal is."""
 
+import contextlib
 import fcntl
+import itertools
 import os
-import time
+import shutil
+import sys
+from pathlib import Path
 
 import pytest
 
+from jradar import files
 from jradar.errors import UsageError
 from jradar.files import (
     FolderLocked,
     atomic_folder,
     atomic_path,
+    inside,
     lock_folder,
     read_json,
+    remove_leftovers,
     use_compilation_cache,
 )
 from jradar.progress import progress
@@ -75,20 +82,90 @@ def test_a_folder_replaces_only_its_own_kind(tmp_path):
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path):
-    left, used, young = (tmp_path / f".a-{k * 8}" for k in "xyz")
-    mine = tmp_path / ".a-notes"
-    for folder in (left, used, young, mine):
+    tails = ("abandons", "in_use00", "notes", "unmarked")
+    left, used, mine, unmarked = (tmp_path / f".a.txt-{tail}" for tail in tails)
+    for folder in (left, used, mine, unmarked):
         folder.mkdir()
         (folder / "half").write_text("written")
     for folder in (left, used, mine):
-        os.utime(folder, (time.time() - 3600,) * 2)
-    lock = os.open(used, os.O_RDONLY)
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    with atomic_path(tmp_path / "a.txt") as scratch:
-        scratch.write_text("new")
-    os.close(lock)
+        (folder / ".lock").touch()
+    with (used / ".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with atomic_path(tmp_path / "a.txt") as scratch:
+            scratch.write_text("new")
     found = {path.name for path in tmp_path.iterdir()}
-    assert found == {"a.txt", used.name, young.name, mine.name}
+    assert found == {"a.txt", used.name, mine.name, unmarked.name}
+
+
+@contextlib.contextmanager
+def traced(act):
+    """Call `act(number)` before every line that `jradar.files` executes."""
+    count, before = itertools.count(1), sys.gettrace()
+
+    def trace(frame, event, _):
+        if frame.f_code.co_filename != files.__file__:
+            return None
+        if event == "line":
+            act(next(count))
+        return trace
+
+    sys.settrace(trace)
+    try:
+        yield
+    finally:
+        sys.settrace(before)
+
+
+def old_run(root):
+    """A folder with its own kind of contents."""
+    (root / "run").mkdir(parents=True)
+    (root / "run" / "note.txt").write_text("old")
+    return root / "run"
+
+
+def test_an_interruption_at_any_line_leaves_the_old_or_the_new_folder(tmp_path):
+    def interrupt(number):
+        if number == last:
+            raise KeyboardInterrupt
+
+    found = []
+    for last in range(1, 200):
+        folder = old_run(tmp_path / str(last))
+        try:
+            with traced(interrupt):
+                write_note(folder, "new")
+        except KeyboardInterrupt:
+            pass
+        else:
+            break
+        shown = [p.name for p in folder.parent.iterdir() if p.name[0] != "."]
+        assert shown == ["run"], last
+        found.append((folder / "note.txt").read_text())
+    assert 30 < len(found) < 198 and {*found} == {"old", "new"}
+    assert found == sorted(found, reverse=True)  # first old, then new
+
+
+def test_a_kill_at_any_line_leaves_the_old_or_the_new_folder(tmp_path):
+    folder = old_run(tmp_path / "here")
+
+    def keep_copy(number):
+        shutil.copytree(folder.parent, tmp_path / f"{number:03d}")
+
+    with traced(keep_copy):
+        write_note(folder, "new")
+    copies = sorted(p for p in tmp_path.iterdir() if p.name.isdecimal())
+    assert len(copies) > 30
+    for copy in copies:  # as a kill leaves the folder, for the next writer
+        remove_leftovers(copy / "run")
+        assert (copy / "run" / "note.txt").read_text() in ("old", "new")
+        assert [p.name for p in copy.iterdir() if p.name[0] != "."] == ["run"]
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../x", "a/../../x", None, 3])
+def test_a_file_names_only_its_neighbours(name):
+    with pytest.raises(ValueError, match=r"manifest.json names .* inside data without"):
+        inside("data", name, source="manifest.json")
+    assert inside("data", "a/b.txt", source="x") == Path("data/a/b.txt")
 
 
 @pytest.mark.parametrize(
