@@ -13,11 +13,11 @@ import jradar
 
 PACKAGE = Path(jradar.__file__).parent
 FLOORS = {
+    "errors": 0,
     "types": 1,
     "nearest": 1,
     "files": 1,
     "progress": 1,
-    "errors": 1,
     "radar": 2,
     "range_image": 2,
     "lidar": 2,
