@@ -14,14 +14,22 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     """Describe a recording, a bag or a point cloud, and check that it can be read."""
     from jradar.cli.reading import echoes, frame_points, open_frames
     from jradar.radar import PointSpec
-    from jradar.recordings import calibrated_cube, describe, describe_file
+    from jradar.recordings import (
+        calibrated_cube,
+        check_samples,
+        describe,
+        describe_file,
+    )
 
     if (described := describe_file(options.path)) is not None:
         return described
     recording, (frame,) = open_frames(options)
     cube = calibrated_cube(recording, frame)
+    samples = check_samples(recording.cubes[frame])
     found: dict[str, Any] = {
-        "echoes": echoes(frame_points(cube, recording, PointSpec()), recording)
+        "largest sample": samples.largest,
+        "share at full scale": samples.share,
+        "echoes": echoes(frame_points(cube, recording, PointSpec()), recording),
     }
     if recording.radar.num_chirps > 1:
         moving = frame_points(cube, recording, PointSpec(remove_static=True))

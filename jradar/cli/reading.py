@@ -8,7 +8,7 @@ from jaxtyping import Array, Complex
 
 from jradar.errors import UsageError
 from jradar.radar import PointSpec, radar_points, strongest_echoes
-from jradar.recordings import Recording, open_recording
+from jradar.recordings import Recording, open_recording, with_sample_doubts
 from jradar.types import PointCloud
 
 
@@ -38,7 +38,7 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
     if not frames or frames.start < 0 or frames.stop > count:
         asked = f"--frames from {chosen.start}" if chosen else f"--frame {frames.start}"
         raise UsageError(f"{asked}: {options.path} has frames 0 to {count - 1}")
-    return recording, frames
+    return with_sample_doubts(recording, frames[0]), frames
 
 
 def frame_points(

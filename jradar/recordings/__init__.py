@@ -5,6 +5,7 @@
     calibrated_cube                  a frame with its antenna calibration applied
     nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
     describe, describe_file          what a recording, a bag or a cloud holds
+    check_samples                    clipped, or in another byte order or code
 
 Formats, each with its layout at the top of its module:
 
@@ -63,6 +64,11 @@ from jradar.recordings.recording import (
     calibrated_cube as calibrated_cube,
     nearest_scan as nearest_scan,
     radar_from_lidar as radar_from_lidar,
+)
+from jradar.recordings.sample_checks import (
+    SampleCheck as SampleCheck,
+    check_samples as check_samples,
+    with_sample_doubts as with_sample_doubts,
 )
 from jradar.recordings.studio_log import radar_from_studio_log as radar_from_studio_log
 from jradar.recordings.text_files import (

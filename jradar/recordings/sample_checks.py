@@ -1,0 +1,147 @@
+"""Whether the samples of a frame are what they are taken for.
+
+    clipped           numbers at the end of the converter's scale: the sum of all echoes
+                      was stronger, and its distortion looks like further echoes
+    other byte order  big-endian samples read as little-endian
+    offset binary     unsigned samples, 0 at the most negative voltage
+
+`check_samples` takes a frame as it was recorded, before any calibration.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int16, Num
+
+from jradar.recordings.recording import Recording
+
+# Full scale of converters with 16, 14 and 12 bits. TI's chips store all in 16 bits,
+# 12 of them at the low or at the high end, where values are multiples of 16.
+SCALES = (2**15, 2**13, 2**11)
+LARGEST_STEP = 16
+# Clipping a share of 1 in 1,000 numbers by a tenth of full scale distorts the signal
+# by sqrt(0.001) / 10, 50 dB below full scale: as strong as the weak echoes of a room,
+# which lie 40 to 60 dB below the strongest one.
+CLIPPED_SHARE = 1e-3
+# A tone that just reaches the last of C codes spends arccos(0.9) / pi of its time in
+# the last tenth before full scale, and sqrt(2 / C) / pi at the last code; other signals
+# spend less. Clipping collects there all that lies beyond: more than twice as much.
+# Fewer parts than FEW prove nothing.
+PILE = 2 * np.sqrt(2) / np.arccos(0.9)
+FEW = 10
+# Samples in the wrong byte order or code are noise of full scale, 86 dB in 16 bits.
+# The right reading has a floor below that by the converter's range over its own noise;
+# 10 dB are left even if echoes fill a third of the scale with noise.
+FLOOR_DB = 10.0
+# Unsigned samples swing about the middle of the scale, to which leakage of the
+# transmitter adds a constant of a few per cent.
+MIDDLE = 1 / 8
+CHIRPS = 256  # whose spectra are compared
+READINGS = {
+    "in the other byte order": (
+        lambda words: words.byteswap(),
+        "convert the file, in numpy: fromfile(PATH, '>i2').astype('<i2').tofile(NEW)",
+    ),
+    "in offset binary": (
+        lambda words: words ^ np.int16(-(2**15)),
+        "convert the file, in numpy: (fromfile(PATH, '<u2') ^ 0x8000).tofile(NEW)",
+    ),
+    "in offset binary and the other byte order": (
+        lambda words: words.byteswap() ^ np.int16(-(2**15)),
+        "convert the file, in numpy: (fromfile(PATH, '>u2') ^ 0x8000).astype('<u2')"
+        ".tofile(NEW)",
+    ),
+}
+
+
+class SampleCheck(NamedTuple):
+    """What a frame's samples look like."""
+
+    largest: float  # of the real and imaginary parts, without their sign
+    full_scale: int | None  # at which samples pile up, None if they do not
+    share: float  # of the parts that lie at full scale
+    doubts: tuple[str, ...]  # with the likely mend
+
+
+def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
+    """Return how far a recorded frame fills the converter's scale, and doubts.
+
+    Frames with samples that are no whole numbers of 16 bits are not doubted, because
+    somebody has scaled them.
+    """
+    chirps = cube.transpose(2, 0, 1, 3).reshape(-1, cube.shape[-1])
+    parts = _parts(chirps)
+    largest = float(np.abs(parts).max())
+    if not largest:
+        doubt = "all samples are zero: did the radar send, and the card receive?"
+        return SampleCheck(0.0, None, 0.0, (doubt,))
+    if not largest < 2**16 or (parts != np.rint(parts)).any():
+        return SampleCheck(largest, None, 0.0, ())
+    doubts = [*_offset_doubts(parts)]
+    full_scale, share = _clipping(parts)
+    if parts.min() >= -(2**15) and parts.max() < 2**15:
+        doubts += _code_doubts(parts[:, :CHIRPS].astype(np.int16))
+    if full_scale and share > CLIPPED_SHARE and not doubts:
+        doubts.append(
+            f"{share:.1%} of the samples are at full scale ({full_scale - 1:,}): the "
+            "receiver is overdriven, and its distortion looks like echoes: lower the "
+            "gain (rxGain), or move strong reflectors away"
+        )
+    return SampleCheck(largest, full_scale, share, tuple(doubts))
+
+
+def _parts(chirps) -> np.ndarray:
+    """Return real and imaginary parts, or the real ones alone, as a first axis."""
+    return np.stack([chirps.real, chirps.imag] if np.iscomplexobj(chirps) else [chirps])
+
+
+def with_sample_doubts(recording: Recording, frame: int) -> Recording:
+    """Add to a recording's notes what is doubtful about the samples of a frame."""
+    doubts = check_samples(recording.cubes[frame]).doubts
+    notes = (f"frame {frame}: {doubt}" for doubt in doubts)
+    return recording._replace(notes=(*recording.notes, *notes))
+
+
+def _clipping(parts) -> tuple[int | None, float]:
+    """Return the full scale at which parts pile up, and their share."""
+    scale = min((s for s in SCALES if np.abs(parts).max() <= s), default=0)
+    bits = int(np.bitwise_or.reduce(parts.astype(np.int64), axis=None))
+    step = min(bits & -bits, LARGEST_STEP)  # the lowest bit that any part uses
+    ends = np.abs(parts) >= scale - step
+    near = (np.abs(parts) >= 0.9 * scale) & ~ends
+    codes = max(scale / step, 1)
+    if not scale or ends.sum() <= max(PILE / np.sqrt(codes) * near.sum(), FEW):
+        return None, 0.0
+    return scale, float(ends.mean())
+
+
+def _offset_doubts(parts):
+    """Yield a doubt about numbers that are positive and swing about a half scale."""
+    for scale in SCALES:
+        aside = np.abs(parts.mean((1, 2)) - scale).max()
+        if parts.min() >= 0 and parts.max() < 2 * scale and aside < MIDDLE * scale:
+            yield (
+                f"all samples are positive and swing about {scale:,}: they look like "
+                f"unsigned numbers: subtract {scale:,} and save them again"
+            )
+
+
+def _code_doubts(words: Int16[np.ndarray, "part chirp sample"]):
+    """Yield a doubt if another reading of the words has a far lower noise floor."""
+    floors = {name: _floor(change(words)) for name, (change, _) in READINGS.items()}
+    best = min(floors, key=lambda name: floors[name])
+    below = _floor(words) - floors[best]
+    if below > FLOOR_DB:
+        yield (
+            f"the samples look like numbers {best}: read so, the noise floor is "
+            f"{below:.0f} dB lower: {READINGS[best][1]}"
+        )
+
+
+def _floor(words):
+    """Return the median of the range spectrum, in dB of the converter's steps."""
+    parts = words.astype(np.float32)
+    samples = parts[0] + 1j * parts[1] if len(parts) == 2 else parts[0]
+    samples = samples - samples.mean(-1, keepdims=True)
+    spectra = np.fft.fft(samples * np.hanning(samples.shape[-1]))
+    return 10 * np.log10(np.median((np.abs(spectra) ** 2).mean(0)) + 1e-3)
