@@ -14,7 +14,8 @@ Formats, each with its layout at the top of its module:
     open_npy                         `cubes`: complex arrays
     open_capture, read_tum           `capture`: a rig's radar, LiDAR and poses
     open_bag, bag_topics             `bags`: LiDAR clouds in ROS 1 and ROS 2 bags
-    read_cloud, write_ply, write_npz `clouds`: PLY, PCD, KITTI
+    read_cloud                       `clouds`: PLY, PCD, KITTI
+    write_ply, _pcd, _csv, _npz      `cloud_writers`: a cloud's valid points
 
 Radars and their calibration:
 
@@ -31,12 +32,15 @@ from jradar.recordings.capture import (
     accumulate as accumulate,
     open_capture as open_capture,
 )
-from jradar.recordings.clouds import (
-    read_cloud as read_cloud,
+from jradar.recordings.cloud_writers import (
+    CLOUD_WRITERS as CLOUD_WRITERS,
     valid_points as valid_points,
+    write_csv as write_csv,
     write_npz as write_npz,
+    write_pcd as write_pcd,
     write_ply as write_ply,
 )
+from jradar.recordings.clouds import read_cloud as read_cloud
 from jradar.recordings.coloradar import open_coloradar as open_coloradar
 from jradar.recordings.coloradar_calib import (
     FrequencyPhase as FrequencyPhase,

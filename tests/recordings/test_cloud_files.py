@@ -8,7 +8,8 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from jradar.recordings.clouds import read_cloud, write_ply
+from jradar.recordings.cloud_writers import write_ply
+from jradar.recordings.clouds import read_cloud
 from jradar.recordings.pcd import lzf_decompress
 from jradar.types import PointCloud
 

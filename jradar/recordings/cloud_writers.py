@@ -1,0 +1,89 @@
+"""Point clouds to files: PLY, PCD, CSV and NPZ; `clouds` reads PLY and PCD back.
+
+A row is a valid point: x, y and z in metres, then what the cloud holds of velocity
+(m/s), power and SNR. PLY and PCD are binary, float32, little-endian. A CSV file begins
+with the names, and its numbers read back as the same float32.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jradar.files import atomic_path
+from jradar.types import PointCloud
+
+
+def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
+    """Return `xyz` [point, 3] and the other measurements of a cloud's valid points."""
+    valid = np.asarray(cloud.valid)
+    measured = {k: v for k, v in cloud._asdict().items() if v is not None}
+    del measured["valid"]
+    return {k: np.asarray(v)[valid] for k, v in measured.items()}
+
+
+def write_ply(path: Path | str, cloud: PointCloud) -> None:
+    """Write the valid points of one cloud as a PLY file."""
+    names, table = _table(cloud)
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment jradar: metres, x forward, y left, z up",
+        f"element vertex {len(table)}",
+        *(f"property float {name}" for name in names),
+        "end_header",
+    ]
+    _write(path, header, table.tobytes())
+
+
+def write_pcd(path: Path | str, cloud: PointCloud) -> None:
+    """Write the valid points of one cloud as a PCD file of version 0.7."""
+    names, table = _table(cloud)
+    header = [
+        "# .PCD v0.7 - jradar: metres, x forward, y left, z up",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(names)}",
+        f"SIZE {' '.join('4' for _ in names)}",
+        f"TYPE {' '.join('F' for _ in names)}",
+        f"COUNT {' '.join('1' for _ in names)}",
+        f"WIDTH {len(table)}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {len(table)}",
+        "DATA binary",
+    ]
+    _write(path, header, table.tobytes())
+
+
+def write_csv(path: Path | str, cloud: PointCloud) -> None:
+    """Write the valid points of one cloud as lines of numbers with commas."""
+    names, table = _table(cloud)
+    rows = (",".join(f"{number:.9g}" for number in row) for row in table.tolist())
+    _write(path, [",".join(names), *rows], b"")
+
+
+CLOUD_WRITERS: dict[str, Callable[[Path | str, PointCloud], None]] = {
+    "ply": write_ply,
+    "pcd": write_pcd,
+    "csv": write_csv,
+}
+
+
+def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
+    """Write named arrays as a compressed NPZ file."""
+    with atomic_path(path) as scratch, scratch.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _table(cloud: PointCloud) -> tuple[list[str], np.ndarray]:
+    """Return the names of the columns and the valid points, float32 [point, column]."""
+    columns = valid_points(cloud)
+    xyz = columns.pop("xyz")
+    columns = dict(zip("xyz", xyz.T, strict=True)) | columns
+    return [*columns], np.stack([*columns.values()], -1).astype("<f4")
+
+
+def _write(path: Path | str, lines: list[str], data: bytes) -> None:
+    with atomic_path(path) as scratch:
+        scratch.write_bytes("\n".join([*lines, ""]).encode("ascii") + data)
