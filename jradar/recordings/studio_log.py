@@ -23,14 +23,21 @@ FREQUENCY_HZ = 3.6e9 / 2**26
 SLOPE_HZ_PER_S = 3.6e9 * 900 / 2**26 * 1e6
 TIME_S = 10e-9
 FRAME_PERIOD_S = 5e-9
-# The commands that are read, and the fewest fields of each.
+# The fields that are read of each command, by their places. A log ends every command
+# with its result, 0. ChirpConfig: first, last, profile, 4 variations, transmitters.
+FIELDS = {
+    "ChannelConfig": {"rx_mask": 1},
+    "AdcOutConfig": {"format": 1},
+    "ProfileConfig": {
+        **{"profile": 0, "start": 1, "idle": 2, "adc_start": 3, "ramp_end": 4},
+        **{"slope": 7, "samples": 9, "rate_ksps": 10},
+    },
+    "FrameConfig": {"first": 0, "last": 1, "loops": 3, "period": 4},
+}
 LEAST_FIELDS = {
     "select_chip_version": 1,
-    "ChannelConfig": 2,
-    "AdcOutConfig": 2,
-    "ProfileConfig": 11,
+    **{name: max(places.values()) + 1 for name, places in FIELDS.items()},
     "ChirpConfig": 8,
-    "FrameConfig": 5,
 }
 ENDS = ("FrameConfig", "SensorStart")  # of a configuration
 MAX_CHIRPS = 512  # that a chip can store
@@ -41,16 +48,20 @@ CHIPS = {board.studio_chip: board for board in BOARDS.values() if board.studio_c
 class Configuration(NamedTuple):
     """The commands in force at a line of the log."""
 
-    commands: dict[str, list[int]]
     chip: list[str]  # the last one selected
-    profiles: dict[int, list[int]]  # of each number: the fields
+    commands: dict[str, dict[str, int]]  # the last of each: its fields
+    profiles: dict[int, dict[str, int]]  # of each number: the fields
     chirps: dict[tuple[int, int], list[int]]  # from first to last: the other fields
 
     @property
     def missing(self) -> list[str]:
         """The commands that have not been given."""
-        given = {*self.commands, *("select_chip_version" for _ in self.chip)}
-        return [name for name in LEAST_FIELDS if name not in given]
+        given = {
+            **self.commands,
+            "select_chip_version": self.chip,
+            "ChirpConfig": self.chirps,
+        }
+        return [name for name in LEAST_FIELDS if not given.get(name)]
 
 
 def count_configurations(path: Path | str) -> int:
@@ -78,11 +89,11 @@ def radar_from_studio_log(
     if chip not in CHIPS:
         raise ValueError(f"{path}: chip {chip}, expected one of {', '.join(CHIPS)}")
     board = CHIPS[chip]
-    rx_mask = chosen.commands["ChannelConfig"][1]
-    if chosen.commands["AdcOutConfig"][1] <= 0:
+    rx_mask = chosen.commands["ChannelConfig"]["rx_mask"]
+    if chosen.commands["AdcOutConfig"]["format"] <= 0:
         raise ValueError(f"{path}: real samples were recorded, expected complex ones")
     profile, tx = _turn(path, chosen)
-    _, _, _, loops, period = chosen.commands["FrameConfig"][:5]
+    frame = chosen.commands["FrameConfig"]
     if max(tx) >= len(board.tx_positions):
         raise ValueError(
             f"{path}: the chirps fire transmitters {tx}, counted from 0; an {chip} has "
@@ -90,20 +101,20 @@ def radar_from_studio_log(
         )
     fields = {
         "name": chip.lower(),
-        "start_frequency_hz": profile[1] * FREQUENCY_HZ,
-        "slope_hz_per_s": profile[7] * SLOPE_HZ_PER_S,
-        "sample_rate_hz": profile[10] * 1e3,
-        "num_samples": profile[9],
-        "num_chirps": loops,
-        "idle_time_s": profile[2] * TIME_S,
-        "adc_start_time_s": profile[3] * TIME_S,
-        "ramp_end_time_s": profile[4] * TIME_S,
+        "start_frequency_hz": profile["start"] * FREQUENCY_HZ,
+        "slope_hz_per_s": profile["slope"] * SLOPE_HZ_PER_S,
+        "sample_rate_hz": profile["rate_ksps"] * 1e3,
+        "num_samples": profile["samples"],
+        "num_chirps": frame["loops"],
+        "idle_time_s": profile["idle"] * TIME_S,
+        "adc_start_time_s": profile["adc_start"] * TIME_S,
+        "ramp_end_time_s": profile["ramp_end"] * TIME_S,
         "tx_positions": tuple(board.tx_positions[t] for t in tx),
         "rx_positions": tuple(
             place for bit, place in enumerate(board.rx_positions) if rx_mask >> bit & 1
         ),
         "design_frequency_hz": board.design_frequency_hz,
-        "frame_period_s": period * FRAME_PERIOD_S,
+        "frame_period_s": frame["period"] * FRAME_PERIOD_S,
     }
     return radar_of(path, fields)
 
@@ -121,7 +132,7 @@ def one_tx_each(path: Path | str, fired: list[list[int]]) -> list[int]:
 
 def _replay(path: Path | str) -> Iterator[Configuration]:
     """Yield each complete configuration; the object changes with the next line."""
-    now, changed, found = Configuration({}, [], {}, {}), False, 0
+    now, changed, found = Configuration([], {}, {}, {}), False, 0
     for number, line in enumerate(read_text(path, errors="replace").splitlines(), 1):
         name, _, rest = line.partition("API:")[2].partition(",")
         if name in LEAST_FIELDS:
@@ -144,37 +155,39 @@ def _apply(now: Configuration, name: str, words: list[str], place: str) -> bool:
         now.chip[:] = words[:1]
         return changed
     try:
-        fields = [int(word) for word in words]
+        numbers = [int(word) for word in words]
     except ValueError:
-        fields = []
-    if len(fields) < LEAST_FIELDS[name] or max(map(abs, fields)) > LARGEST:
+        numbers = []
+    if len(numbers) < LEAST_FIELDS[name] or max(map(abs, numbers)) > LARGEST:
         raise ValueError(
             f"{place}, expected {LEAST_FIELDS[name]} or more register values after "
             f"{name}"
         )
-    if name == "ProfileConfig":
-        changed = now.profiles.get(fields[0]) != fields
-        now.profiles[fields[0]] = fields
-    elif name == "ChirpConfig":
-        first, last, *others = fields
+    if name == "ChirpConfig":
+        first, last, *others = numbers
         if not 0 <= first <= last < MAX_CHIRPS:
             raise ValueError(
                 f"{place}, expected chirps from 0 to {MAX_CHIRPS - 1} in rising order"
             )
         changed = now.chirps.pop((first, last), None) != others
         now.chirps[first, last] = others  # the latest stands last
-    else:
-        changed = now.commands.get(name) != fields
+        return changed
+    fields = {key: numbers[at] for key, at in FIELDS[name].items()}
+    changed = now.commands.get(name) != fields
     now.commands[name] = fields
+    if name == "ProfileConfig":
+        changed = now.profiles.get(fields["profile"]) != fields
+        now.profiles[fields["profile"]] = fields
     return changed
 
 
-def _turn(path, chosen: Configuration) -> tuple[list[int], list[int]]:
+def _turn(path, chosen: Configuration) -> tuple[dict[str, int], list[int]]:
     """Return the profile of the chirps of a frame, and transmitters in firing order."""
     described = {}
     for (first, last), others in chosen.chirps.items():
         described |= dict.fromkeys(range(first, last + 1), others)
-    first, last = chosen.commands["FrameConfig"][:2]
+    frame = chosen.commands["FrameConfig"]
+    first, last = frame["first"], frame["last"]
     wanted = range(first, min(last, MAX_CHIRPS) + 1)
     if not wanted or not set(wanted) <= set(described):
         raise ValueError(
@@ -193,5 +206,15 @@ def _turn(path, chosen: Configuration) -> tuple[list[int], list[int]]:
             f"{path}: the chirps use profile {number}, ProfileConfig describes "
             f"{[*chosen.profiles]}"
         )
-    fired = [[tx for tx, on in enumerate(chirp[5:]) if on] for chirp in turn]
+    fired = [_transmitters(*chirp[5:]) for chirp in turn]
     return chosen.profiles[number], one_tx_each(path, fired)
+
+
+def _transmitters(mask: int, *flags: int) -> list[int]:
+    """Return the transmitters of a chirp, given as a mask, or by a flag of each.
+
+    After a mask only the result follows, which is 0.
+    """
+    if any(flags):
+        return [tx for tx, on in enumerate((mask, *flags)) if on]
+    return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]

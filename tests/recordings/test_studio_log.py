@@ -49,6 +49,28 @@ def test_a_change_without_a_new_frame_counts_when_the_sensor_starts(log):
     assert radar.slope_hz_per_s == pytest.approx(500 * 48.279e9, rel=1e-4)
 
 
+def test_transmitters_as_masks(log):
+    """As real logs of an AR1642 write them: a mask, and the result 0."""
+    masks = LOG.replace("0,0,0,0,0,0,1,\n", "0,0,0,0,0,2,0,\n")
+    radar = radar_from_studio_log(log(masks))
+    assert radar == radar_from_studio_log(log(LOG))
+    three = masks.replace("AR1642", "AR1843").replace("0,0,2,0,\n", "0,0,4,0,\n")
+    assert radar_from_studio_log(log(three)).tx_positions == ((0, 0), (4, 0))
+    both = LOG.replace(
+        "ChirpConfig,0,0,0,0,0,0,0,1,0,", "ChirpConfig,0,0,0,0,0,0,0,3,0,"
+    )
+    with pytest.raises(ValueError, match=r"fire transmitters \[\[0, 1\], \[1\]\]"):
+        radar_from_studio_log(log(both))
+
+
+def test_what_changes_no_sample_is_no_other_configuration(log):
+    """The number of frames, the gain and the filters."""
+    more = LOG.replace("FrameConfig,0,1,3", "FrameConfig,0,1,100")
+    more = more.replace("10000,0,0,30,0", "10000,1,1,48,0")
+    assert more.count("100,4") and more.count("48")
+    assert read_description(log(LOG + more)).notes == ()
+
+
 def test_the_choice_is_reported_and_can_be_made(tmp_path):
     path = save_studio(tmp_path, random_cube((2, *SHAPE)), LOG + SECOND)
     log = tmp_path / "adc_LogFile.txt"
