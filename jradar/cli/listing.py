@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import Any
 
+SECONDS_SINCE_1970 = 1e8  # larger numbers are times
+
 
 def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
     """Yield the lines of a dictionary; empty and missing values are left out.
@@ -33,7 +35,9 @@ def _table(rows):
 
 
 def _short(value):
-    """Return a value as text, numbers with about four digits."""
+    """Return a value as text, numbers with about four digits, times with ms."""
+    if isinstance(value, float) and abs(value) > SECONDS_SINCE_1970:
+        return f"{value:.3f}"
     if isinstance(value, float):
         return f"{value:.4g}" if abs(value) < 1 else f"{value:.2f}"
     if isinstance(value, bool):

@@ -150,6 +150,22 @@ def bag_topics(path: Path | str) -> dict[str, tuple[str, int]]:
         return {name: (str(info.msgtype), info.msgcount) for name, info in topics}
 
 
+def bag_times(path: Path | str) -> dict[str, Float[np.ndarray, " message"]]:
+    """Return the times of recording of each topic's messages, in seconds, rising.
+
+    No message is decoded. Raises ValueError for a damaged bag.
+    """
+    times: dict[str, list[int]] = {}
+    with READING:
+        reader = _reader(Path(path))
+        try:
+            for connection, time, _ in reader.messages():
+                times.setdefault(connection.topic, []).append(time)
+        except Exception as error:
+            raise ValueError(_damaged(Path(path), error)) from error
+    return {topic: np.array(stamps) / NS for topic, stamps in times.items()}
+
+
 def _reader(path) -> Any:
     """Return the open reader of a bag, one for each process."""
     if not path.exists():

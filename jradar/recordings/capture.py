@@ -19,7 +19,8 @@
     file = "poses.txt"               # of the base: TUM, t x y z qx qy qz qw
 
 `quaternion` (x y z w) may replace `rpy_degrees`. `[radar]` also takes `device`,
-`iq_order`, `allow_partial` and `frame_period_s`. Times are in seconds.
+`iq_order`, `allow_partial` and `frame_period_s`. Times are in seconds. All files lie in
+the folder or below it.
 """
 
 from pathlib import Path
@@ -30,13 +31,14 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
+from jradar.files import inside
 from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_transform
 from jradar.recordings.bags import open_bag
 from jradar.recordings.dca1000 import open_dca1000
-from jradar.recordings.recording import Format, Recording, Stream
+from jradar.recordings.descriptions import CAPTURE_TOML as NAME
+from jradar.recordings.recording import Format, Recording, Stream, clocks_apart
 from jradar.recordings.text_files import check_names, read_tum, toml
 
-NAME = "capture.toml"
 PLACE = {"xyz": list, "rpy_degrees": list, "quaternion": list}
 KEYS = {
     "radar": {
@@ -47,10 +49,12 @@ KEYS = {
     "lidar": {"file": str, "topic": str, "accumulate": int, **PLACE},
     "poses": {"file": str},
 }
+TIMES = ("start_time_s", "offset_s", "frame_period_s")
 NEEDED = {"radar": ("file", "description"), "lidar": ("file",), "poses": ("file",)}
 KINDS = {str: "a text", float: "a number", int: "an integer", bool: "true or false"}
 FARTHEST_M = 20.0  # from a sensor to the base of its rig
 LATEST_S = 1e11  # seconds since 1970; a larger stamp is in another unit
+LARGEST = 1e100  # of any number, so that its square is finite
 
 
 def open_capture(folder: Path | str) -> Recording:
@@ -65,8 +69,8 @@ def open_capture(folder: Path | str) -> Recording:
     tables = _read_capture_toml(path)
     radar, lidar = tables["radar"], tables.get("lidar")
     recording = open_dca1000(
-        path.parent / radar["file"],
-        path.parent / radar["description"],
+        _file(path, "radar", radar),
+        _file(path, "radar", radar, key="description"),
         iq_order=radar.get("iq_order"),
         allow_partial=radar.get("allow_partial", False),
         device=radar.get("device"),
@@ -76,9 +80,9 @@ def open_capture(folder: Path | str) -> Recording:
     poses = scans = base_from_lidar = None
     lidar_stamps = np.zeros(0)
     if "poses" in tables:
-        poses = read_tum(path.parent / tables["poses"]["file"])
+        poses = read_tum(_file(path, "poses", tables["poses"]))
     if lidar:
-        clouds = open_bag(path.parent / lidar["file"], topic=lidar.get("topic"))
+        clouds = open_bag(_file(path, "lidar", lidar), topic=lidar.get("topic"))
         notes += clouds.notes
         base_from_lidar = _read_place(path, "lidar", lidar)
         lidar_stamps = clouds.stamps
@@ -137,10 +141,18 @@ def accumulate(
     return Stream(read, len(clouds), clouds.stamps)
 
 
+def _file(path: Path, name: str, table: dict[str, Any], *, key: str = "file") -> Path:
+    """Return the file that a table names; UsageError if it leaves the folder."""
+    try:
+        return inside(path.parent, table[key], source=path)
+    except ValueError as error:
+        raise UsageError(f"{error}: copy or link the {key} of [{name}]") from error
+
+
 def _radar_stamps(path, radar, recording, lidar_stamps):
     """Return the times of the radar's frames on the LiDAR's clock, and doubts."""
     period = radar.get("frame_period_s", recording.radar.frame_period_s)
-    given = [key for key in ("start_time_s", "offset_s") if key in radar]
+    given = [key for key in TIMES[:2] if key in radar]
     if not period > 0:
         raise UsageError(
             f"{path}: the time between frames is unknown: set frame_period_s in [radar]"
@@ -149,25 +161,26 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
         raise UsageError(
             f"{path}: [radar] has start_time_s and offset_s: keep one of them"
         )
-    if radar.get("start_time_s", 0) > LATEST_S:
+    if wrong := [key for key in TIMES if abs(radar.get(key, 0)) > LATEST_S]:
         raise UsageError(
-            f"{path}: [radar] start_time_s = {radar['start_time_s']}, expected "
-            "seconds: are they milliseconds or nanoseconds?"
+            f"{path}: [radar] {wrong[0]} = {radar[wrong[0]]:g}, expected seconds: are "
+            "they milliseconds or nanoseconds?"
         )
     if "offset_s" in given and not len(lidar_stamps):
         raise UsageError(
             f"{path}: [radar] offset_s counts from the first LiDAR cloud, but there "
             "are no clouds: set start_time_s instead"
         )
-    first = lidar_stamps[0] if len(lidar_stamps) else 0.0
+    first = float(lidar_stamps[0]) if len(lidar_stamps) else 0.0
     start = radar.get("start_time_s", first + radar.get("offset_s", 0.0))
     stamps, doubts = start + np.arange(len(recording.cubes)) * period, []
     if len(lidar_stamps) and not given:
         doubts.append("no start_time_s: the radar is assumed to start with the LiDAR")
-    if len(lidar_stamps) and (stamps[-1] < first or stamps[0] > lidar_stamps[-1]):
+    if spans := clocks_apart(stamps, lidar_stamps):
         doubts.append(
-            f"the radar's frames, {stamps[0]:.3f} to {stamps[-1]:.3f} s, and the "
-            f"clouds, {first:.3f} to {lidar_stamps[-1]:.3f} s, do not overlap in time"
+            f"the clocks of radar and LiDAR do not match: {spans}: set start_time_s to "
+            "the time of the first frame on the LiDAR's clock, or offset_s to its time "
+            "after the first cloud"
         )
     return stamps, doubts
 
@@ -186,12 +199,17 @@ def _read_capture_toml(path: Path) -> dict[str, dict[str, Any]]:
             raise UsageError(f"{path}: [{name}] lacks {', '.join(missing)}")
         for key, value in table.items():
             kind = KEYS[name][key]
-            types = (int, float) if kind is float else (kind,)
-            if kind is not list and type(value) not in types:  # lists: `_read_place`
+            plain = _is_number(value) if kind is float else type(value) is kind
+            if kind is not list and not plain:  # lists: `_read_place`
                 raise UsageError(
-                    f"{path}: [{name}] {key} = {value!r}, expected {KINDS[kind]}"
+                    f"{path}: [{name}] {key} = {value!r:.80}, expected {KINDS[kind]}"
                 )
     return tables
+
+
+def _is_number(value: Any) -> bool:
+    """True for a finite number that a float can hold."""
+    return type(value) in (int, float) and abs(value) <= LARGEST  # False for NaN
 
 
 def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
@@ -202,9 +220,9 @@ def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
         if values is None:
             return None
         plain = isinstance(values, list) and len(values) == count
-        if not plain or not all(type(v) in (int, float) for v in values):
+        if not plain or not all(_is_number(value) for value in values):
             raise UsageError(
-                f"{path}: [{name}] {key} = {values!r}, expected {count} numbers"
+                f"{path}: [{name}] {key} = {values!r:.80}, expected {count} numbers"
             )
         return [float(value) for value in values]
 

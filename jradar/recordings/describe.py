@@ -8,12 +8,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.radar import RadarSpec
-from jradar.recordings.bags import bag_topics
+from jradar.recordings.bags import bag_times, bag_topics, open_bag
+from jradar.recordings.cloud_messages import is_cloud_type
 from jradar.recordings.clouds import read_cloud
-from jradar.recordings.recording import Format, Recording, radar_from_lidar
+from jradar.recordings.recording import (
+    Format,
+    Recording,
+    clocks_apart,
+    radar_from_lidar,
+)
 
 BAGS = (".bag", ".mcap", ".db3")
 CLOUD_NAMES = re.compile(r".*\.(ply|pcd)|(.*lidar.*|[0-9]+)\.bin")  # ColoRadar, KITTI
+TIMING = ("seconds", "rate_hz", "gaps", "longest_gap_s")  # of a bag's topic
 GAP = 1.5  # median steps: a longer step between stamps counts as a gap
 
 
@@ -47,10 +54,25 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 
 def describe_bag(path: Path | str) -> dict[str, Any]:
-    """Return the topics of a bag with their types and numbers of messages."""
-    topics = bag_topics(path).items()
-    rows = [{"topic": t, "type": kind, "messages": n} for t, (kind, n) in topics]
-    return {"bag": str(path), "topics": rows}
+    """Return type, messages, first and last time, rate and gaps of a bag's topics.
+
+    Times are in seconds: of clouds those in their headers, the clock that a
+    capture.toml counts on; of other messages those of recording.
+    """
+    rows, notes, times = [], [], bag_times(path)
+    for topic, (kind, count) in bag_topics(path).items():
+        stamps = times.get(topic, np.zeros(0))
+        if count and is_cloud_type(kind):
+            clouds = open_bag(path, topic=topic)
+            stamps, notes = clouds.stamps, [*notes, *clouds.notes]
+        timing = _timing(topic, count, stamps)
+        first, last = stamps[[0, -1]].tolist() if len(stamps) else (None, None)
+        rows.append(
+            {"topic": topic, "type": kind, "messages": count}
+            | {"first_s": first, "last_s": last}
+            | {name: timing[name] for name in TIMING}
+        )
+    return {"bag": str(path), "topics": rows, "notes": notes}
 
 
 def describe_cloud(path: Path | str) -> dict[str, Any]:
@@ -120,7 +142,10 @@ def _timing(name: str, count: int, stamps: np.ndarray | None) -> dict[str, Any]:
 
 
 def _matches(recording: Recording) -> dict[str, Any]:
-    """Count the frames with a LiDAR scan within 50 ms, and with a pose around them."""
+    """Count the frames with a LiDAR scan within 50 ms, and with a pose around them.
+
+    Streams whose times do not overlap are reported with both spans instead.
+    """
     stamps, lidar, found = recording.cubes.stamps, recording.lidar, {}
     if stamps is None:
         return found
@@ -129,10 +154,14 @@ def _matches(recording: Recording) -> dict[str, Any]:
         after = np.searchsorted(scans, stamps)
         apart = np.minimum(stamps - scans[after - 1], scans[after] - stamps)
         found["frames with a LiDAR scan"] = int((apart <= 0.05).sum())
+        if spans := clocks_apart(stamps, lidar.stamps):
+            found["frames with a LiDAR scan"] = f"the clocks do not match: {spans}"
     if recording.poses is not None:
         first, last = recording.poses.stamps[[0, -1]]
         inside = (stamps >= first) & (stamps <= last)
         found["frames with a pose"] = int(inside.sum())
+        if spans := clocks_apart(stamps, recording.poses.stamps):
+            found["frames with a pose"] = f"the clocks do not match: {spans}"
     return found
 
 

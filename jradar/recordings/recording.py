@@ -24,6 +24,8 @@ from jradar.lidar import Poses, transform
 from jradar.radar import RadarSpec, calibrate_channels, calibrate_frequency_phase
 from jradar.recordings.coloradar_calib import FrequencyPhase
 
+OVERLAP_S = 0.05  # by which streams of one clock may miss one another
+
 
 class Stream(Sequence):
     """The items of one sensor in recorded order; each is read when accessed."""
@@ -125,6 +127,18 @@ def nearest_scan(
     xyz = lidar[int(apart.argmin())][:, :3]
     kept = np.isfinite(xyz).all(1) & (xyz != 0).any(1)
     return transform(move, xyz[kept])
+
+
+def clocks_apart(
+    radar: Float[np.ndarray, " frame"], other: Float[np.ndarray, " item"]
+) -> str:
+    """Return the spans of two streams in words if they do not overlap, else ""."""
+    if not len(radar) or not len(other):
+        return ""
+    (first, last), (begin, end) = ((s.min(), s.max()) for s in (radar, other))
+    if max(begin - last, first - end) <= OVERLAP_S:
+        return ""
+    return f"{first:.3f} to {last:.3f} s against {begin:.3f} to {end:.3f} s"
 
 
 class Format(NamedTuple):

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from jradar.lidar import Poses, transform
-from jradar.recordings import accumulate, open_capture, open_recording, read_tum
+from jradar.recordings import (
+    accumulate,
+    describe as describe_recording,
+    open_capture,
+    open_recording,
+    read_tum,
+)
 from jradar.recordings.recording import Stream
 
 CFG = """\
@@ -161,7 +167,12 @@ def test_neighbours_without_a_pose_are_left_out(folder):
         ("offset_s = 0.25", 1000.25, None),
         ("offset_s = -0.2", 999.8, None),
         ("", 1000.0, "the radar is assumed to start with the LiDAR"),
-        ("start_time_s = 2000", 2000.0, "do not overlap in time"),
+        (
+            "start_time_s = 2000",
+            2000.0,
+            "clocks of radar and LiDAR do not match: 2000.",
+        ),
+        ("start_time_s = 0", 0.0, "0.000 to 0.400 s against 1000.000 to 1000.500 s"),
     ],
 )
 def test_start_of_the_radar(folder, time, start, note):
@@ -200,6 +211,31 @@ def test_radar_alone(folder):
         ("livox.bag", "other.bag", "no such bag"),
         ("poses.txt", "other.txt", "no such file of poses"),
         ("[poses]", "[poses", "not valid TOML"),
+        ("1000.5", "nan", "start_time_s = nan, expected a number"),
+        ("1000.5", "inf", "start_time_s = inf, expected a number"),
+        ("1000.5", "1" + "0" * 400, "start_time_s = 10000.*, expected a number"),
+        ("1000.5", "-1.7e18", "start_time_s = -1.7e.18, expected seconds"),
+        (
+            "start_time_s = 1000.5",
+            "offset_s = nan",
+            "offset_s = nan, expected a number",
+        ),
+        ("start_time_s = 1000.5", "offset_s = 1e12", "offset_s = 1e.12, expected sec"),
+        ("1000.5", "1\nframe_period_s = nan", "frame_period_s = nan, expected a num"),
+        ("1000.5", "1\nframe_period_s = 1e12", "frame_period_s = 1e.12, expected"),
+        ("1000.5", "1\nframe_period_s = -1.0", "frame_period_s"),
+        ("[0.1, 0.2, 0.3]", "[nan, 0, 0]", "expected 3 numbers"),
+        ("rpy_degrees = [0, 0, 90]", "quaternion = [inf, 0, 0, 1]", "4 numbers"),
+        ("rpy_degrees = [0, 0, 90]", "quaternion = [1e90, 0, 0, 1]", "of length 1"),
+        (
+            '"adc_data.bin"',
+            '"../adc_data.bin"',
+            r"'../adc_data.bin', .*the file of .rad",
+        ),
+        ('"adc_data.bin"', '"/etc/passwd"', "'/etc/passwd', expected a path inside"),
+        ('"radar.cfg"', '"a/../../radar.cfg"', "copy or link the description of .rada"),
+        ('"livox.bag"', '"../livox.bag"', r"copy or link the file of \[lidar\]"),
+        ('"poses.txt"', '"/poses.txt"', r"copy or link the file of \[poses\]"),
         ("[radar]", "radar = 3\n[rad]", "radar = 3, expected a table"),
     ],
 )
@@ -216,6 +252,25 @@ def test_capture_is_a_recording_like_others(folder):
     assert recording.lidar is not None and recording.cubes.stamps[0] == 1000.5
     with pytest.raises(ValueError, match="description = .*radar.cfg.* does not apply"):
         open_recording(folder, folder / "radar.cfg")
+
+
+def test_files_below_the_folder_and_links_are_read(folder, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere") / "shared.cfg"
+    (folder / "radar.cfg").rename(elsewhere)
+    (folder / "radar").mkdir()
+    (folder / "radar" / "linked.cfg").symlink_to(elsewhere)
+    text = CAPTURE.replace("radar.cfg", "radar/linked.cfg")
+    assert len(open_capture(describe(folder, text=text)).cubes) == FRAMES
+
+
+def test_clocks_that_do_not_match_are_described(folder):
+    found = describe_recording(open_capture(describe(folder, ("1000.5", "0"))))
+    spans = "the clocks do not match: 0.000 to 0.400 s against 1000.000 to 1000.500 s"
+    assert found["frames with a LiDAR scan"] == spans
+    assert found["frames with a pose"].startswith("the clocks do not match: 0.000 to")
+    found = describe_recording(open_capture(describe(folder)))
+    assert found["frames with a LiDAR scan"] == 1  # of the clouds, the last
+    assert found["frames with a pose"] == 3
 
 
 def test_no_description(tmp_path):

@@ -158,8 +158,31 @@ def test_topics_of_a_bag(tmp_path):
     pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
     from tests.recordings.test_bags import LIVOX, START, livox, livox_rows, write_bag
 
-    messages = [("/l", LIVOX, START + n, livox(livox_rows(2), START)) for n in range(3)]
+    late = [0, 1, 2, 7]  # tenths of a second
+    messages = [
+        ("/l", LIVOX, START + n * 10**8 + 5, livox(livox_rows(2), START + n * 10**8))
+        for n in late
+    ]
     path = write_bag(tmp_path, "mcap", messages)
-    topics = [{"topic": "/l", "type": LIVOX, "messages": 3}]
+    plain = {"topic": "/l", "type": LIVOX, "messages": 4, "gaps": 1}
     for bag in (path, path / "mcap.mcap"):
-        assert describe_file(bag) == {"bag": str(bag), "topics": topics}
+        found = describe_file(bag)
+        assert found is not None and found["notes"] == []
+        [topic] = found["topics"]
+        assert {name: topic[name] for name in plain} == plain
+        assert topic["first_s"] == pytest.approx(START / 1e9, abs=1e-6)
+        assert topic["last_s"] == pytest.approx(START / 1e9 + 0.7, abs=1e-6)
+        assert topic["seconds"] == pytest.approx(0.7, abs=1e-6)
+        assert topic["rate_hz"] == pytest.approx(10, abs=1e-3)
+        assert topic["longest_gap_s"] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_times_of_every_topic_of_a_real_bag(samples):
+    bag = samples / "reve" / "demo_ti_mmwave_rospkg_format.bag"
+    found = describe_file(bag)
+    assert found is not None
+    rows = {row["topic"]: row for row in found["topics"]}
+    imu = rows["/sensor_platform/imu"]
+    assert imu["messages"] == 8270 and imu["rate_hz"] == pytest.approx(202, abs=1)
+    assert imu["last_s"] - imu["first_s"] == pytest.approx(imu["seconds"])
+    assert rows["/ti_mmwave/radar_scan_pcl"]["seconds"] == pytest.approx(40.1, abs=0.1)
