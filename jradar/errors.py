@@ -10,6 +10,7 @@
 """
 
 import contextlib
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,25 +44,43 @@ EXIT_CODES: dict[type[BaseException], int] = {
     Terminated: 143,
     KeyboardInterrupt: 130,
 }
-NO_DEVICE = ("Unable to initialize backend", "Unknown backend")  # RuntimeError of JAX
 
 
 def exit_code(error: BaseException) -> int | None:
     """Return the exit code of an error, or None for a fault of the program."""
-    if isinstance(error, RuntimeError) and str(error).startswith(NO_DEVICE):
-        return EXIT_CODES[OSError]
     kinds = EXIT_CODES.items()
     return next((code for kind, code in kinds if isinstance(error, kind)), None)
 
 
-def terminate_on_sigterm() -> None:
+@contextlib.contextmanager
+def sigterm_raises() -> Iterator[None]:
     """Raise Terminated in the main thread at SIGTERM; a second one ends at once."""
 
     def terminate(number, _):
         signal.signal(number, signal.SIG_DFL)
-        raise Terminated
+        raise Terminated("ended by SIGTERM")
 
-    signal.signal(signal.SIGTERM, terminate)
+    before = signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def check_platform() -> None:
+    """Raise OSError if JAX_PLATFORMS asks for devices that are missing."""
+    wanted = os.environ.get("JAX_PLATFORMS", "")
+    if wanted in ("", "cpu"):
+        return
+    import jax
+
+    try:
+        jax.devices()
+    except (AssertionError, RuntimeError) as error:  # of JAX, which names no cause
+        raise OSError(
+            f"JAX_PLATFORMS={wanted}, but JAX finds no such device: install its "
+            "driver and plug-in (jradar[cuda]), or unset the variable"
+        ) from error
 
 
 @contextlib.contextmanager

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
+from jradar.errors import parsing
 from jradar.files import atomic_path
 from jradar.model import Model, enhance
 
@@ -58,6 +59,12 @@ def export_function(
     without the extra `export`.
     """
     _check_extra()
+    with atomic_path(path) as scratch:  # first: it refuses a folder at once
+        scratch.write_bytes(_serialised(model, coupling, platforms, drawing))
+
+
+def _serialised(model, coupling, platforms, drawing) -> bytes:
+    """Return the bytes of the file: the header's line and the function."""
     unknown = [name for name in platforms if name not in PLATFORMS]
     if unknown or not platforms:
         raise ValueError(f"platforms {platforms}, expected some of {PLATFORMS}")
@@ -86,8 +93,7 @@ def export_function(
         "steps_seen": spec.steps_seen,
         "sampling": {name: _printed(value) for name, value in drawing.items()},
     }
-    with atomic_path(path) as scratch:
-        scratch.write_bytes(json.dumps(header).encode() + b"\n" + content)
+    return json.dumps(header).encode() + b"\n" + content
 
 
 def load_function(path: Path | str) -> ExportedFunction:
@@ -96,25 +102,27 @@ def load_function(path: Path | str) -> ExportedFunction:
     path = Path(path)
     with path.open("rb") as file:
         line = file.readline(MAX_HEADER_BYTES)
-        try:
+        with parsing(path, "an exported function"):
             header = json.loads(line)
             digest, found = header["sha256"], header["format"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(
-                f"{path} is not an exported function: {error!r}"
-            ) from error
         if found != FORMAT:
             raise ValueError(f"{path} has format {found!r}, expected {FORMAT!r}")
         content = file.read()
     if hashlib.sha256(content).hexdigest() != digest:
         raise ValueError(f"{path} does not match its digest: export again")
-    exported = jax.export.deserialize(bytearray(content))
+    with parsing(path, "an exported function"):
+        exported = jax.export.deserialize(bytearray(content))
+        seed, cube = exported.in_avals
+        shape = tuple(cube.shape)
+        if (seed.shape, seed.dtype, cube.dtype) != ((), jnp.uint32, jnp.complex64):
+            raise ValueError(f"it takes {seed} and {cube}")
 
     def call(seed, cube) -> Any:
-        shape = tuple(header["cube"])
         if cube.shape != shape:
             raise ValueError(f"cube has shape {cube.shape}, {path} expects {shape}")
-        return exported.call(jnp.uint32(seed), jnp.asarray(cube, jnp.complex64))
+        arguments = jnp.uint32(seed), jnp.asarray(cube, jnp.complex64)
+        with parsing(path, "an exported function for this machine"):
+            return exported.call(*arguments)
 
     return ExportedFunction(call, header)
 

@@ -1,6 +1,9 @@
-"""Atomic writing, locked folders, and JAX's cache of compiled programs."""
+"""Atomic writing, locked folders, values of files, JAX's cache of programs."""
 
 import contextlib
+import dataclasses
+import difflib
+import errno
 import fcntl
 import glob
 import json
@@ -8,13 +11,16 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
+import typing
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from jradar.errors import UsageError, parsing
 
 MAX_JSON_BYTES = 64 << 20
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text"}
 LOCK, REPLACED = ".lock", ".replaced"  # in a scratch folder: its lock, the old folder
 
 
@@ -132,6 +138,10 @@ def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
                     yield scratch / path.name
                 else:  # another writer took it for a leftover
                     scratch = None
+        except OSError as error:
+            if error.filename is None and error.errno in DISK_FULL:
+                error.filename = str(path)  # errors of `write` name no file
+            raise
         finally:
             if scratch is not None:
                 _discard(scratch, path)
@@ -182,6 +192,62 @@ def read_json(path: Path | str, *, limit: int = MAX_JSON_BYTES) -> dict[str, Any
     if not isinstance(values, dict):
         raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
     return values
+
+
+def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of a file in the types of the fields of the dataclass `spec`.
+
+    Lists become tuples, tables become specs, whole numbers become floats where floats
+    are expected. Raises ValueError for an unknown field and for another type.
+    """
+    kinds = typing.get_type_hints(spec)
+    names = [field.name for field in dataclasses.fields(spec)]
+    fields = {}
+    for name, value in values.items():
+        if name not in names:
+            near = difflib.get_close_matches(str(name), names, 1) or [", ".join(names)]
+            raise ValueError(f"unknown field {name!r}, expected {near[0]}")
+        if dataclasses.is_dataclass(kinds[name]) and isinstance(value, dict):
+            fields[name] = kinds[name](**typed_fields(kinds[name], value))
+            continue
+        try:
+            fields[name] = _converted(value, kinds[name])
+        except (TypeError, OverflowError) as error:
+            expected = _named(kinds[name])
+            text = f"{name} = {value!r:.80}, expected {expected}"
+            raise ValueError(text) from error
+    return fields
+
+
+def _converted(value: Any, kind: Any) -> Any:
+    """Return a value as `kind`, the annotation of a field; TypeError if it is not."""
+    choices = typing.get_args(kind)
+    if typing.get_origin(kind) is tuple:
+        if not isinstance(value, list | tuple):
+            raise TypeError
+        if choices[-1] is ...:
+            choices = choices[:1] * len(value)
+        if len(value) != len(choices):
+            raise TypeError
+        return tuple(map(_converted, value, choices))
+    if choices:  # such as float | None
+        if value is None and type(None) in choices:
+            return None
+        return _converted(value, choices[0])
+    if kind is float and type(value) is int:
+        return float(value)
+    if kind in WORDS and type(value) is not kind:
+        raise TypeError
+    return value
+
+
+def _named(kind: Any) -> str:
+    """Return words for the annotation of a field."""
+    choices = typing.get_args(kind)
+    if typing.get_origin(kind) is tuple:
+        count = "" if choices[-1] is ... else f"{len(choices)} "
+        return f"a list of {count}{WORDS.get(choices[0], 'values')}"
+    return WORDS.get(choices[0] if choices else kind, "a table")
 
 
 def use_compilation_cache() -> None:

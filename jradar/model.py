@@ -26,6 +26,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Key
 
 from jradar.diffusion import (
+    NETWORKS,
     PREDICTIONS,
     SOLVERS,
     Denoiser,
@@ -41,7 +42,7 @@ from jradar.diffusion import (
     write_params,
 )
 from jradar.errors import ModelError, UsageError
-from jradar.files import atomic_folder
+from jradar.files import atomic_folder, read_json, typed_fields
 from jradar.radar import PointSpec, RadarSpec, radar_points
 from jradar.range_image import (
     CHANNELS,
@@ -55,6 +56,7 @@ from jradar.types import PointCloud
 
 FORMAT = 3
 MAX_JSON_BYTES = 1 << 20
+MAX_PIXELS = 1 << 24
 SHIPPED = Path(__file__).with_name("weights")
 
 
@@ -254,10 +256,8 @@ def load_model(name: Path | str) -> Model:
             "weights.safetensors, such as `model` in the workdir of a training, or the "
             f"name of a shipped model: {', '.join(shipped) or 'none is shipped'}"
         )
-    if path.stat().st_size > MAX_JSON_BYTES:
-        raise ModelError(f"{path} is larger than {MAX_JSON_BYTES:,} bytes")
     try:
-        values = json.loads(path.read_text())
+        values = read_json(path, limit=MAX_JSON_BYTES)
         found, digest = values.pop("format"), values.pop("weights_sha256")
         if found != FORMAT:
             raise ModelError(
@@ -267,7 +267,7 @@ def load_model(name: Path | str) -> Model:
         spec = _spec_from_json(values)
     except ModelError:
         raise
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
     if hashlib.sha256(weights.read_bytes()).hexdigest() != digest:
         raise ModelError(
@@ -313,23 +313,26 @@ def _spec_to_json(spec: ModelSpec) -> dict[str, Any]:
 
 
 def _spec_from_json(values: dict[str, Any]) -> ModelSpec:
-    """The spec from `_spec_to_json`'s dictionary."""
-    noise = values["noise"]
-    prediction = PREDICTIONS[noise["prediction"]]
-    read = {
-        "network": network_from_fields(values["network"]),
-        "noise": NoiseSpec(**{**noise, "prediction": prediction}),
-        "coarse": ImageSpec(**_tuples(values["coarse"])),
-        "fine": ImageSpec(**_tuples(values["fine"])),
-        "radar": RadarSpec.from_dict(values["radar"]),
-        "points": PointSpec(**_tuples(values["points"])),
-    }
-    return ModelSpec(**{**values, **read})
+    """The spec from `_spec_to_json`'s dictionary, with every type checked."""
+    read = {"network": _network_from_json(values.pop("network"))}
+    noise = values.pop("noise")
+    prediction = PREDICTIONS[noise.pop("prediction")]
+    read["noise"] = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
+    read["radar"] = RadarSpec.from_dict(values.pop("radar"))
+    spec = ModelSpec(**read, **typed_fields(ModelSpec, values))
+    for name, image in (("coarse", spec.coarse), ("fine", spec.fine)):
+        if image.height * image.width > MAX_PIXELS:
+            size = f"{image.height} x {image.width} pixels"
+            raise ValueError(f"{name} has {size}, expected at most {MAX_PIXELS:,}")
+    return spec
 
 
-def _tuples(values: dict[str, Any]) -> dict[str, Any]:
-    """The dictionary with lists as tuples, as specs have them."""
-    return {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+def _network_from_json(values: dict[str, Any]) -> Network:
+    """The network from `network_fields`' dictionary."""
+    fields = dict(values)
+    kind = NETWORKS[fields.pop("kind")]
+    typed_fields(kind, fields)
+    return network_from_fields(values)
 
 
 def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
@@ -339,7 +342,7 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
         expected = _shapes(
             spec.network, spec.fine.shape, (*spec.coarse.shape, channels)
         )
-    except (TypeError, ValueError) as error:
+    except Exception as error:  # Flax and JAX have their own
         raise ModelError(
             f"the network of {path.parent} cannot be built: {error}"
         ) from error
@@ -361,9 +364,9 @@ def _shapes(network, image, condition):
         jax.eval_shape(
             network.init,
             jax.random.key(0),
-            jnp.zeros((1, *image, 2)),  # range and validity
-            jnp.zeros(1),
-            jnp.zeros((1, *condition)),
+            jax.ShapeDtypeStruct((1, *image, 2), jnp.float32),  # range and validity
+            jax.ShapeDtypeStruct((1,), jnp.float32),
+            jax.ShapeDtypeStruct((1, *condition), jnp.float32),
         )
     )
 

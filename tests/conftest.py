@@ -1,6 +1,7 @@
 """Checks the shapes in every signature while tests run; names the real samples."""
 
 import os
+import subprocess
 from pathlib import Path
 
 import jax
@@ -26,6 +27,18 @@ def pytest_collection_modifyitems(items):
     items.sort(
         key=lambda item: item.path.parent.name not in ("training", "experiments")
     )
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """The folder of a disk of 1 MiB."""
+    path = tmp_path / "disk"
+    path.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(path)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("may not mount a small disk here")
+    yield path
+    subprocess.run(["umount", "--lazy", str(path)], check=True)
 
 
 @pytest.fixture(scope="session")

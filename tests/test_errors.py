@@ -4,6 +4,7 @@ import json
 import os
 import signal
 
+import jax
 import pytest
 
 from jradar.errors import (
@@ -11,9 +12,10 @@ from jradar.errors import (
     ModelError,
     Terminated,
     UsageError,
+    check_platform,
     exit_code,
     parsing,
-    terminate_on_sigterm,
+    sigterm_raises,
 )
 from jradar.files import FolderLocked
 
@@ -30,8 +32,6 @@ CODES = {
     CheckpointError("none is whole"): 5,
     KeyboardInterrupt(): 130,
     Terminated(): 143,
-    RuntimeError("Unable to initialize backend 'cuda': no GPU"): 3,
-    RuntimeError("Unknown backend: 'gpu' requested"): 3,
 }
 FAULTS = [
     TypeError(),
@@ -85,10 +85,23 @@ def test_other_errors_pass_a_parser_unchanged(raised):
 
 def test_sigterm_runs_what_cleans_up_and_a_second_one_ends_at_once():
     before = signal.getsignal(signal.SIGTERM)
-    try:
-        terminate_on_sigterm()
-        with pytest.raises(Terminated):
-            os.kill(os.getpid(), signal.SIGTERM)
-        assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    with pytest.raises(Terminated, match="ended by SIGTERM"):
+        with sigterm_raises():
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+            finally:
+                assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.parametrize("name", ["cuda", "tpu", "nonsense"])
+@pytest.mark.parametrize("error", [AssertionError(), RuntimeError("Unable to ..")])
+def test_a_platform_without_devices_is_named(monkeypatch, name, error):
+    def devices():
+        raise error
+
+    monkeypatch.setattr(jax, "devices", devices)
+    check_platform()
+    monkeypatch.setenv("JAX_PLATFORMS", name)
+    with pytest.raises(OSError, match=f"JAX_PLATFORMS={name}, but JAX finds no such"):
+        check_platform()

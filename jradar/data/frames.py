@@ -17,6 +17,15 @@ from jradar.types import PointCloud
 MAX_DROPPED = 0.5  # largest fraction of radar frames that may be dropped
 
 
+class EmptyFrame(ValueError):
+    """A sensor saw nothing at the time of a frame, which is no training pair."""
+
+    def __init__(self, name: str, frame: int, reason: str):
+        """`name` is the recording's."""
+        self.reason = reason
+        super().__init__(f"{name}, frame {frame}: {reason}")
+
+
 class Matches(NamedTuple):
     """Matched radar frames in rising order, and why the others were dropped."""
 
@@ -99,12 +108,16 @@ def prepare_frame(
     """Prepare one radar frame with its LiDAR scan, on the host.
 
     Also returns the steps of the LiDAR's preparation and the radar points that the
-    visibility filter trusted. Raises ValueError without LiDAR or time stamps.
+    visibility filter trusted. Raises ValueError without LiDAR or time stamps, and
+    EmptyFrame for radar samples that are all zero or a scan without a point in view.
     """
     stamps, lidar, lidar_stamps = _timed(recording)
     stamp, lidar_stamp = float(stamps[radar_index]), float(lidar_stamps[lidar_index])
+    cube = calibrated_cube(recording, radar_index)
+    if not np.any(cube):
+        raise EmptyFrame(recording.name, radar_index, "all radar samples are zero")
     cells, cloud, trusted = radar_side(
-        calibrated_cube(recording, radar_index),
+        cube,
         recording.radar,
         spec,
         coupling=recording.coupling,
@@ -118,6 +131,8 @@ def prepare_frame(
         radar_from_lidar=np.linalg.inv(world_from_radar) @ world_from_lidar,
         spec=spec.lidar,
     )
+    if not steps.in_view.any():
+        raise EmptyFrame(recording.name, radar_index, "no LiDAR point is in view")
     if recording.poses is None:
         world_from_radar = np.full((4, 4), np.nan)
     frame = PreparedFrame(

@@ -11,22 +11,31 @@ import dataclasses
 import functools
 import hashlib
 import json
-import os
-import shutil
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jradar import __version__
-from jradar.data.frames import Matches, check_dropped, matches_of, prepare_frame
+from jradar.data.frames import (
+    EmptyFrame,
+    Matches,
+    check_dropped,
+    matches_of,
+    prepare_frame,
+    radar_side,
+)
 from jradar.data.records import FORMAT, finished_shard, write_shard
 from jradar.data.sources import Source, find_sources
 from jradar.data.spec import PrepareSpec
+from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
-from jradar.files import lock_folder, read_json, write_text
+from jradar.files import lock_folder, read_json, remove_leftovers, write_text
 from jradar.progress import progress
 from jradar.recordings.recording import Recording
+
+COMPARED = ("radar", "options", "frames", "names")  # fields of the manifest
 
 
 class Job(NamedTuple):
@@ -52,28 +61,36 @@ def prepare(
     """Prepare all recordings at `path` into `folder`; returns the manifest.
 
     `frames` selects frames of each sequence, and `opening` are keyword arguments of
-    `open_recording`. With `keep_going`, frames that cannot be read are dropped and
-    counted. A script with several workers needs `if __name__ == "__main__"` around the
-    call. Raises UsageError for a folder with other contents or of another preparation;
-    ValueError for a frame that cannot be read (without `keep_going`), and for a
-    sequence of which more than half of the frames are dropped.
+    `open_recording`. Frames in which a sensor saw nothing are dropped and counted; with
+    `keep_going`, so are frames that cannot be read. A script with several workers needs
+    `if __name__ == "__main__"` around the call. Raises UsageError for a folder with
+    other contents, or with frames of another preparation; OSError if the disk is full,
+    after which the same call resumes; ValueError for a frame that cannot be read
+    (without `keep_going`), and for a sequence that loses more than half of its frames.
     """
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)
     with lock_folder(folder):
         head = _head(sources, spec, frames)
         _check_options(folder, head)
-        for scratch in folder.glob("*/.*-*"):  # left by a killed run
-            shutil.rmtree(scratch)
-        write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
         jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
+        _try_options(sources[0], spec)
+        write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
         descriptions, done = {}, 0
         total = sum(len(job.matches.radar) for job in jobs)
-        with progress("preparing", total, unit="frames") as show:
-            for job, description in _run(jobs, spec, keep_going, workers, scheduler):
-                descriptions[job.path] = description
-                done += len(job.matches.radar)
-                show(done, job.source.name)
+        write = functools.partial(prepare_block, spec=spec, keep_going=keep_going)
+        _remove_leftovers(jobs)
+        try:
+            with progress("preparing", total, unit="frames") as show:
+                for job, description in run_jobs(
+                    write, jobs, workers=workers, scheduler=scheduler
+                ):
+                    descriptions[job.path] = description
+                    done += len(job.matches.radar)
+                    show(done, job.source.name)
+        except BaseException:
+            _remove_leftovers(jobs)
+            raise
         summaries = [_summary(s, jobs, descriptions, spec, frames) for s in sources]
         manifest = head | {"complete": True, "sequences": summaries}
         write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
@@ -92,12 +109,29 @@ def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, An
         for i, j in zip(job.matches.radar, job.matches.lidar, strict=True):
             try:
                 yield prepare_frame(recording, int(i), int(j), spec)[0]
+            except EmptyFrame as error:
+                failed[str(i)] = error.reason
             except ValueError as error:
                 if not keep_going:
                     raise
                 failed[str(i)] = str(error)
 
     return write_shard(path, frames(), job.about, failed)
+
+
+def _remove_leftovers(jobs):
+    """Remove half-written shards of workers that were killed."""
+    for job in jobs:
+        for suffix in (".array_record", ".json"):
+            remove_leftovers(Path(job.path).with_suffix(suffix))
+
+
+def _try_options(source, spec):
+    """Trace the processing of a frame; ValueError for options that do not suit it."""
+    radar = _opened(source).radar
+    dtype = np.float32 if radar.real_samples else np.complex64
+    cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
+    jax.eval_shape(functools.partial(radar_side, radar=radar, spec=spec), cube)
 
 
 @functools.lru_cache(maxsize=4)
@@ -126,20 +160,24 @@ def _head(sources, spec, frames):
 
 
 def _check_options(folder, head):
-    """Raise UsageError for a folder of other options, sources or contents."""
+    """Raise UsageError for a folder of other options, sources or contents.
+
+    A preparation that has not finished a shard loses its claim on the folder.
+    """
     path = folder / "manifest.json"
-    if not path.exists() and any(entry.name != ".lock" for entry in folder.iterdir()):
+    found = read_json(path) if path.exists() else {}
+    shown = [entry for entry in folder.iterdir() if entry.name != ".lock"]
+    if shown and not set(COMPARED) <= set(found):
         raise UsageError(
             f"{folder} is neither empty nor a folder of records: choose another -o"
         )
     wanted = json.loads(json.dumps(head))
-    found = read_json(path) if path.exists() else wanted
-    for key in ("radar", "options", "frames", "names"):
-        if found.get(key) != wanted[key]:
-            raise UsageError(
-                f"{folder} was prepared with other {key}: "
-                f"{_difference(found, wanted, key)}; choose another -o"
-            )
+    changed = [key for key in COMPARED if found and found[key] != wanted[key]]
+    if changed and any(folder.glob("*/*.array_record")):
+        raise UsageError(
+            f"{folder} was prepared with other {changed[0]}: "
+            f"{_difference(found, wanted, changed[0])}; choose another -o"
+        )
 
 
 def _difference(found, wanted, key):
@@ -199,38 +237,3 @@ def _summary(source, jobs, descriptions, spec, frames):
         "notes": list(recording.notes),
         "shards": [{key: shard[key] for key in keys} for shard in shards],
     }
-
-
-def _run(jobs, spec, keep_going, workers, scheduler):
-    """Yield each finished job with the description of its shard."""
-    if scheduler is None and workers == 1:
-        for job in jobs:
-            yield job, prepare_block(job, spec, keep_going)
-        return
-    with _client(workers, scheduler) as client:
-        from distributed import as_completed
-
-        futures = {
-            client.submit(prepare_block, job, spec, keep_going, pure=False): job
-            for job in jobs
-        }
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-def _client(workers, scheduler):
-    """Return a client of the scheduler, or of a new cluster on this machine."""
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise ImportError("several workers need: pip install 'jradar[data]'") from error
-    if scheduler is not None:
-        return Client(scheduler, timeout=10)
-    # Workers read files of this machine: they need no dashboard and only local sockets.
-    return Client(
-        n_workers=workers,
-        threads_per_worker=1,
-        dashboard_address=None,
-        host="127.0.0.1",
-        local_directory=os.environ.get("TMPDIR", "/tmp"),
-    )

@@ -9,10 +9,13 @@ images on reading, for any view, size and number of slices. Records are read in 
 order. ArrayRecord checks each record when it is read; `Records.verify` checks all.
 """
 
+import contextlib
+import errno
 import hashlib
 import importlib
 import json
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +23,16 @@ import numpy as np
 import safetensors.numpy
 from jaxtyping import Float
 
-from jradar.files import atomic_path, read_json, write_text
+from jradar.errors import parsing
+from jradar.files import (
+    DISK_FULL,
+    atomic_path,
+    inside,
+    read_json,
+    typed_fields,
+    write_text,
+)
+from jradar.lidar import LidarSpec
 from jradar.radar import Cells, RadarSpec
 from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
@@ -74,7 +86,7 @@ def to_bytes(frame: PreparedFrame) -> bytes:
 
 def from_bytes(record: bytes) -> PreparedFrame:
     """Return the frame of `to_bytes`; raises ValueError for other bytes."""
-    try:
+    with parsing("the record", "a prepared frame"):
         arrays: dict[str, Any] = safetensors.numpy.load(record)
         stamp, lidar_stamp = arrays["stamps"].tolist()
         return PreparedFrame(
@@ -92,8 +104,6 @@ def from_bytes(record: bytes) -> PreparedFrame:
             lidar_xyz=arrays["lidar_xyz"],
             range_bias_m=float(arrays.get("range_bias_m", 0.0)),
         )
-    except (safetensors.SafetensorError, KeyError, UnicodeDecodeError) as error:
-        raise ValueError(f"the record is not a prepared frame: {error}") from error
 
 
 def write_shard(
@@ -112,10 +122,12 @@ def write_shard(
         writer = array_record.ArrayRecordWriter(str(scratch), OPTIONS)
         try:
             for frame in frames:
-                writer.write(to_bytes(frame))
+                with _system_errors():
+                    writer.write(to_bytes(frame))
                 numbers.append(frame.frame)
         finally:
-            writer.close()
+            with _system_errors():
+                writer.close()
         content = scratch.read_bytes()
     description = about | {
         "file": f"{path.parent.name}/{path.name}",
@@ -128,16 +140,37 @@ def write_shard(
     return description
 
 
+@contextlib.contextmanager
+def _system_errors() -> Iterator[None]:
+    """Raise OSError for the RuntimeErrors of a writer of ArrayRecord."""
+    try:
+        yield
+    except RuntimeError as error:
+        for code in DISK_FULL:
+            if (reason := os.strerror(code)) in str(error):
+                raise OSError(code, reason) from error
+        raise OSError(errno.EIO, str(error)) from error
+
+
 def finished_shard(path: Path, about: dict[str, Any]) -> dict[str, Any] | None:
     """Return the description of a whole shard written for `about`; None without one."""
     try:
         description = read_json(path.with_suffix(".json"))
+        _check(description, file=str, frames=list, failed=dict, bytes=int)
         content = path.read_bytes()
         same = {k: description[k] for k in about} == json.loads(json.dumps(about))
         whole = hashlib.sha256(content).hexdigest() == description["sha256"]
     except (OSError, ValueError, KeyError):
         return None
     return description if same and whole else None
+
+
+def _check(values: Any, **kinds: type) -> None:
+    """Raise ValueError if a field of a manifest is missing or of another type."""
+    for name, kind in kinds.items():
+        if type(values[name]) is not kind:
+            found = f"{values[name]!r:.80}"
+            raise ValueError(f"{name} is {found}, expected {kind.__name__}")
 
 
 class Records(Stream):
@@ -160,12 +193,10 @@ class Records(Stream):
             raise ValueError(
                 f"{folder} is not complete: run the same `jradar prepare` again"
             )
-        self.radar = RadarSpec.from_dict(self.manifest["radar"])
-        self.sequences = [
-            s for s in self.manifest["sequences"] if split in (None, s["split"])
-        ]
+        sequences = self._sequences()
+        self.sequences = [s for s in sequences if split in (None, s["split"])]
         if not self.sequences:
-            splits = sorted({s["split"] for s in self.manifest["sequences"]})
+            splits = sorted({s["split"] for s in sequences})
             raise ValueError(
                 f"{folder} has no sequences of {split=}, expected one of {splits}"
             )
@@ -188,15 +219,34 @@ class Records(Stream):
             self._source = package("grain").sources.ArrayRecordDataSource(
                 [str(self.folder / shard["file"]) for shard in self.shards]
             )
-        except RuntimeError as error:
+        except (RuntimeError, ValueError) as error:
             raise ValueError(f"{folder} contains a damaged shard: {error}") from error
+        if len(self._source) != len(self.where):
+            raise ValueError(
+                f"{folder} holds {len(self._source)} frames, its manifest lists "
+                f"{len(self.where)}: prepare it again"
+            )
         super().__init__(self._frame, len(self.where))
+
+    def _sequences(self) -> list[dict[str, Any]]:
+        """Return the manifest's sequences; ValueError for a damaged manifest."""
+        path = self.folder / "manifest.json"
+        with parsing(path, "a manifest of records"):
+            self.radar = RadarSpec.from_dict(self.manifest["radar"])
+            typed_fields(LidarSpec, self.manifest["options"]["lidar"])
+            for sequence in self.manifest["sequences"]:
+                _check(sequence, name=str, split=str, shards=list)
+                for shard in sequence["shards"]:
+                    _check(shard, file=str, frames=list, bytes=int, sha256=str)
+                    inside(self.folder, shard["file"], source=path)
+        return self.manifest["sequences"]
 
     def _frame(self, index):
         try:
             return from_bytes(self._source[index])
         except (RuntimeError, ValueError) as error:
-            where = "{}, frame {}".format(*self.where[index])
+            sequence, frame = self.where[index]
+            where = f"record {index} ({sequence}, frame {frame})"
             raise ValueError(f"{self.folder}, {where}: {error}") from error
 
     @property

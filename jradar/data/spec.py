@@ -1,15 +1,14 @@
 """Options of preparation, in Python and in a user's TOML file."""
 
 import dataclasses
-import json
 import math
 from pathlib import Path
-from typing import Any
 
 from jradar.errors import UsageError
+from jradar.files import typed_fields
 from jradar.lidar import LidarSpec
 from jradar.radar import PointSpec
-from jradar.recordings.text_files import check_names, toml
+from jradar.recordings.text_files import toml
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,42 +73,9 @@ class PrepareSpec:
 
         Raises UsageError for unknown fields and for values that cannot be used.
         """
-        values = toml(path)
-        lidar = values.pop("lidar", {})
-        if not isinstance(lidar, dict):
-            raise UsageError(f"{path}: lidar = {lidar!r}, expected a table [lidar]")
-        fields = _fields(path, values, cls)
-        lidar_fields = _fields(path, lidar, LidarSpec)
         try:
-            return cls(**fields, lidar=LidarSpec(**lidar_fields))
+            return cls(**typed_fields(cls, toml(path)))
+        except UsageError:
+            raise
         except ValueError as error:
             raise UsageError(f"{path}: {error}") from error
-
-
-def _fields(path, values, spec) -> dict[str, Any]:
-    """Return the values of a TOML table in the types of the fields of `spec`."""
-    defaults = {field.name: field.default for field in dataclasses.fields(spec)}
-    check_names(path, "field", values, defaults)
-    fields = {}
-    for name, value in values.items():
-        try:
-            fields[name] = _converted(value, defaults[name])
-        except TypeError as error:
-            like = json.dumps(1.0 if defaults[name] is None else defaults[name])
-            raise UsageError(
-                f"{path}: {name} = {value!r}, expected a value like {like}"
-            ) from error
-    return fields
-
-
-def _converted(value: Any, default: Any) -> Any:
-    """Return a TOML value in a default's type; the default None stands for a number."""
-    if isinstance(default, tuple) and isinstance(value, list):
-        if len(value) == len(default):
-            return tuple(map(_converted, value, default))
-    if default is None or isinstance(default, float):
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return float(value)
-    elif type(value) is type(default):
-        return value
-    raise TypeError(f"{value!r} is not like {default!r}")

@@ -18,6 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jradar.errors import parsing
+
 MAX_FILE_BYTES = 128 << 20
 
 # Convolutions in order: `pooled` are preceded by pooling over `pool` pixels, features
@@ -100,11 +102,8 @@ def read_arrays(path: Path | str) -> Any:
     path = Path(path)
     if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(f"{path} is larger than {MAX_FILE_BYTES:,} bytes")
-    with path.open("rb") as file:
-        try:
-            return _ArrayUnpickler(file).load()
-        except Exception as error:  # damaged pickles raise errors of any type
-            raise ValueError(f"{path} is not a file of arrays: {error}") from error
+    with path.open("rb") as file, parsing(path, "a file of arrays"):
+        return _ArrayUnpickler(file).load()
 
 
 class _ArrayUnpickler(pickle.Unpickler):

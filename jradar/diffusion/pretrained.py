@@ -34,6 +34,7 @@ from jradar.diffusion.published import (
     target_of,
 )
 from jradar.diffusion.unet import UNet
+from jradar.errors import parsing
 from jradar.files import atomic_path
 
 MAX_FILE_BYTES = 4 << 30
@@ -73,6 +74,12 @@ def load_pretrained(
         return _load_trained_here(path, state, params, network)
     if not isinstance(network, UNet):
         raise ValueError(f"{path} was not written by jradar: only a UNet can read it")
+    with parsing(path, "a file of published weights"):
+        return _load_published(path, state, params, network, attention_order)
+
+
+def _load_published(path, state, params, network, attention_order):
+    """`params` with the weights of EDM or of an ADM."""
     if "input_blocks.0.0.weight" in state:
         if attention_order not in ATTENTION_ORDERS:
             raise ValueError(
@@ -139,26 +146,39 @@ def read_params(path: Path | str) -> Any:
 
 
 def read_state(path: Path | str) -> State:
-    """Return the arrays of an `.npz` or `.safetensors` file by name."""
+    """Return the arrays of an `.npz` or `.safetensors` file by name.
+
+    Raises FileNotFoundError for a missing file, ValueError for a damaged one and for
+    values that are not finite.
+    """
     path = Path(path)
     if path.stat().st_size > MAX_FILE_BYTES:
         raise ValueError(f"{path} is larger than {MAX_FILE_BYTES:,} bytes")
-    try:
-        if path.suffix == ".safetensors":
-            return safetensors.numpy.load_file(path)
-        if path.suffix == ".npz":
-            with zipfile.ZipFile(path) as archive:
-                size = sum(member.file_size for member in archive.infolist())
-            if size > MAX_FILE_BYTES:
-                raise ValueError(f"it unpacks to {size:,} bytes")
-            with np.load(path, allow_pickle=False) as arrays:
-                return {name: arrays[name] for name in arrays.files}
-    except (safetensors.SafetensorError, zipfile.BadZipFile, ValueError) as error:
-        raise ValueError(f"{path} is not usable: {error}") from error
-    raise ValueError(
-        f"{path}: expected .npz or .safetensors; convert pickles with "
-        "experiments/convert_weights.py"
-    )
+    if path.suffix not in (".safetensors", ".npz"):
+        raise ValueError(
+            f"{path}: expected .npz or .safetensors; convert pickles with "
+            "experiments/convert_weights.py"
+        )
+    with parsing(path, f"a {path.suffix} file of weights"):
+        state = (
+            _read_npz(path)
+            if path.suffix == ".npz"
+            else safetensors.numpy.load_file(path)
+        )
+        for name, array in state.items():
+            if not np.isfinite(array).all():
+                raise ValueError(f"{name} holds values that are not finite")
+    return state
+
+
+def _read_npz(path):
+    """The arrays of an .npz file."""
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > MAX_FILE_BYTES:
+        raise ValueError(f"it unpacks to {size:,} bytes")
+    with np.load(path, allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 def _load_trained_here(path, state, params, network):
@@ -174,7 +194,8 @@ def _load_trained_here(path, state, params, network):
     _check_complete(path, [] if new == tower else new, unused)
     loaded = {}
     for name, tensor in state.items():
-        if name.startswith(HEADS) and 2 * tensor.shape[-1] == flat[name].shape[-1]:
+        outputs = tuple(2 * count for count in tensor.shape[-1:])
+        if name.startswith(HEADS) and outputs == flat[name].shape[-1:]:
             tensor = _with_spreads(tensor, network.outputs // 2)
         _check_shape(path, name, tensor, flat[name])
         loaded[name] = jnp.asarray(tensor, flat[name].dtype)
@@ -199,12 +220,10 @@ def _check_network(path, network):
     """Refuse weights whose file records another kind of network."""
     if Path(path).suffix != ".safetensors":
         return
-    with safetensors.safe_open(path, framework="numpy") as file:
-        text = (file.metadata() or {}).get("network", "{}")
-    try:
+    with parsing(path, "a file of weights with its network"):
+        with safetensors.safe_open(path, framework="numpy") as file:
+            text = (file.metadata() or {}).get("network", "{}")
         found = dict(json.loads(text))
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{path} is not usable: {error}") from error
     for name, wanted in _unshaped(network).items():
         if found.get(name, wanted) != wanted:
             raise ValueError(

@@ -20,6 +20,7 @@ import orbax.checkpoint as ocp
 from absl import logging
 
 from jradar.errors import CheckpointError
+from jradar.files import DISK_FULL
 from jradar.training.parallel import wait_for_all
 from jradar.training.state import TrainState
 
@@ -63,7 +64,7 @@ class Checkpoints:
         except (OSError, ValueError) as error:
             if not _disk_is_full(error):
                 raise
-            for scratch in self._folder.glob(f"{step}.*tmp*"):
+            for scratch in self._folder.glob(f"{step}.orbax-checkpoint-tmp*"):
                 shutil.rmtree(scratch, ignore_errors=True)
             raise OSError(
                 errno.ENOSPC,
@@ -174,7 +175,7 @@ def _is_foreign(path):
 def _disk_is_full(error):
     """Return whether an error, or one of its causes, is a full disk."""
     while error is not None:
-        full = getattr(error, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+        full = getattr(error, "errno", None) in DISK_FULL
         if full or "RESOURCE_EXHAUSTED" in str(error) or "No space left" in str(error):
             return True
         error = error.__cause__ or error.__context__

@@ -1,6 +1,7 @@
 """Records: frames are read as written; damage and unfinished folders are refused."""
 
 import dataclasses
+import errno
 import json
 
 import jax
@@ -15,6 +16,7 @@ from jradar.data.records import (
     to_bytes,
     write_shard,
 )
+from jradar.lidar import LidarSpec
 from jradar.radar import RadarSpec
 from tests.data.prepared import invented_frame
 
@@ -39,6 +41,7 @@ def write_folder(folder, complete=True):
         "format": FORMAT,
         "complete": complete,
         "radar": dataclasses.asdict(RadarSpec.awr1843()),
+        "options": {"lidar": dataclasses.asdict(LidarSpec())},
         "sequences": sequences,
     }
     (folder / "manifest.json").write_text(json.dumps(manifest))
@@ -130,7 +133,7 @@ def test_a_flipped_bit_is_found(tmp_path):
             assert_same(records[i], invented_frame(*records.where[i][::-1]))
         except ValueError as error:
             damaged += 1
-            assert "run1, frame" in str(error)
+            assert f"record {i} (run1, frame " in str(error)
     assert damaged == 1
 
 
@@ -139,6 +142,58 @@ def test_a_damaged_manifest_is_refused(tmp_path, text):
     (tmp_path / "manifest.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(ValueError, match=r"manifest.json|format"):
         Records(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (("sequences", 0, "shards", 0, "file"), "/etc/passwd", "names '/etc/passwd'"),
+        (("sequences", 0, "shards", 0, "file"), "../x", "without `..`"),
+        (("sequences", 0, "shards", 0, "file"), 3, "file is 3, expected str"),
+        (("sequences", 0, "shards", 0, "bytes"), "many", "bytes is 'many'"),
+        (("sequences", 0, "shards", 0, "frames"), 4, "frames is 4, expected list"),
+        (("sequences", 0, "shards", 0, "frames"), [0], "holds 16 frames, its manifest"),
+        (("sequences", 0, "shards", 0), [], "damaged or not a manifest"),
+        (("sequences", 0, "split"), ["train"], "split is"),
+        (("sequences", 0), "run0", "damaged or not a manifest"),
+        (("sequences",), 3, "damaged or not a manifest"),
+        (("options",), [], "damaged or not a manifest"),
+        (("options", "lidar"), {"azimuth": 3}, "azimuth = 3, expected a list of 2"),
+        (("radar",), "awr1843", "damaged or not a manifest"),
+        (("radar", "num_samples"), 1e3, "num_samples = 1000.0, expected an integer"),
+    ],
+)
+def test_a_manifest_with_wrong_values_is_refused(tmp_path, place, value, message):
+    path = write_folder(tmp_path) / "manifest.json"
+    manifest = inner = json.loads(path.read_text())
+    for step in place[:-1]:
+        inner = inner[step]
+    inner[place[-1]] = value
+    path.write_text(json.dumps(manifest))
+    with pytest.raises(ValueError, match=message):
+        Records(tmp_path)
+
+
+def test_a_full_disk_is_an_error_of_the_system_and_leaves_nothing(small_disk):
+    def frames():
+        yield from (
+            invented_frame(i, points=1024, lidar_points=5000) for i in range(99)
+        )
+
+    path = small_disk / "run0" / "0000.array_record"
+    with pytest.raises(OSError, match="No space left on device.*0000.array") as error:
+        write_shard(path, frames(), ABOUT, {})
+    assert error.value.errno == errno.ENOSPC
+    assert not [*path.parent.iterdir()]
+
+
+def test_errors_of_the_processing_are_not_taken_for_a_full_disk(tmp_path):
+    def frames():
+        yield invented_frame(0)
+        raise RuntimeError("a fault of the program")
+
+    with pytest.raises(RuntimeError, match="a fault of the program"):
+        write_shard(tmp_path / "run0" / "0000.array_record", frames(), ABOUT, {})
 
 
 def test_finished_shards_are_recognised_by_content_and_options(tmp_path):

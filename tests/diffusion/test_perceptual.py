@@ -148,7 +148,7 @@ def test_reader_runs_nothing(tmp_path):
     )
     for content in bad:
         path.write_bytes(content)
-        with pytest.raises(ValueError, match="is not a file of arrays"):
+        with pytest.raises(ValueError, match="damaged or not a file of arrays"):
             read_arrays(path)
         assert not sentinel.exists()
     good = {"a": {"b": np.arange(6.0, dtype=np.float32).reshape(2, 3)}}

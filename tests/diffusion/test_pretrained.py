@@ -256,7 +256,7 @@ def test_weights_trained_here_that_do_not_fit_are_refused(tmp_path):
             load_pretrained(save(path, bad), network, params)
     prior = tmp_path / "prior.safetensors"
     safetensors.numpy.save_file(flat, prior, {"network": "[1]"})
-    with pytest.raises(ValueError, match="prior.safetensors is not usable"):
+    with pytest.raises(ValueError, match="prior.safetensors is damaged or not"):
         load_pretrained(prior, network, params)
 
 
@@ -271,9 +271,9 @@ def test_unusable_files_are_refused(tmp_path, monkeypatch):
     (tmp_path / "t.safetensors").write_bytes(b"\xff" * 64)
     (tmp_path / "t.pkl").write_bytes(b"")
     for name, message in (
-        ("o.npz", "is not usable: Object arrays"),
-        ("t.npz", "is not usable"),
-        ("t.safetensors", "is not usable"),
+        ("o.npz", "o.npz is damaged or not a .npz file of weights: Object arrays"),
+        ("t.npz", "t.npz is damaged or not"),
+        ("t.safetensors", "t.safetensors is damaged or not a .safetensors file"),
         ("t.pkl", "convert pickles with"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -285,3 +285,43 @@ def test_unusable_files_are_refused(tmp_path, monkeypatch):
     np.save(tmp_path / "long.npz", np.zeros(100_000))
     with pytest.raises(ValueError, match="larger than 10,000 bytes"):
         read_state(tmp_path / "long.npz.npy")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".safetensors"])
+def test_a_file_with_changed_bytes_is_read_or_refused_by_name(tmp_path, suffix):
+    path = tmp_path / f"w{suffix}"
+    arrays = {"a": np.ones((3, 4), np.float32), "b": np.zeros(2, np.float32)}
+    if suffix == ".npz":
+        np.savez(path, **arrays)
+    else:
+        safetensors.numpy.save_file(arrays, path)
+    good, random, refused = path.read_bytes(), np.random.default_rng(0), 0
+    for _ in range(300):
+        bad = bytearray(good)
+        for place in random.integers(len(bad), size=random.integers(1, 5)):
+            bad[place] = random.integers(256)
+        path.write_bytes(bad[: random.integers(1, len(bad) + 1)])
+        try:
+            read_state(path)
+        except ValueError as error:
+            assert str(path) in str(error)
+            refused += 1
+    assert refused > 100
+
+
+@pytest.mark.parametrize(
+    ("ending", "value"),
+    [
+        ("_conv.weight", np.float32(3)),
+        ("map_layer0.weight", np.zeros((2, 2, 2), np.float32)),
+        ("qkv.weight", np.zeros(3, np.float32)),
+        ("map_layer0.bias", np.full(32, np.nan, np.float32)),
+        ("enc.0x0_conv.bias", np.zeros(3, np.float32)),
+    ],
+)
+def test_tensors_of_another_kind_are_refused_by_name(tmp_path, song, ending, value):
+    state, network, params = song
+    name = next((name for name in state if name.endswith(ending)), ending)
+    path = save(tmp_path / "w.npz", state | {name: value})
+    with pytest.raises(ValueError, match=r"w\.npz"):
+        load_pretrained(path, network, params)
