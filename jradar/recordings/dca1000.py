@@ -28,8 +28,14 @@ from jradar.recordings.dca1000_packets import (
     index_packets,
     lost_per_frame,
 )
+from jradar.recordings.dca1000_settings import card_notes
 from jradar.recordings.descriptions import find_description, read_description
-from jradar.recordings.iq_order import advise_iq_order, check_iq_order, cube_of_words
+from jradar.recordings.iq_order import (
+    advise_iq_order,
+    check_iq_order,
+    confirms_interleave,
+    cube_of_words,
+)
 from jradar.recordings.recording import Format, Recording, Stream
 
 DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.json", "*.toml")
@@ -103,8 +109,12 @@ def open_dca1000(
         lost = lost_per_frame(source, frame_bytes, count)
         notes += _losses(source, lost)
         whole = int(lost.argmin())
-    if advice := advise_iq_order(read(whole), order=order):
+    frame = read(whole)
+    advice = advise_iq_order(frame, order=order)
+    decided = bool(advice or iq_order) or confirms_interleave(frame, order=order)
+    if advice:
         notes.append(advice)
+    notes += card_notes(path, order=order, decided=decided)
     period = radar.frame_period_s
     return Recording(
         name=name,

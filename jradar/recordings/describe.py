@@ -64,7 +64,8 @@ def describe_bag(path: Path | str) -> dict[str, Any]:
         stamps = times.get(topic, np.zeros(0))
         if count and is_cloud_type(kind):
             clouds = open_bag(path, topic=topic)
-            stamps, notes = clouds.stamps, [*notes, *clouds.notes]
+            stamps = stamps if clouds.stamps is None else clouds.stamps
+            notes += clouds.notes
         timing = _timing(topic, count, stamps)
         first, last = stamps[[0, -1]].tolist() if len(stamps) else (None, None)
         rows.append(

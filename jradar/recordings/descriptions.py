@@ -117,7 +117,7 @@ def find_description(path: Path, patterns: Sequence[str]) -> Path:
     or none are left.
     """
     found = sorted({file for p in patterns for file in path.parent.glob(p)})
-    found = [file for file in found if file.name != CAPTURE_TOML and file != path]
+    found = [file for file in found if file.is_file() and file.name != CAPTURE_TOML]
     if len(found) > 1:
         found = [file for file in found if _describes_radar(file)] or found
     if len(found) > 1:

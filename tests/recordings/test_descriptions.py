@@ -72,6 +72,7 @@ def test_logs_of_the_capture_card_describe_nothing(capture, tmp_path):
     (tmp_path / "adc_data_Raw_LogFile.csv").write_text(CARD_LOG)
     (tmp_path / "cf.json").write_text(json.dumps(CARD))
     (tmp_path / "sensor_start.cfg").write_text("sensorStart\n")
+    (tmp_path / "folder.cfg").mkdir()
     (tmp_path / "notes.toml").write_text("[place]\nname = 'hall'\n")
     assert open_recording(capture).radar.num_chirps == 4
 
