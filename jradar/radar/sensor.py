@@ -218,7 +218,7 @@ class RadarSpec:
         device = given.pop("device", None)
         complete: dict[str, Any] = {"name": "radar"}
         if device is not None:
-            complete = device_fields(device)
+            complete = device_fields(_converted("device", device, str))
         fields = {field.name: field for field in dataclasses.fields(cls)}
         for key, value in given.items():
             if key not in fields:

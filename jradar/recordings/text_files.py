@@ -61,6 +61,8 @@ def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:
 def radar_from_toml(path: Path | str) -> RadarSpec:
     """Return the radar in the `[radar]` table of a TOML file; UsageError if wrong."""
     values = toml(path).get("radar", {})
+    if not isinstance(values, dict):
+        raise UsageError(f"{path}: radar = {values!r:.80}, expected a table [radar]")
     try:
         return RadarSpec.from_dict(values)
     except ValueError as error:

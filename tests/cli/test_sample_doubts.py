@@ -26,6 +26,14 @@ def test_info_prints_how_much_is_at_full_scale(small_cube, swapped_cube, run_jso
     assert note.startswith("frame 0: the samples look like numbers in the other byte")
 
 
+def test_a_silent_frame_has_no_echoes_and_says_so(small_cube, tmp_path, run_json):
+    np.save(tmp_path / "cube.npy", 0 * np.load(small_cube))
+    shutil.copy(small_cube.replace("cube.npy", "radar.toml"), tmp_path)
+    found = run_json("info", tmp_path / "cube.npy")
+    assert found["echoes"] == [] and found["moving echoes"] == []
+    assert "frame 0: all samples are zero" in found["notes"][0]
+
+
 def test_points_and_enhance_print_the_doubt(
     swapped_cube, model_folder, tmp_path, capsys
 ):

@@ -111,6 +111,22 @@ def test_toml_names_a_device_and_changes_it(tmp_path):
         radar_from_toml(path)
 
 
+@pytest.mark.parametrize("device", ["[]", "4", "true", "{a = 1}"])
+def test_a_device_that_is_no_name(tmp_path, device):
+    path = tmp_path / "radar.toml"
+    path.write_text(f"[radar]\ndevice = {device}\n")
+    with pytest.raises(ValueError, match="radar.toml: device = .*, expected a text"):
+        radar_from_toml(path)
+
+
+@pytest.mark.parametrize("radar", ["radar = 3", "radar = []", "[[radar]]\nname = 'a'"])
+def test_a_radar_that_is_no_table(tmp_path, radar):
+    path = tmp_path / "radar.toml"
+    path.write_text(radar)
+    with pytest.raises(ValueError, match=r"radar.toml: radar = .*, expected a table"):
+        radar_from_toml(path)
+
+
 LOG = """\
 01-Jan-2026 10:00:00: API:select_chip_version,AR1843,0,
 01-Jan-2026 10:00:00: API:ChannelConfig,7,15,0,
