@@ -1,7 +1,7 @@
 """The command line: info, points, enhance, prepare, simulate, view, export.
 
-A command imports what it needs when it runs, so `--help` and a wrong option answer
-before JAX loads. `jradar.errors` lists the exit codes.
+A command imports what it needs when it runs, so `--help`, a wrong option and a wrong
+path answer before JAX loads. `jradar.errors` lists the exit codes.
 """
 
 import json
@@ -12,8 +12,9 @@ from collections.abc import Sequence
 
 from jradar.cli.listing import lines
 from jradar.cli.options import parser
-from jradar.errors import exit_code
-from jradar.files import use_compilation_cache
+from jradar.cli.paths import check_paths
+from jradar.errors import check_platform, exit_code, sigterm_raises
+from jradar.files import DISK_FULL, use_compilation_cache
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -21,8 +22,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser().parse_args(argv)
     use_compilation_cache()
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), sigterm_raises():
             warnings.showwarning = _show_warning
+            check_paths(options)
+            check_platform()
             result = options.command(options)
         text = (
             json.dumps(result, indent=2) if options.json else "\n".join(lines(result))
@@ -34,9 +37,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = exit_code(error)
         if code is None:
             raise
-        print(f"jradar: {str(error) or type(error).__name__}", file=sys.stderr)
+        print(f"jradar: {_in_words(error)}", file=sys.stderr)
         return code
     return 0
+
+
+def _in_words(error: BaseException) -> str:
+    """Return an error as one line; errors of the system begin with their file."""
+    if isinstance(error, OSError) and error.errno and error.filename:
+        reason = "disk full" if error.errno in DISK_FULL else error.strerror
+        return f"{error.filename}: {reason}"
+    if isinstance(error, KeyboardInterrupt) and not str(error):
+        return "interrupted"
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _show_warning(message, *_args, **_kwargs):

@@ -7,13 +7,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from jradar.errors import UsageError
-
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """Describe a recording, a bag or a point cloud, and check that it can be read."""
-    from jradar.cli.reading import echoes, frame_points, open_frames
-    from jradar.radar import PointSpec
+    from jradar.cli.reading import echoes, frame_points, no_echoes, open_frames
+    from jradar.radar import PointSpec, noise_statistics, power_map
     from jradar.recordings import (
         calibrated_cube,
         check_samples,
@@ -29,6 +27,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     found: dict[str, Any] = {
         "largest sample": samples.largest,
         "share at full scale": samples.share,
+        "noise": noise_statistics(power_map(cube), recording.radar)._asdict(),
         "echoes": echoes(frame_points(cube, recording, PointSpec()), recording),
     }
     if recording.radar.num_chirps > 1:
@@ -36,43 +35,17 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
         found["moving echoes"] = echoes(moving, recording)
     if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
         found["time offset"] = _time_offset(recording)
-    return {**describe(recording), "frame": frame, **found}
+    described = describe(recording)
+    if not found["echoes"]:
+        described["notes"] += no_echoes([frame])
+    return {**described, "frame": frame, **found}
 
 
 def points(options: argparse.Namespace) -> dict[str, Any]:
-    """Detect points in a radar frame; write them as PLY and NPZ, with a picture."""
-    from jradar import recordings, viz
-    from jradar.cli.reading import echoes, frame_points, given, open_frames, summary
-    from jradar.radar import PointSpec, power_map
-    from jradar.range_image import ImageSpec
+    """Detect points in radar frames; write them as clouds, with a picture."""
+    from jradar.cli.detecting import detect_frames
 
-    recording, (frame,) = open_frames(options)
-    cube = recordings.calibrated_cube(recording, frame)
-    names = ("detector", "false_alarm_rate", "capacity", "remove_static")
-    try:
-        spec = PointSpec(**given(options, *names))
-    except ValueError as error:
-        raise UsageError(str(error)) from error
-    cloud = frame_points(cube, recording, spec)
-    figure = viz.capture_figure(
-        power_map(cube, remove_static=options.remove_static),
-        recording.radar,
-        cloud,
-        ImageSpec(64, 64, max_range_m=recording.radar.max_range_m),
-        lidar=recordings.nearest_scan(recording, frame),
-        title=f"{recording.name}, frame {frame}",
-    )
-    folder = Path(options.output)
-    recordings.write_ply(folder / "radar.ply", cloud)
-    recordings.write_npz(folder / "radar.npz", recordings.valid_points(cloud))
-    viz.save_figure(figure, folder / "capture.png")
-    return {
-        **summary(recording),
-        "frame": frame,
-        "points": int(cloud.valid.sum()),
-        "echoes": echoes(cloud, recording),
-        "written": [str(folder / n) for n in ("radar.ply", "radar.npz", "capture.png")],
-    }
+    return detect_frames(options)
 
 
 def enhance(options: argparse.Namespace) -> dict[str, Any]:

@@ -9,20 +9,22 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jradar import recordings, viz
-from jradar.cli.reading import frame_points, open_frames, summary
+from jradar.cli.limits import check_limits, within_limits
+from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
+from jradar.cli.writing import frame_folder, write_frame
 from jradar.model import Model, ModelSpec, draw, load_model
 from jradar.progress import progress
-from jradar.radar import power_map
+from jradar.radar import RadarSpec, power_map
 from jradar.range_image import condition_image, unproject
 
-WRITTEN = ("radar.ply", "enhanced.ply", "enhanced.npz", "capture.png")
+TOLERANCE = 0.05  # up to which two radars count as alike
 FLAT = (
     "this radar has one row of antennas and measures no elevation: heights in the "
     "result come from the model alone"
@@ -42,21 +44,22 @@ class Stopwatch(dict[str, list[float]]):
 
 def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     """Enhance the frames that the options name, and write the results."""
+    check_limits(options)
     model = load_model(options.model)
     recording, frames = open_frames(options)
     spec, watch = model.spec, Stopwatch()
     key = jax.random.key(options.seed)
     stages = watch("compiling", _compiled_stages, key, model, recording, options)
-    rows = []
+    rows, written = [], []
     with progress("enhancing", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
             values = [watch("read", recordings.calibrated_cube, recording, frame)]
             for name, stage in stages.items():
                 values.append(watch(name, stage, key, model, values[-1]))
             cube, cloud, _, image, dense = values
-            folder = Path(options.output, f"{frame:06d}" if options.frames else "")
+            cloud, dense = (within_limits(c, options) for c in (cloud, dense))
             drawn = cube, cloud, image, dense
-            watch("writing", _write, folder, recording, frame, spec, *drawn)
+            written = watch("writing", _write, recording, frame, spec, drawn, options)
             rows.append(
                 {
                     "frame": frame,
@@ -66,9 +69,10 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             )
             if len(frames) > 1:
                 show(done)
-    written = [str(Path(options.output) / name) for name in WRITTEN]
+    silent = [row["frame"] for row in rows if not row["radar points"]]
+    notes = (*_doubts(spec, recording.radar), *no_echoes(silent))
     return {
-        **summary(recording, () if recording.radar.has_elevation else (FLAT,)),
+        **summary(recording, notes),
         "model": {
             "name": str(options.model),
             "purpose": spec.purpose,
@@ -118,8 +122,37 @@ def _times(watch: Stopwatch) -> dict[str, Any]:
     }
 
 
-def _write(folder: Path, recording, frame, spec: ModelSpec, cube, cloud, image, dense):
+def _doubts(spec: ModelSpec, radar: RadarSpec):
+    """Yield why the model may not suit this radar."""
+    if not radar.has_elevation:
+        yield FLAT
+    here, trained = _waveform(radar), _waveform(spec.radar)
+    differ = [
+        f"{name.format(value)} here, {trained[name]:.3g} in training"
+        for name, value in here.items()
+        if abs(value - trained[name]) > TOLERANCE * abs(trained[name])
+    ]
+    if differ:
+        yield (
+            f"the model was trained on another radar ({spec.radar.name}), expect worse "
+            f"clouds: {'; '.join(differ)}"
+        )
+
+
+def _waveform(radar: RadarSpec) -> dict[str, float]:
+    """Return what the look of a radar's points depends on, by its words in a note."""
+    return {
+        "range to {:.3g} m": radar.max_range_m,
+        "range bins of {:.3g} m": radar.range_resolution_m,
+        "velocity to {:.3g} m/s": radar.max_velocity_mps,
+        "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
+        "{:.0f} virtual antennas": radar.num_virtual,
+    }
+
+
+def _write(recording, frame: int, spec: ModelSpec, drawn, options) -> list[str]:
     """Write the clouds, the range image and a picture of one frame."""
+    cube, cloud, image, dense = drawn
     figure = viz.capture_figure(
         power_map(cube),
         recording.radar,
@@ -129,8 +162,11 @@ def _write(folder: Path, recording, frame, spec: ModelSpec, cube, cloud, image, 
         lidar=recordings.nearest_scan(recording, frame),
         title=f"{recording.name}, frame {frame}; model: {spec.purpose}",
     )
-    recordings.write_ply(folder / "radar.ply", cloud)
-    recordings.write_ply(folder / "enhanced.ply", dense)
-    columns = recordings.valid_points(dense) | {"range_image": image}
-    recordings.write_npz(folder / "enhanced.npz", columns)
-    viz.save_figure(figure, folder / "capture.png")
+    image = np.where(dense.valid.reshape(image.shape), image, 0)
+    return write_frame(
+        frame_folder(options, frame),
+        {"radar": cloud, "enhanced": dense},
+        figure,
+        kind=options.format,
+        arrays={"range_image": image},
+    )

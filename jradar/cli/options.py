@@ -5,8 +5,12 @@ text shows its value, which a test compares.
 """
 
 import argparse
+import difflib
+import functools
+import math
 import os
 from collections.abc import Callable
+from typing import NoReturn
 
 from jradar import __version__
 from jradar.cli import commands
@@ -37,13 +41,32 @@ DEVICES = (
 )
 FAMILIES = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
 SETS = ("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini")
+CLOUD_FORMATS = ("ply", "pcd", "csv")
+MAX_SEED = 2**32 - 1
+MAX_COUNT = 10**9
+MAX_DRAWS, MAX_STEPS = 256, 1000
+MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, with the nearest known option."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and end with code 2."""
+        words = message.rpartition(": ")[2].split()
+        known = {*self._option_string_actions}
+        for group in self._subparsers._group_actions if self._subparsers else ():
+            for command in (group.choices or {}).values():
+                known |= {*command._option_string_actions}
+        if message.startswith("unrecognized") and words[0].startswith("-"):
+            near = difflib.get_close_matches(words[0].partition("=")[0], known, 1)
+            message += "".join(f", did you mean {name}?" for name in near)
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    top = argparse.ArgumentParser(
-        prog="jradar", description="Dense point clouds from mmWave radar."
-    )
+    top = Parser(prog="jradar", description="Dense point clouds from mmWave radar.")
     top.add_argument("--version", action="version", version=f"jradar {__version__}")
     kinds = top.add_subparsers(required=True, metavar="COMMAND")
     _info(_command(kinds, commands.info, RECORDING_HELP + FILES_HELP))
@@ -80,8 +103,8 @@ def _value(sub, name: str, metavar: str, text: str, **options):
     sub.add_argument(name, metavar=metavar, help=text, **options)
 
 
-def _count(sub, name: str, text: str, **options):
-    _value(sub, name, "N", text, type=_at_least_1, **options)
+def _count(sub, name: str, text: str, *, most: int = MAX_COUNT, **options):
+    _value(sub, name, "N", text, type=functools.partial(_whole, 1, most), **options)
 
 
 def _info(sub):
@@ -91,7 +114,7 @@ def _info(sub):
 
 def _points(sub):
     _recording(sub)
-    _frame(sub)
+    _frame(sub, several=True)
     _output(sub)
     text = (
         "CFAR detector: ca (cell averaging), go (greatest of), so (smallest of) or os "
@@ -100,8 +123,15 @@ def _points(sub):
     _value(sub, "--detector", "NAME", text)
     text = "probability that a cell of pure noise is detected (default: 0.001)"
     _value(sub, "--false-alarm-rate", "RATE", text, type=_rate)
+    text = "cells beside the tested one that are no noise, in Doppler and in range"
+    _value(sub, "--guard", "D,R", f"{text} (default: 2,2)", type=_cells)
+    text = "cells beyond the guard cells that measure the noise (default: 4,4)"
+    _value(sub, "--train", "D,R", text, type=_cells)
     _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
     _flag(sub, "--remove-static", "keep only echoes that move")
+    text = "fft (beamforming), or music for azimuths finer than a beam (default: fft)"
+    _value(sub, "--angles", "NAME", text)
+    _clouds(sub)
 
 
 def _enhance(sub):
@@ -112,6 +142,7 @@ def _enhance(sub):
     _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
     _drawing(sub)
     _seed(sub, "random seed of the draws")
+    _clouds(sub)
 
 
 def _prepare(sub):
@@ -202,19 +233,37 @@ def _frame(sub, *, several: bool = False):
 
 def _output(sub, metavar="DIR", text="output folder, created if missing"):
     sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
+    sub.set_defaults(output_is_folder=metavar == "DIR")
+
+
+def _clouds(sub):
+    """Add how clouds are limited and written."""
+    sub.add_argument(
+        "--format",
+        choices=CLOUD_FORMATS,
+        default="ply",
+        help="format of the clouds, beside NPZ (default: %(default)s)",
+    )
+    for name, metavar, what in (
+        ("--min-range", "M", "nearer than M metres"),
+        ("--max-range", "M", "farther than M metres"),
+        ("--max-azimuth", "DEG", "more than DEG degrees to the left or right"),
+        ("--max-elevation", "DEG", "more than DEG degrees up or down"),
+    ):
+        _value(sub, name, metavar, f"leave out points {what}", type=_positive)
 
 
 def _seed(sub, text: str):
     text += " (default: %(default)s)"
-    _value(sub, "--seed", "N", text, type=int, default=0)
+    _value(sub, "--seed", "N", text, type=_seed_value, default=0)
 
 
 def _drawing(sub):
     """Add how a diffusion model is sampled."""
     text = "draw N samples and keep what they agree on; 1 is the paper's single draw"
-    _count(sub, "--draws", f"{text} (default: 8)")
+    _count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
     text = "solver steps per draw (default: 5 for several draws, 18 for one)"
-    _count(sub, "--steps", text)
+    _count(sub, "--steps", text, most=MAX_STEPS)
 
 
 def _frames(text: str) -> slice:
@@ -228,11 +277,36 @@ def _frames(text: str) -> slice:
     return chosen
 
 
-def _at_least_1(text: str) -> int:
-    """Parse a whole number of 1 or more."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected 1 or more")
+def _whole(least: int, most: int, text: str) -> int:
+    """Parse a whole number from `least` to `most`."""
+    short = len(text) <= len(str(most))
+    if not (short and text.isdecimal() and least <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f"{text!r}, expected {least} to {most}")
     return int(text)
+
+
+def _seed_value(text: str) -> int:
+    """Parse a random seed."""
+    return _whole(0, MAX_SEED, text)
+
+
+def _cells(text: str) -> tuple[int, int]:
+    """Parse numbers of cells D,R."""
+    doppler, comma, range_ = text.partition(",")
+    if not comma:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected D,R, such as 2,4")
+    return _whole(0, MAX_CELLS, doppler), _whole(0, MAX_CELLS, range_)
+
+
+def _positive(text: str) -> float:
+    """Parse a finite number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected a number above 0")
+    return value
 
 
 def _rate(text: str) -> float:

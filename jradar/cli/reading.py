@@ -69,3 +69,15 @@ def summary(recording: Recording, notes: tuple[str, ...] = ()) -> dict[str, Any]
         "frames": len(recording.cubes),
         "notes": [*recording.notes, *notes],
     }
+
+
+def no_echoes(frames: list[int]) -> tuple[str, ...]:
+    """Return a note about the frames in which nothing was detected, if there are any.
+
+    `frames` are their numbers.
+    """
+    if not frames:
+        return ()
+    names = ", ".join(map(str, frames[:5])) + (", .." if frames[5:] else "")
+    which = f"frame {names}" if len(frames) == 1 else f"{len(frames)} frames: {names}"
+    return (f"no echoes in {which}: the detector found nothing, the clouds are empty",)

@@ -14,7 +14,8 @@ Angles       directions                        strongest direction of each cell
              capon_spectrum, music_spectrum, music_directions, smoothed_covariance
 Points       PointSpec, radar_points           cube to points of the detected cells
              Cells, all_cells, cell_points     all directions first, any mask later
-             Echo, strongest_echoes            summary of a cloud, on the host
+             strongest_echoes, Echo            summary of a cloud, on the host
+             noise_statistics, NoiseStatistics     and of a power map
 Simulation   Scatterers, simulate_cube         the way back: scatterers to a cube
 """
 
@@ -40,7 +41,12 @@ from jradar.radar.cfar import (
     so_cfar as so_cfar,
 )
 from jradar.radar.direction import directions as directions
-from jradar.radar.echoes import Echo as Echo, strongest_echoes as strongest_echoes
+from jradar.radar.echoes import (
+    Echo as Echo,
+    NoiseStatistics as NoiseStatistics,
+    noise_statistics as noise_statistics,
+    strongest_echoes as strongest_echoes,
+)
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
 from jradar.radar.points import (
     Cells as Cells,

@@ -1,10 +1,14 @@
-"""The strongest echoes of a frame as a readable summary, on the host."""
+"""The strongest echoes and the noise of a frame as a readable summary, on the host."""
 
 from typing import NamedTuple
 
 import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Float
+from scipy.special import gammaincinv
 
 from jradar.radar.sensor import RadarSpec
+from jradar.radar.spectrum import window
 from jradar.types import PointCloud
 
 MIN_RANGE_M = 0.5  # the coupling of the antennas is the strongest echo below it
@@ -57,3 +61,36 @@ def strongest_echoes(cloud: PointCloud, radar: RadarSpec) -> list[Echo]:
         if distance >= MIN_RANGE_M and len(echoes) < MOST and not any(neighbours):
             echoes.append(echo)
     return echoes
+
+
+class NoiseStatistics(NamedTuple):
+    """The cells of a range-Doppler map, of which most hold noise.
+
+    The spread is half the distance from the 16th to the 84th percentile. A map whose
+    spread is well above that of pure noise is full of echoes, leakage or interference.
+    """
+
+    floor_db: float  # the median cell, as `Echo.power_db`
+    spread_db: float
+    pure_noise_spread_db: float
+    counts_per_sample: float  # root mean square of the noise in an ADC sample
+
+
+def noise_statistics(
+    power: Float[ArrayLike, "doppler range"], radar: RadarSpec
+) -> NoiseStatistics:
+    """Return the level and spread of a `power_map` with its default windows.
+
+    In pure noise, the power summed over antennas follows a gamma distribution. A map of
+    zeros has no level: all but the spread of pure noise are 0.
+    """
+    low, middle, high = np.percentile(np.asarray(power, np.float64), (16, 50, 84))
+    of_noise = gammaincinv(radar.num_virtual, (0.16, 0.5, 0.84))
+    weight = (window("hann", size) for size in (radar.num_chirps, radar.num_samples))
+    gain = np.prod([np.sum(values**2) for values in weight])
+    return NoiseStatistics(
+        floor_db=float(10 * np.log10(middle)) if middle > 0 else 0.0,
+        spread_db=float(5 * np.log10(high / low)) if low > 0 else 0.0,
+        pure_noise_spread_db=float(5 * np.log10(of_noise[2] / of_noise[0])),
+        counts_per_sample=float(np.sqrt(middle / of_noise[1] / gain)),
+    )

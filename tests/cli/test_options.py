@@ -8,11 +8,14 @@ import pytest
 
 from jradar import simulation
 from jradar.cli import main
-from jradar.cli.options import DEVICES, FAMILIES, SETS, parser
+from jradar.cli.options import CLOUD_FORMATS, DEVICES, FAMILIES, SETS, parser
 from jradar.cli.simulating import SCENE_FRAMES
 from jradar.radar import DETECTORS, PointSpec
 from jradar.radar.devices import BOARDS
+from jradar.recordings import CLOUD_WRITERS
 from jradar.simulation.sets import FRAMES
+
+BIG = str(10**30)
 
 
 @pytest.mark.parametrize(
@@ -23,11 +26,22 @@ from jradar.simulation.sets import FRAMES
         (["inform", "x.npy"], "invalid choice: 'inform'"),
         (["points", "x.npy"], "required: -o"),
         (["points", "x", "-o", "y", "--false-alarm-rate", "2"], "expected more than 0"),
-        (["points", "x", "-o", "y", "--capacity", "0"], "expected 1 or more"),
+        (["points", "x", "-o", "y", "--capacity", "0"], "expected 1 to"),
+        (["points", "x", "-o", "y", "--guard", "2"], "expected D,R"),
+        (["points", "x", "-o", "y", "--train", "4,99"], "expected 0 to 32"),
+        (["points", "x", "-o", "y", "--max-range", "nan"], "expected a number above 0"),
+        (["points", "x", "-o", "y", "--frame", "one"], "invalid int value"),
+        (["points", "x", "-o", "y", "--format", "las"], "invalid choice: 'las'"),
+        (["enhance", "x", "-o", "y", "--seed", "-1"], "expected 0 to 4294967295"),
+        (["simulate", "-o", "y", "--scene", "lab", "--seed", BIG], "expected 0 to"),
+        (["enhance", "x", "-o", "y", "--draws", BIG], "expected 1 to 256"),
+        (["enhance", "x", "-o", "y", "--steps", "1001"], "expected 1 to 1000"),
+        (["points", "x", "-o", "y", "--max-rnage=3"], "did you mean --max-range?"),
+        (["view", "x", "--json", "stray"], "unrecognized arguments: stray"),
         (["points", "x", "-o", "y", "--device", "xwr1642"], "awr1642"),
         (["prepare", "x", "-o", "y", "--frames", "3"], "expected A:B"),
         (["prepare", "x", "-o", "y", "--frames", "5:2"], "holds no frame"),
-        (["prepare", "x", "-o", "y", "--workers", "0"], "expected 1 or more"),
+        (["prepare", "x", "-o", "y", "--workers", "0"], "expected 1 to"),
         (["simulate", "-o", "y"], "--scene --set is required"),
         (["simulate", "-o", "y", "--set", "jradar-sim"], "jradar-sim-1-mini"),
         (["simulate", "-o", "y", "--set", SETS[0], "--scene", "lab"], "not allowed"),
@@ -36,7 +50,9 @@ from jradar.simulation.sets import FRAMES
 def test_a_usage_error_is_code_2_and_names_the_mend(arguments, message, capsys):
     with pytest.raises(SystemExit) as stop:
         main(arguments)
-    assert stop.value.code == 2 and message in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert stop.value.code == 2 and message in error
+    assert error.startswith("jradar") and error.count("\n") == 1
 
 
 def test_help_names_files_and_answers_without_jax():
@@ -54,6 +70,7 @@ def test_choices_are_those_of_the_library():
     assert FAMILIES == tuple(simulation.FAMILIES)
     assert SETS == tuple(simulation.SETS)
     assert DEVICES == tuple(BOARDS)
+    assert CLOUD_FORMATS == tuple(CLOUD_WRITERS)
 
 
 def test_help_shows_the_defaults_of_the_library():
@@ -64,8 +81,16 @@ def test_help_shows_the_defaults_of_the_library():
     assert f"{SCENE_FRAMES} for a scene, {FRAMES} in a set" in actions["frames"].help
     actions = {a.dest: a for a in commands.choices["points"]._actions}
     spec = PointSpec()
-    for name in ("detector", "false_alarm_rate", "capacity"):
-        assert f"(default: {getattr(spec, name)})" in actions[name].help
+    for name in (
+        "detector",
+        "false_alarm_rate",
+        "guard",
+        "train",
+        "capacity",
+        "angles",
+    ):
+        value = str(getattr(spec, name)).strip("()").replace(", ", ",")
+        assert f"(default: {value})" in actions[name].help
         assert actions[name].default is None
 
 

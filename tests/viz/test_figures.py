@@ -26,18 +26,15 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
     figure = capture_figure(
         power, RADAR, cloud, IMAGE, dense=dense, lidar=lidar, title="a room"
     )
-    spectrum, above, front, bar = figure.axes
+    spectrum, above, front = figure.axes
     assert figure.get_suptitle() == "a room"
-    assert bar.get_ylabel() == "power (dB)"
+    bars = [panel.child_axes[0].get_xlabel() for panel in (spectrum, front)]
+    assert bars == ["power (dB)", "range (m)"]
     shown = spectrum.images[0].get_array()  # [range, doppler]
     assert np.unravel_index(shown.argmax(), shown.shape) == (20, 3)
-    drawn = {c.get_label(): np.asarray(c.get_offsets()) for c in above.collections}
-    assert {name: len(points) for name, points in drawn.items()} == {
-        "LiDAR": 1,
-        "enhanced": 1,
-        "radar": 2,
-    }
-    np.testing.assert_allclose(drawn["radar"][0], [1, 3])  # y to the left, x up
+    drawn = {line.get_label(): line.get_xydata() for line in above.lines[:3]}
+    assert [*drawn] == ["LiDAR: 1", "enhanced: 1", "radar: 2"]
+    np.testing.assert_allclose(drawn["radar: 2"][0], [1, 3])  # y to the left, x up
     assert above.xaxis_inverted()
     assert np.isfinite(front.images[0].get_array().filled(np.nan)).sum() == 1
     assert "enhanced" in front.get_title()
@@ -48,8 +45,8 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
 def test_a_capture_without_points_is_drawn():
     empty = PointCloud(jnp.zeros((4, 3)), jnp.zeros(4, bool))
     figure = capture_figure(np.ones((16, 32)), RADAR, empty, IMAGE, dense=empty)
-    _, above, front, _ = figure.axes
-    assert [len(c.get_offsets()) for c in above.collections] == [0, 0]
+    _, above, front = figure.axes
+    assert [len(line.get_xydata()) for line in above.lines[:2]] == [0, 0]
     assert np.isnan(front.images[0].get_array().filled(np.nan)).all()
 
 
@@ -57,6 +54,7 @@ def test_left_is_left():
     image = np.zeros((1, 8, 16))
     image[..., 15] = 6.0  # the highest azimuth: left
     figure = samples_figure({"x": image}, IMAGE)
+    assert figure.axes[-1].get_ylabel() == "range (m)"
     shown = figure.axes[0].images[0].get_array()
     assert (
         np.isfinite(shown[:, 0]).all() and np.isnan(shown[:, 1:].filled(np.nan)).all()

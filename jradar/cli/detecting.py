@@ -1,0 +1,99 @@
+"""`jradar points`: frames of a recording to the points that a CFAR detector finds."""
+
+import argparse
+from typing import Any
+
+from jradar import recordings, viz
+from jradar.cli.limits import check_limits, within_limits
+from jradar.cli.reading import (
+    echoes,
+    frame_points,
+    given,
+    no_echoes,
+    open_frames,
+    summary,
+)
+from jradar.cli.writing import frame_folder, write_frame
+from jradar.errors import UsageError
+from jradar.progress import progress
+from jradar.radar import PointSpec, RadarSpec, noise_statistics, power_map
+from jradar.range_image import ImageSpec
+
+SPEC_OPTIONS = (
+    *("detector", "false_alarm_rate", "guard", "train"),
+    *("capacity", "remove_static", "angles"),
+)
+
+
+def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
+    """Detect points in the frames that the options name, and write the results."""
+    check_limits(options)
+    try:
+        spec = PointSpec(**given(options, *SPEC_OPTIONS))
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    recording, frames = open_frames(options)
+    rows, written = [], []
+    with progress("detecting", len(frames), unit="frames") as show:
+        for done, frame in enumerate(frames, 1):
+            row, written = _detect(recording, frame, spec, options)
+            rows.append(row)
+            if len(frames) > 1:
+                show(done)
+    silent = [row["frame"] for row in rows if not row["echoes"]]
+    notes = (*_fitted(options, spec, recording.radar), *no_echoes(silent))
+    if options.frames:
+        detected = [_short(row) for row in rows]
+        found = {"detected": detected, "written": [options.output]}
+    else:
+        found = {**rows[0], "written": written}
+    return {**summary(recording, notes), **found}
+
+
+def _detect(recording, frame: int, spec: PointSpec, options):
+    """Write the points of one frame; return what was found, and the paths."""
+    cube = recordings.calibrated_cube(recording, frame)
+    cloud = within_limits(frame_points(cube, recording, spec), options)
+    power = power_map(cube, remove_static=spec.remove_static)
+    figure = viz.capture_figure(
+        power,
+        recording.radar,
+        cloud,
+        ImageSpec(64, 64, max_range_m=recording.radar.max_range_m),
+        lidar=recordings.nearest_scan(recording, frame),
+        title=f"{recording.name}, frame {frame}",
+    )
+    folder = frame_folder(options, frame)
+    clouds = {"radar": cloud}
+    written = write_frame(folder, clouds, figure, kind=options.format, arrays={})
+    row = {
+        "frame": frame,
+        "points": int(cloud.valid.sum()),
+        "noise": noise_statistics(power, recording.radar)._asdict(),
+        "echoes": echoes(cloud, recording),
+    }
+    return row, written
+
+
+def _short(row: dict[str, Any]) -> dict[str, Any]:
+    """Return what a table of several frames shows of one."""
+    strongest = row["echoes"][0] if row["echoes"] else {}
+    return {
+        "frame": row["frame"],
+        "points": row["points"],
+        "noise floor (dB)": row["noise"]["floor_db"],
+        "strongest echo (m)": strongest.get("range_m"),
+        "SNR (dB)": strongest.get("snr_db"),
+    }
+
+
+def _fitted(options, spec: PointSpec, radar: RadarSpec):
+    """Yield a note if the CFAR window that the user asked for had to shrink."""
+    fitted = spec.fitted(radar)
+    shrunk = (fitted.guard, fitted.train) != (spec.guard, spec.train)
+    if shrunk and given(options, "guard", "train"):
+        yield (
+            f"the CFAR window was shrunk to guard {fitted.guard}, train "
+            f"{fitted.train}: a larger one does not fit into the map of "
+            f"{radar.num_chirps} x {radar.num_range_bins} cells"
+        )

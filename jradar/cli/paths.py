@@ -1,0 +1,41 @@
+"""Paths on the command line, checked before a command imports what it needs."""
+
+import argparse
+import os
+from pathlib import Path
+
+from jradar.errors import UsageError
+
+INPUTS = ("path", "radar", "spec", "coupling", "run")  # options that name a file
+
+
+def check_paths(options: argparse.Namespace) -> None:
+    """Raise OSError for an input that is missing or must not be read.
+
+    Raises UsageError for an output that is a file instead of a folder, or a folder
+    instead of a file.
+    """
+    for name in INPUTS:
+        if (path := getattr(options, name, None)) is not None:
+            _check_input(path)
+    if (output := getattr(options, "output", None)) is not None:
+        _check_output(Path(output), folder=options.output_is_folder)
+
+
+def _check_input(path: str) -> None:
+    if not os.path.lexists(path):
+        raise FileNotFoundError(f"no such file or folder: {path}")
+    if os.path.isdir(path):
+        os.scandir(path).close()
+    elif os.path.isfile(path) or os.path.islink(path):
+        with open(path, "rb"):
+            pass
+
+
+def _check_output(path: Path, *, folder: bool) -> None:
+    if path.exists() and path.is_dir() != folder:
+        found, expected = ("file", "folder") if folder else ("folder", "file")
+        raise UsageError(f"{path} is a {found}, expected the name of a {expected}")
+    for above in path.parents:
+        if above.exists() and not above.is_dir():
+            raise UsageError(f"{path}: {above} is a file, expected a folder")
