@@ -236,7 +236,7 @@ def _converted(value: Any, kind: Any) -> Any:
         return _converted(value, choices[0])
     if kind is float and type(value) is int:
         return float(value)
-    if kind in WORDS and type(value) is not kind:
+    if dataclasses.is_dataclass(kind) or (kind in WORDS and type(value) is not kind):
         raise TypeError
     return value
 
@@ -246,7 +246,7 @@ def _named(kind: Any) -> str:
     choices = typing.get_args(kind)
     if typing.get_origin(kind) is tuple:
         count = "" if choices[-1] is ... else f"{len(choices)} "
-        return f"a list of {count}{WORDS.get(choices[0], 'values')}"
+        return f"a list of {count}{WORDS.get(choices[0], 'values').split()[-1]}s"
     return WORDS.get(choices[0] if choices else kind, "a table")
 
 

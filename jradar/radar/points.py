@@ -30,6 +30,12 @@ from jradar.radar.subspace import music_directions
 from jradar.types import PointCloud
 
 ANGLES = ("fft", "music")
+LARGEST = {
+    "capacity": 1 << 20,
+    "peaks": 64,
+    "num_azimuth": 4096,
+    "num_elevation": 4096,
+}
 ANGLE_BINS = ("num_azimuth", "num_elevation")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
@@ -72,9 +78,12 @@ class PointSpec:
         if not 0 < self.false_alarm_rate <= 1:
             rate = self.false_alarm_rate
             raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
-        for field in ("capacity", "peaks", "num_azimuth", "num_elevation"):
-            if (value := getattr(self, field)) < 1:
-                raise ValueError(f"{field} = {value}, expected 1 or more")
+        for field, most in LARGEST.items():
+            if not 1 <= (value := getattr(self, field)) <= most:
+                raise ValueError(f"{field} = {value:,}, expected 1 to {most:,}")
+        for field in ("guard", "train"):
+            if min(value := getattr(self, field)) < 0:
+                raise ValueError(f"{field} = {value}, expected 0 or more cells")
         if self.angles == "music" and self.peaks > 1:
             raise ValueError(
                 f"peaks = {self.peaks}, expected 1 with angles = 'music': it finds one "
@@ -82,11 +91,18 @@ class PointSpec:
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":
-        """Return the spec with a CFAR window and azimuth bins that suit the radar."""
+        """Return the spec with window, azimuth bins and capacity that suit the radar.
+
+        A frame has no more points than it has cells, times `peaks`.
+        """
         cells = radar.num_chirps, radar.num_range_bins
         guard, train = largest_window(cells, self.guard, self.train)
         return dataclasses.replace(
-            self, guard=guard, train=train, num_azimuth=azimuth_bins(radar)
+            self,
+            guard=guard,
+            train=train,
+            num_azimuth=azimuth_bins(radar),
+            capacity=min(self.capacity, math.prod(cells) * self.peaks),
         )
 
 

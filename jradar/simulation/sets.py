@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from jradar import __version__
-from jradar.errors import UsageError
-from jradar.files import write_text
+from jradar.errors import UsageError, parsing
+from jradar.files import read_json, write_text
 from jradar.simulation.layouts import FAMILIES
 from jradar.simulation.sequence import simulate_sequence
 
@@ -63,7 +63,7 @@ def simulate_set(
     """Write a set and its manifest to `root`; return the manifest's path.
 
     Sequences that match the manifest are kept: an interrupted run resumes. Raises
-    UsageError if `root` holds another set.
+    UsageError if `root` holds another set or anything else.
     """
     root, wanted = Path(root), set_sequences(name)
     path = root / "manifest.json"
@@ -76,6 +76,11 @@ def simulate_set(
             raise UsageError(
                 f"{path} describes {found}, expected {made}: choose another folder"
             )
+    elif names := sorted(p.name for p in root.glob("[!.]*")):
+        raise UsageError(
+            f"{root} holds {names[0]} but no manifest of a set: choose another folder"
+        )
+    write_text(path, json.dumps(manifest, indent=2) + "\n")
     splits = {f"{family}_{seed}": split for split, family, seed in wanted}
     write_text(root / "splits.json", json.dumps(splits, indent=2) + "\n")
     for split, family, seed in wanted:
@@ -97,15 +102,10 @@ def simulate_set(
 
 def _read_manifest(path):
     """Return the manifest of a set; ValueError if the file is not one."""
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-        entries = manifest["sequences"].values()
-        if not all({"split", "sha256"} <= set(entry) for entry in entries):
-            raise KeyError("split, sha256")
-    except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
-        raise ValueError(
-            f"{path} is not the manifest of a simulated set: {error}"
-        ) from error
+    manifest = read_json(path)
+    with parsing(path, "the manifest of a simulated set"):
+        for entry in manifest["sequences"].values():
+            _ = entry["split"], entry["sha256"]
     return manifest
 
 

@@ -1,6 +1,8 @@
 """Preparation: the same bytes however it is run; dropped frames are counted."""
 
+import contextlib
 import dataclasses
+import errno
 import json
 import os
 import shutil
@@ -13,13 +15,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jradar.data import workers as workers_module
+from jradar.data.frames import prepare_frame
 from jradar.data.prepare import prepare
-from jradar.data.records import Records
+from jradar.data.records import Records, write_shard
 from jradar.data.sources import find_sources
 from jradar.data.spec import PrepareSpec
-from jradar.errors import UsageError
+from jradar.errors import UsageError, exit_code
 from jradar.lidar import LidarSpec
 from jradar.radar import PointSpec
+from jradar.recordings import open_recording
 from tests.recordings.small_sequence import (
     SIDE,
     write_sequence,
@@ -27,6 +32,7 @@ from tests.recordings.small_sequence import (
     write_stamps,
 )
 
+MODULE = sys.modules["jradar.data.prepare"]
 SPEC = PrepareSpec(
     capacity=128,
     train=(2, 4),
@@ -100,18 +106,32 @@ def test_options_are_read_from_toml(tmp_path):
     ("text", "match"),
     [
         ("capacty = 1", "spec.toml: unknown field 'capacty', expected capacity"),
-        ("capacity = 'many'", "capacity = 'many', expected a value like 1024"),
+        ("capacity = 'many'", "capacity = 'many', expected an integer"),
         ("capacity = true", "capacity = True"),
-        ("flip_azimuth = 1", "flip_azimuth = 1, expected a value like false"),
-        ("guard = [1]", r"guard = \[1\], expected a value like \[2, 2\]"),
+        ("capacity = 0", "capacity = 0, expected 1 to 1,048,576"),
+        ("capacity = 99999999999", "capacity = 99,999,999,999, expected 1 to 1,048,"),
+        ("flip_azimuth = 1", "flip_azimuth = 1, expected true or false"),
+        ("guard = [1]", r"guard = \[1\], expected a list of 2 integers"),
         ("guard = [1.5, 2]", r"guard = \[1.5, 2\]"),
+        ("guard = 2", "guard = 2, expected a list of 2 integers"),
+        ("guard = [-1, 2]", r"guard = \(-1, 2\), expected 0 or more cells"),
+        ("train = [2, -4]", r"train = \(2, -4\), expected 0 or more cells"),
+        ("detector = ['os']", "expected a text"),
+        ("false_alarm_rate = 'low'", "expected a number"),
         ("detector = 'cfar'", r"detector = 'cfar', expected one of \('ca'"),
         ("false_alarm_rate = 2", "false_alarm_rate = 2.0, expected 0 < rate <= 1"),
         ("visible_false_alarm_rate = 0", "visible_false_alarm_rate = 0"),
         ("block = 0", "block = 0, expected 1 or more"),
+        ("block = -3", "block = -3, expected 1 or more"),
         ("tolerance_s = nan", "tolerance_s = nan, expected 0 or more"),
-        ("lidar = 3", r"lidar = 3, expected a table \[lidar\]"),
+        ("lidar = 3", "lidar = 3, expected a table"),
         ("[lidar]\nsensor_height_m = 'low'", "sensor_height_m = 'low', expected"),
+        (
+            "[lidar]\nsensor_height_m = true",
+            "sensor_height_m = True, expected a number",
+        ),
+        ("[lidar]\nazimuth = [0.1]", "azimuth = .0.1., expected a list of 2 number"),
+        ("[lidar]\nmin_points = 2.5", "min_points = 2.5, expected an integer"),
         ("[lidar]\nmax_range_m = -1", "max_range_m = -1.0: expected"),
         ("capacity =", "spec.toml is not valid TOML"),
     ],
@@ -206,6 +226,116 @@ def test_a_damaged_frame_stops_or_is_counted(tmp_path):
     assert "frame_1.bin" in reason and count == 1
 
 
+def blind(folder, radar=(), lidar=()):
+    """Let the radar and the LiDAR see nothing in some frames."""
+    for i in radar:
+        path = folder / f"single_chip/adc_samples/data/frame_{i}.bin"
+        path.write_bytes(bytes(path.stat().st_size))
+    for i in lidar:
+        path = folder / f"lidar/pointclouds/lidar_pointcloud_{i}.bin"
+        path.write_bytes(bytes(path.stat().st_size))
+
+
+def test_frames_in_which_a_sensor_saw_nothing_are_dropped_and_counted(tmp_path):
+    folder = write_sequence(tmp_path / "src", frames=7)
+    blind(folder, radar=[0, 1], lidar=[4])  # frames 0 and 1 are a block of their own
+    manifest = prepare(folder, tmp_path / "dst", SPEC, workers=1)
+    (sequence,) = manifest["sequences"]
+    assert sequence["dropped"] == {
+        "all radar samples are zero": 2, "no LiDAR point is in view": 1
+    }  # fmt: skip
+    records = Records(tmp_path / "dst")
+    assert [frame for _, frame in records.where] == [2, 3, 5, 6]
+    assert [records[i].frame for i in range(4)] == [2, 3, 5, 6]
+    with pytest.raises(ValueError, match="run0, frame 4: no LiDAR point is in view"):
+        prepare_frame(open_recording(folder), 4, 4, SPEC)
+
+
+def test_more_than_half_of_the_frames_without_echoes_is_an_error(tmp_path):
+    folder = write_sequence(tmp_path / "src", frames=3)
+    blind(folder, radar=[0, 2])
+    with pytest.raises(
+        ValueError, match="2 of 3 radar frames are dropped .2 all radar"
+    ):
+        prepare(folder, tmp_path / "dst", SPEC, workers=1)
+
+
+def no_space(*_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_full_disk_ends_with_an_error_and_the_same_call_resumes(
+    root, prepared, tmp_path, monkeypatch, workers
+):
+    written = []
+
+    def write(path, *arguments):
+        if written:
+            no_space()
+        written.append(path)
+        return write_shard(path, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(MODULE, "write_shard", write)
+        if workers == 2:  # threads, which see the patch
+            patch.setattr(workers_module, "_local", threads_instead)
+        with pytest.raises(OSError) as error:
+            prepare(root, tmp_path, SPEC, workers=workers)
+    assert exit_code(error.value) == 3 and error.value.errno == errno.ENOSPC
+    assert len([*tmp_path.rglob("*.json")]) == 2  # the claim, and one shard
+    prepare(root, tmp_path, SPEC, workers=1)
+    assert digests(tmp_path) == digests(prepared)
+
+
+@contextlib.contextmanager
+def threads_instead(workers):
+    """A cluster whose workers are threads of this process."""
+    from distributed import Client
+
+    with Client(n_workers=workers, processes=False, dashboard_address=None) as client:
+        yield client
+
+
+def test_a_folder_without_a_finished_shard_is_free_for_other_options(root, tmp_path):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(MODULE, "write_shard", no_space)
+        with pytest.raises(OSError):
+            prepare(root, tmp_path, dataclasses.replace(SPEC, capacity=64), workers=1)
+    assert (tmp_path / "manifest.json").exists()
+    prepare(root, tmp_path, SPEC, workers=1, frames=slice(0, 1))
+    assert Records(tmp_path).manifest["options"]["capacity"] == 128
+
+
+def test_options_that_do_not_suit_the_radar_leave_the_folder_free(root, tmp_path):
+    def refuse(*_, **__):
+        raise ValueError("the window does not fit")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(MODULE, "radar_side", refuse)
+        with pytest.raises(ValueError, match="does not fit"):
+            prepare(root, tmp_path, SPEC, workers=1)
+    assert [p.name for p in tmp_path.iterdir()] == [".lock"]
+
+
+@pytest.mark.parametrize("content", ['{"name": "my page"}', '{"set": "jradar-sim-1"}'])
+def test_a_manifest_of_something_else_is_left_alone(root, tmp_path, content):
+    (tmp_path / "manifest.json").write_text(content)
+    with pytest.raises(UsageError, match="neither empty nor a folder of records"):
+        prepare(root, tmp_path, SPEC, workers=1)
+    assert (tmp_path / "manifest.json").read_text() == content
+
+
+def test_hidden_folders_of_a_user_are_left_alone(root, prepared, tmp_path):
+    folder = tmp_path / "copy"
+    shutil.copytree(prepared, folder)
+    mine = folder / "12_21_2020_ec_hallways_run0" / ".my-notes"
+    mine.mkdir()
+    (mine / "thesis.txt").write_text("years of work")
+    prepare(root, folder, SPEC, workers=1)
+    assert (mine / "thesis.txt").read_text() == "years of work"
+
+
 def test_more_than_half_without_a_scan_is_an_error(tmp_path):
     folder = write_sequence(tmp_path / "src", frames=4)
     write_stamps(folder / "lidar", 1000.4 + 0.1 * np.arange(4))
@@ -254,9 +384,10 @@ def test_a_killed_run_resumes_with_the_same_bytes(root, prepared, tmp_path):
         time.sleep(0.01)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    torn = tmp_path / "dst" / "12_21_2020_ec_hallways_run0" / ".0001-x1" / "0001"
-    torn.parent.mkdir()
-    torn.write_bytes(b"half")  # as a kill within a write leaves it
+    torn = tmp_path / "dst" / "12_21_2020_ec_hallways_run0" / ".0001.json-killed00"
+    torn.mkdir()
+    for name in (".lock", "0001.json"):  # as a kill within a write leaves them
+        (torn / name).write_bytes(b"half")
     with pytest.raises(ValueError, match="run the same `jradar prepare` again"):
         Records(tmp_path / "dst")
     prepare(root, tmp_path / "dst", SPEC, workers=1)

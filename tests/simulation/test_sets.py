@@ -52,7 +52,19 @@ def test_a_set_keeps_what_matches_its_manifest_and_remakes_the_rest(
         simulate_set("tiny", tmp_path, frames=2)
 
 
-def test_a_file_of_another_kind_is_no_manifest(tmp_path):
-    (tmp_path / "manifest.json").write_text('{"sequences": {"lab_0": {}}}')
+@pytest.mark.parametrize("name", ["splits.json", "lab_0", "thesis.tex"])
+def test_a_folder_with_own_data_is_left_alone(tmp_path, name):
+    (tmp_path / name).write_text("years of work")
+    with pytest.raises(UsageError, match=f"holds {name} but no manifest of a set"):
+        simulate_set("jradar-sim-1-mini", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "years of work"
+
+
+@pytest.mark.parametrize(
+    "text", ['{"sequences": {"lab_0": {}}}', '{"sequences": 3}', '{"name": "my page"}']
+)
+def test_a_file_of_another_kind_is_no_manifest(tmp_path, text):
+    (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(ValueError, match="not the manifest of a simulated set"):
         simulate_set("jradar-sim-1-mini", tmp_path)
