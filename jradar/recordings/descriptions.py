@@ -26,6 +26,7 @@ SIGNS = {
     ".txt": b"API:ProfileConfig",
     ".csv": b"API:ProfileConfig",
 }
+MOST_SHOWN = 5  # configurations of a log, the last ones
 CAPTURE_TOML = "capture.toml"  # describes a whole rig, and names the radar's file
 
 
@@ -48,12 +49,22 @@ def _read_log(path: Path, configuration: int | None = None) -> Description:
     if count == 1:
         return Description(radar)
     taken = configuration or count
-    other = 1 if taken == count else count
+    shown = [*range(max(count - MOST_SHOWN, 0) + 1, count + 1)]
+    sizes = ", ".join(f"#{number} {_size(path, number)}" for number in shown)
     note = (
-        f"{path.name} holds {count} configurations; number {taken} was taken "
-        f"(--radar {path}#{other} names another)"
+        f"{path.name} holds {count} configurations (tx x rx x chirps x samples: "
+        f"{sizes}); #{taken} was taken, --radar {path}#1 names another"
     )
     return Description(radar, notes=(note,))
+
+
+def _size(path: Path, configuration: int) -> str:
+    """Return the size of a frame in one configuration of a log."""
+    try:
+        radar = radar_from_studio_log(path, configuration=configuration)
+    except ValueError:
+        return "unusable"
+    return " x ".join(map(str, radar.cube_shape))
 
 
 def _read_json(path: Path, device: str = "awr1843") -> Description:

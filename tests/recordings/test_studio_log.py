@@ -28,6 +28,14 @@ def chirps(path, configuration=None):
     return radar_from_studio_log(path, configuration=configuration).num_chirps
 
 
+def test_an_unusable_configuration_among_several(log):
+    both_fire = LOG.replace("0,0,0,1,0,", "0,0,0,3,0,")
+    [note] = read_description(log(both_fire + LOG)).notes
+    assert "#1 unusable, #2 2 x 4 x 4 x 8); #2 was taken" in note
+    many = "".join(LOG.replace(",3,4,", f",3,{n},") for n in range(1, 9))
+    assert ": #4 2 x 4 x 4 x 8, #5" in read_description(log(many)).notes[0]
+
+
 def test_of_several_configurations_the_last_complete_one_is_taken(log):
     assert chirps(log(LOG + SECOND)) == 7
     assert chirps(log(LOG + SECOND), 1) == 4
@@ -74,15 +82,16 @@ def test_what_changes_no_sample_is_no_other_configuration(log):
 def test_the_choice_is_reported_and_can_be_made(tmp_path):
     path = save_studio(tmp_path, random_cube((2, *SHAPE)), LOG + SECOND)
     log = tmp_path / "adc_LogFile.txt"
-    with pytest.raises(ValueError, match="needs a multiple of 1,792"):
+    sizes = "#1 2 x 4 x 4 x 8, #2 2 x 4 x 7 x 8"
+    with pytest.raises(ValueError, match=f"multiple of 1,792 .* {sizes}"):
         open_recording(path)
     recording = open_recording(path, f"{log}#1")
     assert recording.radar.num_chirps == 4
     assert recording.notes == (
-        "adc_LogFile.txt holds 2 configurations; number 1 was taken "
-        f"(--radar {log}#2 names another)",
+        "adc_LogFile.txt holds 2 configurations (tx x rx x chirps x samples: "
+        f"{sizes}); #1 was taken, --radar {log}#1 names another",
     )
-    assert "number 2 was taken" in read_description(log).notes[0]
+    assert "#2 was taken" in read_description(log).notes[0]
     for number in (0, 3):
         with pytest.raises(UsageError, match=f"configuration {number}, expected 1 to"):
             read_description(f"{log}#{number}")
