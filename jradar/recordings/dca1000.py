@@ -95,7 +95,7 @@ def open_dca1000(
     count, rest = divmod(source.size, frame_bytes)
     if not count or (rest and not allow_partial):
         misfit = _does_not_fit(files, source.size, radar)
-        raise ValueError(". ".join([misfit, *doubts]))
+        raise ValueError(" ".join([misfit, *doubts]))
 
     def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)

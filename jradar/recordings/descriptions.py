@@ -50,21 +50,23 @@ def _read_log(path: Path, configuration: int | None = None) -> Description:
         return Description(radar)
     taken = configuration or count
     shown = [*range(max(count - MOST_SHOWN, 0) + 1, count + 1)]
-    sizes = ", ".join(f"#{number} {_size(path, number)}" for number in shown)
+    sizes = "; ".join(f"#{number} {_size(path, number)}" for number in shown)
     note = (
-        f"{path.name} holds {count} configurations (tx x rx x chirps x samples: "
-        f"{sizes}); #{taken} was taken, --radar {path}#1 names another"
+        f"{path.name} holds {count} configurations (tx x rx x chirps x samples, "
+        f"range bin, frame period: {sizes}); #{taken} was taken, --radar {path}#1 "
+        "names another"
     )
     return Description(radar, notes=(note,))
 
 
 def _size(path: Path, configuration: int) -> str:
-    """Return the size of a frame in one configuration of a log."""
+    """Return size of a frame, range bin and period of one configuration of a log."""
     try:
         radar = radar_from_studio_log(path, configuration=configuration)
     except ValueError:
         return "unusable"
-    return " x ".join(map(str, radar.cube_shape))
+    size = " x ".join(map(str, radar.cube_shape))
+    return f"{size}, {radar.range_resolution_m:.3g} m, {radar.frame_period_s:g} s"
 
 
 def _read_json(path: Path, device: str = "awr1843") -> Description:

@@ -31,9 +31,12 @@ def chirps(path, configuration=None):
 def test_an_unusable_configuration_among_several(log):
     both_fire = LOG.replace("0,0,0,1,0,", "0,0,0,3,0,")
     [note] = read_description(log(both_fire + LOG)).notes
-    assert "#1 unusable, #2 2 x 4 x 4 x 8); #2 was taken" in note
+    assert "#1 unusable; #2 2 x 4 x 4 x 8, 6.25 m, 0.001 s); #2 was" in note
     many = "".join(LOG.replace(",3,4,", f",3,{n},") for n in range(1, 9))
-    assert ": #4 2 x 4 x 4 x 8, #5" in read_description(log(many)).notes[0]
+    assert (
+        ": #4 2 x 4 x 4 x 8, 6.25 m, 0.001 s; #5"
+        in read_description(log(many)).notes[0]
+    )
 
 
 def test_of_several_configurations_the_last_complete_one_is_taken(log):
@@ -82,14 +85,15 @@ def test_what_changes_no_sample_is_no_other_configuration(log):
 def test_the_choice_is_reported_and_can_be_made(tmp_path):
     path = save_studio(tmp_path, random_cube((2, *SHAPE)), LOG + SECOND)
     log = tmp_path / "adc_LogFile.txt"
-    sizes = "#1 2 x 4 x 4 x 8, #2 2 x 4 x 7 x 8"
+    sizes = "#1 2 x 4 x 4 x 8, 6.25 m, 0.001 s; #2 2 x 4 x 7 x 8, 7.76 m, 0.001 s"
     with pytest.raises(ValueError, match=f"multiple of 1,792 .* {sizes}"):
         open_recording(path)
     recording = open_recording(path, f"{log}#1")
     assert recording.radar.num_chirps == 4
     assert recording.notes == (
-        "adc_LogFile.txt holds 2 configurations (tx x rx x chirps x samples: "
-        f"{sizes}); #1 was taken, --radar {log}#1 names another",
+        "adc_LogFile.txt holds 2 configurations (tx x rx x chirps x samples, "
+        f"range bin, frame period: {sizes}); #1 was taken, --radar {log}#1 "
+        "names another",
     )
     assert "#2 was taken" in read_description(log).notes[0]
     for number in (0, 3):
