@@ -22,6 +22,7 @@ from ml_collections import ConfigDict
 
 from jradar import data, diffusion
 from jradar.errors import UsageError
+from jradar.files import typed_fields
 from jradar.lidar import LidarSpec
 from jradar.model import ModelSpec
 from jradar.progress import progress
@@ -158,12 +159,8 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             "used with directions by fft: train on records with angles = 'fft'"
         )
     names = {field.name for field in dataclasses.fields(PointSpec)}
-    chosen = {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in options.items()
-        if name in names
-    }
-    points = PointSpec(**chosen).fitted(records.radar)
+    chosen = {name: value for name, value in options.items() if name in names}
+    points = PointSpec(**typed_fields(PointSpec, chosen)).fitted(records.radar)
     coarse, fine = build_images(config.image)
     network, noise = build_network(config), build_noise(config)
     with section("method"):

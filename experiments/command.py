@@ -5,19 +5,20 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from jradar.errors import exit_code
+from jradar.errors import UsageError, check_platform, exit_code, sigterm_raises
 
 
 def exit_code_of(run: Callable[[], int | None]) -> int:
     """Run, print an error that the user can mend, and return the exit code."""
     try:
-        return run() or 0
+        with sigterm_raises():
+            return run() or 0
     except (Exception, KeyboardInterrupt) as error:
         code = exit_code(error)
         if code is None:  # a fault of the program
             raise
-        if not isinstance(error, KeyboardInterrupt):
-            print(f"error: {error}", file=sys.stderr)
+        text = " ".join(str(error).split()) or "interrupted"
+        print(f"error: {text}", file=sys.stderr)
         return code
 
 
@@ -42,4 +43,18 @@ def run_study(
 ) -> int:
     """Parse the arguments, run the study, and return the exit code."""
     options = parser.parse_args(argv)
-    return exit_code_of(lambda: study(options))
+
+    def run():
+        check_platform()
+        if output := getattr(options, "output", None):
+            check_output(output)
+        study(options)
+
+    return exit_code_of(run)
+
+
+def check_output(path: Path) -> None:
+    """Raise UsageError if a file lies where a folder of `path` has to be."""
+    for parent in path.parents:
+        if parent.exists() and not parent.is_dir():
+            raise UsageError(f"{parent} is a file, expected a folder")

@@ -23,6 +23,7 @@ import numpy as np
 import safetensors.numpy
 
 from experiments.command import exit_code_of
+from jradar.errors import parsing
 from jradar.files import atomic_path
 
 HARMLESS = ("torch", "numpy", "dnnlib", "collections", "training", "torch_utils")
@@ -39,10 +40,8 @@ def main(arguments: list[str]) -> int:
 
 def write_converted(source: Path, target: Path) -> None:
     """Write the tensors of `source` to `target` as safetensors."""
-    try:
+    with parsing(source, "a file of weights"):
         state = convert(source)
-    except ValueError as error:
-        raise ValueError(f"{source} {error}") from error
     with atomic_path(target) as scratch:
         safetensors.numpy.save_file(state, scratch)
     print(f"{target}: {len(state)} tensors, {sum(t.size for t in state.values()):,}")
@@ -50,6 +49,8 @@ def write_converted(source: Path, target: Path) -> None:
 
 def convert(source: Path) -> dict[str, np.ndarray]:
     """Return the tensors of a `.pt` or `.pkl` file in float32, by name."""
+    if not source.is_file():
+        raise FileNotFoundError(f"no such file: {source}")
     try:
         import torch
     except ImportError as error:
@@ -58,13 +59,12 @@ def convert(source: Path) -> dict[str, np.ndarray]:
         with source.open("rb") as file:
             state = _tensors(_Unpickler(file).load())
     else:
-        try:
-            state = torch.load(source, map_location="cpu", weights_only=True)
-        except pickle.UnpicklingError as error:
-            raise ValueError(f"contains more than a state dict: {error}") from error
+        state = torch.load(source, map_location="cpu", weights_only=True)
+    if not isinstance(state, dict):
+        raise ValueError("it contains no state dict")
     state = {k: v for k, v in state.items() if isinstance(v, torch.Tensor)}
     if not state:
-        raise ValueError("contains no tensors")
+        raise ValueError("it contains no tensors")
     return {name: t.detach().float().contiguous().numpy() for name, t in state.items()}
 
 
@@ -121,7 +121,7 @@ class _Unpickler(pickle.Unpickler):
             return _Container
         if root in HARMLESS or (module, name) == ("builtins", "set"):
             return _Inert
-        raise ValueError(f"asks for {module}.{name}: refused")
+        raise ValueError(f"it asks for {module}.{name}: refused")
 
 
 def _tensors(tree: Any, prefix: str = "") -> dict[str, Any]:
@@ -129,7 +129,7 @@ def _tensors(tree: Any, prefix: str = "") -> dict[str, Any]:
     if isinstance(tree, dict) and "ema" in tree:
         tree = tree["ema"]
     if not isinstance(tree, _Module):
-        raise ValueError("contains no network under `ema`")
+        raise ValueError("it contains no network under `ema`")
     found = {}
     for group in ("_parameters", "_buffers"):
         items = tree.get(group, {}).items()

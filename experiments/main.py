@@ -24,7 +24,7 @@ from absl import flags, logging
 from ml_collections import ConfigDict, config_flags
 
 from experiments.command import exit_code_of
-from jradar.errors import UsageError
+from jradar.errors import UsageError, check_platform
 from jradar.files import lock_folder, use_compilation_cache
 
 TASKS = ("enhance", "demo", "radarhd", "rpdnet", "pretrain")  # of experiments.tasks
@@ -77,6 +77,7 @@ def _run(config: ConfigDict, workdir: Path, mode: str) -> int:
     from jradar.training import Interrupted, join_processes
 
     join_processes()  # before a task's module may use a device
+    check_platform()
     from experiments import train
 
     task = importlib.import_module(f"experiments.tasks.{config.task}")

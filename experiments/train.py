@@ -21,7 +21,9 @@ from ml_collections import ConfigDict
 from experiments.build import TRAIN_KEY, random_key
 from jradar import training
 from jradar.errors import UsageError
-from jradar.files import write_text
+from jradar.files import read_json, write_text
+
+WRITTEN = ("metrics.jsonl", "retries.json", "checkpoints", "model_card.json")
 
 
 class Training(NamedTuple):
@@ -60,6 +62,7 @@ def run(task: Any, config: ConfigDict, workdir: Path) -> None:
             job.batch_at,
             steps=config.train.steps,
             workdir=workdir,
+            data_digest=job.data_digest,
             checkpoint_every=config.train.checkpoint_every,
             evaluate_every=config.train.evaluate_every,
             evaluate=validate,
@@ -79,14 +82,22 @@ def run(task: Any, config: ConfigDict, workdir: Path) -> None:
 
 
 def check_workdir(config: ConfigDict, workdir: Path) -> None:
-    """Record the config in the workdir; raise UsageError if another one is there."""
+    """Record the config in the workdir.
+
+    Raises UsageError if another config is there, or files that are not of a run.
+    """
     path = workdir / "config.json"
     if not path.exists():
+        if foreign := [name for name in WRITTEN if (workdir / name).exists()]:
+            raise UsageError(
+                f"{workdir} holds {foreign[0]} but no config.json, so no run of jradar "
+                "wrote it: choose another --workdir"
+            )
         write_text(path, config.to_json(indent=2) + "\n")
         return
     wanted, found = (
         flat(json.loads(config.to_json())),
-        flat(json.loads(path.read_text())),
+        flat(read_json(path)),
     )
     changed = sorted(k for k in wanted | found if wanted.get(k) != found.get(k))
     if changed:

@@ -93,7 +93,7 @@ def parsing(path: Path | str, what: str) -> Iterator[None]:
     """
     try:
         yield
-    except (UsageError, ModelError, CheckpointError, ImportError):
+    except (UsageError, ModelError, CheckpointError, ImportError, FileNotFoundError):
         raise
     except OSError as error:
         if error.errno is not None:  # of the system; parsers raise it without a number

@@ -72,7 +72,7 @@ def test_what_a_parser_raises_names_the_file(raised):
 
 @pytest.mark.parametrize(
     "raised",
-    [UsageError("x"), ModelError("x"), FileNotFoundError(2, "x"), ImportError("x")]
+    [UsageError("x"), ModelError("x"), FileNotFoundError("x"), ImportError("x")]
     + [ValueError("a.npy holds 3 bytes"), KeyboardInterrupt()],
     ids=lambda error: type(error).__name__,
 )

@@ -32,7 +32,7 @@ from experiments.command import run_study, study_parser
 from experiments.studies.realism_figure import Row, realism_figure
 from experiments.tables import markdown_table
 from jradar import viz
-from jradar.errors import UsageError
+from jradar.errors import UsageError, parsing
 from jradar.files import write_text
 from jradar.radar import PointSpec, RadarSpec, radar_points, range_doppler
 from jradar.simulation import (
@@ -74,11 +74,12 @@ def read_capture(path: Path) -> tuple[Complex[np.ndarray, "2 4 128 128"], RadarS
         raise UsageError(
             f"no {path}: expected SAMPLES to contain {CAPTURE} and {PAIRS}, see --help"
         )
-    stored = np.load(path, allow_pickle=False)
-    if stored.shape != (128, 8, 128):
+    with parsing(path, "a .npy file"):
+        stored = np.load(path, allow_pickle=False)
+    if stored.shape != (128, 8, 128) or not np.iscomplexobj(stored):
         raise ValueError(
-            f"{path} has shape {stored.shape}, expected (128, 8, 128): chirps, "
-            "antennas, samples"
+            f"{path} holds {stored.dtype} of shape {stored.shape}, expected complex "
+            "values of shape (128, 8, 128): chirps, antennas, samples"
         )
     real, imaginary = (
         part.astype("u2").view("i2").astype(np.float32)
@@ -94,8 +95,11 @@ def read_pairs(folder: Path) -> list[PolarFrame]:
 
     pairs = []
     for path in sorted((folder / "range_azimuth_heatmap").glob("*.png")):
-        image = np.asarray(imread(path), np.float64)
-        polar = np.asarray(imread(folder / "lidar_pcl_bev_polar_img" / path.name))
+        partner = folder / "lidar_pcl_bev_polar_img" / path.name
+        with parsing(path, "a PNG"):
+            image = np.asarray(imread(path), np.float64)
+        with parsing(partner, "a PNG"):
+            polar = np.asarray(imread(partner))
         if image.ndim != 2 or polar.ndim != 2:
             raise ValueError(f"{path} and its LiDAR picture: expected grey pictures")
         pairs.append(PolarFrame(image[::-1, ::-1], polar_points(polar[::-1, ::-1] > 0)))

@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from jradar.errors import parsing
+
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
 
@@ -192,21 +194,17 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
 
 def _packed(path: Path) -> RadarHD:
     """Pairs of a packed file, kept in memory."""
-    try:
+    what = "a packed file with radar, lidar_packed, trajectory and frame"
+    with parsing(path, what):
         with zipfile.ZipFile(path) as archive:
             if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
-                raise ValueError(
-                    f"{path} unpacks to {size:,} bytes, limit {MAX_BYTES:,}"
-                )
+                raise ValueError(f"it unpacks to {size:,} bytes, limit {MAX_BYTES:,}")
         with np.load(path, allow_pickle=False) as arrays:
             radar, packed = arrays["radar"], arrays["lidar_packed"]
             keys = np.stack([arrays["trajectory"], arrays["frame"]], -1)
-    except (zipfile.BadZipFile, KeyError, EOFError, OSError) as error:
-        raise ValueError(
-            f"{path} is not a packed file with radar, lidar_packed, trajectory and "
-            f"frame: {error}"
-        ) from error
-    shapes = radar.shape[1:], (*packed.shape[1:-1], 8 * packed.shape[-1])
+        if not radar.dtype == packed.dtype == np.uint8 or keys.dtype.kind not in "iu":
+            raise ValueError("images are not bytes, or numbers not whole")
+        shapes = radar.shape[1:], (*packed.shape[1:-1], 8 * packed.shape[-1])
     if shapes != (RADAR.shape, LIDAR.shape) or not len(radar) == len(packed) == len(
         keys
     ):
@@ -223,9 +221,9 @@ def _packed(path: Path) -> RadarHD:
 
 def _read_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
     """An 8-bit grey image of a known shape."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
-    try:
+    with parsing(path, "a complete PNG"):
         with Image.open(path, formats=("PNG",)) as image:
             if (image.height, image.width) != shape:
                 raise ValueError(
@@ -233,5 +231,3 @@ def _read_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
                     f"{shape[0]} x {shape[1]}"
                 )
             return np.asarray(image.convert("L"))
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
-        raise ValueError(f"{path} is not a complete PNG: {error}") from error

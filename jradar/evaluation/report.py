@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from jradar.errors import parsing
 from jradar.evaluation.scores import Scores, read_scores
 from jradar.evaluation.tables import (
     COLUMNS,
@@ -31,7 +32,7 @@ from jradar.evaluation.tables import (
     pooled_table,
     summarise,
 )
-from jradar.files import atomic_folder, atomic_path
+from jradar.files import atomic_folder, atomic_path, inside
 from jradar.recordings import write_ply
 from jradar.types import PointCloud
 from jradar.viz import (
@@ -69,7 +70,7 @@ def save_clouds(
 def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.ndarray]]:
     """Return the clouds of `save_clouds`. Raises ValueError for a damaged file."""
     clouds: dict[tuple[str, str, int], dict[str, np.ndarray]] = {}
-    try:
+    with parsing(path, "a file of clouds (evaluate the run again)"):
         with zipfile.ZipFile(path) as archive:
             size = sum(member.file_size for member in archive.infolist())
         if size > MAX_CLOUD_BYTES:
@@ -77,14 +78,16 @@ def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.nda
         with np.load(path, allow_pickle=False) as arrays:
             for i, entry in enumerate(json.loads(str(arrays["index"]))):
                 scene, sequence, frame, name = entry
+                if [*map(type, entry)] != [str, str, int, str]:
+                    raise ValueError(f"{entry} is not scene, sequence, frame and name")
+                if inside("", sequence, source=path).parts[1:]:
+                    raise ValueError(f"the sequence {sequence!r} is not a plain name")
                 xyz = arrays[f"cloud_{i}"]
                 if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype != np.float32:
                     raise ValueError(f"{name} is {xyz.dtype} of shape {xyz.shape}")
                 if not np.isfinite(xyz).all():
                     raise ValueError(f"{name} of frame {frame} has infinite points")
                 clouds.setdefault((scene, sequence, frame), {})[name] = xyz
-    except (KeyError, TypeError, EOFError, zipfile.BadZipFile, ValueError) as error:
-        raise ValueError(f"{path}: {error}; evaluate the run again") from error
     return clouds
 
 

@@ -40,10 +40,13 @@ def write_scores(path: Path | str, scores: Iterable[dict[str, Any]]) -> None:
 def read_scores(path: Path | str) -> Scores:
     """Return the scores of a file of `write_scores`, null as NaN.
 
-    Raises ValueError, naming the line, for a field that is missing, unknown, of the
-    wrong type or out of range, and for a frame that is scored twice.
+    Raises FileNotFoundError for a missing file, and ValueError, naming the line, for a
+    field that is missing, unknown, of the wrong type or out of range, and for a frame
+    that is scored twice.
     """
     path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no scores at {path}: evaluate the run first")
     size = path.stat().st_size
     if size > MAX_BYTES:
         raise ValueError(f"{path} holds {size:,} bytes, expected at most {MAX_BYTES:,}")
@@ -53,7 +56,7 @@ def read_scores(path: Path | str) -> Scores:
         for number, line in enumerate(lines, 1):
             try:
                 row = _checked(json.loads(line))
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 where = f"{path}, line {number}"
                 raise ValueError(f"{where}: {error}; evaluate again") from error
             identity = tuple(row[field] for field in IDENTITY)

@@ -54,6 +54,7 @@ def train(
     *,
     steps: int,
     workdir: Path | str,
+    data_digest: str = "",
     checkpoint_every: int = 500,
     evaluate_every: int = 0,
     evaluate: Evaluate | None = None,
@@ -61,7 +62,8 @@ def train(
     """Train up to step `steps`, resuming from the workdir's last checkpoint.
 
     `batch_at` returns the whole batch of a step, even if several devices or processes
-    share it. Every `evaluate_every` steps, and after the last one,
+    share it. `data_digest` identifies the data: a run that was started on other data is
+    refused with CheckpointError. Every `evaluate_every` steps, and after the last one,
     `evaluate(state, step)` is called; metrics.jsonl records its values as
     `validation/<name>`.
 
@@ -75,7 +77,8 @@ def train(
     start, key = replicate((state, key), mesh)
     step = parallel_step(step, mesh)
     retries = read_retries(workdir)
-    checkpoints = Checkpoints(workdir / "checkpoints", run={"key": seed})
+    identity = {"key": seed} | ({"data": data_digest} if data_digest else {})
+    checkpoints = Checkpoints(workdir / "checkpoints", run=identity)
 
     def run_from(state):
         first, pending = int(state.step), collections.deque()

@@ -20,7 +20,7 @@ import numpy as np
 from absl import logging
 from jaxtyping import Array, Key
 
-from jradar.files import write_text
+from jradar.files import read_json, write_text
 from jradar.training.step import Batch
 
 MAX_RETRIES = 3
@@ -53,7 +53,12 @@ def check_finite(step: int, values: dict[str, float]) -> None:
 def read_retries(workdir: Path | str) -> list[int]:
     """Return the steps that have failed so far, repeated for each failure."""
     path = Path(workdir) / "retries.json"
-    return json.loads(path.read_text())["steps"] if path.exists() else []
+    if not path.exists():
+        return []
+    steps = read_json(path).get("steps")
+    if not isinstance(steps, list) or not all(type(step) is int for step in steps):
+        raise ValueError(f"{path} has steps = {steps!r:.80}, expected whole numbers")
+    return steps
 
 
 def note_retry(

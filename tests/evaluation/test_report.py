@@ -7,6 +7,7 @@ import webbrowser
 import numpy as np
 import pytest
 
+from jradar.errors import UsageError
 from jradar.evaluation import (
     build_report,
     load_clouds,
@@ -62,8 +63,27 @@ def test_damaged_clouds_are_refused(tmp_path, damage):
         np.savez(path, index=np.array([{}], dtype=object))
     else:
         np.savez(path, index=np.array('[["a", "b", 0, "c"]]'))
-    with pytest.raises(ValueError, match="clouds.npz: .*evaluate the run again"):
+    with pytest.raises(ValueError, match="clouds.npz is damaged or not .*evaluate the"):
         load_clouds(path)
+
+
+@pytest.mark.parametrize("name", ["../../stolen", "/tmp/stolen", "a/b"])
+def test_clouds_are_written_inside_the_folder_of_the_run(run, name):
+    save_clouds(run / "evaluation" / "clouds.npz", {("Hallways", name, 0): CLOUDS[
+        "Hallways", "run3", 0]})  # fmt: skip
+    before = sorted(run.parent.rglob("*"))
+    with pytest.raises(ValueError, match="clouds.npz"):
+        build_report(run)
+    assert sorted(run.parent.rglob("*")) == before
+
+
+def test_own_files_in_place_of_the_clouds_stay(run):
+    mine = run / "evaluation" / "clouds" / "thesis.txt"
+    mine.parent.mkdir()
+    mine.write_text("years of work")
+    with pytest.raises(UsageError, match="clouds holds thesis.txt but no clouds.txt"):
+        build_report(run)
+    assert mine.read_text() == "years of work"
 
 
 def test_report_holds_tables_curves_and_clouds(run):

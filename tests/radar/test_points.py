@@ -206,6 +206,9 @@ def test_options_are_fitted_to_a_radar():
     fitted = PointSpec(**window, capacity=7).fitted(CASCADE)  # 16 chirps
     assert (fitted.guard, fitted.train) == ((1, 2), (6, 6))
     assert (fitted.num_azimuth, fitted.capacity) == (128, 7)
+    cells = CASCADE.num_chirps * CASCADE.num_samples
+    most = PointSpec(capacity=1 << 20, peaks=2).fitted(CASCADE)
+    assert most.capacity == 2 * cells
     assert PointSpec().fitted(CHIP) == PointSpec()
 
 
@@ -215,7 +218,9 @@ def test_options_are_fitted_to_a_radar():
         ({"detector": "xx"}, "detector = 'xx', expected one of"),
         ({"angles": "esprit"}, "angles = 'esprit', expected one of"),
         ({"false_alarm_rate": 1.5}, "false_alarm_rate = 1.5, expected 0 < rate <= 1"),
-        ({"capacity": 0}, "capacity = 0, expected 1 or more"),
+        ({"capacity": 0}, "capacity = 0, expected 1 to 1,048,576"),
+        ({"capacity": 99999999999}, "capacity = 99,999,999,999, expected 1 to 1,0"),
+        ({"guard": (-1, 2)}, r"guard = \(-1, 2\), expected 0 or more cells"),
         ({"angles": "music", "peaks": 2}, "peaks = 2, expected 1 with angles"),
     ],
 )

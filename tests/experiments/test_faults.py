@@ -1,0 +1,178 @@
+"""Faults of a user or a machine end every experiment with one line and its code."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments import convert_weights, main as command
+from experiments.studies import (
+    compare,
+    detectors,
+    projection,
+    realism,
+    resolution,
+    solvers,
+)
+from tests.experiments.conftest import TINY
+
+ROOT = Path(__file__).parents[2]
+SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
+RADARHD = f"--config={ROOT}/experiments/configs/radarhd.py"
+PRETRAIN = f"--config={ROOT}/experiments/configs/pretrain.py"
+WORK = "years of work"
+
+
+def ends(call, capsys, code):
+    """Call, and return the one line that it prints."""
+    assert call() == code
+    out, err = capsys.readouterr()
+    assert not out and "Traceback" not in err and err.count("\n") == 1, err
+    return err
+
+
+@pytest.mark.parametrize(
+    ("study", "arguments", "code"),
+    [
+        (compare, ["nowhere", "neither"], 2),
+        (compare, ["nowhere", "--reference", "OS-CFAR"], 2),
+        (compare, ["nowhere"], 2),
+        (detectors, ["nowhere", "-o", "out"], 2),
+        (projection, ["nowhere", "-o", "out"], 2),
+        (realism, ["nowhere", "-o", "out"], 2),
+        (solvers, ["nowhere", "neither", "-o", "out"], 5),
+        (solvers, ["jradar-sim", "nowhere", "-o", "out"], 2),
+        (convert_weights, ["nowhere.pt", "out"], 2),
+        (convert_weights, ["nowhere.pkl", "out"], 2),
+    ],
+    ids=lambda value: getattr(value, "__name__", None),
+)
+def test_a_missing_path_is_named(study, arguments, code, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    err = ends(lambda: study.main(arguments), capsys, code)
+    assert "nowhere" in err or "1 runs, expected two" in err
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize(
+    ("flags", "name"),
+    [
+        ([SMOKE, "--config.data.path=nowhere"], "nowhere"),
+        ([SMOKE, "--config.data.path=nowhere", "--mode=eval"], "no model at"),
+        ([SMOKE, "--config.train.initial=nowhere"], "nowhere"),
+        ([RADARHD, "--config.data.path=nowhere"], "nowhere"),
+        ([RADARHD, "--config.data.path=nowhere", "--mode=eval"], "no weights at"),
+        ([RADARHD, "--config.weights=nowhere", "--mode=eval"], "nowhere"),
+        ([PRETRAIN, "--config.data.path=nowhere"], "nowhere"),
+        ([PRETRAIN, "--config.data.path=nowhere", "--mode=eval"], "no prior at"),
+    ],
+)
+def test_a_missing_path_in_a_config_is_named(flags, name, tmp_path, capsys):
+    code = 5 if name.startswith("no ") else 2
+    call = ["main", *flags, f"--workdir={tmp_path / 'new'}"]
+    assert name in ends(lambda: command.main(call), capsys, code)
+
+
+@pytest.mark.parametrize("study", [resolution, realism])
+def test_an_output_below_a_file_is_refused_at_once(study, tmp_path, capsys):
+    (tmp_path / "file").write_text(WORK)
+    places = {realism: [str(tmp_path)], resolution: []}[study]
+    call = [*places, "-o", str(tmp_path / "file" / "out")]
+    assert "file is a file" in ends(lambda: study.main(call), capsys, 2)
+    assert (tmp_path / "file").read_text() == WORK
+
+
+@pytest.mark.parametrize(
+    "run",
+    [
+        lambda out: resolution.main(["-o", f"{out}/angles.png"]),
+        lambda out: command.main(["main", SMOKE, f"--workdir={out}"]),
+    ],
+    ids=["study", "experiment"],
+)
+def test_a_gpu_that_is_missing_is_an_error_of_the_machine(
+    run, tmp_path, capsys, monkeypatch
+):
+    def devices():
+        raise AssertionError  # as JAX does without the plug-in
+
+    monkeypatch.setenv("JAX_PLATFORMS", "cuda")
+    monkeypatch.setattr("jax.devices", devices)
+    err = ends(lambda: run(tmp_path / "out"), capsys, 3)
+    assert "JAX_PLATFORMS=cuda, but JAX finds no such device" in err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["metrics.jsonl", "checkpoints", "model_card.json"])
+def test_a_workdir_with_results_of_something_else_is_left_alone(
+    records, name, tmp_path, capsys
+):
+    (tmp_path / name).write_text(WORK)
+    call = ["main", TINY, f"--config.data.path={records}", f"--workdir={tmp_path}"]
+    err = ends(lambda: command.main(call), capsys, 2)
+    assert f"holds {name} but no config.json" in err
+    assert (tmp_path / name).read_text() == WORK
+    assert {path.name for path in tmp_path.iterdir()} == {name, ".lock"}
+
+
+def test_a_second_run_in_a_workdir_is_refused_with_the_first_ones_number(
+    tmp_path, capsys
+):
+    from jradar.files import lock_folder
+
+    with lock_folder(tmp_path):
+        call = ["main", SMOKE, f"--workdir={tmp_path}"]
+        err = ends(lambda: command.main(call), capsys, 3)
+    assert f"another process ({os.getpid()}) is running in" in err
+
+
+@pytest.mark.parametrize("content", ["{", "[1]", "\udcff"])
+def test_a_damaged_config_of_a_workdir_is_named(records, tmp_path, capsys, content):
+    path = tmp_path / "config.json"
+    path.write_bytes(content.encode("utf-8", "surrogateescape"))
+    call = ["main", TINY, f"--config.data.path={records}", f"--workdir={tmp_path}"]
+    assert str(path) in ends(lambda: command.main(call), capsys, 4)
+
+
+def test_other_data_at_the_same_path_are_refused(finished, monkeypatch, capsys):
+    from jradar.data import Records
+
+    monkeypatch.setattr(Records, "digest", "of other data")
+    call = ["main", *finished.flags, f"--workdir={finished.workdir}"]
+    assert command.main(call) == 5
+    err = capsys.readouterr().err
+    assert "is of another run: data was" in err and "now of other data" in err
+
+
+def test_a_damaged_file_of_weights_to_convert(tmp_path, capsys):
+    pytest.importorskip("torch")
+    for name in ("w.pt", "w.pkl"):
+        (tmp_path / name).write_bytes(np.random.default_rng(0).bytes(300))
+        call = [str(tmp_path / name), str(tmp_path / "out")]
+        err = ends(lambda call=call: convert_weights.main(call), capsys, 4)
+        assert f"{name} is damaged or not a file of weights" in err
+
+
+def test_sigterm_outside_of_training_ends_with_143_and_nothing_half_written(tmp_path):
+    pytest.importorskip("embreex")
+    flags = [SMOKE, f"--workdir={tmp_path / 'run'}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "experiments.main", *flags],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    recordings = tmp_path / "run" / "data" / "recordings"
+    while not [*recordings.glob(".*_*")]:  # a sequence is being written
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 128 + signal.SIGTERM, err
+    assert err.splitlines()[-1] == "error: ended by SIGTERM" and "Traceback" not in err
+    assert not [p for p in recordings.iterdir() if p.name.startswith(".")]
