@@ -1,5 +1,7 @@
 """An exported function equals `enhance`, runs without jradar, and guards its bits."""
 
+import contextlib
+import hashlib
 import json
 import os
 import subprocess
@@ -84,13 +86,54 @@ def test_damage_is_found(exported, tmp_path):
     for bad, message in (
         (bytes(flipped), "does not match its digest"),
         (good[:-1], "does not match its digest"),
-        (b"", "is not an exported function"),
-        (content[:100], "is not an exported function"),
+        (b"", "is damaged or not an exported function"),
+        (content[:100], "is damaged or not an exported function"),
         (other + b"\n" + content, "has format 'x', expected"),
     ):
         path.write_bytes(bad)
         with pytest.raises(ValueError, match=message):
             load_function(path)
+
+
+def resealed(header, content):
+    """The file with a digest that matches other content."""
+    digest = hashlib.sha256(content).hexdigest()
+    return (
+        json.dumps(json.loads(header) | {"sha256": digest}).encode() + b"\n" + content
+    )
+
+
+def test_damage_under_a_new_digest_is_refused_by_the_files_name(exported, tmp_path):
+    header, content = exported.read_bytes().split(b"\n", 1)
+    path, random = tmp_path / "bad.jradar", np.random.default_rng(0)
+    for bad in (b"", b"\xff" * 100, content[:100], content[: len(content) // 2]):
+        path.write_bytes(resealed(header, bad))
+        with pytest.raises(ValueError, match="bad.jradar is damaged or not"):
+            load_function(path).call(7, CUBE)
+    for _ in range(6):
+        bad = bytearray(content)
+        bad[random.integers(2000)] ^= 1 << random.integers(8)
+        path.write_bytes(resealed(header, bytes(bad)))
+        with contextlib.suppress(ValueError):
+            load_function(path).call(7, CUBE)
+
+
+def test_a_function_of_other_arguments_is_refused(exported, tmp_path):
+    header, _ = exported.read_bytes().split(b"\n", 1)
+    other = jax.export.export(jax.jit(lambda x: x))(
+        jax.ShapeDtypeStruct((3,), "float32")
+    )
+    path = tmp_path / "other.jradar"
+    path.write_bytes(resealed(header, bytes(other.serialize())))
+    with pytest.raises(ValueError, match="other.jradar is damaged or not an exported"):
+        load_function(path)
+
+
+@pytest.mark.parametrize("header", [b"[]", b"3", b"{}", b"null", b'{"sha256": 1}'])
+def test_other_headers_are_refused(tmp_path, header):
+    (tmp_path / "x.jradar").write_bytes(header + b"\n" + b"content")
+    with pytest.raises(ValueError, match="x.jradar is damaged or not an exported"):
+        load_function(tmp_path / "x.jradar")
 
 
 def test_unknown_platform_and_missing_extra(exported, tmp_path, monkeypatch):

@@ -1,6 +1,8 @@
 """A model on disk, and the three functions from a cube to a dense cloud."""
 
+import copy
 import dataclasses
+import itertools
 import json
 import shutil
 import subprocess
@@ -194,6 +196,63 @@ def test_an_unusable_description_is_refused(tmp_path, model, field, value, messa
         del values[field]
     path.write_text(json.dumps(values))
     with pytest.raises(ModelError, match=message):
+        load_model(tmp_path)
+
+
+WRONG = ("8", -1.5, True, None, [], [[3]], {}, {"x": 1}, 10**400)
+
+
+def test_values_of_a_wrong_type_are_refused_everywhere(tmp_path, model):
+    save_model(tmp_path, model)
+    path = tmp_path / "model.json"
+    good = json.loads(path.read_text())
+    places = [(name,) for name in good]
+    for part in ("network", "noise", "coarse", "fine", "radar", "points"):
+        places += [(part, name) for name in good[part]]
+    for place, wrong in itertools.product(places, WRONG):
+        values = copy.deepcopy(good)
+        inner = values if len(place) == 1 else values[place[0]]
+        if type(wrong) is type(inner[place[-1]]):
+            continue  # -1.5 and texts can be right
+        if isinstance(inner[place[-1]], float) and wrong == 10**400:
+            wrong = 10**500
+        inner[place[-1]] = wrong
+        path.write_text(json.dumps(values))
+        with pytest.raises(ModelError, match=str(tmp_path)):
+            load_model(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("part", "field", "value"),
+    [
+        ("fine", "width", 1 << 40),
+        ("points", "capacity", 99999999999),
+        ("points", "num_azimuth", 1 << 40),
+        ("network", "channels", 1 << 40),
+        ("network", "blocks", 1 << 40),
+        ("network", "multipliers", [1] * 10_000),
+        ("network", "stem", [0, 0]),
+        ("network", "form", "cubist"),
+        ("noise", "sigma_min", -1.0),
+    ],
+)
+def test_values_that_no_machine_can_hold_are_refused_at_once(
+    tmp_path, model, part, field, value
+):
+    save_model(tmp_path, model)
+    path = tmp_path / "model.json"
+    values = json.loads(path.read_text())
+    values[part][field] = value
+    path.write_text(json.dumps(values))
+    with pytest.raises(ModelError, match=str(tmp_path)):
+        load_model(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["[1]", "[" * 100_000, "", "\x00"])
+def test_other_json_is_no_model(tmp_path, model, text):
+    save_model(tmp_path, model)
+    (tmp_path / "model.json").write_text(text)
+    with pytest.raises(ModelError, match="model.json"):
         load_model(tmp_path)
 
 
