@@ -43,9 +43,10 @@ class Board:
 ELEVATED_SECOND = ((0, 0), (2, 1), (4, 0))
 BAND_60_GHZ: dict[str, Any] = {"band_hz": (60e9, 64e9), "design_frequency_hz": 62e9}
 
-# The boards of the 6843 and the 2944 follow `antGeometry0`, `antGeometry1`, `antPhaseRot`
-# and `antGeometryCfg` in TI's configurations for them. The design frequency of the
-# 6843's boards is taken from TI's IWR6843L board, that of the 2944 is assumed.
+# The boards of the 6843 and the 2944 follow `antGeometry0`, `antGeometry1`,
+# `antPhaseRot` and `antGeometryCfg` in TI's configurations for them. The design
+# frequency of the 6843's boards is taken from TI's IWR6843L board, that of the 2944 is
+# assumed.
 BOARDS = {
     "awr1443": Board(ELEVATED_SECOND),
     "awr1642": Board(((0, 0), (4, 0)), studio_chip="AR1642"),

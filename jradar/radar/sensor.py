@@ -31,6 +31,24 @@ from jradar.radar.devices import RECORDED, device_fields
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
 
 MAY_BE_ZERO = ("idle_time_s", "adc_start_time_s", "frame_period_s")
+# The smallest and largest value of each number, with ample room on both sides of every
+# radar that is built: values beyond are in another unit, or damaged.
+LIMITS: dict[str, tuple[float, float]] = {
+    "start_frequency_hz": (1e8, 1e13),
+    "slope_hz_per_s": (1e8, 1e18),
+    "sample_rate_hz": (1e2, 1e12),
+    "num_samples": (1, 1 << 16),
+    "num_chirps": (1, 1 << 16),
+    "idle_time_s": (0, 100),
+    "adc_start_time_s": (0, 100),
+    "ramp_end_time_s": (1e-9, 100),
+    "design_frequency_hz": (1e8, 1e13),
+    "frame_period_s": (0, 1e6),
+    "row_spacing": (0.01, 100),
+}
+MOST_ANTENNAS = 256  # transmitters, or receivers
+FARTHEST = 1024  # column or row of an antenna
+MOST_IN_FRAME = 1 << 28  # samples, 2 GiB
 
 Positions = tuple[tuple[int, int], ...]
 
@@ -65,13 +83,23 @@ class RadarSpec:
                 f"tx_firing_order = {order}, expected each of the {self.num_tx} "
                 "transmitters' indices once"
             )
-        for field in dataclasses.fields(self):
-            value, zero_is_fine = getattr(self, field.name), field.name in MAY_BE_ZERO
-            if field.type in (int, float) and not (
-                math.isfinite(value) and (value > 0 or (value == 0 and zero_is_fine))
-            ):
+        for name, (low, high) in LIMITS.items():
+            value, zero_is_fine = getattr(self, name), name in MAY_BE_ZERO
+            if not (value > 0 or (value == 0 and zero_is_fine)):
                 expected = "0 or more" if zero_is_fine else "more than 0"
-                raise ValueError(f"{field.name} = {value}, expected {expected}")
+                raise ValueError(f"{name} = {value}, expected {expected}")
+            if not low <= value <= high:
+                raise ValueError(
+                    f"{name} = {value:g}, expected {low:g} to {high:g}: is it in "
+                    "another unit?"
+                )
+        _check_antennas("tx", self.tx_positions)
+        _check_antennas("rx", self.rx_positions)
+        if (count := math.prod(self.cube_shape)) > MOST_IN_FRAME:
+            raise ValueError(
+                f"a frame of {self.cube_shape} [tx, rx, chirp, sample] holds "
+                f"{count:,} samples, expected at most {MOST_IN_FRAME:,}"
+            )
         end_s = self.adc_start_time_s + self.num_samples / self.sample_rate_hz
         if end_s > self.ramp_end_time_s * 1.001:
             raise ValueError(
@@ -232,6 +260,19 @@ class RadarSpec:
                 f"(or start from a device: {', '.join(RECORDED)})"
             )
         return cls(**complete)
+
+
+def _check_antennas(kind: str, positions: Positions) -> None:
+    """Refuse positions that no array has."""
+    if not 1 <= len(positions) <= MOST_ANTENNAS:
+        raise ValueError(
+            f"{len(positions)} {kind}_positions, expected 1 to {MOST_ANTENNAS}"
+        )
+    if far := [place for place in positions if max(map(abs, place)) > FARTHEST]:
+        raise ValueError(
+            f"{kind}_positions contains {far[0]}, expected columns and rows from "
+            f"{-FARTHEST} to {FARTHEST}"
+        )
 
 
 def _converted(key: str, value: Any, kind: Any) -> Any:

@@ -21,6 +21,7 @@ from jaxtyping import Float
 from jradar.errors import UsageError
 from jradar.recordings.cloud_messages import decode_cloud, is_cloud_type
 from jradar.recordings.recording import Stream
+from jradar.recordings.unpacking import limit_rosbags
 
 INTENSITIES = ("intensity", "reflectivity", "i")
 NS = 1_000_000_000
@@ -182,6 +183,7 @@ def _open_reader(path, _process, _version):
         from rosbags import rosbag1, rosbag2
     except ImportError as error:
         raise ImportError("bags need rosbags: pip install 'jradar[ros]'") from error
+    limit_rosbags()
     try:
         reader = (rosbag1 if path.suffix == ".bag" else rosbag2).Reader(path)
         reader.open()

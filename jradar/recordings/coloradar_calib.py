@@ -6,7 +6,6 @@
 Arrays keep the files' order of transmitters, which ADC frames use as well.
 """
 
-import json
 import math
 import warnings
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from jradar.errors import UsageError
+from jradar.files import read_json
 from jradar.radar import RadarSpec
 from jradar.radar.devices import CASCADE
 from jradar.recordings.text_files import radar_of, read_text
@@ -104,14 +104,12 @@ def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
 def read_frequency_phase(path: Path | str) -> FrequencyPhase:
     """Return the frequencies and phases in a `phase_frequency_calib.txt`."""
     try:
-        values = json.loads(read_text(path))["antennaCalib"]
+        values = read_json(path)["antennaCalib"]
         shape = [_count(path, key, values[key]) for key in ("numTx", "numRx")]
         measured = [values["frequencySlope"], values["samplingRate"]]
         slope, rate = _numbers(path, measured).tolist()
         frequency = _numbers(path, values["frequencyCalibrationMatrix"])
         phase = _numbers(path, values["phaseCalibrationMatrix"])
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is not valid JSON: {error}") from error
     except (KeyError, TypeError) as error:
         raise ValueError(
             f"{path}: {error!r}, expected antennaCalib with numTx, numRx, "
@@ -184,7 +182,7 @@ def _antennas(path: Path) -> dict[str, Any]:
     for kind in ("tx", "rx"):
         places = found[kind]
         count = int(found.get(f"num_{kind}", len(places)))
-        if not count or sorted(places) != list(range(count)):
+        if not count or count != len(places) or sorted(places) != [*range(count)]:
             raise ValueError(
                 f"{path}: {kind} antennas {[int(i) for i in sorted(places)]}, expected "
                 f"each of 0 to {count - 1} once"
@@ -208,7 +206,7 @@ def _lines(text: str) -> Iterator[tuple[int, str]]:
 def _numbers(path, values) -> np.ndarray:
     try:
         numbers = np.array(values, dtype=float)
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise ValueError(f"{path}: {error}, expected numbers") from error
     if numbers.ndim != 1 or not np.isfinite(numbers).all():
         raise ValueError(f"{path}: expected a list of finite numbers")

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # loads `spatial` when it is first used
 
 from jradar.radar import RadarSpec
 from jradar.recordings.bags import bag_times, bag_topics, open_bag
 from jradar.recordings.cloud_messages import is_cloud_type
-from jradar.recordings.clouds import read_cloud
+from jradar.recordings.clouds import holds_points, read_cloud
 from jradar.recordings.recording import (
     Format,
     Recording,
@@ -98,8 +98,8 @@ CONTENTS = (
         describe_bag,
     ),
     Format(
-        "a cloud: .ply, .pcd, or a .bin of KITTI or ColoRadar's LiDAR",
-        lambda path: CLOUD_NAMES.fullmatch(path.name) is not None,
+        "a cloud: .ply, .pcd, or a .bin of float32 as of KITTI, nuScenes or ColoRadar",
+        lambda path: CLOUD_NAMES.fullmatch(path.name) is not None or holds_points(path),
         describe_cloud,
     ),
 )
@@ -212,7 +212,8 @@ def _transforms(recording: Recording) -> dict[str, Any]:
     places = {}
     for name, matrix in found.items():
         if matrix is not None:
-            turn = Rotation.from_matrix(matrix[:3, :3]).as_euler("ZYX", degrees=True)
+            turn = scipy.spatial.transform.Rotation.from_matrix(matrix[:3, :3])
+            angles = turn.as_euler("ZYX", degrees=True)
             position = matrix[:3, 3].tolist()
-            places[name] = {"xyz_m": position, "yaw_pitch_roll_deg": turn.tolist()}
+            places[name] = {"xyz_m": position, "yaw_pitch_roll_deg": angles.tolist()}
     return places

@@ -13,6 +13,7 @@ import numpy as np
 MAX_HEADER = 64 << 10
 TYPES = ("F4", "F8", "I1", "I2", "I4", "I8", "U1", "U2", "U4", "U8")
 LEAST_TEXT = 2  # bytes of a number in text: a digit and a space
+LONGEST_TEXT = 64  # bytes of a number in text; a table takes this for each
 
 
 def read_pcd(path: Path) -> dict[str, np.ndarray]:
@@ -39,6 +40,11 @@ def columns_of_words(
     path: Path, words: list[bytes], point: np.dtype
 ) -> dict[str, np.ndarray]:
     """Return the columns of points written as words; ValueError for other words."""
+    if (longest := max(map(len, words), default=0)) > LONGEST_TEXT:
+        raise ValueError(
+            f"{path} holds a number of {longest:,} characters, expected at most "
+            f"{LONGEST_TEXT}: damaged?"
+        )
     table = np.array(words, "S").reshape(-1, max(point.itemsize and _width(point), 1))
     columns, at = {}, 0
     for name in point.names or ():

@@ -1,6 +1,7 @@
 """RadarSpec: derived quantities against published ones, files, and clear errors."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -171,3 +172,24 @@ def test_real_studio_log(samples):
     radar = radar_from_studio_log(samples / "dca1000" / "LogFile_0.txt")
     assert radar.cube_shape == (1, 4, 1, 256)
     assert radar.range_resolution_m == pytest.approx(0.1953, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"slope_hz_per_s": 1e-320}, "slope_hz_per_s = 9.99989e-321, expected 1e.08"),
+        (
+            {"start_frequency_hz": 77.0},
+            "start_frequency_hz = 77, expected 1e.08 .*unit",
+        ),
+        ({"num_samples": 60_000_000}, "num_samples = 6e.07, expected 1 to 65536"),
+        ({"tx_positions": [[100_000_000, 0]]}, r"contains \(100000000, 0\), expected"),
+        ({"rx_positions": [[0, 0]] * 257}, "257 rx_positions, expected 1 to 256"),
+        ({"tx_positions": []}, "tx_positions"),
+        ({"num_samples": 65536, "num_chirps": 4096}, "samples, expected at most 268,4"),
+        ({"ramp_end_time_s": math.nan}, "ramp_end_time_s = nan, expected more than 0"),
+    ],
+)
+def test_numbers_that_no_radar_has(changes, message):
+    with pytest.raises(ValueError, match=message):
+        RadarSpec.awr1843(**changes)

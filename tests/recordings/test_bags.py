@@ -16,6 +16,7 @@ from rosbags.typesys import (  # noqa: E402
     get_typestore,
 )
 
+from jradar.recordings import bags, unpacking  # noqa: E402
 from jradar.recordings.bags import bag_topics, open_bag  # noqa: E402
 
 POINT = "livox_ros_driver2/msg/CustomPoint"
@@ -56,19 +57,28 @@ def typestore(container):
 STORES = {name: typestore(name) for name in CONTAINERS}
 
 
-def write_bag(folder, container, messages, compressed=False):
-    """`messages` are (topic, type, bag time, function of the store: message)."""
+def write_bag(folder, container, messages, compressed=""):
+    """`messages` are (topic, type, bag time, function of the store: message).
+
+    `compressed` is the writer's word: bz2 or lz4 in ROS 1, message or file in ROS 2.
+    """
     store = STORES[container]
     folder.mkdir(exist_ok=True)
     path = folder / ("a.bag" if container == "bag" else container)
     if container == "bag":
         writer = rosbag1.Writer(path)
         if compressed:
-            writer.set_compression(rosbag1.Writer.CompressionFormat.LZ4)
+            formats = rosbag1.Writer.CompressionFormat
+            writer.set_compression(formats[compressed.upper()])
         serialize = store.serialize_ros1
     else:
         plugin = rosbag2.StoragePlugin["SQLITE3" if container == "sqlite" else "MCAP"]
         writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
+        if compressed:
+            writer.set_compression(
+                rosbag2.CompressionMode[compressed.upper()],
+                rosbag2.CompressionFormat.ZSTD,
+            )
         serialize = store.serialize_cdr
     with writer:
         connections = {}
@@ -289,7 +299,7 @@ def test_compressed_bag_with_several_topics_and_equal_times(tmp_path):
         for i, rows in enumerate(clouds)
     ]
     messages.insert(2, ("/p", CLOUD, START, point_cloud2(columns(2), START)))
-    path = write_bag(tmp_path, "bag", messages, compressed=True)
+    path = write_bag(tmp_path, "bag", messages, compressed="lz4")
     with pytest.raises(ValueError, match="2 topics of clouds, name one of /l, /p"):
         open_bag(path)
     with pytest.raises(ValueError, match="no clouds on /imu, name one of /l"):
@@ -297,6 +307,31 @@ def test_compressed_bag_with_several_topics_and_equal_times(tmp_path):
     stream = open_bag(path, topic="/l")
     for i in (4, 0, 5, 2, 1, 3):
         np.testing.assert_array_equal(stream[i], np.array(clouds[i], "f4")[:, 1:5])
+
+
+@pytest.mark.parametrize(
+    ("container", "compressed"),
+    [
+        ("bag", "bz2"),
+        ("bag", "lz4"),
+        ("sqlite", "message"),
+        ("sqlite", "file"),
+        ("mcap", "storage"),
+    ],
+)
+def test_a_bag_that_unpacks_to_more_than_the_limit(
+    tmp_path, monkeypatch, container, compressed
+):
+    rows = livox_rows(2000)
+    messages = [("/l", LIVOX, START, livox(rows, START))]
+    path = write_bag(tmp_path, container, messages, compressed=compressed)
+    np.testing.assert_array_equal(open_bag(path)[0], np.array(rows, "f4")[:, 1:5])
+    for name in ("MOST_BYTES", "LEAST_LIMIT"):
+        monkeypatch.setattr(unpacking, name, 10_000)
+    monkeypatch.setattr(unpacking, "MOST_RATIO", 0)
+    bags._open_reader.cache_clear()
+    with pytest.raises(ValueError, match="not a whole bag .*unpacks to more than 10,0"):
+        open_bag(path)[0]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import trimesh
 from hypothesis import given, settings, strategies as st
 
 from jradar.recordings.cloud_writers import write_ply
-from jradar.recordings.clouds import read_cloud
+from jradar.recordings.clouds import holds_points, read_cloud
 from jradar.recordings.pcd import lzf_decompress
 from jradar.types import PointCloud
 
@@ -280,6 +280,42 @@ def test_kitti_bin(tmp_path):
     assert read_cloud(save(tmp_path, "b.bin", b""))["x"].shape == (0,)
     with pytest.raises(ValueError, match="holds 47 bytes, expected a multiple of 16"):
         read_cloud(save(tmp_path, "a.bin", content[:-1]))
+
+
+@pytest.mark.parametrize("count", [8, 7])  # 80 bytes fit four columns, too
+def test_nuscenes_bin_has_five_columns(tmp_path, count):
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.normal(size=(count, 4)), np.arange(count) % 32])
+    columns = read_cloud(save(tmp_path, "a.bin", points.astype("<f4").tobytes()))
+    assert [*columns] == ["x", "y", "z", "intensity", "ring"]
+    np.testing.assert_array_equal(columns["ring"], points[:, 4])
+    np.testing.assert_allclose(columns["z"], points[:, 2], rtol=1e-6)
+    kitti = rng.normal(size=(20, 4)).astype("<f4")  # 320 bytes fit five columns, too
+    columns = read_cloud(save(tmp_path, "b.bin", kitti.tobytes()))
+    np.testing.assert_array_equal(np.stack([*columns.values()], -1), kitti)
+
+
+def test_a_bin_is_known_by_its_numbers(tmp_path, samples):
+    for name in ("kitti/000001.bin", "ouster/os1_64_as_coloradar_lidar.bin"):
+        assert holds_points(samples / name)
+    for name in ("dca1000/adc_data_0.bin", "awr1843_3tx/adc_data_Raw_0.bin"):
+        assert not holds_points(samples / name)
+    assert not holds_points(save(tmp_path, "a.bin", bytes(160)))
+    assert not holds_points(save(tmp_path, "a.bin", b""))
+
+
+@pytest.mark.parametrize("word", [b"1" * 60_000, b"0." + b"1" * 100])
+@pytest.mark.parametrize("kind", ["pcd", "ply"])
+def test_a_number_of_many_digits_is_refused_before_a_table_is_made(
+    tmp_path, kind, word
+):
+    content = pcd("ascii") if kind == "pcd" else ply("ascii")
+    start = content.index(b"ascii\n") + 6 if kind == "pcd" else 0
+    start = start or content.index(b"end_header\n") + 11
+    first = content[start:].split()[0]
+    content = content[:start] + content[start:].replace(first, word, 1)
+    with pytest.raises(ValueError, match=f"number of {len(word):,} characters"):
+        read_cloud(save(tmp_path, f"a.{kind}", content))
 
 
 def test_other_files_are_refused(tmp_path):

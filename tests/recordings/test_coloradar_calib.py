@@ -75,6 +75,11 @@ def cascade(write):
     return cascade
 
 
+def test_a_claimed_number_of_antennas_takes_no_memory(write):
+    with pytest.raises(ValueError, match="rx antennas .0, 1, 2, 3., expected each of"):
+        radar_from_coloradar(write("num_rx 4", "num_rx 300000000"))
+
+
 def assert_same_radar(radar, other):
     assert radar.cube_shape == other.cube_shape
     assert radar.tx_positions == other.tx_positions
@@ -223,9 +228,9 @@ def test_unusable_frequency_and_phase_are_refused(tmp_path, changes, message):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "not valid JSON"),
+        ("{", "damaged or not a JSON file"),
         ("{}", "KeyError.*, expected antennaCalib with"),
-        ("[]", "TypeError.*, expected antennaCalib with"),
+        ("[]", "is a list, expected an object"),
     ],
 )
 def test_other_json_is_refused(tmp_path, text, message):
