@@ -9,16 +9,16 @@ import argparse
 import statistics
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar import recordings, viz
+from jradar import recordings
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
-from jradar.cli.writing import frame_folder, write_frame
 from jradar.model import Model, ModelSpec, draw, load_model
 from jradar.progress import progress
 from jradar.radar import RadarSpec, power_map
@@ -86,7 +86,10 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callable]:
-    """Compile the stages of `jradar.enhance`; each takes the result of the last."""
+    """Compile the stages of `jradar.enhance`; each takes the result of the last.
+
+    Threads compile them, because XLA does not hold Python's lock.
+    """
     spec = model.spec
 
     def radar_processing(_key, _model, cube):
@@ -101,13 +104,28 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
     def back_projection(_key, _model, image):
         return unproject(image, spec.fine)
 
-    value: Any = jax.ShapeDtypeStruct(recording.radar.cube_shape, jnp.complex64)
-    compiled = {}
+    radar, compiling = recording.radar, {}
+    kind = jnp.float32 if radar.real_samples else jnp.complex64
+    value: Any = jax.ShapeDtypeStruct(radar.cube_shape, kind)
+    threads = ThreadPoolExecutor()
     for stage in (radar_processing, condition, sampling, back_projection):
+        traced = jax.jit(stage).trace(key, model, value)
         name = stage.__name__.replace("_", " ")
-        compiled[name] = jax.jit(stage).lower(key, model, value).compile()
-        value = jax.eval_shape(stage, key, model, value)
-    return compiled
+        compiling[name] = threads.submit(traced.lower().compile)
+        value = traced.out_info
+    threads.submit(_prepare_picture, radar, spec)
+    threads.shutdown(wait=False)
+    return {name: future.result() for name, future in compiling.items()}
+
+
+def _prepare_picture(radar: RadarSpec, spec: ModelSpec) -> None:
+    """Import and compile what the first picture needs, while the stages compile."""
+    from jradar import viz
+
+    kind = np.float32 if radar.real_samples else np.complex64
+    power = power_map(np.zeros(radar.cube_shape, kind))
+    empty = unproject(jnp.zeros(spec.fine.shape), spec.fine)
+    viz.capture_figure(power, radar, empty, spec.fine, dense=empty)
 
 
 def _times(watch: Stopwatch) -> dict[str, Any]:
@@ -152,6 +170,9 @@ def _waveform(radar: RadarSpec) -> dict[str, float]:
 
 def _write(recording, frame: int, spec: ModelSpec, drawn, options) -> list[str]:
     """Write the clouds, the range image and a picture of one frame."""
+    from jradar import viz  # matplotlib loads while the stages compile
+    from jradar.cli.writing import frame_folder, write_frame
+
     cube, cloud, image, dense = drawn
     figure = viz.capture_figure(
         power_map(cube),

@@ -53,15 +53,20 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print what is wrong and end with code 2."""
-        words = message.rpartition(": ")[2].split()
-        known = {*self._option_string_actions}
-        for group in self._subparsers._group_actions if self._subparsers else ():
-            for command in (group.choices or {}).values():
-                known |= {*command._option_string_actions}
-        if message.startswith("unrecognized") and words[0].startswith("-"):
-            near = difflib.get_close_matches(words[0].partition("=")[0], known, 1)
+        wrong = message.removeprefix("unrecognized arguments: ").split()[0]
+        if wrong.startswith("-"):
+            wrong = wrong.partition("=")[0]
+            near = difflib.get_close_matches(wrong, self.known_options(), 1)
             message += "".join(f", did you mean {name}?" for name in near)
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+    def known_options(self) -> set[str]:
+        """Return the options of this parser and of its commands."""
+        known = {*self._option_string_actions}
+        for action in self._actions:
+            if isinstance(action.choices, dict):  # the commands
+                known |= {o for p in action.choices.values() for o in p.known_options()}
+        return known
 
 
 def parser() -> argparse.ArgumentParser:

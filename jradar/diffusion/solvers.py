@@ -168,6 +168,7 @@ def sample(
     images differ less from one another, and unlikely ones are rarer.
     """
     start = temperature * noise.sigma_max * jax.random.normal(key, shape)
+    denoise = jax.jit(denoise)  # traced once, however often the solver names it
     return solver.solve(denoise, start, solver.levels(steps, noise))
 
 

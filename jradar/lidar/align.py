@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Bool, Float
-from scipy.spatial.transform import Rotation, Slerp
 
 
 class Poses(NamedTuple):
@@ -37,7 +37,8 @@ def rigid_transform(
             "quaternion x y z w that is not zero"
         )
     matrix = np.zeros((*xyz.shape[:-1], 4, 4))
-    flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
+    turns = scipy.spatial.transform.Rotation.from_quat(quaternion.reshape(-1, 4))
+    flat = turns.as_matrix()
     matrix[..., :3, :3] = flat.reshape(*xyz.shape[:-1], 3, 3)
     matrix[..., :3, 3] = xyz
     matrix[..., 3, 3] = 1
@@ -69,7 +70,8 @@ def interpolate_poses(
     result = np.full((len(wanted), 4, 4), np.nan)
     if inside.any():
         at = wanted[inside]
-        turns = Slerp(times - times[0], Rotation.from_quat(poses.quaternion))
+        turn = scipy.spatial.transform.Rotation.from_quat(poses.quaternion)
+        turns = scipy.spatial.transform.Slerp(times - times[0], turn)
         xyz = [np.interp(at, times, column) for column in np.asarray(poses.xyz).T]
         result[inside] = rigid_transform(
             np.stack(xyz, -1), turns(at - times[0]).as_quat()

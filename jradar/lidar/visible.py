@@ -7,8 +7,8 @@ false-alarm rate: the condition's threshold near zero yields points everywhere.
 """
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
 
 from jradar.lidar.align import returns
 
@@ -40,7 +40,7 @@ def visible_mask(
     of_lidar, of_radar = np.split(labels, [len(points)])
     noise = of_lidar < 0
     kept = ~noise & np.isin(of_lidar, of_radar)
-    nearest, _ = KDTree(radar_xyz).query(points[noise])
+    nearest, _ = scipy.spatial.KDTree(radar_xyz).query(points[noise])
     kept[noise] = nearest <= eps_m
     seen[real] = kept[voxel]
     return seen

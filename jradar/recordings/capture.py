@@ -27,8 +27,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
 from jradar.files import inside
@@ -239,7 +239,8 @@ def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
         )
     turn = np.array(quaternion or [0.0, 0.0, 0.0, 1.0])
     if angles:
-        turn = Rotation.from_euler("xyz", angles, degrees=True).as_quat()
+        rotation = scipy.spatial.transform.Rotation
+        turn = rotation.from_euler("xyz", angles, degrees=True).as_quat()
     if abs(np.linalg.norm(turn) - 1) > 0.01:
         raise UsageError(
             f"{path}: [{name}] quaternion = {quaternion}, expected x y z w of length 1"

@@ -24,6 +24,7 @@ STYLES = {  # colour and size of a point
     "enhanced": ("tab:blue", 1.2),
     "radar": ("tab:red", 2.7),
 }
+LEGEND_SIZE = 3  # of a marker, beside its size in the picture
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:
@@ -147,16 +148,15 @@ def _draw_above(axes: Axes, clouds):
     axes.set(title="from above", xlabel="y, left (m)", ylabel="x, forward (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.invert_xaxis()
-    legend = axes.legend(
+    axes.legend(
         loc="upper center",
         bbox_to_anchor=(0.5, -0.15),
         ncols=len(clouds),
         frameon=False,
         columnspacing=1.2,
         handletextpad=0.1,
+        markerscale=LEGEND_SIZE,
     )
-    for handle in legend.legend_handles:
-        handle.set_markersize(7)
 
 
 def _draw_image(axes: Axes, metres, image: ImageSpec):
