@@ -9,8 +9,8 @@ import glob
 import json
 import os
 import re
+import secrets
 import shutil
-import tempfile
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -127,24 +127,26 @@ def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
     check()
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path)
-    scratch = None
-    while scratch is None:
-        scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    while True:
+        scratch = path.parent / f".{path.name}-{secrets.token_hex(4)}"
         try:
-            with (scratch / LOCK).open("w") as lock:
-                with contextlib.suppress(OSError):  # a file system without locks
-                    fcntl.flock(lock, fcntl.LOCK_EX)
-                if os.fstat(lock.fileno()).st_nlink:
-                    yield scratch / path.name
-                else:  # another writer took it for a leftover
-                    scratch = None
+            try:
+                scratch.mkdir(mode=0o700)
+                with (scratch / LOCK).open("w") as lock:
+                    with contextlib.suppress(OSError):  # a file system without locks
+                        fcntl.flock(lock, fcntl.LOCK_EX)
+                    if os.fstat(lock.fileno()).st_nlink:
+                        yield scratch / path.name
+                        return
+                    # Another writer took it for a leftover: try another name.
+            finally:
+                _discard(scratch, path)
         except OSError as error:
             if error.filename is None and error.errno in DISK_FULL:
                 error.filename = str(path)  # errors of `write` name no file
             raise
         finally:
-            if scratch is not None:
-                _discard(scratch, path)
+            _discard(scratch, path)  # if a signal has interrupted the first call
 
 
 def _discard(scratch: Path, path: Path) -> None:

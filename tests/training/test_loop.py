@@ -10,7 +10,7 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.training import Checkpoints, Interrupted, train
+from jradar.training import CheckpointError, Checkpoints, Interrupted, train
 from tests.training import tiny
 from tests.training.tiny import STEP, batch_at
 
@@ -171,6 +171,38 @@ def test_signal_saves_and_the_run_resumes(start, tmp_path, number):
         run(start, tmp_path, 6, batch_at=interrupting)
     assert stop.value.exit_code == 128 + number
     assert_equal_trees(run(start, tmp_path, 6), by_hand(start, 6))
+
+
+def test_a_second_signal_ends_the_process_at_once(start, tmp_path, monkeypatch):
+    def end(number):
+        raise SystemExit(128 + number)
+
+    def impatient(step):
+        if step == 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGTERM)
+        return batch_at(step)
+
+    monkeypatch.setattr(signal, "raise_signal", end)
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit, match="143"):
+        run(start, tmp_path, 6, batch_at=impatient, checkpoint_every=1)
+    assert signal.getsignal(signal.SIGTERM) == before
+    assert_equal_trees(run(start, tmp_path, 6), by_hand(start, 6))
+
+
+def test_other_data_are_refused(start, tmp_path):
+    run(start, tmp_path, 2, data_digest="abc")
+    with pytest.raises(CheckpointError, match="another run: data was abc, now def"):
+        run(start, tmp_path, 4, data_digest="def")
+    run(start, tmp_path, 4, data_digest="abc")
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"steps": "many"}', '{"steps": ["1"]}'])
+def test_a_damaged_file_of_retries_is_named(start, tmp_path, text):
+    (tmp_path / "retries.json").write_text(text)
+    with pytest.raises(ValueError, match="retries.json"):
+        run(start, tmp_path, 2)
 
 
 def test_evaluation_is_logged(start, tmp_path):

@@ -173,6 +173,20 @@ def test_two_processes_give_the_losses_of_one_and_stop_together(
     same(losses(tmp_path), losses(whole))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("victim", [0, 1])
+def test_a_process_whose_partner_dies_ends_too_and_the_run_resumes(
+    launch, whole, tmp_path, victim
+):
+    pair = together(launch, tmp_path, 12, "--seconds=0.1")
+    wait_for_step(pair[0], tmp_path, 4)
+    kill(pair[victim])
+    _, err = pair[1 - victim].communicate(timeout=200)
+    assert pair[1 - victim].returncode not in (0, None), err
+    tiny.run(tmp_path, 12)
+    same(losses(tmp_path), losses(whole))
+
+
 def test_full_disk_stops_the_run_and_freed_space_resumes(whole, small_disk):
     ballast = small_disk / "ballast"
 
