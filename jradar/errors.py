@@ -38,6 +38,7 @@ EXIT_CODES: dict[type[BaseException], int] = {
     ModelError: 5,
     CheckpointError: 5,
     OSError: 3,
+    MemoryError: 3,
     ImportError: 3,
     ValueError: 4,
     FloatingPointError: 4,

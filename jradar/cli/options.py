@@ -44,7 +44,7 @@ SETS = ("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini")
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_SEED = 2**32 - 1
 MAX_COUNT = 10**9
-MAX_DRAWS, MAX_STEPS = 256, 1000
+MAX_DRAWS, MAX_STEPS = 64, 1000
 MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
 
 

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Complex
+from jaxtyping import Array, Inexact
 
 from jradar.errors import UsageError
 from jradar.radar import PointSpec, radar_points, strongest_echoes
@@ -42,7 +42,7 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
 
 
 def frame_points(
-    cube: Complex[Array | np.ndarray, "tx rx chirp sample"],
+    cube: Inexact[Array | np.ndarray, "tx rx chirp sample"],
     recording: Recording,
     points: PointSpec,
 ) -> PointCloud:

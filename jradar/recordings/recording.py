@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses, transform
@@ -81,7 +81,7 @@ class Recording(NamedTuple):
 
 def calibrated_cube(
     recording: Recording, frame: int
-) -> Complex[Array | np.ndarray, "tx rx chirp sample"]:
+) -> Inexact[Array | np.ndarray, "tx rx chirp sample"]:
     """Return a frame with the recording's antenna calibration applied.
 
     The coupling is not removed here: `radar_points` subtracts it from the spectrum.

@@ -48,8 +48,8 @@ def flat_cube(tmp_path_factory):
     return write_cube(tmp_path_factory.mktemp("flat"), "awr1642")
 
 
-def write_cube(folder, device):
-    size = {"num_chirps": 32, "num_samples": 64}
+def write_cube(folder, device, **waveform):
+    size = {"num_chirps": 32, "num_samples": 64} | waveform
     radar = RadarSpec.named(device, **size)
     echoes = room_echoes(np.random.default_rng(0))
     cube = simulate_cube(jax.random.key(0), echoes, radar, noise_power=100.0)

@@ -8,10 +8,18 @@ from jradar import model as models
 from jradar.cli import main
 from jradar.model import condition, draw, load_model, save_model
 from jradar.recordings import calibrated_cube, open_recording
-from tests.cli.conftest import MODEL, NETWORK
+from tests.cli.conftest import MODEL, NETWORK, write_cube
 from tests.models import tiny_model
 from tests.recordings.conftest import root as root, sequence as sequence
 
+WAVEFORM = {
+    "start_frequency_hz": 77e9,
+    "slope_hz_per_s": 100e12,
+    "sample_rate_hz": 20e6,
+    "idle_time_s": 7e-6,
+    "adc_start_time_s": 2e-6,
+    "ramp_end_time_s": 15e-6,
+}
 QUICK = ("--draws", "2", "--steps", "1")  # the same program in every test
 
 
@@ -54,11 +62,45 @@ def test_every_stage_of_several_frames_is_timed(
         assert (tmp_path / "one" / name).read_bytes() == same
 
 
-def test_a_radar_without_elevation_is_noted(flat_cube, model_folder, capsys, tmp_path):
+def test_another_radar_than_in_training_is_noted(
+    flat_cube, model_folder, capsys, tmp_path
+):
     command = ["enhance", flat_cube, "--model", model_folder, "-o", str(tmp_path)]
     assert main([*command, *QUICK]) == 0
     out = capsys.readouterr().out
     assert "training steps" in out and "one row of antennas" in out
+    assert "another radar (awr1843), expect worse clouds: " in out
+    assert "8 virtual antennas here, 12 in training" in out and "range to" not in out
+
+
+def test_a_radar_with_real_samples_and_a_silent_frame(model_folder, run_json, tmp_path):
+    path = write_cube(tmp_path, "awr2944", **WAVEFORM)
+    command = ["enhance", path, "--model", model_folder, "-o", tmp_path / "out", *QUICK]
+    assert run_json(*command)["enhanced points"] > 0
+    np.save(path, np.zeros_like(np.load(path)))
+    result = run_json(*command)
+    assert result["radar points"] == result["enhanced points"] == 0
+    assert any("no echoes in frame 0" in note for note in result["notes"])
+
+
+def test_limits_apply_to_all_that_is_written(
+    small_cube, model_folder, run_json, tmp_path
+):
+    command = ["enhance", small_cube, "--model", model_folder, *QUICK, "-o", tmp_path]
+    every = run_json(*command)
+    with np.load(tmp_path / "enhanced.npz") as file:
+        image = file["range_image"]
+    result = run_json(*command, "--max-azimuth", 30, "--format", "csv")
+    for name in ("radar points", "enhanced points"):
+        assert 0 < result[name] < every[name]
+    with np.load(tmp_path / "enhanced.npz") as file:
+        ahead, (x, y, _) = file["range_image"], file["xyz"].T
+    assert np.degrees(np.abs(np.arctan2(y, x))).max() <= 30
+    middle = slice(image.shape[1] // 4, -image.shape[1] // 4)  # of 120 degrees
+    np.testing.assert_array_equal(ahead[:, middle], image[:, middle])
+    assert (ahead > 0).sum() == (image[:, middle] > 0).sum() == len(x)
+    assert len((tmp_path / "enhanced.csv").read_text().splitlines()) == len(x) + 1
+    assert not (tmp_path / "enhanced.ply").exists()
 
 
 def test_a_shipped_model_is_used_unless_another_is_named(

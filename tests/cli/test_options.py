@@ -34,7 +34,7 @@ BIG = str(10**30)
         (["points", "x", "-o", "y", "--format", "las"], "invalid choice: 'las'"),
         (["enhance", "x", "-o", "y", "--seed", "-1"], "expected 0 to 4294967295"),
         (["simulate", "-o", "y", "--scene", "lab", "--seed", BIG], "expected 0 to"),
-        (["enhance", "x", "-o", "y", "--draws", BIG], "expected 1 to 256"),
+        (["enhance", "x", "-o", "y", "--draws", BIG], "expected 1 to 64"),
         (["enhance", "x", "-o", "y", "--steps", "1001"], "expected 1 to 1000"),
         (["points", "x", "-o", "y", "--max-rnage=3"], "did you mean --max-range?"),
         (["view", "x", "--json", "stray"], "unrecognized arguments: stray"),

@@ -1,0 +1,151 @@
+"""Wrong paths, full disks, closed pipes, signals: a code, one line, nothing left."""
+
+import errno
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jradar import cli
+from jradar.cli import main, paths
+from jradar.recordings import write_ply
+from jradar.types import PointCloud
+from tests.cli.conftest import write_cube
+
+ROOT = Path(__file__).parents[2]
+
+
+def failed(command, capsys, code):
+    """Run a command that fails, and return its one line."""
+    assert main([*map(str, command)]) == code
+    out, err = capsys.readouterr()
+    assert not out and err.startswith("jradar: ") and err.count("\n") == 1, err
+    return err
+
+
+def test_wrong_paths_answer_without_numpy():
+    commands = [
+        "info /no.npy",
+        "points /no.npy -o x",
+        "enhance /no.npy -o x",
+        "points pyproject.toml --radar /no.toml -o x",
+        "prepare . --spec /no.toml -o x",
+        "prepare /no -o x",
+        "export jradar-sim --coupling /no.txt -o x",
+        "view /no",
+        "points pyproject.toml -o pyproject.toml",
+        "points pyproject.toml -o pyproject.toml/x",
+    ]
+    code = (
+        "import sys; from jradar.cli import main\n"
+        f"print([main(words.split()) for words in {commands}])\n"
+        "print('numpy' in sys.modules, 'jax' in sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT
+    )
+    assert run.stdout == f"{[2] * len(commands)}\nFalse False\n"
+    lines = run.stderr.splitlines()
+    assert len(lines) == len(commands)
+    assert all("no such file or folder: /no" in line for line in lines[:-2])
+    assert "is a file, expected the name of a folder" in lines[-2]
+    assert "pyproject.toml is a file, expected a folder" in lines[-1]
+
+
+def test_a_full_disk_is_named_with_the_file(small_cube, tmp_path, capsys, monkeypatch):
+    def full(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    out = tmp_path / "out"
+    err = failed(["points", small_cube, "-o", out], capsys, 3)
+    assert f"{out / 'radar.ply'}: disk full" in err
+    assert not [*out.iterdir()]
+
+
+def test_a_file_that_must_not_be_read(small_cube, tmp_path, capsys, monkeypatch):
+    def refuse(path, mode):
+        raise PermissionError(errno.EACCES, "Permission denied", path)
+
+    monkeypatch.setattr(paths, "open", refuse, raising=False)
+    err = failed(["points", small_cube, "-o", tmp_path / "out"], capsys, 3)
+    assert err == f"jradar: {small_cube}: Permission denied\n"
+
+
+def test_an_array_of_objects_is_refused_without_advice(small_cube, tmp_path, capsys):
+    shutil.copy(Path(small_cube).with_name("radar.toml"), tmp_path)
+    np.save(tmp_path / "cube.npy", np.array([{}], object))
+    err = failed(["info", tmp_path / "cube.npy"], capsys, 4)
+    assert "cube.npy is damaged or not a .npy file" in err and "pickle" not in err
+
+
+def test_a_missing_device_is_an_error_of_the_machine(small_cube, capsys, monkeypatch):
+    def missing():
+        raise OSError("JAX_PLATFORMS=cuda, but JAX finds no such device")
+
+    monkeypatch.setattr(cli, "check_platform", missing)
+    assert "no such device" in failed(["info", small_cube], capsys, 3)
+
+
+def test_a_missing_extra_is_named(tmp_path, capsys, monkeypatch):
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
+    for name in [name for name in sys.modules if name.startswith("rosbags")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    assert "jradar[ros]" in failed(["info", tmp_path / "a.bag"], capsys, 3)
+
+
+def test_memory_that_is_not_there(small_cube, capsys, monkeypatch):
+    def full(options):
+        raise MemoryError("Unable to allocate 7.00 TiB")
+
+    monkeypatch.setattr(cli, "check_paths", full)
+    assert "7.00 TiB" in failed(["info", small_cube], capsys, 3)
+
+
+def test_a_closed_pipe_ends_quietly(tmp_path):
+    write_ply(tmp_path / "a.ply", PointCloud.from_xyz(np.ones((2, 3))))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jradar.cli", "info", str(tmp_path / "a.ply")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    process.stdout.close()
+    assert process.stderr.read() == "" and process.wait() == 0
+
+
+def test_relative_paths_with_spaces_and_letters_of_any_kind(
+    tmp_path, monkeypatch, run_json
+):
+    folder = tmp_path / "Größe der 雷达 1"
+    folder.mkdir()
+    write_cube(folder, "awr1642")
+    monkeypatch.chdir(tmp_path)
+    result = run_json("points", f"{folder.name}/cube.npy", "-o", "aus gabe/é")
+    assert [Path(name).is_file() for name in result["written"]] == [True] * 3
+
+
+def test_sigterm_leaves_no_folder_of_a_simulation(tmp_path):
+    pytest.importorskip("embreex")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "jradar.cli", "simulate", "--scene", "lab"]
+        + ["--frames", "5000", "-o", str(tmp_path / "sim")],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    deadline = time.monotonic() + 60
+    while not [*tmp_path.rglob("frame_1.bin")] and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 143 and "Traceback" not in err
+    assert err.splitlines()[-1] == "jradar: ended by SIGTERM"
+    assert not [*tmp_path.rglob("*lab_0*")]
