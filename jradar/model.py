@@ -315,7 +315,7 @@ def _spec_to_json(spec: ModelSpec) -> dict[str, Any]:
 
 def _spec_from_json(values: dict[str, Any]) -> ModelSpec:
     """The spec from `_spec_to_json`'s dictionary, with every type checked."""
-    read = {"network": _network_from_json(values.pop("network"))}
+    read: dict[str, Any] = {"network": _network_from_json(values.pop("network"))}
     noise = values.pop("noise")
     prediction = PREDICTIONS[noise.pop("prediction")]
     read["noise"] = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)

@@ -86,8 +86,8 @@ def test_the_coupling_file_removes_the_leakage(folder):
 
 
 def test_a_real_calib_folder_is_not_replaced(tmp_path):
-    (tmp_path / "calib").mkdir()
-    with pytest.raises(UsageError, match="not simulated"):
+    (tmp_path / "calib" / "transforms").mkdir(parents=True)
+    with pytest.raises(UsageError, match="calib holds transforms but no simulated.txt"):
         write_calib(tmp_path / "calib", {})
 
 
