@@ -10,6 +10,7 @@
 """
 
 import contextlib
+import errno
 import os
 import signal
 from collections.abc import Iterator
@@ -97,7 +98,7 @@ def parsing(path: Path | str, what: str) -> Iterator[None]:
     except (UsageError, ModelError, CheckpointError, ImportError, FileNotFoundError):
         raise
     except OSError as error:
-        if error.errno is not None:  # of the system; parsers raise it without a number
+        if error.errno not in (None, errno.EINVAL):  # of the system, not of a parser
             raise
         raise ValueError(_unreadable(path, what, error)) from error
     except Exception as error:

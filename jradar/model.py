@@ -169,7 +169,8 @@ def draw(
     iPNDM, temperature 1; for one: 18 steps of Heun, the model's temperature.
 
     A regression model has one answer and takes none of these options. Without a radar
-    point in the condition the image is empty. One condition; `vmap` it. Raises ValueError for options that the model does not take.
+    point in the condition the image is empty. One condition; `vmap` it. Raises
+    ValueError for options that the model does not take.
     """
     spec = model.spec
     denoise = conditional_denoiser(spec.network, model.params, spec.noise)

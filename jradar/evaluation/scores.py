@@ -12,6 +12,7 @@ nothing has no distances and F-scores of 0; a frame with an empty truth has no s
 
 import json
 import math
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,7 @@ def _number(field, value):
         return math.nan
     highest = 1 if field in F_SCORES else math.inf
     kind = type(value) in (int, float)
-    if not kind or not math.isfinite(value) or not 0 <= value <= highest:
+    if not kind or not 0 <= value <= highest or value > sys.float_info.max:
         raise ValueError(f"{field} is {value!r}, expected 0 .. {highest:g} or null")
     return float(value)
 

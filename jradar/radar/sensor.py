@@ -90,7 +90,7 @@ class RadarSpec:
                 raise ValueError(f"{name} = {value}, expected {expected}")
             if not low <= value <= high:
                 raise ValueError(
-                    f"{name} = {value:g}, expected {low:g} to {high:g}: is it in "
+                    f"{name} = {value!s:.40}, expected {low:g} to {high:g}: is it in "
                     "another unit?"
                 )
         _check_antennas("tx", self.tx_positions)
@@ -283,7 +283,10 @@ def _converted(key: str, value: Any, kind: Any) -> Any:
     if not right or isinstance(value, bool) != (kind is bool):
         raise ValueError(f"{key} = {value!r}, expected {names.get(kind, 'a list')}")
     if kind in names:
-        return kind(value)
+        try:
+            return kind(value)
+        except OverflowError as error:
+            raise ValueError(f"{key} = {value}, which is too large") from error
     array = np.array(value)
     if array.dtype != int or (kind == Positions and array.shape[1:] != (2,)):
         raise ValueError(

@@ -86,7 +86,7 @@ def open_dca1000(
             "second field to 0 and record again"
         )
     order = iq_order or ("I" if radar.real_samples else capture.iq_order)
-    check_iq_order(order, radar)
+    check_iq_order(path, order, radar)
     frame_bytes = _frame_bytes(radar)
     header_bytes = header_size(files)
     source = files

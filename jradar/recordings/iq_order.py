@@ -12,6 +12,8 @@ The orders that begin with Q come from the sample swap of `adcbufCfg`. `reorderE
 of a DCA1000 turns IIQQ into IQIQ.
 """
 
+from pathlib import Path
+
 import numpy as np
 from jaxtyping import Int16, Num
 
@@ -28,24 +30,27 @@ IMAGE_RATIO = 4.0  # 6 dB; a wrong interleave raises the images by 10 to 30 dB
 LEAKAGE_RATIO = 10.0  # the leakage exceeds the far end by 20 dB or more
 
 
-def check_iq_order(order: str, radar: RadarSpec) -> None:
-    """Raise UsageError for an unknown order, ValueError for one that does not fit."""
+def check_iq_order(path: Path, order: str, radar: RadarSpec) -> None:
+    """Raise UsageError for an unknown order, ValueError for one that does not fit.
+
+    `path` is the file of samples, which the errors name.
+    """
     if order not in IQ_ORDERS:
         raise UsageError(
-            f"iq_order = {order!r}, expected one of {', '.join(IQ_ORDERS)}"
+            f"{path}: iq_order = {order!r}, expected one of {', '.join(IQ_ORDERS)}"
         )
     if (order == "I") != radar.real_samples:
         kind, orders = "complex", ", ".join(IQ_ORDERS[:-1])
         if radar.real_samples:
             kind, orders = "real", "I"
         raise ValueError(
-            f"iq_order = {order!r}, but {radar.name} has {kind} samples: expected "
-            f"{orders}"
+            f"{path}: iq_order = {order!r}, but {radar.name} has {kind} samples: "
+            f"expected {orders}"
         )
     if order in TWO_LANES and radar.num_samples % 2:
         raise ValueError(
-            f"{radar.num_samples} samples per chirp in the order {order}, expected an "
-            "even number: it stores two samples together"
+            f"{path}: {radar.num_samples} samples per chirp in the order {order}, "
+            "expected an even number: it stores two samples together"
         )
 
 

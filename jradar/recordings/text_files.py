@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, parsing
 from jradar.lidar import Poses
 from jradar.radar import RadarSpec
 
@@ -35,9 +35,10 @@ def read_text(
 def toml(path: Path | str) -> dict[str, Any]:
     """Return the tables of a TOML file; UsageError for a file of another kind."""
     try:
-        return tomllib.loads(read_text(path))
+        with parsing(path, "a TOML file"):
+            return tomllib.loads(read_text(path))
     except ValueError as error:
-        raise UsageError(f"{path} is not valid TOML: {error}") from error
+        raise UsageError(str(error)) from error
 
 
 def check_names(

@@ -133,7 +133,7 @@ def test_options_are_read_from_toml(tmp_path):
         ("[lidar]\nazimuth = [0.1]", "azimuth = .0.1., expected a list of 2 number"),
         ("[lidar]\nmin_points = 2.5", "min_points = 2.5, expected an integer"),
         ("[lidar]\nmax_range_m = -1", "max_range_m = -1.0: expected"),
-        ("capacity =", "spec.toml is not valid TOML"),
+        ("capacity =", "spec.toml is damaged or not a TOML file"),
     ],
 )
 def test_wrong_options_in_a_file_are_usage_errors(tmp_path, text, match):

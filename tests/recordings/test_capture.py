@@ -210,7 +210,7 @@ def test_radar_alone(folder):
         ("rpy_degrees = [0, 0, 90]", "quaternion = [0, 0, 0, 2]", "of length 1"),
         ("livox.bag", "other.bag", "no such bag"),
         ("poses.txt", "other.txt", "no such file of poses"),
-        ("[poses]", "[poses", "not valid TOML"),
+        ("[poses]", "[poses", "not a TOML file"),
         ("1000.5", "nan", "start_time_s = nan, expected a number"),
         ("1000.5", "inf", "start_time_s = inf, expected a number"),
         ("1000.5", "1" + "0" * 400, "start_time_s = 10000.*, expected a number"),

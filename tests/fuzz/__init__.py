@@ -1,0 +1,1 @@
+"""Every reader of files against damaged and hostile bytes."""
