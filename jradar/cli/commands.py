@@ -24,11 +24,12 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     recording, (frame,) = open_frames(options)
     cube = calibrated_cube(recording, frame)
     samples = check_samples(recording.cubes[frame])
+    cloud = frame_points(cube, recording, PointSpec())
     found: dict[str, Any] = {
         "largest sample": samples.largest,
         "share at full scale": samples.share,
         "noise": noise_statistics(power_map(cube), recording.radar)._asdict(),
-        "echoes": echoes(frame_points(cube, recording, PointSpec()), recording),
+        "echoes": echoes(cloud, recording),
     }
     if recording.radar.num_chirps > 1:
         moving = frame_points(cube, recording, PointSpec(remove_static=True))
@@ -36,7 +37,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
         found["time offset"] = _time_offset(recording)
     described = describe(recording)
-    if not found["echoes"]:
+    if not cloud.valid.any():
         described["notes"] += no_echoes([frame])
     return {**described, "frame": frame, **found}
 

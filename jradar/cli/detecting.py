@@ -33,14 +33,14 @@ def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
     except ValueError as error:
         raise UsageError(str(error)) from error
     recording, frames = open_frames(options)
-    rows, written = [], []
+    rows, written, silent = [], [], []
     with progress("detecting", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
-            row, written = _detect(recording, frame, spec, options)
+            row, written, heard = _detect(recording, frame, spec, options)
             rows.append(row)
+            silent += [] if heard else [frame]
             if len(frames) > 1:
                 show(done)
-    silent = [row["frame"] for row in rows if not row["echoes"]]
     notes = (*_fitted(options, spec, recording.radar), *no_echoes(silent))
     if options.frames:
         detected = [_short(row) for row in rows]
@@ -51,9 +51,10 @@ def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _detect(recording, frame: int, spec: PointSpec, options):
-    """Write the points of one frame; return what was found, and the paths."""
+    """Write one frame; return what was found, the paths, and if there were echoes."""
     cube = recordings.calibrated_cube(recording, frame)
-    cloud = within_limits(frame_points(cube, recording, spec), options)
+    every = frame_points(cube, recording, spec)
+    cloud = within_limits(every, options)
     power = power_map(cube, remove_static=spec.remove_static)
     figure = viz.capture_figure(
         power,
@@ -72,7 +73,7 @@ def _detect(recording, frame: int, spec: PointSpec, options):
         "noise": noise_statistics(power, recording.radar)._asdict(),
         "echoes": echoes(cloud, recording),
     }
-    return row, written
+    return row, written, bool(every.valid.any())
 
 
 def _short(row: dict[str, Any]) -> dict[str, Any]:

@@ -50,13 +50,14 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     spec, watch = model.spec, Stopwatch()
     key = jax.random.key(options.seed)
     stages = watch("compiling", _compiled_stages, key, model, recording, options)
-    rows, written = [], []
+    rows, written, silent = [], [], []
     with progress("enhancing", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
             values = [watch("read", recordings.calibrated_cube, recording, frame)]
             for name, stage in stages.items():
                 values.append(watch(name, stage, key, model, values[-1]))
             cube, cloud, _, image, dense = values
+            silent += [] if cloud.valid.any() else [frame]
             cloud, dense = (within_limits(c, options) for c in (cloud, dense))
             drawn = cube, cloud, image, dense
             written = watch("writing", _write, recording, frame, spec, drawn, options)
@@ -69,7 +70,6 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             )
             if len(frames) > 1:
                 show(done)
-    silent = [row["frame"] for row in rows if not row["radar points"]]
     notes = (*_doubts(spec, recording.radar), *no_echoes(silent))
     return {
         **summary(recording, notes),

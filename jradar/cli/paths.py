@@ -4,7 +4,7 @@ import argparse
 import os
 from pathlib import Path
 
-from jradar.errors import UsageError
+from jradar.errors import ModelError, UsageError
 
 INPUTS = ("path", "radar", "spec", "coupling", "run")  # options that name a file
 
@@ -12,12 +12,15 @@ INPUTS = ("path", "radar", "spec", "coupling", "run")  # options that name a fil
 def check_paths(options: argparse.Namespace) -> None:
     """Raise OSError for an input that is missing or must not be read.
 
-    Raises UsageError for an output that is a file instead of a folder, or a folder
-    instead of a file.
+    Raises ModelError for a missing model, and UsageError for an output that is a file
+    instead of a folder, or a folder instead of a file.
     """
     for name in INPUTS:
         if (path := getattr(options, name, None)) is not None:
             _check_input(path)
+    model = getattr(options, "model", None) or ""
+    if os.sep in model and not os.path.exists(model):  # no name of a shipped model
+        raise ModelError(f"no model at {model}: no such folder")
     if (output := getattr(options, "output", None)) is not None:
         _check_output(Path(output), folder=options.output_is_folder)
 

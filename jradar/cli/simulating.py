@@ -3,6 +3,7 @@
 import argparse
 import functools
 import itertools
+import shutil
 import tempfile
 import time
 from collections.abc import Callable
@@ -45,6 +46,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         seconds = frames * _seconds_per_frame(options)
         about = f"about {seconds:,.0f} s on this machine"
         return {**plan, "time": about, "written": "nothing (dry run)"}
+    _check_space(options.output, size)
     started = time.perf_counter()
     done = itertools.count(1)
     with progress("simulating", frames, unit="frames") as show:
@@ -52,6 +54,18 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
         path = job(frames=each, advance=lambda: show(next(done)))
     took = time.perf_counter() - started
     return {**plan, "time": f"{took:.1f} s", "written": str(path)}
+
+
+def _check_space(output: Path | str, size: float) -> None:
+    """Raise OSError if the disk that holds `output` has not `size` bytes left."""
+    folder = Path(output).resolve()
+    while not folder.exists():
+        folder = folder.parent
+    if (free := shutil.disk_usage(folder).free) < size:
+        raise OSError(
+            f"{output} would hold {size / 1e6:,.0f} MB, but its disk has "
+            f"{free / 1e6:,.0f} MB left: simulate fewer frames, or choose another disk"
+        )
 
 
 def _job(options: argparse.Namespace, folder: Path | str) -> Callable[..., Path]:

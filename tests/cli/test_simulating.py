@@ -38,6 +38,16 @@ def test_a_dry_run_writes_nothing_to_the_output(
     assert done["written"] == str(tmp_path / "lab_0") and roots[1] == tmp_path
 
 
+def test_a_disk_without_space_is_refused_before_the_first_frame(
+    tmp_path, capsys, roots
+):
+    out = tmp_path / "new" / "out"
+    command = ["simulate", "--scene", "lab", "--frames", "999999999", "-o", str(out)]
+    assert main(command) == 3
+    assert "1,835,007,998 MB, but its disk has" in capsys.readouterr().err
+    assert not roots and not out.parent.exists()
+
+
 @pytest.mark.parametrize(
     "options",
     [
