@@ -82,14 +82,17 @@ def test_a_failed_prepare_with_wrong_types_leaves_the_folder_free(tmp_path, caps
     assert main([*map(str, command)]) == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(tmp_path, number):
+@pytest.mark.parametrize("number, workers", [(signal.SIGINT, 2), (signal.SIGTERM, 1)])
+def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
+    tmp_path, number, workers
+):
     write_sequence(tmp_path / "src", frames=8)
     spec = tmp_path / "spec.toml"
     spec.write_text("capacity = 64\nblock = 1\n[lidar]\nmax_range_m = 7.0\n")
     program = [sys.executable, "-m", "jradar.cli", "prepare", str(tmp_path / "src")]
     process = subprocess.Popen(
-        [*program, "-o", str(tmp_path / "dst"), "--spec", str(spec), "--workers", "2"],
+        [*program, "-o", str(tmp_path / "dst"), "--spec", str(spec)]
+        + ["--workers", str(workers)],
         stderr=subprocess.PIPE,
         text=True,
         cwd=Path(__file__).parents[2],

@@ -23,7 +23,7 @@ import pytest
 from tests.fuzz.mutate import mutated
 from tests.fuzz.targets import TARGETS
 
-SECONDS = float(os.environ.get("JRADAR_FUZZ_SECONDS", "0.3"))
+SECONDS = float(os.environ.get("JRADAR_FUZZ_SECONDS", "0.15"))
 SLOW_SECONDS = 60.0
 LONGEST_S = 10.0  # of one file
 MORE_MEMORY = 1 << 30  # bytes that reading may take
