@@ -15,6 +15,7 @@ from jradar.recordings.recording import Recording, Stream, calibrated_cube
 from jradar.types import PointCloud
 
 MAX_DROPPED = 0.5  # largest fraction of radar frames that may be dropped
+NO_ECHO, NO_RETURN = "all radar samples are zero", "no LiDAR point is in view"
 
 
 class EmptyFrame(ValueError):
@@ -92,12 +93,15 @@ def match_nearest(
 
 
 def check_dropped(name: str, num_frames: int, dropped: dict[int, str]) -> None:
-    """Raise ValueError with the reasons if more than half of the frames are dropped."""
-    if len(dropped) > MAX_DROPPED * num_frames:
-        reasons = list(dropped.values())
+    """Raise ValueError with the reasons if more than half of the frames are dropped.
+
+    Frames in which a sensor saw nothing do not count: they say nothing of the clocks.
+    """
+    reasons = [why for why in dropped.values() if why not in (NO_ECHO, NO_RETURN)]
+    if len(reasons) > MAX_DROPPED * num_frames:
         counts = ", ".join(f"{reasons.count(r)} {r}" for r in dict.fromkeys(reasons))
         raise ValueError(
-            f"{name}: {len(dropped)} of {num_frames} radar frames are dropped "
+            f"{name}: {len(reasons)} of {num_frames} radar frames are dropped "
             f"({counts}), expected at most half: do the two clocks agree?"
         )
 
@@ -115,7 +119,7 @@ def prepare_frame(
     stamp, lidar_stamp = float(stamps[radar_index]), float(lidar_stamps[lidar_index])
     cube = calibrated_cube(recording, radar_index)
     if not np.any(cube):
-        raise EmptyFrame(recording.name, radar_index, "all radar samples are zero")
+        raise EmptyFrame(recording.name, radar_index, NO_ECHO)
     cells, cloud, trusted = radar_side(
         cube,
         recording.radar,
@@ -132,7 +136,7 @@ def prepare_frame(
         spec=spec.lidar,
     )
     if not steps.in_view.any():
-        raise EmptyFrame(recording.name, radar_index, "no LiDAR point is in view")
+        raise EmptyFrame(recording.name, radar_index, NO_RETURN)
     if recording.poses is None:
         world_from_radar = np.full((4, 4), np.nan)
     frame = PreparedFrame(

@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import hashlib
 import json
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,7 +67,8 @@ def prepare(
     `if __name__ == "__main__"` around the call. Raises UsageError for a folder with
     other contents, or with frames of another preparation; OSError if the disk is full,
     after which the same call resumes; ValueError for a frame that cannot be read
-    (without `keep_going`), and for a sequence that loses more than half of its frames.
+    (without `keep_going`), for a sequence that loses more than half of its frames to
+    times or damage, and if no frame is left.
     """
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)
@@ -81,10 +83,13 @@ def prepare(
         write = functools.partial(prepare_block, spec=spec, keep_going=keep_going)
         _remove_leftovers(jobs)
         try:
-            with progress("preparing", total, unit="frames") as show:
-                for job, description in run_jobs(
-                    write, jobs, workers=workers, scheduler=scheduler
-                ):
+            with (
+                progress("preparing", total, unit="frames") as show,
+                closing(
+                    run_jobs(write, jobs, workers=workers, scheduler=scheduler)
+                ) as finished,  # closed: its processes have ended
+            ):
+                for job, description in finished:
                     descriptions[job.path] = description
                     done += len(job.matches.radar)
                     show(done, job.source.name)
@@ -92,6 +97,9 @@ def prepare(
             _remove_leftovers(jobs)
             raise
         summaries = [_summary(s, jobs, descriptions, spec, frames) for s in sources]
+        if not any(summary["frames"] for summary in summaries):
+            reasons = dict.fromkeys(why for s in summaries for why in s["dropped"])
+            raise ValueError(f"{path} has no usable frame: {', '.join(reasons)}")
         manifest = head | {"complete": True, "sequences": summaries}
         write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
     return manifest

@@ -8,10 +8,12 @@ import contextlib
 import logging
 import os
 import signal
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Generator, Iterator, Sequence
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
+LONGEST_DEATH_S = 10.0
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -22,7 +24,7 @@ def run_jobs(
     *,
     workers: int = 1,
     scheduler: str | None = None,
-) -> Iterator[tuple[Job, Result]]:
+) -> Generator[tuple[Job, Result], None, None]:
     """Yield each job with its result, in the order in which jobs end.
 
     One worker is this process. With `scheduler`, the address of a Dask cluster, that
@@ -55,7 +57,7 @@ def _local(workers: int) -> Iterator[Any]:
 
     options: dict[str, Any] = {
         "threads_per_worker": 1,
-        "dashboard_address": None,
+        "dashboard_address": "127.0.0.1:0",  # None would take port 8787, or warn
         "host": "127.0.0.1",  # workers read files of this machine
         "local_directory": os.environ.get("TMPDIR", "/tmp"),
         "silence_logs": logging.CRITICAL,  # errors of jobs are raised here
@@ -74,9 +76,31 @@ def _local(workers: int) -> Iterator[Any]:
     except BaseException:
         for nanny in cluster.workers.values():
             nanny.auto_restart = False
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(nanny.pid, signal.SIGKILL)
+        _kill([nanny.pid for nanny in cluster.workers.values()])
         raise
     finally:
         client.close()
         cluster.close()
+
+
+def _kill(pids: list[int]) -> None:
+    """End processes and wait until they are gone: none writes another file."""
+    import psutil
+
+    processes = []
+    for pid in pids:
+        with contextlib.suppress(psutil.NoSuchProcess):
+            processes.append(psutil.Process(pid))
+            processes[-1].kill()
+    deadline = time.monotonic() + LONGEST_DEATH_S
+    while any(map(_alive, processes)) and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+def _alive(process):
+    import psutil
+
+    try:
+        return process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

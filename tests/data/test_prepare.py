@@ -251,13 +251,16 @@ def test_frames_in_which_a_sensor_saw_nothing_are_dropped_and_counted(tmp_path):
         prepare_frame(open_recording(folder), 4, 4, SPEC)
 
 
-def test_more_than_half_of_the_frames_without_echoes_is_an_error(tmp_path):
-    folder = write_sequence(tmp_path / "src", frames=3)
-    blind(folder, radar=[0, 2])
-    with pytest.raises(
-        ValueError, match="2 of 3 radar frames are dropped .2 all radar"
-    ):
-        prepare(folder, tmp_path / "dst", SPEC, workers=1)
+def test_sequences_of_one_frame_may_be_blind_but_not_all_of_them(tmp_path):
+    for name in ("run0", "run1"):
+        write_sequence(tmp_path / "src", name, frames=1)
+    blind(tmp_path / "src/run0", radar=[0])
+    manifest = prepare(tmp_path / "src", tmp_path / "dst", SPEC, workers=1)
+    assert [s["frames"] for s in manifest["sequences"]] == [0, 1]
+    assert Records(tmp_path / "dst").where == [("run1", 0)]
+    blind(tmp_path / "src/run1", lidar=[0])
+    with pytest.raises(ValueError, match="no usable frame: all radar.*, no LiDAR"):
+        prepare(tmp_path / "src", tmp_path / "other", SPEC, workers=1)
 
 
 def no_space(*_):
