@@ -13,7 +13,7 @@ install_import_hook("jradar", "beartype.beartype")
 from jradar.files import use_compilation_cache  # noqa: E402  (after the hook)
 
 use_compilation_cache()  # compiled programs are kept from one run to the next
-os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.02"
 for option in ("compilation_cache_dir", "persistent_cache_min_compile_time_secs"):
     value = os.environ.get(f"JAX_{option.upper()}")  # a plug-in has imported JAX
     jax.config.update(f"jax_{option}", float(value) if "secs" in option else value)
