@@ -5,7 +5,9 @@
     radar_frames, lidar_scans   what the sensors measure, in memory
     simulate_sequence           a sequence on disk, in ColoRadar's layout
     simulate_capture            DCA1000 samples, a `.cfg`, and the bag of a Livox
-    simulate_set, SETS          the data sets jradar-sim-1, -test and -mini
+    UnitSpec, draw_unit         a radar as it is built, mounted and disturbed
+    SHIFTS, shifted_unit        the units of the robustness set
+    simulate_set, SETS          named data sets and their versions
     set_sequences               the sequences of a set
     frame_bytes                 size of a frame on disk
 
@@ -17,12 +19,15 @@ Its modules, and what they model:
     reflectors, line_of_sight, propagation    speckle, mirrors, corners, ghosts
     link, hardware, synthesiser               antennas, noise, leakage, channels, ADC,
                                               phase noise, chirps that start late
+    units, front_end, clutter                 what differs from unit to unit: boards,
+                                              calibration, mounts, filters, I and Q,
+                                              drift, diffuse echoes
     scanner                                   LiDAR: lost returns, glass
     sequence                                  streams with their own clocks
     coloradar_writer, capture_writer, sets    files
 
-Not modelled: diffraction, a second bounce between walls, interference, limbs that
-swing, wrong stamps (5 ms at walking pace would be 5 mm).
+Not modelled: diffraction, limbs that swing, wrong stamps (5 ms at walking pace would be
+5 mm). Second bounces between walls are part of the diffuse echoes.
 """
 
 from jradar.simulation.capture_writer import simulate_capture as simulate_capture
@@ -38,4 +43,10 @@ from jradar.simulation.sets import (
     SETS as SETS,
     set_sequences as set_sequences,
     simulate_set as simulate_set,
+)
+from jradar.simulation.units import (
+    SHIFTS as SHIFTS,
+    UnitSpec as UnitSpec,
+    draw_unit as draw_unit,
+    shifted_unit as shifted_unit,
 )

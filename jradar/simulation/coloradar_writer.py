@@ -17,7 +17,8 @@ from jaxtyping import Float
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation.hardware import Hardware, channel_factors
-from jradar.simulation.rig import EXTRINSICS
+from jradar.simulation.rig import EXTRINSICS, described_mount
+from jradar.simulation.units import UnitSpec
 
 WAVEFORM = {  # key in the file: field of RadarSpec
     "num_rx": "num_rx",
@@ -36,21 +37,33 @@ NOTE = "simulated.txt"
 CALIBRATED_AT_BIN = 100.0  # of the phase calibration's target
 
 
-def write_calib(folder: Path, radars: dict[str, tuple[RadarSpec, Hardware]]) -> None:
+def write_calib(
+    folder: Path,
+    radars: dict[str, tuple[RadarSpec, Hardware]],
+    unit: UnitSpec | None = None,
+) -> None:
     """Write the `calib` folder of a rig with these radars, in one step.
 
-    Raises UsageError instead of replacing a `calib` that was not simulated.
+    With a `unit`, the mount of the single chip is described with its error, and its
+    coupling may be missing. Raises UsageError instead of replacing a `calib` that was
+    not simulated.
     """
+    unit = unit or UnitSpec()
     with atomic_folder(folder, marker=NOTE) as scratch:
         transforms = scratch / "transforms"
         transforms.mkdir()
         write_note(scratch)
         for sensor in IN_CALIB:
-            lines = (" ".join(map(repr, row)) for row in EXTRINSICS[sensor])
+            place = EXTRINSICS[sensor]
+            if sensor == "single_chip" and unit.mount_degrees:
+                place = described_mount(sensor, unit)
+            lines = (" ".join(map(repr, row)) for row in place)
             (transforms / f"base_to_{sensor}.txt").write_text("\n".join(lines) + "\n")
         for sensor, (radar, hardware) in radars.items():
             (scratch / sensor).mkdir()
             _write_radar(scratch / sensor, radar, hardware)
+            if unit.coupling_file:
+                _write_coupling(scratch / sensor, radar, hardware)
 
 
 def write_note(folder: Path) -> None:
@@ -84,22 +97,9 @@ def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
         antennas += [f"{kind} {k} {a} {e}" for k, (a, e) in enumerate(places)]
     (folder / "antenna_cfg.txt").write_text("\n".join(antennas) + "\n")
 
-    half = radar.num_samples // 2
-    phase = 2 * np.pi * np.arange(radar.num_samples) / radar.num_samples
-    blackman = 0.42 - 0.5 * np.cos(phase) + 0.08 * np.cos(2 * phase)
-    calibrated = folder.name == "cascade"  # ColoRadar subtracts the coupling after it
-    leakage = hardware.leakage
-    if not calibrated:
-        leakage = leakage * channel_factors(hardware, radar)
-    coupling = np.fft.fft(leakage * blackman)[..., 1 : half + 1]
-    numbers = coupling.ravel().view(float)
-    (folder / "coupling_calib.txt").write_text(
-        f"num_tx:{radar.num_tx}\nnum_rx:{radar.num_rx}\nnum_range_bins:{half}\n"
-        f"num_doppler_bins:{radar.num_chirps}\n"
-        "data:" + ",".join(f"{number:.6g}" for number in numbers) + "\n"
-    )
-    if not calibrated:
+    if hardware.calibration is None:
         return
+    measured = hardware.calibration.ravel().view(float)
     calibration = {
         "numRx": radar.num_rx,
         "numTx": radar.num_tx,
@@ -108,7 +108,29 @@ def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
         "frequencyCalibrationMatrix": [
             round(CALIBRATED_AT_BIN + f, 9) for f in hardware.frequency.ravel().tolist()
         ],
-        "phaseCalibrationMatrix": hardware.phase.ravel().view(float).round(9).tolist(),
+        "phaseCalibrationMatrix": measured.round(9).tolist(),
     }
     path = folder / "phase_frequency_calib.txt"
     path.write_text(json.dumps({"antennaCalib": calibration}))
+
+
+def _write_coupling(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
+    """Write the leakage, which ColoRadar subtracts from calibrated samples."""
+    half = radar.num_samples // 2
+    phase = 2 * np.pi * np.arange(radar.num_samples) / radar.num_samples
+    blackman = 0.42 - 0.5 * np.cos(phase) + 0.08 * np.cos(2 * phase)
+    left = hardware
+    if (measured := hardware.calibration) is not None:
+        common = np.full_like(hardware.frequency, hardware.frequency[0, 0])
+        exact = hardware.phase == measured  # division would round
+        phase = np.where(exact, 1.0, hardware.phase / measured)
+        left = hardware._replace(frequency=common, phase=phase)
+    leakage = hardware.leakage * channel_factors(left, radar)
+    leakage *= 10 ** (hardware.gain_db / 20)
+    coupling = np.fft.fft(leakage * blackman)[..., 1 : half + 1]
+    numbers = coupling.ravel().view(float)
+    (folder / "coupling_calib.txt").write_text(
+        f"num_tx:{radar.num_tx}\nnum_rx:{radar.num_rx}\nnum_range_bins:{half}\n"
+        f"num_doppler_bins:{radar.num_chirps}\n"
+        "data:" + ",".join(f"{number:.6g}" for number in numbers) + "\n"
+    )

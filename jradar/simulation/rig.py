@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from jradar.lidar import rigid_transform
 from jradar.simulation.trajectory import Trajectory, pose_at, velocity_at
+from jradar.simulation.units import UnitSpec
 
 EXTRINSICS = {  # base from sensor: x y z, then quaternion x y z w
     "single_chip": ((-0.145, 0.09, -0.025), (0, 0, 0.706825181105, 0.707388269167)),
@@ -57,6 +58,16 @@ def mount_error(sensor: str) -> Float[np.ndarray, "4 4"]:
         turn = Rotation.from_rotvec(np.radians(MOUNT_DEGREES) * turn)
         error[:3, :3], error[:3, 3] = turn.as_matrix(), MOUNT_M * shift
     return error
+
+
+def described_mount(sensor: str, unit: UnitSpec) -> tuple[list[float], list[float]]:
+    """Return the place of a unit's sensor as its user measured it, with the errors."""
+    random = np.random.default_rng([unit.board or 0, *b"mount"])
+    turn, shift = random.standard_normal((2, 3)) / 3**0.5
+    error = Rotation.from_rotvec(np.radians(unit.mount_degrees) * turn)
+    true = base_from(sensor)
+    measured = (Rotation.from_matrix(true[:3, :3]) * error).as_quat()
+    return (true[:3, 3] + MOUNT_M * shift).tolist(), measured.tolist()
 
 
 def sensor_pose(

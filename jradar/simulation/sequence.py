@@ -6,6 +6,8 @@ ahead half a turn (50 ms) later. Family and seed determine every byte. The folde
 appears when it is complete.
 """
 
+import dataclasses
+import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,11 +22,17 @@ from jradar.errors import UsageError
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
-from jradar.simulation.hardware import Hardware, make_hardware, sample_frame
+from jradar.simulation.clutter import diffuse_clutter
+from jradar.simulation.hardware import (
+    Hardware,
+    make_hardware,
+    make_unit_hardware,
+    sample_frame,
+)
 from jradar.simulation.layouts import make_scene
-from jradar.simulation.propagation import radar_paths
+from jradar.simulation.propagation import Paths, radar_paths
 from jradar.simulation.reflectors import Reflectors, find_reflectors
-from jradar.simulation.rig import base_from, sensor_pose
+from jradar.simulation.rig import base_from, sensor_pose, viewpoint
 from jradar.simulation.scanner import (
     MID360_POINTS,
     OUSTER_COLUMNS,
@@ -33,7 +41,8 @@ from jradar.simulation.scanner import (
     scan,
 )
 from jradar.simulation.scene import Scene
-from jradar.simulation.trajectory import STEP_S
+from jradar.simulation.trajectory import STEP_S, mounted
+from jradar.simulation.units import EYE_M, UnitSpec
 
 EPOCH_S = 1_608_552_000.0  # 21 December 2020, when ColoRadar's first runs were made
 LIVOX_POINT_BYTES = 19
@@ -70,20 +79,38 @@ class Setting(NamedTuple):
     reflectors: Reflectors
     seed: int
     radars: dict[str, tuple[RadarSpec, Hardware]]
+    unit: UnitSpec
 
 
-def make_setting(family: str, seed: int, *, sensor: str = "single_chip") -> Setting:
+def make_setting(
+    family: str,
+    seed: int,
+    *,
+    sensor: str = "single_chip",
+    unit: UnitSpec | None = None,
+) -> Setting:
     """Return the scene of a family and seed, and its radars.
 
-    `sensor` is "single_chip", "cascade" or "both".
+    `sensor` is "single_chip", "cascade" or "both". A `unit` is a single chip; without
+    one the rig is that of `jradar-sim-1`. Raises UsageError for another sensor.
     """
-    if sensor not in SENSOR_CHOICES:
-        raise UsageError(
-            f"sensor {sensor!r}, expected one of {', '.join(SENSOR_CHOICES)}"
-        )
+    if sensor not in SENSOR_CHOICES or (unit and sensor != "single_chip"):
+        choices = ["single_chip"] if unit else SENSOR_CHOICES
+        raise UsageError(f"sensor {sensor!r}, expected one of {', '.join(choices)}")
     scene = make_scene(family, seed)
     radars = {name: _radar(name) for name in SENSOR_CHOICES[sensor]}
-    return Setting(scene, find_reflectors(scene.bodies), seed, radars)
+    if unit is not None:
+        radar = unit.radar()
+        radars = {sensor: (radar, make_unit_hardware(unit, radar))}
+        platform = mounted(
+            scene.platform,
+            raised_m=0.0 if unit.height_m is None else unit.height_m - EYE_M,
+            tilt_rad=math.radians(unit.tilt_degrees),
+            speed_mps=unit.speed_mps,
+        )
+        scene = scene._replace(platform=platform)
+    reflectors = find_reflectors(scene.bodies)
+    return Setting(scene, reflectors, seed, radars, unit or UnitSpec())
 
 
 def _radar(name):
@@ -107,11 +134,14 @@ def stream_stamps(
 def radar_frames(setting: Setting, sensor: str, stamps: np.ndarray) -> Iterator:
     """Yield a radar's frames [tx, rx, chirp, sample, 2] in int16."""
     radar, hardware = setting.radars[sensor]
+    scene, counts = setting.scene, setting.unit.clutter_counts
     key = jax.random.fold_in(jax.random.key(setting.seed), len(sensor))
     for frame, time_s in enumerate(stamps):
-        paths = radar_paths(
-            setting.scene, setting.reflectors, sensor, float(time_s), radar
-        )
+        paths = radar_paths(scene, setting.reflectors, sensor, float(time_s), radar)
+        if counts:
+            view = viewpoint(scene.platform, sensor, float(time_s))
+            diffuse = diffuse_clutter(setting.seed, view, radar, counts=counts)
+            paths = Paths(*map(np.concatenate, zip(paths, diffuse, strict=True)))
         yield sample_frame(jax.random.fold_in(key, frame), paths, hardware, radar)
 
 
@@ -130,23 +160,30 @@ def simulate_sequence(
     *,
     frames: int = 50,
     sensor: str = "single_chip",
+    unit: UnitSpec | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Path:
     """Write a sequence of a scene as `root/FAMILY_SEED`; return its folder.
 
-    `root/calib` is written, too. `sensor` is "single_chip", "cascade" or "both";
-    `frames` counts the frames of the first radar. `advance` is called after each frame.
+    `sensor` and `unit` are as in `make_setting`; `frames` counts the frames of the
+    first radar. The calibration of a unit lies in the sequence, together with
+    `unit.json`; otherwise it is `root/calib`. `advance` is called after each frame.
     """
     if frames < 1:
         raise UsageError(f"frames = {frames}, expected 1 or more")
-    setting = make_setting(family, seed, sensor=sensor)
+    setting = make_setting(family, seed, sensor=sensor, unit=unit)
     first = SENSOR_CHOICES[sensor][0]
     seconds = frames / CLOCKS[first].rate_hz
     folder = Path(root) / setting.scene.name
-    both = {name: _radar(name) for name in RADARS}
-    files.write_calib(Path(root) / "calib", both)
+    if unit is None:
+        both = {name: _radar(name) for name in RADARS}
+        files.write_calib(Path(root) / "calib", both)
     with atomic_folder(folder, marker=files.NOTE) as scratch:
         files.write_note(scratch)
+        if unit is not None:
+            files.write_calib(scratch / "calib", setting.radars, unit)
+            made = json.dumps(dataclasses.asdict(unit), indent=1)
+            (scratch / "unit.json").write_text(made + "\n")
         streams = [_radar_stream(setting, s, seconds, scratch) for s in setting.radars]
         streams.append(_lidar_stream(setting, seconds, scratch))
         _write_poses_and_imu(setting, seconds, scratch)

@@ -1,11 +1,16 @@
 """Named data sets of simulated sequences, whose splits share no layout.
 
-    jradar-sim-1        to train on
-    jradar-sim-1-test   to test on
-    jradar-sim-1-mini   one layout of each family for each split, to try things out
+    jradar-sim-1              one radar unit, to train on
+    jradar-sim-1-test         the same unit, to test on
+    jradar-sim-1-mini         one layout of each family for each split, to try it
+    jradar-sim-2              a unit of its own for every sequence, to train on
+    jradar-sim-2-mini         the same, one layout of each family for each split
+    jradar-sim-2-robust/NAME  test layouts under one named shift, to test on
 
 A set has a frame of each of many layouts, because layouts differ more than the frames
-of one. The number in the name is the version: it changes whenever the data do.
+of one. The number in the name is the version: it changes whenever the data do. No
+board, interferer or clutter of a robustness set occurs in a training set, and neither
+does the family of `jradar-sim-2-robust/unseen-scene`.
 
 The folder of a set holds ColoRadar's layout, `splits.json` for preparation, and
 `manifest.json` with the splits and a digest of every sequence. Samples are float32
@@ -15,39 +20,87 @@ differ by one count, and the digests then differ.
 
 import hashlib
 import json
+import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from jradar import __version__
 from jradar.errors import UsageError, parsing
 from jradar.files import read_json, write_text
-from jradar.simulation.layouts import FAMILIES
 from jradar.simulation.sequence import simulate_sequence
+from jradar.simulation.units import SHIFTS, UnitSpec, draw_unit, shifted_unit
 
-SETS: dict[str, dict[str, tuple[int, ...]]] = {  # seeds of each split
-    "jradar-sim-1": {
-        "train": (*range(96), *range(1000, 1288)),
-        "validation": (100, 101, 102, 103),
-        "test": (200, 201, 202, 203),
-    },
-    "jradar-sim-1-test": {
-        "validation": tuple(range(100, 116)),
-        "test": tuple(range(200, 392)),
-    },
-    "jradar-sim-1-mini": {"train": (0,), "validation": (100,), "test": (200,)},
-}
+Splits = dict[str, tuple[int, ...]]  # seeds of each split
 FRAMES = 1  # of each sequence, by default
+SIX = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
+SEEN = (*SIX, "home", "forest")
+UNSEEN = "warehouse"
+MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
+ROBUST: Splits = {"test": tuple(range(200, 208))}
+VARIED: Splits = {
+    "train": (*range(96), *range(1000, 1192)),
+    "validation": (100, 101, 102, 103, 104, 105),
+    "test": (200, 201, 202, 203),
+}
 
 
-def set_sequences(name: str) -> list[tuple[str, str, int]]:
-    """Return (split, family, seed) of every sequence of a set."""
-    if name not in SETS:
-        raise UsageError(f"set {name!r}, expected one of {', '.join(SETS)}")
+class SetSpec(NamedTuple):
+    """Layouts of a set, and the radar unit of each; None is the rig's own."""
+
+    splits: Splits
+    families: tuple[str, ...] = SIX
+    unit: Callable[[str, int], UnitSpec | None] = lambda family, seed: None
+
+
+class Sequence(NamedTuple):
+    """A sequence of a set."""
+
+    split: str
+    family: str
+    seed: int
+    unit: UnitSpec | None = None
+
+
+def _own_unit(family: str, seed: int) -> UnitSpec:
+    return draw_unit(zlib.crc32(f"{family}_{seed}".encode()))
+
+
+def _robust(shift: str) -> SetSpec:
+    families = (UNSEEN,) if shift == "unseen-scene" else SIX
+    return SetSpec(ROBUST, families, lambda family, seed: shifted_unit(shift))
+
+
+ROBUSTNESS = {f"jradar-sim-2-robust/{shift}": _robust(shift) for shift in SHIFTS}
+SETS = {
+    "jradar-sim-1": SetSpec(
+        {
+            "train": (*range(96), *range(1000, 1288)),
+            "validation": (100, 101, 102, 103),
+            "test": (200, 201, 202, 203),
+        }
+    ),
+    "jradar-sim-1-test": SetSpec(
+        {"validation": tuple(range(100, 116)), "test": tuple(range(200, 392))}
+    ),
+    "jradar-sim-1-mini": SetSpec(MINI),
+    "jradar-sim-2": SetSpec(VARIED, SEEN, _own_unit),
+    "jradar-sim-2-mini": SetSpec(MINI, SEEN, _own_unit),
+}
+
+
+def set_sequences(name: str) -> list[Sequence]:
+    """Return the sequences of a set."""
+    if (found := (SETS | ROBUSTNESS).get(name)) is None:
+        shifts = ", ".join(SHIFTS)
+        raise UsageError(
+            f"set {name!r}, expected one of {', '.join(SETS)}, or "
+            f"jradar-sim-2-robust/SHIFT with a shift of {shifts}"
+        )
     return [
-        (split, family, seed)
-        for split, seeds in SETS[name].items()
-        for family in FAMILIES
+        Sequence(split, family, seed, found.unit(family, seed))
+        for split, seeds in found.splits.items()
+        for family in found.families
         for seed in seeds
     ]
 
@@ -81,9 +134,9 @@ def simulate_set(
             f"{root} holds {names[0]} but no manifest of a set: choose another folder"
         )
     write_text(path, json.dumps(manifest, indent=2) + "\n")
-    splits = {f"{family}_{seed}": split for split, family, seed in wanted}
+    splits = {f"{item.family}_{item.seed}": item.split for item in wanted}
     write_text(root / "splits.json", json.dumps(splits, indent=2) + "\n")
-    for split, family, seed in wanted:
+    for split, family, seed, unit in wanted:
         sequence = f"{family}_{seed}"
         entry = manifest["sequences"].get(sequence)
         if entry and entry["sha256"] == folder_digest(root / sequence):
@@ -91,11 +144,12 @@ def simulate_set(
                 advance()
             continue
         folder = simulate_sequence(
-            family, seed, root, frames=frames, sensor=sensor, advance=advance
+            family, seed, root, frames=frames, sensor=sensor, unit=unit, advance=advance
         )
         digest = folder_digest(folder)
         manifest["sequences"][sequence] = {"split": split, "sha256": digest}
-        manifest["calib_sha256"] = folder_digest(root / "calib")
+        if unit is None:
+            manifest["calib_sha256"] = folder_digest(root / "calib")
         write_text(path, json.dumps(manifest, indent=2) + "\n")
     return path
 

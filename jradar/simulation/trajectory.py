@@ -88,6 +88,31 @@ def hand_sway(random: np.random.Generator) -> Sway:
     return Sway(amplitude, np.array([step, step / 2, slow, slower]), phase)
 
 
+def mounted(
+    trajectory: Trajectory,
+    *,
+    raised_m: float = 0.0,
+    tilt_rad: float = 0.0,
+    speed_mps: float | None = None,
+) -> Trajectory:
+    """Return the trajectory at another height, turned down, or at another pace.
+
+    A speed of 0 also ends the sway: the rig stands on a tripod. The offsets are a term
+    of the sway that does not swing.
+    """
+    sway = trajectory.sway
+    if speed_mps is not None:
+        trajectory = trajectory._replace(speed_mps=speed_mps)
+        sway = sway if speed_mps else STILL
+    fixed = np.array([[0.0, 0.0, raised_m, 0.0, tilt_rad, 0.0]])
+    sway = Sway(
+        np.concatenate([sway.amplitude, fixed]),
+        np.append(sway.frequency_hz, 0.0),
+        np.concatenate([sway.phase, np.full((1, 6), np.pi / 2)]),
+    )
+    return trajectory._replace(sway=sway)
+
+
 def pose_at(
     trajectory: Trajectory, time_s: Float[np.ndarray, "*batch"] | float
 ) -> tuple[Float[np.ndarray, "*batch 3"], Float[np.ndarray, "*batch 3 3"]]:
