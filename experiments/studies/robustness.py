@@ -84,11 +84,11 @@ def score_shift(
     records = data.Records(folder, "test")
     view, config = view_of(records), default.get_config()
     methods = detector_methods(view, rates)
-    pairs = None
+    pairs, grids = None, set()
     for name, model in models.items():
-        if pairs is not None and (model.spec.coarse, model.spec.fine) != grids:
+        grids.add((model.spec.coarse, model.spec.fine, model.spec.num_slices))
+        if len(grids) > 1:
             raise UsageError(f"--model {name} has other images than the first model")
-        grids = model.spec.coarse, model.spec.fine
         pairs = build_pairs(model.spec, records)
         prefix = f"{name}: " if len(models) > 1 else ""
         methods |= {

@@ -8,6 +8,7 @@ import itertools
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from ml_collections import ConfigDict
 
@@ -81,19 +82,19 @@ def shipped_methods(config: ConfigDict, models: dict[str, Model]) -> dict[str, M
 
 def simulate_layouts(config: ConfigDict, folder: Path) -> None:
     """Write the first `config.data.layouts` test layouts of each family of the set."""
-    families: dict[str, list[int]] = {}
+    families: dict[str, list[Any]] = {}
     with build.section("data"):
-        for split, family, seed in set_sequences(config.data.set):
-            if split == SPLIT:
-                families.setdefault(family, []).append(seed)
+        for item in set_sequences(config.data.set):
+            if item.split == SPLIT:
+                families.setdefault(item.family, []).append(item)
     layouts = [
-        (family, seed)
-        for family, seeds in families.items()
-        for seed in seeds[: config.data.layouts]
+        (item.family, item.seed, item.unit)
+        for items in families.values()
+        for item in items[: config.data.layouts]
     ]
     frames, done = config.data.frames, itertools.count(1)
     with progress("simulating", frames * len(layouts), unit="frames") as show:
-        for family, seed in layouts:
+        for family, seed, unit in layouts:
 
             def advance(family=family):
                 show(next(done), family)
@@ -102,6 +103,7 @@ def simulate_layouts(config: ConfigDict, folder: Path) -> None:
                 for _ in range(frames):
                     advance()
                 continue
-            simulate_sequence(family, seed, folder, frames=frames, advance=advance)
-    splits = {f"{family}_{seed}": SPLIT for family, seed in layouts}
+            options = {"frames": frames, "unit": unit, "advance": advance}
+            simulate_sequence(family, seed, folder, **options)
+    splits = {f"{family}_{seed}": SPLIT for family, seed, _ in layouts}
     write_text(folder / "splits.json", json.dumps(splits, indent=2) + "\n")

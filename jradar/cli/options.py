@@ -40,7 +40,10 @@ DEVICES = (
     *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
 )
 FAMILIES = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
-SETS = ("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini")
+SETS = (
+    *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),
+    *("jradar-sim-2", "jradar-sim-2-mini"),
+)
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_SEED = 2**32 - 1
 MAX_COUNT = 10**9
@@ -171,8 +174,8 @@ def _simulate(sub):
     what = sub.add_mutually_exclusive_group(required=True)
     text = f"one recording of a scene of this family: {', '.join(FAMILIES)}"
     _value(what, "--scene", "FAMILY", text, choices=FAMILIES)
-    text = f"a whole data set: {', '.join(SETS)}"
-    _value(what, "--set", "NAME", text, choices=SETS)
+    text = f"a whole data set: {', '.join(SETS)}, or jradar-sim-2-robust/SHIFT"
+    _value(what, "--set", "NAME", text)
     text = "frames of each recording (default: 50 for a scene, 1 in a set)"
     _count(sub, "--frames", text)
     _seed(sub, "random seed of a scene")

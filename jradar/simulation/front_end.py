@@ -40,7 +40,7 @@ def make_front_end(
     turn, angle = np.exp(2j * np.pi * random.random((2, radar.num_rx)))
     image = 0.0 if unit.image_db is None else 10 ** (unit.image_db / 20)
     return FrontEnd(
-        np.float32(1e-3 * unit.drift_mrad),
+        np.array(1e-3 * unit.drift_mrad, np.float32),
         (10 ** (-unit.edge_db * fall / 20)).astype(np.float32),
         (image * turn).astype(np.complex64),
         (unit.offset_counts * angle).astype(np.complex64),
@@ -64,7 +64,7 @@ def distort(
 
 
 def phase_drift(
-    key: Key[Array, ""], rms: Float[Array, ""], radar: RadarSpec
+    key: Key[Array, ""], rms: Float[Array | np.ndarray, ""], radar: RadarSpec
 ) -> Float[Array, "tx chirp"]:
     """Return a random walk of the phase over the chirps of a frame, in radians.
 

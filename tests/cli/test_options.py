@@ -43,7 +43,6 @@ BIG = str(10**30)
         (["prepare", "x", "-o", "y", "--frames", "5:2"], "holds no frame"),
         (["prepare", "x", "-o", "y", "--workers", "0"], "expected 1 to"),
         (["simulate", "-o", "y"], "--scene --set is required"),
-        (["simulate", "-o", "y", "--set", "jradar-sim"], "jradar-sim-1-mini"),
         (["simulate", "-o", "y", "--set", SETS[0], "--scene", "lab"], "not allowed"),
     ],
 )

@@ -48,6 +48,13 @@ def test_a_disk_without_space_is_refused_before_the_first_frame(
     assert not roots and not out.parent.exists()
 
 
+def test_a_set_that_does_not_exist_is_code_2_and_names_those_that_do(tmp_path, capsys):
+    command = ["simulate", "--set", "jradar-sim", "-o", str(tmp_path / "out")]
+    assert main(command) == 2
+    error = capsys.readouterr().err
+    assert "jradar-sim-1-mini" in error and "standing-still" in error
+
+
 @pytest.mark.parametrize(
     "options",
     [

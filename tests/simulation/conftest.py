@@ -28,8 +28,8 @@ def folder(corridor, tmp_path_factory):
 
 
 def _use(corridor, patch):
-    def setting(family, seed, *, sensor="single_chip"):
-        assert (family, sensor) == ("corridor", "single_chip")
+    def setting(family, seed, *, sensor="single_chip", unit=None):
+        assert (family, sensor, unit) == ("corridor", "single_chip", None)
         scene = corridor.scene._replace(name=f"corridor_{seed}")
         return corridor._replace(seed=seed, scene=scene)
 

@@ -6,21 +6,18 @@ import pytest
 
 from jradar.errors import UsageError
 from jradar.simulation import set_sequences, sets, simulate_set
+from jradar.simulation.sets import Sequence
 
 
 def test_splits_share_no_layout():
-    scenes = [(family, seed) for _, family, seed in set_sequences("jradar-sim-1")]
+    scenes = [item[1:3] for item in set_sequences("jradar-sim-1")]
     assert len(set(scenes)) == len(scenes) == 6 * (384 + 4 + 4)
-    splits = {split for split, *_ in set_sequences("jradar-sim-1")}
+    splits = {item.split for item in set_sequences("jradar-sim-1")}
     assert splits == {"train", "validation", "test"}
-    tested = {
-        tuple(pair)
-        for split, *pair in set_sequences("jradar-sim-1-test")
-        if split == "test"
-    }
-    others = {
-        tuple(pair) for split, *pair in set_sequences("jradar-sim-1") if split != "test"
-    }
+    items = set_sequences("jradar-sim-1-test")
+    tested = {item[1:3] for item in items if item.split == "test"}
+    items = set_sequences("jradar-sim-1")
+    others = {item[1:3] for item in items if item.split != "test"}
     assert len(tested) == 6 * 192 and not tested & others
 
 
@@ -32,7 +29,7 @@ def test_an_unknown_set_names_the_known_ones():
 def test_a_set_keeps_what_matches_its_manifest_and_remakes_the_rest(
     scene_built_once, tmp_path, monkeypatch
 ):
-    tiny = [("train", "corridor", 5), ("test", "corridor", 6)]
+    tiny = [Sequence("train", "corridor", 5), Sequence("test", "corridor", 6)]
     monkeypatch.setattr(sets, "set_sequences", lambda name: tiny)
     path = simulate_set("tiny", tmp_path, frames=1)
     manifest = json.loads(path.read_text())

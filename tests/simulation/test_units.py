@@ -1,0 +1,174 @@
+"""Units: what is drawn for each, what their files say, and what disturbs them."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.errors import UsageError
+from jradar.radar import RadarSpec
+from jradar.recordings import open_recording
+from jradar.recordings.recording import calibrated_cube
+from jradar.simulation import make_setting, simulate_sequence
+from jradar.simulation.clutter import CELL_M, diffuse_clutter
+from jradar.simulation.front_end import distort, make_front_end, phase_drift
+from jradar.simulation.hardware import make_unit_hardware, sample_frame
+from jradar.simulation.link import LINK
+from jradar.simulation.propagation import Paths
+from jradar.simulation.rig import Viewpoint, described_mount
+from jradar.simulation.sets import ROBUSTNESS, SETS, UNSEEN, set_sequences
+from jradar.simulation.trajectory import mounted, pose_at, velocity_at
+from jradar.simulation.units import (
+    FIRST_SHIFT,
+    SHIFTS,
+    UnitSpec,
+    draw_unit,
+    shifted_unit,
+)
+
+RADAR = RadarSpec.awr1843()
+PLAIN = UnitSpec(calibration_degrees=0.0, range_bias_m=0.0, leakage_db=-400.0)
+
+
+def random():
+    return np.random.default_rng(0)
+
+
+def test_no_board_of_the_robustness_set_is_drawn_for_training():
+    drawn = [draw_unit(seed) for seed in range(300)]
+    boards = {unit.board for unit in drawn}
+    assert len(boards) > 297 and max(boards) < FIRST_SHIFT
+    shifted = [shifted_unit(shift).board for shift in SHIFTS]
+    assert all(board is None or board > FIRST_SHIFT for board in shifted)
+    for test in (lambda u: u.speed_mps == 0, lambda u: u.calibration_degrees is None):
+        assert 0.15 < np.mean([*map(test, drawn)]) < 0.4
+    assert drawn[7] == draw_unit(7)
+
+
+def test_training_sets_share_no_layout_with_the_robustness_set():
+    tested = {item[1:3] for name in ROBUSTNESS for item in set_sequences(name)}
+    for name in SETS:
+        items = set_sequences(name)
+        seen = {item[1:3] for item in items if item.split != "test"}
+        assert not seen & tested and UNSEEN not in {family for family, _ in seen}
+    units = [item.unit for item in set_sequences("jradar-sim-2")]
+    assert len({*units}) == len(units)
+
+
+def test_phases_of_boards_have_the_units_spread():
+    unit = UnitSpec(channel_degrees=17.0, channel_db=1.0)
+    boards = [
+        make_unit_hardware(dataclasses.replace(unit, board=b), RADAR).phase
+        for b in range(300)
+    ]
+    tx, rx = (np.array([b[k] for b in boards]) for k in ((2, 0), (0, 2)))
+    for factor, share in ((tx, 1.0), (rx, 0.5)):  # relative to the first: two draws
+        spread = np.degrees(np.angle(factor)).std() / 2**0.5
+        assert spread == pytest.approx(17 * share, rel=0.1)
+        assert (20 * np.log10(np.abs(factor))).std() / 2**0.5 == pytest.approx(
+            share, rel=0.1
+        )
+
+
+def test_a_calibrated_unit_is_calibrated_up_to_the_error_of_its_file(tmp_path):
+    pytest.importorskip("embreex", reason="the extra `sim` is not installed")
+    unit = dataclasses.replace(PLAIN, board=3, channel_degrees=40.0, mount_degrees=1.0)
+    folder = simulate_sequence("corridor", 5, tmp_path, frames=1, unit=unit)
+    recording = open_recording(folder)
+    assert json.loads((folder / "unit.json").read_text())["board"] == 3
+    assert not (tmp_path / "calib").exists()
+    raw, cube = (
+        np.asarray(recording.cubes[0]),
+        np.asarray(calibrated_cube(recording, 0)),
+    )
+    factor = make_unit_hardware(unit, RADAR).phase
+    ratio = (raw / cube)[..., 0, 40]
+    np.testing.assert_allclose(ratio, factor, atol=1e-3)
+    place = np.asarray(recording.base_from_radar)[:3, 3]
+    np.testing.assert_allclose(place, described_mount("single_chip", unit)[0])
+
+
+def test_a_unit_is_a_single_chip():
+    with pytest.raises(UsageError, match="'cascade', expected one of single_chip"):
+        make_setting("lab", 0, sensor="cascade", unit=UnitSpec())
+
+
+def test_a_mounted_rig_is_higher_tilted_and_slower():
+    platform = make_setting("corridor", 5).scene.platform
+    moved = mounted(platform, raised_m=0.4, tilt_rad=0.2)
+    (xyz, turn), (high, down) = pose_at(platform, 3.0), pose_at(moved, 3.0)
+    np.testing.assert_allclose(high - xyz, [0, 0, 0.4], atol=1e-9)
+    ahead = np.arcsin(turn[2, 0]) - np.arcsin(down[2, 0])
+    assert ahead == pytest.approx(0.2, abs=0.01)
+    still = mounted(platform, speed_mps=0.0)
+    np.testing.assert_array_equal(pose_at(still, 1.0)[0], pose_at(still, 9.0)[0])
+    assert np.abs(velocity_at(still, 4.0)).max() == 0
+
+
+def test_diffuse_echoes_have_the_asked_power_and_fall_with_range():
+    view = Viewpoint(np.zeros(3), np.eye(3), np.array([1.0, 0, 0]))
+    power = np.zeros(140)
+    for seed in range(200):
+        paths = diffuse_clutter(seed, view, RADAR, counts=7.7)
+        distance = np.linalg.norm(paths.xyz, axis=-1)
+        column = (distance / CELL_M).astype(int)
+        power += np.bincount(column, LINK.counts(paths.power) ** 2, len(power))
+    rms = np.sqrt(power / 200)
+    assert rms[int(3 / CELL_M)] == pytest.approx(7.7, rel=0.15)
+    near, far = rms[20:30].mean(), rms[80:120].mean()
+    assert near / far == pytest.approx(100 / 25, rel=0.15)
+
+
+def test_diffuse_echoes_stand_still_in_the_room():
+    velocity = np.array([0.5, 0.2, 0.0])
+    view = Viewpoint(np.ones(3), np.eye(3), velocity)
+    paths = diffuse_clutter(1, view, RADAR, counts=1.0)
+    towards = paths.xyz / np.linalg.norm(paths.xyz, axis=-1, keepdims=True)
+    np.testing.assert_allclose(paths.velocity, -towards @ velocity, atol=1e-12)
+    again = diffuse_clutter(1, view, RADAR, counts=1.0)
+    np.testing.assert_array_equal(again.xyz, paths.xyz)
+    apart = view._replace(xyz=view.xyz + [0.06, 0, 0])
+    assert not np.allclose(diffuse_clutter(1, apart, RADAR, counts=1.0).xyz, paths.xyz)
+
+
+def test_phase_drift_is_a_walk_of_the_asked_size():
+    keys = jax.random.split(jax.random.key(0), 400)
+    drift = np.asarray(
+        jax.vmap(lambda k: phase_drift(k, jnp.float32(0.04), RADAR))(keys)
+    )
+    assert np.sqrt((drift**2).mean()) == pytest.approx(0.04, rel=0.1)
+    order = drift.transpose(0, 2, 1).reshape(len(keys), -1)  # tx fire in array order
+    steps, whole = np.diff(order), order[:, -1] - order[:, 0]
+    assert whole.var() == pytest.approx(steps.var() * steps.shape[1], rel=0.25)
+
+
+def test_an_image_and_an_edge_have_their_levels():
+    unit = dataclasses.replace(PLAIN, image_db=-36.0, edge_db=7.0, offset_counts=5.0)
+    front_end = make_front_end(random(), unit, RADAR)
+    time = np.arange(128) / 128
+    tone = np.exp(2j * np.pi * 30 * time) + 0 * np.zeros(RADAR.cube_shape)
+    end = np.exp(2j * np.pi * 127 * time)
+    cube = jnp.asarray(1000 * (tone + end), jnp.complex64)
+    seen = np.asarray(distort(jax.random.key(0), cube, front_end, RADAR))
+    level = 20 * np.log10(np.abs(np.fft.fft(seen)[0, 0, 0] / 128 / 1000))
+    assert level[30] == pytest.approx(0, abs=0.1)
+    assert level[128 - 30] == pytest.approx(-36, abs=0.3)
+    assert level[127] == pytest.approx(-7 * (127 / 128 - 0.75) ** 2 * 16, abs=0.1)
+    assert level[0] == pytest.approx(20 * np.log10(5 / 1000), abs=0.1)
+
+
+def test_noise_and_gain_are_in_decibels():
+    none = Paths(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+
+    def power(**changes):
+        unit = dataclasses.replace(PLAIN, **changes)
+        hardware = make_unit_hardware(unit, RADAR)
+        frame = sample_frame(jax.random.key(0), none, hardware, RADAR)
+        return 10 * np.log10((np.asarray(frame, float) ** 2).mean() - 1 / 12)
+
+    quiet = power(gain_db=12.0)
+    assert power(gain_db=12.0, noise_db=6.0) - quiet == pytest.approx(6, abs=0.1)
+    assert power(gain_db=18.0) - quiet == pytest.approx(6, abs=0.1)
