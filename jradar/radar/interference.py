@@ -1,0 +1,205 @@
+"""Crossing chirps of other radars: their samples, and how these are excised.
+
+A chirp of slope S' that crosses the own chirp of slope S beats against it. The beat
+sweeps through the receiver's band in f_s / |S' - S| seconds, so a few samples of some
+chirps are disturbed, in all receivers at once:
+
+    sample  -->
+    chirp  ........................      . echoes and noise
+      |    .....######.............      # crossing chirp
+      v    ........................
+           ..............######....
+
+In the spectrum, such a burst lies over all ranges and velocities as noise. Echoes do
+the opposite: they fill all samples and few cells. `excise_interference` therefore
+takes the cells far over the floor as the echoes, compares what is left with its median
+over chirps, and replaces the samples that stand out by the echoes alone. It repeats
+this, because the floor falls with each pass: iteration with a threshold (IMAT; Bechter,
+Roos, Rahman & Waldschmidt 2017; compared with other methods by Toth, Meissner, Melzer
+& Witrisal 2019), with the median over slow time of Wagner, Sulejmani, Melzer, Meissner
+& Huemer (2018).
+
+A radar whose chirps keep step with the own ones, so that a burst lies in the same
+sample of most chirps, is not found.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Inexact, Key
+from scipy.special import gammainccinv
+
+from jradar.radar.sensor import RadarSpec
+
+PASSES = 4
+ECHO = 16.0  # power over the median cell from which a cell counts as an echo
+SURE = 0.1  # weight under which samples count less, because echoes are known less
+EDGE = 0.1  # of the band, over which the receiver's filter falls to 0
+BANDWIDTH_HZ = (0.5e9, 4e9)  # of another radar's sweep
+SWEEP_S = (20e-6, 80e-6)  # its duration
+IDLE = (1.1, 1.6)  # from sweep to sweep, in durations of one
+
+
+class Interferers(NamedTuple):
+    """Other radars: one sweep after another throughout the frame.
+
+    Times count from the first chirp's ramp. Those with amplitude 0 are padding.
+    """
+
+    start_s: Float[Array, " interferer"]  # of one of the sweeps
+    period_s: Float[Array, " interferer"]  # from sweep to sweep
+    sweep_s: Float[Array, " interferer"]  # duration
+    start_hz: Float[Array, " interferer"]  # relative to the own chirp's start
+    slope_hz_per_s: Float[Array, " interferer"]
+    azimuth: Float[Array, " interferer"]  # radians, as seen by the receivers
+    elevation: Float[Array, " interferer"]
+    amplitude: Float[Array, " interferer"]  # ADC counts, inside the band
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "count"))
+def draw_interferers(
+    key: Key[Array, ""],
+    radar: RadarSpec,
+    *,
+    count: int,
+    amplitude: float | Float[Array, " interferer"],
+) -> Interferers:
+    """Return radars of random waveforms, times and directions in front of the radar.
+
+    Each sweeps 0.5 to 4 GHz up or down, over the middle of the own samples, in 20 to
+    80 us. Sweeps follow one another with pauses of 10 to 60 %.
+    """
+    part = jax.random.uniform(key, (8, count))
+
+    def between(place, low, high):
+        return low + (high - low) * part[place]
+
+    sweep = between(0, *SWEEP_S)
+    period = sweep * between(1, *IDLE)
+    band = between(2, *BANDWIDTH_HZ) * jnp.where(part[3] < 0.5, -1, 1)
+    middle = radar.center_frequency_hz - radar.start_frequency_hz
+    return Interferers(
+        start_s=part[4] * period,
+        period_s=period,
+        sweep_s=sweep,
+        start_hz=middle - part[5] * band,
+        slope_hz_per_s=band / sweep,
+        azimuth=between(6, -jnp.pi / 3, jnp.pi / 3),
+        elevation=between(7, -jnp.pi / 12, jnp.pi / 12),
+        amplitude=jnp.broadcast_to(jnp.asarray(amplitude, jnp.float32), (count,)),
+    )
+
+
+@functools.partial(jax.jit, static_argnames="radar")
+def crossing_chirps(
+    key: Key[Array, ""], interferers: Interferers, radar: RadarSpec
+) -> Inexact[Array, "tx rx chirp sample"]:
+    """Return the samples that other radars add to one frame, complex or real.
+
+    The beat against the own chirp has the phase of a linear sweep, and a random one for
+    each chirp (Kim, Mun & Lee 2018). It is heard where its frequency lies in the band:
+    0 to f_s of complex samples, -f_s / 2 to f_s / 2 of real ones. A beat that crosses
+    the band in less than a sample rings for one sample with the same energy.
+    """
+    turn_s = radar.turn_period_s * np.arange(radar.num_chirps)
+    first_s = radar.chirp_period_s * radar.firing_position[:, None] + turn_s
+    sample_s = np.arange(radar.num_samples) / radar.sample_rate_hz
+    first_s, sample_s = jnp.float32(first_s), jnp.float32(sample_s)
+    phases = (len(interferers.amplitude), *first_s.shape)
+    phase = jax.random.uniform(key, phases)[..., None]
+
+    def add(total, each):
+        it, cycles = each
+        return total + _one(it, cycles, first_s, sample_s, radar), None
+
+    start = jnp.zeros(radar.cube_shape, jnp.complex64)
+    samples, _ = jax.lax.scan(add, start, (interferers, phase))
+    return samples.real if radar.real_samples else samples
+
+
+def _one(it, cycles, first_s, sample_s, radar):
+    """Samples of one interferer; `cycles` is the phase of its beat in each chirp."""
+    own = radar.slope_hz_per_s
+    # Reduced per chirp first: float32 resolves 1 ns of a frame, and far less of a sweep.
+    into = jnp.mod(first_s - it.start_s, it.period_s)[..., None]
+    into = jnp.mod(into + radar.adc_start_time_s + sample_s, it.period_s)
+    own_hz = own * (radar.adc_start_time_s + sample_s)
+    beat_hz = own_hz - it.start_hz - it.slope_hz_per_s * into
+
+    faster = own - it.slope_hz_per_s
+    rate = radar.sample_rate_hz
+    middle_hz = 0.0 if radar.real_samples else rate / 2
+    length = rate**2 / jnp.maximum(jnp.abs(faster), 1.0)  # samples within the band
+    width = rate / jnp.minimum(length, 1.0)
+    edge = (2 * jnp.abs(beat_hz - middle_hz) / width - 1) / EDGE + 1
+    heard = jnp.cos(jnp.pi / 2 * jnp.clip(edge, 0, 1)) * (into < it.sweep_s)
+    heard *= it.amplitude * jnp.sqrt(jnp.minimum(length, 1.0))
+
+    # The integral of the frequency from the first sample on.
+    cycles += (beat_hz - faster * sample_s / 2) * sample_s
+    chirps = heard * jnp.exp(2j * jnp.pi * jnp.mod(cycles, 1.0))
+    sines = jnp.sin(it.azimuth) * jnp.cos(it.elevation), jnp.sin(it.elevation)
+    columns, rows = jnp.float32(np.array(radar.rx_positions).T)
+    turns = radar.spacing_wavelengths * columns * sines[0]
+    turns += radar.row_spacing_wavelengths * rows * sines[1]
+    return chirps[:, None] * jnp.exp(2j * jnp.pi * turns)[:, None, None]
+
+
+@functools.partial(jax.jit, static_argnames="false_alarm_rate")
+def excise_interference(
+    cube: Inexact[Array, "*batch tx rx chirp sample"],
+    *,
+    false_alarm_rate: float = 1e-8,
+) -> tuple[
+    Inexact[Array, "*batch tx rx chirp sample"], Bool[Array, "*batch tx chirp sample"]
+]:
+    """Replace samples that a crossing chirp disturbs; return also which they are.
+
+    A sample is disturbed if its power without the echoes, summed over receivers,
+    exceeds the median over all chirps by a factor that noise exceeds at
+    `false_alarm_rate`; so are its two neighbours. All others are returned bit by bit.
+    A frame of one chirp has no median over chirps, and is returned as it is.
+    """
+    receivers = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
+    factor = gammainccinv(receivers, false_alarm_rate) / gammainccinv(receivers, 0.5)
+    factor = float(factor)
+
+    weight = jnp.asarray(_taper(*cube.shape[-2:]), cube.real.dtype)
+
+    def excise(state, _):
+        echoes = _echoes(state[0] * weight)
+        left = cube * weight - echoes
+        power = (left.real**2 + left.imag**2).sum(-3) / weight**2
+        usual = jnp.median(power, axis=(-3, -2), keepdims=True)
+        most = factor * usual * jnp.maximum(1, (SURE / weight) ** 2)
+        disturbed = _with_neighbours(power > most)
+        echoes = echoes / jnp.maximum(weight, SURE)
+        return (jnp.where(disturbed[..., None, :, :], echoes, cube), disturbed), None
+
+    none = jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
+    (cube_, disturbed), _ = jax.lax.scan(excise, (cube, none), None, length=PASSES)
+    return cube_, disturbed
+
+
+def _taper(chirps, samples):
+    """Hann windows of both axes, nowhere 0."""
+    return np.outer(np.hanning(chirps + 2)[1:-1], np.hanning(samples + 2)[1:-1])
+
+
+def _echoes(cube):
+    """The part of the samples in cells far over the floor, `ECHO` times the median."""
+    is_complex, size = jnp.iscomplexobj(cube), cube.shape[-2:]
+    spectrum = jnp.fft.fft2(cube) if is_complex else jnp.fft.rfft2(cube)
+    power = (spectrum.real**2 + spectrum.imag**2).sum((-4, -3), keepdims=True)
+    floor = jnp.median(power, axis=(-2, -1), keepdims=True)
+    spectrum = jnp.where(power > ECHO * floor, spectrum, 0)
+    return jnp.fft.ifft2(spectrum) if is_complex else jnp.fft.irfft2(spectrum, s=size)
+
+
+def _with_neighbours(disturbed):
+    """The samples and those next to them."""
+    later = disturbed.at[..., 1:].max(disturbed[..., :-1])
+    return later.at[..., :-1].max(disturbed[..., 1:])
