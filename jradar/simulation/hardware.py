@@ -24,6 +24,11 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int, Key
 
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
+from jradar.radar.interference import (
+    Interferers,
+    crossing_chirps,
+    draw_interferers,
+)
 from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation.front_end import FrontEnd, distort, make_front_end
 from jradar.simulation.link import FULL_SCALE, LINK
@@ -39,6 +44,7 @@ TX_DB, TX_DEGREES = (0.0, -0.97, -1.91), (0.0, 11.4, 34.7)
 RX_DB, RX_DEGREES = (0.0, -0.14, -0.27, -1.29), (0.0, 2.5, 5.6, 14.7)
 RANGE_BIAS_M = UnitSpec.range_bias_m
 TX_SHARE, RX_SHARE = 1.0, 0.5  # of a unit's spread; TI's receivers are closer
+INTERFERERS = 5  # at most, around a unit
 GAIN_ERROR_DB = 0.05  # of a calibration, for each degree of its phase error
 
 
@@ -50,6 +56,7 @@ class Hardware(NamedTuple):
     phase: Complex[np.ndarray, "tx rx"]  # factor of a channel
     calibration: Complex[np.ndarray, "tx rx"] | None = None  # `phase` as measured
     front_end: FrontEnd | None = None
+    interferers: Interferers | None = None
     noise_db: float = 0.0
     gain_db: float = 0.0
 
@@ -79,8 +86,21 @@ def make_unit_hardware(unit: UnitSpec, radar: RadarSpec) -> Hardware:
         phase,
         calibration,
         make_front_end(random, unit, radar),
+        _interferers(unit, radar),
         unit.noise_db,
         unit.gain_db,
+    )
+
+
+def _interferers(unit, radar):
+    """Return the radars around a unit, padded to `INTERFERERS`; None without any."""
+    if not unit.interferers:
+        return None
+    weight = np.geomspace(1.0, 0.3, INTERFERERS) * unit.interferer_counts
+    weight[unit.interferers :] = 0.0
+    key = jax.random.fold_in(jax.random.key(unit.board or 0), INTERFERERS)
+    return draw_interferers(
+        key, radar, count=INTERFERERS, amplitude=jnp.asarray(weight, jnp.float32)
     )
 
 
@@ -153,6 +173,7 @@ def sample_frame(
         jnp.asarray(hardware.leakage, jnp.complex64),
         jnp.asarray(channel_factors(hardware, radar), jnp.complex64),
         hardware.front_end,
+        hardware.interferers,
         np.float32((noise / 2) ** 0.5 * 10 ** (hardware.noise_db / 20)),
         np.float32(10 ** (hardware.gain_db / 20)),
         radar,
@@ -170,7 +191,16 @@ def channel_factors(
 
 @functools.partial(jax.jit, static_argnames="radar")
 def _sampled(
-    key, scatterers, rate, leakage, channels, front_end, noise_counts, gain, radar
+    key,
+    scatterers,
+    rate,
+    leakage,
+    channels,
+    front_end,
+    interferers,
+    noise_counts,
+    gain,
+    radar,
 ):
     """Return samples as int16 pairs; the receivers add their noise after the channels.
 
@@ -184,6 +214,11 @@ def _sampled(
     late_s = sampling_errors(jax.random.fold_in(key, 1), radar, SYNTHESISER)
     echoes += change * late_s[:, None]
     cube = (echoes + leakage[:, :, None]) * channels[:, :, None]
+    if interferers is not None:  # their clocks drift: each frame has its own start
+        start, phases = jax.random.split(jax.random.fold_in(key, 3))
+        start_s = jax.random.uniform(start, interferers.period_s.shape)
+        now = interferers._replace(start_s=start_s * interferers.period_s)
+        cube += crossing_chirps(phases, now, radar)
     noise = jax.random.normal(key, (*radar.cube_shape, 2)) * noise_counts
     counts = jnp.stack([cube.real, cube.imag], -1) + noise
     if front_end is not None:

@@ -117,7 +117,7 @@ SHIFTS: dict[str, dict[str, object]] = {
     "half-the-chirps": {"chirps": 64},
     "half-the-range-resolution": {"slope_hz_per_s": 50e12},
     "strong-interference": {"interferers": 5, "interferer_counts": 1500.0},
-    "weak-interference": {"interferers": 1, "interferer_counts": 100.0},
+    "weak-interference": {"interferers": 1, "interferer_counts": 300.0},
     "clutter": {"clutter_counts": 7.7},
     "clutter-standing-still": {"clutter_counts": 7.7, "speed_mps": 0.0},
     "desk": {
