@@ -39,7 +39,10 @@ DEVICES = (
     *("awr1443", "awr1642", "awr1843", "awr2944"),
     *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
 )
-FAMILIES = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
+FAMILIES = (
+    *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
+    *("home", "warehouse"),
+)
 SETS = (
     *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),
     *("jradar-sim-2", "jradar-sim-2-mini"),

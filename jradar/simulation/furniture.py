@@ -81,3 +81,76 @@ def chair(random: np.random.Generator) -> Solid:
         moved(box((0.5, 0.06, 0.04), "metal"), (0, 0, 0.02)),
     ]
     return join(parts)
+
+
+def sofa(random: np.random.Generator) -> Solid:
+    """Return a sofa whose back is at its right side, -y."""
+    width = random.uniform(1.5, 2.2)
+    return join(
+        [
+            moved(box((width, 0.75, 0.42), "wood"), (0, 0, 0)),
+            moved(box((width, 0.2, 0.4), "wood"), (0, -0.3, 0.42)),
+            *(
+                moved(box((0.18, 0.75, 0.2), "wood"), (side * width / 2, 0, 0.42))
+                for side in (-1, 1)
+            ),
+        ]
+    )
+
+
+def bed(random: np.random.Generator) -> Solid:
+    """Return a bed with a board at its head, -y."""
+    width = random.uniform(0.9, 1.6)
+    return join(
+        [
+            moved(box((width, 1.9, 0.3), "wood"), (0, 0, 0.1)),
+            moved(box((width - 0.1, 1.85, 0.15), "plastic"), (0, 0, 0.4)),
+            moved(box((width, 0.05, 0.9), "wood"), (0, -0.97, 0)),
+        ]
+    )
+
+
+def wardrobe(random: np.random.Generator) -> Solid:
+    """Return a wardrobe of wood."""
+    return box((random.uniform(0.9, 1.6), 0.58, random.uniform(1.8, 2.1)), "wood")
+
+
+def counter(random: np.random.Generator) -> Solid:
+    """Return a kitchen's counter: cupboards, a worktop, an oven and a fridge."""
+    width = random.uniform(1.2, 1.8)
+    return join(
+        [
+            box((width, 0.58, 0.86), "wood"),
+            moved(box((width, 0.62, 0.04), "wood"), (0, 0, 0.86)),
+            moved(box((0.6, 0.02, 0.6), "metal"), (-width / 4, 0.31, 0.2)),
+            moved(box((0.5, 0.4, 0.02), "metal"), (width / 4, 0, 0.9)),
+            moved(box((0.6, 0.6, 1.7), "metal"), (width / 2 + 0.32, 0, 0)),
+        ]
+    )
+
+
+def rack_bay(
+    random: np.random.Generator,
+    width: float,
+    depth: float,
+    *,
+    height: float,
+    level: float,
+) -> Solid:
+    """Return a bay of a pallet rack along x: posts, beams and goods on each level."""
+    posts = [
+        moved(box((0.09, 0.09, height), "metal"), (x * width / 2, y * depth / 2, 0))
+        for x in (-1, 1)
+        for y in (-1, 1)
+    ]
+    beams, goods = [], []
+    for z in np.arange(0.12, height - 0.3, level):
+        for side in (-1, 1):
+            beam = box((width, 0.05, 0.12), "metal")
+            beams.append(moved(beam, (0, side * depth / 2, z - 0.12)))
+        for x in (-width / 4, width / 4):
+            if random.random() < 0.8:
+                material = str(random.choice(["wood", "wood", "plastic", "metal"]))
+                size = random.uniform([0.7, 0.6, 0.3], [1.1, 0.95, level - 0.25])
+                goods.append(moved(box(size, material), (x, 0, z)))
+    return join([*posts, *beams, *goods])

@@ -6,6 +6,8 @@ lab        a hall with shelves, tables, chairs, and people walking about
 outdoor    a yard among buildings: trees, poles, parked and moving cars
 corridor   one long corridor with a glass front
 hall       a high entrance hall with columns, glass and people
+home       furnished rooms of a flat, joined by open doors (`interiors`)
+warehouse  aisles between racks of goods (`interiors`)
 """
 
 from collections.abc import Callable
@@ -13,6 +15,17 @@ from collections.abc import Callable
 import numpy as np
 
 from jradar.errors import UsageError
+from jradar.simulation.building import (
+    beside_wall,
+    glass_front,
+    lamps,
+    rectangle,
+    ring,
+    shell,
+    sides,
+    walker,
+    wall_with_openings,
+)
 from jradar.simulation.furniture import (
     bench,
     cabinet,
@@ -22,9 +35,9 @@ from jradar.simulation.furniture import (
     shelf,
     table,
 )
-from jradar.simulation.scene import Body, Scene, make_body
+from jradar.simulation.interiors import home, warehouse
+from jradar.simulation.scene import Scene, make_body
 from jradar.simulation.solids import (
-    Solid,
     boulder,
     box,
     car,
@@ -32,7 +45,6 @@ from jradar.simulation.solids import (
     moved,
     person,
     pole,
-    sheet,
     slab,
     tree,
     wall,
@@ -61,28 +73,28 @@ def hallways(random: np.random.Generator):
     """Return a ring of corridors, with furnished rooms behind the drywall."""
     length, depth = random.uniform(16, 26), random.uniform(9, 16)
     width, height = random.uniform(1.9, 2.8), random.uniform(2.4, 3.0)
-    outer = _ring(length, depth)
-    inner = _ring(length - 2 * width, depth - 2 * width, offset=width)
-    back = _ring(length + 7, depth + 7, offset=-3.5)
+    outer = ring(length, depth)
+    inner = ring(length - 2 * width, depth - 2 * width, offset=width)
+    back = ring(length + 7, depth + 7, offset=-3.5)
     floor = slab((-4, -4), (length + 4, depth + 4), 0.0, "floor")
     top = slab((-4, -4), (length + 4, depth + 4), height, "ceiling")
     parts = [floor, top]
     kinds = ["wood", "metal", "wood", "column", "glass"]
-    for (a, b), (c, d), (e, f) in zip(*map(_sides, (outer, inner, back)), strict=True):
-        parts.append(_wall(random, b, a, height, "drywall", kinds))
-        parts.append(_wall(random, c, d, height, "drywall", INDOORS))
+    for (a, b), (c, d), (e, f) in zip(*map(sides, (outer, inner, back)), strict=True):
+        parts.append(wall_with_openings(random, b, a, height, "drywall", kinds))
+        parts.append(wall_with_openings(random, c, d, height, "drywall", INDOORS))
         parts.append(wall(f, e, height, "concrete"))
     for _ in range(random.integers(6, 11)):  # along the walls of the corridors
-        side = _sides(outer)[random.integers(4)]
-        parts.append(_along(random, side, 0.28, hall_item(random)))
+        side = sides(outer)[random.integers(4)]
+        parts.append(beside_wall(random, side, 0.28, hall_item(random)))
     for _ in range(8):  # behind the drywall: only the radar sees them
         x = random.uniform(width + 0.6, length - width - 0.6)
         y = random.uniform(width + 0.6, depth - width - 0.6)
         item = cabinet(random)
         parts.append(moved(item, (x, y, 0), yaw=random.integers(4) * np.pi / 2))
-    middle = _ring(length - width, depth - width, offset=width / 2)
-    parts += _lamps(random, middle, height)
-    movers = [_walker(random, middle + random.uniform(-0.4, 0.4)) for _ in range(2)]
+    middle = ring(length - width, depth - width, offset=width / 2)
+    parts += lamps(random, middle, height)
+    movers = [walker(random, middle + random.uniform(-0.4, 0.4)) for _ in range(2)]
     way = middle if random.random() < 0.5 else middle[::-1]
     return parts, movers, way, random.uniform(0.8, 1.2)
 
@@ -107,7 +119,7 @@ def mine(random: np.random.Generator):
             parts.append(moved(pole(0.08, 2.0, "metal"), spot))
         else:
             parts.append(moved(box((1.2, 0.7, 0.9), "metal"), spot, yaw=yaw))
-    movers = [_walker(random, middle[:: len(middle) // 12])]
+    movers = [walker(random, middle[:: len(middle) // 12])]
     return parts, movers, middle[:: len(middle) // 24], random.uniform(0.7, 1.1)
 
 
@@ -115,7 +127,7 @@ def lab(random: np.random.Generator):
     """Return a furnished hall."""
     length, depth = random.uniform(10, 15), random.uniform(8, 11)
     height = random.uniform(2.8, 4.0)
-    parts = _shell(random, length, depth, height, "drywall", ["glass", "wood", "metal"])
+    parts = shell(random, length, depth, height, "drywall", ["glass", "wood", "metal"])
     parts += [
         moved(box((0.4, 0.4, height), "concrete"), (length * f, depth / 2, 0))
         for f in (0.33, 0.66)
@@ -126,16 +138,16 @@ def lab(random: np.random.Generator):
         y = random.uniform(lane + 0.8, depth - lane - 0.8)
         item = pick(random, [table, cabinet, shelf, chair])(random)
         parts.append(moved(item, (x, y, 0), yaw=random.integers(8) * np.pi / 4))
-    for side in _sides(_ring(length, depth)):
+    for side in sides(ring(length, depth)):
         for _ in range(3):
             item = pick(random, [cabinet, shelf, chair])(random)
-            parts.append(_along(random, side, 0.4, item))
+            parts.append(beside_wall(random, side, 0.4, item))
     for _ in range(2):
         spot = random.uniform([lane, lane], [length - lane, depth - lane])
         someone = person(random.uniform(1.6, 1.9))
         parts.append(moved(someone, (*spot, 0), yaw=random.uniform(0, 6)))
-    way = _ring(length - 2 * lane, depth - 2 * lane, offset=lane)
-    movers = [_walker(random, way + random.normal(size=(4, 2)) * 0.3) for _ in range(2)]
+    way = ring(length - 2 * lane, depth - 2 * lane, offset=lane)
+    movers = [walker(random, way + random.normal(size=(4, 2)) * 0.3) for _ in range(2)]
     return parts, movers, way, random.uniform(0.6, 1.0)
 
 
@@ -148,7 +160,11 @@ def outdoor(random: np.random.Generator):
         along = random.uniform(5, 9) * np.array([-np.sin(angle), np.cos(angle)])
         kinds = ["glass", "metal", "glass", "column"]
         front = random.choice(["brick", "concrete"])
-        parts.append(_wall(random, centre + along, centre - along, 6.0, front, kinds))
+        parts.append(
+            wall_with_openings(
+                random, centre + along, centre - along, 6.0, front, kinds
+            )
+        )
         behind = centre * 1.5
         parts.append(wall(behind + along, behind - along, 6.0, front))
     for _ in range(random.integers(7, 12)):
@@ -169,8 +185,8 @@ def outdoor(random: np.random.Generator):
     drive = walk(random, road, speed_mps=4.0, rounding_m=1.0)
     movers = [
         make_body(random, car(4.3), trajectory=drive),
-        _walker(random, 5.0 * circle[::-1]),
-        _walker(random, 2.0 * circle),
+        walker(random, 5.0 * circle[::-1]),
+        walker(random, 2.0 * circle),
     ]
     way = 3.4 * circle[:: random.choice([-1, 1])]
     return parts, movers, way, random.uniform(0.9, 1.3)
@@ -183,10 +199,12 @@ def corridor(random: np.random.Generator):
     parts = [
         slab((0, -9), (length, width + 4), 0.0, "floor"),
         slab((0, 0), (length, width), height, "ceiling"),
-        _wall(random, (0.0, width), (length, width), height, "concrete", INDOORS),
+        wall_with_openings(
+            random, (0.0, width), (length, width), height, "concrete", INDOORS
+        ),
         wall((0, 0), (0, width), height, "concrete", openings=((0.5, 1.0, "metal"),)),
         wall((length, width), (length, 0), height, "concrete"),
-        _glass_front(0, length, 0, height),
+        glass_front(0, length, 0, height),
         wall((length, -8.0), (0, -8.0), 4.0, "brick", openings=((4.0, 3.0, "glass"),)),
     ]
     for x in np.arange(0.0, length, random.uniform(1.8, 3.0)):
@@ -198,9 +216,9 @@ def corridor(random: np.random.Generator):
     for _ in range(random.integers(3, 6)):
         x = random.uniform(1, length - 1)
         parts.append(moved(hall_item(random), (x, width - 0.3, 0), yaw=np.pi))
-    way = _rectangle((1.5, width / 2 - 0.3), (length - 1.5, width / 2 + 0.3))
-    parts += _lamps(random, way[:2] + [0, 0.3], height)
-    movers = [_walker(random, way[::-1] + [0, 0.15])]
+    way = rectangle((1.5, width / 2 - 0.3), (length - 1.5, width / 2 + 0.3))
+    parts += lamps(random, way[:2] + [0, 0.3], height)
+    movers = [walker(random, way[::-1] + [0, 0.15])]
     return parts, movers, way, random.uniform(0.8, 1.2)
 
 
@@ -208,8 +226,8 @@ def hall(random: np.random.Generator):
     """Return a high hall with columns and a glass front."""
     length, depth = random.uniform(16, 24), random.uniform(12, 16)
     height = random.uniform(4.5, 6.5)
-    parts = _shell(random, length, depth, height, "concrete", ["metal", "wood", "open"])
-    parts.append(_glass_front(1, length - 1, 0.4, 4))
+    parts = shell(random, length, depth, height, "concrete", ["metal", "wood", "open"])
+    parts.append(glass_front(1, length - 1, 0.4, 4))
     for x in np.arange(4.0, length - 3, random.uniform(3.5, 5.0)):
         for y in (depth * 0.3, depth * 0.7):
             parts.append(moved(pole(0.3, height, "concrete", sides=16), (x, y, 0)))
@@ -218,90 +236,23 @@ def hall(random: np.random.Generator):
         spot = random.uniform([2, 2], [length - 2, depth - 2])
         item = pick(random, [chair, table, bench])(random)
         parts.append(moved(item, (*spot, 0), yaw=random.uniform(0, 6)))
-    way = _ring(length - 4.4, depth - 4.4, offset=2.2)
-    cross = _rectangle((3, depth / 2 + 1.2), (length - 3, depth / 2 - 1.2))
+    way = ring(length - 4.4, depth - 4.4, offset=2.2)
+    cross = rectangle((3, depth / 2 + 1.2), (length - 3, depth / 2 - 1.2))
     movers = [
-        _walker(random, cross),
-        _walker(random, way[::-1] * 0.97),
-        _walker(random, cross[::-1] + 0.4),
+        walker(random, cross),
+        walker(random, way[::-1] * 0.97),
+        walker(random, cross[::-1] + 0.4),
     ]
     return parts, movers, way, random.uniform(0.8, 1.2)
 
 
 FAMILIES: dict[str, Callable] = {
-    family.__name__: family for family in (hallways, mine, lab, outdoor, corridor, hall)
+    family.__name__: family
+    for family in (hallways, mine, lab, outdoor, corridor, hall, home, warehouse)
 }
-
-
-def _rectangle(low, high):
-    """Return the corners `[corner, 2]` of a rectangle in turn, along x first."""
-    (x0, y0), (x1, y1) = low, high
-    return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], float)
-
-
-def _ring(length, depth, *, offset=0.0):
-    return _rectangle((0, 0), (length, depth)) + offset
-
-
-def _sides(corners):
-    """Return the start and end of each side of a closed line."""
-    return [*zip(corners, np.roll(corners, -1, 0), strict=True)]
 
 
 def _ring_spot(random, near, far):
     """Return a random place on the ground between two circles."""
     angle, radius = random.uniform(0, 2 * np.pi), random.uniform(near, far)
     return radius * np.array([np.cos(angle), np.sin(angle), 0])
-
-
-def _glass_front(x0, x1, y, height):
-    corners = [(x0, y, 0.1), (x1, y, 0.1), (x1, y, height), (x0, y, height)]
-    return sheet(corners, "glass")
-
-
-def _wall(random, start, end, height, material, kinds) -> Solid:
-    """Return a wall with an opening of one of these kinds every few metres."""
-    length = float(np.hypot(*np.subtract(end, start)))
-    openings, at = [], random.uniform(0.8, 2.0)
-    while at < length - 1.8:
-        kind = str(random.choice(kinds))
-        wide = {"glass": 1.6, "column": 0.3}.get(kind, 0.95)
-        openings.append((at, wide, kind))
-        at += wide + random.uniform(1.2, 3.5)
-    return wall(start, end, height, material, openings=openings)
-
-
-def _shell(random, length, depth, height, material, kinds) -> list[Solid]:
-    """Return floor, ceiling and four walls."""
-    parts = [
-        slab((-0.2, -0.2), (length + 0.2, depth + 0.2), 0.0, "floor"),
-        slab((-0.2, -0.2), (length + 0.2, depth + 0.2), height, "ceiling"),
-    ]
-    for a, b in _sides(_ring(length, depth)):
-        parts.append(_wall(random, b, a, height, material, kinds))
-    return parts
-
-
-def _along(random, side, gap, item) -> Solid:
-    """Return an item placed at the wall of one side of a room."""
-    a, b = side
-    along = (b - a) / np.linalg.norm(b - a)
-    inward = np.array([-along[1], along[0]])
-    spot = a + (b - a) * random.uniform(0.12, 0.88) + gap * inward
-    return moved(item, (*spot, 0), yaw=float(np.arctan2(along[1], along[0])))
-
-
-def _lamps(random, line, height) -> list[Solid]:
-    lamps, every = [], random.uniform(2.5, 4.0)
-    for a, b in _sides(line):
-        length = float(np.linalg.norm(b - a))
-        for at in np.arange(1.0, length, every):
-            spot = (*(a + (b - a) * at / length), height - 0.08)
-            lamps.append(moved(box((0.6, 0.3, 0.07), "metal"), spot))
-    return lamps
-
-
-def _walker(random, way) -> Body:
-    ground = np.column_stack([way, np.zeros(len(way))])
-    trajectory = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
-    return make_body(random, person(random.uniform(1.55, 1.95)), trajectory=trajectory)

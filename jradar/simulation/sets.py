@@ -34,7 +34,7 @@ from jradar.simulation.units import SHIFTS, UnitSpec, draw_unit, shifted_unit
 Splits = dict[str, tuple[int, ...]]  # seeds of each split
 FRAMES = 1  # of each sequence, by default
 SIX = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
-SEEN = (*SIX, "home", "forest")
+SEEN = (*SIX, "home")
 UNSEEN = "warehouse"
 MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
 ROBUST: Splits = {"test": tuple(range(200, 208))}
