@@ -38,7 +38,8 @@ from jradar.radar.snapshots import Snapshots
 FINER = 4  # azimuth bins per bin of `azimuth_bins`: a parabola is then exact
 NUM_ELEVATION = 64
 MOST_STEPS, CONVERGED = 200, 1e-5
-MIN_ECHOES = 20
+MIN_ECHOES = 5  # in each half
+BEST = 0.25  # share of the strong cells that surely hold a single echo
 BLOCK = 4  # range bins that stay together when echoes are halved
 TOLERANCE_M = 0.3  # by which a reflector's measured range may be wrong
 SIMPLER = 1.05  # residual for which a factor per antenna replaces one per pair
@@ -56,11 +57,11 @@ class Explained(NamedTuple):
 
 
 class Residuals(NamedTuple):
-    """How well single directions explain the echoes; medians over echoes."""
+    """How well single directions explain echoes: the best quarter of them, and all."""
 
-    phase_deg: float  # root mean square over the antennas, weighted by power
-    power_share: float  # not explained
-    peak_to_mean: float  # of the angle spectrum, mean over echoes
+    phase_deg: float  # first quartile of the root mean square over the antennas
+    power_share: float  # first quartile of the share that is not explained
+    peak_to_mean: float  # of the angle spectrum, mean over all echoes
 
 
 class SelfCalibration(NamedTuple):
@@ -71,6 +72,7 @@ class SelfCalibration(NamedTuple):
     """
 
     factors: Complex[np.ndarray, " virtual"]  # by which to multiply the channels
+    improves: bool  # echoes left out; otherwise the channels stay as they are
     separable: bool  # a factor of the transmitter times one of the receiver
     echoes: int
     azimuth_spread_deg: float  # of the echoes, standard deviation
@@ -91,42 +93,42 @@ def self_calibrate(
     `reflector` is the range in metres and the direction (azimuth, elevation) in radians
     of a corner reflector that stands still among the echoes. Without it the factors'
     phases have no linear part. Raises ValueError for an array that shows nothing, for
-    fewer than 20 echoes in either half of the range bins, for a channel that is 20 dB
+    fewer than 5 echoes in either half of the range bins, for a channel that is 20 dB
     off, and if the reflector is not found.
     """
-    check_observable(radar)
-    power = np.asarray(echoes.power).ravel()
+    _check_observable(radar)
     snapshot = np.asarray(echoes.snapshot).reshape(-1, radar.num_virtual)
-    block = np.asarray(echoes.range_m).ravel() // (BLOCK * radar.range_resolution_m)
-    halves = [(power > 0) & (block % 2 == half) for half in (0, 1)]
-    if (least := min(int(half.sum()) for half in halves)) < MIN_ECHOES:
-        raise ValueError(
-            f"{(power > 0).sum()} strong echoes, {least} of them in one half of the "
-            f"range bins, expected {MIN_ECHOES} or more in each: use more frames, or "
-            "record a scene with single objects at several ranges and angles"
-        )
-    masked = [np.where(half[:, None], snapshot, 0) for half in halves]
+    heard = np.asarray(echoes.power).ravel() > 0
+    halves = _halves(snapshot, np.asarray(echoes.range_m).ravel(), heard, radar)
+    unchanged = np.ones(radar.num_virtual, np.complex64)
+    before = residuals(halves[::-1], [unchanged] * 2, radar)
     fits = {
-        separable: [channel_response(m, radar, separable=separable) for m in masked]
+        separable: [
+            channel_response(half, radar, separable=separable) for half in halves
+        ]
         for separable in (True, False)
     }
-    checks = {s: residuals(masked[::-1], fit, radar) for s, fit in fits.items()}
+    checks = {s: residuals(halves[::-1], fit, radar) for s, fit in fits.items()}
     separable = checks[True].power_share <= SIMPLER * checks[False].power_share
-    response = channel_response(snapshot, radar, separable=separable)
-    _check_gains(response, radar)
-    nothing = [np.ones(radar.num_virtual, np.complex64)] * 2
+    after = checks[separable]
+    improves = after.power_share < before.power_share
+    response = jnp.asarray(unchanged)
+    if improves:
+        response = channel_response(snapshot, radar, separable=separable)
+        _check_gains(response, radar)
     apart = np.angle(np.divide(*fits[separable]))
     bias = None
     if reflector is not None:
         response, bias = towards_reflector(response, echoes, radar, reflector)
-    azimuth = np.asarray(explain(snapshot, response, radar).azimuth)[power > 0]
+    azimuth = np.asarray(explain(snapshot, response, radar).azimuth)[heard]
     return SelfCalibration(
         factors=np.asarray(1 / response),
+        improves=improves,
         separable=separable,
-        echoes=int((power > 0).sum()),
+        echoes=int(heard.sum()),
         azimuth_spread_deg=float(np.degrees(azimuth.std())),
-        before=residuals(masked[::-1], nothing, radar),
-        after=checks[separable],
+        before=before,
+        after=after,
         uncertainty_deg=float(np.degrees(np.sqrt((apart**2).mean())) / 2),
         range_bias_m=bias,
     )
@@ -145,8 +147,8 @@ def residuals(snapshots, responses, radar: RadarSpec) -> Residuals:
         shares.append(np.asarray(found.residual)[heard])
     phase, share = np.concatenate(phases), np.concatenate(shares)
     return Residuals(
-        phase_deg=float(np.degrees(np.median(phase))),
-        power_share=float(np.median(share)),
+        phase_deg=float(np.degrees(np.quantile(phase, BEST))),
+        power_share=float(np.quantile(share, BEST)),
         peak_to_mean=float(radar.num_virtual * (1 - share.mean())),
     )
 
@@ -200,7 +202,7 @@ def channel_response(
     def step(state):
         before, _, steps = state
         found = explain(unit, before, radar)
-        usual = jnp.nanmedian(jnp.where(heard, found.residual, jnp.nan))
+        usual = jnp.nanquantile(jnp.where(heard, found.residual, jnp.nan), BEST)
         weight = heard / (1 + found.residual / jnp.maximum(usual, TINY)) ** 2
         wave = found.model / before
         response = (weight[:, None] * wave.conj() * unit).sum(0)
@@ -243,7 +245,7 @@ def linear_phases(radar: RadarSpec) -> Float[np.ndarray, "virtual part"]:
     return basis[:, size > 1e-9 * size[0]]
 
 
-def check_observable(radar: RadarSpec) -> None:
+def _check_observable(radar: RadarSpec) -> None:
     """Raise ValueError if any phases of the channels are a tilt of the array."""
     count, hidden = linear_phases(radar).shape
     if count == hidden:
@@ -284,10 +286,24 @@ def towards_reflector(
     shape = (*power.shape, radar.num_virtual)
     seen = explain(np.asarray(echoes.snapshot).reshape(shape)[place], response, radar)
     wave = steering(seen.azimuth, seen.elevation, radar)
-    turn = wave * steering(*map(jnp.asarray, (azimuth, elevation)), radar).conj()
+    true = steering(jnp.asarray(azimuth), jnp.asarray(elevation), radar)
+    turn = wave * true.conj()
     turn = turn.mean(0)
     bias = float(np.median(range_m[place])) - expected_m
     return response * turn / jnp.abs(turn), bias
+
+
+def _halves(snapshot, range_m, heard, radar):
+    """The snapshots of every other block of range bins, and those of the rest."""
+    block = range_m // (BLOCK * radar.range_resolution_m)
+    halves = [heard & (block % 2 == half) for half in (0, 1)]
+    if (least := min(int(half.sum()) for half in halves)) < MIN_ECHOES:
+        raise ValueError(
+            f"{heard.sum()} strong echoes, {least} of them in one half of the range "
+            f"bins, expected {MIN_ECHOES} or more in each: use more frames, or record "
+            "a scene with single objects at several ranges and angles"
+        )
+    return [np.where(half[:, None], snapshot, 0) for half in halves]
 
 
 def _check_gains(response, radar):
