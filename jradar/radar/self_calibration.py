@@ -28,7 +28,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.radar.angle import azimuth_bins
 from jradar.radar.direction import directions
@@ -185,9 +185,12 @@ def steering(
     return jnp.exp(2j * jnp.pi * cycles)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "separable"))
+@functools.partial(jax.jit, static_argnames="radar")
 def channel_response(
-    snapshot: Complex[Array, "echo virtual"], radar: RadarSpec, *, separable: bool
+    snapshot: Complex[Array, "echo virtual"],
+    radar: RadarSpec,
+    *,
+    separable: bool | Bool[Array, ""],
 ) -> Complex[Array, " virtual"]:
     """Return the response g of each channel, by alternating least squares.
 
@@ -207,11 +210,10 @@ def channel_response(
         wave = found.model / before
         response = (weight[:, None] * wave.conj() * unit).sum(0)
         response /= (weight[:, None] * jnp.abs(wave) ** 2).sum(0)
-        if separable:
-            left, values, right = jnp.linalg.svd(
-                response.reshape(radar.num_tx, radar.num_rx)
-            )
-            response = (values[0] * left[:, :1] * right[:1]).ravel()
+        pairs = response.reshape(radar.num_tx, radar.num_rx)
+        tx, values, rx = jnp.linalg.svd(pairs, full_matrices=False)
+        nearest = (values[0] * tx[:, :1] * rx[:1]).ravel()
+        response = jnp.where(separable, nearest, response)
         response = without_tilt(response, radar)
         return response, jnp.abs(response - before).max(), steps + 1
 
