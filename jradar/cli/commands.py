@@ -56,6 +56,13 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     return enhance_frames(options)
 
 
+def calibrate(options: argparse.Namespace) -> dict[str, Any]:
+    """Find the factors of the radar's channels from its echoes; write a description."""
+    from jradar.cli.calibrating import calibrate_recording
+
+    return calibrate_recording(options)
+
+
 def prepare(options: argparse.Namespace) -> dict[str, Any]:
     """Turn recordings of radar and LiDAR into training pairs."""
     from jradar.cli.reading import opening

@@ -35,6 +35,12 @@ PREPARE_HELP = """
 
 PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same
 command again to resume after an interruption."""
+CALIBRATE_HELP = """
+
+FILE describes the same radar with its channels' factors: pass it as --radar, or name it
+in a capture.toml. Record many single objects at several ranges and angles, while the
+radar moves, or one corner reflector. Echoes alone do not show by how much the array as
+a whole is turned or tilted; a reflector does."""
 DEVICES = (
     *("awr1443", "awr1642", "awr1843", "awr2944"),
     *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
@@ -83,6 +89,7 @@ def parser() -> argparse.ArgumentParser:
     _info(_command(kinds, commands.info, RECORDING_HELP + FILES_HELP))
     _points(_command(kinds, commands.points, RECORDING_HELP))
     _enhance(_command(kinds, commands.enhance, RECORDING_HELP))
+    _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
     _prepare(_command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
     _simulate(_command(kinds, commands.simulate))
     _view(_command(kinds, commands.view))
@@ -156,13 +163,23 @@ def _enhance(sub):
     _clouds(sub)
 
 
+def _calibrate(sub):
+    _recording(sub)
+    _all_frames(sub, "frames to use: A to B-1 (default: 200 of them, evenly spaced)")
+    _output(sub, "FILE", "description to write, a .toml")
+    text = (
+        "a corner reflector that stands still at M metres, by default straight ahead, "
+        "or AZ degrees to the left and EL up: it fixes turn, tilt and range bias"
+    )
+    _value(sub, "--reflector", "M[,AZ,EL]", text, type=_reflector)
+
+
 def _prepare(sub):
     _recording(sub)
     _output(sub)
     text = "TOML file with the fields of jradar.data.PrepareSpec to change"
     _value(sub, "--spec", "FILE", text)
-    text = "frames of each sequence: A to B-1 (default: all)"
-    _value(sub, "--frames", "A:B", text, type=_frames, default=slice(None))
+    _all_frames(sub, "frames of each sequence: A to B-1 (default: all)")
     text = "processes on this machine (default: its CPU cores, %(default)s)"
     _count(sub, "--workers", text, default=os.cpu_count() or 1)
     text = "run on the Dask cluster at this address instead"
@@ -242,6 +259,10 @@ def _frame(sub, *, several: bool = False):
     _flag(sub, "--frames-as-chirps", text)
 
 
+def _all_frames(sub, text: str):
+    _value(sub, "--frames", "A:B", text, type=_frames, default=slice(None))
+
+
 def _output(sub, metavar="DIR", text="output folder, created if missing"):
     sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
     sub.set_defaults(output_is_folder=metavar == "DIR")
@@ -318,6 +339,22 @@ def _positive(text: str) -> float:
     if not 0 < value < math.inf:
         raise argparse.ArgumentTypeError(f"{text!r}, expected a number above 0")
     return value
+
+
+def _reflector(text: str) -> tuple[float, float, float]:
+    """Parse a range in metres, and a direction in degrees, into metres and radians."""
+    try:
+        distance, azimuth, elevation = map(float, (text + ",0,0").split(",")[:3])
+    except ValueError:
+        distance = azimuth = elevation = math.nan
+    fields = text.count(",") in (0, 2)
+    if not (
+        fields and 0 < distance < math.inf and max(abs(azimuth), abs(elevation)) < 90
+    ):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}, expected a range above 0, or M,AZ,EL such as 3.2,-10,0"
+        )
+    return distance, math.radians(azimuth), math.radians(elevation)
 
 
 def _rate(text: str) -> float:

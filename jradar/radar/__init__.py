@@ -6,6 +6,8 @@ arguments. In the order of processing:
 Sensor       RadarSpec
 Calibration  calibrate_channels, calibrate_frequency_phase, subtract_coupling,
              compensate_tdm
+             strong_snapshots, self_calibrate      channel factors from echoes
+             channel_response, explain, without_tilt
 Spectra      range_doppler, power_map, window
 Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
@@ -56,10 +58,22 @@ from jradar.radar.points import (
     detect as detect,
     radar_points as radar_points,
 )
+from jradar.radar.self_calibration import (
+    Explained as Explained,
+    SelfCalibration as SelfCalibration,
+    channel_response as channel_response,
+    explain as explain,
+    self_calibrate as self_calibrate,
+    without_tilt as without_tilt,
+)
 from jradar.radar.sensor import RadarSpec as RadarSpec
 from jradar.radar.simulate import (
     Scatterers as Scatterers,
     simulate_cube as simulate_cube,
+)
+from jradar.radar.snapshots import (
+    Snapshots as Snapshots,
+    strong_snapshots as strong_snapshots,
 )
 from jradar.radar.spectrum import (
     power_map as power_map,

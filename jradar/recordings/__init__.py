@@ -20,6 +20,7 @@ Formats, each with its layout at the top of its module:
 Radars and their calibration:
 
     read_description                 a radar in a .toml, .cfg, log or calib folder
+    read_radar_toml, write_radar_toml    `radar_toml`: a radar and its calibration
     radar_from_toml, .. _cfg, .. _studio_log, .. _coloradar
     read_coupling, read_frequency_phase
     estimate_time_offset, propose_offset    the time between radar and LiDAR clocks
@@ -61,6 +62,10 @@ from jradar.recordings.descriptions import (
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
+)
+from jradar.recordings.radar_toml import (
+    read_radar_toml as read_radar_toml,
+    write_radar_toml as write_radar_toml,
 )
 from jradar.recordings.recording import (
     Recording as Recording,

@@ -32,7 +32,9 @@ from jradar.recordings.coloradar_files import (
     read_table,
     read_transform,
 )
+from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, Recording
+from jradar.recordings.ti_cfg import CaptureSpec
 
 SENSORS = ("single_chip", "cascade")
 KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
@@ -49,9 +51,10 @@ def open_coloradar(
     """Open a sequence with one radar, LiDAR, poses, transforms and calibration.
 
     `description` is the `calib` folder; by default the one inside, beside or above the
-    sequence. `sensor` is the radar; by default the single chip if it was recorded. The
-    files do not contain the order in which the cascade fires: TI's default is assumed
-    unless `tx_firing_order` is given.
+    sequence. It can also be a TOML file with the radar and its channels' factors, which
+    replaces the radar of that folder. `sensor` is the radar; by default the single chip
+    if it was recorded. The files do not contain the order in which the cascade fires:
+    TI's default is assumed unless `tx_firing_order` is given.
 
     Raises UsageError if the radar's samples or its calibration are not found, and
     ValueError for damaged files.
@@ -60,7 +63,12 @@ def open_coloradar(
     notes: list[str] = []
     sensor = _sensor(folder, sensor, notes)
     calib = Path(description or _find_calib(folder, sensor))
-    radar = radar_from_coloradar(calib / sensor, tx_firing_order=tx_firing_order)
+    if calib.suffix == ".toml":
+        radar, capture = read_radar_toml(calib)
+        calib = _find_calib(folder, sensor)
+    else:
+        radar = radar_from_coloradar(calib / sensor, tx_firing_order=tx_firing_order)
+        capture = CaptureSpec()
     at = folder / sensor / "adc_samples"
     cubes = file_stream(
         at / "data", "frame", at / "timestamps.txt", lambda file: read_cube(file, radar)
@@ -96,6 +104,8 @@ def open_coloradar(
         base_from_lidar=_base_from(calib, ("lidar",), notes),
         coupling=coupling,
         frequency_phase=frequency_phase,
+        channel_factors=capture.channel_array,
+        range_bias_m=capture.range_bias_m,
         notes=(f"calibration: {calib}", *notes),
     )
 

@@ -82,6 +82,7 @@ def open_npy(
         cubes=Stream(read, len(frames)),
         channel_factors=capture.channel_array,
         range_bias_m=capture.range_bias_m,
+        axes=tuple(axes),
         notes=(*notes, WRAPPED) if wrapped else notes,
     )
 
@@ -123,8 +124,7 @@ def _holds_pairs(path: Path, array: np.ndarray, radar: RadarSpec) -> bool:
 
 def _named_axes(description: Path) -> list[str] | None:
     """Return the axes that a TOML file names; UsageError if they are no list."""
-    table = toml(description).get("file", {})
-    axes = table.get("axes") if isinstance(table, dict) else table
+    axes = toml(description).get("file", {}).get("axes")
     if axes is None:
         return None
     if not isinstance(axes, list) or not all(isinstance(name, str) for name in axes):

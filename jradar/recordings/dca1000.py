@@ -125,6 +125,7 @@ def open_dca1000(
         channel_factors=capture.channel_array,
         range_bias_m=capture.range_bias_m,
         lost_bytes=lost,
+        iq_order=order,
         notes=tuple(notes),
     )
 

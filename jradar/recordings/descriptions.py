@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
-from jradar.radar.devices import BOARDS
 from jradar.recordings.coloradar_calib import radar_from_coloradar
 from jradar.recordings.mmwave_json import read_mmwave_json
+from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, read
 from jradar.recordings.studio_log import count_configurations, radar_from_studio_log
-from jradar.recordings.text_files import MAX_BYTES, radar_from_toml, toml
+from jradar.recordings.text_files import MAX_BYTES
 from jradar.recordings.ti_cfg import CaptureSpec, radar_from_cfg
 
 # What only the files of each kind contain that describe a radar.
@@ -37,16 +37,6 @@ class Description(NamedTuple):
     radar: RadarSpec
     capture: CaptureSpec = CaptureSpec()
     notes: tuple[str, ...] = ()
-
-
-def _read_toml(path: Path) -> Description:
-    """Return the radar of a TOML file, and the signs of its board's receivers."""
-    radar = radar_from_toml(path)
-    board = BOARDS.get(toml(path)["radar"].get("device", ""))
-    if board is None or board.rx_positions != radar.rx_positions:
-        return Description(radar)
-    signs = tuple(complex(sign) for sign in board.rx_signs) * radar.num_tx
-    return Description(radar, CaptureSpec(channel_factors=signs))
 
 
 def _read_cfg(path: Path, device: str = "awr1843") -> Description:
@@ -88,7 +78,7 @@ DESCRIPTIONS = (
     Format(
         "a .toml with a [radar] table",
         lambda path: path.suffix == ".toml",
-        _read_toml,
+        lambda path: Description(*read_radar_toml(path)),
     ),
     Format(
         "a .cfg of TI's mmWave SDK",

@@ -73,9 +73,11 @@ class Recording(NamedTuple):
     base_from_lidar: Float[np.ndarray, "4 4"] | None = None
     coupling: Complex[np.ndarray, "tx rx half_range"] | None = None
     frequency_phase: FrequencyPhase | None = None
-    channel_factors: Complex[np.ndarray, " virtual"] | None = None  # of a TI .cfg
-    range_bias_m: float = 0.0  # of a TI .cfg; subtracted from measured ranges
+    channel_factors: Complex[np.ndarray, " virtual"] | None = None  # of a .cfg or .toml
+    range_bias_m: float = 0.0  # subtracted from measured ranges
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
+    iq_order: str = ""  # of an adc_data.bin
+    axes: tuple[str, ...] = ()  # of a .npy
     notes: tuple[str, ...] = ()  # what was repaired or is doubtful
 
 

@@ -190,7 +190,7 @@ def test_axes_that_are_no_list_of_names(tmp_path, axes):
     with pytest.raises(UsageError, match="radar.toml: axes"):
         open_recording(path)
     radar.write_text("file = 3\n" + radar.read_text().partition("[file]")[0])
-    with pytest.raises(UsageError, match="radar.toml: axes = 3"):
+    with pytest.raises(UsageError, match="radar.toml: file = 3"):
         open_recording(path)
 
 

@@ -1,0 +1,119 @@
+"""A radar's TOML file: how its samples are stored, and its calibration.
+
+    [radar]                             fields of RadarSpec, or a device and changes
+    device = "awr1843"
+
+    [file]                              all optional
+    axes = ["frame", "chirp", "tx", "rx", "sample"]       of a cube.npy
+    iq_order = "IIQQ"                   of an adc_data.bin, see `iq_order`
+
+    [calibration]                       all optional, as `jradar calibrate` writes it
+    range_bias_m = 0.066                subtracted from measured ranges
+    gain_db = [0.0, 0.1, ..]            by which samples are multiplied: one number for
+    phase_degrees = [0.0, -2.5, ..]     each tx and rx, the receivers of tx 0 first
+
+A file without gains and phases has the signs of its board's receivers.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jradar.errors import UsageError
+from jradar.files import write_text
+from jradar.radar import RadarSpec
+from jradar.radar.devices import BOARDS
+from jradar.recordings.iq_order import IQ_ORDERS
+from jradar.recordings.text_files import check_names, radar_from_toml, toml
+from jradar.recordings.ti_cfg import CaptureSpec
+
+FILE_KEYS = ("axes", "iq_order")
+CALIBRATION_KEYS = ("range_bias_m", "gain_db", "phase_degrees")
+LARGEST = {"gain_db": 60.0, "phase_degrees": 720.0}  # beyond, another unit
+
+
+def read_radar_toml(path: Path | str) -> tuple[RadarSpec, CaptureSpec]:
+    """Return the radar of a TOML file, its samples' order and its calibration.
+
+    Raises UsageError for unknown keys and for values that do not fit the radar.
+    """
+    radar, tables = radar_from_toml(path), toml(path)
+    stored, measured = (
+        _table(path, tables, name, keys)
+        for name, keys in (("file", FILE_KEYS), ("calibration", CALIBRATION_KEYS))
+    )
+    if (order := stored.get("iq_order", CaptureSpec.iq_order)) not in IQ_ORDERS:
+        raise UsageError(
+            f"{path}: iq_order = {order!r:.40}, expected one of {', '.join(IQ_ORDERS)}"
+        )
+    board = BOARDS.get(tables["radar"].get("device", ""))
+    factors: tuple[complex, ...] = ()
+    if "gain_db" in measured or "phase_degrees" in measured:
+        gain_db, degrees = (_each(path, measured, key, radar) for key in LARGEST)
+        factors = tuple(
+            (10 ** (gain_db / 20) * np.exp(1j * np.radians(degrees))).tolist()
+        )
+    elif board is not None and board.rx_positions == radar.rx_positions:
+        factors = tuple(complex(sign) for sign in board.rx_signs) * radar.num_tx
+    bias = measured.get("range_bias_m", 0.0)
+    if type(bias) not in (int, float) or not abs(bias) < radar.max_range_m:
+        raise UsageError(
+            f"{path}: range_bias_m = {bias!r:.40}, expected metres, within the radar's "
+            f"{radar.max_range_m:.2f} m"
+        )
+    return radar, CaptureSpec(
+        iq_order=order, range_bias_m=float(bias), channel_factors=factors
+    )
+
+
+def write_radar_toml(
+    path: Path | str,
+    radar: RadarSpec,
+    capture: CaptureSpec,
+    *,
+    axes: Sequence[str] = (),
+    comment: str = "",
+) -> None:
+    """Write what `read_radar_toml` reads, and the `axes` of a cube.
+
+    `comment` is put at the top.
+    """
+    factors = np.array(capture.channel_factors)
+    stored = {"axes": [*axes]} if axes else {"iq_order": capture.iq_order}
+    measured: dict[str, Any] = {"range_bias_m": capture.range_bias_m}
+    if factors.size:
+        measured["gain_db"] = (20 * np.log10(abs(factors))).round(4).tolist()
+        measured["phase_degrees"] = np.degrees(np.angle(factors)).round(3).tolist()
+    tables = {"radar": asdict(radar), "file": stored, "calibration": measured}
+    lines = [f"# {line}" for line in comment.splitlines()]
+    for name, table in tables.items():
+        lines += [f"\n[{name}]", *(f"{k} = {json.dumps(v)}" for k, v in table.items())]
+    write_text(path, "\n".join(lines).lstrip() + "\n")
+
+
+def _table(path, tables, name: str, keys) -> dict[str, Any]:
+    """Return a table, empty if it is missing; UsageError for other keys."""
+    table = tables.get(name, {})
+    if not isinstance(table, dict):
+        raise UsageError(f"{path}: {name} = {table!r:.80}, expected a table [{name}]")
+    check_names(path, f"key of [{name}]", table, keys)
+    return table
+
+
+def _each(path, table, key: str, radar: RadarSpec) -> np.ndarray:
+    """Return a number for each virtual antenna; zeros if the key is missing."""
+    values = table.get(key, [0.0] * radar.num_virtual)
+    plain = isinstance(values, list) and len(values) == radar.num_virtual
+    if not plain or not all(
+        type(value) in (int, float) and abs(value) <= LARGEST[key] for value in values
+    ):
+        raise UsageError(
+            f"{path}: {key} = {values!r:.80}, expected {radar.num_virtual} numbers of "
+            f"at most {LARGEST[key]:g}, one for each of {radar.num_tx} tx x "
+            f"{radar.num_rx} rx"
+        )
+    return np.array(values, float)

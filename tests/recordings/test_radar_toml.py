@@ -1,0 +1,88 @@
+"""A radar's TOML file: what is written is read back, and wrong values are named."""
+
+import numpy as np
+import pytest
+
+from jradar.errors import UsageError
+from jradar.radar import RadarSpec
+from jradar.recordings import (
+    CaptureSpec,
+    calibrated_cube,
+    open_recording,
+    read_description,
+    write_radar_toml,
+)
+from tests.recordings.cube_writer import random_cube, save
+
+RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=16, frame_period_s=0.1)
+FACTORS = tuple(
+    (np.geomspace(0.5, 2, 12) * np.exp(1j * np.linspace(-3, 3, 12))).tolist()
+)
+
+
+@pytest.mark.parametrize("radar", [RADAR, RadarSpec.cascade()], ids=lambda r: r.name)
+def test_what_is_written_is_read_back(tmp_path, radar):
+    factors = np.resize(FACTORS, radar.num_virtual).tolist()
+    capture = CaptureSpec(
+        iq_order="Q4I4", range_bias_m=0.0659, channel_factors=tuple(factors)
+    )
+    write_radar_toml(tmp_path / "radar.toml", radar, capture, comment="of a test\nrig")
+    found = read_description(tmp_path / "radar.toml")
+    assert found.radar == radar
+    assert (found.capture.iq_order, found.capture.range_bias_m) == ("Q4I4", 0.0659)
+    np.testing.assert_allclose(found.capture.channel_factors, factors, rtol=1e-4)
+    assert not found.notes
+
+
+def test_the_factors_of_a_file_are_applied_to_the_cube_and_replace_signs(tmp_path):
+    cube = random_cube((3, 2, 4, 4, 8))
+    path = save(tmp_path, cube, ["frame", "tx", "rx", "chirp", "sample"])
+    before = open_recording(path)
+    capture = CaptureSpec(range_bias_m=0.07, channel_factors=FACTORS[:8])
+    description = tmp_path / "other" / "calibrated.toml"
+    write_radar_toml(description, before.radar, capture, axes=before.axes)
+    after = open_recording(path, description)
+    assert (after.radar, after.range_bias_m) == (before.radar, 0.07)
+    expected = cube[1] * np.reshape(FACTORS[:8], (2, 4, 1, 1))
+    np.testing.assert_allclose(calibrated_cube(after, 1), expected, rtol=1e-3)
+    text = '[radar]\ndevice = "iwr6843ods"\n' + WAVEFORM
+    (tmp_path / "ods.toml").write_text(text)
+    signs = read_description(tmp_path / "ods.toml").capture.channel_factors
+    assert signs == (1, -1, -1, 1) * 3
+    (tmp_path / "ods.toml").write_text(text + f"[calibration]\ngain_db = {[0] * 12}\n")
+    assert read_description(tmp_path / "ods.toml").capture.channel_factors == (1,) * 12
+
+
+WAVEFORM = """\
+start_frequency_hz = 60e9
+slope_hz_per_s = 60e12
+sample_rate_hz = 5e6
+num_samples = 64
+num_chirps = 8
+idle_time_s = 1e-4
+adc_start_time_s = 6e-6
+ramp_end_time_s = 40e-6
+"""
+
+
+@pytest.mark.parametrize(
+    ("tables", "message"),
+    [
+        ("[calibration]\ngain_db = [1, 2]", "gain_db = .*expected 12 numbers"),
+        ("[calibration]\nphase_degrees = 3", "phase_degrees = 3, expected 12"),
+        (f"[calibration]\ngain_db = {['a'] * 12}", "expected 12 numbers"),
+        (f"[calibration]\ngain_db = [{'nan,' * 12}]", "expected 12 numbers"),
+        (f"[calibration]\ngain_db = {[99] * 12}", "at most 60"),
+        ("[calibration]\nrange_bias_m = 'far'", "range_bias_m = 'far'"),
+        ("[calibration]\nrange_bias_m = nan", "range_bias_m = nan"),
+        ("[calibration]\nrange_bias_m = 66", "within the radar's"),
+        ("[calibration]\nphases = []", "unknown key of .calibration. 'phases'"),
+        ("[file]\niq_order = 'QI'", "iq_order = 'QI', expected one of"),
+        ("[file]\naxis = []", "unknown key of .file. 'axis', expected axes"),
+    ],
+)
+def test_wrong_values_are_named(tmp_path, tables, message):
+    path = tmp_path / "radar.toml"
+    path.write_text(f'[radar]\ndevice = "awr1843"\n\n{tables}\n')
+    with pytest.raises(UsageError, match=message):
+        read_description(path)
