@@ -16,6 +16,8 @@ Points       PointSpec, radar_points           cube to points of the detected ce
              Cells, all_cells, cell_points     all directions first, any mask later
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
+Other radars excise_interference               crossing chirps, out of the samples
+             Interferers, draw_interferers, crossing_chirps     and into them
 Simulation   Scatterers, simulate_cube         the way back: scatterers to a cube
 """
 
@@ -46,6 +48,12 @@ from jradar.radar.echoes import (
     NoiseStatistics as NoiseStatistics,
     noise_statistics as noise_statistics,
     strongest_echoes as strongest_echoes,
+)
+from jradar.radar.interference import (
+    Interferers as Interferers,
+    crossing_chirps as crossing_chirps,
+    draw_interferers as draw_interferers,
+    excise_interference as excise_interference,
 )
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
 from jradar.radar.points import (
