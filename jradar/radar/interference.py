@@ -34,8 +34,9 @@ from scipy.special import gammainccinv
 from jradar.radar.sensor import RadarSpec
 
 PASSES = (16.0, 4.0, 1.0)  # factors on the threshold: the strongest bursts come first
-ECHO = 8.0  # power over the median cell from which a cell counts as an echo
-SURE = 0.1  # window's weight below which the echoes are not known well
+ECHO = 6.0  # power over the median cell from which a cell counts as an echo
+SURE = 0.2  # window's weight below which the echoes are not known well
+QUANTISED = 1e-10  # share of the power that is an ADC's rounding, with 16 bits or fewer
 EDGE = 0.1  # of the band, over which the receiver's filter falls to 0
 BANDWIDTH_HZ = (0.5e9, 4e9)  # of another radar's sweep
 SWEEP_S = (20e-6, 80e-6)  # its duration
@@ -163,6 +164,8 @@ def excise_interference(
     A frame of one chirp has no median over chirps, and is returned as it is.
     """
     weight = jnp.asarray(_taper(*cube.shape[-2:]), cube.real.dtype)
+    quantised = QUANTISED * (cube.real**2 + cube.imag**2).sum(-3)
+    quantised = quantised.mean((-3, -2, -1), keepdims=True)
     unsure = jnp.maximum(1, SURE / weight) ** 2
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
     factor = gammainccinv(freedom, false_alarm_rate) / gammainccinv(freedom, 0.5)
@@ -171,7 +174,7 @@ def excise_interference(
         echoes = _echoes(state[0] * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight**2
-        usual = jnp.median(power, axis=(-3, -2), keepdims=True)
+        usual = jnp.median(power, axis=(-3, -2), keepdims=True) + quantised
         disturbed = _with_neighbours(power > times * usual * unsure)
         echoes = echoes / jnp.maximum(weight, SURE / 10)
         return (jnp.where(disturbed[..., None, :, :], echoes, cube), disturbed), None
