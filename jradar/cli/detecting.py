@@ -21,7 +21,7 @@ from jradar.range_image import ImageSpec
 
 SPEC_OPTIONS = (
     *("detector", "false_alarm_rate", "guard", "train"),
-    *("capacity", "remove_static", "angles"),
+    *("capacity", "remove_static", "remove_interference", "angles"),
 )
 
 
@@ -55,7 +55,11 @@ def _detect(recording, frame: int, spec: PointSpec, options):
     cube = recordings.calibrated_cube(recording, frame)
     every = frame_points(cube, recording, spec)
     cloud = within_limits(every, options)
-    power = power_map(cube, remove_static=spec.remove_static)
+    power = power_map(
+        cube,
+        remove_static=spec.remove_static,
+        remove_interference=spec.remove_interference,
+    )
     figure = viz.capture_figure(
         power,
         recording.radar,

@@ -6,6 +6,7 @@ which other frames are enhanced.
 """
 
 import argparse
+import dataclasses
 import statistics
 import time
 from collections.abc import Callable
@@ -46,6 +47,8 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     """Enhance the frames that the options name, and write the results."""
     check_limits(options)
     model = load_model(options.model)
+    if options.remove_interference:
+        model = _excising(model)
     recording, frames = open_frames(options)
     spec, watch = model.spec, Stopwatch()
     key = jax.random.key(options.seed)
@@ -83,6 +86,12 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         **_times(watch),
         "written": [options.output] if options.frames else written,
     }
+
+
+def _excising(model: Model) -> Model:
+    """Return the model with points that are free of crossing chirps."""
+    points = dataclasses.replace(model.spec.points, remove_interference=True)
+    return Model(model.params, dataclasses.replace(model.spec, points=points))
 
 
 def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callable]:
@@ -123,9 +132,14 @@ def _prepare_picture(radar: RadarSpec, spec: ModelSpec) -> None:
     from jradar import viz
 
     kind = np.float32 if radar.real_samples else np.complex64
-    power = power_map(np.zeros(radar.cube_shape, kind))
+    power = _power(np.zeros(radar.cube_shape, kind), spec)
     empty = unproject(jnp.zeros(spec.fine.shape), spec.fine)
     viz.capture_figure(power, radar, empty, spec.fine, dense=empty)
+
+
+def _power(cube, spec: ModelSpec):
+    """The picture's range-Doppler map."""
+    return power_map(cube, remove_interference=spec.points.remove_interference)
 
 
 def _times(watch: Stopwatch) -> dict[str, Any]:
@@ -175,7 +189,7 @@ def _write(recording, frame: int, spec: ModelSpec, drawn, options) -> list[str]:
 
     cube, cloud, image, dense = drawn
     figure = viz.capture_figure(
-        power_map(cube),
+        _power(cube, spec),
         recording.radar,
         cloud,
         spec.fine,

@@ -147,6 +147,7 @@ def _points(sub):
     _value(sub, "--train", "D,R", text, type=_cells)
     _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
     _flag(sub, "--remove-static", "keep only echoes that move")
+    _cleaning(sub)
     text = "fft (beamforming), or music for azimuths finer than a beam (default: fft)"
     _value(sub, "--angles", "NAME", text)
     _clouds(sub)
@@ -158,6 +159,7 @@ def _enhance(sub):
     _output(sub)
     text = "name of a shipped model, or folder of a model (default: %(default)s)"
     _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    _cleaning(sub)
     _drawing(sub)
     _seed(sub, "random seed of the draws")
     _clouds(sub)
@@ -266,6 +268,15 @@ def _all_frames(sub, text: str):
 def _output(sub, metavar="DIR", text="output folder, created if missing"):
     sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
     sub.set_defaults(output_is_folder=metavar == "DIR")
+
+
+def _cleaning(sub):
+    """Add what is removed from the samples."""
+    text = "excise crossing chirps of other radars from the samples"
+    _flag(sub, "--remove-interference", text)
+    text = "subtract the mean of frames A to B-1, for a radar that stands still; : is "
+    text += "the whole recording, frames of the empty room are better"
+    _value(sub, "--background", "A:B", text, type=_frames)
 
 
 def _clouds(sub):

@@ -8,7 +8,12 @@ from jaxtyping import Array, Inexact
 
 from jradar.errors import UsageError
 from jradar.radar import PointSpec, radar_points, strongest_echoes
-from jradar.recordings import Recording, open_recording, with_sample_doubts
+from jradar.recordings import (
+    Recording,
+    open_recording,
+    with_sample_doubts,
+    without_background,
+)
 from jradar.types import PointCloud
 
 
@@ -26,6 +31,7 @@ def opening(options: argparse.Namespace) -> dict[str, Any]:
 def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
     """Open the recording and return it with the frames of `--frame` or `--frames`.
 
+    `--background` is subtracted from every frame that is read.
     Raises UsageError for a frame that the recording does not have.
     """
     recording = open_recording(
@@ -38,7 +44,10 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
     if not frames or frames.start < 0 or frames.stop > count:
         asked = f"--frames from {chosen.start}" if chosen else f"--frame {frames.start}"
         raise UsageError(f"{asked}: {options.path} has frames 0 to {count - 1}")
-    return with_sample_doubts(recording, frames[0]), frames
+    recording = with_sample_doubts(recording, frames[0])
+    if background := getattr(options, "background", None):
+        recording = without_background(recording, background)
+    return recording, frames
 
 
 def frame_points(

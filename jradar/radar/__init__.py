@@ -18,6 +18,9 @@ Points       PointSpec, radar_points           cube to points of the detected ce
              Cells, all_cells, cell_points     all directions first, any mask later
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
+Clutter      static_background, subtract_background     of a radar that stands still
+Other radars excise_interference               crossing chirps, out of the samples
+             Interferers, draw_interferers, crossing_chirps     and into them
 Simulation   Scatterers, simulate_cube         the way back: scatterers to a cube
 """
 
@@ -42,12 +45,22 @@ from jradar.radar.cfar import (
     os_cfar as os_cfar,
     so_cfar as so_cfar,
 )
+from jradar.radar.clutter import (
+    static_background as static_background,
+    subtract_background as subtract_background,
+)
 from jradar.radar.direction import directions as directions
 from jradar.radar.echoes import (
     Echo as Echo,
     NoiseStatistics as NoiseStatistics,
     noise_statistics as noise_statistics,
     strongest_echoes as strongest_echoes,
+)
+from jradar.radar.interference import (
+    Interferers as Interferers,
+    crossing_chirps as crossing_chirps,
+    draw_interferers as draw_interferers,
+    excise_interference as excise_interference,
 )
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
 from jradar.radar.points import (

@@ -10,14 +10,13 @@ chirps are disturbed, in all receivers at once:
       v    ........................
            ..............######....
 
-In the spectrum, such a burst lies over all ranges and velocities as noise. Echoes do
-the opposite: they fill all samples and few cells. `excise_interference` therefore
-takes the cells far over the floor as the echoes, compares what is left with its median
-over chirps, and replaces the samples that stand out by the echoes alone. It repeats
-this, because the floor falls with each pass: iteration with a threshold (IMAT; Bechter,
-Roos, Rahman & Waldschmidt 2017; compared with other methods by Toth, Meissner, Melzer
-& Witrisal 2019), with the median over slow time of Wagner, Sulejmani, Melzer, Meissner
-& Huemer (2018).
+In the spectrum, such a burst lies over all ranges and velocities, as noise does. Echoes
+fill all samples and few cells. `excise_interference` takes the cells far over the floor
+as the echoes, compares what is left of each sample with its median over chirps, and
+puts the echoes alone where a sample stands out. It repeats this with lower thresholds,
+because the floor falls with each pass. Sources: iteration with an adaptive threshold,
+Bechter, Roos, Rahman & Waldschmidt (2017); median over slow time, Wagner, Sulejmani,
+Melzer, Meissner & Huemer (2018).
 
 A radar whose chirps keep step with the own ones, so that a burst lies in the same
 sample of most chirps, is not found.
@@ -34,9 +33,10 @@ from scipy.special import gammainccinv
 
 from jradar.radar.sensor import RadarSpec
 
-PASSES = 4
-ECHO = 16.0  # power over the median cell from which a cell counts as an echo
-SURE = 0.1  # weight under which samples count less, because echoes are known less
+PASSES = (16.0, 4.0, 1.0)  # factors on the threshold: the strongest bursts come first
+ECHO = 6.0  # power over the median cell from which a cell counts as an echo
+SURE = 0.2  # window's weight below which the echoes are not known well
+QUANTISED = 1e-10  # share of the power that is an ADC's rounding, with 16 bits or fewer
 EDGE = 0.1  # of the band, over which the receiver's filter falls to 0
 BANDWIDTH_HZ = (0.5e9, 4e9)  # of another radar's sweep
 SWEEP_S = (20e-6, 80e-6)  # its duration
@@ -163,29 +163,29 @@ def excise_interference(
     `false_alarm_rate`; so are its two neighbours. All others are returned bit by bit.
     A frame of one chirp has no median over chirps, and is returned as it is.
     """
-    receivers = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
-    factor = gammainccinv(receivers, false_alarm_rate) / gammainccinv(receivers, 0.5)
-    factor = float(factor)
-
     weight = jnp.asarray(_taper(*cube.shape[-2:]), cube.real.dtype)
+    quantised = QUANTISED * (cube.real**2 + cube.imag**2).sum(-3)
+    quantised = quantised.mean((-3, -2, -1), keepdims=True)
+    unsure = jnp.maximum(1, SURE / weight) ** 2
+    freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
+    factor = gammainccinv(freedom, false_alarm_rate) / gammainccinv(freedom, 0.5)
 
-    def excise(state, _):
+    def excise(state, times):
         echoes = _echoes(state[0] * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight**2
-        usual = jnp.median(power, axis=(-3, -2), keepdims=True)
-        most = factor * usual * jnp.maximum(1, (SURE / weight) ** 2)
-        disturbed = _with_neighbours(power > most)
-        echoes = echoes / jnp.maximum(weight, SURE)
+        usual = jnp.median(power, axis=(-3, -2), keepdims=True) + quantised
+        disturbed = _with_neighbours(power > times * usual * unsure)
+        echoes = echoes / jnp.maximum(weight, SURE / 10)
         return (jnp.where(disturbed[..., None, :, :], echoes, cube), disturbed), None
 
     none = jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
-    (cube_, disturbed), _ = jax.lax.scan(excise, (cube, none), None, length=PASSES)
-    return cube_, disturbed
+    times = jnp.asarray(factor * np.array(PASSES), cube.real.dtype)
+    return jax.lax.scan(excise, (cube, none), times)[0]
 
 
 def _taper(chirps, samples):
-    """Hann windows of both axes, nowhere 0."""
+    """Hann windows of both axes, nowhere 0: without, echoes would spread to the ends."""
     return np.outer(np.hanning(chirps + 2)[1:-1], np.hanning(samples + 2)[1:-1])
 
 

@@ -51,7 +51,8 @@ class PointSpec:
     `guard` and `train` are the cells of the CFAR window in (doppler, range). `peaks` is
     the number of targets that one cell may hold: each becomes a point, with power and
     SNR in proportion to its peak among the cell's `spectrum_peaks`. `refine` places
-    range, velocity and angles between bins. The flips are for a sensor that is mounted
+    range, velocity and angles between bins. `remove_static` and `remove_interference`
+    are those of `range_doppler`. The flips are for a sensor that is mounted
     upside down. `angles` is "fft", or "music" for azimuths by `music_directions`, which
     uses its own bins.
     """
@@ -68,6 +69,7 @@ class PointSpec:
     flip_elevation: bool = False
     refine: bool = True
     remove_static: bool = False
+    remove_interference: bool = False
     angles: str = "fft"
 
     def __post_init__(self):
@@ -217,9 +219,10 @@ def _spectra(cube, radar, points, coupling):
         raise ValueError(
             f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
         )
+    remove = _fields(points, ("remove_static", "remove_interference"))
     if coupling is None or points.remove_static:
-        return range_doppler(cube, remove_static=points.remove_static)
-    spectrum, _ = range_doppler(cube, range_window="blackman")
+        return range_doppler(cube, **remove)
+    spectrum, _ = range_doppler(cube, range_window="blackman", **remove)
     spectrum = subtract_coupling(spectrum, coupling)
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 

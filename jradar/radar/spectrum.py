@@ -19,13 +19,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
+from jradar.radar.interference import excise_interference
+
 WINDOWS = {  # coefficients of the cosine series, periodic
     "none": (1.0,),
     "hann": (0.5, 0.5),
     "hamming": (0.54, 0.46),
     "blackman": (0.42, 0.5, 0.08),
 }
-STATIC = ("range_window", "doppler_window", "remove_static")
+STATIC = ("range_window", "doppler_window", "remove_static", "remove_interference")
 
 Cube = Inexact[Array, "*batch tx rx chirp sample"]
 Spectrum = Complex[Array, "*batch virtual doppler range"]
@@ -52,13 +54,16 @@ def range_doppler(
     range_window: str = "hann",
     doppler_window: str = "hann",
     remove_static: bool = False,
+    remove_interference: bool = False,
 ) -> tuple[Spectrum, PowerMap]:
     """Return spectra over samples and chirps, and their power summed over antennas.
 
     Zero velocity is in the middle of the doppler axis. `remove_static` subtracts the
-    mean over chirps, which removes everything that stands still. Raises ValueError for
-    an unknown window.
+    mean over chirps, which removes everything that stands still. `remove_interference`
+    excises crossing chirps of other radars. Raises ValueError for an unknown window.
     """
+    if remove_interference:
+        cube, _ = excise_interference(cube)
     return _transform(cube, range_window, doppler_window, remove_static, keep=True)
 
 
@@ -69,8 +74,11 @@ def power_map(
     range_window: str = "hann",
     doppler_window: str = "hann",
     remove_static: bool = False,
+    remove_interference: bool = False,
 ) -> PowerMap:
     """Return only the power of `range_doppler`; the spectra are never stored."""
+    if remove_interference:
+        cube, _ = excise_interference(cube)
     _, power = _transform(cube, range_window, doppler_window, remove_static, keep=False)
     return power
 

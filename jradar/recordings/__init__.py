@@ -3,6 +3,7 @@
     open_recording, is_recording     the recording at a path, of any format in READERS
     Recording, Stream                what readers return; frames are read when accessed
     calibrated_cube                  a frame with its antenna calibration applied
+    without_background               the recording without what stands still
     nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
     describe, describe_file          what a recording, a bag or a cloud holds
     check_samples                    clipped, or in another byte order or code
@@ -28,6 +29,7 @@ Radars and their calibration:
 `recording` explains how to add a format.
 """
 
+from jradar.recordings.background import without_background as without_background
 from jradar.recordings.bags import bag_topics as bag_topics, open_bag as open_bag
 from jradar.recordings.capture import (
     accumulate as accumulate,

@@ -1,0 +1,64 @@
+"""Static clutter of a radar that stands still, and its subtraction.
+
+    frames --static_background--> background --subtract_background--> cube without it
+
+What stands still gives the same samples in every chirp of every frame. Their mean over
+a recording keeps little of what moves, even slowly: unlike the mean over one frame that
+`remove_static` subtracts, which also removes people who stop. The leakage of the
+antennas is part of the background, so that no `coupling` must be subtracted with it.
+
+The background of a real radar turns by some hundredths of a radian as it warms up, from
+frame to frame and within a frame. A factor for each chirp follows it, the same for all
+antennas. A subspace of several components would follow more, but its second component
+is already the strongest person in the room.
+"""
+
+from collections.abc import Iterable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Inexact
+
+from jradar.radar.spectrum import window
+
+
+def static_background(
+    frames: Iterable[Inexact[Array, "tx rx chirp sample"]],
+) -> Inexact[Array, "tx rx sample"]:
+    """Return the mean of the samples over frames and chirps, on the host.
+
+    Frames are taken one by one, so that a recording need not fit into memory. Raises
+    ValueError without frames.
+    """
+    total, count = jnp.zeros(()), 0
+    for cube in frames:
+        total, count = total + jnp.mean(cube, -2), count + 1
+    if not count:
+        raise ValueError("the background is a mean of frames, but there are none")
+    return total / count
+
+
+@jax.jit
+def subtract_background(
+    cube: Inexact[Array, "*batch tx rx chirp sample"],
+    background: Inexact[Array, "_tx _rx _sample"],
+) -> Inexact[Array, "*batch tx rx chirp sample"]:
+    """Subtract the background, times the factor of each chirp that fits it best.
+
+    The factor is complex for complex samples. The fit is weighted by a Hann window over
+    samples, so that echoes in other range bins do not disturb it. A background of zeros
+    changes nothing. Raises ValueError for a background of another radar.
+    """
+    expected = *cube.shape[-4:-2], cube.shape[-1]
+    if background.shape != expected:
+        raise ValueError(
+            f"background of shape {background.shape}, the cube needs [tx, rx, sample] "
+            f"= {expected}: of another radar?"
+        )
+    weight = jnp.asarray(window("hann", cube.shape[-1]), cube.real.dtype)
+    known = background[:, :, None]
+    fitted = jnp.conj(known) * weight**2
+    fit = (fitted * cube).sum((-4, -3, -1), keepdims=True)
+    power = (fitted * known).real.sum()
+    factor = fit / jnp.where(power > 0, power, 1)
+    return cube - factor * known
