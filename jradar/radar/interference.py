@@ -123,7 +123,7 @@ def crossing_chirps(
 def _one(it, cycles, first_s, sample_s, radar):
     """Samples of one interferer; `cycles` is the phase of its beat in each chirp."""
     own = radar.slope_hz_per_s
-    # Reduced per chirp first: float32 resolves 1 ns of a frame, and far less of a sweep.
+    # Reduced per chirp first: float32 resolves 1 ns of a frame, far less of a sweep.
     into = jnp.mod(first_s - it.start_s, it.period_s)[..., None]
     into = jnp.mod(into + radar.adc_start_time_s + sample_s, it.period_s)
     own_hz = own * (radar.adc_start_time_s + sample_s)
@@ -185,7 +185,7 @@ def excise_interference(
 
 
 def _taper(chirps, samples):
-    """Hann windows of both axes, nowhere 0: without, echoes would spread to the ends."""
+    """Hann windows of both axes, nowhere 0; without, echoes spread to the ends."""
     return np.outer(np.hanning(chirps + 2)[1:-1], np.hanning(samples + 2)[1:-1])
 
 

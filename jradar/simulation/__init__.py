@@ -19,7 +19,7 @@ Its modules, and what they model:
     reflectors, line_of_sight, propagation    speckle, mirrors, corners, ghosts
     link, hardware, synthesiser               antennas, noise, leakage, channels, ADC,
                                               phase noise, chirps that start late
-    units, front_end, clutter                 what differs from unit to unit: boards,
+    units, front_end, diffuse                 what differs from unit to unit: boards,
                                               calibration, mounts, filters, I and Q,
                                               drift, diffuse echoes
     scanner                                   LiDAR: lost returns, glass

@@ -22,7 +22,7 @@ from jradar.errors import UsageError
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
-from jradar.simulation.clutter import diffuse_clutter
+from jradar.simulation.diffuse import diffuse_clutter
 from jradar.simulation.hardware import (
     Hardware,
     make_hardware,

@@ -13,7 +13,7 @@ from jradar.radar import RadarSpec
 from jradar.recordings import open_recording
 from jradar.recordings.recording import calibrated_cube
 from jradar.simulation import make_setting, simulate_sequence
-from jradar.simulation.clutter import CELL_M, diffuse_clutter
+from jradar.simulation.diffuse import CELL_M, diffuse_clutter
 from jradar.simulation.front_end import distort, make_front_end, phase_drift
 from jradar.simulation.hardware import make_unit_hardware, sample_frame
 from jradar.simulation.link import LINK
