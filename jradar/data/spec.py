@@ -31,7 +31,7 @@ class PrepareSpec:
     angles: str = "fft"
     flip_azimuth: bool = False
     flip_elevation: bool = False
-    excise: bool = False  # crossing chirps of other radars
+    remove_interference: bool = False  # crossing chirps of other radars
     tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
     block: int = 32  # frames in a shard
     lidar: LidarSpec = LidarSpec()
@@ -60,7 +60,7 @@ class PrepareSpec:
             angles=self.angles,
             flip_azimuth=self.flip_azimuth,
             flip_elevation=self.flip_elevation,
-            excise=self.excise,
+            remove_interference=self.remove_interference,
         )
 
     @property
