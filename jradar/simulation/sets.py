@@ -39,7 +39,7 @@ UNSEEN = "warehouse"
 MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
 ROBUST: Splits = {"test": tuple(range(200, 208))}
 VARIED: Splits = {
-    "train": (*range(96), *range(1000, 1192)),
+    "train": (*range(96), *range(1000, 1096)),
     "validation": (100, 101, 102, 103, 104, 105),
     "test": (200, 201, 202, 203),
 }
