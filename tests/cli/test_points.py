@@ -10,7 +10,13 @@ from jradar.radar import (
     static_background,
     subtract_background,
 )
-from jradar.recordings import calibrated_cube, open_recording, read_cloud, valid_points
+from jradar.recordings import (
+    calibrated_cube,
+    open_recording,
+    read_cloud,
+    valid_points,
+    without_background,
+)
 from tests.cli.conftest import write_cube
 from tests.recordings.conftest import root as root, sequence as sequence
 
@@ -134,10 +140,16 @@ def test_background_and_interference_are_removed_as_by_the_library(
         points=spec.fitted(recording.radar),
         range_bias_m=recording.range_bias_m,
     )
-    assert recording.coupling is not None  # is part of the background
     with np.load(tmp_path / "radar.npz") as file:
         for name, column in valid_points(expected).items():
             np.testing.assert_allclose(file[name], column, rtol=1e-3, atol=1e-3)
+
+
+def test_the_coupling_is_part_of_the_background(sequence):
+    recording = open_recording(sequence)._replace(coupling=np.ones((2, 2, 4)))
+    left = without_background(recording, slice(None))
+    assert left.coupling is None and len(left.cubes) == len(recording.cubes)
+    np.testing.assert_array_equal(left.cubes.stamps, recording.cubes.stamps)
 
 
 def test_a_background_of_missing_frames(small_cube, capsys, tmp_path):
