@@ -161,7 +161,7 @@ def excise_interference(
 
     A sample is disturbed if its power without the echoes, summed over receivers,
     exceeds the median over all chirps by a factor that noise exceeds at
-    `false_alarm_rate`; so are its two neighbours. All others are returned bit by bit.
+    `false_alarm_rate`; so are its two neighbours. All others are returned bit for bit.
     A frame of one chirp has no median over chirps, and is returned as it is.
     """
     weight = jnp.asarray(_taper(*cube.shape[-2:]), cube.real.dtype)

@@ -114,7 +114,7 @@ def test_excision_gives_back_a_weak_target(radar):
 
 @pytest.mark.parametrize("radar", [SMALL, REAL], ids=["complex", "real"])
 @pytest.mark.parametrize("velocity", [0.0, 1.37])
-def test_a_clean_frame_with_a_strong_target_is_returned_bit_by_bit(radar, velocity):
+def test_a_clean_frame_with_a_strong_target_is_returned_bit_for_bit(radar, velocity):
     cube = simulate(target(3.21, 10, 5, velocity, amplitude=1000.0), radar)
     excised, found = excise_interference(cube)
     assert not found.any()
