@@ -8,6 +8,7 @@ from ml_collections import ConfigDict
 
 from jradar import diffusion, training
 from jradar.errors import ModelError, UsageError
+from jradar.model import shipped_models
 
 # Where a workdir, or the folder of a model, keeps its weights.
 FILES = ("prior.safetensors", "model/weights.safetensors", "weights.safetensors")
@@ -24,13 +25,13 @@ def initial_weights(train: ConfigDict) -> Path | None:
         raise UsageError(
             "no weights to start from: pass them as --config.train.initial=PATH"
         )
-    path = Path(train.initial)
+    path = Path(shipped_models().get(train.initial, train.initial))
     files = [path] if path.is_file() else [path / name for name in FILES]
     found = next((file for file in files if file.is_file()), None)
     if found is None:
         raise UsageError(
-            f"no weights at train.initial = {path}: expected a file, a model, or the "
-            f"workdir of a run with one of {FILES}"
+            f"no weights at train.initial = {path}: expected a file, a model, a "
+            f"shipped model, or the workdir of a run with one of {FILES}"
         )
     return found
 

@@ -32,6 +32,7 @@ def get_config():
     config.prepare.detector = "os"  # ca, go, so or os
     config.prepare.false_alarm_rate = 1.0  # the paper: a threshold approaching zero
     config.prepare.visible_false_alarm_rate = 1e-3
+    config.prepare.remove_interference = False  # crossing chirps of other radars
 
     # Images [rows, columns] of the same field of view.
     config.image = ConfigDict()

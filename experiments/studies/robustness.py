@@ -6,7 +6,8 @@ r"""Score models and CFAR detectors on the robustness set: one row for each shif
 The set has the same layouts under each shift: another board, another mount, clutter,
 interference, a kind of scene that no model was trained on. Detectors have the
 false-alarm rates that are best on the validation split of `--rates`. The shifts are
-simulated and prepared below the output; an interrupted study resumes.
+simulated and prepared below the output, with interference removed; an interrupted study
+resumes.
 
 The table `evaluation/table.md` has a row for each method and shift, with intervals over
 layouts. A method is judged by its mean over the shifts, the clean row stands beside it.
@@ -15,13 +16,15 @@ layouts. A method is judged by its mean over the shifts, the clean row stands be
 import itertools
 import sys
 from argparse import Namespace
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import jax
 
 from experiments.build import build_pairs, prepare_spec
 from experiments.command import run_study, study_parser
-from experiments.configs import default
+from experiments.configs import default, varied
 from experiments.detectors import choose_rates, detector_methods
 from experiments.evaluate import score_records, view_of
 from experiments.tasks.enhance import model_methods
@@ -59,11 +62,10 @@ def study(options: Namespace) -> None:
     for shift in options.shift or SHIFTS:
         folder = prepared_shift(options.output / "data" / shift, shift)
         rows += list(score_shift(folder, shift, models, rates))
-        scores = evaluation.read_scores(
-            _written(options.output / "evaluation" / "frames.jsonl", rows)
-        )
-    evaluation.write_tables(options.output / "evaluation" / "frames.jsonl")
-    print(evaluation.overview(scores))
+    path = options.output / "evaluation" / "frames.jsonl"
+    evaluation.write_scores(path, rows)
+    evaluation.write_tables(path)
+    print(evaluation.overview(evaluation.read_scores(path)))
 
 
 def prepared_shift(folder: Path, shift: str) -> Path:
@@ -72,14 +74,14 @@ def prepared_shift(folder: Path, shift: str) -> Path:
     total, done = len(set_sequences(name)), itertools.count(1)
     with progress(f"simulating {shift}", total, unit="frames") as show:
         simulate_set(name, folder / "recordings", advance=lambda: show(next(done)))
-    spec = prepare_spec(default.get_config())
+    spec = prepare_spec(varied.get_config())
     data.prepare(folder / "recordings", records, spec, workers=1)
     return records
 
 
 def score_shift(
     folder: Path, shift: str, models: dict[str, Model], rates: dict[str, float]
-):
+) -> Iterator[dict[str, Any]]:
     """Yield the rows of one shift, which stands in the column of the scene."""
     records = data.Records(folder, "test")
     view, config = view_of(records), default.get_config()
@@ -99,11 +101,6 @@ def score_shift(
     key = jax.random.key(KEY)
     for row in score_records(key, view, records, pairs, methods):
         yield row | {"scene": shift, "sequence": f"{shift} {row['sequence']}"}
-
-
-def _written(path, rows):
-    evaluation.write_scores(path, rows)
-    return path
 
 
 if __name__ == "__main__":

@@ -9,21 +9,22 @@ antennas is part of the background, so that no `coupling` must be subtracted wit
 
 The background of a real radar turns by some hundredths of a radian as it warms up, from
 frame to frame and within a frame. A factor for each chirp follows it, the same for all
-antennas. A subspace of several components would follow more, but its second component
-is already the strongest person in the room.
+antennas. Subtracting a subspace of several components would follow more, but walkers
+who are in the frames of the background are among these components.
 """
 
 from collections.abc import Iterable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Inexact
 
 from jradar.radar.spectrum import window
 
 
 def static_background(
-    frames: Iterable[Inexact[Array, "tx rx chirp sample"]],
+    frames: Iterable[Inexact[Array | np.ndarray, "tx rx chirp sample"]],
 ) -> Inexact[Array, "tx rx sample"]:
     """Return the mean of the samples over frames and chirps, on the host.
 

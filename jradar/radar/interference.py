@@ -65,7 +65,7 @@ def draw_interferers(
     radar: RadarSpec,
     *,
     count: int,
-    amplitude: float | Float[Array, " interferer"],
+    amplitude: float | Float[Array, "*interferer"],
 ) -> Interferers:
     """Return radars of random waveforms, times and directions in front of the radar.
 
@@ -123,7 +123,7 @@ def crossing_chirps(
 def _one(it, cycles, first_s, sample_s, radar):
     """Samples of one interferer; `cycles` is the phase of its beat in each chirp."""
     own = radar.slope_hz_per_s
-    # Reduced per chirp first: float32 resolves 1 ns of a frame, far less of a sweep.
+    # Reduced per chirp first: float32 resolves 1 ns of a frame, much less of a sweep.
     into = jnp.mod(first_s - it.start_s, it.period_s)[..., None]
     into = jnp.mod(into + radar.adc_start_time_s + sample_s, it.period_s)
     own_hz = own * (radar.adc_start_time_s + sample_s)
@@ -135,7 +135,8 @@ def _one(it, cycles, first_s, sample_s, radar):
     length = rate**2 / jnp.maximum(jnp.abs(faster), 1.0)  # samples within the band
     width = rate / jnp.minimum(length, 1.0)
     edge = (2 * jnp.abs(beat_hz - middle_hz) / width - 1) / EDGE + 1
-    heard = jnp.cos(jnp.pi / 2 * jnp.clip(edge, 0, 1)) * (into < it.sweep_s)
+    heard = jnp.cos(jnp.pi / 2 * jnp.clip(edge, 0, 1))
+    heard = jnp.where((edge < 1) & (into < it.sweep_s), heard, 0)
     heard *= it.amplitude * jnp.sqrt(jnp.minimum(length, 1.0))
 
     # The integral of the frequency from the first sample on.
@@ -160,7 +161,7 @@ def excise_interference(
 
     A sample is disturbed if its power without the echoes, summed over receivers,
     exceeds the median over all chirps by a factor that noise exceeds at
-    `false_alarm_rate`; so are its two neighbours. All others are returned bit by bit.
+    `false_alarm_rate`; so are its two neighbours. All others are returned bit for bit.
     A frame of one chirp has no median over chirps, and is returned as it is.
     """
     weight = jnp.asarray(_taper(*cube.shape[-2:]), cube.real.dtype)
@@ -185,7 +186,7 @@ def excise_interference(
 
 
 def _taper(chirps, samples):
-    """Hann windows of both axes, nowhere 0; without, echoes spread to the ends."""
+    """Hann windows of both axes, nowhere 0: they keep echoes in few cells."""
     return np.outer(np.hanning(chirps + 2)[1:-1], np.hanning(samples + 2)[1:-1])
 
 

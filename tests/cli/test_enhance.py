@@ -1,5 +1,7 @@
 """`jradar enhance` and `jradar export`: the library's clouds, timed and written."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
@@ -7,7 +9,13 @@ import pytest
 from jradar import model as models
 from jradar.cli import main
 from jradar.model import condition, draw, load_model, save_model
-from jradar.recordings import calibrated_cube, open_recording
+from jradar.radar import radar_points
+from jradar.recordings import (
+    calibrated_cube,
+    open_recording,
+    read_cloud,
+    without_background,
+)
 from tests.cli.conftest import MODEL, NETWORK, write_cube
 from tests.models import tiny_model
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -133,3 +141,21 @@ def test_a_regression_model_takes_no_sampling_options(
     assert "draws: a model trained by regression" in capsys.readouterr().err
     assert not out.exists()
     assert main([command, *words, "-o", str(out)]) == 0 and out.exists()
+
+
+def test_background_and_interference_reach_the_radar_points(
+    small_cube, model_folder, run_json, tmp_path
+):
+    command = ["enhance", small_cube, "--model", model_folder, "-o", tmp_path]
+    options = ["--remove-interference", "--background", ":"]
+    result = run_json(*command, *QUICK, *options)
+    assert "subtracted as background" in result["notes"][0]
+    recording = without_background(open_recording(small_cube), slice(None))
+    points = dataclasses.replace(MODEL.spec.points, remove_interference=True)
+    expected = radar_points(
+        recording.cubes[0], recording.radar, points=points.fitted(recording.radar)
+    )
+    xyz = np.asarray(expected.xyz)[np.asarray(expected.valid)]
+    columns = read_cloud(tmp_path / "radar.ply")
+    found = np.stack([columns[axis] for axis in "xyz"], -1)
+    np.testing.assert_allclose(found, xyz, atol=1e-3)

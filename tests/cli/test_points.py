@@ -4,8 +4,19 @@ import numpy as np
 import pytest
 
 from jradar.cli import main
-from jradar.radar import PointSpec, radar_points
-from jradar.recordings import calibrated_cube, open_recording, read_cloud, valid_points
+from jradar.radar import (
+    PointSpec,
+    radar_points,
+    static_background,
+    subtract_background,
+)
+from jradar.recordings import (
+    calibrated_cube,
+    open_recording,
+    read_cloud,
+    valid_points,
+    without_background,
+)
 from tests.cli.conftest import write_cube
 from tests.recordings.conftest import root as root, sequence as sequence
 
@@ -109,3 +120,39 @@ def test_too_many_points_are_a_usage_error(small_cube, capsys, tmp_path):
     command = ["points", small_cube, "-o", str(tmp_path / "out"), "--capacity"]
     assert main([*command, "999999999"]) == 2
     assert "capacity = 999,999,999, expected 1 to" in capsys.readouterr().err
+
+
+def test_background_and_interference_are_removed_as_by_the_library(
+    sequence, run_json, tmp_path
+):
+    options = ["--background", "0:3", "--remove-interference"]
+    result = run_json("points", sequence, "-o", tmp_path, "--frame", 3, *options)
+    assert any("frames 0 to 2 is subtracted" in note for note in result["notes"])
+    recording = open_recording(sequence)
+    background = static_background(recording.cubes[:3])
+    left = recording._replace(
+        cubes=[subtract_background(recording.cubes[3], background)]
+    )
+    spec = PointSpec(remove_interference=True)
+    expected = radar_points(
+        calibrated_cube(left, 0),
+        recording.radar,
+        points=spec.fitted(recording.radar),
+        range_bias_m=recording.range_bias_m,
+    )
+    with np.load(tmp_path / "radar.npz") as file:
+        for name, column in valid_points(expected).items():
+            np.testing.assert_allclose(file[name], column, rtol=1e-3, atol=1e-3)
+
+
+def test_the_coupling_is_part_of_the_background(sequence):
+    recording = open_recording(sequence)._replace(coupling=np.ones((2, 2, 4)))
+    left = without_background(recording, slice(None))
+    assert left.coupling is None and len(left.cubes) == len(recording.cubes)
+    np.testing.assert_array_equal(left.cubes.stamps, recording.cubes.stamps)
+
+
+def test_a_background_of_missing_frames(small_cube, capsys, tmp_path):
+    command = ["points", small_cube, "-o", str(tmp_path), "--background", "5:9"]
+    assert main(command) == 2
+    assert "no background in frames 5 and later" in capsys.readouterr().err

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments.studies import detectors, projection, solvers
+from experiments.studies import detectors, projection, robustness, solvers
 from jradar.diffusion import SOLVERS, NoiseSpec, sample
+from jradar.evaluation import read_scores
 from jradar.range_image import ImageSpec, pixel_directions
+from jradar.simulation import sets
 
 
 def test_points_at_the_centres_of_pixels_all_survive():
@@ -92,3 +94,20 @@ def test_detectors_are_scored_by_a_command(records, tmp_path, capsys):
     assert (tmp_path / "evaluation" / "report.html").is_file()
     assert detectors.main([str(tmp_path / "nowhere"), "-o", str(tmp_path)]) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+def test_every_shift_is_a_row_of_one_table(records, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("embreex", reason="the extra `sim` is not installed")
+    one = robustness.set_sequences("jradar-sim-2-robust/clean")[:1]
+    for module in (robustness, sets):
+        monkeypatch.setattr(module, "set_sequences", lambda name: one)
+    shifts = ["--shift", "clean", "--shift", "standing-still"]
+    command = ["-o", str(tmp_path), "--rates", str(records), *shifts]
+    assert robustness.main(command) == 0
+    rows = read_scores(tmp_path / "evaluation" / "frames.jsonl")
+    assert {row["scene"] for row in rows} == {"clean", "standing-still"}
+    assert {row["method"] for row in rows} == {"OS-CFAR"}
+    table = (tmp_path / "evaluation" / "table.md").read_text()
+    assert "standing-still" in table
+    assert robustness.main(command) == 0  # from the records of before
+    assert read_scores(tmp_path / "evaluation" / "frames.jsonl")[0]["frame"] == 0

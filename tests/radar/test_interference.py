@@ -38,7 +38,9 @@ def one_sweep(radar=SMALL, length=LENGTH, middle=MIDDLE):
 
 
 def strong_and_often(radar=SMALL, seed=1):
-    interferers = draw_interferers(jax.random.key(seed), radar, count=6, amplitude=300)
+    interferers = draw_interferers(
+        jax.random.key(seed), radar, count=6, amplitude=300.0
+    )
     return crossing_chirps(KEY, interferers, radar)
 
 
@@ -75,7 +77,7 @@ def test_receivers_hear_the_direction():
 def test_the_energy_is_that_of_the_time_in_the_band(length):
     energies = [
         np.sum(np.abs(crossing_chirps(KEY, one_sweep(SMALL, length, at), SMALL)) ** 2)
-        for at in MIDDLE + np.arange(8) / 8
+        for at in MIDDLE + np.arange(32) / 32
     ]
     expected = 2**2 * SMALL.num_rx * length * (1 - EDGE / 2)
     np.testing.assert_allclose(np.mean(energies), expected, rtol=0.05)
@@ -84,8 +86,9 @@ def test_the_energy_is_that_of_the_time_in_the_band(length):
 def test_drawn_interferers_cross_many_chirps_in_all_receivers_at_once():
     samples = np.asarray(strong_and_often())
     assert np.isfinite(samples).all()
-    np.testing.assert_allclose(np.abs(samples), np.abs(samples[:, :1]) * [[[[1]]]] * 4)
-    assert 0.2 < samples.any((1, 3)).mean() <= 1
+    heard = samples != 0
+    assert (heard == heard[:, :1]).all()
+    assert 0.2 < heard.any((1, 3)).mean() <= 1
 
 
 @pytest.mark.parametrize("radar", [SMALL, REAL], ids=["complex", "real"])
@@ -111,7 +114,7 @@ def test_excision_gives_back_a_weak_target(radar):
 
 @pytest.mark.parametrize("radar", [SMALL, REAL], ids=["complex", "real"])
 @pytest.mark.parametrize("velocity", [0.0, 1.37])
-def test_a_clean_frame_with_a_strong_target_is_returned_bit_by_bit(radar, velocity):
+def test_a_clean_frame_with_a_strong_target_is_returned_bit_for_bit(radar, velocity):
     cube = simulate(target(3.21, 10, 5, velocity, amplitude=1000.0), radar)
     excised, found = excise_interference(cube)
     assert not found.any()
