@@ -47,6 +47,7 @@ from jradar.radar import PointSpec, RadarSpec, radar_points
 from jradar.range_image import (
     CHANNELS,
     ImageSpec,
+    TrustSpec,
     agreed_range,
     condition_image,
     decode_target,
@@ -82,6 +83,7 @@ class ModelSpec:
     purpose: str = ""
     validity_threshold: float = 0.0
     temperature: float = 1.0  # of a single draw
+    trust: TrustSpec | None = None  # what conditions looked like in training
 
     def __post_init__(self):
         """Refuse an unknown method."""
@@ -305,10 +307,10 @@ def _spec_to_json(spec: ModelSpec) -> dict[str, Any]:
     """The spec as JSON takes it."""
     noise = spec.noise
     plain = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec)}
-    specs = ("coarse", "fine", "radar", "points")
+    specs = ("coarse", "fine", "radar", "points", "trust")
     return {
         **plain,
-        **{name: dataclasses.asdict(plain[name]) for name in specs},
+        **{name: dataclasses.asdict(plain[name]) for name in specs if plain[name]},
         "network": network_fields(spec.network),
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
     }
@@ -321,6 +323,8 @@ def _spec_from_json(values: dict[str, Any]) -> ModelSpec:
     prediction = PREDICTIONS[noise.pop("prediction")]
     read["noise"] = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
     read["radar"] = RadarSpec.from_dict(values.pop("radar"))
+    if (trust := values.pop("trust", None)) is not None:
+        read["trust"] = TrustSpec(**typed_fields(TrustSpec, trust))
     spec = ModelSpec(**read, **typed_fields(ModelSpec, values))
     for name, image in (("coarse", spec.coarse), ("fine", spec.fine)):
         if image.height * image.width > MAX_PIXELS:

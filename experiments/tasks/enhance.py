@@ -4,6 +4,7 @@ The detectors' false-alarm rates are chosen on the validation split; the scores 
 the config's split.
 """
 
+import dataclasses
 import functools
 from pathlib import Path
 from typing import Any
@@ -28,9 +29,18 @@ from jradar import data, training, viz
 from jradar.errors import UsageError
 from jradar.evaluation import Method
 from jradar.model import Model, draw, load_model, save_model
-from jradar.range_image import close_gaps, encode_target, unproject
+from jradar.range_image import (
+    TrustSpec,
+    close_gaps,
+    condition_features,
+    encode_target,
+    fit_trust,
+    unproject,
+)
+from jradar.range_image.trust import LEAST_FRAMES
 
 FRAMES_IN_FIGURE = 4
+FRAMES_FOR_TRUST = 1200
 
 
 def check(config: ConfigDict) -> None:
@@ -53,6 +63,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     checked = data.Records(records.folder, "validation")
     spec = build.build_spec(config, records)
     pairs = build.build_pairs(spec, records)
+    spec = dataclasses.replace(spec, trust=trust_of(pairs))
     batches = data.Batches(
         pairs,
         seed=config.seed,
@@ -96,6 +107,15 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         trained_on=f"{len(records)} frames",
         data_digest=records.digest,
     )
+
+
+def trust_of(pairs: data.PairSource) -> TrustSpec | None:
+    """Return what the conditions of training look like; None for too few frames."""
+    if len(pairs) < LEAST_FRAMES:
+        return None
+    chosen = spread(len(pairs), FRAMES_FOR_TRUST)
+    features = [np.asarray(condition_features(pairs[i].condition)) for i in chosen]
+    return fit_trust(np.stack(features))
 
 
 def validate(

@@ -20,15 +20,17 @@ import numpy as np
 from jradar import recordings
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
+from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, draw, load_model
 from jradar.progress import progress
 from jradar.radar import RadarSpec, power_map
-from jradar.range_image import condition_image, unproject
+from jradar.range_image import condition_image, unlikeness, unproject
 
 TOLERANCE = 0.05  # up to which two radars count as alike
+STRANGE = 0.99  # share of training frames that are more usual than a strange frame
 FLAT = (
     "this radar has one row of antennas and measures no elevation: heights in the "
-    "result come from the model alone"
+    "result are invented by the model"
 )
 
 
@@ -51,29 +53,41 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         model = _excising(model)
     recording, frames = open_frames(options)
     spec, watch = model.spec, Stopwatch()
+    if not (recording.radar.has_elevation or options.anyway):
+        raise UsageError(
+            f"{FLAT}, which was trained on {spec.radar.name}: use `jradar points`, or "
+            "add --anyway"
+        )
     key = jax.random.key(options.seed)
     stages = watch("compiling", _compiled_stages, key, model, recording, options)
-    rows, written, silent = [], [], []
+    rows, written, silent, strange = [], [], [], []
     with progress("enhancing", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
             values = [watch("read", recordings.calibrated_cube, recording, frame)]
             for name, stage in stages.items():
                 values.append(watch(name, stage, key, model, values[-1]))
-            cube, cloud, _, image, dense = values
+            cube, cloud, seen, image, dense = values
             silent += [] if cloud.valid.any() else [frame]
             cloud, dense = (within_limits(c, options) for c in (cloud, dense))
             drawn = cube, cloud, image, dense
             written = watch("writing", _write, recording, frame, spec, drawn, options)
-            rows.append(
-                {
-                    "frame": frame,
-                    "radar points": int(cloud.valid.sum()),
-                    "enhanced points": int(dense.valid.sum()),
-                }
-            )
+            row: dict[str, Any] = {
+                "frame": frame,
+                "radar points": int(cloud.valid.sum()),
+                "enhanced points": int(dense.valid.sum()),
+            }
+            if spec.trust is not None:
+                unlike = float(unlikeness(seen, spec.trust))
+                row["unlike training (%)"] = round(100 * unlike, 1)
+                strange += [frame] if unlike > STRANGE else []
+            rows.append(row)
             if len(frames) > 1:
                 show(done)
-    notes = (*_doubts(spec, recording.radar), *no_echoes(silent))
+    notes = (
+        *_doubts(spec, recording.radar),
+        *no_echoes(silent),
+        *_strangers(strange, len(frames)),
+    )
     return {
         **summary(recording, notes),
         "model": {
@@ -168,6 +182,17 @@ def _doubts(spec: ModelSpec, radar: RadarSpec):
         yield (
             f"the model was trained on another radar ({spec.radar.name}), expect worse "
             f"clouds: {'; '.join(differ)}"
+        )
+
+
+def _strangers(frames: list[int], total: int):
+    """Yield a warning for frames unlike those of training."""
+    if frames:
+        which = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
+        yield (
+            f"do not trust {which} of {total}: the radar points look like less than "
+            f"{100 * (1 - STRANGE):.0f} % of the training frames. Is the radar "
+            "calibrated, does it move, does another radar disturb it?"
         )
 
 

@@ -159,6 +159,8 @@ def _enhance(sub):
     _output(sub)
     text = "name of a shipped model, or folder of a model (default: %(default)s)"
     _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    text = "also enhance a radar with one row of antennas, whose heights are invented"
+    _flag(sub, "--anyway", text)
     _cleaning(sub)
     _drawing(sub)
     _seed(sub, "random seed of the draws")

@@ -15,6 +15,8 @@ Values of the network
     close_gaps, fill_misses         fill pixels between a LiDAR's beams; every pixel
 
     agreed_range                    the range on which several images agree
+    TrustSpec, fit_trust            what conditions looked like in training
+    unlikeness                      how unlike them a condition is, 0 to 1
 """
 
 from jradar.range_image.agreement import agreed_range as agreed_range
@@ -38,4 +40,11 @@ from jradar.range_image.projection import (
     project as project,
     project_slices as project_slices,
     unproject as unproject,
+)
+from jradar.range_image.trust import (
+    TrustSpec as TrustSpec,
+    condition_features as condition_features,
+    fit_trust as fit_trust,
+    training_distance as training_distance,
+    unlikeness as unlikeness,
 )

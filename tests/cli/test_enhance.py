@@ -74,7 +74,11 @@ def test_another_radar_than_in_training_is_noted(
     flat_cube, model_folder, capsys, tmp_path
 ):
     command = ["enhance", flat_cube, "--model", model_folder, "-o", str(tmp_path)]
-    assert main([*command, *QUICK]) == 0
+    assert main([*command, *QUICK]) == 2
+    err = capsys.readouterr().err
+    assert "heights in the result are invented" in err and "--anyway" in err
+    assert not [*tmp_path.iterdir()]
+    assert main([*command, *QUICK, "--anyway"]) == 0
     out = capsys.readouterr().out
     assert "training steps" in out and "one row of antennas" in out
     assert "another radar (awr1843), expect worse clouds: " in out

@@ -1,0 +1,98 @@
+"""How unlike a training set a condition is: a warning before a cloud is believed.
+
+A network answers every condition, also one of a kind that it never saw. The features
+of a condition are, for each range slice, the share of pixels with a point and the mean
+power of these points. Those of a training set are described by a Gaussian, and a new
+condition by its distance from it (Mahalanobis 1936), given as the share of training
+frames that lie nearer: above 0.99, hardly any training frame looked like it.
+
+    conditions of training --fit_trust--> TrustSpec
+    condition, TrustSpec   --unlikeness--> 0 .. 1
+"""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jradar.range_image.codec import CHANNELS
+
+STEPS = 200  # quantiles that a TrustSpec keeps
+LEAST_FRAMES = 40
+RIDGE = 0.01  # of the features' variance, added so that no direction is without spread
+
+
+@dataclasses.dataclass(frozen=True)
+class TrustSpec:
+    """A Gaussian of training features, and the distances of other training frames."""
+
+    mean: tuple[float, ...]
+    whitening: tuple[tuple[float, ...], ...]
+    distances: tuple[float, ...]  # rising quantiles, from 0 to 1 in equal steps
+
+    def __post_init__(self):
+        """Refuse a matrix that does not fit the mean."""
+        size = len(self.mean)
+        if {len(self.whitening), *map(len, self.whitening)} != {size}:
+            raise ValueError(
+                f"whitening has {len(self.whitening)} rows, expected {size} of {size}"
+            )
+
+
+@jax.jit
+def condition_features(
+    condition: Float[Array, "*batch row column channel"],
+) -> Float[Array, "*batch feature"]:
+    """Return the share of occupied pixels and the mean power of each slice."""
+    slices = condition.shape[-1] // len(CHANNELS)
+    present = condition[..., :slices]
+    power = condition[..., CHANNELS.index("power") * slices :][..., :slices]
+    count = present.sum((-3, -2))
+    share = count / (condition.shape[-3] * condition.shape[-2])
+    mean = power.sum((-3, -2)) / jnp.maximum(count, 1.0)
+    return jnp.concatenate([jnp.sqrt(share), mean], -1)
+
+
+def fit_trust(features: Float[np.ndarray, "frame feature"]) -> TrustSpec:
+    """Return the description of a training set, on the host.
+
+    Every other frame gives the Gaussian, the rest give the distances. Raises ValueError
+    for fewer than 40 frames.
+    """
+    if len(features) < LEAST_FRAMES:
+        raise ValueError(f"{len(features)} frames, expected {LEAST_FRAMES} or more")
+    fitted, left = features[::2].astype(float), features[1::2]
+    mean = fitted.mean(0)
+    covariance = np.cov(fitted.T)
+    covariance += RIDGE * covariance.trace() / len(mean) * np.eye(len(mean))
+    values, vectors = np.linalg.eigh(covariance)
+    whitening = (vectors / np.sqrt(values)).T
+    distance = np.linalg.norm((left - mean) @ whitening.T, axis=-1)
+    quantiles = np.quantile(distance, np.linspace(0, 1, STEPS + 1))
+    return TrustSpec(
+        tuple(mean.round(6).tolist()),
+        tuple(map(tuple, whitening.round(6).tolist())),
+        tuple(quantiles.round(6).tolist()),
+    )
+
+
+@functools.partial(jax.jit, static_argnames="trust")
+def unlikeness(
+    condition: Float[Array, "*batch row column channel"], trust: TrustSpec
+) -> Float[Array, "*batch"]:
+    """Return the share of training frames that are nearer to the mean, 0 to 1."""
+    distance = training_distance(condition, trust)
+    steps = jnp.linspace(0.0, 1.0, len(trust.distances))
+    return jnp.interp(distance, jnp.asarray(trust.distances), steps)
+
+
+@functools.partial(jax.jit, static_argnames="trust")
+def training_distance(
+    condition: Float[Array, "*batch row column channel"], trust: TrustSpec
+) -> Float[Array, "*batch"]:
+    """Return the distance from the mean of training, in standard deviations."""
+    apart = condition_features(condition) - jnp.asarray(trust.mean)
+    return jnp.linalg.norm(apart @ jnp.asarray(trust.whitening).T, axis=-1)
