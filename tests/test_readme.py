@@ -189,6 +189,8 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/default.py": "an hour of training",
     "--config=experiments/configs/regression.py": "an hour of training",
     "--config=experiments/configs/finetune.py": "starts from that",
+    "--config=experiments/configs/varied.py": "starts from that",
+    "-o runs/robustness --rates runs/varied": "needs that run",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/radarhd.py": "hours of training",
     "--config=experiments/configs/radarhd_regression.py": "hours of training",
