@@ -144,7 +144,7 @@ def test_sigterm_leaves_no_folder_of_a_simulation(tmp_path):
         cwd=ROOT,
     )
     deadline = time.monotonic() + 60
-    while not [*tmp_path.rglob("frame_1.bin")] and time.monotonic() < deadline:
+    while not [*tmp_path.rglob("frame_0.bin")] and time.monotonic() < deadline:
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
     _, err = process.communicate(timeout=30)

@@ -77,7 +77,9 @@ def reference(features, weights, a, b):
 
 
 @installed
-@pytest.mark.parametrize("network", ["alexnet", "vgg16"])
+@pytest.mark.parametrize(
+    "network", ["alexnet", pytest.param("vgg16", marks=pytest.mark.slow)]
+)
 def test_distance_equals_the_reference(network):
     weights = load_lpips(network=network)
     found = DISTANCE(weights, jnp.float32(SMOOTH), jnp.float32(NOISY))

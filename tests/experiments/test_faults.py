@@ -139,16 +139,6 @@ def test_a_damaged_config_of_a_workdir_is_named(records, tmp_path, capsys, conte
     assert str(path) in ends(lambda: command.main(call), capsys, 4)
 
 
-def test_other_data_at_the_same_path_are_refused(finished, monkeypatch, capsys):
-    from jradar.data import Records
-
-    monkeypatch.setattr(Records, "digest", "of other data")
-    call = ["main", *finished.flags, f"--workdir={finished.workdir}"]
-    assert command.main(call) == 5
-    err = capsys.readouterr().err
-    assert "is of another run: data was" in err and "now of other data" in err
-
-
 def test_a_damaged_file_of_weights_to_convert(tmp_path, capsys):
     pytest.importorskip("torch")
     for name in ("w.pt", "w.pkl"):

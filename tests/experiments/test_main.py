@@ -55,6 +55,7 @@ def test_a_run_leaves_its_results_in_the_workdir(finished, records):
     assert card["data_digest"] == Records(records, "train").digest
 
 
+@pytest.mark.slow  # test_processes kills a smaller run
 @pytest.mark.timeout(900)
 def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(finished, tmp_path):
     killed = tmp_path / "killed"
@@ -71,6 +72,14 @@ def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(finished, tmp_p
     assert run(killed, *finished.flags) == 0
     assert losses(killed) == losses(finished.workdir) and len(losses(killed)) == 12
     assert table(killed) == table(finished.workdir)
+
+
+def test_other_data_at_the_same_path_are_refused(finished, monkeypatch, capsys):
+    monkeypatch.setattr(Records, "digest", "of other data")
+    call = ["main", *finished.flags, f"--workdir={finished.workdir}"]
+    assert command.main(call) == 5
+    err = capsys.readouterr().err
+    assert "is of another run: data was" in err and "now of other data" in err
 
 
 def test_solvers_of_a_model_are_scored_by_a_command(

@@ -48,7 +48,10 @@ def small(module, path):
     return config
 
 
-@pytest.mark.parametrize("module", [default, radarhd_regression])
+@pytest.mark.parametrize(
+    "module",
+    [default, pytest.param(radarhd_regression, marks=pytest.mark.slow)],
+)
 def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
     module, packed, tmp_path, capsys, monkeypatch
 ):
