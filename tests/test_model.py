@@ -31,7 +31,7 @@ from jradar.model import (
     shipped_models,
 )
 from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
-from jradar.range_image import ImageSpec, encode_target, project
+from jradar.range_image import ImageSpec, encode_target, fit_trust, project
 from tests.models import tiny_model
 
 RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
@@ -169,6 +169,19 @@ def test_round_trip_is_exact_except_for_half_precision(tmp_path, model):
     names = sorted(path.name for path in (tmp_path / "m").iterdir())
     assert names == ["model.json", "weights.safetensors"]
     assert [path.name for path in tmp_path.iterdir()] == ["m"]
+
+
+def test_what_conditions_looked_like_in_training_is_kept(tmp_path, model):
+    features = np.random.default_rng(0).normal(size=(60, 2 * model.spec.num_slices))
+    spec = dataclasses.replace(model.spec, trust=fit_trust(features))
+    save_model(tmp_path / "m", Model(model.params, spec))
+    assert load_model(tmp_path / "m").spec == spec
+    path = tmp_path / "m" / "model.json"
+    text = json.loads(path.read_text())
+    text["trust"]["mean"] = text["trust"]["mean"][1:]
+    path.write_text(json.dumps(text))
+    with pytest.raises(ModelError, match="not usable: whitening has"):
+        load_model(tmp_path / "m")
 
 
 def test_a_missing_model_is_named_with_the_shipped_ones(tmp_path):

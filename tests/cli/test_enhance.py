@@ -8,8 +8,9 @@ import pytest
 
 from jradar import model as models
 from jradar.cli import main
-from jradar.model import condition, draw, load_model, save_model
+from jradar.model import Model, condition, draw, load_model, save_model
 from jradar.radar import radar_points
+from jradar.range_image import condition_features, fit_trust
 from jradar.recordings import (
     calibrated_cube,
     open_recording,
@@ -83,6 +84,23 @@ def test_another_radar_than_in_training_is_noted(
     assert "training steps" in out and "one row of antennas" in out
     assert "another radar (awr1843), expect worse clouds: " in out
     assert "8 virtual antennas here, 12 in training" in out and "range to" not in out
+
+
+def test_a_frame_unlike_training_is_not_to_be_trusted(small_cube, run_json, tmp_path):
+    recording = open_recording(small_cube)
+    seen = condition(calibrated_cube(recording, 0), MODEL, radar=recording.radar)
+    usual = np.asarray(condition_features(seen))
+    noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
+    found = []
+    for name, mean in (("like", usual), ("unlike", usual + 1.0)):
+        spec = dataclasses.replace(MODEL.spec, trust=fit_trust(mean + noise))
+        save_model(tmp_path / name, Model(MODEL.params, spec))
+        command = ["enhance", small_cube, "--model", tmp_path / name, *QUICK]
+        found.append(run_json(*command, "-o", tmp_path / "out"))
+    like, unlike = found
+    assert like["unlike training (%)"] < 99 and not like["notes"]
+    assert unlike["unlike training (%)"] == 100
+    assert any("do not trust frame 0 of 1" in note for note in unlike["notes"])
 
 
 def test_a_radar_with_real_samples_and_a_silent_frame(model_folder, run_json, tmp_path):
