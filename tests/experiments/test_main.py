@@ -18,7 +18,9 @@ from experiments.configs import default
 from experiments.studies import compare, solvers
 from experiments.tasks import radarhd, rpdnet
 from experiments.train import flat
+from experiments.weights import initial_weights
 from jradar.data import Records
+from jradar.errors import UsageError
 
 ROOT = Path(__file__).parents[2]
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
@@ -212,6 +214,19 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
     assert found.shape == (*image.shape[:-1], spec.network.outputs)
     names = str(jax.tree.structure(params))
     assert ("tower" in names) != spec.network.condition_at_input
+
+
+@pytest.mark.parametrize("name", ["paper", "coloradar", "selfmade"])
+def test_the_papers_setting_is_edms_and_starts_from_image_weights(name):
+    config = importlib.import_module(f"experiments.configs.{name}").get_config()
+    noise = build.build_noise(config)
+    assert noise.prediction.name == "edm" and noise.sigma_data == 0.5
+    assert (noise.log_mean, noise.log_std) == (-1.2, 1.2)  # Karras et al. 2022
+    assert config.sampling.temperature == 1 and config.sampling.draws == 1
+    assert build.build_network(config).stem == (1, 4)
+    assert min(config.loss[term] for term in ("squared", "absolute", "perceptual")) > 0
+    with pytest.raises(UsageError, match="no weights to start from"):
+        initial_weights(config.train)
 
 
 def test_ablations_differ_from_their_base_in_a_few_fields():
