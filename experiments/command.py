@@ -37,7 +37,7 @@ def study_parser(
 
 
 def run_study(
-    study: Callable[[argparse.Namespace], None],
+    study: Callable[[argparse.Namespace], int | None],
     parser: argparse.ArgumentParser,
     argv: list[str] | None,
 ) -> int:
@@ -48,7 +48,7 @@ def run_study(
         check_platform()
         if output := getattr(options, "output", None):
             check_output(output)
-        study(options)
+        return study(options)
 
     return exit_code_of(run)
 

@@ -1,21 +1,28 @@
-r"""Compare simulated frames with real ones: a picture and a few numbers.
+r"""Compare simulated frames with real ones: a picture and numbers.
 
     python -m experiments.studies.realism SAMPLES -o runs/realism
 
 SAMPLES is a folder of real frames, which are not part of jradar:
 
     openradar/doppler_example_1.npy    a capture from OpenRadar (PreSenseRadar)
+    dca1000/adc_data_0.bin             a capture of an AWR1642, with its LogFile_0.txt
+    awr1843_3tx/adc_data_Raw_0.bin     a frame of an AWR1843's three transmitters
     coloradar_pairs/                   pairs from ColoRadar (Radar-Diffusion):
       range_azimuth_heatmap/N.png      [range 128, azimuth 64], 8 bits
       lidar_pcl_bev_polar_img/N.png    [range 160, azimuth 100], 0.1 m and 1.8 degrees
 
-The capture is compared with a simulated frame of the same chirps. The pairs are
-compared with simulated frames turned into pictures by the same recipe: Blackman window,
-32 azimuths, power summed over elevation and velocity, divided by its 30 % quantile, in
-dB, from 0 to the frame's largest. The authors of the pairs treat LiDAR and radar as one
-place, so simulated LiDAR points are not moved to the radar either.
+The radars of the captures stand still. Each is compared with simulated radars that have
+its chirps and stand in simulated rooms: with the one unit of `jradar-sim-1`, and with
+units of `jradar-sim-2`. The exit code is 1 if a number of a real capture is outside the
+range of the second.
 
-The real frames are eight, of other rooms: the numbers are a comparison, not a score.
+The pairs are compared with simulated frames turned into pictures by the same recipe:
+Blackman window, 32 azimuths, power summed over elevation and velocity, divided by its
+30 % quantile, in dB, from 0 to the frame's largest. The authors of the pairs treat
+LiDAR and radar as one place, so simulated LiDAR points are not moved to the radar
+either.
+
+The real frames are ten, of other rooms: the numbers are a comparison, not a score.
 """
 
 import sys
@@ -29,36 +36,30 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from experiments.command import run_study, study_parser
+from experiments.studies.realism_captures import (
+    UNITS,
+    Capture,
+    compared,
+    comparison_table,
+    many_units,
+    one_unit,
+    real_captures,
+    simulated_captures,
+)
 from experiments.studies.realism_figure import Row, realism_figure
 from experiments.tables import markdown_table
 from jradar import viz
 from jradar.errors import UsageError, parsing
 from jradar.files import write_text
 from jradar.radar import PointSpec, RadarSpec, radar_points, range_doppler
-from jradar.simulation import (
-    FAMILIES,
-    lidar_scans,
-    make_setting,
-    radar_frames,
-)
-from jradar.simulation.hardware import make_hardware
+from jradar.simulation import FAMILIES, lidar_scans, make_setting, radar_frames
 
-CAPTURE = Path("openradar") / "doppler_example_1.npy"
 PAIRS = Path("coloradar_pairs")
-OPENRADAR = {  # the chirps of OpenRadar's example
-    "start_frequency_hz": 77.4201e9,
-    "slope_hz_per_s": 60e12,
-    "sample_rate_hz": 2.5e6,
-    "idle_time_s": 30e-6,
-    "ramp_end_time_s": 62e-6,
-}
 MAX_RANGE_M, AZIMUTHS = 16.0, 32  # of the pairs' pictures, before interpolation
 CROPPED = 6  # range bins at either end that are black
 NEAR_SENSOR_M = 0.6  # LiDAR points farther up or down are floor or ceiling
 TIME_S, SEED = 2.0, 200  # of the simulated frames, from the test split
-RATE = 1e-3  # false-alarm rate
-ABOVE_FLOOR_DB = 12.0
-LEAKY = 4  # range bins of leakage, excluded from the numbers of the map
+RATE = 1e-3  # false-alarm rate of the points in the picture
 
 
 class PolarFrame(NamedTuple):
@@ -66,27 +67,6 @@ class PolarFrame(NamedTuple):
 
     image: Float[np.ndarray, "range azimuth"]  # 0 to 1; left is the last column
     lidar: Float[np.ndarray, "point 2"]
-
-
-def read_capture(path: Path) -> tuple[Complex[np.ndarray, "2 4 128 128"], RadarSpec]:
-    """Return OpenRadar's example as a cube, with signed samples, and its radar."""
-    if not path.exists():
-        raise UsageError(
-            f"no {path}: expected SAMPLES to contain {CAPTURE} and {PAIRS}, see --help"
-        )
-    with parsing(path, "a .npy file"):
-        stored = np.load(path, allow_pickle=False)
-    if stored.shape != (128, 8, 128) or not np.iscomplexobj(stored):
-        raise ValueError(
-            f"{path} holds {stored.dtype} of shape {stored.shape}, expected complex "
-            "values of shape (128, 8, 128): chirps, antennas, samples"
-        )
-    real, imaginary = (
-        part.astype("u2").view("i2").astype(np.float32)
-        for part in (stored.real, stored.imag)
-    )
-    cube = (real + 1j * imaginary).reshape(128, 2, 4, 128).transpose(1, 2, 0, 3)
-    return cube, RadarSpec.awr1642(**OPENRADAR)
 
 
 def read_pairs(folder: Path) -> list[PolarFrame]:
@@ -164,40 +144,12 @@ def simulated_pair(family: str) -> tuple[Complex[np.ndarray, "..."], PolarFrame]
     return cube, PolarFrame(azimuth_image(cube, radar), polar_points(polar_mask(seen)))
 
 
-def simulated_capture(family: str, radar: RadarSpec) -> Complex[np.ndarray, "..."]:
-    """Return a simulated cube of a radar with other chirps."""
-    setting = make_setting(family, SEED)
-    radars = {"single_chip": (radar, make_hardware("single_chip", radar))}
-    setting = setting._replace(radars=radars)
-    (frame,) = radar_frames(setting, "single_chip", np.array([TIME_S]))
-    frame = np.asarray(frame, np.float32)
-    return frame[..., 0] + 1j * frame[..., 1]
-
-
-def map_statistics(
-    cube: Complex[np.ndarray, "..."], radar: RadarSpec
-) -> tuple[dict[str, float], np.ndarray, np.ndarray]:
-    """Return statistics of a frame's range-Doppler map, the map, and its points."""
-    frame = jnp.asarray(cube, jnp.complex64)
-    power = np.asarray(range_doppler(frame)[1], np.float64)
-    cloud = radar_points(frame, radar, points=PointSpec(false_alarm_rate=RATE))
-    xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
-    level = 10 * np.log10(power / np.median(power))[:, LEAKY:]
-    still = np.zeros(len(power), bool)
-    still[len(power) // 2 - 2 : len(power) // 2 + 3] = True
-    return (
-        {
-            "peak over median (dB)": level.max(),
-            f"cells over median + {ABOVE_FLOOR_DB:g} dB (%)": 100
-            * (level > ABOVE_FLOOR_DB).mean(),
-            "power within 2 bins of zero velocity (%)": 100
-            * power[still, LEAKY:].sum()
-            / power[:, LEAKY:].sum(),
-            f"points at a false-alarm rate of {RATE:g}": float(len(xyz)),
-        },
-        power,
-        xyz,
-    )
+def map_and_points(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
+    """Return a frame's range-Doppler map, and its points."""
+    cube, radar = jnp.asarray(capture.cube, jnp.complex64), capture.radar
+    power = np.asarray(range_doppler(cube)[1], np.float64)
+    cloud = radar_points(cube, radar, points=PointSpec(false_alarm_rate=RATE))
+    return power, np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
 
 
 def pair_statistics(pairs: Sequence[PolarFrame]) -> dict[str, float]:
@@ -259,41 +211,51 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--scenes", nargs="+", choices=FAMILIES, default=[*FAMILIES], help="to simulate"
     )
+    parser.add_argument(
+        "--units", type=int, default=UNITS, help="simulated for each capture"
+    )
     return run_study(study, parser, argv)
 
 
-def study(options: Namespace) -> None:
-    """Draw `realism.png`, and write and print `realism.md`."""
+def study(options: Namespace) -> int:
+    """Draw `realism.png`, write and print `realism.md`, and return the exit code."""
     families: list[str] = options.scenes
-    cube, radar = read_capture(options.samples / CAPTURE)
+    real = real_captures(options.samples)
     real_pairs = read_pairs(options.samples / PAIRS)
+    captures = {
+        name: (
+            [*simulated_captures(capture.radar, one_unit(options.units))],
+            [*simulated_captures(capture.radar, many_units(options.units))],
+        )
+        for name, capture in real.items()
+    }
+    numbers = compared(real, captures)
     made = [simulated_pair(family)[1] for family in families]
-    numbers, *seen = map_statistics(cube, radar)
-    simulated = [
-        map_statistics(simulated_capture(family, radar), radar) for family in families
-    ]
+    first = next(iter(real))
     rows = {
         name: Row(
-            *maps,
+            *map_and_points(capture),
             np.stack([over_angles(pair.image) for pair in pairs[:4]]),
             [pair.lidar for pair in pairs[:4]],
             titles[:4],
         )
-        for name, maps, pairs, titles in (
-            ("real", seen, real_pairs, ()),
-            ("simulated", simulated[0][1:], made, tuple(families)),
+        for name, capture, pairs, titles in (
+            ("real", real[first], real_pairs, ()),
+            ("simulated", captures[first][1][0], made, tuple(families)),
         )
     }
-    maps = {"real, OpenRadar": numbers}
-    maps |= {f: found[0] for f, found in zip(families, simulated, strict=True)}
     images = {"real, ColoRadar": pair_statistics(real_pairs)}
     images |= {f: pair_statistics([p]) for f, p in zip(families, made, strict=True)}
     images["all simulated"] = pair_statistics(made)
-    text = f"{table(maps)}\n{table(images)}"
-    figure = realism_figure(rows, radar, max_range_m=MAX_RANGE_M)
+    text = f"{comparison_table(numbers)}\n{table(images)}"
+    figure = realism_figure(rows, real[first].radar, max_range_m=MAX_RANGE_M)
     viz.save_figure(figure, options.output / "realism.png")
     write_text(options.output / "realism.md", text)
     print(f"{text}\npicture: {options.output / 'realism.png'}")
+    outside = [f"{c.capture}: {c.number}" for c in numbers if not c.inside]
+    for number in outside:
+        print(f"outside the range of {options.units} simulated units: {number}")
+    return 1 if outside else 0
 
 
 if __name__ == "__main__":

@@ -23,11 +23,11 @@ from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
 from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, draw, load_model
 from jradar.progress import progress
-from jradar.radar import RadarSpec, power_map
-from jradar.range_image import condition_image, unlikeness, unproject
+from jradar.radar import RadarSpec, detect, power_map
+from jradar.range_image import STRANGE, condition_image, unlikeness, unproject
 
+DETECTION_RATE = 1e-3  # false alarms per cell of the detections that are counted
 TOLERANCE = 0.05  # up to which two radars count as alike
-STRANGE = 0.99  # share of training frames that are more usual than a strange frame
 FLAT = (
     "this radar has one row of antennas and measures no elevation: heights in the "
     "result are invented by the model"
@@ -69,10 +69,12 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             cube, cloud, seen, image, dense = values
             silent += [] if cloud.valid.any() else [frame]
             cloud, dense = (within_limits(c, options) for c in (cloud, dense))
-            drawn = cube, cloud, image, dense
+            power = _power(cube, spec)
+            drawn = power, cloud, image, dense
             written = watch("writing", _write, recording, frame, spec, drawn, options)
             row: dict[str, Any] = {
                 "frame": frame,
+                "detections": _detections(power, recording.radar, spec),
                 "radar points": int(cloud.valid.sum()),
                 "enhanced points": int(dense.valid.sum()),
             }
@@ -147,13 +149,20 @@ def _prepare_picture(radar: RadarSpec, spec: ModelSpec) -> None:
 
     kind = np.float32 if radar.real_samples else np.complex64
     power = _power(np.zeros(radar.cube_shape, kind), spec)
+    _detections(power, radar, spec)
     empty = unproject(jnp.zeros(spec.fine.shape), spec.fine)
     viz.capture_figure(power, radar, empty, spec.fine, dense=empty)
 
 
 def _power(cube, spec: ModelSpec):
-    """The picture's range-Doppler map."""
+    """The range-Doppler map, for the picture and for counting."""
     return power_map(cube, remove_interference=spec.points.remove_interference)
+
+
+def _detections(power, radar: RadarSpec, spec: ModelSpec) -> int:
+    """The number of cells over the threshold; the model is shown weaker ones too."""
+    points = dataclasses.replace(spec.points, false_alarm_rate=DETECTION_RATE)
+    return int(detect(power, radar, points=points.fitted(radar)).sum())
 
 
 def _times(watch: Stopwatch) -> dict[str, Any]:
@@ -212,9 +221,9 @@ def _write(recording, frame: int, spec: ModelSpec, drawn, options) -> list[str]:
     from jradar import viz  # matplotlib loads while the stages compile
     from jradar.cli.writing import frame_folder, write_frame
 
-    cube, cloud, image, dense = drawn
+    power, cloud, image, dense = drawn
     figure = viz.capture_figure(
-        _power(cube, spec),
+        power,
         recording.radar,
         cloud,
         spec.fine,

@@ -16,7 +16,7 @@ Values of the network
 
     agreed_range                    the range on which several images agree
     TrustSpec, fit_trust            what conditions looked like in training
-    unlikeness                      how unlike them a condition is, 0 to 1
+    unlikeness, STRANGE             how unlike them a condition is, 0 to 1; when to warn
 """
 
 from jradar.range_image.agreement import agreed_range as agreed_range
@@ -42,6 +42,7 @@ from jradar.range_image.projection import (
     unproject as unproject,
 )
 from jradar.range_image.trust import (
+    STRANGE as STRANGE,
     TrustSpec as TrustSpec,
     condition_features as condition_features,
     fit_trust as fit_trust,

@@ -22,6 +22,7 @@ from jradar.range_image.codec import CHANNELS
 
 STEPS = 200  # quantiles that a TrustSpec keeps
 LEAST_FRAMES = 40
+STRANGE = 0.99  # share of training frames that are more usual than a strange frame
 RIDGE = 0.01  # of the features' variance, added so that no direction is without spread
 
 

@@ -86,7 +86,7 @@ def test_a_failed_prepare_with_wrong_types_leaves_the_folder_free(tmp_path, caps
 def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
     tmp_path, number, workers
 ):
-    write_sequence(tmp_path / "src", frames=8)
+    write_sequence(tmp_path / "src", frames=60)
     spec = tmp_path / "spec.toml"
     spec.write_text("capacity = 64\nblock = 1\n[lidar]\nmax_range_m = 7.0\n")
     program = [sys.executable, "-m", "jradar.cli", "prepare", str(tmp_path / "src")]

@@ -110,7 +110,22 @@ def test_a_radar_with_real_samples_and_a_silent_frame(model_folder, run_json, tm
     np.save(path, np.zeros_like(np.load(path)))
     result = run_json(*command)
     assert result["radar points"] == result["enhanced points"] == 0
+    assert result["detections"] == 0
     assert any("no echoes in frame 0" in note for note in result["notes"])
+
+
+def test_detections_are_counted_by_cfar_not_by_capacity(
+    small_cube, model_folder, run_json, tmp_path
+):
+    command = ["enhance", small_cube, "--model", model_folder, *QUICK]
+    found = run_json(*command, "-o", tmp_path / "a")
+    points = run_json(
+        "points", small_cube, "-o", tmp_path / "b", "--false-alarm-rate", 1e-3
+    )
+    assert (
+        found["detections"] > 0 and found["radar points"] <= MODEL.spec.points.capacity
+    )
+    assert found["detections"] == pytest.approx(points["points"], rel=0.3)
 
 
 def test_limits_apply_to_all_that_is_written(

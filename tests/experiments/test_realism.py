@@ -13,8 +13,21 @@ from experiments.studies.realism import (
     peak_distances,
     polar_mask,
     polar_points,
-    read_capture,
     read_pairs,
+)
+from experiments.studies.realism_captures import (
+    OPENRADAR_CHIRPS,
+    compared,
+    comparison_table,
+    many_units,
+    one_unit,
+    phase_drift,
+    read_awr1843,
+    read_openradar,
+    real_captures,
+    simulated_captures,
+    standing_statistics,
+    width,
 )
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 
@@ -101,7 +114,7 @@ def test_a_capture_of_another_shape_is_refused(tmp_path):
     path = tmp_path / "other.npy"
     np.save(path, np.zeros((2, 3)))
     with pytest.raises(ValueError, match=r"shape \(2, 3\), expected complex"):
-        read_capture(path)
+        read_openradar(path)
 
 
 def test_the_command_draws_stand_ins(tmp_path, capsys):
@@ -117,9 +130,12 @@ def test_the_command_draws_stand_ins(tmp_path, capsys):
         path = tmp_path / "coloradar_pairs" / folder / "0.png"
         write_grey(path, grey[..., 0])
     out = tmp_path / "out"
-    assert main([str(tmp_path), "-o", str(out), "--scenes", "corridor"]) == 0
+    options = ["--scenes", "corridor", "--units", "1"]
+    assert main([str(tmp_path), "-o", str(out), *options]) == 1  # noise is no room
     assert (out / "realism.png").stat().st_size > 10_000
-    assert "all simulated" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "all simulated" in printed
+    assert "outside the range of 1 simulated units: OpenRadar: static" in printed
 
 
 def write_grey(path, grey):
@@ -156,7 +172,93 @@ def test_real_pairs_line_up_with_lidar(samples):
 
 
 def test_the_real_capture_has_its_wall(samples):
-    cube, radar = read_capture(samples / "openradar" / "doppler_example_1.npy")
+    cube, radar = read_openradar(samples / "openradar" / "doppler_example_1.npy")
     power = (np.abs(np.fft.fft(cube.mean(2))) ** 2).sum((0, 1))
     assert power[50:].argmax() + 50 == 107
     assert radar.range_resolution_m == pytest.approx(0.04879, abs=1e-5)
+
+
+def test_real_captures_are_read_as_the_index_says(samples):
+    found = real_captures(samples)
+    assert [*found] == ["OpenRadar", "AWR1642", "AWR1843"]
+    for capture in found.values():
+        assert capture.cube.shape == capture.radar.cube_shape
+
+    def profile(name):
+        return (np.abs(np.fft.fft(found[name].cube.mean(2))) ** 2).sum((0, 1))
+
+    assert {*np.argsort(profile("AWR1642")[4:120])[-2:] + 4} == {11, 19}
+    assert profile("AWR1843")[4:200].argmax() + 4 == 38
+
+
+def test_a_cut_capture_is_refused(tmp_path):
+    path = tmp_path / "cut.bin"
+    path.write_bytes(bytes(1000))
+    with pytest.raises(ValueError, match="holds 500 words, expected those of one"):
+        read_awr1843(path)
+
+
+def tone(*, drift_rad=0.0, level_db=40.0, at=30):
+    """A cube of one standing echo over white noise, `level_db` above it in the map."""
+    random = np.random.default_rng(0)
+    shape = (2, 4, 128, 128)
+    noise = random.standard_normal((*shape, 2)) @ [1, 1j]
+    turn = drift_rad * random.standard_normal(128)[:, None]
+    # Two Hann windows gather 128 x 128 / 1.5^2 times the power of white noise.
+    amplitude = 10 ** (level_db / 20) * np.sqrt(2) * 1.5 / 128
+    cycles = np.arange(128) * at / 128
+    return amplitude * np.exp(1j * (2 * np.pi * cycles + turn)) + noise
+
+
+def test_numbers_of_one_echo_in_noise():
+    found = standing_statistics(tone(level_db=60.0))
+    # The Hann window is at 0, -6.02 and minus infinity dB, 0, 1 and 2 bins away.
+    assert found["width of the strongest static echoes at -6 dB (bins)"] <= 3
+    assert np.isnan(
+        standing_statistics(tone(level_db=0))["drift of their phase (mrad)"]
+    )
+    assert found["static echoes, weakest tenth of the ranges (dB)"] == pytest.approx(
+        0, abs=2.5
+    )
+    assert found["ranges with static echoes over 20 dB (%)"] == pytest.approx(
+        100 * 3 / 113, abs=0.1
+    )
+    assert abs(found["noise at the largest range, relative to the middle (dB)"]) < 0.5
+    static = standing_statistics(tone(level_db=20.0))
+    assert (
+        static["power outside zero velocity (%)"]
+        > found["power outside zero velocity (%)"]
+    )
+
+
+def test_width_and_drift_of_known_echoes():
+    level = np.full(20, -30.0)
+    level[8:12] = [-3.0, 0.0, -5.0, -7.0]
+    assert width(level, 9) == 3
+    assert width(np.zeros(5), 2) == 5
+    random = np.random.default_rng(0)
+    walk = 0.04 * random.standard_normal(4096)
+    echo = np.exp(1j * walk)[None] * np.exp(1j * np.arange(3))[:, None]
+    assert phase_drift(echo) == pytest.approx(40, rel=0.05)
+
+
+def test_units_of_the_second_set_echo_at_every_range():
+    radar = RadarSpec.awr1642(**OPENRADAR_CHIRPS)
+    sets = {
+        "one": [*simulated_captures(radar, one_unit(3))],
+        "many": [*simulated_captures(radar, many_units(3))],
+    }
+    median = {
+        name: np.median(
+            [
+                standing_statistics(c.cube)["static echoes, median over range (dB)"]
+                for c in captures
+            ]
+        )
+        for name, captures in sets.items()
+    }
+    assert median["many"] > median["one"] + 3
+    one = sets["many"][0]
+    rows = compared({"one": one}, {"one": (sets["one"], sets["many"])})
+    assert all(row.inside for row in rows)  # it is one of them
+    assert "| yes |" in comparison_table(rows)
