@@ -5,6 +5,7 @@
     jradar-sim-1-mini         one layout of each family for each split, to try it
     jradar-sim-2              a unit of its own for every sequence, to train on
     jradar-sim-2-mini         the same, one layout of each family for each split
+    jradar-sim-3              the same with twice as many layouts
     jradar-sim-2-robust/NAME  test layouts under one named shift, to test on
 
 A set has a frame of each of many layouts, because layouts differ more than the frames
@@ -43,6 +44,7 @@ VARIED: Splits = {
     "validation": (100, 101, 102, 103, 104, 105),
     "test": (200, 201, 202, 203),
 }
+MORE: Splits = VARIED | {"train": (*range(96), *range(1000, 1288))}
 
 
 class SetSpec(NamedTuple):
@@ -86,6 +88,7 @@ SETS = {
     "jradar-sim-1-mini": SetSpec(MINI),
     "jradar-sim-2": SetSpec(VARIED, SEEN, _own_unit),
     "jradar-sim-2-mini": SetSpec(MINI, SEEN, _own_unit),
+    "jradar-sim-3": SetSpec(MORE, SEEN, _own_unit),
 }
 
 
