@@ -205,14 +205,16 @@ def build_loss(
     """Return the training loss: Eq. 12 with the config's weights.
 
     LPIPS is loaded if its weight is not 0. The method "regression" has the squared
-    error alone.
+    error alone, "marginal" the likelihood.
     """
+    if method == "marginal":
+        return diffusion.mixture_loss
     if method == "regression":
         return functools.partial(
             diffusion.regression_loss, range_weight=loss.range_weight
         )
     if method != "diffusion":
-        raise UsageError(f"{method=}, expected diffusion or regression")
+        raise UsageError(f"{method=}, expected diffusion, regression or marginal")
     weights = dict(loss)
     network, masked = weights.pop("perceptual_network"), weights.pop("mask_misses")
     perceptual = None

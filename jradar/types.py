@@ -28,6 +28,7 @@ class PointCloud(NamedTuple):
     """A cloud of fixed size: points that are not `valid` are padding.
 
     Quantities that a sensor does not measure are None, such as a LiDAR's velocity.
+    `confidence` is the probability that a surface is near the point.
     """
 
     xyz: Float[Array, "*batch point 3"]
@@ -35,6 +36,7 @@ class PointCloud(NamedTuple):
     velocity: Float[Array, "*batch point"] | None = None
     power: Float[Array, "*batch point"] | None = None
     snr: Float[Array, "*batch point"] | None = None
+    confidence: Float[Array, "*batch point"] | None = None
 
     @classmethod
     def from_xyz(cls, xyz) -> "PointCloud":

@@ -17,7 +17,7 @@ def get_config():
     config.task = "enhance"
     config.purpose = "trained on simulated scenes only"  # shown to users of the model
     config.seed = 0
-    config.method = "diffusion"  # or "regression", a baseline
+    config.method = "diffusion"  # "marginal": one pass; "regression": a baseline
 
     # Records of `jradar prepare`. Without a path, the run simulates and prepares the
     # set in its workdir.
@@ -77,6 +77,7 @@ def get_config():
     config.train.steps = 3600
     config.train.batch_size = 8
     config.train.mirror = True  # flip every other pair left to right
+    config.train.thin = 0.0  # leave out up to this share of the radar points
     config.train.learning_rate = 1e-3
     config.train.warmup_steps = 100
     config.train.clip_norm = 1.0

@@ -6,6 +6,7 @@ the config's split.
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,7 @@ from jradar.range_image.trust import LEAST_FRAMES
 
 FRAMES_IN_FIGURE = 4
 FRAMES_FOR_TRUST = 1200
+ONE_ANSWER = {"regression": "direct regression", "marginal": "jradar, one pass"}
 
 
 def check(config: ConfigDict) -> None:
@@ -68,7 +70,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         pairs,
         seed=config.seed,
         batch_size=config.train.batch_size,
-        change=data.mirrored if config.train.mirror else None,
+        change=_change(config.train),
     )
 
     def batch_at(step):
@@ -107,6 +109,17 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         trained_on=f"{len(records)} frames",
         data_digest=records.digest,
     )
+
+
+def _change(train: ConfigDict) -> Callable[..., data.Pair]:
+    """Return what alters each drawn pair at random."""
+
+    def change(pair, random):
+        if train.mirror:
+            pair = data.mirrored(pair, random)
+        return data.thinned(pair, random, most=train.thin) if train.thin else pair
+
+    return change
 
 
 def trust_of(pairs: data.PairSource) -> TrustSpec | None:
@@ -164,8 +177,8 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
 
 def model_methods(config: ConfigDict, model: Model) -> dict[str, Method]:
     """Return the rows of a model in the tables, the quickest first."""
-    if model.spec.method == "regression":
-        return {"direct regression": drawn(model)}
+    if model.spec.method in ONE_ANSWER:
+        return {ONE_ANSWER[model.spec.method]: drawn(model)}
     sampling, solver = config.sampling, build.build_solver(config)
     methods = {
         "one-step estimate": drawn(model, draws=1, steps=1, temperature=1.0),
@@ -188,4 +201,7 @@ def drawn(model: Model, **drawing: Any) -> Method:
 def _cloud(key, condition, model, options):
     """The cloud of one condition; models of the same spec share what is compiled."""
     image = draw(key, condition, model, **dict(options))
-    return unproject(image, model.spec.fine)
+    cloud = unproject(image.range_m, model.spec.fine)
+    if image.confidence is None:
+        return cloud
+    return cloud._replace(confidence=image.confidence.ravel())

@@ -5,7 +5,8 @@ SEQUENCES, scene, paper_split         ColoRadar's sequences as the paper divides
 match_nearest, matches_of             radar frames and LiDAR scans of the same time
 PrepareSpec, prepare_frame            options, and one prepared frame
 prepare, Records                      folders of prepared frames: write and read
-PairSource, mirrored, lidar_image     prepared frames to images
+PairSource, lidar_image               prepared frames to images
+mirrored, thinned                     changes of a pair at random in training
 Batches                               shuffled batches by step
 """
 
@@ -21,6 +22,7 @@ from jradar.data.loading import (
     PairSource as PairSource,
     lidar_image as lidar_image,
     mirrored as mirrored,
+    thinned as thinned,
 )
 from jradar.data.prepare import prepare as prepare
 from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records

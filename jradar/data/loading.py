@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.data.records import PreparedFrame, package
-from jradar.range_image import ImageSpec, condition_image, project
+from jradar.range_image import CHANNELS, ImageSpec, condition_image, project
 from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
 
@@ -62,6 +62,14 @@ def mirrored(pair: Pair, random: np.random.Generator) -> Pair:
     if random.random() < 0.5:
         return pair
     return Pair(pair.condition[:, ::-1], pair.lidar[:, ::-1])
+
+
+def thinned(pair: Pair, random: np.random.Generator, *, most: float) -> Pair:
+    """Return the pair without some radar points: a share of them, 0 to `most`."""
+    slices = pair.condition.shape[-1] // len(CHANNELS)
+    kept = random.random((*pair.condition.shape[:2], slices)) >= random.uniform(0, most)
+    kept = np.tile(kept, len(CHANNELS)).astype(pair.condition.dtype)
+    return Pair(pair.condition * kept, pair.lidar)
 
 
 def lidar_image(

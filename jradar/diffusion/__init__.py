@@ -28,6 +28,10 @@ Training
     regression_loss, regression_estimate
                                     the same network without diffusion, a baseline
 
+One pass
+    RangeMixture, range_mixture     each pixel's distribution, from one evaluation
+    mixture_mass, mixture_loss      a probability of it; its negative log-likelihood
+
 Weights
     load_pretrained, Transfer       weights to start from, published or trained here
     write_params, read_params       parameters to a file and back
@@ -40,6 +44,12 @@ from jradar.diffusion.losses import (
     channel_weights as channel_weights,
     denoising_loss as denoising_loss,
     target_mask as target_mask,
+)
+from jradar.diffusion.mixture import (
+    RangeMixture as RangeMixture,
+    mixture_loss as mixture_loss,
+    mixture_mass as mixture_mass,
+    range_mixture as range_mixture,
 )
 from jradar.diffusion.network import (
     NETWORKS as NETWORKS,

@@ -12,6 +12,8 @@ clean      D = sigma_data F: the image itself.
 gaussian   D = m + (x - m) s^2 / (s^2 + sigma^2), with a mean m = sigma_data F1 and a
            spread s = sigma_data exp(4 tanh(F2 / 4)) for each value of the image.
 
+mixture    not an image, but a distribution of each pixel's range (`mixture`).
+
 With patches too coarse to carry a pixel's noise, "gaussian" lets F describe what the
 surroundings and the condition tell about a pixel, and Bayes' rule adds what the pixel's
 own value tells. It equals "edm" with F = F1 / c_out where F2 = 0.
@@ -78,7 +80,7 @@ class Clean(Prediction):
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
     ) -> Image:
         """Return sigma_data F."""
-        return noise.sigma_data * _output(network, x, sigma, noise)
+        return noise.sigma_data * network_output(network, x, sigma, noise)
 
 
 class Gaussian(Prediction):
@@ -88,17 +90,33 @@ class Gaussian(Prediction):
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
     ) -> Image:
         """Return the mean of the posterior; spreads are e^-4 to e^4 of the data's."""
-        mean, spread = jnp.split(_output(network, x, sigma, noise), 2, -1)
+        mean, spread = jnp.split(network_output(network, x, sigma, noise), 2, -1)
         mean = noise.sigma_data * mean
         own = noise.sigma_data**2 * jnp.exp(8 * jnp.tanh(spread / 4))
         variance = sigma[..., None, None, None] ** 2
         return mean + (x - mean) * own / (own + variance)
 
 
+class Mixture(Prediction):
+    """The parameters of a distribution for each pixel, in units of the image."""
+
+    def denoise(
+        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+    ) -> Image:
+        """Return sigma_data F, with as many channels as F."""
+        return noise.sigma_data * network_output(network, x, sigma, noise)
+
+
+COMPONENTS = 4  # of a mixture
 EDM = Edm("edm")
 PREDICTIONS: dict[str, Prediction] = {
     prediction.name: prediction
-    for prediction in (EDM, Clean("clean"), Gaussian("gaussian", 2))
+    for prediction in (
+        EDM,
+        Clean("clean"),
+        Gaussian("gaussian", 2),
+        Mixture("mixture", 1 + 3 * COMPONENTS // 2),
+    )
 }
 
 
@@ -110,7 +128,9 @@ def scalings(sigma: Level, noise: "NoiseSpec") -> tuple[Level, Level, Level, Lev
     return c_skip, c_out, 1 / total, jnp.log(sigma) / 4
 
 
-def _output(network, x, sigma, noise):
-    """The network's output for an image scaled to unit variance."""
+def network_output(
+    network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+) -> Image:
+    """Return the network's output for an image scaled to unit variance."""
     _, _, c_in, c_noise = scalings(sigma, noise)
     return network(c_in[..., None, None, None] * x, c_noise)

@@ -25,6 +25,7 @@ import safetensors
 import safetensors.numpy
 
 from jradar.diffusion.network import Network, network_fields
+from jradar.diffusion.predictions import PREDICTIONS
 from jradar.diffusion.published import (
     DROPPED,
     State,
@@ -41,6 +42,7 @@ MAX_FILE_BYTES = 4 << 30
 ATTENTION_ORDERS = ("legacy", "new")
 OWN, TOWER = "params/", "params/tower/"  # prefixes in files written here
 HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
+MEANS = 2  # outputs of every prediction: range and validity
 # Fields of a network that the shapes of its parameters do not determine.
 UNSHAPED = ("kind", "form", "stem", "head_channels", "noise_scale")
 # New parameters that must be zero for the network to be the published one.
@@ -184,8 +186,8 @@ def _read_npz(path):
 def _load_trained_here(path, state, params, network):
     """`params` with the weights of a model, or of a trunk alone.
 
-    A network with half the outputs, trained for the prediction "clean", becomes the
-    means of "gaussian": the spreads start at the spread of the data.
+    Every prediction's first two outputs are range and validity. A network of another
+    prediction keeps these, and its other outputs start at 0.
     """
     flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
     new = [name for name in flat if name not in state]
@@ -194,20 +196,23 @@ def _load_trained_here(path, state, params, network):
     _check_complete(path, [] if new == tower else new, unused)
     loaded = {}
     for name, tensor in state.items():
-        outputs = tuple(2 * count for count in tensor.shape[-1:])
-        if name.startswith(HEADS) and outputs == flat[name].shape[-1:]:
-            tensor = _with_spreads(tensor, network.outputs // 2)
+        if name.startswith(HEADS):
+            tensor = _with_outputs(tensor, flat[name].shape[-1], network.outputs)
         _check_shape(path, name, tensor, flat[name])
         loaded[name] = jnp.asarray(tensor, flat[name].dtype)
     params = flax.traverse_util.unflatten_dict(flat | loaded, sep="/")
     return params, Transfer(tuple(sorted(loaded)), tuple(new), ())
 
 
-def _with_spreads(tensor, means):
-    """Outputs [..., pixel, mean] as [..., pixel, mean and spread], spreads of 0."""
-    pixels = tensor.reshape(*tensor.shape[:-1], -1, means)
-    both = np.concatenate([pixels, np.zeros_like(pixels)], -1)
-    return both.reshape(*tensor.shape[:-1], -1)
+def _with_outputs(tensor, size, outputs):
+    """[..., pixel and output] with `outputs` for each pixel: the first two, then 0."""
+    pixels = size // outputs
+    known = [MEANS * each.outputs_per_channel for each in PREDICTIONS.values()]
+    if tensor.shape[-1] == size or tensor.shape[-1] not in [n * pixels for n in known]:
+        return tensor
+    each = tensor.reshape(*tensor.shape[:-1], pixels, -1)[..., :MEANS]
+    missing = [(0, 0)] * (each.ndim - 1) + [(0, outputs - each.shape[-1])]
+    return np.pad(each, missing).reshape(*tensor.shape[:-1], size)
 
 
 def _unshaped(network):

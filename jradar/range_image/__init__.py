@@ -14,12 +14,26 @@ Values of the network
     encode_range, decode_range      the same for the range alone
     close_gaps, fill_misses         fill pixels between a LiDAR's beams; every pixel
 
-    agreed_range                    the range on which several images agree
+    RangeImage, agreed_range        the range on which several images agree
+    confident                       without pixels of little confidence
+    CalibrationSpec, fit_calibration, calibrated, UNSURE
+                                    confidence that holds on new frames
+    velocity_image                  the radar's velocity at each pixel
     TrustSpec, fit_trust            what conditions looked like in training
     unlikeness, STRANGE             how unlike them a condition is, 0 to 1; when to warn
 """
 
-from jradar.range_image.agreement import agreed_range as agreed_range
+from jradar.range_image.agreement import (
+    RangeImage as RangeImage,
+    agreed_range as agreed_range,
+    confident as confident,
+)
+from jradar.range_image.calibration import (
+    UNSURE as UNSURE,
+    CalibrationSpec as CalibrationSpec,
+    calibrated as calibrated,
+    fit_calibration as fit_calibration,
+)
 from jradar.range_image.codec import (
     CHANNELS as CHANNELS,
     close_gaps as close_gaps,
@@ -30,6 +44,7 @@ from jradar.range_image.codec import (
     encode_target as encode_target,
     fill_misses as fill_misses,
 )
+from jradar.range_image.doppler import velocity_image as velocity_image
 from jradar.range_image.grid import (
     ImageSpec as ImageSpec,
     pixel_directions as pixel_directions,

@@ -1,4 +1,4 @@
-"""The range on which several draws of one scene agree.
+"""The range on which several draws of one scene agree, and how many do.
 
 A draw is one of the images that the condition allows; each has errors in different
 places. A score that counts points near the truth is highest, on average, for the range
@@ -7,28 +7,34 @@ between surfaces.
 """
 
 import functools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-@functools.partial(jax.jit, static_argnames=("share", "tolerance_m"))
+class RangeImage(NamedTuple):
+    """Ranges in metres, 0 for a miss, and how far to trust each of them, 0 to 1.
+
+    The confidence is the probability that a surface is within a window around the
+    range, as far as the method knows it; None for a method that does not.
+    """
+
+    range_m: Float[Array, "*batch row column"]
+    confidence: Float[Array, "*batch row column"] | None = None
+
+
+@functools.partial(jax.jit, static_argnames="tolerance_m")
 def agreed_range(
-    images: Float[Array, "draw row column"],
-    *,
-    share: float = 0.375,
-    tolerance_m: float = 0.2,
-) -> Float[Array, "row column"]:
-    """Return the range in metres near which most draws lie, for each pixel.
+    images: Float[Array, "draw row column"], *, tolerance_m: float = 0.2
+) -> RangeImage:
+    """Return the range near which most draws lie, and their share as confidence.
 
     The largest group of draws within `tolerance_m` of one of them gives its mean; of
-    equally large groups, the one with the smaller mean. Pixels whose group is smaller
-    than `share` of all draws are misses, 0. Raises ValueError for an impossible share
-    or tolerance.
+    equally large groups, the one with the smaller mean. `confident` drops pixels of
+    small groups. Raises ValueError for an impossible tolerance.
     """
-    if not 0 < share <= 1:
-        raise ValueError(f"{share=}, expected more than 0 and at most 1")
     if not tolerance_m > 0:
         raise ValueError(f"{tolerance_m=}, expected more than 0 metres")
     hit = images > 0
@@ -38,4 +44,17 @@ def agreed_range(
     mean = jnp.where(near, images[None], 0.0).sum(1) / jnp.maximum(count, 1)
     most = count.max(0)
     nearest = jnp.where(count == most, mean, jnp.inf).min(0)
-    return jnp.where((most > 0) & (most >= share * len(images)), nearest, 0.0)
+    share = most / len(images)
+    return RangeImage(jnp.where(most > 0, nearest, 0.0), share.astype(images.dtype))
+
+
+@jax.jit
+def confident(image: RangeImage, least: float | Float[Array, ""]) -> RangeImage:
+    """Return the image without pixels of less than the `least` confidence.
+
+    An image without confidence stays as it is.
+    """
+    if image.confidence is None:
+        return image
+    keep = (image.range_m > 0) & (image.confidence >= least)
+    return RangeImage(*(jnp.where(keep, value, 0.0) for value in image))

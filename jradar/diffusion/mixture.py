@@ -1,0 +1,94 @@
+"""One pass: each pixel's distribution over range, from one evaluation of the network.
+
+The network sees only the condition, as in `regression`. For each pixel it returns the
+probability of a return, and a mixture of logistic distributions over the coded range.
+The mixture is trained by its likelihood, so that a pixel that may lie on either of two
+surfaces has two components, and no mean between them (mixture density networks, Bishop
+1994; Tosi et al. 2021 for depth).
+
+    F [.. 2 + 3 COMPONENTS] -> centre, return | offset, log-scale, weight of components
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, Key
+
+from jradar.diffusion.noise import NoiseSpec
+from jradar.diffusion.precondition import Denoiser
+from jradar.diffusion.predictions import COMPONENTS, Image
+
+# Scales of the components where the network returns 0; they differ, so that the
+# components learn different things.
+FIRST_SCALES = (0.01, 0.02, 0.05, 0.2)
+LEAST_SCALE = 1e-3
+SHARPNESS = 4.0  # logit of a return for each unit of validity, which is -1 to 1
+
+
+class RangeMixture(NamedTuple):
+    """Distributions over the coded range (-1 .. 1) of each pixel."""
+
+    returned: Float[Array, "*batch row column"]  # logit of a return
+    weight: Float[Array, "*batch row column component"]  # sum 1
+    centre: Float[Array, "*batch row column component"]
+    scale: Float[Array, "*batch row column component"]
+
+
+def range_mixture(
+    denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
+) -> RangeMixture:
+    """Return the mixtures of images of `shape` [*batch row column 2]."""
+    values = denoise(jnp.zeros(shape), jnp.asarray(noise.sigma_max))
+    return mixture_of(values)
+
+
+def mixture_of(values: Float[Array, "*batch row column output"]) -> RangeMixture:
+    """Return the mixtures that the outputs of the prediction "mixture" describe."""
+    fields = values[..., 2:].reshape(*values.shape[:-1], 3, COMPONENTS)
+    offset, growth, weight = (fields[..., k, :] for k in range(3))
+    first = jnp.asarray(np.log(FIRST_SCALES), values.dtype)
+    return RangeMixture(
+        SHARPNESS * values[..., 1],
+        jax.nn.softmax(SHARPNESS * weight, -1),
+        values[..., :1] + offset,
+        jnp.exp(first + 4 * jnp.tanh(growth)) + LEAST_SCALE,
+    )
+
+
+def mixture_mass(
+    mixture: RangeMixture,
+    low: Float[Array, "*batch row column"],
+    high: Float[Array, "*batch row column"],
+) -> Float[Array, "*batch row column"]:
+    """Return the probability of a coded range from `low` to `high`, given a return."""
+    below, above = (
+        jax.nn.sigmoid((edge[..., None] - mixture.centre) / mixture.scale)
+        for edge in (low, high)
+    )
+    return (mixture.weight * (above - below)).sum(-1)
+
+
+def mixture_loss(
+    key: Key[Array, ""],
+    denoise: Denoiser,
+    clean: Image,
+    *,
+    noise: NoiseSpec,
+    step: int | Int[Array, ""] = 0,
+) -> Float[Array, ""]:
+    """Return the negative log-likelihood of range and return, a mean over pixels.
+
+    It is called as `denoising_loss` is; `key` and `step` are not used.
+    """
+    mixture = range_mixture(denoise, clean.shape, noise=noise)
+    hit = clean[..., 1] > 0
+    returned = jax.nn.log_sigmoid(jnp.where(hit, 1, -1) * mixture.returned)
+    away = (clean[..., :1] - mixture.centre) / mixture.scale
+    density = (  # of the logistic distribution, in logarithms
+        jax.nn.log_sigmoid(away) + jax.nn.log_sigmoid(-away) - jnp.log(mixture.scale)
+    )
+    weight = jnp.log(jnp.maximum(mixture.weight, 1e-6))
+    range_ = jax.nn.logsumexp(weight + density, axis=-1)
+    return -jnp.mean(returned + jnp.where(hit, range_, 0.0))

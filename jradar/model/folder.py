@@ -1,0 +1,192 @@
+"""A model on disk: a folder with its weights and its description.
+
+weights.safetensors    the network's parameters, named by path
+model.json             the ModelSpec, and the digest of the weights
+"""
+
+import dataclasses
+import functools
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import flax.traverse_util
+import jax
+import jax.numpy as jnp
+
+from jradar.diffusion import (
+    NETWORKS,
+    PREDICTIONS,
+    Network,
+    NoiseSpec,
+    network_fields,
+    network_from_fields,
+    read_params,
+    write_params,
+)
+from jradar.errors import ModelError
+from jradar.files import atomic_folder, read_json, typed_fields
+from jradar.model.spec import Model, ModelSpec
+from jradar.radar import RadarSpec
+from jradar.range_image import CHANNELS, CalibrationSpec, TrustSpec
+
+FORMAT = 3
+MAX_JSON_BYTES = 1 << 20
+MAX_PIXELS = 1 << 24
+SHIPPED = Path(__file__).parents[1] / "weights"
+
+
+def shipped_models() -> dict[str, Path]:
+    """Return the folders of the models that come with the package, by name."""
+    found = sorted(path.parent for path in SHIPPED.glob("*/model.json"))
+    return {folder.name: folder for folder in found}
+
+
+def load_model(name: Path | str) -> Model:
+    """Load a shipped model by its name, or any model by its folder.
+
+    Parameters become float32. Raises ModelError, with the reason, for a model that is
+    missing, damaged or of another format.
+    """
+    shipped = shipped_models()
+    folder = shipped.get(str(name), Path(name))
+    path, weights = folder / "model.json", folder / "weights.safetensors"
+    if not path.is_file() or not weights.is_file():
+        raise ModelError(
+            f"no model at {folder}: expected a folder with model.json and "
+            "weights.safetensors, such as `model` in the workdir of a training, or the "
+            f"name of a shipped model: {', '.join(shipped) or 'none is shipped'}"
+        )
+    try:
+        values = read_json(path, limit=MAX_JSON_BYTES)
+        found, digest = values.pop("format"), values.pop("weights_sha256")
+        if found != FORMAT:
+            raise ModelError(
+                f"{path} has format {found}, this version reads {FORMAT}: train again, "
+                "or use the version of jradar that wrote it"
+            )
+        spec = _spec_from_json(values)
+    except ModelError:
+        raise
+    except Exception as error:  # values of a wrong kind raise errors of any kind
+        raise ModelError(f"{path} is not usable: {error}") from error
+    if hashlib.sha256(weights.read_bytes()).hexdigest() != digest:
+        raise ModelError(
+            f"{weights} does not match the digest in {path.name}: the file is damaged, "
+            "or from another model"
+        )
+    try:
+        params = read_params(weights)
+    except ValueError as error:
+        raise ModelError(str(error)) from error
+    if str(name) not in shipped:  # those are checked by the tests
+        _check_shapes(weights, params, spec)
+    return Model(params, spec)
+
+
+def save_model(folder: Path | str, model: Model) -> None:
+    """Write a model's folder in one step; an earlier model there is replaced.
+
+    Raises UsageError for a folder that holds something else.
+    """
+    with atomic_folder(folder, marker="model.json") as scratch:
+        weights = scratch / "weights.safetensors"
+        network = json.dumps(network_fields(model.spec.network))
+        write_params(weights, model.params, metadata={"network": network})
+        header = {
+            "format": FORMAT,
+            "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
+        }
+        text = json.dumps(header | _spec_to_json(model.spec), indent=2)
+        (scratch / "model.json").write_text(text + "\n")
+
+
+def _spec_to_json(spec: ModelSpec) -> dict[str, Any]:
+    """The spec as JSON takes it."""
+    noise = spec.noise
+    plain = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec)}
+    specs = ("coarse", "fine", "radar", "points", "trust", "calibration")
+    return {
+        **plain,
+        **{name: dataclasses.asdict(plain[name]) for name in specs if plain[name]},
+        "network": network_fields(spec.network),
+        "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
+    }
+
+
+def _spec_from_json(values: dict[str, Any]) -> ModelSpec:
+    """The spec from `_spec_to_json`'s dictionary, with every type checked."""
+    read: dict[str, Any] = {"network": _network_from_json(values.pop("network"))}
+    noise = values.pop("noise")
+    prediction = PREDICTIONS[noise.pop("prediction")]
+    read["noise"] = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
+    read["radar"] = RadarSpec.from_dict(values.pop("radar"))
+    for name, kind in (("trust", TrustSpec), ("calibration", CalibrationSpec)):
+        if (found := values.pop(name, None)) is not None:
+            read[name] = kind(**typed_fields(kind, found))
+    spec = ModelSpec(**read, **typed_fields(ModelSpec, values))
+    for name, image in (("coarse", spec.coarse), ("fine", spec.fine)):
+        if image.height * image.width > MAX_PIXELS:
+            size = f"{image.height} x {image.width} pixels"
+            raise ValueError(f"{name} has {size}, expected at most {MAX_PIXELS:,}")
+    return spec
+
+
+def _network_from_json(values: dict[str, Any]) -> Network:
+    """The network from `network_fields`' dictionary."""
+    fields = dict(values)
+    kind = NETWORKS[fields.pop("kind")]
+    typed_fields(kind, fields)
+    return network_from_fields(values)
+
+
+def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
+    """Refuse parameters that do not fit the network, naming the first."""
+    channels = len(CHANNELS) * spec.num_slices
+    found = _flat_shapes(params)
+    try:
+        _check_size(spec.network, len(found))
+        expected = _shapes(
+            spec.network, spec.fine.shape, (*spec.coarse.shape, channels)
+        )
+    except Exception as error:  # Flax and JAX have their own
+        raise ModelError(
+            f"the network of {path.parent} cannot be built: {error}"
+        ) from error
+    wrong = sorted(n for n in found | expected if found.get(n) != expected.get(n))
+    if wrong:
+        first = wrong[0]
+        raise ModelError(
+            f"{path} does not fit its network: {first} is "
+            f"{found.get(first, 'missing')}, expected "
+            f"{expected.get(first, 'no such parameter')} ({len(wrong)} differ)"
+        )
+
+
+def _check_size(network: Network, most: int) -> None:
+    """Refuse a network of more blocks than the file has arrays: it takes hours."""
+    fields = network_fields(network)
+    blocks = fields.get("blocks", 1) * len(fields.get("multipliers", [1]))
+    if blocks > most:
+        raise ValueError(f"{blocks:,} blocks for {most:,} arrays of parameters")
+
+
+@functools.lru_cache(8)
+def _shapes(network, image, condition):
+    """Shapes of the network's parameters by name."""
+    return _flat_shapes(
+        jax.eval_shape(
+            network.init,
+            jax.random.key(0),
+            jax.ShapeDtypeStruct((1, *image, 2), jnp.float32),  # range and validity
+            jax.ShapeDtypeStruct((1,), jnp.float32),
+            jax.ShapeDtypeStruct((1, *condition), jnp.float32),
+        )
+    )
+
+
+def _flat_shapes(params: Any) -> dict[str, tuple[int, ...]]:
+    """Shapes of parameters by their path."""
+    flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
+    return {name: leaf.shape for name, leaf in flat.items()}

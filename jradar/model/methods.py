@@ -1,0 +1,143 @@
+"""How a model answers: from a denoiser to a range image with confidence.
+
+diffusion     several samples, and the range on which they agree
+marginal      each pixel's distribution, from one evaluation
+regression    one estimate, without confidence
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from jradar.diffusion import (
+    SOLVERS,
+    Denoiser,
+    RangeMixture,
+    mixture_mass,
+    range_mixture,
+    regression_estimate,
+    sample,
+)
+from jradar.errors import UsageError
+from jradar.range_image import (
+    RangeImage,
+    agreed_range,
+    decode_range,
+    decode_target,
+    encode_range,
+)
+
+if TYPE_CHECKING:
+    from jradar.model.spec import ModelSpec
+
+WINDOW_M = 0.2  # a point is right within this distance of a surface
+SIDE_STEPS = (-0.5, 0.5)  # of a window, tried to both sides of the best component
+
+Answer = Callable[..., RangeImage]
+
+
+def draw_diffusion(
+    key: Key[Array, ""],
+    denoise: Denoiser,
+    spec: "ModelSpec",
+    *,
+    draws: int = 8,
+    **sampling: Any,
+) -> RangeImage:
+    """Return one sample, or what several agree on."""
+    if draws < 1:
+        raise ValueError(f"{draws=}, expected 1 or more")
+    quick = {"solver": SOLVERS["ipndm3"], "steps": 5, "temperature": 1.0}
+    careful = {"solver": SOLVERS["heun"], "steps": 18, "temperature": spec.temperature}
+    values = sample(
+        key,
+        denoise,
+        (draws, *spec.fine.shape, 2),
+        noise=spec.noise,
+        **{**(careful if draws == 1 else quick), **sampling},
+    )
+    images = _metres(values, spec)
+    return RangeImage(images[0]) if draws == 1 else agreed_range(images)
+
+
+def draw_marginal(
+    key: Key[Array, ""], denoise: Denoiser, spec: "ModelSpec", **sampling: Any
+) -> RangeImage:
+    """Return the likeliest range of each pixel; `key` is not used."""
+    _refuse(sampling, "a model of one pass draws no samples")
+    shape = (1, *spec.fine.shape, 2)
+    mixture = range_mixture(denoise, shape, noise=spec.noise)
+    return likeliest_range(RangeMixture(*(value[0] for value in mixture)), spec)
+
+
+def draw_regression(
+    key: Key[Array, ""], denoise: Denoiser, spec: "ModelSpec", **sampling: Any
+) -> RangeImage:
+    """Return the network's one estimate; `key` is not used."""
+    _refuse(sampling, "a model trained by regression draws no samples")
+    values = regression_estimate(denoise, (1, *spec.fine.shape, 2), noise=spec.noise)
+    return RangeImage(_metres(values, spec)[0])
+
+
+METHODS: dict[str, Answer] = {
+    "diffusion": draw_diffusion,
+    "marginal": draw_marginal,
+    "regression": draw_regression,
+}
+
+
+def likeliest_range(
+    mixture: RangeMixture, spec: "ModelSpec", *, window_m: float = WINDOW_M
+) -> RangeImage:
+    """Return the range whose window of +- `window_m` holds the most probability.
+
+    The confidence is that probability times the probability of a return. The windows
+    around the components' centres are tried, and two beside the best of them.
+    """
+    view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
+
+    def mass(range_m):
+        low, high = (
+            encode_range(range_m + side, **view) for side in (-window_m, window_m)
+        )
+        return mixture_mass(mixture, low, high)
+
+    centres = decode_range(mixture.centre, **view)
+    best = centres[..., 0]
+    most = mass(best)
+    for k in range(1, centres.shape[-1]):
+        best, most = _better(best, most, centres[..., k], mass)
+    middle = best
+    for step in SIDE_STEPS:
+        best, most = _better(best, most, middle + step * window_m, mass)
+    returned = 1 / (1 + jnp.exp(-mixture.returned))
+    return RangeImage(jnp.maximum(best, 0.0), returned * most)
+
+
+def _better(
+    best: Float[Array, "row column"],
+    most: Float[Array, "row column"],
+    other: Float[Array, "row column"],
+    mass: Callable,
+) -> tuple[Float[Array, "row column"], Float[Array, "row column"]]:
+    """The range of more mass of two, and its mass."""
+    found = mass(other)
+    return jnp.where(found > most, other, best), jnp.maximum(found, most)
+
+
+def _refuse(sampling: dict[str, Any], why: str) -> None:
+    """Raise UsageError for options of samplers."""
+    if sampling:
+        raise UsageError(f"{', '.join(sampling)}: {why}, leave these options out")
+
+
+def _metres(values, spec: "ModelSpec"):
+    """Range images in metres from the network's values."""
+    return decode_target(
+        values,
+        spec.fine,
+        codec=spec.codec,
+        validity_threshold=spec.validity_threshold,
+    )
