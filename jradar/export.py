@@ -3,14 +3,17 @@ r"""One file that turns an ADC cube into a dense cloud and runs without jradar.
 The first line of the file is a JSON header. The rest is what `jax.export` serialises
 for the function
 
-    (seed, cube [tx, rx, chirp, sample]) -> (xyz [point, 3], valid [point])
+    (seed, cube [tx, rx, chirp, sample])
+        -> {"xyz": [point, 3], "valid", "velocity", "confidence": [point]}
+
+without the confidence where the model has none.
 
 The header holds a digest of the function, because a flipped bit in the weights would
 otherwise go unnoticed. To use the file where only JAX is installed:
 
     header, function = open("model.jradar", "rb").read().split(b"\n", 1)
     assert hashlib.sha256(function).hexdigest() == json.loads(header)["sha256"]
-    xyz, valid = jax.export.deserialize(bytearray(function)).call(seed, cube)
+    cloud = jax.export.deserialize(bytearray(function)).call(seed, cube)
 """
 
 import hashlib
@@ -22,13 +25,13 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Complex
 
 from jradar.errors import parsing
 from jradar.files import atomic_path
 from jradar.model import Model, enhance
 
-FORMAT = "jradar function 1"
+FORMAT = "jradar function 2"
 MAX_HEADER_BYTES = 1 << 16
 PLATFORMS = ("cpu", "cuda", "tpu")
 
@@ -38,7 +41,7 @@ class ExportedFunction(NamedTuple):
 
     call: Callable[
         [int, Complex[Array, "tx rx chirp sample"]],
-        tuple[Float[Array, "point 3"], Bool[Array, " point"]],
+        dict[str, Array],
     ]
     header: dict[str, Any]
 
@@ -74,7 +77,8 @@ def _serialised(model, coupling, platforms, drawing) -> bytes:
     def function(seed, cube):
         key = jax.random.key(seed)
         cloud = enhance(key, cube, model, coupling=leakage, **drawing)
-        return cloud.xyz, cloud.valid
+        fields = cloud._asdict().items()
+        return {name: value for name, value in fields if value is not None}
 
     shape = radar.cube_shape
     exported = jax.export.export(jax.jit(function), platforms=tuple(platforms))(

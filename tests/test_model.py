@@ -104,7 +104,10 @@ def test_several_draws_give_what_they_agree_on():
     model = oracle(near, far, far + 0.1, np.zeros(FINE.shape))
     key, image = jax.random.key(0), jnp.ones((8, 8, 12))
     agreed = draw(key, image, model, draws=4, steps=2)
-    np.testing.assert_allclose(agreed, 6.05, atol=1e-4)
+    np.testing.assert_allclose(agreed.range_m, 6.05, atol=1e-4)
+    np.testing.assert_allclose(agreed.confidence, 0.5)
+    none = draw(key, image, model, draws=4, steps=2, least_confidence=0.6)
+    assert not none.range_m.any()
     with pytest.raises(ValueError, match="draws=0, expected 1 or more"):
         draw(key, image, model, draws=0)
 
@@ -112,7 +115,9 @@ def test_several_draws_give_what_they_agree_on():
 def test_a_regression_model_answers_once_and_draws_no_samples(model):
     spec = dataclasses.replace(oracle(LIDAR).spec, method="regression")
     key, image = jax.random.key(0), jnp.ones((8, 8, 12))
-    np.testing.assert_allclose(draw(key, image, Model({}, spec)), LIDAR, atol=1e-4)
+    estimate = draw(key, image, Model({}, spec))
+    np.testing.assert_allclose(estimate.range_m, LIDAR, atol=1e-4)
+    assert estimate.confidence is None
     with pytest.raises(ValueError, match="draws, steps: a model trained by regression"):
         draw(key, image, Model({}, spec), draws=1, steps=3)
     with pytest.raises(ValueError, match="method = 'magic', expected one of"):
@@ -121,8 +126,8 @@ def test_a_regression_model_answers_once_and_draws_no_samples(model):
 
 def test_a_frame_without_echoes_gives_no_points(quick):
     image = jnp.zeros((8, 8, 12))
-    assert not draw(jax.random.key(0), image, quick).any()
-    assert draw(jax.random.key(0), image.at[3, 4, 5].set(1.0), quick).all()
+    assert not draw(jax.random.key(0), image, quick).range_m.any()
+    assert draw(jax.random.key(0), image.at[3, 4, 5].set(1.0), quick).range_m.all()
     cube = jnp.zeros(RADAR.cube_shape, complex)
     assert not enhance(jax.random.key(0), cube, quick).valid.any()
 
@@ -141,7 +146,7 @@ def test_a_gradient_reaches_the_parameters(quick):
     image = jax.random.normal(jax.random.key(0), (8, 8, 12))
 
     def mean_range(model):
-        return draw(jax.random.key(1), image, model).mean()
+        return draw(jax.random.key(1), image, model).range_m.mean()
 
     slope = jax.grad(mean_range)(quick)
     assert isinstance(slope, Model) and slope.spec == quick.spec
@@ -309,7 +314,7 @@ def test_weights_of_another_network_are_named(tmp_path, model):
 
 
 def test_shipped_models_are_found_by_name(tmp_path, model, monkeypatch):
-    monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
+    monkeypatch.setattr(models.folder, "SHIPPED", tmp_path / "weights")
     assert shipped_models() == {}
     with pytest.raises(ModelError, match="shipped model: none is shipped"):
         load_model("jradar-sim")

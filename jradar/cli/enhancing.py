@@ -6,12 +6,14 @@ which other frames are enhanced.
 """
 
 import argparse
+import collections
 import dataclasses
+import itertools
 import statistics
 import time
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,12 +23,21 @@ from jradar import recordings
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
 from jradar.errors import UsageError
-from jradar.model import Model, ModelSpec, draw, load_model
+from jradar.model import Model, ModelSpec, dense_cloud, draw, load_model
 from jradar.progress import progress
 from jradar.radar import RadarSpec, detect, power_map
-from jradar.range_image import STRANGE, condition_image, unlikeness, unproject
+from jradar.range_image import (
+    STRANGE,
+    UNSURE,
+    RangeImage,
+    condition_image,
+    unlikeness,
+    unproject,
+)
+from jradar.types import PointCloud
 
 DETECTION_RATE = 1e-3  # false alarms per cell of the detections that are counted
+AHEAD = 2  # frames that wait between two threads
 TOLERANCE = 0.05  # up to which two radars count as alike
 FLAT = (
     "this radar has one row of antennas and measures no elevation: heights in the "
@@ -45,8 +56,22 @@ class Stopwatch(dict[str, list[float]]):
         return result
 
 
+class Enhanced(NamedTuple):
+    """One frame on its way from the reader to the writer."""
+
+    frame: int
+    power: Any
+    cloud: PointCloud
+    image: RangeImage
+    dense: PointCloud
+    row: dict[str, Any]
+
+
 def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
-    """Enhance the frames that the options name, and write the results."""
+    """Enhance the frames that the options name, and write the results.
+
+    One thread reads ahead and another writes, while this one computes.
+    """
     check_limits(options)
     model = load_model(options.model)
     if options.remove_interference:
@@ -60,35 +85,40 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         )
     key = jax.random.key(options.seed)
     stages = watch("compiling", _compiled_stages, key, model, recording, options)
-    rows, written, silent, strange = [], [], [], []
-    with progress("enhancing", len(frames), unit="frames") as show:
-        for done, frame in enumerate(frames, 1):
-            values = [watch("read", recordings.calibrated_cube, recording, frame)]
-            for name, stage in stages.items():
-                values.append(watch(name, stage, key, model, values[-1]))
-            cube, cloud, seen, image, dense = values
-            silent += [] if cloud.valid.any() else [frame]
-            cloud, dense = (within_limits(c, options) for c in (cloud, dense))
-            power = _power(cube, spec)
-            drawn = power, cloud, image, dense
-            written = watch("writing", _write, recording, frame, spec, drawn, options)
-            row: dict[str, Any] = {
-                "frame": frame,
-                "detections": _detections(power, recording.radar, spec),
-                "radar points": int(cloud.valid.sum()),
-                "enhanced points": int(dense.valid.sum()),
-            }
-            if spec.trust is not None:
-                unlike = float(unlikeness(seen, spec.trust))
-                row["unlike training (%)"] = round(100 * unlike, 1)
-                strange += [frame] if unlike > STRANGE else []
+    pictured = not options.frames if options.picture is None else options.picture
+
+    def read(frame):
+        return frame, watch("reading", recordings.calibrated_cube, recording, frame)
+
+    def compute(frame, cube):
+        values = [cube]
+        for name, stage in stages.items():
+            values.append(watch(name, stage, key, model, *values))
+        return _result(frame, values, spec, options)
+
+    def write(result):
+        files = watch("writing", _write, recording, spec, result, options, pictured)
+        return result.row, files
+
+    rows, written = list[dict[str, Any]](), list[str]()
+    begin = time.perf_counter()
+    with (
+        progress("enhancing", len(frames), unit="frames") as show,
+        ThreadPoolExecutor(1) as reader,
+        ThreadPoolExecutor(1) as writer,
+    ):
+        computed = itertools.starmap(compute, _ahead(reader, read, frames))
+        for row, files in _ahead(writer, write, computed):
             rows.append(row)
+            written = files
             if len(frames) > 1:
-                show(done)
+                show(len(rows))
+    seconds = time.perf_counter() - begin
     notes = (
         *_doubts(spec, recording.radar),
-        *no_echoes(silent),
-        *_strangers(strange, len(frames)),
+        *no_echoes([row["frame"] for row in rows if not row["radar points"]]),
+        *_strangers(rows),
+        *_unsure(rows),
     )
     return {
         **summary(recording, notes),
@@ -100,8 +130,39 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         },
         **({"enhanced": rows} if options.frames else rows[0]),
         **_times(watch),
+        "frames/s": len(rows) / seconds,
         "written": [options.output] if options.frames else written,
     }
+
+
+def _ahead(threads: ThreadPoolExecutor, call: Callable, items: Iterable) -> Iterator:
+    """Yield `call(item)` in order; a thread works on the next items meanwhile."""
+    waiting: collections.deque[Future] = collections.deque()
+    for item in items:
+        waiting.append(threads.submit(call, item))
+        if len(waiting) > AHEAD:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
+
+
+def _result(frame: int, values: list[Any], spec: ModelSpec, options) -> Enhanced:
+    """What is written of a frame, from the results of all stages."""
+    _, cloud, seen, image, dense, power, detections = values
+    silent = not cloud.valid.any()
+    cloud, dense = (within_limits(c, options) for c in (cloud, dense))
+    row: dict[str, Any] = {
+        "frame": frame,
+        "detections": int(detections),
+        "radar points": 0 if silent else int(cloud.valid.sum()),
+        "enhanced points": int(dense.valid.sum()),
+    }
+    if dense.confidence is not None and dense.valid.any():
+        mean = float(np.asarray(dense.confidence)[np.asarray(dense.valid)].mean())
+        row["confidence (%)"] = round(100 * mean, 1)
+    if spec.trust is not None:
+        row["unlike training (%)"] = round(100 * float(unlikeness(seen, spec.trust)), 1)
+    return Enhanced(frame, power, cloud, image, dense, row)
 
 
 def _excising(model: Model) -> Model:
@@ -111,34 +172,63 @@ def _excising(model: Model) -> Model:
 
 
 def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callable]:
-    """Compile the stages of `jradar.enhance`; each takes the result of the last.
+    """Compile the stages of `jradar.enhance` and the counts beside them.
 
+    Each takes the key, the model, the cube and the results of the stages before it.
     Threads compile them, because XLA does not hold Python's lock.
     """
-    spec = model.spec
+    spec, radar = model.spec, recording.radar
+    counted = dataclasses.replace(spec.points, false_alarm_rate=DETECTION_RATE)
+    counted = counted.fitted(radar)
 
     def radar_processing(_key, _model, cube):
         return frame_points(cube, recording, spec.points)
 
-    def condition(_key, _model, cloud):
+    def condition(_key, _model, _cube, cloud):
         return condition_image(cloud, spec.coarse, num_slices=spec.num_slices)
 
-    def sampling(key, model, condition):
-        return draw(key, condition, model, draws=options.draws, steps=options.steps)
+    def sampling(key, model, _cube, _cloud, condition):
+        return draw(
+            key,
+            condition,
+            model,
+            draws=options.draws,
+            steps=options.steps,
+            least_confidence=options.min_confidence,
+        )
 
-    def back_projection(_key, _model, image):
-        return unproject(image, spec.fine)
+    def back_projection(_key, _model, _cube, cloud, _condition, image):
+        return dense_cloud(image, cloud, spec)
 
-    radar, compiling = recording.radar, {}
+    def range_doppler_map(_key, _model, cube, *_results):
+        return power_map(cube, remove_interference=spec.points.remove_interference)
+
+    def detections(_key, _model, _cube, _cloud, _condition, _image, _dense, power):
+        return detect(power, radar, points=counted).sum()
+
+    compiling: dict[str, Future] = {}
     kind = jnp.float32 if radar.real_samples else jnp.complex64
-    value: Any = jax.ShapeDtypeStruct(radar.cube_shape, kind)
+    values: list[Any] = [jax.ShapeDtypeStruct(radar.cube_shape, kind)]
     threads = ThreadPoolExecutor()
-    for stage in (radar_processing, condition, sampling, back_projection):
-        traced = jax.jit(stage).trace(key, model, value)
+    for stage in (
+        radar_processing,
+        condition,
+        sampling,
+        back_projection,
+        range_doppler_map,
+        detections,
+    ):
+        traced = jax.jit(stage, keep_unused=True).trace(key, model, *values)
         name = stage.__name__.replace("_", " ")
         compiling[name] = threads.submit(traced.lower().compile)
-        value = traced.out_info
-    threads.submit(_prepare_picture, radar, spec)
+        values.append(traced.out_info)
+    if options.min_confidence is not None and values[3].confidence is None:
+        raise UsageError(
+            "--min-confidence: this model has no confidence with these options, leave "
+            "it out, or draw several samples"
+        )
+    if options.picture is not False and not (options.frames and not options.picture):
+        threads.submit(_prepare_picture, radar, spec)
     threads.shutdown(wait=False)
     return {name: future.result() for name, future in compiling.items()}
 
@@ -147,32 +237,18 @@ def _prepare_picture(radar: RadarSpec, spec: ModelSpec) -> None:
     """Import and compile what the first picture needs, while the stages compile."""
     from jradar import viz
 
-    kind = np.float32 if radar.real_samples else np.complex64
-    power = _power(np.zeros(radar.cube_shape, kind), spec)
-    _detections(power, radar, spec)
+    power = np.zeros((radar.num_chirps, radar.num_range_bins), np.float32)
     empty = unproject(jnp.zeros(spec.fine.shape), spec.fine)
     viz.capture_figure(power, radar, empty, spec.fine, dense=empty)
 
 
-def _power(cube, spec: ModelSpec):
-    """The range-Doppler map, for the picture and for counting."""
-    return power_map(cube, remove_interference=spec.points.remove_interference)
-
-
-def _detections(power, radar: RadarSpec, spec: ModelSpec) -> int:
-    """The number of cells over the threshold; the model is shown weaker ones too."""
-    points = dataclasses.replace(spec.points, false_alarm_rate=DETECTION_RATE)
-    return int(detect(power, radar, points=points.fitted(radar)).sum())
-
-
 def _times(watch: Stopwatch) -> dict[str, Any]:
-    """Return the median time of each stage, the frame rate and the compile time."""
+    """Return the median time of each stage, and the time to compile."""
     (compiling,) = watch.pop("compiling")
-    stages = {name: 1e3 * statistics.median(times) for name, times in watch.items()}
-    drawing = sum(stages.values()) - stages["writing"]
     return {
-        "milliseconds per frame": stages,
-        "frames/s without writing": 1e3 / drawing,
+        "milliseconds per frame": {
+            name: 1e3 * statistics.median(times) for name, times in watch.items()
+        },
         "compiling (s)": compiling,
     }
 
@@ -194,15 +270,31 @@ def _doubts(spec: ModelSpec, radar: RadarSpec):
         )
 
 
-def _strangers(frames: list[int], total: int):
+def _strangers(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield a warning for frames unlike those of training."""
-    if frames:
-        which = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
+    strange = [r for r in rows if r.get("unlike training (%)", 0) > 100 * STRANGE]
+    if strange:
         yield (
-            f"do not trust {which} of {total}: the radar points look like less than "
+            f"{_which(strange)} of {len(rows)}: the radar points look like less than "
             f"{100 * (1 - STRANGE):.0f} % of the training frames. Is the radar "
             "calibrated, does it move, does another radar disturb it?"
         )
+
+
+def _unsure(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield a warning for clouds of which half or more is probably wrong."""
+    unsure = [r for r in rows if r.get("confidence (%)", 100) < 100 * UNSURE]
+    if unsure:
+        yield (
+            f"do not trust {_which(unsure)} of {len(rows)}: the model expects more "
+            f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
+            "--min-confidence 0.5 keeps the better ones"
+        )
+
+
+def _which(rows: list[dict[str, Any]]) -> str:
+    """Name a frame, or count several."""
+    return f"frame {rows[0]['frame']}" if len(rows) == 1 else f"{len(rows)} frames"
 
 
 def _waveform(radar: RadarSpec) -> dict[str, float]:
@@ -216,26 +308,33 @@ def _waveform(radar: RadarSpec) -> dict[str, float]:
     }
 
 
-def _write(recording, frame: int, spec: ModelSpec, drawn, options) -> list[str]:
+def _write(
+    recording, spec: ModelSpec, result: Enhanced, options, pictured: bool
+) -> list[str]:
     """Write the clouds, the range image and a picture of one frame."""
-    from jradar import viz  # matplotlib loads while the stages compile
     from jradar.cli.writing import frame_folder, write_frame
 
-    power, cloud, image, dense = drawn
-    figure = viz.capture_figure(
-        power,
-        recording.radar,
-        cloud,
-        spec.fine,
-        dense=dense,
-        lidar=recordings.nearest_scan(recording, frame),
-        title=f"{recording.name}, frame {frame}; model: {spec.purpose}",
-    )
-    image = np.where(dense.valid.reshape(image.shape), image, 0)
+    image = result.image.range_m
+    kept = result.dense.valid.reshape(image.shape)
     return write_frame(
-        frame_folder(options, frame),
-        {"radar": cloud, "enhanced": dense},
-        figure,
+        frame_folder(options, result.frame),
+        {"radar": result.cloud, "enhanced": result.dense},
+        _picture(recording, spec, result) if pictured else None,
         kind=options.format,
-        arrays={"range_image": image},
+        arrays={"range_image": np.where(kept, image, 0)},
+    )
+
+
+def _picture(recording, spec: ModelSpec, result: Enhanced):
+    """The range-Doppler map and both clouds, with the LiDAR's where there is one."""
+    from jradar import viz  # matplotlib loads while the stages compile
+
+    return viz.capture_figure(
+        result.power,
+        recording.radar,
+        result.cloud,
+        spec.fine,
+        dense=result.dense,
+        lidar=recordings.nearest_scan(recording, result.frame),
+        title=f"{recording.name}, frame {result.frame}; model: {spec.purpose}",
     )

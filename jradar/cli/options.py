@@ -163,6 +163,13 @@ def _enhance(sub):
     _flag(sub, "--anyway", text)
     _cleaning(sub)
     _drawing(sub)
+    text = "leave out points of less confidence, 0 to 1 (default: the model's)"
+    _value(sub, "--min-confidence", "P", text, type=_share)
+    sub.add_argument(
+        "--picture",
+        action=argparse.BooleanOptionalAction,
+        help="draw each frame (default: a single frame is drawn, several are not)",
+    )
     _seed(sub, "random seed of the draws")
     _clouds(sub)
 
@@ -368,6 +375,17 @@ def _reflector(text: str) -> tuple[float, float, float]:
             f"{text!r}, expected a range above 0, or M,AZ,EL such as 3.2,-10,0"
         )
     return distance, math.radians(azimuth), math.radians(elevation)
+
+
+def _share(text: str) -> float:
+    """Parse a number from 0 to 1."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected 0 to 1")
+    return value
 
 
 def _rate(text: str) -> float:

@@ -27,12 +27,13 @@ def frame_folder(options: argparse.Namespace, frame: int) -> Path:
 def write_frame(
     folder: Path,
     clouds: dict[str, PointCloud],
-    figure: Figure,
+    figure: Figure | None,
     *,
     kind: str,
     arrays: dict[str, Any],
 ) -> list[str]:
-    """Write clouds, those of the last one also as NPZ with `arrays`, and the picture.
+    """Write clouds, those of the last one also as NPZ with `arrays`, and a picture if
+    there is one.
 
     Of the names in WRITTEN, nothing is left of an earlier command: the files in a
     folder belong together. Other files there are not touched. Returns the paths.
@@ -46,6 +47,8 @@ def write_frame(
         CLOUD_WRITERS[kind](folder / f"{name}.{kind}", cloud)
     name, cloud = [*clouds.items()][-1]
     write_npz(folder / f"{name}.npz", valid_points(cloud) | arrays)
-    save_figure(figure, folder / PICTURE)
-    names = [*(f"{cloud}.{kind}" for cloud in clouds), f"{name}.npz", PICTURE]
+    names = [*(f"{cloud}.{kind}" for cloud in clouds), f"{name}.npz"]
+    if figure is not None:
+        save_figure(figure, folder / PICTURE)
+        names.append(PICTURE)
     return [str(folder / name) for name in names]
