@@ -17,6 +17,6 @@ def get_config():
     config.noise.prediction = "mixture"
     config.data.set = "jradar-sim-3"
     config.train.initial = "jradar-sim"
-    config.train.update(steps=2000, learning_rate=7e-4, warmup_steps=100, thin=0.3)
+    config.train.update(steps=4000, learning_rate=7e-4, warmup_steps=100, thin=0.3)
     config.train.update(checkpoint_every=200, evaluate_every=500, ema_decay=0.997)
     return config

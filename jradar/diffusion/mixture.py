@@ -48,7 +48,7 @@ def mixture_of(values: Float[Array, "*batch row column output"]) -> RangeMixture
     """Return the mixtures that the outputs of the prediction "mixture" describe."""
     fields = values[..., 2:].reshape(*values.shape[:-1], 3, COMPONENTS)
     offset, growth, weight = (fields[..., k, :] for k in range(3))
-    first = jnp.asarray(np.log(FIRST_SCALES), values.dtype)
+    first = jnp.broadcast_to(np.log(FIRST_SCALES).astype(values.dtype), growth.shape)
     return RangeMixture(
         SHARPNESS * values[..., 1],
         jax.nn.softmax(SHARPNESS * weight, -1),

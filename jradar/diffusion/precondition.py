@@ -12,10 +12,15 @@ from jaxtyping import Array, Float
 
 from jradar.diffusion.network import Network
 from jradar.diffusion.noise import NoiseSpec
-from jradar.diffusion.predictions import Image, Level, NetworkFunction
+from jradar.diffusion.predictions import (
+    Image,
+    Level,
+    NetworkFunction,
+    Output,
+)
 
 Condition = Float[Array, "batch row column channel"]
-Denoiser = Callable[[Image, Level], Image]
+Denoiser = Callable[[Image, Level], Output]
 ConditionalDenoiser = Callable[[Condition], Denoiser]
 
 

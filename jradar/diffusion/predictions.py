@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 Image = Float[Array, "*batch row column channel"]
 Level = Float[Array, "*batch"]
-NetworkFunction = Callable[[Image, Level], Image]
+Output = Float[Array, "*batch row column output"]
+NetworkFunction = Callable[[Image, Level], Output]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Prediction(abc.ABC):
     @abc.abstractmethod
     def denoise(
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
-    ) -> Image:
+    ) -> Output:
         """Return the clean image; `sigma` is one level for each image."""
 
     def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
@@ -102,7 +103,7 @@ class Mixture(Prediction):
 
     def denoise(
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
-    ) -> Image:
+    ) -> Output:
         """Return sigma_data F, with as many channels as F."""
         return noise.sigma_data * network_output(network, x, sigma, noise)
 
@@ -130,7 +131,7 @@ def scalings(sigma: Level, noise: "NoiseSpec") -> tuple[Level, Level, Level, Lev
 
 def network_output(
     network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
-) -> Image:
+) -> Output:
     """Return the network's output for an image scaled to unit variance."""
     _, _, c_in, c_noise = scalings(sigma, noise)
     return network(c_in[..., None, None, None] * x, c_noise)

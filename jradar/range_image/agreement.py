@@ -57,4 +57,7 @@ def confident(image: RangeImage, least: float | Float[Array, ""]) -> RangeImage:
     if image.confidence is None:
         return image
     keep = (image.range_m > 0) & (image.confidence >= least)
-    return RangeImage(*(jnp.where(keep, value, 0.0) for value in image))
+    range_m, confidence = (
+        jnp.where(keep, value, 0.0) for value in (image.range_m, image.confidence)
+    )
+    return RangeImage(range_m, confidence)

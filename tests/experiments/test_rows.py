@@ -85,7 +85,7 @@ def test_a_config_for_recordings_asks_for_them(tmp_path):
     config.data.set = ""
     with pytest.raises(UsageError, match="--config.data.path"):
         build.prepared_data(config, tmp_path)
-    with pytest.raises(UsageError, match="method='guess', expected diffusion or"):
+    with pytest.raises(UsageError, match="method='guess', expected diffusion,"):
         build.build_loss(config.loss, method="guess")
 
 
