@@ -15,6 +15,7 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
+from experiments.confidence import with_confidence
 from experiments.detectors import choose_rates, detector_methods
 from experiments.evaluate import (
     Frame,
@@ -100,12 +101,18 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         path = workdir / "samples" / f"{step:06d}.png"
         return validate(config, model, checked, picture=path)
 
+    def save(state):
+        model = Model(jax.device_get(state.ema_params), spec)
+        key = build.random_key(config, build.SAMPLE_KEY)
+        chosen = build.build_pairs(spec, checked)
+        save_model(workdir / "model", with_confidence(key, model, checked, chosen))
+
     return Training(
         state=start_from(config.train, spec.network, state),
         step=step,
         batch_at=batch_at,
         validate=validated,
-        save=lambda state: save_model(workdir / "model", Model(state.ema_params, spec)),
+        save=save,
         trained_on=f"{len(records)} frames",
         data_digest=records.digest,
     )
