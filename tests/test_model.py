@@ -176,6 +176,26 @@ def test_round_trip_is_exact_except_for_half_precision(tmp_path, model):
     assert [path.name for path in tmp_path.iterdir()] == ["m"]
 
 
+def test_int8_halves_the_file_and_keeps_every_weight_within_half_a_step(
+    tmp_path, model
+):
+    save_model(tmp_path / "half", model)
+    save_model(tmp_path / "eight", model, dtype=np.int8)
+    loaded = load_model(tmp_path / "eight")
+    for found, value in zip(
+        jax.tree.leaves(loaded.params), jax.tree.leaves(model.params), strict=True
+    ):
+        axes = tuple(range(value.ndim - 1))
+        step = jnp.abs(value).max(axes, keepdims=True) / 127
+        assert found.dtype == jnp.float32
+        assert (jnp.abs(found - value) <= jnp.maximum(0.501 * step, 1e-3)).all()
+    sizes = [
+        (tmp_path / name / "weights.safetensors").stat().st_size
+        for name in ("half", "eight")
+    ]
+    assert sizes[1] < 0.8 * sizes[0]
+
+
 def test_what_conditions_looked_like_in_training_is_kept(tmp_path, model):
     features = np.random.default_rng(0).normal(size=(60, 2 * model.spec.num_slices))
     spec = dataclasses.replace(model.spec, trust=fit_trust(features))

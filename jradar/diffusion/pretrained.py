@@ -42,6 +42,7 @@ MAX_FILE_BYTES = 4 << 30
 ATTENTION_ORDERS = ("legacy", "new")
 OWN, TOWER = "params/", "params/tower/"  # prefixes in files written here
 HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
+STEP = ":step"  # after a kernel's name: what its whole numbers count
 MEANS = 2  # outputs of every prediction: range and validity
 # Fields of a network that the shapes of its parameters do not determine.
 UNSHAPED = ("kind", "form", "stem", "head_channels", "noise_scale")
@@ -130,12 +131,44 @@ def write_params(
     metadata: dict[str, str] | None = None,
     dtype: Any = np.float16,
 ) -> None:
-    """Write nested parameters as safetensors, named by their paths."""
+    """Write nested parameters as safetensors, named by their paths.
+
+    With the `dtype` int8, kernels are rounded to 255 steps for each output, and stored
+    with these steps; other parameters are stored as float16.
+    """
     flat = flax.traverse_util.flatten_dict(params, sep="/")
-    arrays = {name: np.asarray(value, dtype) for name, value in flat.items()}
+    if dtype == np.int8:
+        arrays = _rounded(flat)
+    else:
+        arrays = {name: np.asarray(value, dtype) for name, value in flat.items()}
     content = safetensors.numpy.save(arrays, metadata)
     with atomic_path(path) as scratch:
         scratch.write_bytes(content)
+
+
+def _rounded(flat: dict[str, Any]) -> State:
+    """Kernels as int8 with the step of each output, all else as float16."""
+    arrays = {}
+    for name, value in flat.items():
+        value = np.asarray(value, np.float32)
+        if value.ndim < 2:
+            arrays[name] = value.astype(np.float16)
+            continue
+        most = np.abs(value).max(tuple(range(value.ndim - 1)))
+        step = np.maximum(most, 1e-12) / 127
+        arrays[name] = np.round(value / step).astype(np.int8)
+        arrays[name + STEP] = step.astype(np.float32)
+    return arrays
+
+
+def _whole(arrays: State) -> State:
+    """Arrays that were stored as whole numbers of a step, as float32."""
+    steps = {n.removesuffix(STEP): v for n, v in arrays.items() if n.endswith(STEP)}
+    return {
+        name: array.astype(np.float32) * steps[name] if name in steps else array
+        for name, array in arrays.items()
+        if not name.endswith(STEP)
+    }
 
 
 def read_params(path: Path | str) -> Any:
@@ -170,7 +203,7 @@ def read_state(path: Path | str) -> State:
         for name, array in state.items():
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} holds values that are not finite")
-    return state
+        return _whole(state)
 
 
 def _read_npz(path):

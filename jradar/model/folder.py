@@ -14,6 +14,7 @@ from typing import Any
 import flax.traverse_util
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jradar.diffusion import (
     NETWORKS,
@@ -85,15 +86,19 @@ def load_model(name: Path | str) -> Model:
     return Model(params, spec)
 
 
-def save_model(folder: Path | str, model: Model) -> None:
+def save_model(
+    folder: Path | str, model: Model, *, dtype: type[np.generic] = np.float16
+) -> None:
     """Write a model's folder in one step; an earlier model there is replaced.
 
-    Raises UsageError for a folder that holds something else.
+    Weights have the precision of `dtype`: float32, float16, or int8, which halves the
+    file again (`write_params`). Raises UsageError for a folder that holds something
+    else.
     """
     with atomic_folder(folder, marker="model.json") as scratch:
         weights = scratch / "weights.safetensors"
         network = json.dumps(network_fields(model.spec.network))
-        write_params(weights, model.params, metadata={"network": network})
+        write_params(weights, model.params, metadata={"network": network}, dtype=dtype)
         header = {
             "format": FORMAT,
             "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
