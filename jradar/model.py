@@ -23,7 +23,7 @@ from typing import Any
 import flax.traverse_util
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float, Key
+from jaxtyping import Array, Complex, Float, Key, Num
 
 from jradar.diffusion import (
     NETWORKS,
@@ -107,7 +107,7 @@ class Model:
 )
 def enhance(
     key: Key[Array, ""],
-    cube: Complex[Array, "tx rx chirp sample"],
+    cube: Num[Array, "tx rx chirp sample *pair"],
     model: Model,
     *,
     radar: RadarSpec | None = None,
@@ -127,7 +127,7 @@ def enhance(
 
 @functools.partial(jax.jit, static_argnames=("radar", "range_bias_m"))
 def condition(
-    cube: Complex[Array, "tx rx chirp sample"],
+    cube: Num[Array, "tx rx chirp sample *pair"],
     model: Model,
     *,
     radar: RadarSpec | None = None,

@@ -12,8 +12,9 @@ cells on every side, without the `guard` cells next to x:
 With guard = (0, 1), train = (0, 2) only the middle row remains: a detector along range.
 
 Detectors take linear power summed over `channels` antennas, with trailing axes
-[doppler, range], and return a boolean mask of the same shape. Leading axes are
-independent maps. Doppler wraps around. At the ends of the range axis the window loses
+[doppler, range], and return a boolean mask of the same shape. Integers and floats of
+half precision become float32; complex spectra are refused. Leading axes are independent
+maps. Doppler wraps around. At the ends of the range axis the window loses
 the cells beyond the map, and the multiplier accounts for the smaller number. Sums never
 subtract, so a strong target leaves no rounding error beside it.
 
@@ -24,12 +25,13 @@ spectra have correlated noise, which raises the rate by up to one half.
 """
 
 import functools
+import operator
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Num
 
 from jradar.radar.multipliers import KINDS, false_alarm_multiplier
 
@@ -38,13 +40,28 @@ RANK = 0.75  # of the ordered statistic, as a fraction of the training cells
 STATIC = ("kind", "false_alarm_rate", "channels", "guard", "train")
 MAX_COMPARISONS = 96  # in one fused kernel: XLA stops vectorising beyond about 100
 
+Power = Num[Array, "*batch doppler range"]
 Map = Float[Array, "*batch doppler range"]
 Mask = Bool[Array, "*batch doppler range"]
 
 
+def _plain_window(function):
+    """Let a jitted function take `guard` and `train` as lists: jit needs tuples."""
+
+    @functools.wraps(function)
+    def call(power, **options):
+        window = {
+            k: cell_pair(k, options[k]) for k in ("guard", "train") if k in options
+        }
+        return function(power, **(options | window))
+
+    return call
+
+
+@_plain_window
 @functools.partial(jax.jit, static_argnames=STATIC)
 def cfar(
-    power: Map,
+    power: Power,
     *,
     kind: str,
     false_alarm_rate: float,
@@ -54,8 +71,10 @@ def cfar(
 ) -> Mask:
     """Return the cells that the detector of this kind marks: "ca", "go", "so" or "os".
 
-    Raises ValueError if the window does not fit into the map.
+    Raises ValueError if the window does not fit into the map, and for a map that holds
+    no power.
     """
+    power = linear_power(power)
     low, high = _cells_per_range_bin(power.shape, guard, train)
     if kind != "os":
         multiplier = [
@@ -76,12 +95,12 @@ def cfar(
     return _count_below(level, padded, guard, train) >= jnp.asarray(k)
 
 
-def ca_cfar(power: Map, **options: Any) -> Mask:
+def ca_cfar(power: Power, **options: Any) -> Mask:
     """Cell averaging: `cfar` above the mean of all training cells."""
     return cfar(power, kind="ca", **options)
 
 
-def go_cfar(power: Map, **options: Any) -> Mask:
+def go_cfar(power: Power, **options: Any) -> Mask:
     """Greatest of: `cfar` above the greater of the means of two halves.
 
     It gives fewer false alarms where clutter begins.
@@ -89,7 +108,7 @@ def go_cfar(power: Map, **options: Any) -> Mask:
     return cfar(power, kind="go", **options)
 
 
-def so_cfar(power: Map, **options: Any) -> Mask:
+def so_cfar(power: Power, **options: Any) -> Mask:
     """Smallest of: `cfar` above the smaller of the means of two halves.
 
     It finds targets beside other targets.
@@ -97,7 +116,7 @@ def so_cfar(power: Map, **options: Any) -> Mask:
     return cfar(power, kind="so", **options)
 
 
-def os_cfar(power: Map, **options: Any) -> Mask:
+def os_cfar(power: Power, **options: Any) -> Mask:
     """Ordered statistic: `cfar` above the cell at three quarters of the rank."""
     return cfar(power, kind="os", **options)
 
@@ -105,9 +124,10 @@ def os_cfar(power: Map, **options: Any) -> Mask:
 DETECTORS = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}
 
 
+@_plain_window
 @functools.partial(jax.jit, static_argnames=("kind", "guard", "train"))
 def noise_floor(
-    power: Map,
+    power: Power,
     *,
     kind: str = "ca",
     guard: tuple[int, int] = GUARD,
@@ -120,6 +140,7 @@ def noise_floor(
     """
     if kind not in KINDS:
         raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
+    power = linear_power(power)
     if kind != "os":
         return _mean_floor(kind, power, guard, train)
     low, high = _cells_per_range_bin(power.shape, guard, train)
@@ -135,6 +156,37 @@ def noise_floor(
 
     found = jax.lax.fori_loop(0, 31, refine, jnp.zeros_like(keys))
     return jax.lax.bitcast_convert_type(found, jnp.float32)
+
+
+def linear_power(power: Power) -> Map:
+    """Return a power map in float32, or in float64 if it is.
+
+    Raises ValueError for values that are no power and for a map without both axes.
+    """
+    power = jnp.asarray(power)
+    if power.ndim < 2:
+        raise ValueError(
+            f"power has shape {power.shape}, expected [..., doppler, range]: for one "
+            "profile pass power[None] with guard=(0, cells), train=(0, cells)"
+        )
+    if jnp.iscomplexobj(power) or power.dtype == bool:
+        raise ValueError(
+            f"power is {power.dtype}, expected linear power: pass abs(spectrum) ** 2, "
+            "summed over antennas"
+        )
+    return power if power.dtype == jnp.float64 else power.astype(jnp.float32)
+
+
+def cell_pair(name: str, cells: Any) -> tuple[int, int]:
+    """Return cells in (doppler, range) as a tuple; ValueError if they are not two."""
+    try:
+        doppler, range_ = (operator.index(number) for number in cells)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"CFAR {name} = {cells!r}, expected two whole numbers: cells in "
+            "(doppler, range)"
+        ) from error
+    return doppler, range_
 
 
 def largest_window(

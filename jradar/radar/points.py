@@ -17,13 +17,21 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float, Inexact
+from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
-from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_floor
+from jradar.radar.cfar import (
+    DETECTORS,
+    GUARD,
+    TRAIN,
+    cell_pair,
+    largest_window,
+    noise_floor,
+)
 from jradar.radar.direction import directions
 from jradar.radar.peaks import parabola_offset
+from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
 from jradar.radar.subspace import music_directions
@@ -40,7 +48,6 @@ ANGLE_BINS = ("num_azimuth", "num_elevation")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
-Cube = Inexact[Array, "tx rx chirp sample"]
 Coupling = Complex[Array, "tx rx half_range"]
 
 
@@ -74,6 +81,8 @@ class PointSpec:
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
+        for field in ("guard", "train"):
+            object.__setattr__(self, field, cell_pair(field, getattr(self, field)))
         for field, choices in (("detector", tuple(DETECTORS)), ("angles", ANGLES)):
             if (value := getattr(self, field)) not in choices:
                 raise ValueError(f"{field} = {value!r}, expected one of {choices}")
@@ -209,6 +218,7 @@ def _spectra(cube, radar, points, coupling):
 
     `remove_static` removes the coupling too, because it is steady.
     """
+    cube = as_samples(cube)
     if cube.shape != radar.cube_shape:
         raise ValueError(
             f"cube has shape {cube.shape}, {radar.name} needs [tx, rx, chirp, sample] "

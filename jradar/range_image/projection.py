@@ -48,6 +48,8 @@ def project_slices(
     A cloud without power has power 1. Of equally near points in a pixel, the power and
     velocity of the strongest are kept.
     """
+    if num_slices < 1:
+        raise ValueError(f"{num_slices=}, expected 1 or more")
     # Without the barrier, XLA could compute a distance twice with a different last bit,
     # and the nearest point would not be found again.
     row, column, distance, inside = jax.lax.optimization_barrier(

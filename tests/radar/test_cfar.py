@@ -281,3 +281,46 @@ def test_window_that_does_not_fit_names_the_largest(detector):
 def test_impossible_rate_is_refused(rate):
     with pytest.raises(ValueError, match="expected 0 < rate <= 1"):
         ca_cfar(POWER, false_alarm_rate=rate)
+
+
+@EACH
+@pytest.mark.parametrize("kind", ["uint16", "int32", "float16", "bfloat16"])
+def test_maps_of_other_numbers_give_the_masks_of_float32(detector, kind):
+    """TI's boards deliver uint16. Each kind holds the powers, which are whole."""
+    whole = np.random.default_rng(0).integers(1, 60, (32, 64))
+    whole[5, 7], whole[20, 40] = 250, 240
+    expected = detector(jnp.asarray(whole, jnp.float32), false_alarm_rate=0.01)
+    found = detector(jnp.asarray(whole, kind), false_alarm_rate=0.01)
+    assert expected[5, 7] and not expected.all()
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_power_that_half_precision_cannot_add_up_is_added_in_float32():
+    power = jnp.full((16, 64), 6e4, jnp.float16)
+    np.testing.assert_allclose(noise_floor(power), float(power[0, 0]), rtol=1e-6)
+    assert not ca_cfar(power, false_alarm_rate=0.05).any()
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_maps_that_hold_no_power_are_refused():
+    for wrong, message in (
+        (POWER.astype(complex), r"power is complex64, expected linear power: pass abs"),
+        (POWER > 1, "power is bool, expected linear power"),
+        (POWER[0], r"power has shape \(64,\), expected .*: for one profile pass power"),
+    ):
+        for function in (noise_floor, lambda p: ca_cfar(p, false_alarm_rate=0.1)):
+            with pytest.raises(ValueError, match=message):
+                function(wrong)
+
+
+def test_a_window_may_be_a_list_and_must_have_two_numbers():
+    tuples = os_cfar(POWER, false_alarm_rate=0.05, guard=(1, 1), train=(2, 2))
+    lists = os_cfar(POWER, false_alarm_rate=0.05, guard=[1, 1], train=[2, 2])
+    np.testing.assert_array_equal(tuples, lists)
+    np.testing.assert_array_equal(
+        noise_floor(POWER, guard=[1, 1], train=[2, 2]),
+        noise_floor(POWER, guard=(1, 1), train=(2, 2)),
+    )
+    for wrong in (2, (2,), (1, 2, 3), (1.5, 2), "ab"):
+        with pytest.raises(ValueError, match=r"CFAR guard = .*, expected two whole"):
+            ca_cfar(POWER, false_alarm_rate=0.05, guard=wrong)

@@ -221,12 +221,22 @@ def test_options_are_fitted_to_a_radar():
         ({"capacity": 0}, "capacity = 0, expected 1 to 1,048,576"),
         ({"capacity": 99999999999}, "capacity = 99,999,999,999, expected 1 to 1,0"),
         ({"guard": (-1, 2)}, r"guard = \(-1, 2\), expected 0 or more cells"),
+        ({"guard": 2}, "guard = 2, expected two whole numbers"),
+        ({"train": (4, 4, 4)}, r"train = \(4, 4, 4\), expected two whole numbers"),
         ({"angles": "music", "peaks": 2}, "peaks = 2, expected 1 with angles"),
     ],
 )
+@pytest.mark.usefixtures("as_a_user")
 def test_impossible_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         PointSpec(**options)
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_a_window_may_be_a_list():
+    assert PointSpec(guard=[1, 2], train=[3, 4]) == PointSpec(
+        guard=(1, 2), train=(3, 4)
+    )
 
 
 def test_cube_of_another_radar_is_refused():

@@ -34,6 +34,11 @@ def test_range_code_is_monotone_from_minus_1_to_1_and_back(codec):
     assert decode_range(jnp.array(9.0), max_range_m=10.0, codec=codec) <= 10.0001
 
 
+def test_an_image_without_slices_is_refused():
+    with pytest.raises(ValueError, match="num_slices=0, expected 1 or more"):
+        condition_image(PointCloud.from_xyz(jnp.ones((1, 3))), SPEC, num_slices=0)
+
+
 def test_unknown_codec_is_named():
     for function in (encode_range, decode_range):
         with pytest.raises(ValueError, match="'cubic', expected one of"):
