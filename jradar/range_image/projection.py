@@ -2,7 +2,7 @@
 
 An image holds metres, and 0 where no point fell. Slices are equal parts of the range
 axis, each with an image of its own, so that near points do not hide far ones (section
-IV-B). One cloud at a time; `vmap` it.
+IV-B). One cloud at a time; `vmap` it: batches of clouds are refused.
 """
 
 import functools
@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jradar.range_image.grid import ImageSpec, pixel_directions, pixel_of
-from jradar.types import PointCloud
+from jradar.types import PointCloud, check_one_cloud
 
 
 class SliceImages(NamedTuple):
@@ -32,6 +32,7 @@ class SliceImages(NamedTuple):
 @functools.partial(jax.jit, static_argnames="spec")
 def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
     """Return the range image of a cloud in metres, 0 where no point fell."""
+    check_one_cloud(cloud, "project")
     row, column, distance, inside = pixel_of(cloud.xyz, spec)
     size = spec.height * spec.width
     pixel = jnp.where(inside & cloud.valid, row * spec.width + column, size)
@@ -48,6 +49,7 @@ def project_slices(
     A cloud without power has power 1. Of equally near points in a pixel, the power and
     velocity of the strongest are kept.
     """
+    check_one_cloud(cloud, "project_slices")
     if num_slices < 1:
         raise ValueError(f"{num_slices=}, expected 1 or more")
     # Without the barrier, XLA could compute a distance twice with a different last bit,

@@ -11,6 +11,7 @@ from jax.test_util import check_grads
 
 from jradar.range_image import (
     ImageSpec,
+    condition_image,
     pixel_directions,
     pixel_of,
     project,
@@ -265,3 +266,18 @@ def test_impossible_image_is_refused(changes, message):
 def test_image_of_another_spec_is_refused():
     with pytest.raises(ValueError, match=r"shape \(4, 4\), expected"):
         unproject(jnp.ones((4, 4)), SPEC)
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_batches_of_clouds_are_refused_with_the_mend():
+    one = cloud([3, 0, 0], [4, 1, 0.5])
+    batch = jax.tree.map(lambda column: jnp.stack([column, column]), one)
+    for function in (
+        lambda c: project(c, SPEC),
+        lambda c: project_slices(c, SPEC, num_slices=2).range_m,
+        lambda c: condition_image(c, SPEC, num_slices=2),
+    ):
+        with pytest.raises(ValueError, match=r"\(2, 2, 3\).* use jax.vmap"):
+            function(batch)
+        for image in jax.vmap(function)(batch):
+            np.testing.assert_array_equal(image, function(one))
