@@ -175,6 +175,12 @@ def draw(
     ValueError for options that the model does not take.
     """
     spec = model.spec
+    expected = *spec.coarse.shape, len(CHANNELS) * spec.num_slices
+    if condition.shape != expected:
+        raise ValueError(
+            f"condition has shape {condition.shape}, the model needs [row, column, "
+            f"channel] = {expected}: one condition, or another model's?"
+        )
     denoise = conditional_denoiser(spec.network, model.params, spec.noise)
     options = {
         "draws": draws,

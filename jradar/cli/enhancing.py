@@ -33,6 +33,11 @@ FLAT = (
     "result are invented by the model"
 )
 
+NARROW = (
+    "this radar has one column of antennas and measures no azimuth: directions in the "
+    "result are invented by the model"
+)
+
 
 class Stopwatch(dict[str, list[float]]):
     """The seconds of each call, by stage."""
@@ -53,9 +58,9 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         model = _excising(model)
     recording, frames = open_frames(options)
     spec, watch = model.spec, Stopwatch()
-    if not (recording.radar.has_elevation or options.anyway):
+    if (blind := _blind(recording.radar)) and not options.anyway:
         raise UsageError(
-            f"{FLAT}, which was trained on {spec.radar.name}: use `jradar points`, or "
+            f"{blind}, which was trained on {spec.radar.name}: use `jradar points`, or "
             "add --anyway"
         )
     key = jax.random.key(options.seed)
@@ -179,8 +184,8 @@ def _times(watch: Stopwatch) -> dict[str, Any]:
 
 def _doubts(spec: ModelSpec, radar: RadarSpec):
     """Yield why the model may not suit this radar."""
-    if not radar.has_elevation:
-        yield FLAT
+    if blind := _blind(radar):
+        yield blind
     here, trained = _waveform(radar), _waveform(spec.radar)
     differ = [
         f"{name.format(value)} here, {trained[name]:.3g} in training"
@@ -192,6 +197,13 @@ def _doubts(spec: ModelSpec, radar: RadarSpec):
             f"the model was trained on another radar ({spec.radar.name}), expect worse "
             f"clouds: {'; '.join(differ)}"
         )
+
+
+def _blind(radar: RadarSpec) -> str:
+    """Which angle the radar does not measure, in words; "" if it measures both."""
+    if not radar.has_elevation:
+        return FLAT
+    return "" if radar.has_azimuth else NARROW
 
 
 def _strangers(frames: list[int], total: int):

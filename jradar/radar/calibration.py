@@ -117,6 +117,11 @@ def compensate_tdm(
     In signed Doppler bin k, transmitter t leads by 2 pi k f_t / (num_tx num_chirps),
     where f_t is its place in the firing order. `doppler_bin` may lie between bins.
     """
+    if snapshot.shape[-1] != radar.num_virtual:
+        raise ValueError(
+            f"{snapshot.shape[-1]} values per snapshot, {radar.name} has "
+            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
+        )
     lead = radar.firing_position / radar.num_tx / radar.num_chirps
     cycles = doppler_bin[..., None] * jnp.asarray(lead, jnp.float32)
     turn = jnp.exp(-2j * jnp.pi * cycles)

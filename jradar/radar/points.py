@@ -137,10 +137,10 @@ def radar_points(
     """Return the strongest detections of one frame, strongest first.
 
     Velocity is in m/s, power in ADC counts squared; the SNR compares the power with the
-    mean of the training cells. Elevation is 0 for an array with one row. `coupling` is
-    the leakage for `subtract_coupling`, `range_bias_m` is subtracted from ranges;
-    channels are calibrated beforehand, on the cube. One frame; `vmap` it. Raises
-    ValueError for a cube that does not fit the radar.
+    mean of the training cells. Elevation is 0 for an array with one row, azimuth for
+    one with one column. `coupling` is the leakage for `subtract_coupling`,
+    `range_bias_m` is subtracted from ranges; channels are calibrated beforehand, on the
+    cube. One frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
     """
     spectrum, power = _spectra(cube, radar, points, coupling)
     mask = detect(power, radar, points=points)
@@ -191,6 +191,13 @@ def cell_points(
     With the mask of `detect`, these are the points of `radar_points`.
     """
     power, azimuth, elevation = cells
+    expected = radar.num_chirps, radar.num_range_bins
+    for name, values in (*cells._asdict().items(), ("mask", mask)):
+        if values.shape != expected:
+            raise ValueError(
+                f"{name} has shape {values.shape}, {radar.name} needs [doppler, range] "
+                f"= {expected}: one frame, or another radar?"
+            )
     strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
     direction = azimuth.ravel()[cell], elevation.ravel()[cell]
     return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
@@ -323,5 +330,6 @@ def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):
         valid=valid,
         velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
         power=strongest,
-        snr=jnp.where(valid, strongest / jnp.maximum(noise, 1e-30), 0.0),
+        # The inner condition keeps gradients finite where nothing was received.
+        snr=strongest / jnp.where(valid, jnp.maximum(noise, 1e-30), 1.0),
     )

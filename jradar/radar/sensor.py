@@ -133,6 +133,11 @@ class RadarSpec:
         return positions - positions.min(0)
 
     @property
+    def has_azimuth(self) -> bool:
+        """Whether the array has several columns, and therefore measures azimuth."""
+        return bool(self.virtual_positions[:, 0].any())
+
+    @property
     def has_elevation(self) -> bool:
         """Whether the array has several rows, and therefore measures elevation."""
         return bool(self.virtual_positions[:, 1].any())

@@ -24,7 +24,9 @@ from tests.radar.targets import (
     CASCADE,
     CELLS,
     CHIP,
+    COLUMN,
     FLAT,
+    ONE,
     SMALL,
     STATIC,
     WIDE,
@@ -106,6 +108,27 @@ def test_one_row_of_antennas_has_no_elevation():
     cloud = radar_points(simulate(target(5, 20, 0, 1), FLAT), FLAT, points=CELLS)
     assert cloud.valid.any() and not cloud.xyz[:, 2].any()
     assert abs(spherical(cloud.xyz[:1])[1][0] - np.radians(20)) < np.radians(2)
+
+
+@pytest.mark.parametrize("peaks", [1, 2])
+def test_one_column_of_antennas_has_no_azimuth(peaks):
+    points = dataclasses.replace(CELLS, peaks=peaks)
+    cloud = radar_points(simulate(target(5, 0, 15, 1), COLUMN), COLUMN, points=points)
+    assert cloud.valid.any() and not cloud.xyz[:, 1].any()
+    assert abs(spherical(cloud.xyz[:1])[2][0] - np.radians(15)) < np.radians(2)
+
+
+def test_one_antenna_has_no_direction():
+    cloud = radar_points(simulate(target(5, 20, 8, 1), ONE), ONE, points=CELLS)
+    assert cloud.valid.any() and not cloud.xyz[:, 1:].any()
+    assert abs(cloud.xyz[0, 0] - 5) < ONE.range_resolution_m
+    spectrum = angle_spectrum(jnp.ones((3, 1), complex), ONE)
+    assert spectrum.shape == (3, 1, 1)
+    for angles in strongest_direction(spectrum, ONE):
+        assert angles.tolist() == [0, 0, 0]
+    music = dataclasses.replace(CELLS, angles="music")
+    with pytest.raises(ValueError, match="need neighbouring elements in a row"):
+        radar_points(simulate(target(5, 20, 8, 1), ONE), ONE, points=music)
 
 
 def test_points_are_padded_and_strongest_first():
