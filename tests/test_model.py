@@ -19,7 +19,7 @@ from flax.traverse_util import flatten_dict, unflatten_dict
 
 import jradar
 from jradar import model as models
-from jradar.diffusion import PREDICTIONS, NoiseSpec
+from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
 from jradar.errors import ModelError
 from jradar.model import (
     Model,
@@ -147,6 +147,29 @@ def test_a_gradient_reaches_the_parameters(quick):
     assert isinstance(slope, Model) and slope.spec == quick.spec
     sizes = [float(jnp.abs(leaf).sum()) for leaf in jax.tree.leaves(slope.params)]
     assert np.isfinite(sizes).all() and sum(sizes) > 0
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_a_condition_of_another_size_is_refused(model):
+    key = jax.random.key(0)
+    for shape in ((8, 8, 9), (16, 16, 12), (2, 8, 8, 12)):
+        with pytest.raises(ValueError, match=r"model needs .* = \(8, 8, 12\)"):
+            draw(key, jnp.zeros(shape), model, draws=1, steps=1)
+
+
+def test_a_condition_that_skips_a_level_of_the_network_is_refused():
+    """Its grids 8 x 8 and 4 x 4 met two levels; those of 16 x 16 would meet one."""
+    two = UNet(
+        channels=8, multipliers=(1, 1), blocks=1, attention_levels=(), stem=(1, 4)
+    )
+    model = tiny_model(network=two)
+    larger = dataclasses.replace(
+        model.spec,
+        coarse=ImageSpec(16, 16),
+    )
+    key, cube = jax.random.key(0), jnp.zeros(RADAR.cube_shape, complex)
+    with pytest.raises(ValueError, match=r"none is .* where it entered in training"):
+        enhance(key, cube, Model(model.params, larger), draws=1, steps=1)
 
 
 def test_another_radars_cube_is_told_apart(model):

@@ -140,7 +140,7 @@ def radar_points(
     mean of the training cells. Elevation is 0 for an array with one row, azimuth for
     one with one column. `coupling` is the leakage for `subtract_coupling`,
     `range_bias_m` is subtracted from ranges; channels are calibrated beforehand, on the
-    cube. One frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
+    cube. One frame; `vmap` it. Raises ValueError for a cube that does not fit.
     """
     spectrum, power = _spectra(cube, radar, points, coupling)
     mask = detect(power, radar, points=points)

@@ -213,6 +213,17 @@ def test_gradients_reach_the_cube_through_power_and_angles():
         assert jnp.isfinite(part).all() and jnp.abs(part).max() > 0
 
 
+def test_gradients_of_a_silent_frame_are_finite():
+    silence = jnp.zeros(SMALL.cube_shape)
+
+    def total(parts):
+        cloud = radar_points(jax.lax.complex(*parts), SMALL, points=STATIC)
+        return sum(jnp.sum(c) for c in (cloud.xyz, cloud.velocity, cloud.snr))
+
+    for part in jax.jit(jax.grad(total))((silence, silence)):
+        assert jnp.isfinite(part).all()
+
+
 def test_strongest_echo_is_the_target_and_others_are_apart():
     cloud = radar_points(simulate(target(5, 20, 0, 1)), SMALL, points=CELLS)
     first, *others = strongest_echoes(cloud, SMALL)

@@ -110,3 +110,17 @@ def test_between_two_surfaces_the_nearer_one_hides_the_other():
     row = np.float32([[0, 2, 0, 6, 0, 0, 6.1, 0, 0, 0, 6]])
     expected = [[0, 2, 2, 6, 6 + 0.1 / 3, 6 + 0.2 / 3, 6.1, 0, 0, 0, 6]]
     np.testing.assert_allclose(close_gaps(row), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("powers", [[0.0, 0.0], [0.0, 2.0], [1e-25, 1.0]])
+def test_gradients_of_points_without_power_are_finite(powers):
+    cloud = PointCloud.from_xyz(jnp.array([[3.0, 0, 0], [4.0, 1, 0.5]]))
+
+    def total(xyz, power):
+        image = condition_image(
+            cloud._replace(xyz=xyz, power=power), SPEC, num_slices=2
+        )
+        return (image * jnp.arange(image.size).reshape(image.shape)).sum()
+
+    for part in jax.grad(total, (0, 1))(cloud.xyz, jnp.array(powers)):
+        assert jnp.isfinite(part).all()
