@@ -33,7 +33,7 @@ from jradar.radar.direction import directions
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import range_doppler
+from jradar.radar.spectrum import WINDOWS, range_doppler
 from jradar.radar.subspace import music_directions
 from jradar.types import PointCloud
 
@@ -44,7 +44,7 @@ LARGEST = {
     "num_azimuth": 4096,
     "num_elevation": 4096,
 }
-ANGLE_BINS = ("num_azimuth", "num_elevation")
+SPECTRUM = ("range_window", "doppler_window", "remove_static", "remove_interference")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
@@ -57,11 +57,13 @@ class PointSpec:
 
     `guard` and `train` are the cells of the CFAR window in (doppler, range). `peaks` is
     the number of targets that one cell may hold: each becomes a point, with power and
-    SNR in proportion to its peak among the cell's `spectrum_peaks`. `refine` places
-    range, velocity and angles between bins. `remove_static` and `remove_interference`
-    are those of `range_doppler`. The flips are for a sensor that is mounted
-    upside down. `angles` is "fft", or "music" for azimuths by `music_directions`, which
-    uses its own bins.
+    SNR in proportion to its peak among the cell's `spectrum_peaks`. `num_azimuth` None
+    is what the array needs: 64 bins, or more if it is wider. `refine` places range,
+    velocity and angles between bins. The windows are those of `range_doppler`; the CFAR
+    multipliers account for the correlation that they cause. `remove_static` and
+    `remove_interference` are those of `range_doppler`, too. The flips are for a sensor
+    that is mounted upside down. `angles` is "fft", or "music" for azimuths by
+    `music_directions`, which uses its own bins.
     """
 
     detector: str = "os"
@@ -70,7 +72,7 @@ class PointSpec:
     train: tuple[int, int] = TRAIN
     capacity: int = 1024  # points of the cloud, padding included
     peaks: int = 1
-    num_azimuth: int = 64
+    num_azimuth: int | None = None
     num_elevation: int = 32
     flip_azimuth: bool = False
     flip_elevation: bool = False
@@ -78,19 +80,27 @@ class PointSpec:
     remove_static: bool = False
     remove_interference: bool = False
     angles: str = "fft"
+    range_window: str = "hann"
+    doppler_window: str = "hann"
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
         for field in ("guard", "train"):
             object.__setattr__(self, field, cell_pair(field, getattr(self, field)))
-        for field, choices in (("detector", tuple(DETECTORS)), ("angles", ANGLES)):
+        for field, choices in (
+            ("detector", tuple(DETECTORS)),
+            ("angles", ANGLES),
+            ("range_window", tuple(WINDOWS)),
+            ("doppler_window", tuple(WINDOWS)),
+        ):
             if (value := getattr(self, field)) not in choices:
                 raise ValueError(f"{field} = {value!r}, expected one of {choices}")
         if not 0 < self.false_alarm_rate <= 1:
             rate = self.false_alarm_rate
             raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
         for field, most in LARGEST.items():
-            if not 1 <= (value := getattr(self, field)) <= most:
+            value = getattr(self, field)
+            if value is not None and not 1 <= value <= most:
                 raise ValueError(f"{field} = {value:,}, expected 1 to {most:,}")
         for field in ("guard", "train"):
             if min(value := getattr(self, field)) < 0:
@@ -102,7 +112,7 @@ class PointSpec:
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":
-        """Return the spec with window, azimuth bins and capacity that suit the radar.
+        """Return the spec with CFAR window, azimuth bins and capacity for the radar.
 
         A frame has no more points than it has cells, times `peaks`.
         """
@@ -112,7 +122,6 @@ class PointSpec:
             self,
             guard=guard,
             train=train,
-            num_azimuth=azimuth_bins(radar),
             capacity=min(self.capacity, math.prod(cells) * self.peaks),
         )
 
@@ -140,10 +149,13 @@ def radar_points(
     mean of the training cells. Elevation is 0 for an array with one row, azimuth for
     one with one column. `coupling` is the leakage for `subtract_coupling`,
     `range_bias_m` is subtracted from ranges; channels are calibrated beforehand, on the
-    cube. One frame; `vmap` it. Raises ValueError for a cube that does not fit.
+    cube. With `coupling` the range window is Blackman, the only one that its file fits.
+    Bin 0 and the last two range bins, into which a window spreads the leakage of the
+    antennas, never become points. One frame; `vmap` it. Raises ValueError for a cube
+    that does not fit.
     """
     spectrum, power = _spectra(cube, radar, points, coupling)
-    mask = detect(power, radar, points=points)
+    mask = detect(power, radar, points=_windowed(points, coupling))
     strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
     _, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
@@ -166,6 +178,7 @@ def all_cells(
 ) -> Cells:
     """Return the power and direction of every cell of one frame; `vmap` it.
 
+    With `coupling`, give `detect` a spec whose `range_window` is "blackman".
     `points.peaks` and the options of detection are not used. Raises ValueError for a
     cube that does not fit the radar.
     """
@@ -217,7 +230,15 @@ def detect(
         channels=radar.num_virtual,
         guard=points.guard,
         train=points.train,
+        windows=(points.doppler_window, points.range_window),
     )
+
+
+def _windowed(points, coupling):
+    """The spec with the range window in which a coupling can be subtracted."""
+    if coupling is None or points.remove_static:
+        return points
+    return dataclasses.replace(points, range_window="blackman")
 
 
 def _spectra(cube, radar, points, coupling):
@@ -236,11 +257,12 @@ def _spectra(cube, radar, points, coupling):
         raise ValueError(
             f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
         )
-    remove = _fields(points, ("remove_static", "remove_interference"))
+    points = _windowed(points, coupling)
+    spectrum, power = range_doppler(cube, **_fields(points, SPECTRUM))
     if coupling is None or points.remove_static:
-        return range_doppler(cube, **remove)
-    spectrum, _ = range_doppler(cube, range_window="blackman", **remove)
-    spectrum = subtract_coupling(spectrum, coupling)
+        return spectrum, power
+    window = points.doppler_window
+    spectrum = subtract_coupling(spectrum, coupling, doppler_window=window)
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 
 
@@ -284,8 +306,16 @@ def _directions(snapshot, radar, points):
     options = _fields(points, FLIPS)
     if points.angles == "music":
         return music_directions(snapshot, radar, **options)
-    options |= _fields(points, ANGLE_BINS)
+    options |= _angle_bins(points, radar)
     return directions(snapshot, radar, interpolate=points.refine, **options)
+
+
+def _angle_bins(points, radar):
+    """Numbers of bins of the angle spectra."""
+    return {
+        "num_azimuth": points.num_azimuth or azimuth_bins(radar),
+        "num_elevation": points.num_elevation,
+    }
 
 
 def _fields(points, names):
@@ -300,7 +330,7 @@ def _strongest_peaks(power, snapshot, radar, points):
     """
 
     def peaks_of(snapshot):
-        spectrum = angle_spectrum(snapshot, radar, **_fields(points, ANGLE_BINS))
+        spectrum = angle_spectrum(snapshot, radar, **_angle_bins(points, radar))
         options = {"count": points.peaks, "interpolate": points.refine}
         return spectrum_peaks(spectrum, radar, **options, **_fields(points, FLIPS))
 

@@ -13,6 +13,7 @@ from jradar.radar import (
     Scatterers,
     angle_spectrum,
     direction_sines,
+    power_map,
     radar_points,
     range_doppler,
     strongest_direction,
@@ -36,6 +37,7 @@ from tests.radar.targets import (
 )
 
 PEAKS = dataclasses.replace(CELLS, peaks=2, capacity=64, false_alarm_rate=1e-12)
+AUTO = dataclasses.replace(WIDE, num_azimuth=None)
 WIDE_PEAKS = dataclasses.replace(WIDE, peaks=2, capacity=8)
 
 
@@ -55,7 +57,7 @@ def test_target_comes_back_within_half_a_bin(radar, points, truth):
     middle = truth[0] + truth[3] * frame_s / 2
     assert abs(distance - middle) <= radar.range_resolution_m / 2
     assert abs(cloud.velocity[0] - truth[3]) <= radar.velocity_resolution_mps / 2
-    u, w = direction_sines(radar, num_azimuth=points.num_azimuth)
+    u, w = direction_sines(radar, num_azimuth=points.num_azimuth or 64)
     az, el = np.radians(truth[1]), np.radians(truth[2])
     sine = np.sin(azimuth) * np.cos(elevation)
     assert abs(sine - np.sin(az) * np.cos(el)) <= (u[1] - u[0]) / 2
@@ -198,6 +200,26 @@ def test_vmap_equals_the_loop():
             np.testing.assert_allclose(one, many[i], rtol=1e-4, atol=1e-4)
 
 
+def test_a_wide_array_works_with_default_options():
+    cube = simulate(target(5.3, 21.0, 8.0, 0.77), CASCADE)
+    found, expected = (radar_points(cube, CASCADE, points=p) for p in (AUTO, WIDE))
+    assert expected.valid.any()
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+
+
+def test_windows_are_options():
+    cube = simulate(target(5.1, 0, 0, 0.3))
+    powers = []
+    for chosen in (("none", "hann"), ("hamming", "none"), ("blackman", "blackman")):
+        windows = dict(zip(("range_window", "doppler_window"), chosen, strict=True))
+        points = dataclasses.replace(CELLS, **windows)
+        powers.append(radar_points(cube, SMALL, points=points).power[0])
+        expected = power_map(cube, **windows).max()
+        assert powers[-1] == pytest.approx(float(expected), rel=1e-5)
+    assert len({round(float(power)) for power in powers}) == 3
+
+
 def test_gradients_reach_the_cube_through_power_and_angles():
     cube = simulate(target(5, 20, 5, 1))
 
@@ -239,8 +261,9 @@ def test_options_are_fitted_to_a_radar():
     window = {"guard": (2, 2), "train": (6, 6)}
     fitted = PointSpec(**window, capacity=7).fitted(CASCADE)  # 16 chirps
     assert (fitted.guard, fitted.train) == ((1, 2), (6, 6))
-    assert (fitted.num_azimuth, fitted.capacity) == (128, 7)
+    assert (fitted.num_azimuth, fitted.capacity) == (None, 7)
     cells = CASCADE.num_chirps * CASCADE.num_samples
+    assert PointSpec(num_azimuth=256).fitted(CASCADE).num_azimuth == 256
     most = PointSpec(capacity=1 << 20, peaks=2).fitted(CASCADE)
     assert most.capacity == 2 * cells
     assert PointSpec().fitted(CHIP) == PointSpec()
@@ -255,6 +278,8 @@ def test_options_are_fitted_to_a_radar():
         ({"capacity": 0}, "capacity = 0, expected 1 to 1,048,576"),
         ({"capacity": 99999999999}, "capacity = 99,999,999,999, expected 1 to 1,0"),
         ({"guard": (-1, 2)}, r"guard = \(-1, 2\), expected 0 or more cells"),
+        ({"range_window": "kaiser"}, "range_window = 'kaiser', expected one of"),
+        ({"num_azimuth": 0}, "num_azimuth = 0, expected 1 to 4,096"),
         ({"guard": 2}, "guard = 2, expected two whole numbers"),
         ({"train": (4, 4, 4)}, r"train = \(4, 4, 4\), expected two whole numbers"),
         ({"angles": "music", "peaks": 2}, "peaks = 2, expected 1 with angles"),
