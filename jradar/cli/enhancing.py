@@ -19,7 +19,12 @@ import numpy as np
 
 from jradar import recordings
 from jradar.cli.limits import check_limits, within_limits
-from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
+from jradar.cli.reading import (
+    frame_points,
+    no_echoes,
+    open_frames,
+    summary,
+)
 from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, draw, load_model
 from jradar.progress import progress

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
@@ -31,7 +31,13 @@ from jradar.radar.cfar import (
 )
 from jradar.radar.direction import directions
 from jradar.radar.peaks import parabola_offset
-from jradar.radar.samples import Cube, as_samples
+from jradar.radar.samples import (
+    FULL_SCALE,
+    Cube,
+    as_samples,
+    non_finite_samples,
+    saturated_samples,
+)
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS, range_doppler
 from jradar.radar.subspace import music_directions
@@ -126,6 +132,18 @@ class PointSpec:
         )
 
 
+class PointReport(NamedTuple):
+    """What a cloud of `radar_points` does not show.
+
+    A sample that is not finite makes the whole spectrum so: the cloud is empty then.
+    """
+
+    detected: Int[Array, "*batch"]  # cells that the detector marked, of usable ranges
+    dropped: Int[Array, "*batch"]  # of them, the weakest, which exceed the capacity
+    saturated: Int[Array, "*batch"]  # samples with a part at full scale
+    non_finite: Int[Array, "*batch"]  # samples with a part that is NaN or infinite
+
+
 class Cells(NamedTuple):
     """Power, summed over antennas, and strongest direction in radians of each cell."""
 
@@ -152,11 +170,44 @@ def radar_points(
     cube. With `coupling` the range window is Blackman, the only one that its file fits.
     Bin 0 and the last two range bins, into which a window spreads the leakage of the
     antennas, never become points. One frame; `vmap` it. Raises ValueError for a cube
-    that does not fit.
+    that does not fit. `points_and_report` also counts what is missing.
     """
+    return _points(cube, radar, points, coupling, range_bias_m)[0]
+
+
+@functools.partial(
+    jax.jit, static_argnames=("radar", "points", "range_bias_m", "full_scale")
+)
+def points_and_report(
+    cube: Cube,
+    radar: RadarSpec,
+    *,
+    points: PointSpec = PointSpec(),
+    coupling: Coupling | None = None,
+    range_bias_m: float = 0.0,
+    full_scale: float = FULL_SCALE,
+) -> tuple[PointCloud, PointReport]:
+    """Return `radar_points` and counts of what the cloud does not show.
+
+    `full_scale` is the largest number of the converter, in the units of the cube.
+    """
+    cloud, candidates = _points(cube, radar, points, coupling, range_bias_m)
+    detected = (candidates > 0).sum()
+    report = PointReport(
+        detected=detected,
+        dropped=jnp.maximum(detected - points.capacity, 0),
+        saturated=saturated_samples(cube, full_scale=full_scale),
+        non_finite=non_finite_samples(cube),
+    )
+    return cloud, report
+
+
+def _points(cube, radar, points, coupling, range_bias_m):
+    """The cloud, and the power of each detected cell, 0 for others."""
     spectrum, power = _spectra(cube, radar, points, coupling)
     mask = detect(power, radar, points=_windowed(points, coupling))
-    strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    candidates = _candidates(power, mask, radar, range_bias_m)
+    strongest, cell = _strongest_cells(candidates, points)
     _, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
@@ -165,7 +216,8 @@ def radar_points(
     else:
         strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
         cell = cell[of]
-    return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
+    place = radar, points, range_bias_m
+    return _cloud(power, cell, strongest, direction, *place), candidates
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -211,7 +263,8 @@ def cell_points(
                 f"{name} has shape {values.shape}, {radar.name} needs [doppler, range] "
                 f"= {expected}: one frame, or another radar?"
             )
-    strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    candidates = _candidates(power, mask, radar, range_bias_m)
+    strongest, cell = _strongest_cells(candidates, points)
     direction = azimuth.ravel()[cell], elevation.ravel()[cell]
     return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
 
@@ -266,8 +319,8 @@ def _spectra(cube, radar, points, coupling):
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 
 
-def _strongest_cells(power, mask, radar, points, range_bias_m):
-    """Power and flat index of the strongest cells in `mask`, padded with power 0.
+def _candidates(power, mask, radar, range_bias_m):
+    """Power of the cells in `mask` that may become points, 0 elsewhere.
 
     Three kinds of range bins are excluded: bin 0, which is the sensor itself; bins that
     the bias moves to 0 or below; and the last two, into which the window spreads the
@@ -275,7 +328,12 @@ def _strongest_cells(power, mask, radar, points, range_bias_m):
     """
     first = max(1, math.floor(range_bias_m / radar.range_resolution_m + 0.5) + 1)
     candidates = jnp.where(mask, power, 0.0).at[:, :first].set(0.0)
-    candidates = candidates.at[:, -WRAPPED:].set(0.0).ravel()
+    return candidates.at[:, -WRAPPED:].set(0.0)
+
+
+def _strongest_cells(candidates, points):
+    """Power and flat index of the strongest candidates, padded with power 0."""
+    candidates = candidates.ravel()
     count = min(points.capacity, candidates.size)
     strongest, cell = jax.lax.top_k(candidates, count)
     padding = (0, points.capacity - count)

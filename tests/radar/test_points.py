@@ -13,6 +13,7 @@ from jradar.radar import (
     Scatterers,
     angle_spectrum,
     direction_sines,
+    points_and_report,
     power_map,
     radar_points,
     range_doppler,
@@ -131,6 +132,28 @@ def test_one_antenna_has_no_direction():
     music = dataclasses.replace(CELLS, angles="music")
     with pytest.raises(ValueError, match="need neighbouring elements in a row"):
         radar_points(simulate(target(5, 20, 8, 1), ONE), ONE, points=music)
+
+
+def test_report_counts_what_the_cloud_does_not_show():
+    cube = simulate(target(5, 20, 5, 1))
+    few = dataclasses.replace(CELLS, capacity=8)
+    cloud, report = points_and_report(cube, SMALL, points=few)
+    every = radar_points(cube, SMALL, points=CELLS).valid.sum()
+    assert cloud.valid.all() and every > 8
+    expected = {"detected": every, "dropped": every - 8, "saturated": 0}
+    assert report._asdict() == {**expected, "non_finite": 0}
+    for one, other in zip(cloud, radar_points(cube, SMALL, points=few), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+
+
+def test_report_counts_samples_at_full_scale_and_samples_that_are_no_numbers():
+    cube = simulate(target(5, 20, 5, 1))
+    cube = cube.at[0, 0, 0, :3].set(32767 - 5j).at[1, 1, 1, 1].set(3 - 32768j)
+    _, report = points_and_report(cube, SMALL, points=CELLS)
+    assert (report.saturated, report.non_finite) == (4, 0)
+    broken = cube.at[2, 3, 4, 5].set(jnp.nan).at[0, 0, 9, 9].set(jnp.inf)
+    cloud, report = points_and_report(broken, SMALL, points=CELLS)
+    assert report.non_finite == 2 and report.detected == 0 and not cloud.valid.any()
 
 
 def test_points_are_padded_and_strongest_first():
