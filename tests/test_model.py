@@ -125,6 +125,8 @@ def test_a_frame_without_echoes_gives_no_points(quick):
     assert draw(jax.random.key(0), image.at[3, 4, 5].set(1.0), quick).all()
     cube = jnp.zeros(RADAR.cube_shape, complex)
     assert not enhance(jax.random.key(0), cube, quick).valid.any()
+    drawn = {"draws": 2, "steps": 2}
+    assert not enhance(jax.random.key(0), cube, oracle(LIDAR), **drawn).valid.any()
 
 
 def test_vmap_over_frames_equals_the_loop(quick):

@@ -143,7 +143,8 @@ def noise_floor(
     """The noise estimate of a detector of `kind`, without the multiplier.
 
     The SNR of a cell is its power over this. The ordered statistic is exact. It is
-    found by bisection over the bits of float32, which are ordered like the numbers.
+    found by bisection over the bits of float32, which are ordered like the numbers, so
+    its gradient is 0; those of the other kinds reach the training cells.
     """
     if kind not in KINDS:
         raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")

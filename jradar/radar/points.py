@@ -163,14 +163,17 @@ def radar_points(
 ) -> PointCloud:
     """Return the strongest detections of one frame, strongest first.
 
-    Velocity is in m/s, power in ADC counts squared; the SNR compares the power with the
-    mean of the training cells. Elevation is 0 for an array with one row, azimuth for
-    one with one column. `coupling` is the leakage for `subtract_coupling`,
-    `range_bias_m` is subtracted from ranges; channels are calibrated beforehand, on the
-    cube. With `coupling` the range window is Blackman, the only one that its file fits.
-    Bin 0 and the last two range bins, into which a window spreads the leakage of the
-    antennas, never become points. One frame; `vmap` it. Raises ValueError for a cube
-    that does not fit. `points_and_report` also counts what is missing.
+    Positions are those in the middle of the frame, `radar.frame_middle_s` after its
+    first chirp. Velocity is in m/s, power in ADC counts squared; the SNR compares the
+    power with the mean of the training cells. Elevation is 0 for an array with one row,
+    azimuth for one with one column. Bin 0 and the last two range bins, into which a
+    window spreads the leakage of the antennas, never become points.
+
+    `coupling` is the leakage for `subtract_coupling`; with it the range window is
+    Blackman, the only one that its file fits. `range_bias_m` is subtracted from ranges;
+    channels are calibrated beforehand, on the cube. One frame; `vmap` it. Raises
+    ValueError for a cube that does not fit. `points_and_report` also counts what is
+    missing.
     """
     return _points(cube, radar, points, coupling, range_bias_m)[0]
 

@@ -206,6 +206,14 @@ class RadarSpec:
         return self.num_tx * self.chirp_period_s
 
     @property
+    def frame_middle_s(self) -> float:
+        """Time from the first chirp to the middle of the frame.
+
+        Ranges of moving targets refer to it: windows over chirps weigh the middle most.
+        """
+        return self.num_chirps * self.turn_period_s / 2
+
+    @property
     def max_velocity_mps(self) -> float:
         """Largest velocity without ambiguity, lambda / (4 T_c)."""
         return self.wavelength_m / (4 * self.turn_period_s)
