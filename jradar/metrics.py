@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from scipy.spatial import KDTree
 
 from jradar.nearest import squared_both_ways
-from jradar.types import PointCloud
+from jradar.types import PointCloud, check_one_cloud
 
 THRESHOLDS_M = (0.1, 0.2, 0.5)
 
@@ -38,6 +38,8 @@ def nearest_distances(
 
     One pair of clouds; `vmap` it. NaN for invalid points and against an empty cloud.
     """
+    for cloud in (a, b):
+        check_one_cloud(cloud, "nearest_distances")
     forth, back = squared_both_ways(a.xyz, a.valid, b.xyz, b.valid)
     return _root_or_nan(forth), _root_or_nan(back)
 
@@ -84,10 +86,10 @@ def _root_or_nan(squared):
 
 def _scores(forth: Any, back: Any, xp: Any) -> CloudMetrics:
     """Scores from the distances both ways; NaN is ignored."""
-    empty = xp.isnan(forth).all() | xp.isnan(back).all()
-    if xp is np and empty:
-        nan: Any = np.nan
-        nothing: Any = np.full(len(THRESHOLDS_M), np.nan)
+    no_rows = 0 in (forth.size, back.size)
+    if no_rows or (xp is np and (np.isnan(forth).all() or np.isnan(back).all())):
+        nan: Any = np.nan if xp is np else jnp.full((), jnp.nan)
+        nothing: Any = xp.full(len(THRESHOLDS_M), xp.nan)
         return CloudMetrics(nan, nan, nothing, nothing, nothing)
     limits = xp.asarray(THRESHOLDS_M)
     precision, recall = (

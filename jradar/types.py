@@ -52,3 +52,13 @@ class PointCloud(NamedTuple):
             )
         valid = jnp.isfinite(xyz).all(-1) & (xyz != 0).any(-1)
         return cls(jnp.where(valid[..., None], xyz, 0.0), valid)
+
+
+def check_one_cloud(cloud: PointCloud, function: str) -> None:
+    """Raise ValueError for a batch of clouds, where `function` takes one."""
+    if cloud.xyz.ndim != 2 or cloud.xyz.shape[:1] != cloud.valid.shape:
+        raise ValueError(
+            f"{function}: xyz has shape {cloud.xyz.shape} and valid "
+            f"{cloud.valid.shape}, expected one cloud, [point, 3] and [point]: for a "
+            f"batch of clouds use jax.vmap"
+        )

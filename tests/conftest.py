@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import jax
+import jaxtyping
 import pytest
 from jaxtyping import install_import_hook
 
@@ -39,6 +40,14 @@ def small_disk(tmp_path):
         pytest.skip("may not mount a small disk here")
     yield path
     subprocess.run(["umount", "--lazy", str(path)], check=True)
+
+
+@pytest.fixture
+def as_a_user():
+    """Calls without the tests' checks of shapes, which users do not have."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 @pytest.fixture(scope="session")

@@ -155,6 +155,26 @@ def test_close_points_far_from_the_origin_keep_their_digits():
     assert compare(a, b).chamfer == pytest.approx(0.125, rel=1e-6)
 
 
+@pytest.mark.usefixtures("as_a_user")
+def test_batches_of_clouds_are_refused_with_the_mend():
+    one = random_cloud(0, 20)
+    batch = jax.tree.map(lambda column: jnp.stack([column, column]), one)
+    for pair in ((batch, one), (one, batch), (batch, batch)):
+        for function in (compare, nearest_distances):
+            with pytest.raises(ValueError, match=r"\(2, 20, 3\).* use jax.vmap"):
+                function(*pair)
+    assert jax.vmap(compare)(batch, batch).chamfer.tolist() == [0, 0]
+
+
+def test_comparison_with_an_array_of_no_points_is_nan():
+    a, none = random_cloud(0, 20), PointCloud.from_xyz(jnp.zeros((0, 3)))
+    for pair in ((a, none), (none, a), (none, none)):
+        scores, shapes = compare(*pair), compare(a, a)
+        for score, like in zip(scores, shapes, strict=True):
+            assert jnp.isnan(score).all()
+            assert (score.shape, score.dtype) == (like.shape, like.dtype)
+
+
 def test_empty_cloud_is_nan_everywhere():
     a, empty = random_cloud(0, 20), PointCloud.from_xyz(jnp.zeros((5, 3)))
     none = np.zeros((0, 3))

@@ -19,7 +19,7 @@ from flax.traverse_util import flatten_dict, unflatten_dict
 
 import jradar
 from jradar import model as models
-from jradar.diffusion import PREDICTIONS, NoiseSpec
+from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
 from jradar.errors import ModelError
 from jradar.model import (
     Model,
@@ -130,6 +130,8 @@ def test_a_frame_without_echoes_gives_no_points(quick):
     assert draw(jax.random.key(0), image.at[3, 4, 5].set(1.0), quick).range_m.all()
     cube = jnp.zeros(RADAR.cube_shape, complex)
     assert not enhance(jax.random.key(0), cube, quick).valid.any()
+    drawn = {"draws": 2, "steps": 2}
+    assert not enhance(jax.random.key(0), cube, oracle(LIDAR), **drawn).valid.any()
 
 
 def test_vmap_over_frames_equals_the_loop(quick):
@@ -152,6 +154,29 @@ def test_a_gradient_reaches_the_parameters(quick):
     assert isinstance(slope, Model) and slope.spec == quick.spec
     sizes = [float(jnp.abs(leaf).sum()) for leaf in jax.tree.leaves(slope.params)]
     assert np.isfinite(sizes).all() and sum(sizes) > 0
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_a_condition_of_another_size_is_refused(model):
+    key = jax.random.key(0)
+    for shape in ((8, 8, 9), (16, 16, 12), (2, 8, 8, 12)):
+        with pytest.raises(ValueError, match=r"model needs .* = \(8, 8, 12\)"):
+            draw(key, jnp.zeros(shape), model, draws=1, steps=1)
+
+
+def test_a_condition_that_skips_a_level_of_the_network_is_refused():
+    """Its grids 8 x 8 and 4 x 4 met two levels; those of 16 x 16 would meet one."""
+    two = UNet(
+        channels=8, multipliers=(1, 1), blocks=1, attention_levels=(), stem=(1, 4)
+    )
+    model = tiny_model(network=two)
+    larger = dataclasses.replace(
+        model.spec,
+        coarse=ImageSpec(16, 16),
+    )
+    key, cube = jax.random.key(0), jnp.zeros(RADAR.cube_shape, complex)
+    with pytest.raises(ValueError, match=r"none is .* where it entered in training"):
+        enhance(key, cube, Model(model.params, larger), draws=1, steps=1)
 
 
 def test_another_radars_cube_is_told_apart(model):
@@ -350,7 +375,9 @@ def test_the_shipped_model_is_whole_and_small():
     assert "jradar-sim" in folders
     for name in folders:
         spec = jradar.load_model(name).spec
-        assert spec.purpose and spec.points == PointSpec(false_alarm_rate=1.0)
+        assert spec.purpose and spec.points == PointSpec(
+            false_alarm_rate=1.0, num_azimuth=64
+        )
     size = sum(p.stat().st_size for f in folders.values() for p in f.iterdir())
     assert size <= 25_000_000
 

@@ -7,7 +7,7 @@ from jradar import recordings, viz
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.reading import (
     echoes,
-    frame_points,
+    frame_report,
     given,
     no_echoes,
     open_frames,
@@ -41,7 +41,11 @@ def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
             silent += [] if heard else [frame]
             if len(frames) > 1:
                 show(done)
-    notes = (*_fitted(options, spec, recording.radar), *no_echoes(silent))
+    notes = (
+        *_fitted(options, spec, recording.radar),
+        *_dropped(rows, spec),
+        *no_echoes(silent),
+    )
     if options.frames:
         detected = [_short(row) for row in rows]
         found = {"detected": detected, "written": [options.output]}
@@ -53,7 +57,7 @@ def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
 def _detect(recording, frame: int, spec: PointSpec, options):
     """Write one frame; return what was found, the paths, and if there were echoes."""
     cube = recordings.calibrated_cube(recording, frame)
-    every = frame_points(cube, recording, spec)
+    every, counts = frame_report(cube, recording, spec, frame)
     cloud = within_limits(every, options)
     power = power_map(
         cube,
@@ -74,6 +78,7 @@ def _detect(recording, frame: int, spec: PointSpec, options):
     row = {
         "frame": frame,
         "points": int(cloud.valid.sum()),
+        **counts,
         "noise": noise_statistics(power, recording.radar)._asdict(),
         "echoes": echoes(cloud, recording),
     }
@@ -86,10 +91,20 @@ def _short(row: dict[str, Any]) -> dict[str, Any]:
     return {
         "frame": row["frame"],
         "points": row["points"],
+        **{name: row[name] for name in ("detected", "dropped", "saturated")},
         "noise floor (dB)": row["noise"]["floor_db"],
         "strongest echo (m)": strongest.get("range_m"),
         "SNR (dB)": strongest.get("snr_db"),
     }
+
+
+def _dropped(rows, spec: PointSpec):
+    """Yield a note if there were more detections than points."""
+    if dropped := sum(row["dropped"] for row in rows):
+        yield (
+            f"{dropped:,} detections were dropped, the weakest of frames with more "
+            f"than {spec.capacity:,}: --capacity N keeps more"
+        )
 
 
 def _fitted(options, spec: PointSpec, radar: RadarSpec):

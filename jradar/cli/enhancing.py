@@ -21,7 +21,12 @@ import numpy as np
 
 from jradar import recordings
 from jradar.cli.limits import check_limits, within_limits
-from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
+from jradar.cli.reading import (
+    frame_points,
+    no_echoes,
+    open_frames,
+    summary,
+)
 from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, dense_cloud, draw, load_model
 from jradar.progress import progress
@@ -41,6 +46,11 @@ AHEAD = 2  # frames that wait between two threads
 TOLERANCE = 0.05  # up to which two radars count as alike
 FLAT = (
     "this radar has one row of antennas and measures no elevation: heights in the "
+    "result are invented by the model"
+)
+
+NARROW = (
+    "this radar has one column of antennas and measures no azimuth: directions in the "
     "result are invented by the model"
 )
 
@@ -78,9 +88,9 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         model = _excising(model)
     recording, frames = open_frames(options)
     spec, watch = model.spec, Stopwatch()
-    if not (recording.radar.has_elevation or options.anyway):
+    if (blind := _blind(recording.radar)) and not options.anyway:
         raise UsageError(
-            f"{FLAT}, which was trained on {spec.radar.name}: use `jradar points`, or "
+            f"{blind}, which was trained on {spec.radar.name}: use `jradar points`, or "
             "add --anyway"
         )
     key = jax.random.key(options.seed)
@@ -255,8 +265,8 @@ def _times(watch: Stopwatch) -> dict[str, Any]:
 
 def _doubts(spec: ModelSpec, radar: RadarSpec):
     """Yield why the model may not suit this radar."""
-    if not radar.has_elevation:
-        yield FLAT
+    if blind := _blind(radar):
+        yield blind
     here, trained = _waveform(radar), _waveform(spec.radar)
     differ = [
         f"{name.format(value)} here, {trained[name]:.3g} in training"
@@ -268,6 +278,13 @@ def _doubts(spec: ModelSpec, radar: RadarSpec):
             f"the model was trained on another radar ({spec.radar.name}), expect worse "
             f"clouds: {'; '.join(differ)}"
         )
+
+
+def _blind(radar: RadarSpec) -> str:
+    """Which angle the radar does not measure, in words; "" if it measures both."""
+    if not radar.has_elevation:
+        return FLAT
+    return "" if radar.has_azimuth else NARROW
 
 
 def _strangers(rows: list[dict[str, Any]]) -> Iterator[str]:

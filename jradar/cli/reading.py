@@ -7,9 +7,15 @@ import numpy as np
 from jaxtyping import Array, Inexact
 
 from jradar.errors import UsageError
-from jradar.radar import PointSpec, radar_points, strongest_echoes
+from jradar.radar import (
+    PointSpec,
+    points_and_report,
+    radar_points,
+    strongest_echoes,
+)
 from jradar.recordings import (
     Recording,
+    check_samples,
     open_recording,
     with_sample_doubts,
     without_background,
@@ -48,6 +54,33 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
     if background := getattr(options, "background", None):
         recording = without_background(recording, background)
     return recording, frames
+
+
+def frame_report(
+    cube: Inexact[Array | np.ndarray, "tx rx chirp sample"],
+    recording: Recording,
+    points: PointSpec,
+    frame: int,
+) -> tuple[PointCloud, dict[str, int]]:
+    """Return `frame_points` and the counts of its `PointReport`, by their words.
+
+    Saturated are the numbers that pile up at the end of the converter's scale, before
+    calibration. Samples that are not finite were refused by the reader.
+    """
+    cloud, report = points_and_report(
+        cube,
+        recording.radar,
+        points=points.fitted(recording.radar),
+        coupling=recording.coupling,
+        range_bias_m=recording.range_bias_m,
+    )
+    recorded = np.asarray(recording.cubes[frame])
+    numbers = recorded.size * (1 + np.iscomplexobj(recorded))
+    return cloud, {
+        "detected": int(report.detected),
+        "dropped": int(report.dropped),
+        "saturated": round(check_samples(recorded).share * numbers),
+    }
 
 
 def frame_points(

@@ -289,10 +289,16 @@ class Trunk(nn.Module):
 
     def _add_condition(self, h, features, level):
         """`h` plus a map of the condition's features at this grid, zero at first."""
-        for feature in features:
-            if feature.shape[1:3] == h.shape[1:3]:
-                name = f"enc{level}_condition"
-                h += self._dense(h.shape[-1], name, zero=True)(feature)
+        name, grid = f"enc{level}_condition", h.shape[1:3]
+        fitting = [feature for feature in features if feature.shape[1:3] == grid]
+        if not fitting and self.has_variable("params", name):
+            given = [tuple(feature.shape[1:3]) for feature in features]
+            raise ValueError(
+                f"the condition has grids {given}, none is {tuple(grid)}, where it "
+                "entered in training: another image size?"
+            )
+        for feature in fitting:
+            h += self._dense(h.shape[-1], name, zero=True)(feature)
         return h
 
     def _angles(self, channels, x, name):

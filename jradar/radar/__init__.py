@@ -15,6 +15,7 @@ Angles       directions                        strongest direction of each cell
              angle_spectrum, direction_sines, strongest_direction, spectrum_peaks
              capon_spectrum, music_spectrum, music_directions, smoothed_covariance
 Points       PointSpec, radar_points           cube to points of the detected cells
+             points_and_report, PointReport    the same, with counts of what is missing
              Cells, all_cells, cell_points     all directions first, any mask later
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
@@ -65,10 +66,12 @@ from jradar.radar.interference import (
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
 from jradar.radar.points import (
     Cells as Cells,
+    PointReport as PointReport,
     PointSpec as PointSpec,
     all_cells as all_cells,
     cell_points as cell_points,
     detect as detect,
+    points_and_report as points_and_report,
     radar_points as radar_points,
 )
 from jradar.radar.self_calibration import (

@@ -8,8 +8,9 @@ of the spectrum is the maximum-likelihood direction, also with sparse rows.
                                           w = sin el, u = sin az cos el
 
 An array with one row does not measure elevation: its spectrum has one elevation bin,
-and its elevation is 0. Positions grow to the left and upwards as seen from behind;
-`flip_azimuth` and `flip_elevation` are for a sensor that is mounted upside down.
+and its elevation is 0. An array with one column does not measure azimuth, likewise.
+Positions grow to the left and upwards as seen from behind; `flip_azimuth` and
+`flip_elevation` are for a sensor that is mounted upside down.
 
 `jradar.radar.direction` finds the strongest direction faster, without this spectrum.
 """
@@ -48,8 +49,9 @@ def direction_sines(
         return (np.arange(bins) - bins // 2) / (bins * spacing)
 
     rows = num_elevation if radar.has_elevation else 1
+    columns = num_azimuth if radar.has_azimuth else 1
     return (
-        sines(num_azimuth, radar.spacing_wavelengths),
+        sines(columns, radar.spacing_wavelengths),
         sines(rows, radar.row_spacing_wavelengths),
     )
 
@@ -98,6 +100,7 @@ def angle_spectrum(
     """
     rows, columns = check_sizes(snapshot.shape, radar, num_azimuth, num_elevation)
     num_elevation = num_elevation if radar.has_elevation else 1
+    num_azimuth = num_azimuth if radar.has_azimuth else 1
     column, row = radar.virtual_positions.T
     shared = np.zeros((rows, columns))
     np.add.at(shared, (row, column), 1)
@@ -194,9 +197,9 @@ def _visible(spectrum, radar):
 
 def _is_local_maximum(power):
     """Whether a bin exceeds its eight neighbours; of equal bins, the first does."""
-    rows = (-1, 0, 1) if power.shape[-2] > 1 else (0,)
+    rows, columns = ((-1, 0, 1) if n > 1 else (0,) for n in power.shape[-2:])
     highest = jnp.ones(power.shape, bool)
-    for shift in ((row, column) for row in rows for column in (-1, 0, 1)):
+    for shift in ((row, column) for row in rows for column in columns):
         neighbour = jnp.roll(power, shift, (-2, -1))
         if shift != (0, 0):
             highest &= power > neighbour if shift > (0, 0) else power >= neighbour
@@ -221,7 +224,7 @@ def _sines(spectrum, index, radar, interpolate):
         return parabola_offset(*jnp.moveaxis(power, -1, 0))
 
     sine_az, sine_el = jnp.asarray(u)[column], jnp.asarray(w)[row]
-    if interpolate:
+    if interpolate and num_azimuth > 1:
         sine_az += offset(0, 1) * (u[1] - u[0])
     if interpolate and num_elevation > 1:
         sine_el += offset(1, 0) * (w[1] - w[0])

@@ -15,13 +15,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
+from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS, window
 
 
 @jax.jit
 def calibrate_channels(
-    cube: Inexact[Array, "*batch tx rx chirp sample"],
+    cube: Cube,
     factors: Complex[Array, "virtual"],
 ) -> Inexact[Array, "*batch tx rx chirp sample"]:
     """Multiply the samples of each virtual antenna by its factor.
@@ -29,6 +30,7 @@ def calibrate_channels(
     Real samples stay real: the positive half of their spectrum is multiplied. Raises
     ValueError unless there is one factor for each pair of tx and rx.
     """
+    cube = as_samples(cube)
     tx, rx = cube.shape[-4:-2]
     if factors.size != tx * rx:
         raise ValueError(
@@ -46,7 +48,7 @@ def calibrate_channels(
     static_argnames=("radar", "calibration_slope_hz_per_s", "calibration_rate_hz"),
 )
 def calibrate_frequency_phase(
-    cube: Complex[Array, "*batch tx rx chirp sample"],
+    cube: Cube,
     frequency: Float[Array, "tx rx"],
     phase: Complex[Array, "tx rx"],
     radar: RadarSpec,
@@ -68,6 +70,7 @@ def calibrate_frequency_phase(
                 f"radar's and calibration's {what} differ by a factor of {ratio:.3g}, "
                 "expected 0.001 to 1000: another unit?"
             )
+    cube = as_samples(cube)
     bins = (frequency - frequency[0, 0]) * (slope * rate)
     time = jnp.arange(cube.shape[-1]) / cube.shape[-1]
     turns = jnp.exp(-2j * jnp.pi * bins[..., None, None] * time)
@@ -114,6 +117,11 @@ def compensate_tdm(
     In signed Doppler bin k, transmitter t leads by 2 pi k f_t / (num_tx num_chirps),
     where f_t is its place in the firing order. `doppler_bin` may lie between bins.
     """
+    if snapshot.shape[-1] != radar.num_virtual:
+        raise ValueError(
+            f"{snapshot.shape[-1]} values per snapshot, {radar.name} has "
+            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
+        )
     lead = radar.firing_position / radar.num_tx / radar.num_chirps
     cycles = doppler_bin[..., None] * jnp.asarray(lead, jnp.float32)
     turn = jnp.exp(-2j * jnp.pi * cycles)

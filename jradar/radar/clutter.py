@@ -18,14 +18,15 @@ from collections.abc import Iterable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Inexact
+from jaxtyping import Array, Inexact, Num
 
+from jradar.radar.samples import Cube, as_samples
 from jradar.radar.spectrum import window
 
 
 def static_background(
-    frames: Iterable[Inexact[Array | np.ndarray, "tx rx chirp sample"]],
-) -> Inexact[Array, "tx rx sample"]:
+    frames: Iterable[Num[Array | np.ndarray, "*_batch _tx _rx _chirp _sample"]],
+) -> Inexact[Array, "*_batch _tx _rx _sample"]:
     """Return the mean of the samples over frames and chirps, on the host.
 
     Frames are taken one by one, so that a recording need not fit into memory. Raises
@@ -33,7 +34,7 @@ def static_background(
     """
     total, count = jnp.zeros(()), 0
     for cube in frames:
-        total, count = total + jnp.mean(cube, -2), count + 1
+        total, count = total + as_samples(jnp.asarray(cube)).mean(-2), count + 1
     if not count:
         raise ValueError("the background is a mean of frames, but there are none")
     return total / count
@@ -41,7 +42,7 @@ def static_background(
 
 @jax.jit
 def subtract_background(
-    cube: Inexact[Array, "*batch tx rx chirp sample"],
+    cube: Cube,
     background: Inexact[Array, "_tx _rx _sample"],
 ) -> Inexact[Array, "*batch tx rx chirp sample"]:
     """Subtract the background, times the factor of each chirp that fits it best.
@@ -50,6 +51,7 @@ def subtract_background(
     samples, so that echoes in other range bins do not disturb it. A background of zeros
     changes nothing. Raises ValueError for a background of another radar.
     """
+    cube = as_samples(cube)
     expected = *cube.shape[-4:-2], cube.shape[-1]
     if background.shape != expected:
         raise ValueError(

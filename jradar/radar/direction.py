@@ -140,6 +140,8 @@ def _in_blocks(function, cells, block):
 
 def _azimuth_sine(cells, rows, radar, num_azimuth, num_elevation, interpolate):
     """Direction sine u of the strongest azimuth of `[virtual, cell]`."""
+    if not radar.has_azimuth:
+        return jnp.zeros(cells.shape[1:], cells.real.dtype)
     u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
     sums = _sums_over_bins(cells, rows, radar, u)
     power = _power_over_azimuth(sums, rows, radar, u, w)

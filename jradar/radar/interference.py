@@ -31,6 +31,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact, Key
 from scipy.special import gammainccinv
 
+from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 
 PASSES = (16.0, 4.0, 1.0)  # factors on the threshold: the strongest bursts come first
@@ -151,7 +152,7 @@ def _one(it, cycles, first_s, sample_s, radar):
 
 @functools.partial(jax.jit, static_argnames="false_alarm_rate")
 def excise_interference(
-    cube: Inexact[Array, "*batch tx rx chirp sample"],
+    cube: Cube,
     *,
     false_alarm_rate: float = 1e-8,
 ) -> tuple[
@@ -164,6 +165,7 @@ def excise_interference(
     `false_alarm_rate`; so are its two neighbours. All others are returned bit for bit.
     A frame of one chirp has no median over chirps, and is returned as it is.
     """
+    cube = as_samples(cube)
     weight = jnp.asarray(_taper(*cube.shape[-2:]), cube.real.dtype)
     quantised = QUANTISED * (cube.real**2 + cube.imag**2).sum(-3)
     quantised = quantised.mean((-3, -2, -1), keepdims=True)

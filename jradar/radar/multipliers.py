@@ -24,6 +24,7 @@ import numpy as np
 from scipy import optimize, special
 
 KINDS = ("ca", "go", "so", "os")
+Number = int | float  # fractions stand for correlated cells, see `correlation`
 TAIL = 1e-18  # probability omitted at either end of the integral
 
 
@@ -31,9 +32,9 @@ TAIL = 1e-18  # probability omitted at either end of the integral
 def false_alarm_multiplier(
     kind: str,
     rate: float,
-    cells: int | tuple[int, int],
+    cells: Number | tuple[Number, Number],
     *,
-    rank: int | None = None,
+    rank: Number | None = None,
     channels: int = 1,
 ) -> float:
     """Return the factor on a noise estimate from `cells` cells that yields the rate.

@@ -17,15 +17,29 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float, Inexact
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
-from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_floor
+from jradar.radar.cfar import (
+    DETECTORS,
+    GUARD,
+    TRAIN,
+    cell_pair,
+    largest_window,
+    noise_floor,
+)
 from jradar.radar.direction import directions
 from jradar.radar.peaks import parabola_offset
+from jradar.radar.samples import (
+    FULL_SCALE,
+    Cube,
+    as_samples,
+    non_finite_samples,
+    saturated_samples,
+)
 from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import range_doppler
+from jradar.radar.spectrum import WINDOWS, range_doppler
 from jradar.radar.subspace import music_directions
 from jradar.types import PointCloud
 
@@ -36,11 +50,10 @@ LARGEST = {
     "num_azimuth": 4096,
     "num_elevation": 4096,
 }
-ANGLE_BINS = ("num_azimuth", "num_elevation")
+SPECTRUM = ("range_window", "doppler_window", "remove_static", "remove_interference")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
-Cube = Inexact[Array, "tx rx chirp sample"]
 Coupling = Complex[Array, "tx rx half_range"]
 
 
@@ -50,11 +63,13 @@ class PointSpec:
 
     `guard` and `train` are the cells of the CFAR window in (doppler, range). `peaks` is
     the number of targets that one cell may hold: each becomes a point, with power and
-    SNR in proportion to its peak among the cell's `spectrum_peaks`. `refine` places
-    range, velocity and angles between bins. `remove_static` and `remove_interference`
-    are those of `range_doppler`. The flips are for a sensor that is mounted
-    upside down. `angles` is "fft", or "music" for azimuths by `music_directions`, which
-    uses its own bins.
+    SNR in proportion to its peak among the cell's `spectrum_peaks`. `num_azimuth` None
+    is what the array needs: 64 bins, or more if it is wider. `refine` places range,
+    velocity and angles between bins. The windows are those of `range_doppler`; the CFAR
+    multipliers account for the correlation that they cause. `remove_static` and
+    `remove_interference` are those of `range_doppler`, too. The flips are for a sensor
+    that is mounted upside down. `angles` is "fft", or "music" for azimuths by
+    `music_directions`, which uses its own bins.
     """
 
     detector: str = "os"
@@ -63,7 +78,7 @@ class PointSpec:
     train: tuple[int, int] = TRAIN
     capacity: int = 1024  # points of the cloud, padding included
     peaks: int = 1
-    num_azimuth: int = 64
+    num_azimuth: int | None = None
     num_elevation: int = 32
     flip_azimuth: bool = False
     flip_elevation: bool = False
@@ -71,17 +86,27 @@ class PointSpec:
     remove_static: bool = False
     remove_interference: bool = False
     angles: str = "fft"
+    range_window: str = "hann"
+    doppler_window: str = "hann"
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
-        for field, choices in (("detector", tuple(DETECTORS)), ("angles", ANGLES)):
+        for field in ("guard", "train"):
+            object.__setattr__(self, field, cell_pair(field, getattr(self, field)))
+        for field, choices in (
+            ("detector", tuple(DETECTORS)),
+            ("angles", ANGLES),
+            ("range_window", tuple(WINDOWS)),
+            ("doppler_window", tuple(WINDOWS)),
+        ):
             if (value := getattr(self, field)) not in choices:
                 raise ValueError(f"{field} = {value!r}, expected one of {choices}")
         if not 0 < self.false_alarm_rate <= 1:
             rate = self.false_alarm_rate
             raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
         for field, most in LARGEST.items():
-            if not 1 <= (value := getattr(self, field)) <= most:
+            value = getattr(self, field)
+            if value is not None and not 1 <= value <= most:
                 raise ValueError(f"{field} = {value:,}, expected 1 to {most:,}")
         for field in ("guard", "train"):
             if min(value := getattr(self, field)) < 0:
@@ -93,7 +118,7 @@ class PointSpec:
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":
-        """Return the spec with window, azimuth bins and capacity that suit the radar.
+        """Return the spec with CFAR window, azimuth bins and capacity for the radar.
 
         A frame has no more points than it has cells, times `peaks`.
         """
@@ -103,9 +128,20 @@ class PointSpec:
             self,
             guard=guard,
             train=train,
-            num_azimuth=azimuth_bins(radar),
             capacity=min(self.capacity, math.prod(cells) * self.peaks),
         )
+
+
+class PointReport(NamedTuple):
+    """What a cloud of `radar_points` does not show.
+
+    A sample that is not finite makes the whole spectrum so: the cloud is empty then.
+    """
+
+    detected: Int[Array, "*batch"]  # cells that the detector marked, of usable ranges
+    dropped: Int[Array, "*batch"]  # of them, the weakest, which exceed the capacity
+    saturated: Int[Array, "*batch"]  # samples with a part at full scale
+    non_finite: Int[Array, "*batch"]  # samples with a part that is NaN or infinite
 
 
 class Cells(NamedTuple):
@@ -127,15 +163,54 @@ def radar_points(
 ) -> PointCloud:
     """Return the strongest detections of one frame, strongest first.
 
-    Velocity is in m/s, power in ADC counts squared; the SNR compares the power with the
-    mean of the training cells. Elevation is 0 for an array with one row. `coupling` is
-    the leakage for `subtract_coupling`, `range_bias_m` is subtracted from ranges;
+    Positions are those in the middle of the frame, `radar.frame_middle_s` after its
+    first chirp. Velocity is in m/s, power in ADC counts squared; the SNR compares the
+    power with the mean of the training cells. Elevation is 0 for an array with one row,
+    azimuth for one with one column. Bin 0 and the last two range bins, into which a
+    window spreads the leakage of the antennas, never become points.
+
+    `coupling` is the leakage for `subtract_coupling`; with it the range window is
+    Blackman, the only one that its file fits. `range_bias_m` is subtracted from ranges;
     channels are calibrated beforehand, on the cube. One frame; `vmap` it. Raises
-    ValueError for a cube that does not fit the radar.
+    ValueError for a cube that does not fit. `points_and_report` also counts what is
+    missing.
     """
+    return _points(cube, radar, points, coupling, range_bias_m)[0]
+
+
+@functools.partial(
+    jax.jit, static_argnames=("radar", "points", "range_bias_m", "full_scale")
+)
+def points_and_report(
+    cube: Cube,
+    radar: RadarSpec,
+    *,
+    points: PointSpec = PointSpec(),
+    coupling: Coupling | None = None,
+    range_bias_m: float = 0.0,
+    full_scale: float = FULL_SCALE,
+) -> tuple[PointCloud, PointReport]:
+    """Return `radar_points` and counts of what the cloud does not show.
+
+    `full_scale` is the largest number of the converter, in the units of the cube.
+    """
+    cloud, candidates = _points(cube, radar, points, coupling, range_bias_m)
+    detected = (candidates > 0).sum()
+    report = PointReport(
+        detected=detected,
+        dropped=jnp.maximum(detected - points.capacity, 0),
+        saturated=saturated_samples(cube, full_scale=full_scale),
+        non_finite=non_finite_samples(cube),
+    )
+    return cloud, report
+
+
+def _points(cube, radar, points, coupling, range_bias_m):
+    """The cloud, and the power of each detected cell, 0 for others."""
     spectrum, power = _spectra(cube, radar, points, coupling)
-    mask = detect(power, radar, points=points)
-    strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    mask = detect(power, radar, points=_windowed(points, coupling))
+    candidates = _candidates(power, mask, radar, range_bias_m)
+    strongest, cell = _strongest_cells(candidates, points)
     _, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
@@ -144,7 +219,8 @@ def radar_points(
     else:
         strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
         cell = cell[of]
-    return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
+    place = radar, points, range_bias_m
+    return _cloud(power, cell, strongest, direction, *place), candidates
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -157,6 +233,7 @@ def all_cells(
 ) -> Cells:
     """Return the power and direction of every cell of one frame; `vmap` it.
 
+    With `coupling`, give `detect` a spec whose `range_window` is "blackman".
     `points.peaks` and the options of detection are not used. Raises ValueError for a
     cube that does not fit the radar.
     """
@@ -182,7 +259,15 @@ def cell_points(
     With the mask of `detect`, these are the points of `radar_points`.
     """
     power, azimuth, elevation = cells
-    strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    expected = radar.num_chirps, radar.num_range_bins
+    for name, values in (*cells._asdict().items(), ("mask", mask)):
+        if values.shape != expected:
+            raise ValueError(
+                f"{name} has shape {values.shape}, {radar.name} needs [doppler, range] "
+                f"= {expected}: one frame, or another radar?"
+            )
+    candidates = _candidates(power, mask, radar, range_bias_m)
+    strongest, cell = _strongest_cells(candidates, points)
     direction = azimuth.ravel()[cell], elevation.ravel()[cell]
     return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
 
@@ -201,7 +286,15 @@ def detect(
         channels=radar.num_virtual,
         guard=points.guard,
         train=points.train,
+        windows=(points.doppler_window, points.range_window),
     )
+
+
+def _windowed(points, coupling):
+    """The spec with the range window in which a coupling can be subtracted."""
+    if coupling is None or points.remove_static:
+        return points
+    return dataclasses.replace(points, range_window="blackman")
 
 
 def _spectra(cube, radar, points, coupling):
@@ -209,6 +302,7 @@ def _spectra(cube, radar, points, coupling):
 
     `remove_static` removes the coupling too, because it is steady.
     """
+    cube = as_samples(cube)
     if cube.shape != radar.cube_shape:
         raise ValueError(
             f"cube has shape {cube.shape}, {radar.name} needs [tx, rx, chirp, sample] "
@@ -219,16 +313,17 @@ def _spectra(cube, radar, points, coupling):
         raise ValueError(
             f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
         )
-    remove = _fields(points, ("remove_static", "remove_interference"))
+    points = _windowed(points, coupling)
+    spectrum, power = range_doppler(cube, **_fields(points, SPECTRUM))
     if coupling is None or points.remove_static:
-        return range_doppler(cube, **remove)
-    spectrum, _ = range_doppler(cube, range_window="blackman", **remove)
-    spectrum = subtract_coupling(spectrum, coupling)
+        return spectrum, power
+    window = points.doppler_window
+    spectrum = subtract_coupling(spectrum, coupling, doppler_window=window)
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 
 
-def _strongest_cells(power, mask, radar, points, range_bias_m):
-    """Power and flat index of the strongest cells in `mask`, padded with power 0.
+def _candidates(power, mask, radar, range_bias_m):
+    """Power of the cells in `mask` that may become points, 0 elsewhere.
 
     Three kinds of range bins are excluded: bin 0, which is the sensor itself; bins that
     the bias moves to 0 or below; and the last two, into which the window spreads the
@@ -236,7 +331,12 @@ def _strongest_cells(power, mask, radar, points, range_bias_m):
     """
     first = max(1, math.floor(range_bias_m / radar.range_resolution_m + 0.5) + 1)
     candidates = jnp.where(mask, power, 0.0).at[:, :first].set(0.0)
-    candidates = candidates.at[:, -WRAPPED:].set(0.0).ravel()
+    return candidates.at[:, -WRAPPED:].set(0.0)
+
+
+def _strongest_cells(candidates, points):
+    """Power and flat index of the strongest candidates, padded with power 0."""
+    candidates = candidates.ravel()
     count = min(points.capacity, candidates.size)
     strongest, cell = jax.lax.top_k(candidates, count)
     padding = (0, points.capacity - count)
@@ -267,8 +367,16 @@ def _directions(snapshot, radar, points):
     options = _fields(points, FLIPS)
     if points.angles == "music":
         return music_directions(snapshot, radar, **options)
-    options |= _fields(points, ANGLE_BINS)
+    options |= _angle_bins(points, radar)
     return directions(snapshot, radar, interpolate=points.refine, **options)
+
+
+def _angle_bins(points, radar):
+    """Numbers of bins of the angle spectra."""
+    return {
+        "num_azimuth": points.num_azimuth or azimuth_bins(radar),
+        "num_elevation": points.num_elevation,
+    }
 
 
 def _fields(points, names):
@@ -283,7 +391,7 @@ def _strongest_peaks(power, snapshot, radar, points):
     """
 
     def peaks_of(snapshot):
-        spectrum = angle_spectrum(snapshot, radar, **_fields(points, ANGLE_BINS))
+        spectrum = angle_spectrum(snapshot, radar, **_angle_bins(points, radar))
         options = {"count": points.peaks, "interpolate": points.refine}
         return spectrum_peaks(spectrum, radar, **options, **_fields(points, FLIPS))
 
@@ -313,5 +421,6 @@ def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):
         valid=valid,
         velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
         power=strongest,
-        snr=jnp.where(valid, strongest / jnp.maximum(noise, 1e-30), 0.0),
+        # The inner condition keeps gradients finite where nothing was received.
+        snr=strongest / jnp.where(valid, jnp.maximum(noise, 1e-30), 1.0),
     )

@@ -133,6 +133,11 @@ class RadarSpec:
         return positions - positions.min(0)
 
     @property
+    def has_azimuth(self) -> bool:
+        """Whether the array has several columns, and therefore measures azimuth."""
+        return bool(self.virtual_positions[:, 0].any())
+
+    @property
     def has_elevation(self) -> bool:
         """Whether the array has several rows, and therefore measures elevation."""
         return bool(self.virtual_positions[:, 1].any())
@@ -199,6 +204,14 @@ class RadarSpec:
     def turn_period_s(self) -> float:
         """Time between chirps of the same transmitter, T_c."""
         return self.num_tx * self.chirp_period_s
+
+    @property
+    def frame_middle_s(self) -> float:
+        """Time from the first chirp to the middle of the frame.
+
+        Ranges of moving targets refer to it: windows over chirps weigh the middle most.
+        """
+        return self.num_chirps * self.turn_period_s / 2
 
     @property
     def max_velocity_mps(self) -> float:

@@ -4,7 +4,8 @@ A scatterer at range R(t) = R + v t returns the beat signal
 
     a exp(2 pi j (2 R(t) / c * f(n) + d (a_az u + a_el w)))
 
-in sample n of the chirp that starts at time t. The chirp has the frequency f(n) there,
+in sample n of the chirp that starts at time t, which is 0 in the middle of the frame.
+The chirp has the frequency f(n) there,
 d is the spacing of the antenna positions, and (u, w) = (sin az cos el, sin el) is the
 direction. The range may change by whole bins within a frame, but is constant within a
 chirp. After a reflection the wave may return on another path: then R is the mean of
@@ -29,31 +30,37 @@ from jaxtyping import Array, Float, Inexact, Key
 
 from jradar.radar.sensor import SPEED_OF_LIGHT, RadarSpec
 
+TIMES = ("middle", "start")  # of a frame
 MOST_DRIFT = 0.105  # radians in the linear term; the error is its square over 2
 
 
 class Scatterers(NamedTuple):
     """Point scatterers; those with amplitude 0 are padding."""
 
-    xyz: Float[Array, "point 3"]  # metres, at the frame's first chirp
+    xyz: Float[Array, "point 3"]  # metres, in the middle of the frame
     velocity: Float[Array, " point"]  # m/s, radial, positive when receding
     amplitude: Float[Array, " point"]  # of each sample, in ADC counts
     departure: Float[Array, "point 3"] | None = None  # as seen by the transmitters
 
 
-@partial(jax.jit, static_argnames=("radar", "noise_power"))
+@partial(jax.jit, static_argnames=("radar", "noise_power", "at"))
 def simulate_cube(
     key: Key[Array, ""],
     scatterers: Scatterers,
     radar: RadarSpec,
     *,
     noise_power: float = 0.0,
+    at: str = "middle",
 ) -> Inexact[Array, "tx rx chirp sample"]:
     """Return the ADC samples of one frame, complex or real; `vmap` it.
 
     White noise of mean power `noise_power` (counts squared) is added. With
-    `departure`, `xyz` is the position as seen by the receivers.
+    `departure`, `xyz` is the position as seen by the receivers. Ranges are those in
+    the middle of the frame, as `radar_points` measures them, or with `at="start"` those
+    at its first chirp.
     """
+    if at not in TIMES:
+        raise ValueError(f"{at=}, expected one of {TIMES}")
     distance, receive = _seen(scatterers.xyz, radar.rx_positions, radar)
     transmit = _steer(scatterers.xyz, distance, radar.tx_positions, radar)
     if scatterers.departure is not None:
@@ -74,6 +81,8 @@ def simulate_cube(
     firing_s = radar.chirp_period_s * jnp.array(radar.firing_position)
     within_s = radar.turn_period_s * jnp.arange(block)[:, None] + firing_s
     within_s, first_s = within_s - within_s.mean(), within_s.mean()
+    if at == "middle":
+        first_s -= radar.frame_middle_s
 
     # The same in all blocks: phasors `[chirp tx rx point]`, and the drift about the
     # middle. The beats `[point sample]` change by a constant factor between blocks.

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Inexact
+from jaxtyping import Array, Complex, Float
 
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
 from jradar.radar.peaks import parabola_offset
+from jradar.radar.samples import Cube
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
 
@@ -28,7 +29,7 @@ class Snapshots(NamedTuple):
 
 @functools.partial(jax.jit, static_argnames=("radar", "count"))
 def strong_snapshots(
-    cube: Inexact[Array, "tx rx chirp sample"],
+    cube: Cube,
     radar: RadarSpec,
     *,
     coupling: Complex[Array, "tx rx half_range"] | None = None,

@@ -6,6 +6,9 @@ P * (w ** 2).sum() in a cell, where w is the product of both windows. The whole 
 of complex samples is positive range. Of real samples only the first half is returned:
 a real target of amplitude a peaks there at |a| / 2.
 
+Integers and half precision are computed in float32; integer pairs, `[..., sample, 2]`,
+are I and Q (see `samples`).
+
 Antennas are transformed one after the other, so that each spectrum is still in the
 cache when its power is added up. The signs of the chirps alternate, which moves zero
 velocity to the middle of the Doppler axis at no cost.
@@ -17,9 +20,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Inexact
+from jaxtyping import Array, Complex, Float
 
 from jradar.radar.interference import excise_interference
+from jradar.radar.samples import Cube, as_samples
 
 WINDOWS = {  # coefficients of the cosine series, periodic
     "none": (1.0,),
@@ -29,7 +33,6 @@ WINDOWS = {  # coefficients of the cosine series, periodic
 }
 STATIC = ("range_window", "doppler_window", "remove_static", "remove_interference")
 
-Cube = Inexact[Array, "*batch tx rx chirp sample"]
 Spectrum = Complex[Array, "*batch virtual doppler range"]
 PowerMap = Float[Array, "*batch doppler range"]
 
@@ -62,6 +65,7 @@ def range_doppler(
     mean over chirps, which removes everything that stands still. `remove_interference`
     excises crossing chirps of other radars. Raises ValueError for an unknown window.
     """
+    cube = as_samples(cube)
     if remove_interference:
         cube, _ = excise_interference(cube)
     return _transform(cube, range_window, doppler_window, remove_static, keep=True)
@@ -77,6 +81,7 @@ def power_map(
     remove_interference: bool = False,
 ) -> PowerMap:
     """Return only the power of `range_doppler`; the spectra are never stored."""
+    cube = as_samples(cube)
     if remove_interference:
         cube, _ = excise_interference(cube)
     _, power = _transform(cube, range_window, doppler_window, remove_static, keep=False)

@@ -149,6 +149,11 @@ def smoothed_covariance(
     average = _longest_row(radar)
     length = len(average)
     size = max(2, round(2 * length / 3)) if subarray is None else subarray
+    if length < 2:
+        raise ValueError(
+            f"Capon and MUSIC need neighbouring elements in a row, {radar.name} has "
+            "none: use angles by FFT"
+        )
     if not 2 <= size <= length:
         raise ValueError(
             f"subarray={size}, expected 2 to {length}, the neighbouring elements in "

@@ -6,6 +6,7 @@ Pixels
 
 Projection
     project, unproject              cloud to image of metres, and back
+    nearest_points                  the points that an image keeps, as they are
     project_slices, SliceImages     one image for each slice of the range axis
 
 Values of the network
@@ -52,6 +53,7 @@ from jradar.range_image.grid import (
 )
 from jradar.range_image.projection import (
     SliceImages as SliceImages,
+    nearest_points as nearest_points,
     project as project,
     project_slices as project_slices,
     unproject as unproject,

@@ -119,8 +119,10 @@ def condition_image(
     present = slices.range_m > 0
     steps = slices.range_m * (num_slices / spec.max_range_m)
     offset = jnp.where(present, 2 * (steps - jnp.arange(num_slices)) - 1, 0.0)
-    strongest = jnp.maximum(slices.power.max(), 1e-30)
-    below_db = 10 * jnp.log10(jnp.maximum(slices.power / strongest, 1e-30))
+    # Gradients stay finite where the power is 0, of a point or of the whole frame.
+    strongest = slices.power.max()
+    share = slices.power / jnp.where(strongest > 0, strongest, 1.0)
+    below_db = 10 * jnp.log10(jnp.maximum(share, 1e-30))
     power = jnp.where(present, jnp.clip(1 + below_db / DYNAMIC_RANGE_DB, 0.0, 1.0), 0.0)
     values: dict[str, Array] = dict(
         zip(CHANNELS, (present.astype(offset.dtype), offset, power), strict=True)

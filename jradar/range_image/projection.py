@@ -2,7 +2,13 @@
 
 An image holds metres, and 0 where no point fell. Slices are equal parts of the range
 axis, each with an image of its own, so that near points do not hide far ones (section
-IV-B). One cloud at a time; `vmap` it.
+IV-B). One cloud at a time; `vmap` it: batches of clouds are refused.
+
+What is differentiable: the ranges and powers in an image, with respect to the point
+that each pixel holds. What is not: which pixel a point falls into. A turn of the cloud
+moves points along pixels but not an image's values, so the gradient with respect to
+angles is 0 through `project` and `unproject`. `nearest_points` keeps the points of an
+image with their own directions, and its gradient is complete but for the choice.
 """
 
 import functools
@@ -14,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jradar.range_image.grid import ImageSpec, pixel_directions, pixel_of
-from jradar.types import PointCloud
+from jradar.types import PointCloud, check_one_cloud
 
 
 class SliceImages(NamedTuple):
@@ -32,11 +38,46 @@ class SliceImages(NamedTuple):
 @functools.partial(jax.jit, static_argnames="spec")
 def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
     """Return the range image of a cloud in metres, 0 where no point fell."""
+    check_one_cloud(cloud, "project")
     row, column, distance, inside = pixel_of(cloud.xyz, spec)
     size = spec.height * spec.width
     pixel = jnp.where(inside & cloud.valid, row * spec.width + column, size)
     nearest = _scatter_min(distance, pixel, size)
     return _zero_if_empty(nearest).reshape(spec.shape)
+
+
+@functools.partial(jax.jit, static_argnames="spec")
+def nearest_points(cloud: PointCloud, spec: ImageSpec) -> PointCloud:
+    """Return the point that `project` keeps of each pixel, in its own direction.
+
+    Points are in the order of `unproject(project(cloud, spec), spec)`, whose points lie
+    at pixel centres instead; of equally near points the first is kept. Gradients reach
+    all columns of the cloud. One cloud; `vmap` it.
+    """
+    check_one_cloud(cloud, "nearest_points")
+    if not len(cloud.xyz):
+        cloud = jax.tree.map(
+            lambda values: jnp.zeros((1, *values.shape[1:]), values.dtype), cloud
+        )
+    row, column, distance, inside = jax.lax.optimization_barrier(
+        pixel_of(cloud.xyz, spec)
+    )
+    inside &= cloud.valid
+    size, count = spec.height * spec.width, len(distance)
+    pixel = jnp.where(inside, row * spec.width + column, size)
+    nearest = _scatter_min(distance, pixel, size)
+    wins = inside & (distance == nearest[pixel])
+    number = jnp.where(wins, pixel, size)
+    first = jnp.full(size, count).at[number].min(jnp.arange(count), mode="drop")
+    known = first < count
+
+    def kept(values):
+        if values is None:
+            return None
+        held = values[jnp.minimum(first, count - 1)]
+        return jnp.where(known.reshape(-1, *[1] * (values.ndim - 1)), held, 0)
+
+    return PointCloud(*map(kept, cloud))._replace(valid=known)
 
 
 @functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
@@ -48,6 +89,9 @@ def project_slices(
     A cloud without power has power 1. Of equally near points in a pixel, the power and
     velocity of the strongest are kept.
     """
+    check_one_cloud(cloud, "project_slices")
+    if num_slices < 1:
+        raise ValueError(f"{num_slices=}, expected 1 or more")
     # Without the barrier, XLA could compute a distance twice with a different last bit,
     # and the nearest point would not be found again.
     row, column, distance, inside = jax.lax.optimization_barrier(

@@ -116,6 +116,7 @@ def _radar(radar: RadarSpec) -> dict[str, Any]:
         "name": radar.name,
         "tx x rx x chirps x samples": list(radar.cube_shape),
         "tx firing order": " ".join(map(str, radar.tx_firing_order)),
+        "measures azimuth": radar.has_azimuth,
         "measures elevation": radar.has_elevation,
         "range_resolution_m": radar.range_resolution_m,
         "max_range_m": radar.max_range_m,

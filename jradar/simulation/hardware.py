@@ -208,9 +208,10 @@ def _sampled(
     the sampling time multiply. `noise_counts` is the rms noise of I and of Q, and
     `gain` multiplies everything.
     """
-    echoes = simulate_cube(key, scatterers, radar)
+    # A frame's time is that of its first chirp.
+    echoes = simulate_cube(key, scatterers, radar, at="start")
     strong = Scatterers(*(column[: len(rate)] for column in scatterers))
-    change = 1j * simulate_cube(key, strong._replace(amplitude=rate), radar)
+    change = 1j * simulate_cube(key, strong._replace(amplitude=rate), radar, at="start")
     late_s = sampling_errors(jax.random.fold_in(key, 1), radar, SYNTHESISER)
     echoes += change * late_s[:, None]
     cube = (echoes + leakage[:, :, None]) * channels[:, :, None]

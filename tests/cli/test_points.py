@@ -75,6 +75,13 @@ def test_points_outside_of_the_limits_are_left_out(small_cube, run_json, tmp_pat
     assert np.degrees(np.abs(np.arcsin(z / distance))).max() <= 9.001
 
 
+def test_dropped_detections_are_counted(small_cube, run_json, tmp_path):
+    result = run_json("points", small_cube, "-o", tmp_path, "--capacity", 3)
+    assert result["points"] == 3 and result["dropped"] == result["detected"] - 3 > 0
+    assert result["saturated"] == 0
+    assert any("detections were dropped" in note for note in result["notes"])
+
+
 def test_limits_that_leave_no_range(small_cube, capsys, tmp_path):
     command = ["points", small_cube, "-o", str(tmp_path), "--min-range", "5"]
     assert main([*command, "--max-range", "5"]) == 2

@@ -11,6 +11,10 @@ from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
 CHIP = RadarSpec.awr1843()
 SMALL = RadarSpec.awr1843(num_chirps=32, num_samples=64)
 FLAT = RadarSpec.awr1642(num_chirps=32, num_samples=64)
+ONE = RadarSpec.awr1843(
+    num_chirps=32, num_samples=64, tx_positions=((0, 0),), rx_positions=((0, 0),)
+)
+COLUMN = dataclasses.replace(ONE, rx_positions=((0, 0), (0, 1)))
 CASCADE = RadarSpec.cascade()
 
 CELLS = PointSpec(detector="ca", capacity=3000)  # more than SMALL has cells

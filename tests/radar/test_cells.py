@@ -11,6 +11,7 @@ from jradar.radar import (
     Scatterers,
     all_cells,
     cell_points,
+    compensate_tdm,
     detect,
     power_map,
     radar_points,
@@ -105,7 +106,8 @@ def test_coupling_is_subtracted_from_cells_as_from_points():
     samples, coupling = leakage()
     options = {"points": CELLS, "coupling": coupling}
     cells = all_cells(CUBE + samples, SMALL, **options)
-    mask = detect(cells.power, SMALL, points=CELLS)
+    blackman = dataclasses.replace(CELLS, range_window="blackman")
+    mask = detect(cells.power, SMALL, points=blackman)
     expected = radar_points(CUBE + samples, SMALL, **options)
     close(cell_points(cells, mask, SMALL, points=CELLS), expected)
 
@@ -129,6 +131,25 @@ def test_range_bias_shortens_ranges_and_nothing_else():
     np.testing.assert_allclose(shorter, longer * (1 - bias / distance), atol=1e-4)
     assert np.linalg.norm(shorter, axis=-1).min() > 0
     close(radar_points(CUBE, SMALL, points=ALL, range_bias_m=bias), biased)
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_cells_of_another_radar_are_refused():
+    cells = all_cells(CUBE, SMALL, points=CELLS)
+    half = jax.tree.map(lambda column: column[:, :32], cells)
+    mask = cells.power > 0
+    with pytest.raises(ValueError, match=r"power has shape \(32, 32\), awr1843 needs"):
+        cell_points(half, mask, SMALL, points=CELLS)
+    with pytest.raises(ValueError, match=r"mask has shape \(32, 32\), awr1843 needs"):
+        cell_points(cells, mask[:, :32], SMALL, points=CELLS)
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_spectrum_of_another_radar_is_refused():
+    with pytest.raises(
+        ValueError, match="24 values per snapshot, awr1843 has 3 tx x 4"
+    ):
+        compensate_tdm(jnp.ones((5, 24), complex), jnp.zeros(5), SMALL)
 
 
 def test_cube_of_another_radar_is_refused():

@@ -13,6 +13,8 @@ from jradar.radar import (
     Scatterers,
     angle_spectrum,
     direction_sines,
+    points_and_report,
+    power_map,
     radar_points,
     range_doppler,
     strongest_direction,
@@ -24,7 +26,9 @@ from tests.radar.targets import (
     CASCADE,
     CELLS,
     CHIP,
+    COLUMN,
     FLAT,
+    ONE,
     SMALL,
     STATIC,
     WIDE,
@@ -34,6 +38,7 @@ from tests.radar.targets import (
 )
 
 PEAKS = dataclasses.replace(CELLS, peaks=2, capacity=64, false_alarm_rate=1e-12)
+AUTO = dataclasses.replace(WIDE, num_azimuth=None)
 WIDE_PEAKS = dataclasses.replace(WIDE, peaks=2, capacity=8)
 
 
@@ -48,12 +53,9 @@ WIDE_PEAKS = dataclasses.replace(WIDE, peaks=2, capacity=8)
 def test_target_comes_back_within_half_a_bin(radar, points, truth):
     cloud = radar_points(simulate(target(*truth), radar), radar, points=points)
     distance, azimuth, elevation = (v[0] for v in spherical(cloud.xyz[:1]))
-    # The target moves: the spectra show its place in the middle of the frame.
-    frame_s = radar.turn_period_s * radar.num_chirps
-    middle = truth[0] + truth[3] * frame_s / 2
-    assert abs(distance - middle) <= radar.range_resolution_m / 2
+    assert abs(distance - truth[0]) <= radar.range_resolution_m / 2
     assert abs(cloud.velocity[0] - truth[3]) <= radar.velocity_resolution_mps / 2
-    u, w = direction_sines(radar, num_azimuth=points.num_azimuth)
+    u, w = direction_sines(radar, num_azimuth=points.num_azimuth or 64)
     az, el = np.radians(truth[1]), np.radians(truth[2])
     sine = np.sin(azimuth) * np.cos(elevation)
     assert abs(sine - np.sin(az) * np.cos(el)) <= (u[1] - u[0]) / 2
@@ -66,9 +68,8 @@ def test_refined_target_lies_within_a_tenth_of_a_bin(truth):
     cell_noise = (window("hann", 128) ** 2).sum() ** 2
     scatterers = target(*truth, amplitude=np.sqrt(1e3 * cell_noise))
     cloud = radar_points(simulate(scatterers, CHIP), CHIP, points=PointSpec())
-    middle = truth[0] + truth[3] * CHIP.turn_period_s * CHIP.num_chirps / 2
     distance, azimuth, elevation = (v[0] for v in spherical(cloud.xyz[:1]))
-    assert abs(distance - middle) < 0.1 * CHIP.range_resolution_m
+    assert abs(distance - truth[0]) < 0.1 * CHIP.range_resolution_m
     assert abs(cloud.velocity[0] - truth[3]) < 0.1 * CHIP.velocity_resolution_mps
     u, w = direction_sines(CHIP)
     az, el = np.radians(truth[1]), np.radians(truth[2])
@@ -106,6 +107,49 @@ def test_one_row_of_antennas_has_no_elevation():
     cloud = radar_points(simulate(target(5, 20, 0, 1), FLAT), FLAT, points=CELLS)
     assert cloud.valid.any() and not cloud.xyz[:, 2].any()
     assert abs(spherical(cloud.xyz[:1])[1][0] - np.radians(20)) < np.radians(2)
+
+
+@pytest.mark.parametrize("peaks", [1, 2])
+def test_one_column_of_antennas_has_no_azimuth(peaks):
+    points = dataclasses.replace(CELLS, peaks=peaks)
+    cloud = radar_points(simulate(target(5, 0, 15, 1), COLUMN), COLUMN, points=points)
+    assert cloud.valid.any() and not cloud.xyz[:, 1].any()
+    assert abs(spherical(cloud.xyz[:1])[2][0] - np.radians(15)) < np.radians(2)
+
+
+def test_one_antenna_has_no_direction():
+    cloud = radar_points(simulate(target(5, 20, 8, 1), ONE), ONE, points=CELLS)
+    assert cloud.valid.any() and not cloud.xyz[:, 1:].any()
+    assert abs(cloud.xyz[0, 0] - 5) < ONE.range_resolution_m
+    spectrum = angle_spectrum(jnp.ones((3, 1), complex), ONE)
+    assert spectrum.shape == (3, 1, 1)
+    for angles in strongest_direction(spectrum, ONE):
+        assert angles.tolist() == [0, 0, 0]
+    music = dataclasses.replace(CELLS, angles="music")
+    with pytest.raises(ValueError, match="need neighbouring elements in a row"):
+        radar_points(simulate(target(5, 20, 8, 1), ONE), ONE, points=music)
+
+
+def test_report_counts_what_the_cloud_does_not_show():
+    cube = simulate(target(5, 20, 5, 1))
+    few = dataclasses.replace(CELLS, capacity=8)
+    cloud, report = points_and_report(cube, SMALL, points=few)
+    every = radar_points(cube, SMALL, points=CELLS).valid.sum()
+    assert cloud.valid.all() and every > 8
+    expected = {"detected": every, "dropped": every - 8, "saturated": 0}
+    assert report._asdict() == {**expected, "non_finite": 0}
+    for one, other in zip(cloud, radar_points(cube, SMALL, points=few), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+
+
+def test_report_counts_samples_at_full_scale_and_samples_that_are_no_numbers():
+    cube = simulate(target(5, 20, 5, 1))
+    cube = cube.at[0, 0, 0, :3].set(32767 - 5j).at[1, 1, 1, 1].set(3 - 32768j)
+    _, report = points_and_report(cube, SMALL, points=CELLS)
+    assert (report.saturated, report.non_finite) == (4, 0)
+    broken = cube.at[2, 3, 4, 5].set(jnp.nan).at[0, 0, 9, 9].set(jnp.inf)
+    cloud, report = points_and_report(broken, SMALL, points=CELLS)
+    assert report.non_finite == 2 and report.detected == 0 and not cloud.valid.any()
 
 
 def test_points_are_padded_and_strongest_first():
@@ -175,6 +219,26 @@ def test_vmap_equals_the_loop():
             np.testing.assert_allclose(one, many[i], rtol=1e-4, atol=1e-4)
 
 
+def test_a_wide_array_works_with_default_options():
+    cube = simulate(target(5.3, 21.0, 8.0, 0.77), CASCADE)
+    found, expected = (radar_points(cube, CASCADE, points=p) for p in (AUTO, WIDE))
+    assert expected.valid.any()
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-5)
+
+
+def test_windows_are_options():
+    cube = simulate(target(5.1, 0, 0, 0.3))
+    powers = []
+    for chosen in (("none", "hann"), ("hamming", "none"), ("blackman", "blackman")):
+        windows = dict(zip(("range_window", "doppler_window"), chosen, strict=True))
+        points = dataclasses.replace(CELLS, **windows)
+        powers.append(radar_points(cube, SMALL, points=points).power[0])
+        expected = power_map(cube, **windows).max()
+        assert powers[-1] == pytest.approx(float(expected), rel=1e-5)
+    assert len({round(float(power)) for power in powers}) == 3
+
+
 def test_gradients_reach_the_cube_through_power_and_angles():
     cube = simulate(target(5, 20, 5, 1))
 
@@ -188,6 +252,17 @@ def test_gradients_reach_the_cube_through_power_and_angles():
     gradient = jax.jit(jax.grad(summary))((cube.real, cube.imag))
     for part in gradient:
         assert jnp.isfinite(part).all() and jnp.abs(part).max() > 0
+
+
+def test_gradients_of_a_silent_frame_are_finite():
+    silence = jnp.zeros(SMALL.cube_shape)
+
+    def total(parts):
+        cloud = radar_points(jax.lax.complex(*parts), SMALL, points=STATIC)
+        return sum(jnp.sum(c) for c in (cloud.xyz, cloud.velocity, cloud.snr))
+
+    for part in jax.jit(jax.grad(total))((silence, silence)):
+        assert jnp.isfinite(part).all()
 
 
 def test_strongest_echo_is_the_target_and_others_are_apart():
@@ -205,8 +280,9 @@ def test_options_are_fitted_to_a_radar():
     window = {"guard": (2, 2), "train": (6, 6)}
     fitted = PointSpec(**window, capacity=7).fitted(CASCADE)  # 16 chirps
     assert (fitted.guard, fitted.train) == ((1, 2), (6, 6))
-    assert (fitted.num_azimuth, fitted.capacity) == (128, 7)
+    assert (fitted.num_azimuth, fitted.capacity) == (None, 7)
     cells = CASCADE.num_chirps * CASCADE.num_samples
+    assert PointSpec(num_azimuth=256).fitted(CASCADE).num_azimuth == 256
     most = PointSpec(capacity=1 << 20, peaks=2).fitted(CASCADE)
     assert most.capacity == 2 * cells
     assert PointSpec().fitted(CHIP) == PointSpec()
@@ -221,12 +297,24 @@ def test_options_are_fitted_to_a_radar():
         ({"capacity": 0}, "capacity = 0, expected 1 to 1,048,576"),
         ({"capacity": 99999999999}, "capacity = 99,999,999,999, expected 1 to 1,0"),
         ({"guard": (-1, 2)}, r"guard = \(-1, 2\), expected 0 or more cells"),
+        ({"range_window": "kaiser"}, "range_window = 'kaiser', expected one of"),
+        ({"num_azimuth": 0}, "num_azimuth = 0, expected 1 to 4,096"),
+        ({"guard": 2}, "guard = 2, expected two whole numbers"),
+        ({"train": (4, 4, 4)}, r"train = \(4, 4, 4\), expected two whole numbers"),
         ({"angles": "music", "peaks": 2}, "peaks = 2, expected 1 with angles"),
     ],
 )
+@pytest.mark.usefixtures("as_a_user")
 def test_impossible_options_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         PointSpec(**options)
+
+
+@pytest.mark.usefixtures("as_a_user")
+def test_a_window_may_be_a_list():
+    assert PointSpec(guard=[1, 2], train=[3, 4]) == PointSpec(
+        guard=(1, 2), train=(3, 4)
+    )
 
 
 def test_cube_of_another_radar_is_refused():

@@ -25,7 +25,7 @@ def test_phase_is_the_closed_form_in_float64():
     _, u, w = xyz / distance
     for t, r, c, n in [(0, 0, 0, 0), (1, 2, 5, 7), (2, 3, 7, 15), (2, 0, 1, 3)]:
         place = [0, 2, 1][t]  # when this transmitter fires
-        time_s = (3 * c + place) * RADAR.chirp_period_s
+        time_s = (3 * c + place - 3 * 8 / 2) * RADAR.chirp_period_s
         now = distance + velocity * time_s
         a, e = np.add(RADAR.tx_positions[t], RADAR.rx_positions[r])
         sample_s = RADAR.adc_start_time_s + n / RADAR.sample_rate_hz
@@ -48,6 +48,7 @@ def exact(xyz, departure, velocity, radar):
     antennas = (tx @ departure[1:] / legs[1])[:, None] + rx @ xyz[1:] / legs[0]
     time_s = radar.turn_period_s * np.arange(radar.num_chirps)
     time_s = time_s + radar.chirp_period_s * radar.firing_position[:, None]
+    time_s = time_s - radar.turn_period_s * radar.num_chirps / 2
     now = np.mean(legs) + np.float64(np.float32(velocity)) * time_s
     sample_s = (
         radar.adc_start_time_s + np.arange(radar.num_samples) / radar.sample_rate_hz
@@ -96,6 +97,24 @@ def test_scatterers_add_up_and_padding_is_silent():
     ]
     total = simulate_cube(KEY, both, RADAR)
     np.testing.assert_allclose(total, alone[0] + alone[1], atol=1e-4)
+
+
+def test_places_may_be_those_at_the_first_chirp():
+    velocity = np.array([0.5, -0.4])
+    there = scatterers([[3, 1, 0.2], [2, -1, 0]], velocity, [1, 2])
+    distance = np.linalg.norm(there.xyz, axis=-1, keepdims=True)
+    moved = velocity[:, None] * RADAR.turn_period_s * RADAR.num_chirps / 2
+    at_start = there._replace(
+        xyz=jnp.asarray(there.xyz * (1 - moved / distance), jnp.float32)
+    )
+    middle, start = (
+        simulate_cube(KEY, there, RADAR),
+        simulate_cube(KEY, at_start, RADAR, at="start"),
+    )
+    np.testing.assert_allclose(start, middle, atol=0.02)
+    assert np.abs(simulate_cube(KEY, there, RADAR, at="start") - middle).max() > 0.5
+    with pytest.raises(ValueError, match="at='end', expected one of"):
+        simulate_cube(KEY, there, RADAR, at="end")
 
 
 def test_noise_has_the_power_asked_for():

@@ -34,6 +34,11 @@ def test_range_code_is_monotone_from_minus_1_to_1_and_back(codec):
     assert decode_range(jnp.array(9.0), max_range_m=10.0, codec=codec) <= 10.0001
 
 
+def test_an_image_without_slices_is_refused():
+    with pytest.raises(ValueError, match="num_slices=0, expected 1 or more"):
+        condition_image(PointCloud.from_xyz(jnp.ones((1, 3))), SPEC, num_slices=0)
+
+
 def test_unknown_codec_is_named():
     for function in (encode_range, decode_range):
         with pytest.raises(ValueError, match="'cubic', expected one of"):
@@ -105,3 +110,17 @@ def test_between_two_surfaces_the_nearer_one_hides_the_other():
     row = np.float32([[0, 2, 0, 6, 0, 0, 6.1, 0, 0, 0, 6]])
     expected = [[0, 2, 2, 6, 6 + 0.1 / 3, 6 + 0.2 / 3, 6.1, 0, 0, 0, 6]]
     np.testing.assert_allclose(close_gaps(row), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("powers", [[0.0, 0.0], [0.0, 2.0], [1e-25, 1.0]])
+def test_gradients_of_points_without_power_are_finite(powers):
+    cloud = PointCloud.from_xyz(jnp.array([[3.0, 0, 0], [4.0, 1, 0.5]]))
+
+    def total(xyz, power):
+        image = condition_image(
+            cloud._replace(xyz=xyz, power=power), SPEC, num_slices=2
+        )
+        return (image * jnp.arange(image.size).reshape(image.shape)).sum()
+
+    for part in jax.grad(total, (0, 1))(cloud.xyz, jnp.array(powers)):
+        assert jnp.isfinite(part).all()
