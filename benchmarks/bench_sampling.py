@@ -3,6 +3,8 @@
 The network `tiny` draws one image of the paper's size, with 18 steps of Heun's method
 (35 evaluations) and with 8 of the fourth-order multistep method. The loop calls the
 same steps, compiled one by one. Both results must agree before they are timed.
+
+One pass evaluates the network once; its peer is the same network in PyTorch.
 """
 
 from collections.abc import Iterator
@@ -11,7 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.harness import Call, Case, random_params
+from benchmarks.bench_training import TorchPeer
+from benchmarks.harness import Call, Case, available, random_params
 from jradar.diffusion import (
     HEUN,
     Multistep,
@@ -28,7 +31,7 @@ SHAPE, CONDITION = (1, 128, 512, 2), (1, 64, 64, 24)
 
 
 def cases() -> Iterator[Case]:
-    """Yield Heun's method and a multistep method."""
+    """Yield Heun's method, a multistep method, and one pass."""
     rng = np.random.default_rng(0)
     condition = jnp.asarray(rng.normal(size=CONDITION), jnp.float32)
     start = jnp.asarray(rng.normal(size=SHAPE), jnp.float32) * NOISE.sigma_max
@@ -47,6 +50,22 @@ def cases() -> Iterator[Case]:
             {"Python loop over jitted steps": loop(params, condition, start, sigmas)},
             same=_close,
         )
+    yield _one_pass(start, condition)
+
+
+def _one_pass(start, condition) -> Case:
+    """The network of one pass, beside PyTorch."""
+    network = build_network(preset="tiny", outputs=14)
+    inputs = jnp.zeros_like(start), jnp.zeros(1), condition
+    params = random_params(network, *inputs)
+    forward = jax.jit(network.apply)
+    torch = TorchPeer(network, params, inputs, np.zeros(0, np.float32))
+    return Case(
+        f"network of one pass, {SHAPE[1]} x {SHAPE[2]}",
+        lambda: forward(params, *inputs),
+        available({"PyTorch": torch.forward}),
+        same=_close,
+    )
 
 
 def _close(ours, peer):
