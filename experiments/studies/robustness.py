@@ -11,9 +11,11 @@ resumes.
 
 `evaluation/shifts.md` has a row for each shift and a column for each method, with 95 %
 intervals over layouts. A method is judged by its mean over the shifts; the clean row is
-the unit without a shift. Where a model knows what training looked like, the last
-columns say how many frames it warns of, and the area under the ROC curve of its
-warning between clean and shifted frames.
+the unit without a shift.
+
+The last columns say of how many frames a model warns, because their radar points look
+unlike training or because their mean confidence is low, and how well each of the two
+tells shifted frames from clean ones: the areas under the ROC curves.
 """
 
 import itertools
@@ -40,11 +42,13 @@ from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.progress import progress
-from jradar.range_image import STRANGE, training_distance, unlikeness
+from jradar.range_image import STRANGE, UNSURE, training_distance, unlikeness
 from jradar.simulation import SHIFTS, set_sequences, simulate_set
 
 KEY = 20
 CLEAN = "clean"
+Place = tuple[str, int]  # sequence and frame
+Confidences = dict[str, dict[Place, float]]  # mean of each frame, by model
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -70,17 +74,18 @@ def study(options: Namespace) -> None:
     chosen = data.Records(options.rates, "validation")
     rates = choose_rates(view_of(chosen), chosen, detectors=("os",))
     print(f"false-alarm rates: {rates}")
-    rows, distances = [], {}
+    rows, doubts = [], {}
     for shift in options.shift or SHIFTS:
         folder = prepared_shift(options.output / "data" / shift, shift)
-        rows += score_shift(folder, shift, models, rates, quick=options.quick)
+        seen: Confidences = {}
+        rows += score_shift(folder, shift, models, rates, seen, quick=options.quick)
         for name, model in models.items():
             if model.spec.trust is not None:
-                distances[name, shift] = warning(folder, model)
+                doubts[name, shift] = warning(folder, model, seen.get(name, {}))
     path = options.output / "evaluation" / "frames.jsonl"
     evaluation.write_scores(path, rows)
     evaluation.write_tables(path)
-    table = shifts_table(evaluation.read_scores(path), distances)
+    table = shifts_table(evaluation.read_scores(path), doubts)
     write_text(path.with_name("shifts.md"), table)
     print(table)
 
@@ -101,10 +106,14 @@ def score_shift(
     shift: str,
     models: dict[str, Model],
     rates: dict[str, float],
+    seen: Confidences,
     *,
     quick: bool = False,
 ) -> Iterator[dict[str, Any]]:
-    """Yield the rows of one shift, which stands in the column of the scene."""
+    """Yield the rows of one shift, which stands in the column of the scene.
+
+    The mean confidence of each model's last row is written to `seen`.
+    """
     records = data.Records(folder, "test")
     view, config = view_of(records), default.get_config()
     methods = detector_methods(view, rates)
@@ -115,8 +124,11 @@ def score_shift(
             raise UsageError(f"--model {name} has other images than the first model")
         pairs = build_pairs(model.spec, records)
         prefix = f"{name}: " if len(models) > 1 else ""
-        found = [*model_methods(config, model).items()]
-        methods |= {prefix + row: method for row, method in found[-1 if quick else 0 :]}
+        found = model_methods(config, model)
+        last = [*found][-1]
+        found[last] = _watched(found[last], seen.setdefault(name, {}))
+        chosen = [last] if quick else [*found]
+        methods |= {prefix + row: found[row] for row in chosen}
     if pairs is None:
         pairs = data.PairSource(records, view.fine, view.fine, num_slices=1)
     key = jax.random.key(KEY)
@@ -124,34 +136,54 @@ def score_shift(
         yield row | {"scene": shift, "sequence": f"{shift} {row['sequence']}"}
 
 
-def warning(folder: Path, model: Model) -> Float[np.ndarray, "frame 2"]:
-    """Return each frame's distance from the model's training, and its unlikeness."""
+def _watched(method: evaluation.Method, seen: dict[Place, float]) -> evaluation.Method:
+    """The method, noting the mean confidence of each frame's cloud; 0 if empty."""
+
+    def call(key, frame):
+        cloud = method(key, frame)
+        if cloud.confidence is not None:
+            kept = np.asarray(cloud.confidence)[np.asarray(cloud.valid)]
+            place = frame.prepared.sequence, frame.prepared.frame
+            seen[place] = float(kept.mean()) if len(kept) else 0.0
+        return cloud
+
+    return call
+
+
+def warning(
+    folder: Path, model: Model, seen: dict[Place, float]
+) -> Float[np.ndarray, "frame 3"]:
+    """Return each frame's distance from training, its unlikeness, its confidence.
+
+    The confidence is NaN for a model without one.
+    """
     trust = model.spec.trust
     assert trust is not None
-    pairs = build_pairs(model.spec, data.Records(folder, "test"))
-    conditions = np.stack([pair.condition for pair in pairs])
+    records = data.Records(folder, "test")
+    conditions = np.stack([p.condition for p in build_pairs(model.spec, records)])
+    confidence = [seen.get(place, np.nan) for place in records.where]
     both = training_distance(conditions, trust), unlikeness(conditions, trust)
-    return np.stack([*map(np.asarray, both)], -1)
+    return np.stack([*map(np.asarray, both), np.array(confidence)], -1)
 
 
 def shifts_table(
     scores: Sequence[dict[str, Any]],
-    distances: dict[tuple[str, str], Float[np.ndarray, "frame 2"]],
+    doubts: dict[tuple[str, str], Float[np.ndarray, "frame 3"]],
 ) -> str:
     """Return Markdown: CD (m) / F-score at 0.2 m (%) of each method under each shift.
 
-    `distances` are those of `warning`, by model and shift.
+    `doubts` are those of `warning`, by model and shift.
     """
     truth = scores[0]["truth"]
     first = [row for row in scores if row["truth"] == truth]
     found = {(r["scene"], r["method"]): r for r in evaluation.summarise(first)}
     shifts = [*dict.fromkeys(shift for shift, _ in found)]
     methods = [*dict.fromkeys(method for _, method in found)]
-    names = [*dict.fromkeys(name for name, _ in distances)]
+    names = [*dict.fromkeys(name for name, _ in doubts)]
     rows = []
     for shift in shifts:
         row = [shift, *(_cell(found[shift, method]) for method in methods)]
-        rows.append(row + [_warned(distances, name, shift) for name in names])
+        rows.append(row + [_warned(doubts, name, shift) for name in names])
     if shifted := [shift for shift in shifts if shift != CLEAN]:
         row = ["**mean over shifts**"]
         for method in methods:
@@ -161,8 +193,8 @@ def shifts_table(
             ]
             row.append(f"**{means[0]:.2f} / {100 * means[1]:.1f}**")
         rows.append(row + ["" for _ in names])
-    titles = ["shift", *methods, *(f"warned by {name} (%) / area" for name in names)]
-    return markdown_table(titles, rows)
+    warned = (f"warned by {name} (%) / areas: points, confidence" for name in names)
+    return markdown_table(["shift", *methods, *warned], rows)
 
 
 def _cell(row: dict[str, Any]) -> str:
@@ -172,15 +204,21 @@ def _cell(row: dict[str, Any]) -> str:
     return f"{row['chamfer'].mean:.2f} / {100 * score.mean:.1f}{spread}"
 
 
-def _warned(distances, name: str, shift: str) -> str:
-    """The share of frames with a warning, and the area under the ROC curve."""
-    distance, unlike = distances[name, shift].T
-    text = f"{100 * (unlike > STRANGE).mean():.0f}"
-    if shift == CLEAN or (name, CLEAN) not in distances:
+def _warned(doubts, name: str, shift: str) -> str:
+    """The share of frames with a warning, and the areas under the ROC curves."""
+    distance, unlike, confidence = doubts[name, shift].T
+    warned = (unlike > STRANGE) | (confidence < UNSURE)
+    text = f"{100 * warned.mean():.0f}"
+    if shift == CLEAN or (name, CLEAN) not in doubts:
         return text
-    clean = distances[name, CLEAN][:, 0]
-    pairs = len(clean) * len(distance)
-    return f"{text} / {mannwhitneyu(distance, clean).statistic / pairs:.2f}"
+    clean = doubts[name, CLEAN].T
+    areas = [_area(distance, clean[0]), _area(-confidence, -clean[2])]
+    return " / ".join([text, *(f"{area:.2f}" for area in areas)])
+
+
+def _area(shifted: Float[np.ndarray, " frame"], clean: Float[np.ndarray, " other"]):
+    """The probability that a shifted frame's value is above a clean frame's."""
+    return mannwhitneyu(shifted, clean).statistic / (len(shifted) * len(clean))
 
 
 if __name__ == "__main__":

@@ -110,16 +110,16 @@ def test_the_table_of_shifts_has_means_and_the_area_of_the_warning():
 
     scores = [row("clean", 0.8, 0), row("clean", 0.6, 1)]
     scores += [row("noise", 0.3, 0), row("noise", 0.5, 1), row("tilt", 0.2, 0)]
-    distances = {
-        ("ours", "clean"): np.array([[1.0, 0.3], [2.0, 0.6]]),
-        ("ours", "noise"): np.array([[1.5, 0.5], [3.0, 1.0]]),
-        ("ours", "tilt"): np.array([[9.0, 1.0]]),
+    doubts = {
+        ("ours", "clean"): np.array([[1.0, 0.3, 0.8], [2.0, 0.6, 0.7]]),
+        ("ours", "noise"): np.array([[1.5, 0.5, 0.6], [3.0, 1.0, 0.75]]),
+        ("ours", "tilt"): np.array([[9.0, 0.5, 0.4]]),
     }
-    table = robustness.shifts_table(scores, distances)
+    table = robustness.shifts_table(scores, doubts)
     assert "| noise | 1.00 / 40.0" in table and "| clean | 1.00 / 70.0" in table
     assert "| **mean over shifts** | **1.00 / 30.0** |  |" in table  # without clean
-    assert "| 50 / 0.75 |" in table  # 3 of 4 pairs of clean and noise are in order
-    assert "| 100 / 1.00 |" in table
+    assert "| 50 / 0.75 / 0.75 |" in table  # 3 of 4 pairs of each are in order
+    assert "| 100 / 1.00 / 1.00 |" in table  # warned for its confidence
 
 
 def test_every_shift_is_a_row_of_one_table(records, tmp_path, monkeypatch, capsys):
