@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 NEAR_M = 0.2  # as in the confidence of `jradar.types.PointCloud`
 
@@ -54,7 +54,7 @@ def near_truth(
         return np.zeros(len(xyz), bool)
     # The bound of the search excludes points at the very distance.
     bound = np.nextafter(within_m, np.inf)
-    nearest, _ = cKDTree(truth).query(xyz, distance_upper_bound=bound)
+    nearest, _ = KDTree(truth).query(xyz, distance_upper_bound=bound)
     return nearest <= within_m
 
 
