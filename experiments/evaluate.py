@@ -58,6 +58,18 @@ def points_of(cloud: PointCloud) -> np.ndarray:
     return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
 
 
+def with_confidence(cloud: PointCloud) -> np.ndarray:
+    """Return the valid points, with the cloud's confidence as a fourth column.
+
+    A cloud without confidence has three columns.
+    """
+    xyz = points_of(cloud)
+    if cloud.confidence is None:
+        return xyz
+    confidence = np.asarray(cloud.confidence)[np.asarray(cloud.valid)]
+    return np.column_stack([xyz, np.clip(confidence, 0, 1)])  # rounding may pass 1
+
+
 def scene_of(sequence: str) -> str:
     """Return the scene under which a sequence is scored."""
     try:
@@ -141,7 +153,7 @@ def write_results(
         prepared = records[i]
         clouds[scene_of(sequence), sequence, frame] = {
             "radar": points_of(prepared.radar),
-            **{name: points_of(drawn[i, name]) for name in methods},
+            **{name: with_confidence(drawn[i, name]) for name in methods},
             "LiDAR": np.asarray(prepared.lidar_xyz),
         }
     evaluation.save_clouds(out / "clouds.npz", clouds)
@@ -217,7 +229,9 @@ def _samples(clouds, view: View):
         scenes.setdefault(scene, named)
     first = [*scenes.values()][:SCENES_IN_FIGURE]
     columns = {
-        name: np.stack([data.lidar_image(named[name], view.fine) for named in first])
+        name: np.stack(
+            [data.lidar_image(named[name][:, :3], view.fine) for named in first]
+        )
         for name in first[0]
     }
     return viz.samples_figure(columns, view.fine)

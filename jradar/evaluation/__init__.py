@@ -5,6 +5,8 @@ write_scores, read_scores        the file of scores, the source of all that foll
 mean_interval, Estimate          means of correlated frames, with intervals
 compare_paired, compare_methods, Comparison
                                  paired tests of two methods
+near_truth, reliability, calibration_error, precision_over_coverage
+                                 whether the confidence of points holds
 summarise, markdown, scenes_table, overview, csv_table, write_tables
                                  tables of all scores, the paper's tables, CSV
 read_runs, comparison_table      several runs side by side
@@ -17,6 +19,14 @@ from jradar.evaluation.methods import (
     Method as Method,
     Truth as Truth,
     score_frames as score_frames,
+)
+from jradar.evaluation.reliability import (
+    Coverage as Coverage,
+    Reliability as Reliability,
+    calibration_error as calibration_error,
+    near_truth as near_truth,
+    precision_over_coverage as precision_over_coverage,
+    reliability as reliability,
 )
 from jradar.evaluation.report import (
     build_report as build_report,

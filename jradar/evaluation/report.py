@@ -9,6 +9,9 @@
 Only the scores are required. The pictures that the report draws are written beside it:
 curves.png (Fig. 6), clouds.png (Fig. 5) and training.png. Each cloud is written as
 clouds/SEQUENCE_FRAME/NAME.ply.
+
+A cloud is an array `[point, 3]` of x, y, z in metres, or `[point, 4]` with the
+confidence of each point, 0 to 1, as its fourth column.
 """
 
 import json
@@ -57,11 +60,14 @@ def save_clouds(
     path: Path | str,
     clouds: Mapping[tuple[str, str, int], Mapping[str, np.ndarray]],
 ) -> None:
-    """Write clouds `[point, 3]` by (scene, sequence, frame) and by name, as float32."""
+    """Write clouds by (scene, sequence, frame) and by name, as float32.
+
+    A cloud is `[point, 3]`, or `[point, 4]` with the confidence in the fourth column.
+    """
     index, arrays = [], {}
     for (scene, sequence, frame), named in clouds.items():
-        for name, xyz in named.items():
-            arrays[f"cloud_{len(index)}"] = np.asarray(xyz, np.float32)
+        for name, points in named.items():
+            arrays[f"cloud_{len(index)}"] = np.asarray(points, np.float32)
             index.append([scene, sequence, frame, name])
     with atomic_path(path) as scratch:
         np.savez_compressed(scratch, index=np.array(json.dumps(index)), **arrays)
@@ -82,13 +88,28 @@ def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.nda
                     raise ValueError(f"{entry} is not scene, sequence, frame and name")
                 if inside("", sequence, source=path).parts[1:]:
                     raise ValueError(f"the sequence {sequence!r} is not a plain name")
-                xyz = arrays[f"cloud_{i}"]
-                if xyz.ndim != 2 or xyz.shape[1] != 3 or xyz.dtype != np.float32:
-                    raise ValueError(f"{name} is {xyz.dtype} of shape {xyz.shape}")
-                if not np.isfinite(xyz).all():
-                    raise ValueError(f"{name} of frame {frame} has infinite points")
-                clouds.setdefault((scene, sequence, frame), {})[name] = xyz
+                points = arrays[f"cloud_{i}"]
+                _check_points(points, f"{name} of frame {frame}")
+                clouds.setdefault((scene, sequence, frame), {})[name] = points
     return clouds
+
+
+def _check_points(points: np.ndarray, name: str) -> None:
+    """Raise ValueError unless the array is a cloud of `save_clouds`."""
+    columns = points.shape[1] if points.ndim == 2 else 0
+    if columns not in (3, 4) or points.dtype != np.float32:
+        raise ValueError(
+            f"{name} is {points.dtype} of shape {points.shape}, expected float32 "
+            "[point, 3] or [point, 4]"
+        )
+    if not np.isfinite(points).all():
+        raise ValueError(f"{name} has infinite points")
+    confidence = points[:, 3:]
+    if ((confidence < 0) | (confidence > 1)).any():
+        raise ValueError(
+            f"{name} has confidences of {confidence.min():g} to {confidence.max():g}, "
+            "expected 0 to 1"
+        )
 
 
 def build_report(run: Path | str) -> Path:
@@ -145,11 +166,16 @@ def _write_clouds(folder: Path, clouds) -> None:
     with atomic_folder(folder, marker=CLOUDS_NOTE) as scratch:
         (scratch / CLOUDS_NOTE).write_text("Written with the report of a run.\n")
         for (_, sequence, frame), named in clouds.items():
-            for name, xyz in named.items():
+            for name, points in named.items():
                 file = re.sub(r"[^A-Za-z0-9.+-]+", "_", name) + ".ply"
-                valid: Any = np.ones(len(xyz), bool)
-                cloud = PointCloud(xyz, valid)
-                write_ply(scratch / f"{sequence}_{frame}" / file, cloud)
+                write_ply(scratch / f"{sequence}_{frame}" / file, _cloud(points))
+
+
+def _cloud(points: Any) -> PointCloud:
+    """Return an array of points, with or without confidence, as a cloud."""
+    valid: Any = np.ones(len(points), bool)
+    cloud = PointCloud(points[:, :3], valid)
+    return cloud if points.shape[1] == 3 else cloud._replace(confidence=points[:, 3])
 
 
 def open_report(run: Path | str, *, show: bool = True) -> Path:

@@ -1,10 +1,10 @@
-"""Figures of one capture and of range images.
+"""Figures of one capture, of range images, and of the confidence of points.
 
 Range images are mirrored, so that left in the picture is left of the radar. Colour is
 range in metres; misses are white.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -111,6 +111,35 @@ def angle_spectra_figure(
     axes.set(ylabel="relative to the peak (dB)", xlim=(60, -60), ylim=(-45, 2))
     axes.grid(alpha=0.3)
     axes.legend(loc="upper left")
+    return figure
+
+
+def reliability_figure(
+    diagrams: Mapping[str, tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]],
+    coverage: Mapping[
+        str, tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]
+    ],
+) -> Figure:
+    """Draw the reliability diagram of models beside their precision over coverage.
+
+    `diagrams[model]` holds the mean confidence of each bin and its share of right
+    points, NaN where a bin is empty. `coverage[model]` holds the shares of points that
+    are kept, and their precision. Everything is from 0 to 1.
+    """
+    figure = Figure(figsize=(9.4, 4.6), layout="constrained")
+    diagram, kept = figure.subplots(1, 2)
+    diagram.plot([0, 1], [0, 1], color="0.6", linestyle="--", label="calibrated")
+    for axes, lines in ((diagram, diagrams), (kept, coverage)):
+        for i, (name, (x, y)) in enumerate(lines.items()):
+            known = np.isfinite(x) & np.isfinite(y)
+            axes.plot(x[known], y[known], color=f"C{i}", marker="o", label=name)
+        axes.set(xlim=(0, 1.02), ylim=(0, 1.02))
+        axes.grid(alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    diagram.set(title="reliability", xlabel="confidence", ylabel="share right")
+    kept.set(title="precision", xlabel="share of points kept", ylabel="share right")
+    handles, labels = diagram.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 

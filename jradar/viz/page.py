@@ -4,9 +4,11 @@
                frames=[CloudFrame("frame 0", {"radar": xyz, "LiDAR": truth})])
 
 The template `page.html` draws points on a canvas without a library. Clouds are stored
-as deflated int16 millimetres. If the file would be larger than allowed, the largest
-clouds are thinned, and the legend shows how many points are drawn. The address takes
-`#frame=3&layout=side&colour=cloud&hide=radar,LiDAR&theme=dark`.
+as deflated int16 millimetres, and a byte for each point's confidence. If the file would
+be larger than allowed, the largest clouds are thinned, and the legend shows how many
+points are drawn. Where a cloud has confidence, the page colours by it, and hides points
+of less than a chosen confidence. The address takes
+`#frame=3&layout=side&colour=confidence&least=0.5&hide=radar,LiDAR&theme=dark`.
 """
 
 import base64
@@ -32,13 +34,17 @@ from jradar.files import write_text
 TEMPLATE = Path(__file__).with_name("page.html")
 SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, visible in both themes
 POINT_PX = (1.6, 4.0)  # for clouds with many points, with few
+SURE = 200  # the byte of confidence 1: percents and eighths are whole numbers
+
+# The fourth column is confidence, 0 to 1.
+Points = Float[np.ndarray, "_ 3"] | Float[np.ndarray, "_ 4"]
 
 
 class CloudFrame(NamedTuple):
     """Clouds of one frame by name, and the printed scores of each."""
 
     name: str
-    clouds: Mapping[str, Float[np.ndarray, "_ 3"]]  # finite points, metres
+    clouds: Mapping[str, Points]  # finite, metres
     scores: Mapping[str, Mapping[str, str]] = {}  # {"jradar": {"CD (m)": "0.41"}}
 
 
@@ -91,7 +97,8 @@ def _viewer_data(frames, most):
     every_score = (scores for frame in frames for scores in frame.scores.values())
     labels = [*dict.fromkeys(label for scores in every_score for label in scores)]
     clouds = [[_points(frame, name) for name in names] for frame in frames]
-    every = np.concatenate([*(x for row in clouds for x in row), np.zeros((1, 3))])
+    positions = [x[:, :3] for row in clouds for x in row]
+    every = np.concatenate([*positions, np.zeros((1, 3))])
     low, near, far, high = np.percentile(every, (1, 4, 96, 99), axis=0)
     reach = float(np.abs(every).max())
     unit = max(1e-3, reach / 32767)
@@ -105,6 +112,7 @@ def _viewer_data(frames, most):
         ],
         "turbo": "".join(to_hex(colour)[1:] for colour in colormaps["turbo"](SHADES)),
         "unit_m": unit,
+        "sure": SURE,
         "heights_m": [float(low[2]), float(max(high[2], low[2] + 0.1))],
         "centre_m": [float(x) for x in (near + far) / 2],
         "radius_m": float(np.linalg.norm(far - near) / 2) or 1.0,
@@ -116,6 +124,7 @@ def _viewer_data(frames, most):
                 "name": frame.name,
                 "total": [len(x) for x in row],
                 "drawn": [len(x) for x in thinned],
+                "confident": [x.shape[1] == 4 for x in thinned],
                 "scores": [
                     [frame.scores.get(name, {}).get(label) for label in labels]
                     for name in names
@@ -129,34 +138,47 @@ def _viewer_data(frames, most):
 
 def _points(frame: CloudFrame, name: str) -> np.ndarray:
     """Return a frame's cloud by name, empty if the frame lacks it."""
-    xyz = np.asarray(frame.clouds.get(name, np.zeros((0, 3))), np.float64)
-    if xyz.ndim != 2 or xyz.shape[1] != 3 or not np.isfinite(xyz).all():
-        found = f"{name} of {frame.name} has shape {xyz.shape}"
-        raise ValueError(f"{found}, expected finite points [point, 3]")
-    return xyz
+    points = np.asarray(frame.clouds.get(name, np.zeros((0, 3))), np.float64)
+    found = f"{name} of {frame.name}"
+    columns = points.shape[1] if points.ndim == 2 else 0
+    if columns not in (3, 4) or not np.isfinite(points).all():
+        raise ValueError(
+            f"{found} has shape {points.shape}, expected finite points [point, 3] or "
+            "[point, 4]"
+        )
+    confidence = points[:, 3:]
+    if ((confidence < 0) | (confidence > 1)).any():
+        raise ValueError(
+            f"{found} has confidences of {confidence.min():g} to "
+            f"{confidence.max():g}, expected 0 to 1"
+        )
+    return points
 
 
-def _thin(xyz, most):
+def _thin(points, most):
     """Return at most `most` points, evenly spaced in order."""
-    if len(xyz) <= most:
-        return xyz
-    return xyz[np.linspace(0, len(xyz) - 1, most).round().astype(int)]
+    if len(points) <= most:
+        return points
+    return points[np.linspace(0, len(points) - 1, most).round().astype(int)]
 
 
 def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
     """Return base64 of the deflated int16 differences between neighbouring points.
 
     Points are sorted along a Z-order curve, so that differences are small. For each
-    axis, the low bytes of all points come before the high bytes.
+    axis, the low bytes of all points come before the high bytes. A byte for each
+    point's confidence follows where the cloud has it.
     """
     planes = []
-    for xyz in clouds:
-        whole = np.rint(xyz / unit_m).astype(np.int64)
-        whole = whole[np.argsort(_z_order(whole), kind="stable")]
-        steps = np.diff(whole, axis=0, prepend=0).astype(np.int16)
+    for points in clouds:
+        whole = np.rint(points[:, :3] / unit_m).astype(np.int64)
+        order = np.argsort(_z_order(whole), kind="stable")
+        steps = np.diff(whole[order], axis=0, prepend=0).astype(np.int16)
         for axis in steps.T:
             octets = axis.astype("<i2").view(np.uint8).reshape(-1, 2)
             planes += [octets[:, 0].tobytes(), octets[:, 1].tobytes()]
+        confidence = np.rint(SURE * points[order, 3:]).astype(np.uint8)
+        planes.append(confidence.tobytes())
     return base64.b64encode(zlib.compress(b"".join(planes))).decode()
 
 

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
+
+from jradar.viz.page import Points
 
 MAX_CURVE_POINTS = 2000
 AVERAGED = 100  # steps of the strong learning curve, at most
@@ -78,15 +79,16 @@ def error_curves_figure(
 
 
 def clouds_figure(
-    scenes: Mapping[str, Mapping[str, Float[np.ndarray, "_ 3"]]],
+    scenes: Mapping[str, Mapping[str, Points]],
     *,
     enlarged: Collection[str] = (),
 ) -> Figure:
-    """Draw clouds `[point, 3]`, a row per scene and a column per method (Fig. 5).
+    """Draw clouds, a row per scene and a column per method (Fig. 5).
 
     The panels of a row share view, limits and colours. The limits leave out the
     outermost 1 % of the points. Methods in `enlarged` have points of twice the size.
-    Raises ValueError without clouds.
+    Confidence, the fourth column of some clouds, is not drawn. Raises ValueError
+    without clouds.
     """
     names = [*dict.fromkeys(name for row in scenes.values() for name in row)]
     if not names:
@@ -96,13 +98,14 @@ def clouds_figure(
     shape = {"squeeze": False, "subplot_kw": {"projection": "3d"}}
     grid: Any = figure.subplots(len(scenes), len(names), **shape)
     for row, (scene, clouds) in enumerate(scenes.items()):
-        together = np.concatenate([*clouds.values(), np.zeros((1, 3))])
+        every = [points[:, :3] for points in clouds.values()]
+        together = np.concatenate([*every, np.zeros((1, 3))])
         low, high = np.percentile(together, (0.5, 99.5), axis=0)
         low, high = np.minimum(low, 0), np.maximum(high, low + 1)  # with the sensor
         norm = Normalize(low[2], high[2])
         panels = grid[row]
         for column, (axes, name) in enumerate(zip(panels, names, strict=True)):
-            xyz = clouds.get(name, np.zeros((0, 3)))
+            xyz = clouds.get(name, np.zeros((0, 3)))[:, :3]
             xyz = xyz[((xyz >= low - 0.5) & (xyz <= high + 0.5)).all(1)]
             area = (1.2 if len(xyz) > 3000 else 3.0) * (4 if name in enlarged else 1)
             look: dict[str, Any] = {"s": area, "cmap": "turbo", "norm": norm}

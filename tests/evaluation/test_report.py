@@ -15,12 +15,22 @@ from jradar.evaluation import (
     save_clouds,
     write_scores,
 )
+from jradar.recordings import read_cloud
 from tests.evaluation import invented
+
+
+def points(seed, count, *, columns=3):
+    """Points of float32; the fourth column is between 0 and 1."""
+    rng = np.random.default_rng(seed)
+    xyz, confidence = rng.normal(size=(count, 3)), rng.uniform(size=(count, 1))
+    return np.hstack([xyz, confidence])[:, :columns].astype(np.float32)
+
 
 CLOUDS = {
     ("Hallways", "run3", i): {
-        "OS-CFAR": np.random.default_rng(i).normal(size=(30, 3)).astype(np.float32),
-        "LiDAR": np.random.default_rng(i).normal(size=(900, 3)).astype(np.float32),
+        "OS-CFAR": points(i, 30),
+        "jradar": points(i, 400, columns=4),
+        "LiDAR": points(i, 900),
     }
     for i in (0, 7)
 }
@@ -47,7 +57,10 @@ def test_clouds_come_back(tmp_path):
             np.testing.assert_array_equal(found[place][name], xyz)
 
 
-@pytest.mark.parametrize("damage", ["cut", "text", "array", "nan", "pickle", "index"])
+@pytest.mark.parametrize(
+    "damage",
+    ["cut", "text", "array", "nan", "confidence", "columns", "pickle", "index"],
+)
 def test_damaged_clouds_are_refused(tmp_path, damage):
     path = tmp_path / "clouds.npz"
     save_clouds(path, CLOUDS)
@@ -59,12 +72,32 @@ def test_damaged_clouds_are_refused(tmp_path, damage):
         np.savez(path, index=np.array('[["a", "b", 0, "c"]]'), cloud_0=np.zeros(3))
     elif damage == "nan":
         save_clouds(path, {("a", "b", 0): {"c": np.full((1, 3), np.nan)}})
+    elif damage == "confidence":
+        save_clouds(path, {("a", "b", 0): {"c": np.array([[1, 2, 3, 1.5]])}})
+    elif damage == "columns":
+        save_clouds(path, {("a", "b", 0): {"c": np.ones((2, 5))}})
     elif damage == "pickle":
         np.savez(path, index=np.array([{}], dtype=object))
     else:
         np.savez(path, index=np.array('[["a", "b", 0, "c"]]'))
     with pytest.raises(ValueError, match="clouds.npz is damaged or not .*evaluate the"):
         load_clouds(path)
+
+
+def test_confidence_out_of_range_is_named(tmp_path):
+    save_clouds(tmp_path / "a.npz", {("a", "b", 0): {"c": np.array([[1, 2, 3, 1.5]])}})
+    with pytest.raises(ValueError, match="1.5, expected 0 to 1"):
+        load_clouds(tmp_path / "a.npz")
+
+
+def test_files_of_clouds_hold_the_confidence_of_those_that_have_it(run):
+    build_report(run)
+    folder = run / "evaluation" / "clouds" / "run3_7"
+    named = CLOUDS["Hallways", "run3", 7]
+    dense, sparse = (read_cloud(folder / f"{n}.ply") for n in ("jradar", "OS-CFAR"))
+    assert [*sparse] == ["x", "y", "z"]
+    assert [*dense] == ["x", "y", "z", "confidence"]
+    np.testing.assert_array_equal(np.stack([*dense.values()], 1), named["jradar"])
 
 
 @pytest.mark.parametrize("name", ["../../stolen", "/tmp/stolen", "a/b"])

@@ -10,12 +10,19 @@ import pytest
 from experiments import build
 from experiments.configs import regression
 from experiments.detectors import detector_methods, seen_points
-from experiments.evaluate import Frame, points_of, score_records, view_of
+from experiments.evaluate import (
+    Frame,
+    points_of,
+    score_records,
+    view_of,
+    with_confidence,
+)
 from experiments.tasks import enhance
 from jradar import data
 from jradar.errors import UsageError
 from jradar.model import Model
 from jradar.range_image import encode_range
+from jradar.types import PointCloud
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
 
@@ -70,6 +77,15 @@ def test_ranges_of_detections_are_without_the_radars_bias(records):
     assert len(plain) == len(mended) > 0
     lengths = [np.linalg.norm(xyz, axis=-1) for xyz in (plain, mended)]
     np.testing.assert_allclose(lengths[0] - 0.3, lengths[1], atol=1e-5)
+
+
+def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():
+    xyz, valid = np.eye(3, dtype=np.float32), np.array([True, False, True])
+    plain = PointCloud(jnp.asarray(xyz), jnp.asarray(valid))
+    np.testing.assert_array_equal(with_confidence(plain), xyz[valid])
+    sure = plain._replace(confidence=jnp.asarray([0.25, 0.5, 1.0000001]))
+    expected = [[1, 0, 0, 0.25], [0, 0, 1, 1]]
+    np.testing.assert_array_equal(with_confidence(sure), expected)
 
 
 def test_models_are_not_trained_on_directions_by_music(trained):

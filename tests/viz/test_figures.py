@@ -10,6 +10,7 @@ from jradar.types import PointCloud
 from jradar.viz import (
     angle_spectra_figure,
     capture_figure,
+    reliability_figure,
     samples_figure,
     save_figure,
 )
@@ -74,3 +75,22 @@ def test_angle_spectra_peak_where_the_target_is_and_left_is_left():
         assert level.max() == 0 and abs(azimuth[level.argmax()] - 20) < 0.5
     assert [line.get_label() for line in lines] == ["narrow", "wide"]
     assert axes.xaxis_inverted()
+
+
+def test_reliability_is_drawn_beside_precision_without_empty_bins():
+    mean, right = np.array([0.1, np.nan, 0.9]), np.array([0.2, np.nan, 0.7])
+    kept, precision = np.array([0.5, 1.0]), np.array([0.9, 0.6])
+    names = ("first", "second")
+    figure = reliability_figure(
+        dict.fromkeys(names, (mean, right)), dict.fromkeys(names, (kept, precision))
+    )
+    diagram, buys = figure.axes
+    diagonal, first, second = diagram.lines
+    np.testing.assert_array_equal(*diagonal.get_data())
+    np.testing.assert_array_equal(first.get_xydata(), [[0.1, 0.2], [0.9, 0.7]])
+    np.testing.assert_array_equal(buys.lines[0].get_xydata(), [[0.5, 0.9], [1, 0.6]])
+    assert [line.get_color() for line in buys.lines] == [
+        line.get_color() for line in (first, second)
+    ]
+    texts = [text.get_text() for text in figure.legends[0].texts]
+    assert texts == ["calibrated", *names]

@@ -39,6 +39,13 @@ def frames(count, *, dense=3000):
     ]
 
 
+def sure_frame(*, dense=3000):
+    """A frame in which one cloud has confidence: eighths, as of eight draws."""
+    confidence = RNG.integers(1, 9, size=(dense, 1)) / 8
+    sure = np.hstack([cloud(dense), confidence])
+    return CloudFrame("run4, 0", {"jradar": sure, "LiDAR": cloud(dense)})
+
+
 def write(path, shown, **options):
     parts = {"title": "A </script> title", "tables": {"Table": TABLE}, "figures": {}}
     write_page(path, **{**parts, **options}, frames=shown)
@@ -51,13 +58,15 @@ def data_of(text):
 
 
 def unpack(frame, unit):
-    """Clouds of a frame in whole units, read without the page's script."""
+    """Clouds of a frame, read without the page's script; confidence in whole steps."""
     raw = np.frombuffer(zlib.decompress(base64.b64decode(frame["data"])), np.uint8)
     start = 0
-    for count in frame["drawn"]:
+    for count, confident in zip(frame["drawn"], frame["confident"], strict=True):
         planes = raw[start : start + 6 * count].reshape(3, 2, count).astype(np.int64)
-        yield (planes[:, 0] + 256 * planes[:, 1]).cumsum(1).astype(np.int16).T * unit
+        xyz = (planes[:, 0] + 256 * planes[:, 1]).cumsum(1).astype(np.int16).T * unit
         start += 6 * count
+        yield np.column_stack([xyz, raw[start : start + count]]) if confident else xyz
+        start += count * confident
     assert start == len(raw)
 
 
@@ -71,6 +80,31 @@ def test_clouds_come_out_to_the_millimetre(tmp_path):
         ):
             expected = np.rint(1000 * xyz)
             assert {*map(tuple, np.rint(1000 * found))} == {*map(tuple, expected)}
+
+
+def test_confidence_stays_with_its_point_in_half_percents(tmp_path):
+    shown = [sure_frame()]
+    data = data_of(write(tmp_path / "report.html", shown))
+    (frame,) = data["frames"]
+    assert frame["confident"] == [True, False] and data["sure"] == 200
+    found, plain = unpack(frame, 1e-3)
+    assert plain.shape == (3000, 3)
+    sure = shown[0].clouds["jradar"]
+    expected = np.column_stack([np.rint(1000 * sure[:, :3]), 200 * sure[:, 3]])
+    found = np.column_stack([np.rint(1000 * found[:, :3]), found[:, 3]])
+    assert {*map(tuple, found)} == {*map(tuple, expected)}
+
+
+def test_thinned_clouds_keep_their_confidence(tmp_path):
+    shown = [sure_frame(dense=9000)]
+    text = write(tmp_path / "report.html", shown, max_bytes=60_000)
+    (frame,) = data_of(text)["frames"]
+    found, _ = unpack(frame, 1e-3)
+    assert 500 < len(found) < 9000
+    whole = {
+        tuple(np.rint(1000 * p[:3])): 200 * p[3] for p in shown[0].clouds["jradar"]
+    }
+    assert all(whole[tuple(np.rint(1000 * p[:3]))] == p[3] for p in found)
 
 
 def test_a_large_scene_takes_a_coarser_unit(tmp_path):
@@ -110,7 +144,8 @@ def test_tables_and_pictures_are_inside_and_nothing_is_outside(tmp_path):
 
 
 def test_bad_clouds_are_refused(tmp_path):
-    for bad in (np.zeros((4, 2)), np.full((4, 3), np.nan)):
+    bad_clouds = (np.zeros((4, 2)), np.full((4, 3), np.nan), np.full((4, 4), 1.5))
+    for bad in bad_clouds:
         with pytest.raises(Exception, match="LiDAR|jaxtyping|Type"):
             write(tmp_path / "a.html", [CloudFrame("bad", {"LiDAR": bad})])
     assert not (tmp_path / "a.html").exists()
@@ -145,6 +180,29 @@ async function look(name) {
 </script></body>"""
 
 
+SURE_PROBE = """<script>
+const seen = { hidden: find("confidence").hidden };
+seen.options = find("colour").options.length;
+async function look(name, least, by) {
+  find("least").value = least; find("least").oninput();
+  find("colour").value = by; find("colour").onchange();
+  draw();
+  const kinds = new Set(new Int32Array(image.data.buffer));
+  seen[name] = { points: Number(canvas.dataset.points), colours: kinds.size - 1,
+    legend: find("legend").innerText, scale: find("scale").innerText,
+    grey: kinds.has(grey) };
+}
+(async () => {
+  const [first] = await clouds(0);
+  seen.sure = first.sure ? first.sure.reduce((a, b) => a + b, 0) : 0;
+  await show(0);
+  await look("height", 0, "height"); await look("all", 0, "confidence");
+  await look("half", 0.5, "confidence"); await look("most", 0.88, "confidence");
+  document.title = JSON.stringify(seen);
+})();
+</script></body>"""
+
+
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     names = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -163,13 +221,18 @@ def browser(tmp_path_factory):
     return run
 
 
+def probed(path, browser, text, probe, address=""):
+    """What the probe left in the page's title."""
+    path.write_text(text.replace("</body>", probe))
+    dom = browser(path.as_uri() + address, "--dump-dom")
+    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)[1]
+    return json.loads(title.replace("&lt;", "<").replace("&amp;", "&"))
+
+
 def test_the_page_lives_in_a_browser(tmp_path, browser):
     shown = frames(3)
     text = write(tmp_path / "report.html", shown, title="probe")
-    (tmp_path / "report.html").write_text(text.replace("</body>", PROBE))
-    dom = browser((tmp_path / "report.html").as_uri(), "--dump-dom")
-    title = re.search(r"<title>(.*?)</title>", dom, re.DOTALL)[1]
-    seen = json.loads(title.replace("&lt;", "<").replace("&amp;", "&"))
+    seen = probed(tmp_path / "report.html", browser, text, PROBE)
     start, turned = seen["start"], seen["turned"]
     assert start["frame"] == "0" and "3,000" in start["legend"]
     assert 5000 < start["points"] <= 6100
@@ -180,6 +243,38 @@ def test_the_page_lives_in_a_browser(tmp_path, browser):
     assert seen["slid"]["frame"] == "2" and seen["slid"]["yaw"] == start["yaw"]
     expected = [xyz.sum(0) for xyz in shown[1].clouds.values()]
     np.testing.assert_allclose(seen["sums"], expected, atol=0.5)
+
+
+def test_a_browser_colours_by_confidence_and_hides_unsure_points(tmp_path, browser):
+    path, frame = tmp_path / "report.html", sure_frame()
+    text = write(path, [frame], title="probe")
+    seen = probed(path, browser, text, SURE_PROBE, "#hide=LiDAR")
+    sure = frame.clouds["jradar"][:, 3]
+    assert not seen["hidden"] and seen["options"] == 3
+    assert seen["sure"] == 200 * sure.sum()
+    assert seen["all"]["colours"] == 8 < seen["height"]["colours"]
+    assert " m" in seen["height"]["scale"] and " m" not in seen["all"]["scale"]
+    assert 2900 < seen["all"]["points"] <= 3000
+    for name, least in (("half", 0.5), ("most", 0.88)):
+        left = int((sure >= least).sum())
+        assert left - 100 < seen[name]["points"] <= left
+        assert f"{left:,} of 3,000" in seen[name]["legend"]
+    assert seen["half"]["colours"] == 5 and seen["most"]["colours"] == 1
+
+
+def test_clouds_without_confidence_are_grey_beside_those_with_it(tmp_path, browser):
+    path = tmp_path / "report.html"
+    text = write(path, [sure_frame()], title="probe")
+    seen = probed(path, browser, text, SURE_PROBE)
+    assert seen["all"]["grey"] and not seen["height"]["grey"]
+    assert seen["most"]["points"] > 2900  # they are never hidden
+
+
+def test_a_page_without_confidence_does_not_offer_it(tmp_path, browser):
+    path = tmp_path / "report.html"
+    text = write(path, frames(1), title="probe")
+    seen = probed(path, browser, text, SURE_PROBE, "#colour=confidence")
+    assert seen["hidden"] and seen["options"] == 2
 
 
 @pytest.mark.parametrize("theme, ground", [("light", 244), ("dark", 26)])

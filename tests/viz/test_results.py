@@ -65,6 +65,15 @@ def test_clouds_of_a_row_share_view_limits_and_colours():
         clouds_figure({})
 
 
+def test_clouds_with_confidence_are_drawn_as_those_without():
+    xyz = RNG.uniform([0, -3, -1], [9, 3, 2], size=(50, 3))
+    sure = np.hstack([xyz, np.full((50, 1), 100.0)])  # would widen the limits
+    figure = clouds_figure({"Hall": {"jradar": sure, "LiDAR": xyz}})
+    first, second = (a.collections[0] for a in figure.axes[:2])
+    np.testing.assert_array_equal(first.get_offsets(), second.get_offsets())
+    np.testing.assert_array_equal(first.get_array(), second.get_array())
+
+
 def test_learning_curve(tmp_path):
     path = tmp_path / "metrics.jsonl"
     loss = np.exp(-np.arange(300) / 100) + 0.01

@@ -1,0 +1,120 @@
+"""Whether confidence holds: of points with a confidence of 70 %, 70 % should be right.
+
+A point is right if the truth has a point nearby. The reliability of a confidence is the
+share of right points in bins of confidence, and its calibration error is the mean
+distance between the two (Guo et al., "On Calibration of Modern Neural Networks", 2017).
+The precision over the coverage says what a threshold buys: how many of the points are
+right if only the most confident are kept.
+
+    share                        precision
+    right |        /             of kept  |--..
+          |     /      error 0            |     ' - .
+          |  /                            |           ' .
+          +---------- confidence          +--------------- share kept
+
+All functions run on the host.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
+
+NEAR_M = 0.2  # as in the confidence of `jradar.types.PointCloud`
+
+
+class Reliability(NamedTuple):
+    """Points in bins of confidence, of equal width, the lowest first.
+
+    `confidence` is the mean, and `right` the share of right points; both are NaN in an
+    empty bin.
+    """
+
+    points: Int[np.ndarray, " bin"]
+    confidence: Float[np.ndarray, " bin"]
+    right: Float[np.ndarray, " bin"]
+
+
+class Coverage(NamedTuple):
+    """Shares of points that are kept, the most confident first, and their precision."""
+
+    kept: Float[np.ndarray, " part"]
+    precision: Float[np.ndarray, " part"]  # share of right points among the kept
+
+
+def near_truth(
+    xyz: Float[np.ndarray, "point 3"],
+    truth: Float[np.ndarray, "other 3"],
+    *,
+    within_m: float = NEAR_M,
+) -> Bool[np.ndarray, " point"]:
+    """Return which points have a point of the truth within that distance."""
+    if not len(truth):
+        return np.zeros(len(xyz), bool)
+    # The bound of the search excludes points at the very distance.
+    bound = np.nextafter(within_m, np.inf)
+    nearest, _ = KDTree(truth).query(xyz, distance_upper_bound=bound)
+    return nearest <= within_m
+
+
+def reliability(
+    confidence: Float[np.ndarray, " point"],
+    right: Bool[np.ndarray, " point"],
+    *,
+    bins: int = 10,
+) -> Reliability:
+    """Return the reliability of points whose confidence and truth are known.
+
+    A confidence on the edge of two bins counts in the upper one, and 1 in the last.
+    Raises ValueError for confidences outside 0 to 1, or no points.
+    """
+    confidence, right = _checked(confidence, right)
+    place = np.minimum((confidence * bins).astype(int), bins - 1)
+    points = np.bincount(place, minlength=bins)
+    sums = [np.bincount(place, of, minlength=bins) for of in (confidence, right)]
+    with np.errstate(invalid="ignore"):  # an empty bin: 0 / 0
+        return Reliability(points, sums[0] / points, sums[1] / points)
+
+
+def calibration_error(found: Reliability) -> float:
+    """Return the expected calibration error, 0 to 1: the bins' mean, by points."""
+    gap = np.abs(np.nan_to_num(found.confidence - found.right))
+    return float((found.points * gap).sum() / found.points.sum())
+
+
+def precision_over_coverage(
+    confidence: Float[np.ndarray, " point"],
+    right: Bool[np.ndarray, " point"],
+    *,
+    parts: int = 10,
+) -> Coverage:
+    """Return the precision of the most confident points, for equal steps of coverage.
+
+    Points of the same confidence are kept in random order; the precision is its mean.
+    Raises ValueError for confidences outside 0 to 1, or no points.
+    """
+    confidence, right = _checked(confidence, right)
+    order = np.argsort(-confidence, kind="stable")
+    last = np.flatnonzero(np.diff(confidence[order], append=-1.0))  # of equal ones
+    number = np.append(0, last + 1)
+    hits = np.append(0, np.cumsum(right[order])[last])
+    kept = np.arange(1, parts + 1) / parts
+    wanted = kept * len(confidence)
+    return Coverage(kept, np.interp(wanted, number, hits) / wanted)
+
+
+def _checked(confidence, right):
+    """Return both as arrays. Raises ValueError unless they are of the same points."""
+    confidence, right = np.asarray(confidence), np.asarray(right, bool)
+    if confidence.shape != right.shape or not len(confidence):
+        raise ValueError(
+            f"{len(confidence)} confidences of {len(right)} points, expected one of "
+            "each point, and one point or more"
+        )
+    if not (confidence.min() >= 0 and confidence.max() <= 1):  # also NaN
+        raise ValueError(
+            f"confidences of {confidence.min():g} to {confidence.max():g}, expected "
+            "0 to 1"
+        )
+    return confidence, right
