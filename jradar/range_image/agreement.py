@@ -37,5 +37,5 @@ def agreed_range(
     count = near.sum(1)
     mean = jnp.where(near, images[None], 0.0).sum(1) / jnp.maximum(count, 1)
     most = count.max(0)
-    nearest = jnp.where(count == most, mean, jnp.inf).min(0)
+    nearest = jnp.where(count == most[None], mean, jnp.inf).min(0)
     return jnp.where((most > 0) & (most >= share * len(images)), nearest, 0.0)

@@ -315,5 +315,7 @@ def test_gradient_of_a_turn_is_complete_through_nearest_points_and_none_without(
         return unproject(project(c, spec), spec)
 
     expected = float(still[:, 0].sum())  # d y / d yaw = x
-    assert float(jax.grad(aside)(0.0, nearest_points)) == pytest.approx(expected, rel=1e-5)
+    assert float(jax.grad(aside)(0.0, nearest_points)) == pytest.approx(
+        expected, rel=1e-5
+    )
     assert abs(jax.grad(aside)(0.0, through_pixels)) < 1e-5
