@@ -1,6 +1,6 @@
 """The confidence of a trained model, made to hold on frames that it was not trained on.
 
-A point is right if the LiDAR has one within 0.2 m. `with_confidence` fits the
+A point is right if the LiDAR has one within 0.2 m. `with_calibration` fits the
 calibration to the points of validation frames, and chooses the least confidence that a
 point must have: the lowest whose mean F-score is within a point of the best.
 """
@@ -35,7 +35,7 @@ class Judged(NamedTuple):
     truth: Float[np.ndarray, "true_point 3"]
 
 
-def with_confidence(
+def with_calibration(
     key: jax.Array, model: Model, records: data.Records, pairs: data.PairSource
 ) -> Model:
     """Return the model with a calibration and a least confidence, from these frames.

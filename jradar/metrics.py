@@ -91,7 +91,7 @@ def _scores(forth: Any, back: Any, xp: Any) -> CloudMetrics:
         nan: Any = np.nan if xp is np else jnp.full((), jnp.nan)
         nothing: Any = xp.full(len(THRESHOLDS_M), xp.nan)
         return CloudMetrics(nan, nan, nothing, nothing, nothing)
-    limits = xp.asarray(THRESHOLDS_M)
+    limits = xp.asarray(THRESHOLDS_M)[None]
     precision, recall = (
         xp.nanmean(
             xp.where(xp.isnan(distance)[:, None], np.nan, distance[:, None] < limits),

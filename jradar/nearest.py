@@ -75,7 +75,7 @@ def _all_pairs_both_ways(a, a_valid, b, b_valid):
         def nearest(point):
             squared = _squared_distance(point, others.T)
             squared = jnp.where(others_valid, squared, jnp.inf)
-            return squared.min(), squared.argmin()
+            return squared.min(), squared.argmin().astype(jnp.int32)
 
         squared, index = jax.lax.map(nearest, xyz, batch_size=QUERY_BLOCK)
         return jnp.where(valid, squared, jnp.inf), index
@@ -151,6 +151,7 @@ def _nearest_boxes(low, high, target_low, target_high):
 
     Bound and number are sorted as one integer, which is faster than sorting pairs.
     """
+    low, high = low[None], high[None]
     gap = jnp.maximum(jnp.maximum(target_low - high, low - target_high), 0.0)
     # Reduced by a few roundings, so that no bound exceeds a distance to its points.
     bound = ((gap**2).sum(-1) * (1 - 1e-6)).astype(jnp.float32)
@@ -179,7 +180,7 @@ def _z_order(xyz, valid):
     """
     low = jnp.where(valid[:, None], xyz, jnp.inf).min(0)
     size = (jnp.where(valid[:, None], xyz, -jnp.inf).max(0) - low).max()
-    unit = (xyz - low) / jnp.where(size > 0, size, 1.0)
+    unit = (xyz - low[None]) / jnp.where(size > 0, size, 1.0)
     x, y, z = _spread((unit.T * 1023).clip(0, 1023).astype(jnp.uint32))
     code = jnp.where(valid, x << 2 | y << 1 | z, (1 << 30) - 1)
     bits = _bits(len(xyz))

@@ -15,7 +15,7 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.confidence import with_confidence
+from experiments.confidence import with_calibration
 from experiments.detectors import choose_rates, detector_methods
 from experiments.evaluate import (
     Frame,
@@ -105,7 +105,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         model = Model(jax.device_get(state.ema_params), spec)
         key = build.random_key(config, build.SAMPLE_KEY)
         chosen = build.build_pairs(spec, checked)
-        save_model(workdir / "model", with_confidence(key, model, checked, chosen))
+        save_model(workdir / "model", with_calibration(key, model, checked, chosen))
 
     return Training(
         state=start_from(config.train, spec.network, state),

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.radar.peaks import parabola_offset
+from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
 
 Angle = Float[Array, "*batch"]
@@ -106,7 +107,7 @@ def angle_spectrum(
     np.add.at(shared, (row, column), 1)
     grid = jnp.zeros((*snapshot.shape[:-1], rows, columns), snapshot.dtype)
     weight = jnp.asarray(1 / shared[row, column], jnp.float32)
-    grid = grid.at[..., row, column].add(snapshot * weight)
+    grid = grid.at[..., row, column].add(snapshot * to_rank(weight, snapshot))
     spectrum = jnp.fft.fft2(grid, s=(num_elevation, num_azimuth))
     spectrum = jnp.fft.fftshift(spectrum, axes=(-2, -1))
     return spectrum.real**2 + spectrum.imag**2
@@ -166,7 +167,8 @@ def spectrum_peaks(
     for _ in range(count):  # faster than a sort for a few peaks
         bins.append(jnp.argmax(left, -1))
         powers.append(jnp.take_along_axis(left, bins[-1][..., None], -1)[..., 0])
-        left = jnp.where(jnp.arange(left.shape[-1]) == bins[-1][..., None], -1.0, left)
+        chosen = to_rank(jnp.arange(left.shape[-1]), left) == bins[-1][..., None]
+        left = jnp.where(chosen, -1.0, left)
     sines = (_sines(spectrum, index, radar, interpolate) for index in bins)
     u, w = (jnp.stack(sine, -1) for sine in zip(*sines, strict=True))
     azimuth, elevation = angles_of_sines(u, w, flip_azimuth, flip_elevation)

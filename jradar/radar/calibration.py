@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
+from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS, window
@@ -37,7 +38,7 @@ def calibrate_channels(
             f"{factors.size} factors, expected {tx * rx}: one for each of {tx} tx x "
             f"{rx} rx"
         )
-    factors = factors.reshape(tx, rx, 1, 1)
+    factors = to_rank(factors.reshape(tx, rx, 1, 1), cube)
     if jnp.iscomplexobj(cube):
         return cube * factors
     return jnp.fft.irfft(jnp.fft.rfft(cube) * factors, cube.shape[-1])
@@ -73,8 +74,9 @@ def calibrate_frequency_phase(
     cube = as_samples(cube)
     bins = (frequency - frequency[0, 0]) * (slope * rate)
     time = jnp.arange(cube.shape[-1]) / cube.shape[-1]
-    turns = jnp.exp(-2j * jnp.pi * bins[..., None, None] * time)
-    return cube * turns * (phase[0, 0] / phase)[..., None, None]
+    turns = jnp.exp(-2j * jnp.pi * bins[..., None, None] * time[None, None, None])
+    turns *= (phase[0, 0] / phase)[..., None, None]
+    return cube * to_rank(turns, cube)
 
 
 @functools.partial(jax.jit, static_argnames="doppler_window")
@@ -102,8 +104,8 @@ def subtract_coupling(
     steady = np.fft.fftshift(np.fft.fft(window(doppler_window, chirps)).real)
     total = samples * WINDOWS["blackman"][0]  # sum of the window
     spread = jnp.asarray(steady / total, jnp.float32)
-    leakage = coupling.reshape(virtual, 1, half) * spread[:, None]
-    return range_doppler.at[..., 1 : half + 1].add(-leakage)
+    leakage = coupling.reshape(virtual, 1, half) * spread[None, :, None]
+    return range_doppler.at[..., 1 : half + 1].add(-to_rank(leakage, range_doppler))
 
 
 @functools.partial(jax.jit, static_argnames="radar")
@@ -123,6 +125,7 @@ def compensate_tdm(
             f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
         )
     lead = radar.firing_position / radar.num_tx / radar.num_chirps
-    cycles = doppler_bin[..., None] * jnp.asarray(lead, jnp.float32)
+    doppler_bin = doppler_bin[..., None]
+    cycles = doppler_bin * to_rank(np.float32(lead), doppler_bin)
     turn = jnp.exp(-2j * jnp.pi * cycles)
     return snapshot * jnp.repeat(turn, radar.num_rx, -1)

@@ -39,6 +39,7 @@ from jaxtyping import Array, Bool, Float, Num
 
 from jradar.radar.correlation import independent_cells
 from jradar.radar.multipliers import KINDS, false_alarm_multiplier
+from jradar.radar.ranks import to_rank
 
 GUARD, TRAIN = (2, 2), (4, 4)  # cells on a side in (doppler, range)
 RANK = 0.75  # of the ordered statistic, as a fraction of the training cells
@@ -92,14 +93,16 @@ def cfar(
         train,
         windows,
     )
+    multiplier = to_rank(np.asarray(multiplier, power.dtype), power)
     if kind != "os":
-        floor = _mean_floor(kind, power, guard, train)
-        return power > jnp.asarray(multiplier, power.dtype) * floor
+        return power > multiplier * _mean_floor(kind, power, guard, train)
     # No cell is sorted: x exceeds alpha times the k-th smallest cell exactly when at
     # least k cells lie below x / alpha.
-    level = power / jnp.asarray(multiplier, power.dtype)
+    level = power / multiplier
     padded = _pad(power, guard, train, jnp.inf)
-    return _count_below(level, padded, guard, train) >= jnp.asarray(_rank(low + high))
+    return _count_below(level, padded, guard, train) >= to_rank(
+        _rank(low + high), power
+    )
 
 
 def ca_cfar(power: Power, **options: Any) -> Mask:
@@ -152,7 +155,7 @@ def noise_floor(
     if kind != "os":
         return _mean_floor(kind, power, guard, train)
     low, high = _cells_per_range_bin(power.shape, guard, train)
-    ranks = jnp.asarray(_rank(low + high))
+    ranks = to_rank(_rank(low + high), power)
     keys = jax.lax.bitcast_convert_type(power.astype(jnp.float32), jnp.int32)
     padded = _pad(keys, guard, train, jnp.iinfo(jnp.int32).max)
 
@@ -212,14 +215,16 @@ def _mean_floor(kind, power, guard, train):
     low, high = _cells_per_range_bin(power.shape, guard, train)
     sums = _sums_of_halves(power, guard, train)
     if kind == "ca":
-        return (sums[0] + sums[1]) * jnp.asarray(1 / (low + high), power.dtype)
+        return (sums[0] + sums[1]) * to_rank(
+            np.asarray(1 / (low + high), power.dtype), power
+        )
     means = [
-        half * jnp.asarray(1 / np.maximum(cells, 1), power.dtype)
+        half * to_rank(np.asarray(1 / np.maximum(cells, 1), power.dtype), power)
         for half, cells in zip(sums, (low, high), strict=True)
     ]
     # At the ends of the range axis one half may be empty: use the other one.
     means = [
-        jnp.where(jnp.asarray(cells > 0), mean, other)
+        jnp.where(to_rank(cells > 0, power), mean, other)
         for mean, other, cells in zip(means, means[::-1], (low, high), strict=True)
     ]
     return jnp.maximum(*means) if kind == "go" else jnp.minimum(*means)

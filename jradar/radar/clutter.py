@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Inexact, Num
 
+from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.spectrum import window
 
@@ -58,8 +59,8 @@ def subtract_background(
             f"background of shape {background.shape}, the cube needs [tx, rx, sample] "
             f"= {expected}: of another radar?"
         )
-    weight = jnp.asarray(window("hann", cube.shape[-1]), cube.real.dtype)
-    known = background[:, :, None]
+    weight = to_rank(np.asarray(window("hann", cube.shape[-1]), cube.real.dtype), cube)
+    known = to_rank(background[:, :, None], cube)
     fitted = jnp.conj(known) * weight**2
     fit = (fitted * cube).sum((-4, -3, -1), keepdims=True)
     power = (fitted * known).real.sum()

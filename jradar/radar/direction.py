@@ -80,7 +80,7 @@ def directions(
     def block_sines(cells):
         largest = jnp.maximum(jnp.abs(cells.real), jnp.abs(cells.imag)).max(-1)
         scale = 1 / jnp.where(largest > 0, largest, 1.0)
-        cells = cells.T * jax.lax.stop_gradient(scale)
+        cells = cells.T * jax.lax.stop_gradient(scale)[None]
         u = _azimuth_sine(cells, rows, radar, num_azimuth, num_elevation, interpolate)
         return u, _elevation_sine(cells, u, rows, radar, num_elevation, interpolate)
 
@@ -105,7 +105,7 @@ def elevation_sines(
     order, rows = _rows(radar)
     cells = snapshot.reshape(-1, radar.num_virtual)[:, order].T
     scale = jnp.abs(cells).max(0)
-    cells = cells / jnp.where(scale > 0, scale, 1.0)
+    cells = cells / jnp.where(scale > 0, scale, 1.0)[None]
     w = _elevation_sine(cells, u.ravel(), rows, radar, NUM_ELEVATION, True)
     return w.reshape(u.shape)
 
@@ -148,7 +148,7 @@ def _azimuth_sine(cells, rows, radar, num_azimuth, num_elevation, interpolate):
     seen = jnp.where((np.abs(u) <= 1)[:, None], power, -1.0)
     # Two vectorised reductions; argmax would run cell by cell.
     bins = np.arange(num_azimuth, dtype=np.int32)[:, None]
-    index = jnp.where(seen == seen.max(0), bins, num_azimuth - 1).min(0)
+    index = jnp.where(seen == seen.max(0, keepdims=True), bins, num_azimuth - 1).min(0)
     sine = jnp.asarray(u, jnp.float32)[index]
     if not interpolate:
         return sine
@@ -170,7 +170,7 @@ def _elevation_sine(cells, u, rows, radar, num_elevation, interpolate):
         return jnp.clip(w, -limit, limit)
     _, bins = direction_sines(radar, num_azimuth=1, num_elevation=num_elevation)
     power = _power_over_elevation(constant, lags, radar, bins)
-    visible = np.abs(bins).astype(np.float32)[:, None] <= limit
+    visible = np.abs(bins).astype(np.float32)[:, None] <= limit[None]
     index = jnp.argmax(jnp.where(visible, power, -1.0), 0)
     w = jnp.asarray(bins, jnp.float32)[index]
     if interpolate:
@@ -220,7 +220,7 @@ def _sums_at(cells, rows, radar, u):
     for row in rows:
         part, first, last = cells[row.part], row.columns[0], row.columns[-1]
         if row.columns.size > SHORT or (np.diff(row.columns) != 1).any():
-            phase, weights = turn * row.columns[:, None], row.weights[:, None]
+            phase, weights = turn[None] * row.columns[:, None], row.weights[:, None]
             c, s = jnp.cos(phase) * weights, jnp.sin(phase) * weights
             real = (part.real * c + part.imag * s).sum(0)
             imag = (part.imag * c - part.real * s).sum(0)

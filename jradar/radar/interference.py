@@ -31,6 +31,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact, Key
 from scipy.special import gammainccinv
 
+from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 
@@ -114,7 +115,8 @@ def crossing_chirps(
 
     def add(total, each):
         it, cycles = each
-        return total + _one(it, cycles, first_s, sample_s, radar), None
+        samples = _one(it, cycles, first_s, sample_s, radar)
+        return total + samples.astype(total.dtype), None
 
     start = jnp.zeros(radar.cube_shape, jnp.complex64)
     samples, _ = jax.lax.scan(add, start, (interferers, phase))
@@ -126,7 +128,8 @@ def _one(it, cycles, first_s, sample_s, radar):
     own = radar.slope_hz_per_s
     # Reduced per chirp first: float32 resolves 1 ns of a frame, much less of a sweep.
     into = jnp.mod(first_s - it.start_s, it.period_s)[..., None]
-    into = jnp.mod(into + radar.adc_start_time_s + sample_s, it.period_s)
+    into = jnp.mod(into + radar.adc_start_time_s + sample_s[None, None], it.period_s)
+    sample_s = sample_s[None, None]
     own_hz = own * (radar.adc_start_time_s + sample_s)
     beat_hz = own_hz - it.start_hz - it.slope_hz_per_s * into
 
@@ -147,7 +150,7 @@ def _one(it, cycles, first_s, sample_s, radar):
     columns, rows = jnp.float32(np.array(radar.rx_positions).T)
     turns = radar.spacing_wavelengths * columns * sines[0]
     turns += radar.row_spacing_wavelengths * rows * sines[1]
-    return chirps[:, None] * jnp.exp(2j * jnp.pi * turns)[:, None, None]
+    return chirps[:, None] * jnp.exp(2j * jnp.pi * turns)[None, :, None, None]
 
 
 @functools.partial(jax.jit, static_argnames="false_alarm_rate")
@@ -166,17 +169,17 @@ def excise_interference(
     A frame of one chirp has no median over chirps, and is returned as it is.
     """
     cube = as_samples(cube)
-    weight = jnp.asarray(_taper(*cube.shape[-2:]), cube.real.dtype)
+    weight = to_rank(np.asarray(_taper(*cube.shape[-2:]), cube.real.dtype), cube)
     quantised = QUANTISED * (cube.real**2 + cube.imag**2).sum(-3)
     quantised = quantised.mean((-3, -2, -1), keepdims=True)
-    unsure = jnp.maximum(1, SURE / weight) ** 2
+    unsure = jnp.maximum(1, SURE / weight[..., 0, :, :]) ** 2
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
     factor = gammainccinv(freedom, false_alarm_rate) / gammainccinv(freedom, 0.5)
 
     def excise(state, times):
         echoes = _echoes(state[0] * weight)
         left = cube * weight - echoes
-        power = (left.real**2 + left.imag**2).sum(-3) / weight**2
+        power = (left.real**2 + left.imag**2).sum(-3) / weight[..., 0, :, :] ** 2
         usual = jnp.median(power, axis=(-3, -2), keepdims=True) + quantised
         disturbed = _with_neighbours(power > times * usual * unsure)
         echoes = echoes / jnp.maximum(weight, SURE / 10)

@@ -32,6 +32,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.radar.angle import azimuth_bins
 from jradar.radar.direction import directions
+from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.snapshots import Snapshots
 
@@ -161,12 +162,12 @@ def explain(
 ) -> Explained:
     """Return the single echo that is nearest to each snapshot, in least squares."""
     azimuth, elevation = directions(
-        snapshot * response.conj(),
+        snapshot * response.conj()[None],
         radar,
         num_azimuth=FINER * azimuth_bins(radar),
         num_elevation=NUM_ELEVATION,
     )
-    wave = response * steering(azimuth, elevation, radar)
+    wave = response[None] * steering(azimuth, elevation, radar)
     amplitude = (wave.conj() * snapshot).sum(-1) / (jnp.abs(response) ** 2).sum()
     model = amplitude[:, None] * wave
     missed = (jnp.abs(snapshot - model) ** 2).sum(-1)
@@ -180,8 +181,8 @@ def steering(
     """Return the phasors of a plane wave at the virtual antennas."""
     columns, rows = radar.virtual_positions.T
     u, w = jnp.sin(azimuth) * jnp.cos(elevation), jnp.sin(elevation)
-    cycles = radar.spacing_wavelengths * u[..., None] * columns
-    cycles += radar.row_spacing_wavelengths * w[..., None] * rows
+    cycles = radar.spacing_wavelengths * u[..., None] * to_rank(columns, u[..., None])
+    cycles += radar.row_spacing_wavelengths * w[..., None] * to_rank(rows, w[..., None])
     return jnp.exp(2j * jnp.pi * cycles)
 
 

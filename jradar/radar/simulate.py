@@ -79,29 +79,31 @@ def simulate_cube(
 
     block = _block(radar)
     firing_s = radar.chirp_period_s * jnp.array(radar.firing_position)
-    within_s = radar.turn_period_s * jnp.arange(block)[:, None] + firing_s
+    within_s = radar.turn_period_s * jnp.arange(block)[:, None] + firing_s[None]
     within_s, first_s = within_s - within_s.mean(), within_s.mean()
     if at == "middle":
         first_s -= radar.frame_middle_s
 
     # The same in all blocks: phasors `[chirp tx rx point]`, and the drift about the
     # middle. The beats `[point sample]` change by a constant factor between blocks.
-    chirp = _turn(cycles_per_m * scatterers.velocity * within_s[..., None])
-    chirps = ((weight * transmit) * chirp)[:, :, None] * receive
-    drift = 2j * jnp.pi * cycles_per_m_sample * scatterers.velocity
-    linear = chirps * (drift * within_s[..., None])[:, :, None]
-    both = jnp.concatenate([chirps, linear], -1).reshape(-1, 2 * len(drift))
+    velocity, within_s = scatterers.velocity[None, None], within_s[..., None]
+    chirp = _turn(cycles_per_m * velocity * within_s)
+    chirps = ((weight[None] * transmit)[None] * chirp)[:, :, None]
+    chirps = chirps * receive[None, None]
+    drift = 2j * jnp.pi * cycles_per_m_sample * velocity
+    linear = chirps * (drift * within_s)[:, :, None]
+    both = jnp.concatenate([chirps, linear], -1).reshape(-1, 2 * drift.size)
     # A real matrix, for real parts stacked on imaginary parts.
     both = jnp.block([[both.real, -both.imag], [both.imag, both.real]])
 
     def beat(metres, moved):
         """Phasors `[point sample]` of targets at `metres` after they `moved`."""
         cycles = jnp.mod(cycles_per_m * moved, 1.0)[:, None]
-        return _turn(cycles + cycles_per_m_sample * metres[:, None] * sample)
+        return _turn(cycles + cycles_per_m_sample * metres[:, None] * sample[None])
 
     def samples_of(beats, _):
         """Beats of the next block, and samples `[chirp-tx-rx sample]` of this one."""
-        columns = jnp.concatenate([beats, beats * sample])
+        columns = jnp.concatenate([beats, beats * sample[None]])
         product = both @ jnp.concatenate([columns.real, columns.imag])
         return beats * step, jax.lax.complex(*jnp.split(product, 2))
 

@@ -57,7 +57,7 @@ def strong_snapshots(
         range_bin < num_range - 2  # into which the window spreads the leakage
     )
     found, cell = jax.lax.top_k(
-        jnp.where(highest & usable, power, 0.0).ravel(), min(count, power.size)
+        jnp.where(highest & usable[None], power, 0.0).ravel(), min(count, power.size)
     )
     row, column = jnp.divmod(cell, num_range)
 

@@ -32,6 +32,7 @@ from jradar.radar.angle import (
 )
 from jradar.radar.direction import elevation_sines
 from jradar.radar.peaks import parabola_offset
+from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
 
 BLOCK = 512  # cells whose spectra are held in memory at a time
@@ -57,9 +58,10 @@ def capon_spectrum(
     covariance = smoothed_covariance(snapshot, radar, subarray=subarray)
     size = covariance.shape[-1]
     level = _mean_power(covariance)
-    loaded = covariance / level + loading * jnp.eye(size)
+    loaded = covariance / level + to_rank(loading * np.eye(size), covariance)
     factor = jnp.linalg.cholesky(loaded)
     steering = _steering(radar, size, num_azimuth)
+    steering = steering.astype(factor.dtype)
     steering = jnp.broadcast_to(steering, (*factor.shape[:-1], num_azimuth))
     whitened = jax.lax.linalg.triangular_solve(
         factor, steering, left_side=True, lower=True
@@ -93,6 +95,7 @@ def music_spectrum(
         )
     projector = _signal_projector(covariance / _mean_power(covariance), num_sources)
     steering = _steering(radar, size, num_azimuth)
+    steering = to_rank(steering, projector)
     noise = steering - projector @ steering
     share = (noise.real**2 + noise.imag**2).sum(-2) / size
     return 1 / (share + loading)

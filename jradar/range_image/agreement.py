@@ -43,7 +43,7 @@ def agreed_range(
     count = near.sum(1)
     mean = jnp.where(near, images[None], 0.0).sum(1) / jnp.maximum(count, 1)
     most = count.max(0)
-    nearest = jnp.where(count == most, mean, jnp.inf).min(0)
+    nearest = jnp.where(count == most[None], mean, jnp.inf).min(0)
     share = most / len(images)
     return RangeImage(jnp.where(most > 0, nearest, 0.0), share.astype(images.dtype))
 

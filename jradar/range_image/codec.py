@@ -118,7 +118,9 @@ def condition_image(
     slices = project_slices(cloud, spec, num_slices=num_slices)
     present = slices.range_m > 0
     steps = slices.range_m * (num_slices / spec.max_range_m)
-    offset = jnp.where(present, 2 * (steps - jnp.arange(num_slices)) - 1, 0.0)
+    offset = jnp.where(
+        present, 2 * (steps - jnp.arange(num_slices)[None, None]) - 1, 0.0
+    )
     # Gradients stay finite where the power is 0, of a point or of the whole frame.
     strongest = slices.power.max()
     share = slices.power / jnp.where(strongest > 0, strongest, 1.0)

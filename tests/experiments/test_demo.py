@@ -7,11 +7,11 @@ import pytest
 from experiments import build
 from experiments.configs import demo as config_file
 from experiments.tasks import demo
-from jradar import model as models, recordings
+from jradar import recordings
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.evaluation import load_clouds, read_scores
 from jradar.lidar import LidarSpec
-from jradar.model import Model, save_model
+from jradar.model import Model, folder as models, save_model
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
 from tests.recordings.small_sequence import write_sequence, write_splits

@@ -1,0 +1,175 @@
+"""Kernels in double precision, and without silent broadcasting: every one traces."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar import radar as r, range_image as ri
+from jradar.metrics import compare, compare_on_host, nearest_distances
+from jradar.types import PointCloud
+
+CHIP = r.RadarSpec.awr1843(num_chirps=16, num_samples=32)
+CASCADE = r.RadarSpec.cascade()
+SPEC = ri.ImageSpec(8, 16)
+WINDOW = {"guard": (1, 1), "train": (2, 2)}
+POINTS = {
+    "plain": r.PointSpec(**WINDOW, capacity=64),
+    "two peaks": r.PointSpec(**WINDOW, capacity=64, peaks=2),
+    "music": r.PointSpec(**WINDOW, capacity=64, angles="music"),
+    "static": r.PointSpec(**WINDOW, remove_static=True, remove_interference=True),
+}
+RATE = {"false_alarm_rate": 0.1, "channels": 12, "windows": ("hann", "hann")}
+
+
+def key():
+    return jax.random.key(0)
+
+
+def numbers(*shape):
+    """Real numbers in the precision that is switched on."""
+    rng = np.random.default_rng(0)
+    return jnp.asarray(rng.normal(size=shape), jnp.zeros(()).dtype)
+
+
+def waves(*shape):
+    """Complex numbers."""
+    return jax.lax.complex(numbers(*shape), numbers(*shape))
+
+
+def cube():
+    return waves(*CHIP.cube_shape)
+
+
+def power():
+    return jnp.abs(numbers(16, 32))
+
+
+def image():
+    return jnp.abs(numbers(8, 16))
+
+
+def cloud(count=40):
+    xyz = numbers(count, 3) + jnp.array([[4.0, 0.0, 0.0]])
+    return PointCloud(xyz, xyz[:, 0] > 0, power=jnp.abs(xyz[:, 1]))
+
+
+def scatterers():
+    return r.Scatterers(numbers(5, 3), numbers(5), numbers(5), numbers(5, 3))
+
+
+KERNELS = {
+    "simulate_cube": lambda: r.simulate_cube(key(), scatterers(), CHIP),
+    "range_doppler": lambda: r.range_doppler(cube()),
+    "range_doppler, real": lambda: r.range_doppler(cube().real),
+    "power_map": lambda: r.power_map(cube(), remove_static=True),
+    "calibrate_channels": lambda: r.calibrate_channels(cube(), waves(12)),
+    "calibrate_channels, real": lambda: r.calibrate_channels(cube().real, waves(12)),
+    "calibrate_frequency_phase": lambda: r.calibrate_frequency_phase(
+        cube(),
+        numbers(3, 4),
+        waves(3, 4),
+        CHIP,
+        calibration_slope_hz_per_s=CHIP.slope_hz_per_s,
+        calibration_rate_hz=CHIP.sample_rate_hz,
+    ),
+    "compensate_tdm": lambda: r.compensate_tdm(waves(5, 12), numbers(5), CHIP),
+    "subtract_coupling": lambda: r.subtract_coupling(
+        waves(12, 16, 32), waves(3, 4, 16)
+    ),
+    **{
+        f"{kind}_cfar": lambda kind=kind: r.DETECTORS[kind](power(), **WINDOW, **RATE)
+        for kind in r.DETECTORS
+    },
+    **{
+        f"noise_floor, {kind}": lambda kind=kind: r.noise_floor(
+            power(), kind=kind, **WINDOW
+        )
+        for kind in r.DETECTORS
+    },
+    **{
+        f"radar_points, {name}": lambda spec=spec: r.radar_points(
+            cube(), CHIP, points=spec, coupling=waves(3, 4, 16)
+        )
+        for name, spec in POINTS.items()
+    },
+    "points_and_report": lambda: r.points_and_report(
+        cube(), CHIP, points=POINTS["plain"]
+    ),
+    "all_cells": lambda: r.cell_points(
+        r.all_cells(cube(), CHIP, points=POINTS["plain"]),
+        power() > 1,
+        CHIP,
+        points=POINTS["plain"],
+    ),
+    "angle_spectrum": lambda: r.strongest_direction(
+        r.angle_spectrum(waves(3, 12), CHIP), CHIP
+    ),
+    "spectrum_peaks": lambda: r.spectrum_peaks(numbers(3, 32, 64), CHIP),
+    "directions": lambda: r.directions(waves(300, 12), CHIP),
+    "directions, four rows": lambda: r.directions(
+        waves(3, 192), CASCADE, num_azimuth=128
+    ),
+    "capon_spectrum": lambda: r.capon_spectrum(waves(2, 1, 12), CHIP),
+    "music_spectrum": lambda: r.music_spectrum(waves(2, 1, 12), CHIP, num_sources=2),
+    "music_directions": lambda: r.music_directions(waves(2, 12), CHIP),
+    "subtract_background": lambda: r.subtract_background(
+        cube(), r.static_background([cube()])
+    ),
+    "excise_interference": lambda: r.excise_interference(cube()),
+    "crossing_chirps": lambda: r.crossing_chirps(
+        key(), r.draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
+    ),
+    "strong_snapshots": lambda: r.strong_snapshots(cube(), CHIP),
+    "explain": lambda: r.explain(waves(4, 12), waves(12), CHIP),
+    "project": lambda: ri.unproject(ri.project(cloud(), SPEC), SPEC),
+    "project_slices": lambda: ri.project_slices(cloud(), SPEC, num_slices=4),
+    "nearest_points": lambda: ri.nearest_points(cloud(), SPEC),
+    "condition_image": lambda: ri.condition_image(cloud(), SPEC, num_slices=4),
+    "encode_target": lambda: ri.decode_target(ri.encode_target(image(), SPEC), SPEC),
+    "close_gaps": lambda: ri.close_gaps(image()),
+    "fill_misses": lambda: ri.fill_misses(image(), image() > 1),
+    "agreed_range": lambda: ri.agreed_range(jnp.abs(numbers(3, 8, 16))),
+    "compare": lambda: compare(cloud(30), cloud(20)),
+    "compare, many points": lambda: compare(cloud(1100), cloud(1300)),
+    "compare, a batch": lambda: jax.vmap(compare)(
+        *(jax.tree.map(lambda x: x[None], cloud(n)) for n in (1100, 1000))
+    ),
+}
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_kernels_trace_in_double_precision(name):
+    with jax.enable_x64(True):
+        jax.eval_shape(KERNELS[name])
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_kernels_trace_without_silent_broadcasting(name):
+    with jax.numpy_rank_promotion("raise"):
+        jax.eval_shape(KERNELS[name])
+
+
+def test_distances_of_many_points_are_exact_in_double_precision():
+    with jax.enable_x64(True):
+        a, b = cloud(1100), cloud(1300)
+        points = [np.asarray(c.xyz)[np.asarray(c.valid)] for c in (a, b)]
+        expected = compare_on_host(*points)
+        for one, other in zip(compare(a, b), expected, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+        assert nearest_distances(a, b)[0].dtype == np.float64
+
+
+def test_capon_is_the_inverse_of_the_covariance_in_double_precision():
+    with jax.enable_x64(True):
+        snapshot = waves(1, 12)
+        found = r.capon_spectrum(snapshot, CHIP)
+        covariance = np.asarray(r.smoothed_covariance(snapshot, CHIP))
+        size = len(covariance)
+        level = np.trace(covariance).real / size
+        inverse = np.linalg.inv(covariance / level + 1e-3 * np.eye(size))
+        u, _ = r.direction_sines(CHIP, num_azimuth=256)
+        turns = CHIP.spacing_wavelengths * np.outer(np.arange(size), u)
+        steering = np.exp(2j * np.pi * turns)
+        form = np.einsum("ia,ij,ja->a", steering.conj(), inverse, steering).real
+        np.testing.assert_allclose(found, level / form, rtol=1e-3)
