@@ -12,13 +12,12 @@ from typing import NamedTuple
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
 
 from experiments.evaluate import spread
 from jradar import data
+from jradar.evaluation import near_truth
 from jradar.metrics import compare_on_host
 from jradar.model import Model, draw
-from jradar.model.methods import WINDOW_M
 from jradar.range_image import calibrated, fit_calibration, unproject
 
 FRAMES = 96
@@ -73,9 +72,8 @@ def judged(
         hit = np.asarray(image.range_m).ravel() > 0
         if len(truth):
             xyz = np.asarray(unproject(image.range_m, model.spec.fine).xyz)[hit]
-            away = cKDTree(truth).query(xyz, distance_upper_bound=WINDOW_M)[0]
             confidence = np.asarray(image.confidence).ravel()[hit]
-            yield Judged(xyz, confidence, np.isfinite(away), truth)
+            yield Judged(xyz, confidence, near_truth(xyz, truth), truth)
 
 
 def least_confidence(frames: Sequence[Judged]) -> float:
