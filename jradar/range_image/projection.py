@@ -72,12 +72,10 @@ def nearest_points(cloud: PointCloud, spec: ImageSpec) -> PointCloud:
     known = first < count
 
     def kept(values):
-        if values is None:
-            return None
         held = values[jnp.minimum(first, count - 1)]
         return jnp.where(known.reshape(-1, *[1] * (values.ndim - 1)), held, 0)
 
-    return PointCloud(*map(kept, cloud))._replace(valid=known)
+    return jax.tree.map(kept, cloud)._replace(valid=known)
 
 
 @functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
