@@ -361,26 +361,29 @@ def _cells_per_range_bin(shape, guard, train, edge):
 def _multipliers(kind, rate, channels, shape, guard, train, windows, edge):
     """Multiplier of each range bin; host."""
     low, high = _cells_per_range_bin(shape, guard, train, edge)
-    values = []
-    for column, halves in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
-        cells, rank = sum(halves), int(_rank(sum(halves)))
+    side, known = guard[1] + train[1], {}
+    places = [(min(i, side), min(shape[1] - 1 - i, side)) for i in range(shape[1])]
+    for column, place in enumerate(places):
+        if place in known:
+            continue
+        halves = int(low[column]), int(high[column])
         effective = halves
         if windows != NO_WINDOWS:
             effective = _effective(
                 kind, column, shape, guard, train, windows, edge, halves
             )
-        if kind in ("go", "so"):
-            number, rank = effective, None
-        elif kind == "ca":
-            number, rank = sum(effective), None
-        else:
-            # The rank at the same quantile of fewer cells.
-            number = sum(effective)
-            rank = min(rank * (number + 1) / (cells + 1), number)
-        values.append(
-            false_alarm_multiplier(kind, rate, number, rank=rank, channels=channels)
+        number, rank = sum(effective), None
+        if kind == "os":  # the rank at the same quantile of fewer cells
+            cells = sum(halves)
+            rank = min(int(_rank(cells)) * (number + 1) / (cells + 1), number)
+        known[place] = false_alarm_multiplier(
+            kind,
+            rate,
+            effective if kind in ("go", "so") else number,
+            rank=rank,
+            channels=channels,
         )
-    return values
+    return [known[place] for place in places]
 
 
 def _effective(kind, column, shape, guard, train, windows, edge, halves):
