@@ -24,6 +24,7 @@ from scipy import special
 from jradar.radar.spectrum import window
 
 TERMS = 12  # of Mehler's series
+LEAST = 1e-6  # shares below it do not count
 
 
 def shared_variance(kind: str, bins: int) -> np.ndarray:
@@ -58,19 +59,19 @@ def independent_cells(
     `windows` are those over chirps and samples. With `quantile` it is n_eff for the
     rank at that quantile, otherwise for the mean; host.
     """
-    lines = [
-        shared_variance(kind, bins) for kind, bins in zip(windows, shape, strict=True)
-    ]
+    # Shares at lags -size + 1 .. size - 1 of the mask, along Doppler and range.
+    shares = np.outer(
+        *(
+            shared_variance(kind, bins)[np.arange(1 - size, size) % bins]
+            for kind, bins, size in zip(windows, shape, mask.shape, strict=True)
+        )
+    )
     total = 0.0
-    lags = [range(1 - size, size) for size in mask.shape]
-    for d in lags[0]:
-        for r in lags[1]:
-            share = lines[0][d % shape[0]] * lines[1][abs(r) % shape[1]]
-            if share < 1e-6:
-                continue
-            if quantile is not None:
-                share = shared_indicator(float(share), quantile)
-            total += share * _pairs(mask, d, r)
+    for d, r in np.argwhere(shares > LEAST):
+        share = float(shares[d, r])
+        if quantile is not None:
+            share = shared_indicator(share, quantile)
+        total += share * _pairs(mask, d + 1 - mask.shape[0], r + 1 - mask.shape[1])
     count = int(mask.sum())
     return round(min(count**2 / total, count), 9) if count else 0.0
 

@@ -23,9 +23,11 @@ from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_pea
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
 from jradar.radar.cfar import (
     DETECTORS,
+    EDGES,
     GUARD,
     TRAIN,
     cell_pair,
+    check_edge,
     largest_window,
     noise_floor,
 )
@@ -66,7 +68,8 @@ class PointSpec:
     SNR in proportion to its peak among the cell's `spectrum_peaks`. `num_azimuth` None
     is what the array needs: 64 bins, or more if it is wider. `refine` places range,
     velocity and angles between bins. The windows are those of `range_doppler`; the CFAR
-    multipliers account for the correlation that they cause. `remove_static` and
+    multipliers account for the correlation that they cause. `edge` and `factor` are
+    those of `cfar`; a factor replaces the rate. `remove_static` and
     `remove_interference` are those of `range_doppler`, too. The flips are for a sensor
     that is mounted upside down. `angles` is "fft", or "music" for azimuths by
     `music_directions`, which uses its own bins.
@@ -88,6 +91,8 @@ class PointSpec:
     angles: str = "fft"
     range_window: str = "hann"
     doppler_window: str = "hann"
+    edge: str = "shrink"
+    factor: float | None = None
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
@@ -98,12 +103,16 @@ class PointSpec:
             ("angles", ANGLES),
             ("range_window", tuple(WINDOWS)),
             ("doppler_window", tuple(WINDOWS)),
+            ("edge", EDGES),
         ):
             if (value := getattr(self, field)) not in choices:
                 raise ValueError(f"{field} = {value!r}, expected one of {choices}")
         if not 0 < self.false_alarm_rate <= 1:
             rate = self.false_alarm_rate
             raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
+        if self.factor is not None and not 0 < self.factor < math.inf:
+            raise ValueError(f"factor = {self.factor}, expected more than 0 and finite")
+        check_edge(self.edge, self.detector, self.train)
         for field, most in LARGEST.items():
             value = getattr(self, field)
             if value is not None and not 1 <= value <= most:
@@ -282,7 +291,9 @@ def detect(
     """
     return DETECTORS[points.detector](
         power,
-        false_alarm_rate=points.false_alarm_rate,
+        false_alarm_rate=points.false_alarm_rate if points.factor is None else None,
+        factor=points.factor,
+        edge=points.edge,
         channels=radar.num_virtual,
         guard=points.guard,
         train=points.train,
@@ -407,7 +418,8 @@ def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):
     """The cloud of the cells; those without power are padding."""
     azimuth, elevation = direction
     range_bin, doppler_bin = _bins(power, cell, points)
-    noise = noise_floor(power, guard=points.guard, train=points.train).ravel()[cell]
+    noise = noise_floor(power, guard=points.guard, train=points.train)
+    noise = noise.ravel()[cell]
     distance = range_bin * radar.range_resolution_m - range_bias_m
     ground = distance * jnp.cos(elevation)
     xyz = [
