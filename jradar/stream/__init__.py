@@ -1,6 +1,6 @@
-"""A radar on the cable: packets to frames, frames to clouds, clouds to files and robots.
+"""A radar on the cable: packets to frames to clouds, for files, robots and a browser.
 
-DCA1000 --UDP--> Receiver -> Assembler -> newest Frame -> Processor -> writers
-emulator -^                                                  MCAP, ROS 2, Foxglove
+DCA1000 ---UDP--> Receiver -> Assembler -> newest Frame -> Processor -> writers
+Emulator --^
 
 """

@@ -3,8 +3,8 @@
     packet  | 1 | 2 | 3 |   | 5 | 4 | 5 | 6 | ..      lost, late and repeated ones
     frame   |   0     |     1     |    2    | ..      borders lie anywhere in a packet
 
-A frame is delivered once it is whole, or once packets `window` bytes beyond its end have
-arrived; its lost bytes are then zeros. Frames are delivered in order.
+A frame is delivered once it is whole, or once a packet `window` bytes behind its end
+has arrived; its lost bytes are then zeros. Frames are delivered in order.
 
 A packet belongs to the stream if its two counters agree: since the newest packet both
 must have advanced by about the same number of packets. Others are set aside. A few that
