@@ -56,6 +56,20 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     return enhance_frames(options)
 
 
+def live(options: argparse.Namespace) -> dict[str, Any]:
+    """Publish dense clouds of a radar on the cable, as it runs."""
+    from jradar.cli.streaming import live_session
+
+    return live_session(options)
+
+
+def replay(options: argparse.Namespace) -> dict[str, Any]:
+    """Send a recording over UDP as the DCA1000 capture card would."""
+    from jradar.cli.streaming import replay_recording
+
+    return replay_recording(options)
+
+
 def calibrate(options: argparse.Namespace) -> dict[str, Any]:
     """Find the factors of the radar's channels from its echoes; write a description."""
     from jradar.cli.calibrating import calibrate_recording

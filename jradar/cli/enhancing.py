@@ -6,10 +6,12 @@ which other frames are enhanced.
 """
 
 import argparse
+import contextlib
 import dataclasses
+import functools
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -19,6 +21,7 @@ import numpy as np
 
 from jradar import recordings
 from jradar.cli.limits import check_limits, within_limits
+from jradar.cli.paths import is_streamed
 from jradar.cli.reading import frame_points, no_echoes, open_frames, summary
 from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, draw, load_model
@@ -48,6 +51,8 @@ class Stopwatch(dict[str, list[float]]):
 def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     """Enhance the frames that the options name, and write the results."""
     check_limits(options)
+    if is_streamed(options.output) and options.frame is None:
+        options.frames = options.frames or slice(None)
     model = load_model(options.model)
     if options.remove_interference:
         model = _excising(model)
@@ -61,7 +66,10 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     key = jax.random.key(options.seed)
     stages = watch("compiling", _compiled_stages, key, model, recording, options)
     rows, written, silent, strange = [], [], [], []
-    with progress("enhancing", len(frames), unit="frames") as show:
+    with (
+        _output(options) as write,
+        progress("enhancing", len(frames), unit="frames") as show,
+    ):
         for done, frame in enumerate(frames, 1):
             values = [watch("read", recordings.calibrated_cube, recording, frame)]
             for name, stage in stages.items():
@@ -71,7 +79,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             cloud, dense = (within_limits(c, options) for c in (cloud, dense))
             power = _power(cube, spec)
             drawn = power, cloud, image, dense
-            written = watch("writing", _write, recording, frame, spec, drawn, options)
+            written = watch("writing", write, recording, frame, spec, drawn, options)
             row: dict[str, Any] = {
                 "frame": frame,
                 "detections": _detections(power, recording.radar, spec),
@@ -214,6 +222,32 @@ def _waveform(radar: RadarSpec) -> dict[str, float]:
         "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
         "{:.0f} virtual antennas": radar.num_virtual,
     }
+
+
+@contextlib.contextmanager
+def _output(options: argparse.Namespace) -> Iterator[Callable[..., list[str]]]:
+    """Yield the function that writes a frame: into a folder, or to one file of all."""
+    if not is_streamed(options.output):
+        yield _write
+        return
+    from jradar.stream.outputs import open_writer
+
+    with contextlib.closing(open_writer(options.output)) as writer:
+        yield functools.partial(_publish, writer)
+
+
+def _publish(writer, recording, frame: int, _spec, drawn, options) -> list[str]:
+    """Write the clouds and the picture of one frame to a file of all frames."""
+    from jradar.stream.views import lidar_cloud, range_azimuth, recorded_view
+
+    _, cloud, _, dense = drawn
+    clouds = {"radar": cloud, "enhanced": dense}
+    if (lidar := recordings.nearest_scan(recording, frame)) is not None:
+        clouds["lidar"] = lidar_cloud(lidar)
+    cube = jnp.asarray(recordings.calibrated_cube(recording, frame))
+    picture = np.asarray(range_azimuth(cube, recording.radar))
+    writer.write(recorded_view(recording, frame, clouds, picture))
+    return [options.output]
 
 
 def _write(recording, frame: int, spec: ModelSpec, drawn, options) -> list[str]:

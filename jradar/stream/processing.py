@@ -16,16 +16,15 @@ from jradar.recordings import (
     Recording,
     Stream,
     calibrated_cube,
-    radar_from_lidar,
     read_description,
 )
 from jradar.recordings.iq_order import check_iq_order, cube_of_words
 from jradar.stream.views import (
     LIDAR_FRAME,
-    RADAR_FRAME,
     View,
     lidar_cloud,
     range_azimuth,
+    sensor_places,
 )
 
 
@@ -90,10 +89,7 @@ class Processor:
         self._key, self._drawing = jax.random.key(seed), drawing
         self._order = recording.iq_order or ("I" if radar.real_samples else "IIQQ")
         self._points = spec.fitted(radar)
-        places = {RADAR_FRAME: recording.base_from_radar}
-        if radar_from_lidar(recording) is not None:
-            places[LIDAR_FRAME] = recording.base_from_lidar
-        self._base_from = {k: v for k, v in places.items() if v is not None}
+        self._base_from = sensor_places(recording)
 
     def cube(
         self, data: UInt8[np.ndarray, " byte"]

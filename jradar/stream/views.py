@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact, UInt8
 
 from jradar.radar import RadarSpec, angle_spectrum, compensate_tdm, range_doppler
-from jradar.recordings import valid_points
+from jradar.recordings import Recording, radar_from_lidar, valid_points
 from jradar.types import PointCloud
 
+FALLBACK_PERIOD_S = 0.1  # of a recording that does not say how fast it was
 SHOWN_DB = 50.0  # below the strongest echo; weaker ones are black
 RADAR_FRAME, BASE_FRAME, LIDAR_FRAME = "radar", "base", "lidar"
 
@@ -65,6 +66,31 @@ def range_azimuth(
     level = 10 * jnp.log10(above / jnp.maximum(above.max(), 1e-30) + 1e-30)
     shade = jnp.clip(255 * (1 + level / SHOWN_DB), 0, 255)
     return jnp.where(above.max() > 0, shade, 0).astype(jnp.uint8)[::-1, ::-1]
+
+
+def recorded_view(
+    recording: Recording,
+    frame: int,
+    clouds: dict[str, PointCloud],
+    picture: UInt8[np.ndarray, "range azimuth"] | None = None,
+) -> View:
+    """Return the view of a recorded frame: its time, and where the sensors are.
+
+    Without stamps, frames follow one another in the radar's frame period, or in 0.1 s.
+    """
+    stamps, period_s = recording.cubes.stamps, recording.radar.frame_period_s
+    stamp_s = frame * (period_s or FALLBACK_PERIOD_S)
+    if stamps is not None:
+        stamp_s = float(stamps[frame])
+    return View(frame, stamp_s, clouds, picture, sensor_places(recording))
+
+
+def sensor_places(recording: Recording) -> dict[str, np.ndarray]:
+    """Return the transforms to the base of those sensors whose place is known."""
+    places = {RADAR_FRAME: recording.base_from_radar}
+    if radar_from_lidar(recording) is not None:
+        places[LIDAR_FRAME] = recording.base_from_lidar
+    return {name: matrix for name, matrix in places.items() if matrix is not None}
 
 
 def lidar_cloud(xyz: Float[np.ndarray, "point 3"]) -> PointCloud:
