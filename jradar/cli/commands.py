@@ -17,10 +17,12 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
         check_samples,
         describe,
         describe_file,
+        is_recording,
     )
 
-    if (described := describe_file(options.path)) is not None:
-        return described
+    radar_frames = options.radar and is_recording(options.path)  # also those in bags
+    if not radar_frames and (found := describe_file(options.path)) is not None:
+        return found
     recording, (frame,) = open_frames(options)
     cube = calibrated_cube(recording, frame)
     samples = check_samples(recording.cubes[frame])

@@ -72,7 +72,7 @@ class _Open:
     """A frame that is not complete: its buffer, and the holes in it."""
 
     def __init__(self, data: np.ndarray):
-        self.data, self.view = data, memoryview(data)
+        self.data, self.view = data, data.data
         self.holes = [(0, len(data))]
         self.stamp_s = time.time()
 

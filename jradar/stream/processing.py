@@ -16,9 +16,9 @@ from jradar.recordings import (
     Recording,
     Stream,
     calibrated_cube,
-    read_description,
 )
-from jradar.recordings.iq_order import check_iq_order, cube_of_words
+from jradar.recordings.dca1000 import bytes_of_frame, described_samples
+from jradar.recordings.iq_order import cube_of_words
 from jradar.stream.views import (
     LIDAR_FRAME,
     View,
@@ -36,22 +36,17 @@ def radar_on_the_cable(
     `description` is its .cfg or another description, `device` the board of a .cfg,
     `iq_order` replaces the described order of I and Q. Errors as in `open_recording`.
     """
-    radar, capture, notes = read_description(description, device=device)
-    if capture.has_headers:
-        raise ValueError(
-            f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
-            "second field to 0"
-        )
-    order = iq_order or ("I" if radar.real_samples else capture.iq_order)
-    check_iq_order(Path(description), order, radar)
+    path = Path(description)
+    described = described_samples(path, path, iq_order=iq_order, device=device)
+    radar, capture, notes = described
     return Recording(
-        name=Path(description).stem,
-        path=Path(description),
+        name=path.stem,
+        path=path,
         radar=radar,
         cubes=Stream(_no_frame, 0),
         channel_factors=capture.channel_array,
         range_bias_m=capture.range_bias_m,
-        iq_order=order,
+        iq_order=capture.iq_order,
         notes=notes,
     )
 
@@ -62,8 +57,7 @@ def _no_frame(index: int) -> Any:
 
 def frame_bytes(recording: Recording) -> int:
     """Return the bytes of a frame on the cable: 16 bits for each I and Q."""
-    radar = recording.radar
-    return (2 if radar.real_samples else 4) * int(np.prod(radar.cube_shape))
+    return bytes_of_frame(recording.radar)
 
 
 class Processor:
