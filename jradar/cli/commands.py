@@ -21,8 +21,8 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     )
 
     radar_frames = options.radar and is_recording(options.path)  # also those in bags
-    if not radar_frames and (found := describe_file(options.path)) is not None:
-        return found
+    if not radar_frames and (contents := describe_file(options.path)) is not None:
+        return contents
     recording, (frame,) = open_frames(options)
     cube = calibrated_cube(recording, frame)
     samples = check_samples(recording.cubes[frame])

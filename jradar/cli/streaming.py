@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import functools
 import sys
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from jradar.cli.reading import given, opening
 from jradar.errors import UsageError
 from jradar.model import Model, load_model
-from jradar.recordings import Recording, open_recording
+from jradar.recordings import Recording, nearest_scan, open_recording
 from jradar.stream import (
     Card,
     Emulator,
@@ -59,6 +60,7 @@ def live_session(options: argparse.Namespace) -> dict[str, Any]:
             silence_s=options.silence,
             seconds=options.seconds,
             finished=lambda: _played(emulator, receiver),
+            lidar=functools.partial(_scan, recording),
             say=lambda text: print(f"jradar: {text}", file=sys.stderr, flush=True),
         )
         receiver.close()
@@ -185,6 +187,13 @@ def _period_s(recording: Recording) -> float:
     if stamps is not None and len(stamps) > 1:
         return float(np.median(np.diff(stamps)))
     return FALLBACK_PERIOD_S
+
+
+def _scan(recording: Recording, number: int) -> np.ndarray | None:
+    """The LiDAR scan that was recorded beside a frame that is replayed."""
+    if recording.lidar is None:
+        return None
+    return nearest_scan(recording, number % len(recording.cubes))
 
 
 def _played(emulator: Emulator | None, receiver: Receiver) -> bool:

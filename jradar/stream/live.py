@@ -65,11 +65,13 @@ def run_live(
     silence_s: float = SILENCE_S,
     seconds: float | None = None,
     finished: Callable[[], bool] = lambda: False,
+    lidar: Callable[[int], np.ndarray | None] = lambda number: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Session:
     """Publish the newest frame until the end: SIGINT, SIGTERM, `seconds`, `finished`.
 
-    `finished` is asked while no frame waits. `say` is called with warnings. Raises
+    `finished` is asked while no frame waits. `lidar` returns the scan to put beside a
+    frame. `say` is called with warnings. Raises
     TimeoutError, with what to check, if nothing ever comes from the card for
     `silence_s`; a card that falls silent later is only reported.
     """
@@ -102,7 +104,8 @@ def run_live(
                 warn(doubt)
             cube = processor.cube(frame.data)
             receiver.recycle(frame)
-            view = processor.view(cube, frame.number, frame.stamp_s)
+            scan = lidar(frame.number)
+            view = processor.view(cube, frame.number, frame.stamp_s, lidar=scan)
             for writer in writers:
                 writer.write(view)
             session.add(frame.arrived_s)

@@ -10,7 +10,7 @@ import pytest
 
 from jradar.cli import main
 from jradar.cli.paths import STREAMED, is_streamed
-from jradar.recordings import open_recording
+from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.outputs import OUTPUTS
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.test_dca1000 import CFG, as_bytes, random_cubes
@@ -51,6 +51,17 @@ def test_the_model_of_a_live_session_is_one_of_ones_own(
     assert result["frames published"] == 1
     with np.load(out / "000000" / "enhanced.npz") as file:
         assert len(file["xyz"])
+
+
+def test_the_lidar_of_a_recording_is_beside_its_frames(sequence, run_json, tmp_path):
+    pytest.importorskip("foxglove")
+    out = tmp_path / "out.mcap"
+    command = ["live", "--replay", sequence, "--model", "none", "-o", out]
+    run_json(*command, "--silence", PATIENCE_S)
+    recording = open_recording(sequence)
+    scans = [m for topic, _, _, m in mcap_messages(out) if topic == "/lidar/points"]
+    scan = nearest_scan(recording, len(recording.cubes) - 1)
+    np.testing.assert_allclose(table_of(scans[-1])["x"], scan[:, 0], rtol=1e-6)
 
 
 def test_enhanced_frames_become_one_file(sequence, model_folder, run_json, tmp_path):
