@@ -13,6 +13,7 @@ import hashlib
 import json
 import multiprocessing
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -164,7 +165,7 @@ def soak(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Parse the options, run a session, print its numbers as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=600.0)
@@ -178,7 +179,7 @@ def main() -> None:
     parser.add_argument("--duplicate", type=float, default=0.0)
     parser.add_argument("--wrap", action="store_true", help="let the counters wrap")
     parser.add_argument("-o", "--output", help="also write an .mcap, .ros2 or folder")
-    print(json.dumps(soak(parser.parse_args()), indent=2))
+    print(json.dumps(soak(parser.parse_args(arguments)), indent=2))
 
 
 if __name__ == "__main__":
