@@ -222,6 +222,11 @@ def _open_reader(path, _process, _version):
 
 
 def _damaged(path, error):
+    if "Profile is not ros2" in str(error):
+        return (
+            f"{path} is an MCAP file without ROS messages, expected a ROS 2 bag: "
+            "Foxglove opens it"
+        )
     parts = {part.suffix for part in path.iterdir()} if path.is_dir() else {path.suffix}
     repair = "ros2 bag reindex FOLDER, or sqlite3 FILE.db3 .recover"
     if ".bag" in parts:

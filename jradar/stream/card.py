@@ -65,7 +65,7 @@ class Card:
         self.command(Command.RESET)
 
     def start(self) -> None:
-        """Start recording: the next frame of the radar is sent from its first byte."""
+        """Start recording; start the board afterwards: byte 0 then begins a frame."""
         self.command(Command.START)
 
     def stop(self) -> None:

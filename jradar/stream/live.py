@@ -77,7 +77,8 @@ def run_live(
     """
     session, line = Session(), StatusLine()
     session.warnings += [receiver.note] if receiver.note else []
-    begin, silent, rate = time.monotonic(), False, FrameRate(processor)
+    begin, rate = time.monotonic(), FrameRate(processor)
+    silent = strange = False
 
     def warn(text: str) -> None:
         session.warnings.append(text)
@@ -88,6 +89,9 @@ def run_live(
         while not ending.is_set():
             over, frame = finished(), receiver.take(WAKE_S)
             line.show(session, receiver)
+            if not strange and (text := receiver.strangers()):
+                strange = True
+                warn(text)
             if seconds is not None and time.monotonic() - begin > seconds:
                 break
             if frame is None:

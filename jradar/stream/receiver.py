@@ -11,12 +11,13 @@ import time
 from collections import deque
 
 from jradar.stream.assembler import WINDOW, Assembler, Counts, Frame
-from jradar.stream.protocol import NetworkSpec
+from jradar.stream.protocol import MOST_PACKET, NetworkSpec
 from jradar.stream.sockets import udp_socket
 
 LONGEST_PACKET = 2048  # a longer one is cut, and counts as malformed
 WAKE_S = 0.1  # after which the thread looks whether it is to end
 FRAMES_IN_SOCKET = 2
+MANY = 100  # packets that are no accident any more
 LEAST_BUFFER, MOST_BUFFER = 1 << 20, 1 << 30  # bytes of the socket's buffer
 
 
@@ -45,6 +46,7 @@ class Receiver:
         self._fault: Exception | None = None
         self.heard_s = time.monotonic()  # of the card, on the monotonic clock
         self._socket = udp_socket(network.host, network.data_port, timeout_s=WAKE_S)
+        self.port: int = self._socket.getsockname()[1]  # also where the network's is 0
         asked = FRAMES_IN_SOCKET * frame_bytes
         size = min(max(asked, LEAST_BUFFER), MOST_BUFFER)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
@@ -61,11 +63,6 @@ class Receiver:
     def counts(self) -> Counts:
         """What happened to packets and frames so far."""
         return self._assembler.counts
-
-    @property
-    def port(self) -> int:
-        """The data port, also where the network's is 0."""
-        return self._socket.getsockname()[1]
 
     def __enter__(self) -> "Receiver":
         self.heard_s = time.monotonic()
@@ -120,6 +117,27 @@ class Receiver:
             "(lvdsStreamCfg -1 0 1 0), and is a firewall open for the port? See "
             "jradar/stream/README.md"
         )
+
+    def strangers(self) -> str:
+        """Return a warning if many packets are not the card's stream, else ""."""
+        counts, found = self.counts, []
+        if counts.foreign >= MANY:
+            found.append(
+                f"{counts.foreign:,} packets of other senders, the last of "
+                f"{self.foreign_sender}: another card or program sends to port "
+                f"{self.port}"
+            )
+        if counts.malformed >= MANY:
+            found.append(
+                f"{counts.malformed:,} packets without a header or longer than "
+                f"{MOST_PACKET:,} bytes: is dataLoggingMode raw?"
+            )
+        if counts.ignored >= MANY:
+            found.append(
+                f"{counts.ignored:,} packets whose counters do not fit together: do "
+                "two cards have the same address?"
+            )
+        return "; ".join([*found, "they are ignored"]) if found else ""
 
     def _receive(self) -> None:
         """Receive until the end; a fault is raised by `take`."""

@@ -15,7 +15,7 @@ from jradar.stream.outputs import OUTPUTS
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.test_dca1000 import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
-from tests.stream.test_outputs import mcap_messages, table_of
+from tests.stream.test_outputs import mcap_messages, table_of, write
 
 QUICK = ("--draws", "2", "--steps", "1")
 
@@ -89,6 +89,13 @@ def test_enhanced_frames_become_a_bag(sequence, model_folder, run_json, tmp_path
     run_json(*command, "--frames", "0:2")
     topics = {row["topic"]: row["messages"] for row in run_json("info", out)["topics"]}
     assert topics["/enhanced/points"] == topics["/radar/points"] == 2
+
+
+def test_a_file_for_foxglove_is_told_apart_from_a_bag(tmp_path, capsys):
+    pytest.importorskip("foxglove")
+    path = write(tmp_path / "out.mcap")
+    assert main(["info", str(path)]) == 4
+    assert "without ROS messages" in capsys.readouterr().err
 
 
 def test_what_exists_is_not_overwritten(capture, tmp_path, capsys):

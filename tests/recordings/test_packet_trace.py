@@ -1,6 +1,7 @@
 """Packet traces: frames of a card, whatever else is on the network."""
 
 import struct
+import sys
 
 import numpy as np
 import pytest
@@ -118,6 +119,13 @@ def test_a_trace_that_was_cut_off_is_read_up_to_there(tmp_path):
 def test_packets_that_were_cut_short_are_refused(tmp_path):
     with pytest.raises(ValueError, match="tcpdump -s 0"):
         open_recording(trace(tmp_path, [datagram(p)[:96] for p in packets()]))
+
+
+def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch):
+    path = trace(tmp_path, map(datagram, packets()))
+    monkeypatch.setitem(sys.modules, "dpkt", None)
+    with pytest.raises(ImportError, match=r"pip install 'jradar\[live\]'"):
+        open_recording(path)
 
 
 @pytest.mark.parametrize(

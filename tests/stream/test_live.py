@@ -14,7 +14,7 @@ from jradar.stream.emulator import Emulator, RecordedFrames
 from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
 from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
 from jradar.stream.receiver import Receiver
-from jradar.stream.sockets import loopback_network
+from jradar.stream.sockets import loopback_network, udp_socket
 from tests.recordings.test_dca1000 import CFG
 from tests.stream.loops import PATIENCE_S, wait_until
 
@@ -121,6 +121,29 @@ def test_a_card_that_falls_silent_is_reported_once(processor):
         wait_until(lambda: receiver.counts.placed, "packets")
         run_live(receiver, processor, [], silence_s=0.3, say=said.append, seconds=1.5)
     assert len(said) == 1 and "no packets from the card" in said[0]
+
+
+def test_packets_of_others_are_reported_once_while_frames_go_on(processor):
+    network, said = loopback_network(), []
+    with (
+        Emulator(RecordedFrames(RECORDING), network, period_s=0.02) as emulator,
+        Receiver(frame_bytes(RECORDING), network, waiting=1000) as receiver,
+        udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger,
+    ):
+        for sent in range(150):
+            stranger.sendto(b"x" * 500, (network.host, network.data_port))
+            wait_until(lambda n=sent: receiver.counts.foreign > n, "a packet")
+        emulator.start()
+        session = run_live(
+            receiver,
+            processor,
+            [],
+            silence_s=PATIENCE_S,
+            finished=lambda: receiver.counts.frames >= len(CUBES),
+            say=said.append,
+        )
+    assert session.published == len(CUBES)
+    assert len(said) == 1 and "150 packets of other senders" in said[0]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -9,7 +9,7 @@ from jradar.stream.emulator import FaultSpec
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
 from tests.stream.loops import loop, settled, taken, wait_until
-from tests.stream.packets import packets_of, random_frames
+from tests.stream.packets import packet, packets_of, random_frames
 
 FRAMES = random_frames(20)  # 33 packets, which any socket holds
 BYTES = [frame.tobytes() for frame in FRAMES]
@@ -78,6 +78,27 @@ def test_a_flood_of_foreign_packets_changes_nothing():
         frames = taken(receiver)
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert receiver.counts.foreign == 33 * 20
+    assert "660 packets of other senders, the last of 127.0.0.3" in receiver.strangers()
+    assert "longer than" not in receiver.strangers()
+
+
+def test_packets_that_are_no_stream_are_named_by_their_fault():
+    network = loopback_network()
+    with (
+        Receiver(2400, network) as receiver,
+        udp_socket(network.card, 0, timeout_s=1.0) as card,
+    ):
+        assert not receiver.strangers()
+        for number in range(300):
+            card.sendto(b"x" * 2000, (network.host, network.data_port))
+            wait_until(lambda n=number: receiver.counts.packets > n, "a packet")
+        assert "300 packets without a header or longer" in receiver.strangers()
+        counters = np.random.default_rng(0).integers(0, 2**32, (300, 2))
+        for number, (sequence, place) in enumerate(counters.tolist()):
+            strange = packet(sequence, place, b"x" * 100)
+            card.sendto(strange, (network.host, network.data_port))
+            wait_until(lambda n=number: receiver.counts.packets > 300 + n, "a packet")
+        assert "do two cards have the same address?" in receiver.strangers()
 
 
 def test_silence_is_explained():
