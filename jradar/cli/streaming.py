@@ -230,5 +230,5 @@ def _started(options, recording: Recording, network: NetworkSpec):
 
 def _quietly(stop) -> None:
     """Stop a device; one that does not answer any more changes nothing."""
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError, ValueError):
         stop()

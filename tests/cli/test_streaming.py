@@ -11,10 +11,13 @@ import pytest
 from jradar.cli import main
 from jradar.cli.paths import STREAMED, is_streamed
 from jradar.recordings import nearest_scan, open_recording
+from jradar.stream.emulator import Emulator, RecordedFrames
 from jradar.stream.outputs import OUTPUTS
+from jradar.stream.sockets import loopback_network
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.test_dca1000 import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
+from tests.stream.test_board import demo
 from tests.stream.test_outputs import mcap_messages, table_of, write
 
 QUICK = ("--draws", "2", "--steps", "1")
@@ -149,11 +152,30 @@ def test_names_of_outputs_are_those_of_the_library(tmp_path):
         assert is_streamed(name) == (kind.name != "a folder")
 
 
+def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
+    """An emulated card in a thread, a board behind a pseudo-terminal."""
+    network, frames = loopback_network(), RecordedFrames(open_recording(capture))
+    cfg = capture.with_name("profile.cfg")
+    with (
+        demo() as (board, port),
+        Emulator(frames, network, period_s=0.05, repeat=True) as emulator,
+    ):
+        addresses = ["--host", network.host, "--card", network.card]
+        addresses += ["--command-port", network.command_port]
+        addresses += ["--data-port", network.data_port]
+        command = ["live", "--radar", cfg, "--model", "none", "--board", port]
+        result = run_json(*command, *addresses, "--seconds", 2, "--silence", 60)
+        sent = emulator.sent.packets
+        assert sent and not emulator._sending.is_alive()
+    received = result["packets"]["received"]
+    assert received <= sent and result["frames received"] > 0
+    lines = [line for line in cfg.read_text().splitlines() if line]
+    assert board.heard == [*lines, "sensorStart", "sensorStop"]
+
+
 def test_two_programs_talk_to_each_other(capture, tmp_path):
     """`replay` in one process, `live` in another, over the loopback; SIGINT ends it."""
     pytest.importorskip("foxglove")
-    from jradar.stream.sockets import loopback_network
-
     network = loopback_network()
     addresses = ["--host", network.host, "--card", network.card]
     addresses += ["--command-port", str(network.command_port)]

@@ -1,5 +1,6 @@
 """The live loop: the library's clouds, frames that add up, silence explained."""
 
+import itertools
 import os
 import signal
 import threading
@@ -111,7 +112,7 @@ def test_a_card_that_never_sends_is_explained(processor):
 
 
 def test_a_card_that_falls_silent_is_reported_once(processor):
-    network, said = loopback_network(), []
+    network, said, silent_turns = loopback_network(), [], itertools.count()
     frames = RecordedFrames(RECORDING)
     with (
         Emulator(frames, network, period_s=0.01) as emulator,
@@ -119,7 +120,14 @@ def test_a_card_that_falls_silent_is_reported_once(processor):
     ):
         emulator.start()
         wait_until(lambda: receiver.counts.placed, "packets")
-        run_live(receiver, processor, [], silence_s=0.3, say=said.append, seconds=1.5)
+        run_live(
+            receiver,
+            processor,
+            [],
+            silence_s=0.3,
+            say=said.append,
+            finished=lambda: bool(said) and next(silent_turns) > 4,
+        )
     assert len(said) == 1 and "no packets from the card" in said[0]
 
 
