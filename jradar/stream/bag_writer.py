@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.stream.outputs import load
+from jradar.stream.outputs import load, writing
 from jradar.stream.views import BASE_FRAME, RADAR_FRAME, View, point_table
 
 FLOAT32 = 7  # of sensor_msgs/PointField
@@ -26,12 +26,12 @@ class BagWriter:
         rosbag2 = load("rosbags.rosbag2", "ros", "a ROS 2 bag")
         typesys = load("rosbags.typesys", "ros", "a ROS 2 bag")
         self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        self._bag = rosbag2.Writer(path, version=VERSION)
+        self.path, self._bag = path, rosbag2.Writer(path, version=VERSION)
         self._bag.open()
         self._connections: dict[str, Any] = {}
 
     def write(self, view: View) -> None:
-        """Write all messages of a view."""
+        """Write all messages of a view; OSError if the disk is full."""
         header = self._header(view, RADAR_FRAME)
         for name, cloud in view.clouds.items():
             message = self._cloud(header, point_table(cloud))
@@ -49,18 +49,21 @@ class BagWriter:
 
     def close(self) -> None:
         """Write the metadata."""
-        self._bag.close()
+        with writing(self.path):
+            self._bag.close()
 
     def _type(self, name: str) -> Any:
         return self._store.types[name]
 
     def _write(self, topic: str, message: Any, view: View) -> None:
         kind = message.__msgtype__
-        if topic not in self._connections:
-            connection = self._bag.add_connection(topic, kind, typestore=self._store)
-            self._connections[topic] = connection
-        raw = self._store.serialize_cdr(message, kind)
-        self._bag.write(self._connections[topic], view.stamp_ns, raw)
+        with writing(self.path):
+            if topic not in self._connections:
+                self._connections[topic] = self._bag.add_connection(
+                    topic, kind, typestore=self._store
+                )
+            raw = self._store.serialize_cdr(message, kind)
+            self._bag.write(self._connections[topic], view.stamp_ns, raw)
 
     def _header(self, view: View, frame_id: str) -> Any:
         seconds, nanoseconds = divmod(view.stamp_ns, 10**9)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.stream.outputs import load
+from jradar.stream.outputs import load, writing
 from jradar.stream.views import BASE_FRAME, RADAR_FRAME, View, point_table
 
 FLUSHED_S = 1.0  # by which a crash may shorten a file
@@ -103,21 +103,26 @@ class McapWriter:
 
     def __init__(self, path: Path):
         """Create the file; it must not exist."""
-        self._topics = Topics("an MCAP file")
+        self.path, self._topics = path, Topics("an MCAP file")
         self._file = self._topics.foxglove.open_mcap(path, context=self._topics.context)
         self._flushed_s = time.monotonic()
 
     def write(self, view: View) -> None:
-        """Write a view; what is older than a second is safe from a crash."""
-        self._topics.log(view)
-        now = time.monotonic()
-        if now - self._flushed_s >= FLUSHED_S:
-            self._file.flush()
-            self._flushed_s = now
+        """Write a view; what is older than a second is safe from a crash.
+
+        Raises OSError if the file cannot be written, such as on a full disk.
+        """
+        with writing(self.path):
+            self._topics.log(view)
+            now = time.monotonic()
+            if now - self._flushed_s >= FLUSHED_S:
+                self._file.flush()
+                self._flushed_s = now
 
     def close(self) -> None:
         """Write the index."""
-        self._file.close()
+        with writing(self.path):
+            self._file.close()
 
 
 class Server:

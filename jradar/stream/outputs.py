@@ -7,8 +7,10 @@
 All have `write(view)` and `close()`. An MCAP file or a bag is never overwritten.
 """
 
+import contextlib
 import importlib
-from collections.abc import Callable
+import sqlite3
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -114,6 +116,18 @@ def check_new(path: Path | str) -> None:
         raise UsageError(f"{path} exists and is not overwritten: choose another name")
     if path.is_file():
         raise UsageError(f"{path} is a file, expected the name of a folder")
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise OSError with the file's name for errors of the packages that write it."""
+    try:
+        yield
+    except (RuntimeError, sqlite3.Error) as error:
+        reason = " ".join(str(error).split())
+        raise OSError(
+            f"{path} cannot be written ({reason}): is the disk full?"
+        ) from error
 
 
 def load(package: str, extra: str, what: str) -> Any:

@@ -1,6 +1,7 @@
 """Outputs: other programs read back every field; nothing is overwritten."""
 
 import asyncio
+import contextlib
 import json
 import signal
 import struct
@@ -158,6 +159,20 @@ def test_an_empty_cloud_is_written(tmp_path, name):
     empty = PointCloud(np.zeros((4, 3), np.float32), np.zeros(4, bool))
     write(tmp_path / name, [VIEWS[0]._replace(clouds={"enhanced": empty})])
     assert (tmp_path / name).exists()
+
+
+@pytest.mark.parametrize("name", ["out.mcap", "out.ros2"])
+def test_a_full_disk_is_named(small_disk, name, monkeypatch):
+    writers = pytest.importorskip("jradar.stream.foxglove_writers")
+    monkeypatch.setattr(writers, "FLUSHED_S", 0.0)
+    pytest.importorskip("foxglove")
+    pytest.importorskip("rosbags")
+    writer = open_writer(small_disk / name)
+    with pytest.raises(OSError, match=rf"{name} cannot be written .*the disk full"):
+        for _ in range(100):
+            writer.write(view_of(0, points=5000))
+    with contextlib.suppress(OSError):
+        writer.close()
 
 
 @pytest.mark.parametrize("name", ["out.mcap", "out.ros2"])
