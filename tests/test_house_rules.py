@@ -32,6 +32,7 @@ FLOORS = {
     "training": 5,
     "evaluation": 5,
     "export": 5,
+    "stream": 5,
     "cli": 6,
 }
 PURE = ("types", "nearest", "radar", "range_image", "lidar", "diffusion", "metrics")

@@ -20,9 +20,11 @@ from jradar.recordings import open_recording, radar_from_toml
 
 ROOT = Path(__file__).parents[1]
 GUIDE = "jradar/recordings/README"
+STREAM = "jradar/stream/README"
 FILES = (
     "README",
     GUIDE,
+    STREAM,
     "experiments/README",
     "experiments/RESULTS",
     "benchmarks/README",
@@ -94,6 +96,15 @@ def test_a_recording_is_opened_from_python(simulated, monkeypatch):
     exec(code, names)
     assert names["cube"].shape == names["recording"].radar.cube_shape
     assert names["cloud"].valid.any() and len(names["scan"]) > 1000
+
+
+def test_a_frame_becomes_a_view_in_python(simulated, monkeypatch):
+    (code,) = blocks("python", STREAM)
+    (folder,) = (simulated / "sim").glob("hall_*")
+    monkeypatch.chdir(simulated)
+    names = {}
+    exec(code.replace("sim/lab_0", str(folder)), names)
+    assert len(names["points"]) == names["view"].clouds["radar"].valid.sum() > 0
 
 
 def test_a_case_of_ones_own_is_timed(capsys):
@@ -185,6 +196,10 @@ NOT_RUN = {  # and why
     "--set jradar-sim-1": "minutes; the mini set is run by smoke",
     "jradar prepare sim-test -o records/test": "needs the test set",
     "--scheduler": "needs a Dask cluster",
+    "python -m benchmarks.soak_stream --seconds 600 --model jradar-sim": "10 minutes",
+    "--host 127.0.0.1 --card 127.0.0.2": "waits for a card; see test_streaming",
+    "--repeat": "sends until it is ended",
+    "--board": "needs a radar",
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
     "--config=experiments/configs/default.py": "an hour of training",
     "--config=experiments/configs/regression.py": "an hour of training",

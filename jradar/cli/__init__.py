@@ -1,4 +1,4 @@
-"""The command line: info, points, enhance, calibrate, prepare, simulate, view, export.
+"""The command line: info, points, enhance, live, calibrate, prepare and others.
 
 A command imports what it needs when it runs, so `--help`, a wrong option and a wrong
 path answer before JAX loads. `jradar.errors` lists the exit codes.

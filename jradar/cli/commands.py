@@ -17,10 +17,12 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
         check_samples,
         describe,
         describe_file,
+        is_recording,
     )
 
-    if (described := describe_file(options.path)) is not None:
-        return described
+    radar_frames = options.radar and is_recording(options.path)  # also those in bags
+    if not radar_frames and (contents := describe_file(options.path)) is not None:
+        return contents
     recording, (frame,) = open_frames(options)
     cube = calibrated_cube(recording, frame)
     samples = check_samples(recording.cubes[frame])
@@ -54,6 +56,20 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     from jradar.cli.enhancing import enhance_frames
 
     return enhance_frames(options)
+
+
+def live(options: argparse.Namespace) -> dict[str, Any]:
+    """Publish dense clouds of a radar on the cable, as it runs."""
+    from jradar.cli.streaming import live_session
+
+    return live_session(options)
+
+
+def replay(options: argparse.Namespace) -> dict[str, Any]:
+    """Send a recording over UDP as the DCA1000 capture card would."""
+    from jradar.cli.streaming import replay_recording
+
+    return replay_recording(options)
 
 
 def calibrate(options: argparse.Namespace) -> dict[str, Any]:

@@ -7,7 +7,9 @@ which other frames are enhanced.
 
 import argparse
 import collections
+import contextlib
 import dataclasses
+import functools
 import itertools
 import statistics
 import time
@@ -21,6 +23,7 @@ import numpy as np
 
 from jradar import recordings
 from jradar.cli.limits import check_limits, within_limits
+from jradar.cli.paths import is_streamed
 from jradar.cli.reading import (
     frame_points,
     no_echoes,
@@ -70,6 +73,7 @@ class Enhanced(NamedTuple):
     """One frame on its way from the reader to the writer."""
 
     frame: int
+    cube: Any
     power: Any
     cloud: PointCloud
     image: RangeImage
@@ -83,6 +87,8 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     One thread reads ahead and another writes, while this one computes.
     """
     check_limits(options)
+    if is_streamed(options.output) and options.frame is None:
+        options.frames = options.frames or slice(None)
     model = load_model(options.model)
     if options.remove_interference:
         model = _excising(model)
@@ -107,12 +113,13 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         return _result(frame, values, spec, options)
 
     def write(result):
-        files = watch("writing", _write, recording, spec, result, options, pictured)
+        files = watch("writing", put, recording, spec, result, options, pictured)
         return result.row, files
 
     rows, written = list[dict[str, Any]](), list[str]()
     begin = time.perf_counter()
     with (
+        _output(options) as put,
         progress("enhancing", len(frames), unit="frames") as show,
         ThreadPoolExecutor(1) as reader,
         ThreadPoolExecutor(1) as writer,
@@ -158,7 +165,7 @@ def _ahead(threads: ThreadPoolExecutor, call: Callable, items: Iterable) -> Iter
 
 def _result(frame: int, values: list[Any], spec: ModelSpec, options) -> Enhanced:
     """What is written of a frame, from the results of all stages."""
-    _, cloud, seen, image, dense, power, detections = values
+    cube, cloud, seen, image, dense, power, detections = values
     silent = not cloud.valid.any()
     cloud, dense = (within_limits(c, options) for c in (cloud, dense))
     row: dict[str, Any] = {
@@ -172,7 +179,7 @@ def _result(frame: int, values: list[Any], spec: ModelSpec, options) -> Enhanced
         row["confidence (%)"] = round(100 * mean, 1)
     if spec.trust is not None:
         row["unlike training (%)"] = round(100 * float(unlikeness(seen, spec.trust)), 1)
-    return Enhanced(frame, power, cloud, image, dense, row)
+    return Enhanced(frame, cube, power, cloud, image, dense, row)
 
 
 def _excising(model: Model) -> Model:
@@ -323,6 +330,32 @@ def _waveform(radar: RadarSpec) -> dict[str, float]:
         "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
         "{:.0f} virtual antennas": radar.num_virtual,
     }
+
+
+@contextlib.contextmanager
+def _output(options: argparse.Namespace) -> Iterator[Callable[..., list[str]]]:
+    """Yield the function that writes a frame: into a folder, or to one file of all."""
+    if not is_streamed(options.output):
+        yield _write
+        return
+    from jradar.stream.outputs import open_writer
+
+    with contextlib.closing(open_writer(options.output)) as writer:
+        yield functools.partial(_publish, writer)
+
+
+def _publish(
+    writer, recording, _spec, result: Enhanced, options, _pictured
+) -> list[str]:
+    """Write the clouds and the picture of one frame to a file of all frames."""
+    from jradar.stream.views import lidar_cloud, range_azimuth, recorded_view
+
+    clouds = {"radar": result.cloud, "enhanced": result.dense}
+    if (lidar := recordings.nearest_scan(recording, result.frame)) is not None:
+        clouds["lidar"] = lidar_cloud(lidar)
+    picture = np.asarray(range_azimuth(jnp.asarray(result.cube), recording.radar))
+    writer.write(recorded_view(recording, result.frame, clouds, picture))
+    return [options.output]
 
 
 def _write(

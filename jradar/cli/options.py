@@ -10,7 +10,7 @@ import functools
 import math
 import os
 from collections.abc import Callable
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from jradar import __version__
 from jradar.cli import commands
@@ -35,6 +35,16 @@ PREPARE_HELP = """
 
 PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same
 command again to resume after an interruption."""
+LIVE_HELP = """
+
+The board runs the .cfg that --radar names; the DCA1000 sends its samples here, and the
+newest frame becomes a cloud. Ctrl-C ends it. Without a radar, --replay plays a
+recording through an emulated card. jradar/stream/README.md has the wiring and the
+network."""
+REPLAY_HELP = """
+
+The emulated card answers commands on --card and sends to --host. A program starts it,
+such as jradar live --radar FILE --host 127.0.0.1 --card 127.0.0.2."""
 CALIBRATE_HELP = """
 
 FILE describes the same radar with its channels' factors: pass it as --radar, or name it
@@ -89,6 +99,8 @@ def parser() -> argparse.ArgumentParser:
     _info(_command(kinds, commands.info, RECORDING_HELP + FILES_HELP))
     _points(_command(kinds, commands.points, RECORDING_HELP))
     _enhance(_command(kinds, commands.enhance, RECORDING_HELP))
+    _live(_command(kinds, commands.live, more=LIVE_HELP))
+    _replay(_command(kinds, commands.replay, RECORDING_HELP + REPLAY_HELP))
     _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
     _prepare(_command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
     _simulate(_command(kinds, commands.simulate))
@@ -97,13 +109,16 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def _command(kinds, command: Callable, path_help: str = ""):
-    """Return a command's parser; `path_help` describes its PATH, if it has one."""
+def _command(kinds, command: Callable, path_help: str = "", *, more: str = ""):
+    """Return a command's parser; `path_help` describes its PATH, if it has one.
+
+    `more` is the description of a command without a PATH.
+    """
     summary = (command.__doc__ or "").splitlines()[0]
     sub = kinds.add_parser(
         command.__name__,
         help=summary,
-        description=f"{summary}\n\n{path_help}".strip(),
+        description=f"{summary}\n\n{path_help}{more.strip()}".strip(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     sub.set_defaults(command=command)
@@ -156,11 +171,12 @@ def _points(sub):
 def _enhance(sub):
     _recording(sub)
     _frame(sub, several=True)
-    _output(sub)
+    text = "output folder, created if missing; or a new .mcap file or .ros2 bag, by "
+    _output(sub, text=text + "default of all frames")
+    sub.set_defaults(output_may_stream=True)
     text = "name of a shipped model, or folder of a model (default: %(default)s)"
     _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
-    text = "also enhance a radar with one row of antennas, whose heights are invented"
-    _flag(sub, "--anyway", text)
+    _anyway(sub)
     _cleaning(sub)
     _drawing(sub)
     text = "leave out points of less confidence, 0 to 1 (default: the model's)"
@@ -172,6 +188,76 @@ def _enhance(sub):
     )
     _seed(sub, "random seed of the draws")
     _clouds(sub)
+
+
+def _live(sub):
+    _recording(sub)
+    text = "play this recording through an emulated card on this machine"
+    _value(sub, "--replay", "RECORDING", text)
+    text = "new .mcap file, new .ros2 bag, or folder of clouds to write"
+    _value(sub, "-o", "OUT", text, dest="output")
+    sub.set_defaults(output_is_folder=True, output_may_stream=True)
+    text = "serve Foxglove over a WebSocket (default port: 8765)"
+    _value(sub, "--serve", "PORT", text, type=_port, nargs="?", const=8765)
+    text = (
+        "address to serve on; 0.0.0.0 is all of this machine's (default: %(default)s)"
+    )
+    _value(sub, "--serve-host", "ADDRESS", text, default="127.0.0.1")
+    text = "name of a shipped model, folder of a model, or none for detections only "
+    text += "(default: %(default)s)"
+    _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    _anyway(sub)
+    _count(sub, "--draws", "draw N samples (default: 1)", most=MAX_DRAWS)
+    _count(sub, "--steps", "solver steps per draw (default: 1)", most=MAX_STEPS)
+    _seed(sub, "random seed of the draws")
+    _value(sub, "--seconds", "S", "end after S seconds", type=_positive)
+    text = "seconds without a packet that are reported (default: %(default)s)"
+    _value(sub, "--silence", "S", text, type=_positive, default=5.0)
+    text = "serial port of the board, such as /dev/ttyACM0, to send it the .cfg"
+    _value(sub, "--board", "PORT", text)
+    text = "only listen: another program commands the card"
+    _flag(sub, "--no-commands", text)
+    text = "pause between two packets of the card, 5 to 500 us (default: %(default)s)"
+    _value(sub, "--packet-delay", "US", text, type=_positive, default=25.0)
+    _network(sub, "192.168.33.30", "192.168.33.180")
+    _playing(sub)
+
+
+def _replay(sub):
+    _recording(sub)
+    _flag(sub, "--now", "send at once, without waiting for a command")
+    _network(sub, "127.0.0.1", "127.0.0.2")
+    _playing(sub)
+
+
+def _network(sub, host: str, card: str):
+    """Add the addresses of this machine and of the card."""
+    for name, default, what in (
+        ("--host", host, "address that receives the packets"),
+        ("--card", card, "address of the card"),
+    ):
+        _value(sub, name, "ADDRESS", f"{what} (default: {default})", default=default)
+    for name, port in (("--command-port", 4096), ("--data-port", 4098)):
+        text = "UDP port (default: %(default)s)"
+        _value(sub, name, "PORT", text, type=_port, default=port)
+
+
+def _playing(sub):
+    """Add how a recording is played."""
+    text = "play S times as fast as it was recorded (default: 1)"
+    _value(sub, "--speed", "S", text, type=_positive, default=1.0)
+    _value(sub, "--loss", "P", "lose packets with this probability", **_CHANCE)
+    text = "packets are late by up to N places"
+    _value(sub, "--reorder", "N", text, type=_places, default=0)
+    _value(
+        sub, "--duplicate", "P", "send packets twice with this probability", **_CHANCE
+    )
+    _flag(sub, "--repeat", "begin again at the end of the recording")
+
+
+def _anyway(sub):
+    text = "also enhance a radar with one row of antennas, whose heights are invented"
+    _flag(sub, "--anyway", text)
 
 
 def _calibrate(sub):
@@ -261,8 +347,7 @@ def _recording(sub):
 def _frame(sub, *, several: bool = False):
     """Add which frame is read, or which frames."""
     which = sub.add_mutually_exclusive_group()
-    text = "frame to read (default: %(default)s)"
-    _value(which, "--frame", "N", text, type=int, default=0)
+    _value(which, "--frame", "N", "frame to read (default: 0)", type=int)
     if several:
         text = "frames A to B-1, each written to its own folder inside DIR"
         _value(which, "--frames", "A:B", text, type=_frames)
@@ -276,7 +361,7 @@ def _all_frames(sub, text: str):
 
 def _output(sub, metavar="DIR", text="output folder, created if missing"):
     sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
-    sub.set_defaults(output_is_folder=metavar == "DIR")
+    sub.set_defaults(output_is_folder=metavar == "DIR", output_may_stream=False)
 
 
 def _cleaning(sub):
@@ -388,6 +473,16 @@ def _share(text: str) -> float:
     return value
 
 
+def _port(text: str) -> int:
+    """Parse a UDP or TCP port; 0 takes a free one."""
+    return _whole(0, 65_535, text)
+
+
+def _places(text: str) -> int:
+    """Parse the number of places by which a packet may be late."""
+    return _whole(0, 1000, text)
+
+
 def _rate(text: str) -> float:
     """Parse a probability above 0."""
     try:
@@ -397,3 +492,6 @@ def _rate(text: str) -> float:
     if not 0 < value <= 1:
         raise argparse.ArgumentTypeError(f"{text!r}, expected more than 0, at most 1")
     return value
+
+
+_CHANCE: dict[str, Any] = {"type": _chance, "default": 0.0}

@@ -6,7 +6,13 @@ from pathlib import Path
 
 from jradar.errors import ModelError, UsageError
 
-INPUTS = ("path", "radar", "spec", "coupling", "run")  # options that name a file
+INPUTS = ("path", "radar", "replay", "spec", "coupling", "run")  # name a file
+STREAMED = (".mcap", ".ros2")  # outputs that hold all frames in one file or bag
+
+
+def is_streamed(output: str) -> bool:
+    """True for an output that holds all frames in one file or bag."""
+    return Path(output).suffix in STREAMED
 
 
 def check_paths(options: argparse.Namespace) -> None:
@@ -22,7 +28,10 @@ def check_paths(options: argparse.Namespace) -> None:
     if os.sep in model and not os.path.exists(model):  # no name of a shipped model
         raise ModelError(f"no model at {model}: no such folder")
     if (output := getattr(options, "output", None)) is not None:
-        _check_output(Path(output), folder=options.output_is_folder)
+        streamed = is_streamed(output) and options.output_may_stream
+        if streamed and os.path.lexists(output):
+            raise UsageError(f"{output} exists and is not overwritten: name another")
+        _check_output(Path(output), folder=options.output_is_folder and not streamed)
 
 
 def _check_input(path: str) -> None:

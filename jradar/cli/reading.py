@@ -43,8 +43,8 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
     recording = open_recording(
         options.path, frames_as_chirps=options.frames_as_chirps, **opening(options)
     )
-    count = len(recording.cubes)
-    frames = range(options.frame, options.frame + 1)
+    count, frame = len(recording.cubes), options.frame or 0
+    frames = range(frame, frame + 1)
     if chosen := getattr(options, "frames", None):
         frames = range(*chosen.indices(count))
     if not frames or frames.start < 0 or frames.stop > count:

@@ -2,14 +2,14 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from jradar.files import remove_leftovers
 from jradar.recordings import CLOUD_WRITERS, valid_points, write_npz
 from jradar.types import PointCloud
-from jradar.viz import save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PICTURE = "capture.png"
 CLOUDS = ("radar", "enhanced")
@@ -27,7 +27,7 @@ def frame_folder(options: argparse.Namespace, frame: int) -> Path:
 def write_frame(
     folder: Path,
     clouds: dict[str, PointCloud],
-    figure: Figure | None,
+    figure: "Figure | None",
     *,
     kind: str,
     arrays: dict[str, Any],
@@ -49,6 +49,8 @@ def write_frame(
     write_npz(folder / f"{name}.npz", valid_points(cloud) | arrays)
     names = [*(f"{cloud}.{kind}" for cloud in clouds), f"{name}.npz"]
     if figure is not None:
+        from jradar.viz import save_figure  # matplotlib takes half a second
+
         save_figure(figure, folder / PICTURE)
         names.append(PICTURE)
     return [str(folder / name) for name in names]

@@ -12,6 +12,8 @@ Formats, each with its layout at the top of its module:
 
     open_coloradar                   `coloradar`: sequences of the public data set
     open_dca1000                     `dca1000`: samples of TI's capture card
+    open_packet_trace                `packet_trace`: the same in a .pcap
+    open_raw_bag                     `raw_bags`: the same in ROS bags
     open_npy                         `cubes`: complex arrays
     open_capture, read_tum           `capture`: a rig's radar, LiDAR and poses
     open_bag, bag_topics             `bags`: LiDAR clouds in ROS 1 and ROS 2 bags
@@ -65,10 +67,12 @@ from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
 )
+from jradar.recordings.packet_trace import open_packet_trace as open_packet_trace
 from jradar.recordings.radar_toml import (
     read_radar_toml as read_radar_toml,
     write_radar_toml as write_radar_toml,
 )
+from jradar.recordings.raw_bags import open_raw_bag as open_raw_bag
 from jradar.recordings.recording import (
     Recording as Recording,
     Stream as Stream,

@@ -29,52 +29,32 @@ OTHER_CLOCK_S = 10.0  # a larger offset between two clocks is reported
 READING = threading.Lock()  # all streams of a bag share its file position
 
 
-class LidarStream(Stream):
-    """Clouds of one topic: float32 [point, 4], x y z intensity, in the LiDAR's frame.
+class TopicStream(Stream):
+    """The messages of one topic, decoded when they are accessed."""
 
-    Missing returns, points at (0, 0, 0) or not finite, are removed.
-    """
+    def __init__(
+        self, path: Path, topic: str, kind: str, *, sensor: str, has_header: bool = True
+    ):
+        """Read the times of all messages of `topic`.
 
-    def __init__(self, path: Path, topic: str, kind: str):
-        """Read the stamps of all messages of `topic`."""
+        `sensor` names the sensor in notes. Without a header the times of recording
+        count.
+        """
         self.path, self.topic, self.kind = path, topic, kind
-        self.is_ros1 = path.suffix == ".bag"
+        self.is_ros1, self._sensor = path.suffix == ".bag", sensor
         with READING:
             found = [(time, self._stamp(raw)) for time, raw in self._messages()]
         self._times, headers = np.array(found, np.int64).reshape(-1, 2).T
-        seconds, notes = self._stamps(headers)
-        super().__init__(self._read_cloud, len(found), seconds, notes)
+        seconds, notes = self._times / NS, ()
+        if has_header:
+            seconds, notes = self._stamps(headers)
+        super().__init__(self.decode, len(found), seconds, notes)
 
-    def read_points(self, index: int) -> dict[str, np.ndarray]:
-        """Return all fields of the points of cloud `index` by name.
+    def decode(self, index: int) -> Any:
+        """Return item `index`."""
+        raise NotImplementedError
 
-        Livox's `offset_time` is in nanoseconds after the cloud's stamp.
-        """
-        raw = self._message(index)
-        try:
-            points = decode_cloud(raw, self.kind, is_ros1=self.is_ros1)
-        except (ValueError, struct.error) as error:
-            raise ValueError(
-                f"{self.path}: message {index} of {self.topic}: {error}"
-            ) from error
-        columns = {name: points[name] for name in points.dtype.names or ()}
-        if not {"x", "y", "z"} <= columns.keys():
-            raise ValueError(
-                f"{self.path}: the clouds of {self.topic} have the fields "
-                f"{[*columns]}, expected x, y and z among them"
-            )
-        xyz = np.stack([columns[name] for name in "xyz"], -1)
-        seen = np.isfinite(xyz).all(-1) & xyz.any(-1)
-        return {name: column[seen] for name, column in columns.items()}
-
-    def _read_cloud(self, index) -> Float[np.ndarray, "point 4"]:
-        columns = self.read_points(index)
-        found = [columns[name] for name in INTENSITIES if name in columns]
-        intensity = found[0] if found else np.zeros_like(columns["x"])
-        table = [*(columns[name] for name in "xyz"), intensity]
-        return np.stack(table, -1, dtype=np.float32, casting="same_kind")
-
-    def _message(self, index):
+    def message(self, index: int) -> bytes:
         """Return the bytes of message `index`; several may have the same time."""
         time = int(self._times[index])
         before = int(np.searchsorted(self._times, time))
@@ -116,10 +96,51 @@ class LidarStream(Stream):
         late = np.median(self._times - headers) / NS if len(headers) else 0.0
         if abs(late) > OTHER_CLOCK_S:
             return headers / NS, (
-                f"{self.topic}: the LiDAR's clock is {late:,.3f} s behind the "
-                "recorder's; the LiDAR's stamps are used",
+                f"{self.topic}: the {self._sensor}'s clock is {late:,.3f} s behind the "
+                f"recorder's; the {self._sensor}'s stamps are used",
             )
         return headers / NS, ()
+
+
+class LidarStream(TopicStream):
+    """Clouds of one topic: float32 [point, 4], x y z intensity, in the LiDAR's frame.
+
+    Missing returns, points at (0, 0, 0) or not finite, are removed.
+    """
+
+    def __init__(self, path: Path, topic: str, kind: str):
+        """Read the stamps of all clouds of `topic`."""
+        super().__init__(path, topic, kind, sensor="LiDAR")
+
+    def read_points(self, index: int) -> dict[str, np.ndarray]:
+        """Return all fields of the points of cloud `index` by name.
+
+        Livox's `offset_time` is in nanoseconds after the cloud's stamp.
+        """
+        raw = self.message(index)
+        try:
+            points = decode_cloud(raw, self.kind, is_ros1=self.is_ros1)
+        except (ValueError, struct.error) as error:
+            raise ValueError(
+                f"{self.path}: message {index} of {self.topic}: {error}"
+            ) from error
+        columns = {name: points[name] for name in points.dtype.names or ()}
+        if not {"x", "y", "z"} <= columns.keys():
+            raise ValueError(
+                f"{self.path}: the clouds of {self.topic} have the fields "
+                f"{[*columns]}, expected x, y and z among them"
+            )
+        xyz = np.stack([columns[name] for name in "xyz"], -1)
+        seen = np.isfinite(xyz).all(-1) & xyz.any(-1)
+        return {name: column[seen] for name, column in columns.items()}
+
+    def decode(self, index: int) -> Float[np.ndarray, "point 4"]:
+        """Return x, y, z and intensity of cloud `index`."""
+        columns = self.read_points(index)
+        found = [columns[name] for name in INTENSITIES if name in columns]
+        intensity = found[0] if found else np.zeros_like(columns["x"])
+        table = [*(columns[name] for name in "xyz"), intensity]
+        return np.stack(table, -1, dtype=np.float32, casting="same_kind")
 
 
 def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
@@ -149,6 +170,14 @@ def bag_topics(path: Path | str) -> dict[str, tuple[str, int]]:
     with READING:
         topics = _reader(Path(path)).topics.items()
         return {name: (str(info.msgtype), info.msgcount) for name, info in topics}
+
+
+def bag_definition(path: Path | str, topic: str) -> str:
+    """Return the definition of a topic's messages, "" if the bag does not hold it."""
+    with READING:
+        found = [c for c in _reader(Path(path)).connections if c.topic == topic]
+    text = found[0].msgdef.data if found else ""
+    return "" if str(text).startswith("IDL") else str(text)
 
 
 def bag_times(path: Path | str) -> dict[str, Float[np.ndarray, " message"]]:
@@ -193,6 +222,11 @@ def _open_reader(path, _process, _version):
 
 
 def _damaged(path, error):
+    if "Profile is not ros2" in str(error):
+        return (
+            f"{path} is an MCAP file without ROS messages, expected a ROS 2 bag: "
+            "Foxglove opens it"
+        )
     parts = {part.suffix for part in path.iterdir()} if path.is_dir() else {path.suffix}
     repair = "ros2 bag reindex FOLDER, or sqlite3 FILE.db3 .recover"
     if ".bag" in parts:

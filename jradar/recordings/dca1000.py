@@ -9,6 +9,7 @@ describes how I and Q alternate. Files recorded with `dataLoggingMode` multi
 cannot be read.
 """
 
+import dataclasses
 import itertools
 import math
 import re
@@ -16,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Num
+from jaxtyping import Float, Num
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
@@ -29,7 +30,11 @@ from jradar.recordings.dca1000_packets import (
     lost_per_frame,
 )
 from jradar.recordings.dca1000_settings import card_notes
-from jradar.recordings.descriptions import find_description, read_description
+from jradar.recordings.descriptions import (
+    Description,
+    find_description,
+    read_description,
+)
 from jradar.recordings.iq_order import (
     advise_iq_order,
     check_iq_order,
@@ -45,7 +50,7 @@ USUAL = {  # sizes of a frame, suggested where a description does not fit
     "rx": (1, 2, 3, 4),
     "tx": (1, 2, 3),
 }
-PCAP = "a packet trace: extract the UDP payloads, or record with TI's command line"
+PCAP = "a packet trace: name it .pcap or .pcapng"
 SEPARATED = "data-separated: set dataLoggingMode to raw and record again"
 FOREIGN = {  # first bytes of files that are not captures
     b"\xd4\xc3\xb2\xa1": PCAP,
@@ -79,22 +84,59 @@ def open_dca1000(
         )
     description = description or find_description(path, DESCRIPTION_NAMES)
     files, name = _files(path)
-    radar, capture, doubts = read_description(description, device=device)
-    if capture.has_headers:
-        raise ValueError(
-            f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
-            "second field to 0 and record again"
-        )
-    order = iq_order or ("I" if radar.real_samples else capture.iq_order)
-    check_iq_order(path, order, radar)
-    frame_bytes = _frame_bytes(radar)
+    described = described_samples(path, description, iq_order=iq_order, device=device)
     header_bytes = header_size(files)
     source = files
     if header_bytes:
         source = index_packets(files, header_bytes, allow_partial=allow_partial)
+    return recording_of_samples(
+        path, name, source, described, iq_order=iq_order, allow_partial=allow_partial
+    )
+
+
+def described_samples(
+    path: Path,
+    description: Path | str,
+    *,
+    iq_order: str | None = None,
+    device: str | None = None,
+) -> Description:
+    """Return the radar of a stream of samples, checked, with its order of I and Q.
+
+    `path` is the file of samples, which errors name.
+    """
+    found = read_description(description, device=device)
+    if found.capture.has_headers:
+        raise ValueError(
+            f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
+            "second field to 0 and record again"
+        )
+    real = found.radar.real_samples
+    order = iq_order or ("I" if real else found.capture.iq_order)
+    check_iq_order(path, order, found.radar)
+    return found._replace(capture=dataclasses.replace(found.capture, iq_order=order))
+
+
+def recording_of_samples(
+    path: Path,
+    name: str,
+    source: Files | Packets,
+    described: Description,
+    *,
+    iq_order: str | None = None,
+    allow_partial: bool = False,
+    stamps: Float[np.ndarray, " frame"] | None = None,
+) -> Recording:
+    """Return the recording whose samples `source` holds, frame after frame.
+
+    `iq_order` is the order that the user named. Without `stamps`, frames follow one
+    another in the radar's frame period. Errors as in `open_dca1000`.
+    """
+    radar, capture, doubts = described
+    order, frame_bytes = capture.iq_order, bytes_of_frame(radar)
     count, rest = divmod(source.size, frame_bytes)
     if not count or (rest and not allow_partial):
-        misfit = _does_not_fit(files, source.size, radar)
+        misfit = _does_not_fit(path, source.size, radar)
         raise ValueError(" ".join([misfit, *doubts]))
 
     def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
@@ -102,8 +144,8 @@ def open_dca1000(
         return cube_of_words(raw.view("<i2"), radar, order)
 
     notes, lost, whole = [*doubts], None, 0
-    if len(files.paths) > 1:
-        notes.append(f"{len(files.paths)} files were joined")
+    if isinstance(source, Files) and len(source.paths) > 1:
+        notes.append(f"{len(source.paths)} files were joined")
     if rest:
         notes.append(f"the last {rest:,} bytes, less than a frame, were left out")
     if isinstance(source, Packets):
@@ -117,11 +159,13 @@ def open_dca1000(
         notes.append(advice)
     notes += card_notes(path, order=order, decided=decided)
     period = radar.frame_period_s
+    if stamps is None and period:
+        stamps = np.arange(count) * period
     return Recording(
         name=name,
         path=path,
         radar=radar,
-        cubes=Stream(read, count, np.arange(count) * period if period else None),
+        cubes=Stream(read, count, None if stamps is None else stamps[:count]),
         channel_factors=capture.channel_array,
         range_bias_m=capture.range_bias_m,
         lost_bytes=lost,
@@ -165,7 +209,8 @@ def _files(path: Path) -> tuple[Files, str]:
     return files, name
 
 
-def _frame_bytes(radar: RadarSpec) -> int:
+def bytes_of_frame(radar: RadarSpec) -> int:
+    """Return the bytes of a frame: 16 bits for each number."""
     return (2 if radar.real_samples else 4) * math.prod(radar.cube_shape)
 
 
@@ -185,9 +230,9 @@ def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
         yield f"packets were out of order in {late:,} places: reordered"
 
 
-def _does_not_fit(files: Files, size: int, radar: RadarSpec) -> str:
+def _does_not_fit(path: Path, size: int, radar: RadarSpec) -> str:
     tx, rx, chirps, samples = radar.cube_shape
-    frame_bytes = _frame_bytes(radar)
+    frame_bytes = bytes_of_frame(radar)
     sample_bytes = frame_bytes // math.prod(radar.cube_shape)
     mine = (samples, chirps, rx, tx)
     usual = (sorted({*USUAL[k], v}) for k, v in zip(USUAL, mine, strict=True))
@@ -203,7 +248,7 @@ def _does_not_fit(files: Files, size: int, radar: RadarSpec) -> str:
     if not fitting:
         others = "no usual frame size fits"
     return (
-        f"{files.paths[0]} holds {size:,} bytes, {radar.name} needs a multiple of "
+        f"{path} holds {size:,} bytes, {radar.name} needs a multiple of "
         f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x "
         f"{sample_bytes} bytes): {size // frame_bytes} whole frames. Was the file cut "
         "off (allow_partial reads the whole frames), or does the description belong to "

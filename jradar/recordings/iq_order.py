@@ -74,6 +74,41 @@ def cube_of_words(
     return cube
 
 
+def words_of_cube(
+    cube: Num[np.ndarray, "tx rx chirp sample"], radar: RadarSpec, order: str
+) -> Int16[np.ndarray, " word"]:
+    """Convert a frame to the int16 of a capture card, the inverse of `cube_of_words`.
+
+    Samples are rounded; ValueError beyond 16 bits.
+    """
+    tx, rx, chirps, samples = radar.cube_shape
+    if order == "I":
+        return _whole(np.asarray(cube).transpose(2, 0, 1, 3)).ravel()
+    parts = _whole(np.stack([np.real(cube), np.imag(cube)]))
+    if order in TWO_LANES:
+        fours = np.empty((chirps, tx, rx, samples // 2, 4), np.int16)
+        for half, part in zip("IQ", parts, strict=True):
+            places = [at for at in range(4) if order[at] == half]
+            fours[..., places] = part.transpose(2, 0, 1, 3).reshape(
+                chirps, tx, rx, samples // 2, 2
+            )
+        return fours.ravel()
+    halves = parts if order == "I4Q4" else parts[::-1]
+    return np.ascontiguousarray(halves.transpose(3, 1, 4, 0, 2)).ravel()
+
+
+def _whole(values: np.ndarray) -> Int16[np.ndarray, "..."]:
+    """Return rounded samples as int16."""
+    rounded = np.rint(values)
+    limits = np.iinfo(np.int16)
+    if not ((rounded >= limits.min) & (rounded <= limits.max)).all():
+        raise ValueError(
+            f"samples reach {np.abs(values).max():.4g}, expected at most {limits.max}: "
+            "a capture card sends 16-bit numbers, scale the recording"
+        )
+    return rounded.astype(np.int16)
+
+
 def advise_iq_order(
     cube: Num[np.ndarray, "tx rx chirp sample"], *, order: str
 ) -> str | None:

@@ -6,14 +6,24 @@ from pathlib import Path
 import numpy as np
 
 from jradar.errors import UsageError
-from jradar.recordings import capture, coloradar, cubes, dca1000
+from jradar.recordings import (
+    capture,
+    coloradar,
+    cubes,
+    dca1000,
+    packet_trace,
+    raw_bags,
+)
 from jradar.recordings.recording import Recording, Stream, read
 
-READERS = (capture.READER, coloradar.READER, dca1000.READER, cubes.READER)
+READERS = (
+    *(capture.READER, coloradar.READER, dca1000.READER),
+    *(packet_trace.READER, cubes.READER, raw_bags.READER),
+)
 
 
 def is_recording(path: Path | str) -> bool:
-    """True if a reader takes this path; its files are not read."""
+    """True if a reader takes this path; of a bag, the index is read."""
     return any(reader.matches(Path(path)) for reader in READERS)
 
 

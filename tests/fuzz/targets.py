@@ -21,7 +21,13 @@ from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
 from tests.models import tiny_model
-from tests.recordings import cube_writer, small_sequence, test_bags as bags
+from tests.recordings import (
+    cube_writer,
+    small_sequence,
+    test_bags as bags,
+    test_packet_trace as traces,
+    test_raw_bags as raw_bags,
+)
 from tests.recordings.test_cloud_files import pcd, ply
 from tests.recordings.test_dca1000 import (
     CFG,
@@ -123,6 +129,23 @@ def packets(folder: Path) -> Target:
     path = folder / "adc_data_Raw_0.bin"
     path.write_bytes(with_headers(as_packets(as_bytes(random_cubes()))))
     return Target(path, lambda: described(path), 14)
+
+
+def trace(name: str) -> Callable:
+    """Return a maker of packets of a DCA1000 in a trace of the network."""
+
+    def make(folder: Path) -> Target:
+        frames = [traces.datagram(packet) for packet in traces.packets()]
+        path = traces.trace(folder, frames, name)
+        return Target(path, lambda: described(path), 40)
+
+    return make
+
+
+def raw_bag(folder: Path) -> Target:
+    """Raw samples in a bag."""
+    path = raw_bags.write(folder, raw_bags.IQ, ros1=True)
+    return Target(path, lambda: described(path))
 
 
 def coloradar(*parts: str) -> Callable:
@@ -278,6 +301,9 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "capture.toml": studio("capture.toml", CAPTURE),
     "samples": studio("adc_data.bin"),
     "packets": packets,
+    "trace": trace("trace.pcap"),
+    "trace ng": trace("trace.pcapng"),
+    "raw bag": raw_bag,
     "cube": cube(pairs=False),
     "cube of pairs": cube(pairs=True),
     "cube's toml": cube_toml,

@@ -16,7 +16,11 @@ from jradar.recordings.dca1000_packets import (
     index_packets,
     lost_per_frame,
 )
-from jradar.recordings.iq_order import advise_iq_order, cube_of_words
+from jradar.recordings.iq_order import (
+    advise_iq_order,
+    cube_of_words,
+    words_of_cube,
+)
 
 CFG = """\
 channelCfg 15 7 0
@@ -92,6 +96,24 @@ def write(tmp_path):
 
 def frames_of(recording):
     return np.stack([*recording.cubes])
+
+
+@pytest.mark.parametrize("order", [*TWO_LANES, "I4Q4", "Q4I4"])
+def test_words_of_a_cube_are_those_that_were_read(order):
+    radar = RadarSpec.awr1843(num_chirps=5, num_samples=10)
+    for cube in random_cubes():
+        words = words_of_cube(cube, radar, order)
+        assert words.tobytes() == as_bytes([cube], order)
+        np.testing.assert_array_equal(cube_of_words(words, radar, order), cube)
+
+
+def test_words_of_real_samples_and_of_samples_beyond_16_bits():
+    radar = RadarSpec.awr1843(num_chirps=5, num_samples=10, real_samples=True)
+    cube = random_cubes(1, radar.cube_shape)[0].real
+    words = words_of_cube(cube, radar, "I")
+    np.testing.assert_array_equal(cube_of_words(words, radar, "I"), cube)
+    with pytest.raises(ValueError, match="samples reach 4e.04, expected at most 32767"):
+        words_of_cube(0 * cube + 4e4, radar, "I")
 
 
 @pytest.mark.parametrize("order", [*TWO_LANES, "I4Q4", "Q4I4"])

@@ -104,6 +104,7 @@ OPTIONS = {
 TAKEN = {
     ".npy": {"description", "device"},
     ".bin": {"description", "device", "iq_order", "allow_partial"},
+    ".pcap": {"description", "device", "iq_order"},
     "folder": {"description", "sensor"},
     "capture": set(),
 }

@@ -1,0 +1,43 @@
+"""A radar on the cable: packets to frames to clouds, for files, robots and a browser.
+
+    DCA1000 ---UDP--> Receiver -> Assembler -> newest Frame -> Processor -> writers
+    Emulator --^
+
+    NetworkSpec, Card           `protocol`, `card`: addresses; commands to the card
+    Receiver, Assembler, Frame  `receiver`, `assembler`: packets to frames, all counted
+    Emulator, FaultSpec         `emulator`: a card that plays a recording
+    send_cfg                    `board`: the .cfg over the board's serial port
+    Processor, View             `processing`, `views`: a frame to clouds and a picture
+    open_writer                 `outputs`: MCAP, ROS 2 bag or folder, by name
+    run_live                    `live`: all of it in one loop
+
+README.md has the wiring, the network's settings and what to check.
+"""
+
+from jradar.stream.assembler import (
+    Assembler as Assembler,
+    Counts as Counts,
+    Frame as Frame,
+)
+from jradar.stream.card import Card as Card
+from jradar.stream.emulator import (
+    Emulator as Emulator,
+    FaultSpec as FaultSpec,
+    RecordedFrames as RecordedFrames,
+)
+from jradar.stream.live import run_live as run_live, summary as summary
+from jradar.stream.outputs import open_writer as open_writer
+from jradar.stream.processing import (
+    Processor as Processor,
+    frame_bytes as frame_bytes,
+    quickest as quickest,
+    radar_on_the_cable as radar_on_the_cable,
+)
+from jradar.stream.protocol import NetworkSpec as NetworkSpec
+from jradar.stream.receiver import Receiver as Receiver
+from jradar.stream.sockets import loopback_network as loopback_network
+from jradar.stream.views import (
+    View as View,
+    point_table as point_table,
+    range_azimuth as range_azimuth,
+)

@@ -1,0 +1,257 @@
+"""Packets in any order to frames: every byte goes to the place that it counts.
+
+    packet  | 1 | 2 | 3 |   | 5 | 4 | 5 | 6 | ..      lost, late and repeated ones
+    frame   |   0     |     1     |    2    | ..      borders lie anywhere in a packet
+
+A frame is delivered once it is whole, or once a packet `window` bytes behind its end
+has arrived; its lost bytes are then zeros. Frames are delivered in order.
+
+A packet belongs to the stream if its two counters agree: since the newest packet both
+must have advanced by about the same number of packets. Others are set aside. A few that
+agree with one another are a new stream, of a card that was started again; the rest is
+ignored and counted.
+"""
+
+import dataclasses
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
+
+from jradar.recordings.dca1000_packets import PAYLOAD
+from jradar.stream.protocol import BYTES, DATA, MOST_PACKET, SEQUENCES, unpack_header
+
+WINDOW = 64 * PAYLOAD  # bytes by which a packet may be late
+SLACK = 4 * PAYLOAD  # by which the counters may differ: short packets
+NEW_STREAM = 4  # packets that make a new stream
+FORGOTTEN = 64  # packets of the stream after which others are forgotten
+SPARE = 4  # buffers that are kept for later frames
+
+
+class Frame(NamedTuple):
+    """The bytes of a frame; lost ones are zeros."""
+
+    number: int  # counted from the start of the stream, with missing frames
+    data: UInt8[np.ndarray, " byte"]
+    lost_bytes: int
+    stamp_s: float  # arrival of its first packet, seconds since 1970
+    arrived_s: float  # arrival of its last packet, on the monotonic clock
+
+
+@dataclasses.dataclass
+class Counts:
+    """What happened to packets and frames.
+
+    Every packet is counted once: `packets` is the sum of `placed`, `repeated`, `late`,
+    `ignored`, `malformed` and `foreign`, apart from the few that are still set aside.
+    """
+
+    packets: int = 0
+    placed: int = 0  # brought new bytes
+    repeated: int = 0  # brought nothing new
+    late: int = 0  # beyond the window, or their frame was gone
+    ignored: int = 0  # counters that do not fit the stream
+    malformed: int = 0  # too short or too long
+    foreign: int = 0  # of other senders
+    frames: int = 0  # delivered
+    damaged: int = 0  # .. of these, with lost bytes
+    missing: int = 0  # frames of which nothing arrived, not delivered
+    unfinished: int = 0  # frames in which a stream ended, not delivered
+    lost_bytes: int = 0  # of damaged and missing frames
+    restarts: int = 0  # new streams after the first
+
+    @property
+    def lost_packets(self) -> int:
+        """Number of packets that the lost bytes fill."""
+        return -(-self.lost_bytes // PAYLOAD)
+
+
+class _Open:
+    """A frame that is not complete: its buffer, and the holes in it."""
+
+    def __init__(self, data: np.ndarray):
+        self.data, self.view = data, data.data
+        self.holes = [(0, len(data))]
+        self.stamp_s = time.time()
+
+    def place(self, start: int, samples: memoryview) -> bool:
+        """Fill the holes from `start` with samples; False if there were none."""
+        stop, kept, fresh = start + len(samples), [], False
+        for low, high in self.holes:
+            begin, end = max(low, start), min(high, stop)
+            if begin >= end:
+                kept.append((low, high))
+                continue
+            fresh = True
+            self.view[begin:end] = samples[begin - start : end - start]
+            if low < begin:
+                kept.append((low, begin))
+            if end < high:
+                kept.append((end, high))
+        self.holes = kept
+        return fresh
+
+    def zero_holes(self) -> int:
+        """Set lost bytes to zero; return their number."""
+        for low, high in self.holes:
+            self.data[low:high] = 0
+        return sum(high - low for low, high in self.holes)
+
+
+class Assembler:
+    """Frames of `frame_bytes` from the packets of one card."""
+
+    def __init__(
+        self,
+        frame_bytes: int,
+        deliver: Callable[[Frame], None],
+        *,
+        window: int = WINDOW,
+    ):
+        """`deliver` is called with each frame; `window` is in bytes."""
+        if frame_bytes < 1 or window < 0:
+            raise ValueError(
+                f"{frame_bytes=}, {window=}, expected a frame of 1 byte or more and "
+                "a window of 0 or more"
+            )
+        self.frame_bytes, self.window, self.counts = frame_bytes, window, Counts()
+        self._deliver = deliver
+        self._spare: list[np.ndarray] = []
+        self._open: dict[int, _Open] = {}
+        self._aside: dict[tuple[int, int], tuple[bytes, bool]] = {}
+        self._since = 0  # packets of the stream since the last one was set aside
+        self._delivered: int | None = None  # number of the last frame
+        self._started = False
+
+    def add(self, packet: bytes | memoryview) -> None:
+        """Take one packet of the card."""
+        self.counts.packets += 1
+        if not DATA.size < len(packet) <= MOST_PACKET:
+            self.counts.malformed += 1
+            return
+        sequence, place = unpack_header(packet)
+        if not self._started:
+            self._begin(sequence, place)
+        moved = _moved(sequence, place, *self._newest)
+        if moved is None or moved < -self.window or self._position + moved < 0:
+            self._set_aside(sequence, place, bytes(packet), late=moved is not None)
+            return
+        position = self._position + moved
+        if moved > 0:
+            self._newest, self._position = (sequence, place), position
+            self._since += 1
+            if self._aside and self._since > FORGOTTEN:
+                self._drop_aside()
+        self._place(position, memoryview(packet)[DATA.size :])
+
+    def flush(self) -> None:
+        """Deliver the frames that the stream has passed; drop the one it ended in.
+
+        The next packet begins a new stream.
+        """
+        self._close(self._end if self._started else 0)
+        self.counts.unfinished += len(self._open)
+        for frame in self._open.values():
+            self.recycle(frame.data)
+        self._open.clear()
+        self._drop_aside()
+        self._started = False
+
+    def recycle(self, data: UInt8[np.ndarray, " byte"]) -> None:
+        """Take back the buffer of a frame that is no longer needed."""
+        if len(self._spare) < SPARE and len(data) == self.frame_bytes:
+            self._spare.append(data)
+
+    def _begin(self, sequence: int, place: int) -> None:
+        """Begin a stream; of a card that has just started, nothing is missing."""
+        self._started, self._newest = True, (sequence, place)
+        self._position = self._end = place  # in the stream, without wrapping
+        just_started = place <= self.window
+        self._first = 0 if just_started else place // self.frame_bytes
+        self._next = self._first
+        after = -1 if self._delivered is None else self._delivered
+        self._base = 0 if self._delivered is None else after + 1 - self._first
+
+    def _place(self, position: int, samples: memoryview) -> None:
+        """Put samples into their frames, and deliver what is complete."""
+        fresh = gone = False
+        at, end = position, position + len(samples)
+        while at < end:
+            number, start = divmod(at, self.frame_bytes)
+            part = samples[at - position :][: self.frame_bytes - start]
+            at += len(part)
+            if number < self._next:
+                gone |= number < self._first
+                continue
+            if number not in self._open:
+                data = self._spare.pop() if self._spare else self._buffer()
+                self._open[number] = _Open(data)
+            fresh |= self._open[number].place(start, part)
+        self._end = max(self._end, end)
+        if fresh:
+            self.counts.placed += 1
+        elif gone:
+            self.counts.late += 1
+        else:
+            self.counts.repeated += 1
+        self._close(self._position - self.window)
+
+    def _buffer(self) -> np.ndarray:
+        return np.empty(self.frame_bytes, np.uint8)
+
+    def _close(self, limit: int) -> None:
+        """Deliver in order what is complete, or lies before `limit` in the stream."""
+        for number in sorted(self._open):
+            start = number * self.frame_bytes
+            holes = self._open[number].holes
+            waits = holes and start + self.frame_bytes > limit
+            if waits or (number > self._next and start > limit):
+                return
+            self._finish(number, self._open.pop(number))
+
+    def _finish(self, number: int, frame: _Open) -> None:
+        counts, missing = self.counts, number - self._next
+        lost = frame.zero_holes()
+        counts.frames += 1
+        counts.damaged += lost > 0
+        counts.missing += missing
+        counts.lost_bytes += lost + missing * self.frame_bytes
+        self._next, self._delivered = number + 1, self._base + number
+        now = time.monotonic()
+        self._deliver(Frame(self._delivered, frame.data, lost, frame.stamp_s, now))
+
+    def _set_aside(self, sequence, place, packet, *, late) -> None:
+        """Keep a packet that does not fit, with those that agree with it."""
+        self._since = 0
+        for other in [*self._aside]:
+            moved = _moved(sequence, place, *other)
+            if not moved or abs(moved) > self.window:
+                self._drop_aside(other)
+        self._aside[sequence, place] = packet, late
+        if len(self._aside) < NEW_STREAM:
+            return
+        begun = [packet for packet, _ in self._aside.values()]
+        self._aside.clear()
+        self.flush()
+        self.counts.restarts += 1
+        self.counts.packets -= len(begun)  # counted when they first came
+        for packet in begun:
+            self.add(packet)
+
+    def _drop_aside(self, *which: tuple[int, int]) -> None:
+        """Count packets that were set aside, all by default, and forget them."""
+        for counters in which or [*self._aside]:
+            _, late = self._aside.pop(counters)
+            if late:
+                self.counts.late += 1
+            else:
+                self.counts.ignored += 1
+
+
+def _moved(sequence: int, place: int, at_sequence: int, at_place: int) -> int | None:
+    """Return the bytes from one packet to another; None if their counters disagree."""
+    packets = (sequence - at_sequence + SEQUENCES // 2) % SEQUENCES - SEQUENCES // 2
+    moved = (place - at_place + BYTES // 2) % BYTES - BYTES // 2
+    return moved if abs(packets * PAYLOAD - moved) <= SLACK else None

@@ -1,0 +1,119 @@
+"""Commands to a DCA1000 capture card: connect, configure, start, stop."""
+
+import errno
+import time
+
+from jradar.stream.protocol import (
+    Command,
+    NetworkSpec,
+    configuration,
+    pack_command,
+    packet_delay,
+    unpack_reply,
+)
+from jradar.stream.sockets import udp_socket
+
+TRIES = 5  # of CONNECT: after CONFIGURE the card does not hear for a while
+VERSION_BITS = 7
+PLAYBACK = 0x4000
+
+
+class Card:
+    """A card that answers on its command port; closed at the end of a `with` block."""
+
+    def __init__(self, network: NetworkSpec, *, timeout_s: float = 1.0):
+        """Bind this machine's command port; OSError if it is taken."""
+        self.network, self.timeout_s = network, timeout_s
+        host, port = network.host, network.command_port
+        self._socket = udp_socket(host, port, timeout_s=min(timeout_s, 0.1))
+
+    def __enter__(self) -> "Card":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the command port."""
+        self._socket.close()
+
+    def set_up(self, *, lanes: int = 2, delay_us: float = 25.0) -> tuple[int, int]:
+        """Connect and configure the card; return the version of its program.
+
+        `lanes` are those of the board: 4 for the series 12 and 14, else 2. `delay_us`
+        is the pause between packets.
+        """
+        self.connect()
+        version = self.version()
+        self.command(Command.PACKETS, packet_delay(delay_us))
+        self.command(Command.CONFIGURE, configuration(lanes=lanes))
+        self.connect()
+        return version
+
+    def connect(self) -> None:
+        """Ask whether the card is there, several times."""
+        for left in reversed(range(TRIES)):
+            try:
+                self.command(Command.CONNECT)
+                return
+            except TimeoutError:
+                if not left:
+                    raise
+
+    def reset(self) -> None:
+        """Reset the card's FPGA."""
+        self.command(Command.RESET)
+
+    def start(self) -> None:
+        """Start recording; start the board afterwards: byte 0 then begins a frame."""
+        self.command(Command.START)
+
+    def stop(self) -> None:
+        """Stop recording."""
+        self.command(Command.STOP)
+
+    def version(self) -> tuple[int, int]:
+        """Return major and minor version of the FPGA's program."""
+        status = self._ask(Command.VERSION)
+        mask = (1 << VERSION_BITS) - 1
+        return status & mask, status >> VERSION_BITS & mask
+
+    def command(self, code: Command, data: bytes = b"") -> None:
+        """Send a command; OSError if the card does not answer or refuses it."""
+        if status := self._ask(code, data):
+            raise OSError(
+                f"the card at {self.network.card} refused {code.name} (status "
+                f"{status}): switch it off and on, and try again"
+            )
+
+    def _ask(self, code: Command, data: bytes = b"") -> int:
+        """Return the status in the reply; other messages are passed over."""
+        network = self.network
+        try:
+            self._socket.sendto(
+                pack_command(code, data), (network.card, network.command_port)
+            )
+        except OSError as error:
+            raise OSError(
+                f"{network.card} cannot be reached from {network.host}: "
+                f"{error.strerror}"
+            ) from error
+        end = time.monotonic() + self.timeout_s
+        while time.monotonic() < end:
+            try:
+                raw, (sender, _) = self._socket.recvfrom(2048)
+                answered, status = unpack_reply(raw)
+            except (BlockingIOError, ValueError):
+                continue
+            except OSError as error:
+                if error.errno != errno.ECONNREFUSED:
+                    raise
+                continue
+            if sender == network.card and answered == code:
+                return status
+        raise TimeoutError(
+            f"the card at {network.card}, port {network.command_port}, did not answer "
+            f"{code.name} within {self.timeout_s:g} s: is it powered and on the cable, "
+            f"and has this machine the address {network.host} on that interface? See "
+            "`ip addr` and jradar/stream/README.md"
+        )

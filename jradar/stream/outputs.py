@@ -1,0 +1,140 @@
+"""Writers of views, chosen by the name of the output.
+
+    out.mcap      MCAP with Foxglove's messages; a crash loses its last second
+    out.ros2      ROS 2 bag: sensor_msgs/PointCloud2, sensor_msgs/Image, tf2_msgs
+    out           folder with a PLY file of each cloud, frame by frame
+
+All have `write(view)` and `close()`. An MCAP file or a bag is never overwritten.
+"""
+
+import contextlib
+import importlib
+import sqlite3
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from jradar.errors import UsageError
+from jradar.recordings import valid_points, write_npz, write_ply
+from jradar.stream.views import View
+
+
+@runtime_checkable
+class Writer(Protocol):
+    """Takes views until it is closed."""
+
+    def write(self, view: View) -> None:
+        """Write or send one frame."""
+        ...
+
+    def close(self) -> None:
+        """End the file."""
+        ...
+
+
+class FolderWriter:
+    """`folder/000012/enhanced.ply` and `.npz`, for each frame and cloud."""
+
+    def __init__(self, path: Path):
+        """`path` may exist."""
+        self.path = path
+        path.mkdir(parents=True, exist_ok=True)
+
+    def write(self, view: View) -> None:
+        """Write the clouds of a frame into a folder of its number."""
+        folder = self.path / f"{view.number:06d}"
+        for name, cloud in view.clouds.items():
+            write_ply(folder / f"{name}.ply", cloud)
+            write_npz(folder / f"{name}.npz", valid_points(cloud))
+
+    def close(self) -> None:
+        """Nothing is left to do."""
+
+
+class Output(NamedTuple):
+    """One kind of output."""
+
+    name: str  # in messages
+    matches: Callable[[Path], bool]
+    open: Callable[[Path], Writer]
+
+
+def _lazy(module: str, name: str) -> Callable[[Path], Writer]:
+    """Return a function that opens a writer of a module with optional packages."""
+
+    def open_writer(path: Path) -> Writer:
+        return getattr(importlib.import_module(f"jradar.stream.{module}"), name)(path)
+
+    return open_writer
+
+
+OUTPUTS = (
+    Output(
+        "a file .mcap",
+        lambda path: path.suffix == ".mcap",
+        _lazy("foxglove_writers", "McapWriter"),
+    ),
+    Output(
+        "a ROS 2 bag, a folder .ros2",
+        lambda path: path.suffix == ".ros2",
+        _lazy("bag_writer", "BagWriter"),
+    ),
+    Output(
+        "a folder",
+        lambda path: path.suffix not in (".bag", ".db3", ".ply", ".npz", ".pcd"),
+        FolderWriter,
+    ),
+)
+STREAMED = OUTPUTS[:2]  # one file or bag for all frames
+
+
+def is_streamed(path: Path | str) -> bool:
+    """True for the name of an output that holds all frames in one file or bag."""
+    return any(output.matches(Path(path)) for output in STREAMED)
+
+
+def open_writer(path: Path | str) -> Writer:
+    """Return the writer for an output's name.
+
+    Raises UsageError for a name of no known kind, and for a file or a bag that exists;
+    ImportError that names the extra if a package is missing.
+    """
+    path = Path(path)
+    output = next((kind for kind in OUTPUTS if kind.matches(path)), None)
+    if output is None:
+        names = ", ".join(kind.name for kind in OUTPUTS)
+        raise UsageError(f"{path} cannot be written: expected {names}")
+    check_new(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return output.open(path)
+
+
+def check_new(path: Path | str) -> None:
+    """Raise UsageError if a file or bag of this name exists."""
+    path = Path(path)
+    if is_streamed(path) and path.exists():
+        raise UsageError(f"{path} exists and is not overwritten: choose another name")
+    if path.is_file():
+        raise UsageError(f"{path} is a file, expected the name of a folder")
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise OSError with the file's name for errors of the packages that write it."""
+    try:
+        yield
+    except (RuntimeError, sqlite3.Error) as error:
+        reason = " ".join(str(error).split())
+        raise OSError(
+            f"{path} cannot be written ({reason}): is the disk full?"
+        ) from error
+
+
+def load(package: str, extra: str, what: str) -> Any:
+    """Import an optional package; ImportError that names its extra."""
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise ImportError(
+            f"{what} needs {package}: pip install 'jradar[{extra}]'"
+        ) from error

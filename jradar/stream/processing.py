@@ -1,0 +1,161 @@
+"""A frame's bytes to a view: cube, calibration, radar points, dense cloud, picture."""
+
+import functools
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Inexact, Num, UInt8
+
+from jradar.errors import UsageError
+from jradar.model import Model, enhance
+from jradar.radar import PointSpec, radar_points
+from jradar.recordings import (
+    Recording,
+    Stream,
+    calibrated_cube,
+)
+from jradar.recordings.dca1000 import bytes_of_frame, described_samples
+from jradar.recordings.iq_order import cube_of_words
+from jradar.stream.views import (
+    LIDAR_FRAME,
+    View,
+    lidar_cloud,
+    range_azimuth,
+    sensor_places,
+)
+
+
+def radar_on_the_cable(
+    description: Path | str, *, device: str | None = None, iq_order: str | None = None
+) -> Recording:
+    """Return what is known of a radar whose frames will come: no frame yet.
+
+    `description` is its .cfg or another description, `device` the board of a .cfg,
+    `iq_order` replaces the described order of I and Q. Errors as in `open_recording`.
+    """
+    path = Path(description)
+    described = described_samples(path, path, iq_order=iq_order, device=device)
+    radar, capture, notes = described
+    return Recording(
+        name=path.stem,
+        path=path,
+        radar=radar,
+        cubes=Stream(_no_frame, 0),
+        channel_factors=capture.channel_array,
+        range_bias_m=capture.range_bias_m,
+        iq_order=capture.iq_order,
+        notes=notes,
+    )
+
+
+def _no_frame(index: int) -> Any:
+    raise IndexError(f"frame {index} of a radar that has sent nothing yet")
+
+
+def frame_bytes(recording: Recording) -> int:
+    """Return the bytes of a frame on the cable: 16 bits for each I and Q."""
+    return bytes_of_frame(recording.radar)
+
+
+class Processor:
+    """Frames of one radar to views; all frames use the same noise for drawing."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        *,
+        model: Model | None = None,
+        points: PointSpec | None = None,
+        seed: int = 0,
+        **drawing: Any,
+    ):
+        """`recording` describes the radar and its calibration.
+
+        Without a model only the `points` are published; with one, its own points are
+        beside the dense cloud. `drawing` are options of `draw`.
+        """
+        radar = recording.radar
+        spec = model.spec.points if model is not None else points or PointSpec()
+        self.recording, self.model = recording, model
+        self._key, self._drawing = jax.random.key(seed), drawing
+        self._order = recording.iq_order or ("I" if radar.real_samples else "IIQQ")
+        self._points = spec.fitted(radar)
+        self._base_from = sensor_places(recording)
+
+    def cube(
+        self, data: UInt8[np.ndarray, " byte"]
+    ) -> Num[np.ndarray, "tx rx chirp sample"]:
+        """Return the samples of a frame from its bytes on the cable."""
+        return cube_of_words(data.view("<i2"), self.recording.radar, self._order)
+
+    def warm_up(self) -> None:
+        """Compile everything that a frame needs."""
+        self.view(self.cube(np.zeros(frame_bytes(self.recording), np.uint8)), 0, 0.0)
+
+    def view(
+        self,
+        cube: Inexact[Any, "tx rx chirp sample"],
+        number: int,
+        stamp_s: float,
+        *,
+        lidar: Float[np.ndarray, "point 3"] | None = None,
+    ) -> View:
+        """Return the clouds and the picture of a frame; `lidar` is put beside them."""
+        recording = self.recording
+        here = recording._replace(cubes=Stream(lambda _: cube, 1))
+        clouds, picture = _process(
+            self._key,
+            jnp.asarray(calibrated_cube(here, 0)),
+            self.model,
+            recording.coupling,
+            radar=recording.radar,
+            points=self._points,
+            range_bias_m=recording.range_bias_m,
+            drawing=tuple(self._drawing.items()),
+        )
+        clouds, picture = jax.device_get((clouds, picture))
+        if lidar is not None:
+            clouds[LIDAR_FRAME] = lidar_cloud(lidar)
+        return View(number, stamp_s, clouds, picture, self._base_from)
+
+
+@functools.partial(
+    jax.jit, static_argnames=("radar", "points", "range_bias_m", "drawing")
+)
+def _process(key, cube, model, coupling, *, radar, points, range_bias_m, drawing):
+    """Clouds and picture in one program, which shares the spectra between them."""
+    clouds = {
+        "radar": radar_points(
+            cube, radar, points=points, coupling=coupling, range_bias_m=range_bias_m
+        )
+    }
+    if model is not None:
+        clouds["enhanced"] = enhance(
+            key,
+            cube,
+            model,
+            radar=radar,
+            coupling=coupling,
+            range_bias_m=range_bias_m,
+            **dict(drawing),
+        )
+    return clouds, range_azimuth(cube, radar)
+
+
+def quickest(model: Model | None, **drawing: Any) -> dict[str, Any]:
+    """Return how a live model draws: as asked, by default its one-step estimate.
+
+    Raises UsageError for options that the model does not take.
+    """
+    given = {name: value for name, value in drawing.items() if value is not None}
+    if model is None or model.spec.method != "diffusion":
+        if given:
+            raise UsageError(
+                f"{', '.join(given)}: only a diffusion model draws samples, leave "
+                "these options out"
+            )
+        return {}
+    return given or {"draws": 1, "steps": 1}

@@ -1,0 +1,99 @@
+"""What is published of a frame: clouds as tables of points, a picture of the echoes."""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Inexact, UInt8
+
+from jradar.radar import RadarSpec, angle_spectrum, compensate_tdm, range_doppler
+from jradar.recordings import Recording, radar_from_lidar, valid_points
+from jradar.types import PointCloud
+
+FALLBACK_PERIOD_S = 0.1  # of a recording that does not say how fast it was
+SHOWN_DB = 50.0  # below the strongest echo; weaker ones are black
+RADAR_FRAME, BASE_FRAME, LIDAR_FRAME = "radar", "base", "lidar"
+
+
+class View(NamedTuple):
+    """One frame as writers take it. Points are in the radar's frame, in metres."""
+
+    number: int
+    stamp_s: float  # since 1970
+    clouds: dict[str, PointCloud]  # by topic, such as "radar", "enhanced", "lidar"
+    picture: UInt8[np.ndarray, "range azimuth"] | None = None
+    base_from: dict[str, np.ndarray] = {}  # 4 x 4, of "radar" and "lidar" where known
+
+    @property
+    def stamp_ns(self) -> int:
+        """The time as ROS and MCAP count it."""
+        return round(self.stamp_s * 1e9)
+
+
+def point_table(cloud: PointCloud) -> np.ndarray:
+    """Return the valid points as a structured array of float32: x, y, z, and the rest.
+
+    A cloud's other fields keep their names; those that it lacks are left out.
+    """
+    columns = valid_points(cloud)
+    xyz = columns.pop("xyz")
+    columns = {**dict(zip("xyz", xyz.T, strict=True)), **columns}
+    table = np.empty(len(xyz), [(name, "<f4") for name in columns])
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
+@functools.partial(jax.jit, static_argnames="radar")
+def range_azimuth(
+    cube: Inexact[Array, "tx rx chirp sample"], radar: RadarSpec
+) -> UInt8[Array, "range azimuth"]:
+    """Return a picture of a frame from above: far is up, left is left.
+
+    Each range shows its strongest velocity, over the direction sines of the azimuth,
+    the strongest elevation of each. 255 is the strongest echo of the frame, 0 is 50 dB
+    or more below it.
+    """
+    spectrum, power = range_doppler(cube)
+    spectrum = spectrum[..., : radar.num_range_bins]
+    row = power[:, : radar.num_range_bins].argmax(0)
+    bins = jnp.arange(radar.num_range_bins)
+    snapshot = spectrum[:, row, bins].T
+    snapshot = compensate_tdm(snapshot, row - power.shape[0] // 2, radar)
+    above = angle_spectrum(snapshot, radar).max(-2)
+    level = 10 * jnp.log10(above / jnp.maximum(above.max(), 1e-30) + 1e-30)
+    shade = jnp.clip(255 * (1 + level / SHOWN_DB), 0, 255)
+    return jnp.where(above.max() > 0, shade, 0).astype(jnp.uint8)[::-1, ::-1]
+
+
+def recorded_view(
+    recording: Recording,
+    frame: int,
+    clouds: dict[str, PointCloud],
+    picture: UInt8[np.ndarray, "range azimuth"] | None = None,
+) -> View:
+    """Return the view of a recorded frame: its time, and where the sensors are.
+
+    Without stamps, frames follow one another in the radar's frame period, or in 0.1 s.
+    """
+    stamps, period_s = recording.cubes.stamps, recording.radar.frame_period_s
+    stamp_s = frame * (period_s or FALLBACK_PERIOD_S)
+    if stamps is not None:
+        stamp_s = float(stamps[frame])
+    return View(frame, stamp_s, clouds, picture, sensor_places(recording))
+
+
+def sensor_places(recording: Recording) -> dict[str, np.ndarray]:
+    """Return the transforms to the base of those sensors whose place is known."""
+    places = {RADAR_FRAME: recording.base_from_radar}
+    if radar_from_lidar(recording) is not None:
+        places[LIDAR_FRAME] = recording.base_from_lidar
+    return {name: matrix for name, matrix in places.items() if matrix is not None}
+
+
+def lidar_cloud(xyz: Float[np.ndarray, "point 3"]) -> PointCloud:
+    """Return LiDAR points, already in the radar's frame, as a cloud."""
+    table = np.asarray(xyz, np.float32).reshape(-1, 3)
+    return PointCloud(table, np.ones(len(table), bool))  # pyright: ignore

@@ -1,0 +1,220 @@
+"""`jradar live`, `replay`, `enhance -o out.mcap`: clouds through the same writers."""
+
+import signal
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from jradar.cli import main
+from jradar.cli.paths import STREAMED, is_streamed
+from jradar.recordings import nearest_scan, open_recording
+from jradar.stream.emulator import Emulator, RecordedFrames
+from jradar.stream.outputs import OUTPUTS
+from jradar.stream.sockets import loopback_network
+from tests.recordings.conftest import root as root, sequence as sequence
+from tests.recordings.test_dca1000 import CFG, as_bytes, random_cubes
+from tests.stream.loops import PATIENCE_S
+from tests.stream.test_board import demo
+from tests.stream.test_outputs import mcap_messages, table_of, write
+
+QUICK = ("--draws", "2", "--steps", "1")
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """A small capture with its .cfg."""
+    folder = tmp_path_factory.mktemp("capture")
+    (folder / "profile.cfg").write_text(CFG)
+    (folder / "adc_data.bin").write_bytes(as_bytes(random_cubes(4)))
+    return folder / "adc_data.bin"
+
+
+def test_a_replay_becomes_an_mcap_file(capture, run_json, tmp_path):
+    pytest.importorskip("foxglove")
+    out = tmp_path / "out.mcap"
+    command = ["live", "--replay", capture, "--model", "none", "-o", out]
+    result = run_json(*command, "--speed", "0.5", "--silence", PATIENCE_S)
+    assert result["frames received"] == 4
+    published = result["frames published"]
+    assert published + result["frames dropped"] == 4 and published
+    assert result["packets"]["lost"] == 0 and result["written"] == [str(out)]
+    topics = [topic for topic, *_ in mcap_messages(out)]
+    assert topics.count("/radar/points") == published
+
+
+def test_the_model_of_a_live_session_is_one_of_ones_own(
+    small_cube, model_folder, run_json, tmp_path
+):
+    out = tmp_path / "out"
+    command = ["live", "--replay", small_cube, "--model", model_folder, "-o", out]
+    result = run_json(*command, "--silence", PATIENCE_S, "--seed", 3)
+    assert result["frames published"] == 1
+    with np.load(out / "000000" / "enhanced.npz") as file:
+        assert len(file["xyz"])
+
+
+def test_the_lidar_of_a_recording_is_beside_its_frames(sequence, run_json, tmp_path):
+    pytest.importorskip("foxglove")
+    out = tmp_path / "out.mcap"
+    command = ["live", "--replay", sequence, "--model", "none", "-o", out]
+    run_json(*command, "--silence", PATIENCE_S)
+    recording = open_recording(sequence)
+    scans = [m for topic, _, _, m in mcap_messages(out) if topic == "/lidar/points"]
+    scan = nearest_scan(recording, len(recording.cubes) - 1)
+    np.testing.assert_allclose(table_of(scans[-1])["x"], scan[:, 0], rtol=1e-6)
+
+
+def test_enhanced_frames_become_one_file(sequence, model_folder, run_json, tmp_path):
+    pytest.importorskip("foxglove")
+    command = ["enhance", sequence, "--model", model_folder, *QUICK, "-o"]
+    run_json(*command, tmp_path / "all.mcap")
+    messages = [*mcap_messages(tmp_path / "all.mcap")]
+    recording = open_recording(sequence)
+    dense = [m for m in messages if m[0] == "/enhanced/points"]
+    assert len(dense) == len(recording.cubes) > 1
+    stamps = [round(stamp * 1e9) for stamp in recording.cubes.stamps]
+    assert [time_ns for _, _, time_ns, _ in dense] == stamps
+    assert {"/lidar/points", "/radar/range_azimuth", "/tf"} < {m[0] for m in messages}
+    run_json(*command, tmp_path / "folder", "--frame", 1)
+    with np.load(tmp_path / "folder" / "enhanced.npz") as file:
+        found = table_of(dense[1][3])
+        for name, column in zip("xyz", file["xyz"].T, strict=True):
+            np.testing.assert_array_equal(found[name], column)
+
+
+def test_enhanced_frames_become_a_bag(sequence, model_folder, run_json, tmp_path):
+    pytest.importorskip("rosbags")
+    out = tmp_path / "out.ros2"
+    command = ["enhance", sequence, "--model", model_folder, *QUICK, "-o", out]
+    run_json(*command, "--frames", "0:2")
+    topics = {row["topic"]: row["messages"] for row in run_json("info", out)["topics"]}
+    assert topics["/enhanced/points"] == topics["/radar/points"] == 2
+
+
+def test_a_file_for_foxglove_is_told_apart_from_a_bag(tmp_path, capsys):
+    pytest.importorskip("foxglove")
+    path = write(tmp_path / "out.mcap")
+    assert main(["info", str(path)]) == 4
+    assert "without ROS messages" in capsys.readouterr().err
+
+
+def test_what_exists_is_not_overwritten(capture, tmp_path, capsys):
+    (tmp_path / "out.mcap").write_text("precious")
+    for command in (
+        ["live", "--replay", capture, "-o", tmp_path / "out.mcap"],
+        ["enhance", capture, "-o", tmp_path / "out.mcap"],
+    ):
+        assert main([*map(str, command)]) == 2
+        assert "exists and is not overwritten" in capsys.readouterr().err
+    assert (tmp_path / "out.mcap").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (["live"], 2, "--radar, such as the .cfg"),
+        (["live", "--radar", "{cfg}", "--host", "192.0.2.1"], 3, "has no address"),
+        (["live", "--replay", "{bin}", "-o", "out.bag"], 2, "expected a file .mcap"),
+        (["live", "--replay", "no.bin"], 2, "no such file"),
+        (["live", "--replay", "{bin}", "--reorder", "-1"], 2, "expected 0 to 1000"),
+        (["replay", "{bin}", "--loss", "2"], 2, "at most 1"),
+        (["replay", "{bin}", "--card", "192.0.2.1"], 3, "has no address 192.0.2.1"),
+    ],
+)
+def test_a_wrong_call_is_answered_in_one_line(
+    arguments, code, message, capture, capsys, monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    names = {"bin": capture, "cfg": capture.with_name("profile.cfg")}
+    words = [word.format(**names) for word in arguments]
+    if "--model" not in words and words[0] == "live":
+        words += ["--model", "none"]
+    try:
+        found = main(words)
+    except SystemExit as stop:
+        found = stop.code
+    error = capsys.readouterr().err
+    assert found == code and message in error.splitlines()[-1]
+
+
+def test_a_flat_radar_publishes_detections_only(flat_cube, capsys):
+    assert main(["live", "--replay", flat_cube]) == 2
+    assert "--model none, or add --anyway" in capsys.readouterr().err
+
+
+def test_names_of_outputs_are_those_of_the_library(tmp_path):
+    streamed = [f"out{suffix}" for suffix in STREAMED]
+    for name in (*streamed, "out", "out.d"):
+        kind = next(kind for kind in OUTPUTS if kind.matches(tmp_path / name))
+        assert is_streamed(name) == (kind.name != "a folder")
+
+
+def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
+    """An emulated card in a thread, a board behind a pseudo-terminal."""
+    network, frames = loopback_network(), RecordedFrames(open_recording(capture))
+    cfg = capture.with_name("profile.cfg")
+    with (
+        demo() as (board, port),
+        Emulator(frames, network, period_s=0.05, repeat=True) as emulator,
+    ):
+        addresses = ["--host", network.host, "--card", network.card]
+        addresses += ["--command-port", network.command_port]
+        addresses += ["--data-port", network.data_port]
+        command = ["live", "--radar", cfg, "--model", "none", "--board", port]
+        result = run_json(*command, *addresses, "--seconds", 2, "--silence", 60)
+        sent = emulator.sent.packets
+        assert sent and not emulator._sending.is_alive()
+    received = result["packets"]["received"]
+    assert received <= sent and result["frames received"] > 0
+    lines = [line for line in cfg.read_text().splitlines() if line]
+    assert board.heard == [*lines, "sensorStart", "sensorStop"]
+
+
+def test_two_programs_talk_to_each_other(capture, tmp_path):
+    """`replay` in one process, `live` in another, over the loopback; SIGINT ends it."""
+    pytest.importorskip("foxglove")
+    network = loopback_network()
+    addresses = ["--host", network.host, "--card", network.card]
+    addresses += ["--command-port", str(network.command_port)]
+    addresses += ["--data-port", str(network.data_port)]
+    run = [sys.executable, "-m", "jradar.cli"]
+    playing = subprocess.Popen(
+        [*run, "replay", str(capture), "--repeat", *addresses],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    live = None
+    try:
+        assert "waits for START" in playing.stderr.readline()
+        out = tmp_path / "out.mcap"
+        cfg = str(capture.with_name("profile.cfg"))
+        live = subprocess.Popen(
+            [*run, "live", "--radar", cfg, "--model", "none", "-o", str(out)]
+            + ["--silence", str(PATIENCE_S), *addresses],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        killer = threading.Timer(2 * PATIENCE_S, live.kill)
+        killer.start()
+        told = ""
+        while "frames/s" not in told and live.poll() is None:
+            told = live.stderr.readline()
+        live.send_signal(signal.SIGINT)
+        output, errors = live.communicate()
+        killer.cancel()
+        assert live.returncode == 0, errors
+        assert "frames published" in output
+        assert [*mcap_messages(out)]
+        playing.send_signal(signal.SIGTERM)
+        output, errors = playing.communicate(timeout=PATIENCE_S)
+        assert playing.returncode == 0 and "frames sent" in output, errors
+    finally:
+        for process in (playing, live):
+            if process is not None and process.poll() is None:
+                process.kill()
+                process.wait()

@@ -1,0 +1,126 @@
+"""The board's serial port: a pseudo-terminal that answers like the SDK's demo."""
+
+import contextlib
+import os
+import select
+import threading
+
+import pytest
+
+from jradar.stream.board import Board
+
+CFG = """\
+% a comment
+
+sensorStop
+flushCfg
+channelCfg 15 7 0   % all receivers
+sensorStart
+"""
+
+
+class Demo:
+    """The SDK's command line: it repeats a command, answers, and prints its prompt."""
+
+    def __init__(self, master, answers):
+        self.master, self.answers = master, answers
+        self.heard, self.ending = [], threading.Event()
+
+    def run(self):
+        """Answer until the end."""
+        line = b""
+        while not self.ending.is_set():
+            if not select.select([self.master], [], [], 0.05)[0]:
+                continue
+            line += os.read(self.master, 1)
+            if line.endswith(b"\n"):
+                command, line = line.decode().strip(), b""
+                self.heard.append(command)
+                answer = self.answers(command)
+                if answer is not None:
+                    told = f"{command}\n\r{answer}\n\rmmwDemo:/>"
+                    os.write(self.master, told.encode())
+
+
+@contextlib.contextmanager
+def demo(answers=lambda command: "Done"):
+    """A running demo, and the name of its port."""
+    pytest.importorskip("serial")
+    tty = pytest.importorskip("tty")
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    board = Demo(master, answers)
+    thread = threading.Thread(target=board.run)
+    thread.start()
+    try:
+        yield board, os.ttyname(slave)
+    finally:
+        board.ending.set()
+        thread.join()
+        os.close(master)
+        os.close(slave)
+
+
+@pytest.fixture
+def cfg(tmp_path):
+    path = tmp_path / "profile.cfg"
+    path.write_text(CFG)
+    return path
+
+
+def test_every_command_is_sent_in_order(cfg):
+    with demo() as (heard, port), Board(port, timeout_s=60.0) as board:
+        board.configure(cfg)
+        board.stop()
+    expected = ["sensorStop", "flushCfg", "channelCfg 15 7 0", "sensorStart"]
+    assert heard.heard == [*expected, "sensorStop"]
+
+
+def test_a_file_that_does_not_start_the_radar_is_completed(cfg):
+    cfg.write_text("flushCfg\n")
+    with demo() as (heard, port), Board(port, timeout_s=60.0) as board:
+        board.configure(cfg)
+    assert heard.heard == ["flushCfg", "sensorStart"]
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        "Error -1",
+        "'channelCfg' is not recognized as a CLI command",
+        "Debug: Init Calibration Status = 0x7fe\n\rError: MMWave open failed",
+    ],
+)
+def test_a_command_that_the_board_refuses_is_named_with_its_line(cfg, answer):
+    def answers(command):
+        return answer if command.startswith("channel") else "Done"
+
+    with demo(answers) as (_, port), Board(port, timeout_s=60.0) as board:
+        with pytest.raises(ValueError, match=r"line 5: 'channelCfg 15 7 0': the board"):
+            board.configure(cfg)
+
+
+def test_notes_of_the_board_are_no_errors(cfg):
+    """The calibration at the start, and a stop that is ignored."""
+    said = {
+        "sensorStop": "Ignored: Sensor is already stopped\n\rDone",
+        "sensorStart": "Debug: Init Calibration Status = 0x1ffe\n\rDone",
+    }
+    with (
+        demo(lambda command: said.get(command, "Done")) as (_, port),
+        Board(port, timeout_s=60.0) as board,
+    ):
+        board.configure(cfg)
+        assert board.send("sensorStop").startswith("Ignored")
+
+
+def test_a_board_that_does_not_answer_is_named(cfg):
+    with demo(lambda _: None) as (_, port), Board(port, timeout_s=0.3) as board:
+        with pytest.raises(TimeoutError, match=r"line 3: 'sensorStop': the board on"):
+            board.configure(cfg)
+
+
+def test_a_port_that_cannot_be_opened_is_named(tmp_path):
+    pytest.importorskip("serial")
+    with pytest.raises(OSError, match=r"cannot be opened .* group dialout"):
+        Board(str(tmp_path / "ttyACM0"))

@@ -1,0 +1,192 @@
+"""The live loop: the library's clouds, frames that add up, silence explained."""
+
+import itertools
+import os
+import signal
+import threading
+
+import jax
+import numpy as np
+import pytest
+
+from jradar.radar import PointSpec, RadarSpec, Scatterers, radar_points, simulate_cube
+from jradar.recordings import Recording, Stream
+from jradar.stream.emulator import Emulator, RecordedFrames
+from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
+from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
+from jradar.stream.receiver import Receiver
+from jradar.stream.sockets import loopback_network, udp_socket
+from tests.recordings.test_dca1000 import CFG
+from tests.stream.loops import PATIENCE_S, wait_until
+
+RADAR = RadarSpec.awr1843(num_chirps=4, num_samples=32)  # 6,144 bytes a frame
+POINTS = PointSpec(capacity=32, false_alarm_rate=0.05, guard=(0, 1), train=(1, 4))
+
+
+def echoes(count):
+    """Cubes of one echo that recedes from frame to frame, as whole numbers."""
+    keys = jax.random.split(jax.random.key(0), count)
+    for number, key in enumerate(keys):
+        xyz = np.array([[1.0 + 0.1 * number, 0.3, 0.1]], np.float32)
+        echo = Scatterers(xyz, np.zeros(1, np.float32), np.full(1, 500, np.float32))
+        yield np.rint(np.asarray(simulate_cube(key, echo, RADAR, noise_power=100.0)))
+
+
+CUBES = [*echoes(6)]
+RECORDING = Recording("test", "test.bin", RADAR, Stream(CUBES.__getitem__, len(CUBES)))
+
+
+class Kept:
+    """A writer that keeps what it gets."""
+
+    def __init__(self, act=lambda view: None):
+        self.views, self.act = [], act
+
+    def write(self, view):
+        """Act, and keep the view."""
+        self.act(view)
+        self.views.append(view)
+
+    def close(self):
+        """Nothing is left to do."""
+
+
+@pytest.fixture(scope="module")
+def processor():
+    made = Processor(RECORDING, points=POINTS)
+    made.warm_up()
+    return made
+
+
+def play(processor, writer, *, period_s=0.02, waiting=1000, **options):
+    network, frames = loopback_network(), RecordedFrames(RECORDING)
+    with (
+        Emulator(frames, network, period_s=period_s) as emulator,
+        Receiver(frame_bytes(RECORDING), network, waiting=waiting) as receiver,
+    ):
+        emulator.start()
+        session = run_live(
+            receiver,
+            processor,
+            [writer],
+            silence_s=PATIENCE_S,
+            finished=lambda: (
+                emulator.finished.is_set() and receiver.counts.frames >= len(CUBES)
+            ),
+            **options,
+        )
+    return session, receiver
+
+
+def test_published_clouds_are_the_librarys(processor):
+    kept = Kept()
+    session, receiver = play(processor, kept)
+    assert session.published == len(kept.views) == len(CUBES)
+    assert session.latency_ms(50) <= session.latency_ms(95)
+    for view, cube in zip(kept.views, CUBES, strict=True):
+        expected = radar_points(cube, RADAR, points=POINTS.fitted(RADAR))
+        np.testing.assert_array_equal(view.clouds["radar"].xyz, expected.xyz)
+        assert view.clouds["radar"].valid.any()
+        assert view.picture.shape == (32, 64) and view.picture.max() == 255
+    told = summary(session, receiver)
+    assert told["frames received"] == told["frames published"] == len(CUBES)
+    assert told["packets"]["lost"] == 0
+
+
+def test_frames_in_are_frames_out_and_those_dropped(processor):
+    """A writer that waits until the next frames have arrived."""
+    go_on = threading.Event()
+    slow = Kept(lambda view: go_on.wait(0.5))
+    session, receiver = play(processor, slow, period_s=0.005, waiting=1)
+    told = summary(session, receiver)
+    assert told["frames received"] == len(CUBES)
+    assert told["frames received"] == told["frames published"] + told["frames dropped"]
+    assert len(slow.views) == told["frames published"]
+    assert slow.views[-1].number == len(CUBES) - 1
+
+
+def test_a_card_that_never_sends_is_explained(processor):
+    with Receiver(frame_bytes(RECORDING), loopback_network()) as receiver:
+        with pytest.raises(TimeoutError, match="no packets from the card 127.0.0.2"):
+            run_live(receiver, processor, [], silence_s=0.3)
+
+
+def test_a_card_that_falls_silent_is_reported_once(processor):
+    network, said, silent_turns = loopback_network(), [], itertools.count()
+    frames = RecordedFrames(RECORDING)
+    with (
+        Emulator(frames, network, period_s=0.01) as emulator,
+        Receiver(frame_bytes(RECORDING), network) as receiver,
+    ):
+        emulator.start()
+        wait_until(lambda: receiver.counts.placed, "packets")
+        run_live(
+            receiver,
+            processor,
+            [],
+            silence_s=0.3,
+            say=said.append,
+            finished=lambda: bool(said) and next(silent_turns) > 4,
+        )
+    assert len(said) == 1 and "no packets from the card" in said[0]
+
+
+def test_packets_of_others_are_reported_once_while_frames_go_on(processor):
+    network, said = loopback_network(), []
+    with (
+        Emulator(RecordedFrames(RECORDING), network, period_s=0.02) as emulator,
+        Receiver(frame_bytes(RECORDING), network, waiting=1000) as receiver,
+        udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger,
+    ):
+        for sent in range(150):
+            stranger.sendto(b"x" * 500, (network.host, network.data_port))
+            wait_until(lambda n=sent: receiver.counts.foreign > n, "a packet")
+        emulator.start()
+        session = run_live(
+            receiver,
+            processor,
+            [],
+            silence_s=PATIENCE_S,
+            finished=lambda: receiver.counts.frames >= len(CUBES),
+            say=said.append,
+        )
+    assert session.published == len(CUBES)
+    assert len(said) == 1 and "150 packets of other senders" in said[0]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_loop_after_the_frame(processor, number):
+    kept = Kept(lambda view: os.kill(os.getpid(), number))
+    before = signal.getsignal(number)
+    session, _ = play(processor, kept)
+    assert session.published == len(kept.views) == 1
+    assert signal.getsignal(number) is before
+
+
+def test_the_second_signal_acts_as_usual():
+    with ended_by_signals() as ending:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert ending.wait(PATIENCE_S)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            ending.clear()
+            ending.wait(PATIENCE_S)
+
+
+def test_frames_of_another_size_than_the_cfgs_are_doubted(tmp_path):
+    (tmp_path / "profile.cfg").write_text(CFG)  # a frame every 100 ms
+    processor = Processor(radar_on_the_cable(tmp_path / "profile.cfg"), points=POINTS)
+    for period, doubted in ((0.1, False), (0.105, False), (0.05, True), (0.2, True)):
+        rate = FrameRate(processor)
+        doubts = [rate.add(number, 7 + number * period) for number in range(200)]
+        assert len([*filter(None, doubts)]) == doubted
+        if doubted:
+            said = "".join(doubts)
+            assert f"comes every {1e3 * period:.4g} ms" in said
+            assert f"{0.1 / period:.3g} times as large" in said
+
+
+def test_headers_between_the_chirps_are_refused(tmp_path):
+    (tmp_path / "profile.cfg").write_text(CFG + "lvdsStreamCfg -1 1 1 0\n")
+    with pytest.raises(ValueError, match="puts headers between the chirps"):
+        radar_on_the_cable(tmp_path / "profile.cfg")

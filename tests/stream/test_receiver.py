@@ -1,0 +1,149 @@
+"""Receiver and emulated card: what is sent arrives; faults are counted and named."""
+
+import socket
+
+import numpy as np
+import pytest
+
+from jradar.stream.emulator import FaultSpec
+from jradar.stream.receiver import Receiver
+from jradar.stream.sockets import loopback_network, udp_socket
+from tests.stream.loops import loop, settled, taken, wait_until
+from tests.stream.packets import packet, packets_of, random_frames
+
+FRAMES = random_frames(20)  # 33 packets, which any socket holds
+BYTES = [frame.tobytes() for frame in FRAMES]
+
+
+def test_frames_arrive_bit_by_bit():
+    with loop(BYTES) as (emulator, receiver):
+        emulator.start()
+        settled(emulator, receiver)
+        frames = taken(receiver)
+    np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
+    assert receiver.counts.placed == emulator.sent.packets == 33
+    assert not receiver.dropped and not receiver.counts.lost_bytes
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_faults_of_the_network_are_all_accounted_for(seed):
+    """While both counters wrap around."""
+    place = 2**48 // 2400 * 2400 - 5 * 2400
+    faults = FaultSpec(loss=0.3, reorder=8, duplicate=0.2, seed=seed)
+    counters = {"first_sequence": 2**32 - 9, "first_byte": place}
+    with loop(BYTES, faults=faults, **counters) as (emulator, receiver):
+        emulator.start()
+        settled(emulator, receiver)
+        receiver.close()
+        frames, counts, sent = taken(receiver), receiver.counts, emulator.sent
+    assert (
+        counts.packets
+        == sent.packets
+        == counts.placed + counts.repeated + (counts.late)
+    )
+    assert sent.packets == 33 - sent.lost + sent.repeated
+    assert sent.lost and sent.repeated
+    assert len(frames) == counts.frames
+    for frame in frames:
+        number = frame.number - place // 2400
+        same = frame.data == FRAMES[number]
+        assert same.all() or frame.lost_bytes and not frame.data[~same].any()
+
+
+def test_the_newest_frame_wins_and_the_others_are_counted():
+    with loop(BYTES, waiting=1) as (emulator, receiver):
+        emulator.start()
+        settled(emulator, receiver)
+        (last,) = taken(receiver)
+    np.testing.assert_array_equal(last.data, FRAMES[-1])
+    assert receiver.dropped == 19
+    assert receiver.counts.frames == 1 + receiver.dropped
+
+
+def test_a_flood_of_foreign_packets_changes_nothing():
+    network = loopback_network()
+    with (
+        Receiver(2400, network, waiting=100) as receiver,
+        udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger,
+        udp_socket(network.card, 0, timeout_s=1.0) as card,
+    ):
+        address = network.host, network.data_port
+        for number, packet in enumerate(packets_of(FRAMES)):
+            for _ in range(20):
+                stranger.sendto(packet[::-1], address)
+            card.sendto(packet, address)
+            sent = 21 * (number + 1)
+            wait_until(lambda n=sent: receiver.counts.packets >= n, "packets")
+        assert receiver.foreign_sender == "127.0.0.3"
+        frames = taken(receiver)
+    np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
+    assert receiver.counts.foreign == 33 * 20
+    assert "660 packets of other senders, the last of 127.0.0.3" in receiver.strangers()
+    assert "longer than" not in receiver.strangers()
+
+
+def test_packets_that_are_no_stream_are_named_by_their_fault():
+    network = loopback_network()
+    with (
+        Receiver(2400, network) as receiver,
+        udp_socket(network.card, 0, timeout_s=1.0) as card,
+    ):
+        assert not receiver.strangers()
+        for number in range(300):
+            card.sendto(b"x" * 2000, (network.host, network.data_port))
+            wait_until(lambda n=number: receiver.counts.packets > n, "a packet")
+        assert "300 packets without a header or longer" in receiver.strangers()
+        counters = np.random.default_rng(0).integers(0, 2**32, (300, 2))
+        for number, (sequence, place) in enumerate(counters.tolist()):
+            strange = packet(sequence, place, b"x" * 100)
+            card.sendto(strange, (network.host, network.data_port))
+            wait_until(lambda n=number: receiver.counts.packets > 300 + n, "a packet")
+        assert "do two cards have the same address?" in receiver.strangers()
+
+
+def test_silence_is_explained():
+    network = loopback_network()
+    with Receiver(2400, network) as receiver:
+        assert not receiver.silence(60.0)
+        wait_until(lambda: receiver.silence(0.3), "silence")
+        assert "was the board started" in receiver.silence(0.3)
+        with udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger:
+            stranger.sendto(b"x" * 100, (network.host, network.data_port))
+            wait_until(lambda: receiver.counts.foreign, "a packet")
+        wait_until(lambda: receiver.silence(0.3), "silence")
+        assert "the last from 127.0.0.3: is that the card?" in receiver.silence(0.3)
+
+
+def test_a_taken_port_is_named():
+    network = loopback_network()
+    with Receiver(2400, network):
+        with pytest.raises(OSError, match=rf"port {network.data_port} of 127.0.0.1 is"):
+            Receiver(2400, network)
+
+
+def test_an_address_that_is_not_ours_is_named():
+    with pytest.raises(OSError, match="has no address 192.0.2.1: give it"):
+        udp_socket("192.0.2.1", 0, timeout_s=1.0)
+
+
+def test_a_small_buffer_of_the_system_is_noted():
+    with Receiver(1 << 30, loopback_network()) as receiver:
+        assert "sudo sysctl -w net.core.rmem_max=2147483648" in receiver.note
+
+
+def test_a_fault_in_the_thread_is_raised_where_frames_are_taken():
+    with loop(BYTES) as (emulator, receiver):
+        receiver._assembler._deliver = lambda frame: 1 / 0
+        emulator.start()
+        with pytest.raises(ZeroDivisionError):
+            while receiver.take(60.0) is not None:
+                pass
+
+
+def test_ports_are_free_after_the_end():
+    network = loopback_network()
+    for _ in range(2):
+        with Receiver(2400, network):
+            pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
+        again.bind((network.host, network.data_port))
