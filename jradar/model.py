@@ -168,7 +168,8 @@ def draw(
     A diffusion model takes `draws` samples at once, 8 by default, and returns the range
     on which they agree (`agreed_range`). `draws=1` is the paper's single sample, and
     `draws=1, steps=1` its one-step estimate. Defaults for several draws: 5 steps of
-    iPNDM, temperature 1; for one: 18 steps of Heun, the model's temperature.
+    iPNDM, temperature 1; for one: 18 steps, the model's temperature, and the solver of
+    `solver_for`: Heun, or iPNDM below 8 steps.
 
     A regression model has one answer and takes none of these options. Without a radar
     point in the condition the image is empty. One condition; `vmap` it. Raises
@@ -199,7 +200,7 @@ def _draw_diffusion(
     if draws < 1:
         raise ValueError(f"{draws=}, expected 1 or more")
     quick = {"solver": SOLVERS["ipndm3"], "steps": 5, "temperature": 1.0}
-    careful = {"solver": SOLVERS["heun"], "steps": 18, "temperature": spec.temperature}
+    careful = {"steps": 18, "temperature": spec.temperature}
     values = sample(
         key,
         denoise,

@@ -307,7 +307,8 @@ def _drawing(sub):
     """Add how a diffusion model is sampled."""
     text = "draw N samples and keep what they agree on; 1 is the paper's single draw"
     _count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
-    text = "solver steps per draw (default: 5 for several draws, 18 for one)"
+    text = "solver steps per draw (default: 5 for several draws, 18 for one); one draw"
+    text += " takes Heun's method, or iPNDM below 8 steps"
     _count(sub, "--steps", text, most=MAX_STEPS)
 
 
