@@ -10,7 +10,14 @@ from jaxtyping import Array, Complex, Float, Int
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSteps, interpolate_poses, preprocess
-from jradar.radar import Cells, RadarSpec, all_cells, cell_points, detect
+from jradar.radar import (
+    Cells,
+    RadarSpec,
+    all_cells,
+    cell_points,
+    detect,
+    subtracted_window,
+)
 from jradar.recordings.recording import Recording, Stream, calibrated_cube
 from jradar.types import PointCloud
 
@@ -201,6 +208,13 @@ def radar_side(
 
     def cloud(cells, points):
         mask = detect(cells.power, radar, points=points)
-        return cell_points(cells, mask, radar, points=points, range_bias_m=range_bias_m)
+        return cell_points(
+            cells,
+            mask,
+            radar,
+            points=points,
+            range_bias_m=range_bias_m,
+            range_window=subtracted_window(coupling, points),
+        )
 
     return cells, cloud(cells, condition), cloud(trusted_cells, trusted)

@@ -16,6 +16,8 @@ Angles       directions                        strongest direction of each cell
              capon_spectrum, music_spectrum, music_directions, smoothed_covariance
 Points       PointSpec, radar_points           cube to points of the detected cells
              Cells, all_cells, cell_points     all directions first, any mask later
+             subtracted_window                 the range window with a coupling
+             point_deviations, Deviations      standard deviation of each coordinate
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
 Clutter      static_background, subtract_background     of a radar that stands still
@@ -49,6 +51,10 @@ from jradar.radar.clutter import (
     static_background as static_background,
     subtract_background as subtract_background,
 )
+from jradar.radar.deviations import (
+    Deviations as Deviations,
+    point_deviations as point_deviations,
+)
 from jradar.radar.direction import directions as directions
 from jradar.radar.echoes import (
     Echo as Echo,
@@ -70,6 +76,7 @@ from jradar.radar.points import (
     cell_points as cell_points,
     detect as detect,
     radar_points as radar_points,
+    subtracted_window as subtracted_window,
 )
 from jradar.radar.self_calibration import (
     Explained as Explained,

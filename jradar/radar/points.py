@@ -13,7 +13,7 @@ with a threshold or learned, can be compared. Both take a `PointSpec`.
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_pea
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
 from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_floor
 from jradar.radar.direction import directions
-from jradar.radar.peaks import parabola_offset
+from jradar.radar.peaks import window_offset
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
 from jradar.radar.subspace import music_directions
@@ -136,6 +136,7 @@ def radar_points(
     spectrum, power = _spectra(cube, radar, points, coupling)
     mask = detect(power, radar, points=points)
     strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
+    range_window = subtracted_window(coupling, points)
     _, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
@@ -144,7 +145,8 @@ def radar_points(
     else:
         strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
         cell = cell[of]
-    return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
+    options = {"range_bias_m": range_bias_m, "range_window": range_window}
+    return _cloud(power, cell, strongest, direction, radar, points, **options)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -168,7 +170,9 @@ def all_cells(
     return Cells(power, azimuth.reshape(power.shape), elevation.reshape(power.shape))
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
+@functools.partial(
+    jax.jit, static_argnames=("radar", "points", "range_bias_m", "range_window")
+)
 def cell_points(
     cells: Cells,
     mask: Bool[Array, "doppler range"],
@@ -176,15 +180,18 @@ def cell_points(
     *,
     points: PointSpec = PointSpec(),
     range_bias_m: float = 0.0,
+    range_window: str = "hann",
 ) -> PointCloud:
     """Return the points of the cells in `mask`, strongest first; one frame, `vmap` it.
 
-    With the mask of `detect`, these are the points of `radar_points`.
+    With the mask of `detect`, these are the points of `radar_points`. `range_window` is
+    the cells': `subtracted_window` names it.
     """
     power, azimuth, elevation = cells
     strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
     direction = azimuth.ravel()[cell], elevation.ravel()[cell]
-    return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
+    options = {"range_bias_m": range_bias_m, "range_window": range_window}
+    return _cloud(power, cell, strongest, direction, radar, points, **options)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -204,6 +211,11 @@ def detect(
     )
 
 
+def subtracted_window(coupling: Any, points: PointSpec) -> str:
+    """Return the range window of `radar_points` and `all_cells` with this coupling."""
+    return "hann" if coupling is None or points.remove_static else "blackman"
+
+
 def _spectra(cube, radar, points, coupling):
     """`range_doppler` of the cube without its coupling.
 
@@ -220,9 +232,10 @@ def _spectra(cube, radar, points, coupling):
             f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
         )
     remove = _fields(points, ("remove_static", "remove_interference"))
-    if coupling is None or points.remove_static:
+    range_window = subtracted_window(coupling, points)
+    if coupling is None or range_window == "hann":
         return range_doppler(cube, **remove)
-    spectrum, _ = range_doppler(cube, range_window="blackman", **remove)
+    spectrum, _ = range_doppler(cube, range_window=range_window, **remove)
     spectrum = subtract_coupling(spectrum, coupling)
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 
@@ -243,7 +256,7 @@ def _strongest_cells(power, mask, radar, points, range_bias_m):
     return jnp.pad(strongest, padding), jnp.pad(cell, padding)
 
 
-def _bins(power, cell, points):
+def _bins(power, cell, points, range_window="hann"):
     """Range bin and signed Doppler bin of flat cells."""
     num_doppler, num_range = power.shape
     row, column = jnp.divmod(cell, num_range)
@@ -251,13 +264,21 @@ def _bins(power, cell, points):
     range_bin = column.astype(power.dtype)
     if points.refine:
         left, right = jnp.maximum(column - 1, 0), jnp.minimum(column + 1, num_range - 1)
-        range_bin += parabola_offset(
-            power[row, left], power[row, column], power[row, right]
+        range_bin += window_offset(
+            power[row, left],
+            power[row, column],
+            power[row, right],
+            kind=range_window,
+            length=num_range,
         )
     if points.refine and num_doppler > 2:
         below, above = (row - 1) % num_doppler, (row + 1) % num_doppler
-        doppler_bin += parabola_offset(
-            power[below, column], power[row, column], power[above, column]
+        doppler_bin += window_offset(
+            power[below, column],
+            power[row, column],
+            power[above, column],
+            kind="hann",
+            length=num_doppler,
         )
     return range_bin, doppler_bin
 
@@ -295,10 +316,12 @@ def _strongest_peaks(power, snapshot, radar, points):
     return strongest, direction, peak // powers.shape[-1]
 
 
-def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):
+def _cloud(
+    power, cell, strongest, direction, radar, points, *, range_bias_m, range_window
+):
     """The cloud of the cells; those without power are padding."""
     azimuth, elevation = direction
-    range_bin, doppler_bin = _bins(power, cell, points)
+    range_bin, doppler_bin = _bins(power, cell, points, range_window)
     noise = noise_floor(power, guard=points.guard, train=points.train).ravel()[cell]
     distance = range_bin * radar.range_resolution_m - range_bias_m
     ground = distance * jnp.cos(elevation)

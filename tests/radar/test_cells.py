@@ -15,6 +15,7 @@ from jradar.radar import (
     power_map,
     radar_points,
     range_doppler,
+    subtracted_window,
 )
 from tests.radar.targets import ALL, CASCADE, CELLS, FLAT, SMALL, STATIC, WIDE, simulate
 
@@ -107,7 +108,9 @@ def test_coupling_is_subtracted_from_cells_as_from_points():
     cells = all_cells(CUBE + samples, SMALL, **options)
     mask = detect(cells.power, SMALL, points=CELLS)
     expected = radar_points(CUBE + samples, SMALL, **options)
-    close(cell_points(cells, mask, SMALL, points=CELLS), expected)
+    kind = subtracted_window(coupling, CELLS)
+    found = cell_points(cells, mask, SMALL, points=CELLS, range_window=kind)
+    close(found, expected)
 
 
 def test_static_removal_leaves_no_coupling_to_subtract():
