@@ -21,7 +21,7 @@ from jradar.range_image import ImageSpec
 
 SPEC_OPTIONS = (
     *("detector", "false_alarm_rate", "guard", "train"),
-    *("capacity", "remove_static", "remove_interference", "angles"),
+    *("capacity", "remove_static", "remove_interference", "angles", "group_peaks"),
 )
 
 

@@ -147,6 +147,7 @@ def _points(sub):
     _value(sub, "--train", "D,R", text, type=_cells)
     _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
     _flag(sub, "--remove-static", "keep only echoes that move")
+    _flag(sub, "--group-peaks", "keep one cell of each target: the peaks of the map")
     _cleaning(sub)
     text = "fft (beamforming), or music for azimuths finer than a beam (default: fft)"
     _value(sub, "--angles", "NAME", text)

@@ -18,6 +18,8 @@ Points       PointSpec, radar_points           cube to points of the detected ce
              Cells, all_cells, cell_points     all directions first, any mask later
              subtracted_window                 the range window with a coupling
              point_deviations, Deviations      standard deviation of each coordinate
+             map_peaks                         one cell for each target
+             cluster, Cluster                  one cluster for each object, on the host
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
 Clutter      static_background, subtract_background     of a radar that stands still
@@ -46,6 +48,11 @@ from jradar.radar.cfar import (
     noise_floor as noise_floor,
     os_cfar as os_cfar,
     so_cfar as so_cfar,
+)
+from jradar.radar.clusters import (
+    Cluster as Cluster,
+    cluster as cluster,
+    map_peaks as map_peaks,
 )
 from jradar.radar.clutter import (
     static_background as static_background,

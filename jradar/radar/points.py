@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Complex, Float, Inexact
 from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
 from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_floor
+from jradar.radar.clusters import map_peaks
 from jradar.radar.direction import directions
 from jradar.radar.peaks import window_offset
 from jradar.radar.sensor import RadarSpec
@@ -54,7 +55,8 @@ class PointSpec:
     range, velocity and angles between bins. `remove_static` and `remove_interference`
     are those of `range_doppler`. The flips are for a sensor that is mounted
     upside down. `angles` is "fft", or "music" for azimuths by `music_directions`, which
-    uses its own bins.
+    uses its own bins. `group_peaks` keeps only detected cells that are `map_peaks`: one
+    for each target.
     """
 
     detector: str = "os"
@@ -71,6 +73,7 @@ class PointSpec:
     remove_static: bool = False
     remove_interference: bool = False
     angles: str = "fft"
+    group_peaks: bool = False
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
@@ -200,15 +203,18 @@ def detect(
 ) -> Bool[Array, "*batch doppler range"]:
     """Return the cells that the CFAR detector of `points` marks in the summed power.
 
+    With `group_peaks`, only the peaks among them.
+
     Raises ValueError where the window does not fit into the map.
     """
-    return DETECTORS[points.detector](
+    mask = DETECTORS[points.detector](
         power,
         false_alarm_rate=points.false_alarm_rate,
         channels=radar.num_virtual,
         guard=points.guard,
         train=points.train,
     )
+    return mask & map_peaks(power) if points.group_peaks else mask
 
 
 def subtracted_window(coupling: Any, points: PointSpec) -> str:
