@@ -21,7 +21,14 @@ from jradar.range_image import ImageSpec
 
 SPEC_OPTIONS = (
     *("detector", "false_alarm_rate", "guard", "train"),
-    *("capacity", "remove_static", "remove_interference", "angles", "group_peaks"),
+    *(
+        "capacity",
+        "remove_static",
+        "remove_interference",
+        "angles",
+        "group_peaks",
+        "folds",
+    ),
 )
 
 

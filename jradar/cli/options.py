@@ -56,7 +56,7 @@ SETS = (
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_SEED = 2**32 - 1
 MAX_COUNT = 10**9
-MAX_DRAWS, MAX_STEPS = 64, 1000
+MAX_DRAWS, MAX_STEPS, MAX_FOLDS = 64, 1000, 16
 MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
 
 
@@ -148,6 +148,8 @@ def _points(sub):
     _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
     _flag(sub, "--remove-static", "keep only echoes that move")
     _flag(sub, "--group-peaks", "keep one cell of each target: the peaks of the map")
+    text = "also tell velocities up to 2 N + 1 times the unambiguous one apart"
+    _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
     _cleaning(sub)
     text = "fft (beamforming), or music for azimuths finer than a beam (default: fft)"
     _value(sub, "--angles", "NAME", text)

@@ -78,7 +78,8 @@ def to_bytes(frame: PreparedFrame) -> bytes:
         "cells.azimuth": np.asarray(frame.cells.azimuth, np.float16),
         "cells.elevation": np.asarray(frame.cells.elevation, np.float16),
     }
-    arrays |= {f"radar.{name}": value for name, value in frame.radar._asdict().items()}
+    measured = {k: v for k, v in frame.radar._asdict().items() if v is not None}
+    arrays |= {f"radar.{name}": value for name, value in measured.items()}
     return safetensors.numpy.save(
         {name: np.asarray(value, order="C") for name, value in arrays.items()}
     )
@@ -100,7 +101,9 @@ def from_bytes(record: bytes) -> PreparedFrame:
                 azimuth=arrays["cells.azimuth"].astype(np.float32),
                 elevation=arrays["cells.elevation"].astype(np.float32),
             ),
-            radar=PointCloud(**{k: arrays[f"radar.{k}"] for k in PointCloud._fields}),
+            radar=PointCloud(
+                **{k: arrays.get(f"radar.{k}") for k in PointCloud._fields}
+            ),
             lidar_xyz=arrays["lidar_xyz"],
             range_bias_m=float(arrays.get("range_bias_m", 0.0)),
         )

@@ -14,6 +14,7 @@ Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
 Angles       directions                        strongest direction of each cell
              angle_spectrum, direction_sines, strongest_direction, spectrum_peaks
              capon_spectrum, music_spectrum, music_directions, smoothed_covariance
+             velocity_folds, Folds             velocities beyond the unambiguous one
 Points       PointSpec, radar_points           cube to points of the detected cells
              Cells, all_cells, cell_points     all directions first, any mask later
              subtracted_window                 the range window with a coupling
@@ -69,6 +70,7 @@ from jradar.radar.echoes import (
     noise_statistics as noise_statistics,
     strongest_echoes as strongest_echoes,
 )
+from jradar.radar.folds import Folds as Folds, velocity_folds as velocity_folds
 from jradar.radar.interference import (
     Interferers as Interferers,
     crossing_chirps as crossing_chirps,

@@ -24,6 +24,7 @@ from jradar.radar.calibration import compensate_tdm, subtract_coupling
 from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_floor
 from jradar.radar.clusters import map_peaks
 from jradar.radar.direction import directions
+from jradar.radar.folds import velocity_folds
 from jradar.radar.peaks import window_offset
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
@@ -37,6 +38,7 @@ LARGEST = {
     "num_azimuth": 4096,
     "num_elevation": 4096,
 }
+MOST_FOLDS = 16
 ANGLE_BINS = ("num_azimuth", "num_elevation")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
@@ -56,7 +58,8 @@ class PointSpec:
     are those of `range_doppler`. The flips are for a sensor that is mounted
     upside down. `angles` is "fft", or "music" for azimuths by `music_directions`, which
     uses its own bins. `group_peaks` keeps only detected cells that are `map_peaks`: one
-    for each target.
+    for each target. With `folds`, velocities up to `2 folds + 1` times the unambiguous
+    one are told apart by `velocity_folds`, and the cloud has fold and margin.
     """
 
     detector: str = "os"
@@ -74,6 +77,7 @@ class PointSpec:
     remove_interference: bool = False
     angles: str = "fft"
     group_peaks: bool = False
+    folds: int = 0
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
@@ -89,6 +93,8 @@ class PointSpec:
         for field in ("guard", "train"):
             if min(value := getattr(self, field)) < 0:
                 raise ValueError(f"{field} = {value}, expected 0 or more cells")
+        if not 0 <= self.folds <= MOST_FOLDS:
+            raise ValueError(f"folds = {self.folds}, expected 0 to {MOST_FOLDS}")
         if self.angles == "music" and self.peaks > 1:
             raise ValueError(
                 f"peaks = {self.peaks}, expected 1 with angles = 'music': it finds one "
@@ -142,14 +148,21 @@ def radar_points(
     range_window = subtracted_window(coupling, points)
     _, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
+    folds = None
+    if points.folds:
+        bins = _fields(points, ANGLE_BINS)
+        folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
+        doppler_bin += folds.fold * radar.num_chirps
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     if points.peaks == 1:
         direction = _directions(snapshot, radar, points)
     else:
         strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
         cell = cell[of]
+        folds = jax.tree.map(lambda values: values[of], folds)
     options = {"range_bias_m": range_bias_m, "range_window": range_window}
-    return _cloud(power, cell, strongest, direction, radar, points, **options)
+    cloud = _cloud(power, cell, strongest, direction, radar, points, **options)
+    return cloud if folds is None else _unfolded(cloud, folds, radar)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -163,8 +176,12 @@ def all_cells(
     """Return the power and direction of every cell of one frame; `vmap` it.
 
     `points.peaks` and the options of detection are not used. Raises ValueError for a
-    cube that does not fit the radar.
+    cube that does not fit the radar, and for `points.folds`.
     """
+    if points.folds:
+        raise ValueError(
+            f"folds = {points.folds}, expected 0: cells have no folds, use radar_points"
+        )
     spectrum, power = _spectra(cube, radar, points, coupling)
     _, doppler_bin = _bins(power, jnp.arange(power.size), points)
     snapshot = spectrum.reshape(radar.num_virtual, -1).T
@@ -215,6 +232,16 @@ def detect(
         train=points.train,
     )
     return mask & map_peaks(power) if points.group_peaks else mask
+
+
+def _unfolded(cloud, folds, radar):
+    """The cloud with the velocities of its points' folds."""
+    fold = jnp.where(cloud.valid, folds.fold, 0)
+    return cloud._replace(
+        velocity=cloud.velocity + fold * (2 * radar.max_velocity_mps),
+        fold=fold,
+        fold_margin_db=jnp.where(cloud.valid, folds.margin_db, 0.0),
+    )
 
 
 def subtracted_window(coupling: Any, points: PointSpec) -> str:

@@ -30,7 +30,8 @@ FLIPPED = {"flip_azimuth": True, "num_azimuth": 128, "false_alarm_rate": 0.05}
 
 def close(actual, expected):
     np.testing.assert_array_equal(actual.valid, expected.valid)
-    for one, other in zip(actual, expected, strict=True):
+    pairs = zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True)
+    for one, other in pairs:
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-4)
 
 
