@@ -151,7 +151,8 @@ def _points(sub):
     text = "also tell velocities up to 2 N + 1 times the unambiguous one apart"
     _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
     _cleaning(sub)
-    text = "fft (beamforming), or music for azimuths finer than a beam (default: fft)"
+    text = "fft (beamforming), or music or capon for azimuths finer than a beam "
+    text += "(default: fft)"
     _value(sub, "--angles", "NAME", text)
     _clouds(sub)
 

@@ -13,7 +13,8 @@ Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
 Angles       directions                        strongest direction of each cell
              angle_spectrum, direction_sines, strongest_direction, spectrum_peaks
-             capon_spectrum, music_spectrum, music_directions, smoothed_covariance
+             capon_spectrum, capon_directions, music_spectrum, music_directions,
+             smoothed_covariance, source_count, mdl_sources
              velocity_folds, Folds             velocities beyond the unambiguous one
 Points       PointSpec, radar_points           cube to points of the detected cells
              Cells, all_cells, cell_points     all directions first, any mask later
@@ -104,14 +105,17 @@ from jradar.radar.snapshots import (
     Snapshots as Snapshots,
     strong_snapshots as strong_snapshots,
 )
+from jradar.radar.sources import mdl_sources as mdl_sources
 from jradar.radar.spectrum import (
     power_map as power_map,
     range_doppler as range_doppler,
     window as window,
 )
 from jradar.radar.subspace import (
+    capon_directions as capon_directions,
     capon_spectrum as capon_spectrum,
     music_directions as music_directions,
     music_spectrum as music_spectrum,
     smoothed_covariance as smoothed_covariance,
+    source_count as source_count,
 )

@@ -28,10 +28,10 @@ from jradar.radar.folds import velocity_folds
 from jradar.radar.peaks import window_offset
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
-from jradar.radar.subspace import music_directions
+from jradar.radar.subspace import capon_directions, music_directions
 from jradar.types import PointCloud
 
-ANGLES = ("fft", "music")
+ANGLES = ("fft", "music", "capon")
 LARGEST = {
     "capacity": 1 << 20,
     "peaks": 64,
@@ -39,6 +39,7 @@ LARGEST = {
     "num_elevation": 4096,
 }
 MOST_FOLDS = 16
+MOST_SOURCES = 64
 ANGLE_BINS = ("num_azimuth", "num_elevation")
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
@@ -56,10 +57,12 @@ class PointSpec:
     SNR in proportion to its peak among the cell's `spectrum_peaks`. `refine` places
     range, velocity and angles between bins. `remove_static` and `remove_interference`
     are those of `range_doppler`. The flips are for a sensor that is mounted
-    upside down. `angles` is "fft", or "music" for azimuths by `music_directions`, which
-    uses its own bins. `group_peaks` keeps only detected cells that are `map_peaks`: one
-    for each target. With `folds`, velocities up to `2 folds + 1` times the unambiguous
-    one are told apart by `velocity_folds`, and the cloud has fold and margin.
+    upside down. `angles` is "fft", or "music" or "capon" for azimuths by
+    `music_directions` or `capon_directions`, which use their own bins. `sources` is the
+    number of sources for "music", or 0 to count them in each cell. `group_peaks` keeps
+    only detected cells that are `map_peaks`: one for each target. With `folds`,
+    velocities up to `2 folds + 1` times the unambiguous one are told apart by
+    `velocity_folds`, and the cloud has fold and margin.
     """
 
     detector: str = "os"
@@ -78,6 +81,7 @@ class PointSpec:
     angles: str = "fft"
     group_peaks: bool = False
     folds: int = 0
+    sources: int = 2
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
@@ -95,10 +99,12 @@ class PointSpec:
                 raise ValueError(f"{field} = {value}, expected 0 or more cells")
         if not 0 <= self.folds <= MOST_FOLDS:
             raise ValueError(f"folds = {self.folds}, expected 0 to {MOST_FOLDS}")
-        if self.angles == "music" and self.peaks > 1:
+        if not 0 <= self.sources <= MOST_SOURCES:
+            raise ValueError(f"sources = {self.sources}, expected 0 to {MOST_SOURCES}")
+        if self.angles != "fft" and self.peaks > 1:
             raise ValueError(
-                f"peaks = {self.peaks}, expected 1 with angles = 'music': it finds one "
-                "direction for each cell"
+                f"peaks = {self.peaks}, expected 1 with angles = {self.angles!r}: it "
+                "finds one direction for each cell"
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":
@@ -320,7 +326,10 @@ def _directions(snapshot, radar, points):
     """Azimuth and elevation of the strongest direction of each snapshot."""
     options = _fields(points, FLIPS)
     if points.angles == "music":
-        return music_directions(snapshot, radar, **options)
+        sources = points.sources or None
+        return music_directions(snapshot, radar, num_sources=sources, **options)
+    if points.angles == "capon":
+        return capon_directions(snapshot, radar, **options)
     options |= _fields(points, ANGLE_BINS)
     return directions(snapshot, radar, interpolate=points.refine, **options)
 
