@@ -20,15 +20,9 @@ from jradar.radar import PointSpec, RadarSpec, noise_statistics, power_map
 from jradar.range_image import ImageSpec
 
 SPEC_OPTIONS = (
-    *("detector", "false_alarm_rate", "guard", "train"),
-    *(
-        "capacity",
-        "remove_static",
-        "remove_interference",
-        "angles",
-        "group_peaks",
-        "folds",
-    ),
+    *("detector", "false_alarm_rate", "guard", "train", "capacity"),
+    *("remove_static", "remove_interference", "angles"),
+    *("group_peaks", "folds", "focus"),
 )
 
 

@@ -150,6 +150,8 @@ def _points(sub):
     _flag(sub, "--group-peaks", "keep one cell of each target: the peaks of the map")
     text = "also tell velocities up to 2 N + 1 times the unambiguous one apart"
     _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
+    text = "focus wide arrays, such as a cascade's, on each target: delays, near field"
+    _flag(sub, "--focus", text)
     _cleaning(sub)
     text = "fft (beamforming), or music or capon for azimuths finer than a beam "
     text += "(default: fft)"

@@ -102,7 +102,11 @@ def from_bytes(record: bytes) -> PreparedFrame:
                 elevation=arrays["cells.elevation"].astype(np.float32),
             ),
             radar=PointCloud(
-                **{k: arrays.get(f"radar.{k}") for k in PointCloud._fields}
+                **{
+                    k: arrays[f"radar.{k}"]
+                    for k in PointCloud._fields
+                    if f"radar.{k}" in arrays
+                }
             ),
             lidar_xyz=arrays["lidar_xyz"],
             range_bias_m=float(arrays.get("range_bias_m", 0.0)),

@@ -13,6 +13,7 @@ Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
 Angles       directions                        strongest direction of each cell
              angle_spectrum, direction_sines, strongest_direction, spectrum_peaks
+             focused_directions, focus         of wide arrays, near targets
              capon_spectrum, capon_directions, music_spectrum, music_directions,
              smoothed_covariance, source_count, mdl_sources
              velocity_folds, Folds             velocities beyond the unambiguous one
@@ -79,6 +80,10 @@ from jradar.radar.interference import (
     excise_interference as excise_interference,
 )
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
+from jradar.radar.near_field import (
+    focus as focus,
+    focused_directions as focused_directions,
+)
 from jradar.radar.points import (
     Cells as Cells,
     PointSpec as PointSpec,

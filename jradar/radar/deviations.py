@@ -90,8 +90,9 @@ def offset_deviation(kind: str, length: int) -> float:
     shape = lobe(kind, length, OFFSETS)
     power = np.maximum(np.abs(shape) ** 2, 1e-6 * np.abs(shape[:, 1:2]) ** 2)
     vertex, slopes = vertex_and_slopes(np.log(power))
-    coefficients = unbiased_coefficients(kind, length)
-    steep = sum((2 * i + 1) * c * vertex ** (2 * i) for i, c in enumerate(coefficients))
+    coefficients = np.array(unbiased_coefficients(kind, length))
+    degrees = np.arange(len(coefficients))
+    steep = vertex[:, None] ** (2 * degrees) @ ((2 * degrees + 1) * coefficients)
     slopes = slopes * steep[:, None]
     turns = np.exp(2j * np.pi * np.arange(length) / length)
     lag = np.arange(3)[:, None] - np.arange(3)

@@ -25,6 +25,7 @@ from jradar.radar.cfar import DETECTORS, GUARD, TRAIN, largest_window, noise_flo
 from jradar.radar.clusters import map_peaks
 from jradar.radar.direction import directions
 from jradar.radar.folds import velocity_folds
+from jradar.radar.near_field import focused_directions
 from jradar.radar.peaks import window_offset
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
@@ -62,7 +63,8 @@ class PointSpec:
     number of sources for "music", or 0 to count them in each cell. `group_peaks` keeps
     only detected cells that are `map_peaks`: one for each target. With `folds`,
     velocities up to `2 folds + 1` times the unambiguous one are told apart by
-    `velocity_folds`, and the cloud has fold and margin.
+    `velocity_folds`, and the cloud has fold and margin. `focus` finds directions by
+    `focused_directions`, for arrays as wide as a cascade's.
     """
 
     detector: str = "os"
@@ -82,6 +84,7 @@ class PointSpec:
     group_peaks: bool = False
     folds: int = 0
     sources: int = 2
+    focus: bool = False
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
@@ -101,6 +104,11 @@ class PointSpec:
             raise ValueError(f"folds = {self.folds}, expected 0 to {MOST_FOLDS}")
         if not 0 <= self.sources <= MOST_SOURCES:
             raise ValueError(f"sources = {self.sources}, expected 0 to {MOST_SOURCES}")
+        if self.focus and (self.angles != "fft" or self.peaks > 1):
+            raise ValueError(
+                f"focus = True with angles = {self.angles!r}, peaks = {self.peaks}, "
+                "expected 'fft' and 1: a focus has one direction"
+            )
         if self.angles != "fft" and self.peaks > 1:
             raise ValueError(
                 f"peaks = {self.peaks}, expected 1 with angles = {self.angles!r}: it "
@@ -152,7 +160,7 @@ def radar_points(
     mask = detect(power, radar, points=points)
     strongest, cell = _strongest_cells(power, mask, radar, points, range_bias_m)
     range_window = subtracted_window(coupling, points)
-    _, doppler_bin = _bins(power, cell, points)
+    range_bin, doppler_bin = _bins(power, cell, points, range_window)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     folds = None
     if points.folds:
@@ -160,7 +168,20 @@ def radar_points(
         folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
         doppler_bin += folds.fold * radar.num_chirps
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
-    if points.peaks == 1:
+    if points.focus:
+        near = _neighbours(spectrum, cell)
+        same = jnp.broadcast_to(doppler_bin[:, None], near.shape[:2])
+        near = compensate_tdm(near, same, radar)
+        direction = focused_directions(
+            near,
+            cell % power.shape[-1],
+            range_bin - cell % power.shape[-1],
+            radar,
+            range_bias_m=range_bias_m,
+            range_window=range_window,
+            **_fields(points, (*ANGLE_BINS, *FLIPS)),
+        )
+    elif points.peaks == 1:
         direction = _directions(snapshot, radar, points)
     else:
         strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
@@ -182,11 +203,12 @@ def all_cells(
     """Return the power and direction of every cell of one frame; `vmap` it.
 
     `points.peaks` and the options of detection are not used. Raises ValueError for a
-    cube that does not fit the radar, and for `points.folds`.
+    cube that does not fit the radar, and for `folds` and `focus`.
     """
-    if points.folds:
+    if points.folds or points.focus:
         raise ValueError(
-            f"folds = {points.folds}, expected 0: cells have no folds, use radar_points"
+            f"folds = {points.folds}, focus = {points.focus}, expected 0 and False: "
+            "cells have no folds and no focus, use radar_points"
         )
     spectrum, power = _spectra(cube, radar, points, coupling)
     _, doppler_bin = _bins(power, jnp.arange(power.size), points)
@@ -320,6 +342,14 @@ def _bins(power, cell, points, range_window="hann"):
             length=num_doppler,
         )
     return range_bin, doppler_bin
+
+
+def _neighbours(spectrum, cell):
+    """Spectra in the range cells before, at and after, `[cell 3 virtual]`."""
+    num_range = spectrum.shape[-1]
+    row, column = jnp.divmod(cell, num_range)
+    near = jnp.clip(column[:, None] + jnp.array([-1, 0, 1]), 0, num_range - 1)
+    return jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)
 
 
 def _directions(snapshot, radar, points):

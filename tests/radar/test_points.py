@@ -206,7 +206,7 @@ def test_options_are_fitted_to_a_radar():
     window = {"guard": (2, 2), "train": (6, 6)}
     fitted = PointSpec(**window, capacity=7).fitted(CASCADE)  # 16 chirps
     assert (fitted.guard, fitted.train) == ((1, 2), (6, 6))
-    assert (fitted.num_azimuth, fitted.capacity) == (128, 7)
+    assert (fitted.num_azimuth, fitted.capacity) == (256, 7)
     cells = CASCADE.num_chirps * CASCADE.num_samples
     most = PointSpec(capacity=1 << 20, peaks=2).fitted(CASCADE)
     assert most.capacity == 2 * cells
