@@ -152,6 +152,8 @@ def _points(sub):
     _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
     text = "focus wide arrays, such as a cascade's, on each target: delays, near field"
     _flag(sub, "--focus", text)
+    text = "also write the standard deviation of each coordinate to the NPZ file"
+    _flag(sub, "--deviations", text)
     _cleaning(sub)
     text = "fft (beamforming), or music or capon for azimuths finer than a beam "
     text += "(default: fft)"

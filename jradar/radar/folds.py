@@ -97,7 +97,8 @@ def _slowest(best, choices, turns):
 
 def _power_towards(wave, azimuth, elevation, radar):
     """Power of the beam of all antennas in one direction for each snapshot."""
-    columns, rows = (jnp.asarray(place, jnp.float32) for place in _metric(radar))
+    shape = (*(1 for _ in wave.shape[1:]), radar.num_virtual)
+    columns, rows = (jnp.asarray(p.reshape(shape), jnp.float32) for p in _metric(radar))
     w = jnp.sin(elevation)[..., None]
     u = (jnp.sin(azimuth) * jnp.cos(elevation))[..., None]
     beam = (wave * jnp.exp(-2j * jnp.pi * (columns * u + rows * w))).sum(-1)

@@ -97,7 +97,8 @@ def focus(
     gain = jnp.stack([_main_lobe(place - cell, range_window) for cell in CELLS], -2)
     middle = (radar.num_samples - 1) / 2 / radar.num_samples
     turn = jnp.asarray(np.exp(2j * np.pi * middle * np.array(CELLS)), cells.dtype)
-    combined = (cells * gain * turn[:, None]).sum(-2) / (gain**2).sum(-2)
+    turn = jnp.broadcast_to(turn[:, None], cells.shape)
+    combined = (cells * gain * turn).sum(-2) / (gain**2).sum(-2)
     return combined * jnp.exp(-4j * jnp.pi * curve / radar.wavelength_m)
 
 
@@ -119,8 +120,8 @@ def _paths(distance, azimuth, elevation, radar):
     def legs(places):
         """Distances to antennas beyond `distance`, and beyond a plane wave's."""
         places = jnp.asarray(places, jnp.float32)
-        plane = -direction @ places.T
-        square = (places**2).sum(-1)
+        plane = -jnp.matmul(direction, places.T, precision="highest")
+        square = jnp.broadcast_to((places**2).sum(-1), plane.shape)
         change = 2 * far * plane + square
         extra = change / (jnp.sqrt(far**2 + change) + far)
         # sqrt(far^2 + change) = far + extra, hence the rest after the plane wave's.

@@ -348,7 +348,7 @@ def _neighbours(spectrum, cell):
     """Spectra in the range cells before, at and after, `[cell 3 virtual]`."""
     num_range = spectrum.shape[-1]
     row, column = jnp.divmod(cell, num_range)
-    near = jnp.clip(column[:, None] + jnp.array([-1, 0, 1]), 0, num_range - 1)
+    near = jnp.clip(column[:, None] + jnp.array([[-1, 0, 1]]), 0, num_range - 1)
     return jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)
 
 

@@ -33,10 +33,11 @@ def mdl_sources(
     size = eigenvalues.shape[-1]
     falling = jnp.sort(eigenvalues, -1)[..., ::-1]
     falling = jnp.maximum(falling, LEAST * falling[..., :1] + 1e-30)
-    noise = jnp.arange(size, 0, -1)  # eigenvalues from k on, for k = 0, 1, ...
+    shape = (*(1 for _ in eigenvalues.shape[1:]), size)
+    noise = jnp.arange(size, 0, -1).reshape(shape)  # eigenvalues from k = 0, 1, ... on
     geometric = _sums_from(jnp.log(falling)) / noise
     arithmetic = jnp.log(_sums_from(falling) / noise)
-    count = jnp.arange(size)
+    count = size - noise
     length = samples * noise * (arithmetic - geometric)
     length += count * (2 * size - count) / 2 * jnp.log(samples)
     return jnp.argmin(length, -1)
