@@ -215,7 +215,8 @@ def test_vmap_equals_the_loop():
     for i, cube in enumerate(cubes):
         alone = radar_points(cube, SMALL, points=CELLS)
         assert alone.valid.sum() > 8
-        for one, many in zip(alone, batch, strict=True):
+        pairs = zip(jax.tree.leaves(alone), jax.tree.leaves(batch), strict=True)
+        for one, many in pairs:
             np.testing.assert_allclose(one, many[i], rtol=1e-4, atol=1e-4)
 
 
