@@ -68,7 +68,9 @@ def velocity_folds(
     power = jax.lax.map(beam_power, firsts)
     best = jnp.argmax(power, 0)
     chosen = jnp.take_along_axis(power, best[None], 0)[0]
-    others = jnp.where(jnp.arange(len(choices))[:, None] == best.ravel(), 0.0, 1.0)
+    others = jnp.where(
+        jnp.arange(len(choices))[:, None] == best.ravel()[None], 0.0, 1.0
+    )
     next_best = (power * others.reshape(power.shape)).max(0)
     ratio = jnp.maximum(chosen, TINY) / jnp.maximum(next_best, TINY)
     return Folds(

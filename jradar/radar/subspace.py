@@ -292,5 +292,6 @@ def _signal_projector_jvp(primals, tangents):
 
 def _is_signal(covariance, num_sources):
     """Which of the ascending eigenvalues are sources."""
-    size = covariance.shape[-1]
-    return jnp.arange(size) >= size - num_sources[..., None]
+    *batch, _, size = covariance.shape
+    index = jnp.broadcast_to(jnp.arange(size), (*batch, size))
+    return index >= size - jnp.broadcast_to(num_sources, batch)[..., None]

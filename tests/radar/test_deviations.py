@@ -19,7 +19,7 @@ from jradar.radar.peaks import parabola_offset, window_offset
 from tests.radar.targets import FLAT, SMALL, simulate, spherical, target
 
 ONE = PointSpec(detector="ca", capacity=1)
-TRIALS = 96
+TRIALS = 256
 
 
 def cell_noise(radar):
@@ -50,15 +50,14 @@ def test_deviations_are_those_of_monte_carlo(snr_db):
         truth = target(distance, azimuth, elevation, velocity, amplitude)
         cloud, deviations = trials(jax.random.key(i), truth)
         found = spherical(cloud.xyz[:, 0])
-        middle = SMALL.turn_period_s * (SMALL.num_chirps - 1) / 2
         error = [
-            found[0] - distance - velocity * middle,
+            found[0] - distance,
             np.asarray(cloud.velocity[:, 0]) - velocity,
             found[1] - np.radians(azimuth),
             found[2] - np.radians(elevation),
         ]
         errors.append(np.array(error) / np.stack([d[:, 0] for d in deviations]))
-    # 288 trials know a deviation to 4 %; the trials' noise adds second-order terms.
+    # 768 trials know a deviation to 3 %; the trials' noise adds second-order terms.
     spread = np.sqrt((np.stack(errors) ** 2).mean((0, 2)))
     np.testing.assert_allclose(spread, 1.0, atol=0.15)
 
