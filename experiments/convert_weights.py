@@ -59,13 +59,27 @@ def convert(source: Path) -> dict[str, np.ndarray]:
         with source.open("rb") as file:
             state = _tensors(_Unpickler(file).load())
     else:
-        state = torch.load(source, map_location="cpu", weights_only=True)
+        state = _load_plain(torch, source)
     if not isinstance(state, dict):
         raise ValueError("it contains no state dict")
     state = {k: v for k, v in state.items() if isinstance(v, torch.Tensor)}
     if not state:
         raise ValueError("it contains no tensors")
     return {name: t.detach().float().contiguous().numpy() for name, t in state.items()}
+
+
+def _load_plain(torch: Any, source: Path | io.BytesIO) -> Any:
+    """Return the content of a `.pt` file of plain tensors, or refuse it.
+
+    PyTorch's own message is not repeated: it advises to run the file's code.
+    """
+    try:
+        return torch.load(source, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        raise ValueError(
+            "it contains more than a state dict of tensors, or is cut short: objects "
+            "of other kinds may run code and are refused"
+        ) from None
 
 
 class _Inert:
@@ -108,9 +122,7 @@ class _Unpickler(pickle.Unpickler):
             "_reconstruct_persistent_obj": lambda meta: _Module(meta["state"]),
             "_rebuild_parameter": lambda data, *_: data,
             "_rebuild_tensor_v2": torch._utils._rebuild_tensor_v2,
-            "_load_from_bytes": lambda content: torch.load(
-                io.BytesIO(content), map_location="cpu", weights_only=True
-            ),
+            "_load_from_bytes": lambda content: _load_plain(torch, io.BytesIO(content)),
             "OrderedDict": dict,
             "EasyDict": dict,
         }

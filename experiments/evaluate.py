@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from experiments.tables import known_mean
 from jradar import data, evaluation, viz
 from jradar.evaluation import Method
 from jradar.metrics import compare_on_host
@@ -84,23 +85,23 @@ def spread(total: int, count: int) -> list[int]:
 
 
 def mean_scores(
-    clouds: Sequence[PointCloud], frames: Sequence[data.PreparedFrame], view: View
+    clouds: Sequence[PointCloud], frames: Sequence[data.PreparedFrame]
 ) -> dict[str, float]:
     """Return the mean Chamfer distance and F-score at 0.2 m of some frames.
 
-    An empty cloud counts as a Chamfer distance of twice the view's range.
+    By the rule of the tables, an empty cloud has no distance and an F-score of 0;
+    `empty` is the share of such frames. A frame with an empty truth is left out.
     """
-    scores = [
-        compare_on_host(points_of(cloud), frame.lidar_xyz)
+    rows = [
+        (points_of(cloud), frame.lidar_xyz)
         for cloud, frame in zip(clouds, frames, strict=True)
+        if len(frame.lidar_xyz)
     ]
-    chamfer = [
-        np.nan_to_num(score.chamfer, nan=2 * view.fine.max_range_m) for score in scores
-    ]
-    f_score = [np.nan_to_num(score.f_score[1]) for score in scores]
+    scores = [compare_on_host(found, truth) for found, truth in rows]
     return {
-        "chamfer": float(np.mean(chamfer)),
-        "f_score_0.2": float(np.mean(f_score)),
+        "chamfer": known_mean(score.chamfer for score in scores),
+        "f_score_0.2": known_mean(np.nan_to_num(score.f_score[1]) for score in scores),
+        "empty": known_mean(not len(found) for found, _ in rows),
     }
 
 

@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,12 @@ def mean_rows(rows: Rows, keys: tuple[str, ...]) -> Rows:
         }
         for group, members in groups.items()
     ]
+
+
+def known_mean(values: Iterable[float]) -> float:
+    """Return the mean of the values that are not NaN, or NaN if there is none."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else np.nan
 
 
 def csv_text(rows: Rows) -> str:

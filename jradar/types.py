@@ -21,14 +21,15 @@ recedes.
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 
 class PointCloud(NamedTuple):
     """A cloud of fixed size: points that are not `valid` are padding.
 
     Quantities that a sensor does not measure are None, such as a LiDAR's velocity.
-    `confidence` is the probability that a surface is near the point.
+    `confidence` is the probability that a surface is near the point. `fold` and its
+    margin are those of `jradar.radar.velocity_folds`, if asked for.
     """
 
     xyz: Float[Array, "*batch point 3"]
@@ -37,6 +38,8 @@ class PointCloud(NamedTuple):
     power: Float[Array, "*batch point"] | None = None
     snr: Float[Array, "*batch point"] | None = None
     confidence: Float[Array, "*batch point"] | None = None
+    fold: Int[Array, "*batch point"] | None = None
+    fold_margin_db: Float[Array, "*batch point"] | None = None
 
     @classmethod
     def from_xyz(cls, xyz) -> "PointCloud":

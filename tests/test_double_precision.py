@@ -7,6 +7,7 @@ import pytest
 
 from jradar import radar as r, range_image as ri
 from jradar.metrics import compare, compare_on_host, nearest_distances
+from jradar.radar.peaks import window_offset
 from jradar.types import PointCloud
 
 CHIP = r.RadarSpec.awr1843(num_chirps=16, num_samples=32)
@@ -17,6 +18,14 @@ POINTS = {
     "plain": r.PointSpec(**WINDOW, capacity=64),
     "two peaks": r.PointSpec(**WINDOW, capacity=64, peaks=2),
     "music": r.PointSpec(**WINDOW, capacity=64, angles="music"),
+    "capon, peaks": r.PointSpec(
+        **WINDOW, capacity=64, angles="capon", group_peaks=True
+    ),
+    "sources, folds": r.PointSpec(
+        **WINDOW, capacity=64, angles="music", sources=0, folds=1
+    ),
+    "two peaks, folds": r.PointSpec(**WINDOW, capacity=64, peaks=2, folds=1),
+    "focus": r.PointSpec(**WINDOW, capacity=64, focus=True),
     "static": r.PointSpec(**WINDOW, remove_static=True, remove_interference=True),
 }
 RATE = {"false_alarm_rate": 0.1, "channels": 12, "windows": ("hann", "hann")}
@@ -113,6 +122,23 @@ KERNELS = {
     "capon_spectrum": lambda: r.capon_spectrum(waves(2, 1, 12), CHIP),
     "music_spectrum": lambda: r.music_spectrum(waves(2, 1, 12), CHIP, num_sources=2),
     "music_directions": lambda: r.music_directions(waves(2, 12), CHIP),
+    "music_directions, counted": lambda: r.music_directions(
+        waves(2, 12), CHIP, num_sources=None
+    ),
+    "capon_directions": lambda: r.capon_directions(waves(2, 12), CHIP),
+    "source_count": lambda: r.source_count(waves(2, 1, 12), CHIP),
+    "mdl_sources": lambda: r.mdl_sources(jnp.abs(numbers(2, 5)), samples=8),
+    "velocity_folds": lambda: r.velocity_folds(waves(2, 12), numbers(2), CHIP, most=2),
+    "focused_directions": lambda: r.focused_directions(
+        waves(2, 3, 12), jnp.array([5, 9]), numbers(2) / 8, CHIP
+    ),
+    "map_peaks": lambda: r.map_peaks(power()),
+    "window_offset": lambda: window_offset(
+        *jnp.abs(numbers(3, 7)), kind="hann", length=32
+    ),
+    "point_deviations": lambda: r.point_deviations(
+        cloud()._replace(snr=jnp.abs(numbers(40)) + 2), CHIP
+    ),
     "subtract_background": lambda: r.subtract_background(
         cube(), r.static_background([cube()])
     ),

@@ -19,7 +19,7 @@ from flax.traverse_util import flatten_dict, unflatten_dict
 
 import jradar
 from jradar import model as models
-from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
+from jradar.diffusion import PREDICTIONS, SOLVERS, NoiseSpec, UNet
 from jradar.errors import ModelError
 from jradar.model import (
     Model,
@@ -110,6 +110,16 @@ def test_several_draws_give_what_they_agree_on():
     assert not none.range_m.any()
     with pytest.raises(ValueError, match="draws=0, expected 1 or more"):
         draw(key, image, model, draws=0)
+
+
+@pytest.mark.parametrize("steps", [2, 3])
+def test_one_draw_of_few_steps_is_what_ipndm_gives(model, steps):
+    key, image = jax.random.key(0), jnp.ones((8, 8, 12))
+    options = {"draws": 1, "steps": steps}
+    quick = draw(key, image, model, solver=SOLVERS["ipndm3"], **options).range_m
+    found = draw(key, image, model, **options).range_m
+    assert quick.any()
+    np.testing.assert_allclose(found, quick, rtol=1e-5)
 
 
 def test_a_regression_model_answers_once_and_draws_no_samples(model):

@@ -154,8 +154,7 @@ def validate(
         name: np.stack([data.lidar_image(points_of(clouds[i]), fine) for i in some]),
     }
     viz.save_figure(viz.samples_figure(columns, fine), picture)
-    view = View(model.spec.radar, fine)
-    return mean_scores(clouds, [frame.prepared for frame in frames], view)
+    return mean_scores(clouds, [frame.prepared for frame in frames])
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:

@@ -140,7 +140,8 @@ def draw_methods(config: ConfigDict, params: dict) -> dict[str, Draw]:
     if config.method == "regression":
         return {"direct regression": drawn(None)}
     steps = config.sampling.steps
-    return {"one-step estimate": drawn(1), f"diffusion, Heun {steps}": drawn(steps)}
+    solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
+    return {"one-step estimate": drawn(1), f"diffusion, {solver} {steps}": drawn(steps)}
 
 
 @functools.partial(jax.jit, static_argnames=("network", "noise", "steps"))

@@ -1,4 +1,9 @@
-"""Scores of occupancy images in the plane: limits, table, picture."""
+"""Scores of occupancy images in the plane: limits, table, picture.
+
+One rule holds for frames without points, as in `jradar.evaluation.tables`: a frame in
+which a method found nothing has no distances and F-scores of 0, and is counted as
+`empty`; a frame with an empty truth has no scores and is left out.
+"""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -13,7 +18,7 @@ from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
 from experiments.build import SAMPLE_KEY, random_key
-from experiments.tables import markdown_table
+from experiments.tables import known_mean, markdown_table
 from experiments.tasks.radarhd_pairs import LIDAR, PolarItems, RadarHD, polar_to_points
 from jradar import evaluation, viz
 from jradar.files import write_text
@@ -89,8 +94,10 @@ def score_pairs(
 
 
 def plane_scores(found: np.ndarray, truth: np.ndarray) -> dict[str, float]:
-    """Return the scores of one frame; NaN and an F-score of 0 for an empty cloud."""
-    if not len(found) or not len(truth):
+    """Return the scores of one frame; without points, by the rule of this module."""
+    if not len(truth):
+        return dict.fromkeys(COLUMNS, np.nan)
+    if not len(found):
         return {name: 0.0 if name.startswith("f_") else np.nan for name in COLUMNS}
     scores = compare_on_host(found, truth)
     values = (scores.chamfer / 2, scores.modified_hausdorff, *scores.f_score)
@@ -104,27 +111,26 @@ def choose_limits(rows: Iterable[dict[str, Any]]) -> dict[str, float]:
         limits = scores.setdefault(row["method"], {})
         limits.setdefault(row["limit"], []).append(row[CHOSEN_BY])
     return {
-        method: max(limits, key=lambda limit, found=limits: np.mean(found[limit]))
+        method: max(limits, key=lambda limit, found=limits: known_mean(found[limit]))
         for method, limits in scores.items()
     }
 
 
 def mean_scores(rows: Rows) -> dict[str, float]:
-    """Return the mean scores; the distances of an empty cloud count as 10.8 m."""
-    return {
-        name: float(
-            np.nan_to_num([row[name] for row in rows], nan=LIDAR.max_range_m).mean()
-        )
-        for name in COLUMNS
-    }
+    """Return the mean scores and the share of frames in which nothing was found."""
+    means = {name: known_mean([row[name] for row in rows]) for name in COLUMNS}
+    return {**means, "empty": known_mean([not row["points"] for row in rows])}
 
 
 def markdown(rows: Rows, limits: dict[str, float]) -> str:
     """Return a table of means with 95 % intervals that allow for correlated frames."""
-    titles = ["method", "limit", *(title for title, _, _ in COLUMNS.values()), "frames"]
-    lines = []
+    scores = [title for title, _, _ in COLUMNS.values()]
+    titles = ["method", "limit", *scores, "frames", "empty"]
+    lines, left_out = [], 0
     for method, limit in limits.items():
-        mine = [row for row in rows if row["method"] == method]
+        every = [row for row in rows if row["method"] == method]
+        mine = [row for row in every if not np.isnan(row[CHOSEN_BY])]
+        left_out = len(every) - len(mine)
         trajectories = sorted({row["trajectory"] for row in mine})
         cells = [method, f"{limit:.2f}"]
         for name, (_, scale, digits) in COLUMNS.items():
@@ -139,8 +145,15 @@ def markdown(rows: Rows, limits: dict[str, float]) -> str:
                 for value in (estimate.mean, estimate.low, estimate.high)
             )
             cells.append(f"{mean} ({low} to {high})")
-        lines.append([*cells, str(len(mine))])
-    return markdown_table(titles, lines)
+        empty = sum(not row["points"] for row in mine)
+        lines.append([*cells, str(len(mine)), str(empty)])
+    note = (
+        "Distances are means over the frames in which the method found points; the "
+        "`empty` ones count as 0 in the F-scores."
+    )
+    if left_out:
+        note += f" {left_out} frames with an empty truth are left out."
+    return f"{markdown_table(titles, lines)}\n{note}\n"
 
 
 def picture(

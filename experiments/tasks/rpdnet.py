@@ -84,7 +84,7 @@ def validate(
     limit, score = choose_limit(view, probability, records, frames=count)
     frames = [records[i] for i in spread(len(records), count)]
     clouds = [marked_points(frame, view, probability, limit) for frame in frames]
-    scores = mean_scores(clouds, frames, view)
+    scores = mean_scores(clouds, frames)
     return {"chamfer": scores["chamfer"], "f_score_0.2": score, "limit": limit}
 
 

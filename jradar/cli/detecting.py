@@ -3,6 +3,8 @@
 import argparse
 from typing import Any
 
+import numpy as np
+
 from jradar import recordings, viz
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.reading import (
@@ -16,12 +18,21 @@ from jradar.cli.reading import (
 from jradar.cli.writing import frame_folder, write_frame
 from jradar.errors import UsageError
 from jradar.progress import progress
-from jradar.radar import PointSpec, RadarSpec, noise_statistics, power_map
+from jradar.radar import (
+    PointSpec,
+    RadarSpec,
+    noise_statistics,
+    point_deviations,
+    power_map,
+)
 from jradar.range_image import ImageSpec
+from jradar.recordings import Recording
+from jradar.types import PointCloud
 
 SPEC_OPTIONS = (
-    *("detector", "false_alarm_rate", "guard", "train"),
-    *("capacity", "remove_static", "remove_interference", "angles"),
+    *("detector", "false_alarm_rate", "guard", "train", "capacity"),
+    *("remove_static", "remove_interference", "angles"),
+    *("group_peaks", "folds", "focus"),
 )
 
 
@@ -74,7 +85,8 @@ def _detect(recording, frame: int, spec: PointSpec, options):
     )
     folder = frame_folder(options, frame)
     clouds = {"radar": cloud}
-    written = write_frame(folder, clouds, figure, kind=options.format, arrays={})
+    arrays = _deviations(cloud, recording, spec) if options.deviations else {}
+    written = write_frame(folder, clouds, figure, kind=options.format, arrays=arrays)
     row = {
         "frame": frame,
         "points": int(cloud.valid.sum()),
@@ -83,6 +95,15 @@ def _detect(recording, frame: int, spec: PointSpec, options):
         "echoes": echoes(cloud, recording),
     }
     return row, written, bool(every.valid.any())
+
+
+def _deviations(cloud: PointCloud, recording: Recording, spec: PointSpec):
+    """Return standard deviations of the valid points, by the names of the arrays."""
+    spec = spec.subtracting(recording.coupling)
+    found = point_deviations(cloud, recording.radar, points=spec)
+    valid = np.asarray(cloud.valid)
+    named = found._asdict().items()
+    return {f"deviation_{name}": np.asarray(values)[valid] for name, values in named}
 
 
 def _short(row: dict[str, Any]) -> dict[str, Any]:

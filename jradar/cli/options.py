@@ -66,7 +66,7 @@ SETS = (
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_SEED = 2**32 - 1
 MAX_COUNT = 10**9
-MAX_DRAWS, MAX_STEPS = 64, 1000
+MAX_DRAWS, MAX_STEPS, MAX_FOLDS = 64, 1000, 16
 MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
 
 
@@ -162,8 +162,16 @@ def _points(sub):
     _value(sub, "--train", "D,R", text, type=_cells)
     _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
     _flag(sub, "--remove-static", "keep only echoes that move")
+    _flag(sub, "--group-peaks", "keep one cell of each target: the peaks of the map")
+    text = "also tell velocities up to 2 N + 1 times the unambiguous one apart"
+    _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
+    text = "focus wide arrays, such as a cascade's, on each target: delays, near field"
+    _flag(sub, "--focus", text)
+    text = "also write the standard deviation of each coordinate to the NPZ file"
+    _flag(sub, "--deviations", text)
     _cleaning(sub)
-    text = "fft (beamforming), or music for azimuths finer than a beam (default: fft)"
+    text = "fft (beamforming), or music or capon for azimuths finer than a beam "
+    text += "(default: fft)"
     _value(sub, "--angles", "NAME", text)
     _clouds(sub)
 
@@ -399,7 +407,8 @@ def _drawing(sub):
     """Add how a diffusion model is sampled."""
     text = "draw N samples and keep what they agree on; 1 is the paper's single draw"
     _count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
-    text = "solver steps per draw (default: 5 for several draws, 18 for one)"
+    text = "solver steps per draw (default: 5 for several draws, 18 for one); one draw"
+    text += " takes Heun's method, or iPNDM below 8 steps"
     _count(sub, "--steps", text, most=MAX_STEPS)
 
 

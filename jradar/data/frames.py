@@ -10,7 +10,13 @@ from jaxtyping import Array, Complex, Float, Int
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSteps, interpolate_poses, preprocess
-from jradar.radar import Cells, RadarSpec, all_cells, cell_points, detect
+from jradar.radar import (
+    Cells,
+    RadarSpec,
+    all_cells,
+    cell_points,
+    detect,
+)
 from jradar.recordings.recording import Recording, Stream, calibrated_cube
 from jradar.types import PointCloud
 
@@ -200,6 +206,7 @@ def radar_side(
         trusted_cells = all_cells(cube, radar, points=trusted, coupling=coupling)
 
     def cloud(cells, points):
+        points = points.subtracting(coupling)
         mask = detect(cells.power, radar, points=points)
         return cell_points(cells, mask, radar, points=points, range_bias_m=range_bias_m)
 

@@ -18,7 +18,7 @@ class PrepareSpec:
     The condition uses nearly every cell (`false_alarm_rate` close to 1, section III-A).
     The visibility filter of the LiDAR trusts only points that are detected at
     `visible_false_alarm_rate`. `angles` is how directions are found for the condition,
-    "fft" or "music"; the filter always uses "fft". Raises ValueError for values that
+    as in `PointSpec`; the filter always uses "fft". Raises ValueError for values that
     cannot be used.
     """
 

@@ -18,6 +18,7 @@ Networks
 Sampling
     sample                          draws images with a solver
     SOLVERS, HEUN, Solver           solvers by name; each carries its rule
+    solver_for                      the solver that suits a number of steps
     Heun, Multistep, heun_step      their kinds
 
 Training
@@ -101,5 +102,6 @@ from jradar.diffusion.solvers import (
     Solver as Solver,
     heun_step as heun_step,
     sample as sample,
+    solver_for as solver_for,
 )
 from jradar.diffusion.unet import PRESETS as PRESETS, UNet as UNet

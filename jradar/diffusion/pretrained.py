@@ -8,8 +8,9 @@
 
 Pickles are never read; `experiments.convert_weights` converts published ones. Parts
 that a published network lacks start at zero, so the network begins as the published
-one, applied to the means of the patches (`published`). A network without
-`detail_channels` has a different head, and ignores the published output layer.
+one, applied to the means of the patches (`published`). Of a class-conditional network,
+EDM's answer without a label is kept, or OpenAI's for the mean of all labels. A network
+without `detail_channels` has a different head, and ignores the published output layer.
 """
 
 import json
@@ -31,8 +32,11 @@ from jradar.diffusion.published import (
     State,
     arranged,
     by_level,
+    check_filters,
+    check_groups,
     from_adm,
     target_of,
+    without_labels,
 )
 from jradar.diffusion.unet import UNet
 from jradar.errors import parsing
@@ -45,7 +49,12 @@ HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
 STEP = ":step"  # after a kernel's name: what its whole numbers count
 MEANS = 2  # outputs of every prediction: range and validity
 # Fields of a network that the shapes of its parameters do not determine.
-UNSHAPED = ("kind", "form", "stem", "head_channels", "noise_scale")
+UNSHAPED = (
+    "kind", "form", "stem", "head_channels", "noise_scale", "group_channels",
+    "resample_filter",
+)  # fmt: skip
+# What networks had before files recorded these fields.
+UNRECORDED = {"group_channels": 4, "resample_filter": [1, 1]}
 # New parameters that must be zero for the network to be the published one.
 ZERO = ("refine/", "angles/")
 
@@ -93,6 +102,9 @@ def _load_published(path, state, params, network, attention_order):
     else:
         kind, state = "edm", by_level(state)
     _check_published(path, state, kind, network)
+    check_filters(path, state, network)
+    check_groups(path, state, kind, network)
+    state = without_labels(state)
     trunk = params["params"]["trunk"]
     flat: dict[str, Any] = flax.traverse_util.flatten_dict(trunk, sep="/")
     loaded, unused = {}, []
@@ -263,9 +275,10 @@ def _check_network(path, network):
             text = (file.metadata() or {}).get("network", "{}")
         found = dict(json.loads(text))
     for name, wanted in _unshaped(network).items():
-        if found.get(name, wanted) != wanted:
+        held = found.get(name, UNRECORDED.get(name, wanted) if found else wanted)
+        if held != wanted:
             raise ValueError(
-                f"{path} holds a network with {name} = {found[name]}, expected {wanted}"
+                f"{path} holds a network with {name} = {held}, expected {wanted}"
             )
 
 

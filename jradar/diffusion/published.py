@@ -8,11 +8,13 @@ averaged. With a stem, a kernel is divided evenly among the pixels of a patch.
 
 import math
 import re
+from typing import Any
 
 import numpy as np
 
 from jradar.diffusion.unet import UNet
 
+FULL_GROUPS = 128  # channels from which EDM's and OpenAI's norms have 32 groups alike
 LAYERS = {"weight": "kernel", "bias": "bias"}
 # Constants, and parameters used only for augmented training.
 DROPPED = ("resample_filter", "map_augment", "augment")
@@ -88,6 +90,54 @@ def from_adm(state: State, network: UNet) -> State:
         layer = f".{layers.get(layer, layer)}" if layer else ""
         renamed[f"{place}{layer}.{kind}"] = tensor
     return renamed
+
+
+def without_labels(state: State) -> State:
+    """Return a class-conditional network's tensors as those of one without classes.
+
+    EDM's networks answer without a label as for a label of zeros, of which the bias of
+    `map_label` remains: it is added into the bias of the next layer. OpenAI's always
+    have a label, and their mean embedding takes its place.
+    """
+    folded = dict(state)
+    bias = folded.pop("map_label.bias", None)
+    if bias is not None:
+        weight = np.asarray(folded["map_layer0.weight"])
+        folded["map_layer0.bias"] = folded["map_layer0.bias"] + weight @ bias
+    labels = folded.pop("label_emb.weight", None)
+    if labels is not None:
+        folded["map_layer1.bias"] = folded["map_layer1.bias"] + labels.mean(0)
+    return folded
+
+
+def check_filters(path: Any, state: State, network: UNet) -> None:
+    """Refuse a file whose resampling filters are not the network's."""
+    taps = np.array(network.resample_filter) / sum(network.resample_filter)
+    for name, tensor in state.items():
+        if not name.endswith("resample_filter"):
+            continue
+        found = np.asarray(tensor, np.float64)
+        found = found.reshape(found.shape[-2:])
+        same = found.shape == 2 * taps.shape
+        if not same or not np.allclose(found, np.outer(taps, taps), atol=1e-4):
+            shares = np.round(found.sum(1), 3).tolist()
+            raise ValueError(
+                f"{path}: {name} has taps in the shares {shares}, the network "
+                f"{np.round(taps, 3).tolist()}: set its resample_filter"
+            )
+
+
+def check_groups(path: Any, state: State, kind: str, network: UNet) -> None:
+    """Refuse a network whose norms would have other groups than the published ones."""
+    norms = [t for n, t in state.items() if re.search(r"norm\d?\.weight$", n)]
+    fewest = 4 if kind == "edm" else 1
+    narrow = min((len(tensor) for tensor in norms), default=FULL_GROUPS)
+    if narrow < FULL_GROUPS and network.group_channels != fewest:
+        raise ValueError(
+            f"{path} has norms of {narrow} channels in groups of {fewest} or more, the "
+            f"network has groups of {network.group_channels} or more: set its "
+            f"group_channels = {fewest}"
+        )
 
 
 def target_of(name: str) -> str:

@@ -137,6 +137,7 @@ class Multistep(Solver):
 
 
 HEUN = Heun("heun")
+FEWEST_HEUN = 8  # steps below which the levels are too far apart for Heun's method
 SOLVERS: dict[str, Solver] = {
     solver.name: solver
     for solver in (
@@ -151,23 +152,33 @@ SOLVERS: dict[str, Solver] = {
 }
 
 
+def solver_for(steps: int) -> Solver:
+    """Return the solver for a number of steps: Heun's method, or iPNDM below 8.
+
+    In few steps Heun's correction overshoots; iPNDM starts as Euler's method.
+    """
+    return HEUN if steps >= FEWEST_HEUN else SOLVERS["ipndm3"]
+
+
 def sample(
     key: Key[Array, ""],
     denoise: Denoiser,
     shape: tuple[int, ...],
     *,
     noise: NoiseSpec,
-    solver: Solver = HEUN,
+    solver: Solver | None = None,
     steps: int = 18,
     temperature: float | Float[Array, ""] = 1.0,
 ) -> Image:
     """Draw images of `shape` [*batch, row, column, channel].
 
-    `steps=1` is the one-step estimate, nearly the mean of all images that the
-    condition allows. `temperature` scales the noise from which a draw starts: below 1,
-    images differ less from one another, and unlikely ones are rarer.
+    `solver` is by default that of `solver_for`. `steps=1` is the one-step estimate,
+    nearly the mean of all images that the condition allows. `temperature` scales the
+    noise from which a draw starts: below 1, images differ less from one another, and
+    unlikely ones are rarer.
     """
     start = temperature * noise.sigma_max * jax.random.normal(key, shape)
+    solver = solver or solver_for(steps)
     denoise = jax.jit(denoise)  # traced once, however often the solver names it
     return solver.solve(denoise, start, solver.levels(steps, noise))
 

@@ -81,6 +81,8 @@ class UNet(nn.Module):
     stem, condition_stem
                          pixels of image and condition in one pixel of their grid
     noise_scale          factor of c_noise (1000 for OpenAI's networks)
+    group_channels       fewest channels in a group of a norm (1 for OpenAI's networks)
+    resample_filter      an even number of taps, along rows and columns, between levels
     detail_channels      channels of the full-size path around the trunk; with 0, the
                          head is a linear map of each patch's features
     condition_at_input   resize the condition to the image and append its channels
@@ -102,10 +104,22 @@ class UNet(nn.Module):
     condition_at_input: bool = False
     outputs: int = 2
     remat: bool = False
+    group_channels: int = 4
+    resample_filter: tuple[int, ...] = (1, 1)
     dtype: Any = jnp.float32
 
     def __post_init__(self):
-        """Refuse an unknown form of block."""
+        """Refuse an unknown form of block, and groups and filters that cannot be."""
+        if self.group_channels < 1:
+            raise ValueError(
+                f"group_channels = {self.group_channels}, expected 1 or more"
+            )
+        taps = self.resample_filter
+        if len(taps) % 2 or sum(taps) <= 0:
+            raise ValueError(
+                f"resample_filter = {taps}, expected an even number of taps with a "
+                "positive sum, such as (1, 1) or (1, 3, 3, 1)"
+            )
         if self.form not in FORMS:
             raise ValueError(f"form = {self.form!r}, expected one of {FORMS}")
         super().__post_init__()
@@ -130,6 +144,8 @@ class UNet(nn.Module):
             detail_channels=self.detail_channels,
             outputs=self.outputs,
             remat=self.remat,
+            group_channels=self.group_channels,
+            resample_filter=self.resample_filter,
             dtype=self.dtype,
         )
 
@@ -202,6 +218,8 @@ class Trunk(nn.Module):
     detail_channels: int
     outputs: int
     remat: bool
+    group_channels: int
+    resample_filter: tuple[int, ...]
     dtype: Any
 
     @nn.compact
@@ -224,7 +242,9 @@ class Trunk(nn.Module):
                 form=self.form,
                 attend=attend,
                 head_channels=self.head_channels,
+                group_channels=self.group_channels,
                 resample=resample,
+                resample_filter=self.resample_filter,
                 dtype=self.dtype,
                 name=name,
             )
@@ -274,9 +294,9 @@ class Trunk(nn.Module):
 
     def _head(self, h, detail):
         """The trunk's output plus, with detail, a correction from every pixel."""
-        h = nn.silu(
-            norm(1e-6 if self.form == "ddpm++" else 1e-5, self.dtype, "norm")(h)
-        )
+        epsilon = 1e-6 if self.form == "ddpm++" else 1e-5
+        groups = {"group_channels": self.group_channels}
+        h = nn.silu(norm(epsilon, self.dtype, "norm", **groups)(h))
         patch = math.prod(self.stem)
         if detail is None:
             coarse = self._dense(self.outputs * patch, "unfold", zero=True)(h)

@@ -50,7 +50,7 @@ def draw_diffusion(
     if draws < 1:
         raise ValueError(f"{draws=}, expected 1 or more")
     quick = {"solver": SOLVERS["ipndm3"], "steps": 5, "temperature": 1.0}
-    careful = {"solver": SOLVERS["heun"], "steps": 18, "temperature": spec.temperature}
+    careful = {"steps": 18, "temperature": spec.temperature}
     values = sample(
         key,
         denoise,

@@ -13,10 +13,16 @@ Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
 Angles       directions                        strongest direction of each cell
              angle_spectrum, direction_sines, strongest_direction, spectrum_peaks
-             capon_spectrum, music_spectrum, music_directions, smoothed_covariance
+             focused_directions, focus         of wide arrays, near targets
+             capon_spectrum, capon_directions, music_spectrum, music_directions,
+             smoothed_covariance, source_count, mdl_sources
+             velocity_folds, Folds             velocities beyond the unambiguous one
 Points       PointSpec, radar_points           cube to points of the detected cells
              points_and_report, PointReport    the same, with counts of what is missing
              Cells, all_cells, cell_points     all directions first, any mask later
+             point_deviations, Deviations      standard deviation of each coordinate
+             map_peaks                         one cell for each target
+             cluster, Cluster                  one cluster for each object, on the host
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
 Clutter      static_background, subtract_background     of a radar that stands still
@@ -46,9 +52,18 @@ from jradar.radar.cfar import (
     os_cfar as os_cfar,
     so_cfar as so_cfar,
 )
+from jradar.radar.clusters import (
+    Cluster as Cluster,
+    cluster as cluster,
+    map_peaks as map_peaks,
+)
 from jradar.radar.clutter import (
     static_background as static_background,
     subtract_background as subtract_background,
+)
+from jradar.radar.deviations import (
+    Deviations as Deviations,
+    point_deviations as point_deviations,
 )
 from jradar.radar.direction import directions as directions
 from jradar.radar.echoes import (
@@ -57,6 +72,7 @@ from jradar.radar.echoes import (
     noise_statistics as noise_statistics,
     strongest_echoes as strongest_echoes,
 )
+from jradar.radar.folds import Folds as Folds, velocity_folds as velocity_folds
 from jradar.radar.interference import (
     Interferers as Interferers,
     crossing_chirps as crossing_chirps,
@@ -64,6 +80,10 @@ from jradar.radar.interference import (
     excise_interference as excise_interference,
 )
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
+from jradar.radar.near_field import (
+    focus as focus,
+    focused_directions as focused_directions,
+)
 from jradar.radar.points import (
     Cells as Cells,
     PointReport as PointReport,
@@ -91,14 +111,17 @@ from jradar.radar.snapshots import (
     Snapshots as Snapshots,
     strong_snapshots as strong_snapshots,
 )
+from jradar.radar.sources import mdl_sources as mdl_sources
 from jradar.radar.spectrum import (
     power_map as power_map,
     range_doppler as range_doppler,
     window as window,
 )
 from jradar.radar.subspace import (
+    capon_directions as capon_directions,
     capon_spectrum as capon_spectrum,
     music_directions as music_directions,
     music_spectrum as music_spectrum,
     smoothed_covariance as smoothed_covariance,
+    source_count as source_count,
 )

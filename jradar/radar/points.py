@@ -13,7 +13,7 @@ with a threshold or learned, can be compared. Both take a `PointSpec`.
 import dataclasses
 import functools
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,8 +31,11 @@ from jradar.radar.cfar import (
     largest_window,
     noise_floor,
 )
+from jradar.radar.clusters import map_peaks
 from jradar.radar.direction import directions
-from jradar.radar.peaks import parabola_offset
+from jradar.radar.folds import velocity_folds
+from jradar.radar.near_field import focused_directions
+from jradar.radar.peaks import window_offset
 from jradar.radar.samples import (
     FULL_SCALE,
     Cube,
@@ -42,10 +45,10 @@ from jradar.radar.samples import (
 )
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS, range_doppler
-from jradar.radar.subspace import music_directions
+from jradar.radar.subspace import capon_directions, music_directions
 from jradar.types import PointCloud
 
-ANGLES = ("fft", "music")
+ANGLES = ("fft", "music", "capon")
 LARGEST = {
     "capacity": 1 << 20,
     "peaks": 64,
@@ -53,6 +56,8 @@ LARGEST = {
     "num_elevation": 4096,
 }
 SPECTRUM = ("range_window", "doppler_window", "remove_static", "remove_interference")
+MOST_FOLDS = 16
+MOST_SOURCES = 64
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
@@ -71,8 +76,14 @@ class PointSpec:
     multipliers account for the correlation that they cause. `edge` and `factor` are
     those of `cfar`; a factor replaces the rate. `remove_static` and
     `remove_interference` are those of `range_doppler`, too. The flips are for a sensor
-    that is mounted upside down. `angles` is "fft", or "music" for azimuths by
-    `music_directions`, which uses its own bins.
+    that is mounted upside down. `angles` is "fft", or "music" or "capon" for azimuths
+    by `music_directions` or `capon_directions`, which use their own bins. `sources` is
+    the number of sources for "music", or 0 to count them in each cell.
+
+    `group_peaks` keeps only detected cells that are `map_peaks`: one for each target.
+    With `folds`, velocities up to `2 folds + 1` times the unambiguous one are told
+    apart by `velocity_folds`, and the cloud has fold and margin. `focus` finds
+    directions by `focused_directions`, for arrays as wide as a cascade's.
     """
 
     detector: str = "os"
@@ -93,6 +104,10 @@ class PointSpec:
     doppler_window: str = "hann"
     edge: str = "shrink"
     factor: float | None = None
+    group_peaks: bool = False
+    folds: int = 0
+    sources: int = 2
+    focus: bool = False
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
@@ -120,10 +135,19 @@ class PointSpec:
         for field in ("guard", "train"):
             if min(value := getattr(self, field)) < 0:
                 raise ValueError(f"{field} = {value}, expected 0 or more cells")
-        if self.angles == "music" and self.peaks > 1:
+        if not 0 <= self.folds <= MOST_FOLDS:
+            raise ValueError(f"folds = {self.folds}, expected 0 to {MOST_FOLDS}")
+        if not 0 <= self.sources <= MOST_SOURCES:
+            raise ValueError(f"sources = {self.sources}, expected 0 to {MOST_SOURCES}")
+        if self.focus and (self.angles != "fft" or self.peaks > 1):
             raise ValueError(
-                f"peaks = {self.peaks}, expected 1 with angles = 'music': it finds one "
-                "direction for each cell"
+                f"focus = True with angles = {self.angles!r}, peaks = {self.peaks}, "
+                "expected 'fft' and 1: a focus has one direction"
+            )
+        if self.angles != "fft" and self.peaks > 1:
+            raise ValueError(
+                f"peaks = {self.peaks}, expected 1 with angles = {self.angles!r}: it "
+                "finds one direction for each cell"
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":
@@ -139,6 +163,16 @@ class PointSpec:
             train=train,
             capacity=min(self.capacity, math.prod(cells) * self.peaks),
         )
+
+    def subtracting(self, coupling: Any) -> "PointSpec":
+        """Return the spec with the range window in which `coupling` is subtracted.
+
+        That is "blackman". Without a coupling, and with `remove_static`, which removes
+        it too, the spec stays as it is.
+        """
+        if coupling is None or self.remove_static:
+            return self
+        return dataclasses.replace(self, range_window="blackman")
 
 
 class PointReport(NamedTuple):
@@ -216,20 +250,30 @@ def points_and_report(
 
 def _points(cube, radar, points, coupling, range_bias_m):
     """The cloud, and the power of each detected cell, 0 for others."""
+    points = points.subtracting(coupling)
     spectrum, power = _spectra(cube, radar, points, coupling)
-    mask = detect(power, radar, points=_windowed(points, coupling))
+    mask = detect(power, radar, points=points)
     candidates = _candidates(power, mask, radar, range_bias_m)
     strongest, cell = _strongest_cells(candidates, points)
-    _, doppler_bin = _bins(power, cell, points)
+    range_bin, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
+    folds = None
+    if points.folds:
+        bins = _angle_bins(points, radar)
+        folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
+        doppler_bin += folds.fold * radar.num_chirps
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
-    if points.peaks == 1:
+    place = radar, points, range_bias_m
+    if points.focus:
+        direction = _focused(spectrum, cell, range_bin, doppler_bin, *place)
+    elif points.peaks == 1:
         direction = _directions(snapshot, radar, points)
     else:
         strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
         cell = cell[of]
-    place = radar, points, range_bias_m
-    return _cloud(power, cell, strongest, direction, *place), candidates
+        folds = jax.tree.map(lambda values: values[of], folds)
+    cloud = _cloud(power, cell, strongest, direction, *place)
+    return cloud if folds is None else _unfolded(cloud, folds, radar), candidates
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -242,10 +286,16 @@ def all_cells(
 ) -> Cells:
     """Return the power and direction of every cell of one frame; `vmap` it.
 
-    With `coupling`, give `detect` a spec whose `range_window` is "blackman".
+    With `coupling`, give `detect` and `cell_points` the spec `points.subtracting`.
     `points.peaks` and the options of detection are not used. Raises ValueError for a
-    cube that does not fit the radar.
+    cube that does not fit the radar, and for `folds` and `focus`.
     """
+    if points.folds or points.focus:
+        raise ValueError(
+            f"folds = {points.folds}, focus = {points.focus}, expected 0 and False: "
+            "cells have no folds and no focus, use radar_points"
+        )
+    points = points.subtracting(coupling)
     spectrum, power = _spectra(cube, radar, points, coupling)
     _, doppler_bin = _bins(power, jnp.arange(power.size), points)
     snapshot = spectrum.reshape(radar.num_virtual, -1).T
@@ -287,9 +337,11 @@ def detect(
 ) -> Bool[Array, "*batch doppler range"]:
     """Return the cells that the CFAR detector of `points` marks in the summed power.
 
+    With `group_peaks`, only the peaks among them.
+
     Raises ValueError where the window does not fit into the map.
     """
-    return DETECTORS[points.detector](
+    mask = DETECTORS[points.detector](
         power,
         false_alarm_rate=points.false_alarm_rate if points.factor is None else None,
         factor=points.factor,
@@ -299,13 +351,17 @@ def detect(
         train=points.train,
         windows=(points.doppler_window, points.range_window),
     )
+    return mask & map_peaks(power) if points.group_peaks else mask
 
 
-def _windowed(points, coupling):
-    """The spec with the range window in which a coupling can be subtracted."""
-    if coupling is None or points.remove_static:
-        return points
-    return dataclasses.replace(points, range_window="blackman")
+def _unfolded(cloud, folds, radar):
+    """The cloud with the velocities of its points' folds."""
+    fold = jnp.where(cloud.valid, folds.fold, 0)
+    return cloud._replace(
+        velocity=cloud.velocity + fold * (2 * radar.max_velocity_mps),
+        fold=fold,
+        fold_margin_db=jnp.where(cloud.valid, folds.margin_db, 0.0),
+    )
 
 
 def _spectra(cube, radar, points, coupling):
@@ -324,7 +380,6 @@ def _spectra(cube, radar, points, coupling):
         raise ValueError(
             f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
         )
-    points = _windowed(points, coupling)
     spectrum, power = range_doppler(cube, **_fields(points, SPECTRUM))
     if coupling is None or points.remove_static:
         return spectrum, power
@@ -362,22 +417,58 @@ def _bins(power, cell, points):
     range_bin = column.astype(power.dtype)
     if points.refine:
         left, right = jnp.maximum(column - 1, 0), jnp.minimum(column + 1, num_range - 1)
-        range_bin += parabola_offset(
-            power[row, left], power[row, column], power[row, right]
+        range_bin += window_offset(
+            power[row, left],
+            power[row, column],
+            power[row, right],
+            kind=points.range_window,
+            length=num_range,
         )
     if points.refine and num_doppler > 2:
         below, above = (row - 1) % num_doppler, (row + 1) % num_doppler
-        doppler_bin += parabola_offset(
-            power[below, column], power[row, column], power[above, column]
+        doppler_bin += window_offset(
+            power[below, column],
+            power[row, column],
+            power[above, column],
+            kind=points.doppler_window,
+            length=num_doppler,
         )
     return range_bin, doppler_bin
+
+
+def _neighbours(spectrum, cell):
+    """Spectra in the range cells before, at and after, `[cell 3 virtual]`."""
+    num_range = spectrum.shape[-1]
+    row, column = jnp.divmod(cell, num_range)
+    near = jnp.clip(column[:, None] + jnp.array([[-1, 0, 1]]), 0, num_range - 1)
+    return jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)
+
+
+def _focused(spectrum, cell, range_bin, doppler_bin, radar, points, range_bias_m):
+    """Azimuth and elevation of each cell by `focused_directions`."""
+    near = _neighbours(spectrum, cell)
+    doppler_bin = jnp.broadcast_to(doppler_bin[:, None], near.shape[:2])
+    column = cell % spectrum.shape[-1]
+    return focused_directions(
+        compensate_tdm(near, doppler_bin, radar),
+        column,
+        range_bin - column,
+        radar,
+        range_bias_m=range_bias_m,
+        range_window=points.range_window,
+        **_angle_bins(points, radar),
+        **_fields(points, FLIPS),
+    )
 
 
 def _directions(snapshot, radar, points):
     """Azimuth and elevation of the strongest direction of each snapshot."""
     options = _fields(points, FLIPS)
     if points.angles == "music":
-        return music_directions(snapshot, radar, **options)
+        sources = points.sources or None
+        return music_directions(snapshot, radar, num_sources=sources, **options)
+    if points.angles == "capon":
+        return capon_directions(snapshot, radar, **options)
     options |= _angle_bins(points, radar)
     return directions(snapshot, radar, interpolate=points.refine, **options)
 

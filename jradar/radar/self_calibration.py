@@ -36,7 +36,7 @@ from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.snapshots import Snapshots
 
-FINER = 4  # azimuth bins per bin of `azimuth_bins`: a parabola is then exact
+FINEST, FINER = 256, 2  # azimuth bins, or this many per bin of `azimuth_bins`
 NUM_ELEVATION = 64
 MOST_STEPS, CONVERGED = 200, 1e-5
 MIN_ECHOES = 5  # in each half
@@ -164,7 +164,7 @@ def explain(
     azimuth, elevation = directions(
         snapshot * response.conj()[None],
         radar,
-        num_azimuth=FINER * azimuth_bins(radar),
+        num_azimuth=max(FINEST, FINER * azimuth_bins(radar)),
         num_elevation=NUM_ELEVATION,
     )
     wave = response[None] * steering(azimuth, elevation, radar)

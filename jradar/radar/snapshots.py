@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
-from jradar.radar.peaks import parabola_offset
+from jradar.radar.peaks import window_offset
 from jradar.radar.samples import Cube
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
@@ -40,10 +40,11 @@ def strong_snapshots(
     An echo is a maximum of the range-Doppler map, 20 dB over the median cell.
     `coupling` is the leakage for `subtract_coupling`.
     """
+    range_window = "hann" if coupling is None else "blackman"
     if coupling is None:
         spectrum, power = range_doppler(cube)
     else:
-        spectrum, _ = range_doppler(cube, range_window="blackman")
+        spectrum, _ = range_doppler(cube, range_window=range_window)
         spectrum = subtract_coupling(spectrum, coupling)
         power = (spectrum.real**2 + spectrum.imag**2).sum(0)
     num_doppler, num_range = power.shape
@@ -61,19 +62,19 @@ def strong_snapshots(
     )
     row, column = jnp.divmod(cell, num_range)
 
-    def between(before, after):
-        return parabola_offset(
-            before.ravel()[cell], power.ravel()[cell], after.ravel()[cell]
-        )
+    def between(before, after, kind, length):
+        powers = (values.ravel()[cell] for values in (before, power, after))
+        return window_offset(*powers, kind=kind, length=length)
 
-    doppler_bin = (
-        row - num_doppler // 2 + (between(below, above) if num_doppler > 2 else 0.0)
-    )
+    doppler_bin = row - num_doppler // 2 + 0.0
+    if num_doppler > 2:
+        doppler_bin += between(below, above, "hann", num_doppler)
+    range_bin = column + between(left, right, range_window, num_range)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     return Snapshots(
         snapshot=jnp.where(found[:, None] > 0, snapshot, 0.0),
-        range_m=(column + between(left, right)) * radar.range_resolution_m,
+        range_m=range_bin * radar.range_resolution_m,
         velocity_mps=doppler_bin * radar.velocity_resolution_mps,
         power=found,
     )

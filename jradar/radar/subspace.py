@@ -20,7 +20,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Int
 
 from jradar.radar.angle import (
     FLIPS,
@@ -34,9 +34,11 @@ from jradar.radar.direction import elevation_sines
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
+from jradar.radar.sources import mdl_sources
 
 BLOCK = 512  # cells whose spectra are held in memory at a time
-SOURCES, NUM_AZIMUTH = 2, 256  # of `music_directions`
+SOURCES, NUM_AZIMUTH = 2, 256  # of the directions
+LOADING = 1e-6  # of `music_spectrum`
 OPTIONS = ("radar", "num_azimuth", "subarray", "loading")
 
 
@@ -78,7 +80,7 @@ def music_spectrum(
     num_sources: int,
     num_azimuth: int = 256,
     subarray: int | None = None,
-    loading: float = 1e-6,
+    loading: float = LOADING,
 ) -> Float[Array, "*batch azimuth"]:
     """Return 1 / (share of the steering vector in the noise subspace) (Schmidt 1986).
 
@@ -93,7 +95,14 @@ def music_spectrum(
             f"{num_sources=}, expected 1 to {size - 1}: a subarray of {size} elements "
             "needs one more than there are sources"
         )
-    projector = _signal_projector(covariance / _mean_power(covariance), num_sources)
+    return _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading)
+
+
+def _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading):
+    """`music_spectrum` of covariances, for a number of sources that may be traced."""
+    size = covariance.shape[-1]
+    normal = covariance / _mean_power(covariance)
+    projector = _signal_projector(normal, jnp.asarray(num_sources))
     steering = _steering(radar, size, num_azimuth)
     steering = to_rank(steering, projector)
     noise = steering - projector @ steering
@@ -101,11 +110,32 @@ def music_spectrum(
     return 1 / (share + loading)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
+@functools.partial(jax.jit, static_argnames="radar")
+def source_count(
+    snapshot: Complex[Array, "*batch snapshot virtual"], radar: RadarSpec
+) -> Int[Array, "*batch"]:
+    """Return the number of sources by `mdl_sources`, from half of the longest row.
+
+    Raises ValueError for a row of fewer than 3 neighbouring elements.
+    """
+    length = len(_longest_row(radar))
+    if length < 3:
+        raise ValueError(
+            f"the longest row of {radar.name} has {length} neighbouring elements, "
+            "expected 3 or more to count sources"
+        )
+    size = max(2, length // 2)
+    covariance = smoothed_covariance(snapshot, radar, subarray=size)
+    samples = snapshot.shape[-2] * (length - size + 1)
+    return mdl_sources(jnp.linalg.eigvalsh(covariance), samples=samples)
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "num_sources", *FLIPS))
 def music_directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
     *,
+    num_sources: int | None = SOURCES,
     flip_azimuth: bool = False,
     flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
@@ -113,29 +143,65 @@ def music_directions(
 
     Among the maxima of `music_spectrum`, whose heights are not powers, it takes the one
     at which the conventional beam is strongest, then the strongest elevation there.
+    `num_sources=None` counts the sources of each snapshot (`source_count`).
     """
-    cells = snapshot.reshape(-1, radar.num_virtual)
-    u = jax.lax.map(
-        lambda cell: _music_sine(cell, radar),
-        cells,
-        batch_size=min(BLOCK, max(len(cells), 1)),
-    ).reshape(snapshot.shape[:-1])
+
+    def spectrum(cell):
+        if num_sources is not None:
+            options = {"num_sources": num_sources, "num_azimuth": NUM_AZIMUTH}
+            return music_spectrum(cell[None], radar, **options)
+        covariance = smoothed_covariance(cell[None], radar)
+        most = covariance.shape[-1] - 1
+        count = jnp.clip(source_count(cell[None], radar), 1, most)
+        return _pseudo_spectrum(covariance, count, radar, NUM_AZIMUTH, LOADING)
+
+    u = _azimuth_sines(snapshot, radar, spectrum)
     w = elevation_sines(snapshot, u, radar)
     return angles_of_sines(u, w, flip_azimuth, flip_elevation)
 
 
-def _music_sine(cell, radar):
-    """Azimuth sine of one snapshot `[virtual]`, placed between bins."""
-    pseudo = music_spectrum(
-        cell[None], radar, num_sources=SOURCES, num_azimuth=NUM_AZIMUTH
+@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
+def capon_directions(
+    snapshot: Complex[Array, "*batch virtual"],
+    radar: RadarSpec,
+    *,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> tuple[Angle, Angle]:
+    """Return azimuth and elevation in radians of each snapshot, the azimuth by Capon.
+
+    It takes the highest maximum of `capon_spectrum`, then the strongest elevation
+    there.
+    """
+
+    def spectrum(cell):
+        return capon_spectrum(cell[None], radar, num_azimuth=NUM_AZIMUTH)
+
+    u = _azimuth_sines(snapshot, radar, spectrum, by_height=True)
+    w = elevation_sines(snapshot, u, radar)
+    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+
+
+def _azimuth_sines(snapshot, radar, spectrum, *, by_height=False):
+    """Azimuth sine of each snapshot, from the maxima of its `spectrum`."""
+    cells = snapshot.reshape(-1, radar.num_virtual)
+    sines = jax.lax.map(
+        lambda cell: _peak_sine(cell, spectrum(cell), radar, by_height),
+        cells,
+        batch_size=min(BLOCK, max(len(cells), 1)),
     )
+    return sines.reshape(snapshot.shape[:-1])
+
+
+def _peak_sine(cell, spectrum, radar, by_height):
+    """Azimuth sine of one snapshot's highest or strongest peak, between bins."""
     row = jnp.asarray(_longest_row(radar)) @ cell
     beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
     u, _ = direction_sines(radar, num_azimuth=NUM_AZIMUTH)
-    left, right = jnp.roll(pseudo, 1), jnp.roll(pseudo, -1)
-    peak = (pseudo > left) & (pseudo >= right) & (np.abs(u) < 1)
-    index = jnp.argmax(jnp.where(peak, beam, -1.0))
-    offset = parabola_offset(left[index], pseudo[index], right[index])
+    left, right = jnp.roll(spectrum, 1), jnp.roll(spectrum, -1)
+    peak = (spectrum > left) & (spectrum >= right) & (np.abs(u) < 1)
+    index = jnp.argmax(jnp.where(peak, spectrum if by_height else beam, -1.0))
+    offset = parabola_offset(left[index], spectrum[index], right[index])
     sine = jnp.asarray(u, jnp.float32)[index] + offset * (u[1] - u[0])
     return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE)
 
@@ -197,7 +263,7 @@ def _mean_power(covariance):
     return jnp.where(level > 0, level, 1.0)[..., None, None]
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
+@jax.custom_jvp
 def _signal_projector(covariance, num_sources):
     """Projector on the eigenvectors of the `num_sources` largest eigenvalues.
 
@@ -205,17 +271,27 @@ def _signal_projector(covariance, num_sources):
     single eigenvectors would be infinite where two noise eigenvalues are equal.
     """
     _, vectors = jnp.linalg.eigh(covariance)
-    signal = vectors[..., -num_sources:]
+    signal = vectors * _is_signal(covariance, num_sources)[..., None, :]
     return signal @ signal.conj().mT
 
 
 @_signal_projector.defjvp
-def _signal_projector_jvp(num_sources, primals, tangents):
-    """First-order perturbation of a projector: a sum over pairs (signal, noise)."""
-    (covariance,), (change,) = primals, tangents
+def _signal_projector_jvp(primals, tangents):
+    """First-order perturbation of a projector: a sum over pairs (noise, signal)."""
+    (covariance, num_sources), (change, _) = primals, tangents
     values, vectors = jnp.linalg.eigh(covariance)
-    noise, signal = vectors[..., :-num_sources], vectors[..., -num_sources:]
-    gap = values[..., None, -num_sources:] - values[..., :-num_sources, None]
-    coupling = noise.conj().mT @ change @ signal / jnp.maximum(gap, 1e-6)
-    half = noise @ coupling @ signal.conj().mT
+    signal = _is_signal(covariance, num_sources)
+    pair = ~signal[..., :, None] & signal[..., None, :]
+    gap = values[..., None, :] - values[..., :, None]
+    coupling = vectors.conj().mT @ change @ vectors
+    coupling = jnp.where(pair, coupling / jnp.maximum(gap, 1e-6), 0.0)
+    half = vectors @ coupling @ vectors.conj().mT
+    signal = vectors * signal[..., None, :]
     return signal @ signal.conj().mT, half + half.conj().mT
+
+
+def _is_signal(covariance, num_sources):
+    """Which of the ascending eigenvalues are sources."""
+    *batch, _, size = covariance.shape
+    index = jnp.broadcast_to(jnp.arange(size), (*batch, size))
+    return index >= size - jnp.broadcast_to(num_sources, batch)[..., None]

@@ -6,6 +6,7 @@ import pytest
 from jradar.cli import main
 from jradar.radar import (
     PointSpec,
+    point_deviations,
     radar_points,
     static_background,
     subtract_background,
@@ -52,6 +53,25 @@ def test_options_of_the_detector_are_the_librarys(small_cube, run_json, tmp_path
     with np.load(tmp_path / "radar.npz") as file:
         for name, column in valid_points(expected).items():
             np.testing.assert_array_equal(file[name], column)
+
+
+def test_further_options_and_deviations_are_the_librarys(
+    small_cube, run_json, tmp_path
+):
+    options = ["--group-peaks", "--folds", 1, "--focus", "--deviations"]
+    run_json("points", small_cube, "-o", tmp_path, *options)
+    recording = open_recording(small_cube)
+    spec = PointSpec(group_peaks=True, folds=1, focus=True).fitted(recording.radar)
+    cube = calibrated_cube(recording, 0)
+    expected = radar_points(cube, recording.radar, points=spec)
+    found = point_deviations(expected, recording.radar, points=spec)
+    with np.load(tmp_path / "radar.npz") as file:
+        for name, column in valid_points(expected).items():
+            np.testing.assert_array_equal(file[name], column)
+        assert len(file["fold"]) == len(file["fold_margin_db"]) > 0
+        for name, values in found._asdict().items():
+            column = np.asarray(values)[np.asarray(expected.valid)]
+            np.testing.assert_array_equal(file[f"deviation_{name}"], column)
 
 
 def test_a_window_that_is_too_large_is_shrunk_and_noted(small_cube, run_json, tmp_path):

@@ -15,9 +15,9 @@ def silu(x):
 class State(dict):
     """A state dict that makes the tensors which it does not have; and layers."""
 
-    def __init__(self, seed=0):
+    def __init__(self, seed=0, taps=(1, 1)):
         super().__init__()
-        self.rng = np.random.default_rng(seed)
+        self.rng, self.taps = np.random.default_rng(seed), taps
 
     def take(self, name, *shape):
         """The tensor of this name."""
@@ -44,21 +44,54 @@ class State(dict):
             total += np.tensordot(weight[:, :, i, j], patch, 1)
         return total + self.take(f"{name}.bias", out)[:, None, None]
 
-    def norm(self, name, x, eps):
-        """torch.nn.GroupNorm with EDM's number of groups."""
-        groups = min(32, len(x) // 4)
+    def norm(self, name, x, eps, groups=None):
+        """torch.nn.GroupNorm, by default with EDM's number of groups."""
+        groups = groups or min(32, len(x) // 4)
         parts = x.reshape(groups, -1)
         spread = np.sqrt(parts.var(1, keepdims=True) + eps)
         y = ((parts - parts.mean(1, keepdims=True)) / spread).reshape(x.shape)
         scale, shift = (self.take(f"{name}.{k}", len(x)) for k in ("weight", "bias"))
         return y * scale[:, None, None] + shift[:, None, None]
 
+    def resample(self, name, x, way):
+        """EDM's resampling by the filter that the state holds for this layer."""
+        if not way:
+            return x
+        taps = np.array(self.taps)
+        made = np.outer(taps, taps)[None, None] / taps.sum() ** 2
+        kernel = self.setdefault(f"{name}.resample_filter", made)[0, 0]
+        return (down if way == "down" else up)(x, kernel)
+
+
+def down(x, kernel):
+    """Apply torch's conv2d to every channel, stride 2, EDM's padding."""
+    size = len(kernel)
+    padded = np.pad(x, ((0, 0), *(((size - 1) // 2,) * 2,) * 2))
+    y = np.zeros((len(x), x.shape[1] // 2, x.shape[2] // 2))
+    for i, j in np.ndindex(*y.shape[1:]):
+        patch = padded[:, 2 * i : 2 * i + size, 2 * j : 2 * j + size]
+        y[:, i, j] = (patch * kernel).sum((1, 2))
+    return y
+
+
+def up(x, kernel):
+    """Apply torch's conv_transpose2d to every channel, stride 2, EDM's padding."""
+    size, rows, columns = len(kernel), *x.shape[1:]
+    full = np.zeros((len(x), 2 * rows + size - 2, 2 * columns + size - 2))
+    for i, j in np.ndindex(rows, columns):
+        spread = 4 * kernel * x[:, i, j, None, None]
+        full[:, 2 * i : 2 * i + size, 2 * j : 2 * j + size] += spread
+    cut = (size - 1) // 2
+    return full[:, cut : cut + 2 * rows, cut : cut + 2 * columns]
+
 
 def half(x):
+    """OpenAI's means of 2 x 2 pixels."""
     return (x[:, ::2, ::2] + x[:, 1::2, ::2] + x[:, ::2, 1::2] + x[:, 1::2, 1::2]) / 4
 
 
 def double(x):
+    """OpenAI's nearest neighbours."""
     return np.kron(x, np.ones((1, 2, 2)))
 
 
@@ -74,7 +107,8 @@ def attend(q, k, v):
 
 def edm_block(state, name, x, emb, out, song, attention=False, way="", head=64):
     eps, scale = (1e-6, np.sqrt(0.5)) if song else (1e-5, 1.0)
-    h = RESAMPLE[way](silu(state.norm(f"{name}.norm0", x, eps)))
+    h = silu(state.norm(f"{name}.norm0", x, eps))
+    h = state.resample(f"{name}.conv0", h, way)
     h = state.conv(f"{name}.conv0", h, out)
     level = state.linear(f"{name}.affine", emb, out if song else 2 * out)[:, None, None]
     if song:
@@ -83,7 +117,7 @@ def edm_block(state, name, x, emb, out, song, attention=False, way="", head=64):
         h = silu(state.norm(f"{name}.norm1", h, eps) * (level[:out] + 1) + level[out:])
     h = state.conv(f"{name}.conv1", h, out)
     changed = len(x) != out
-    x = RESAMPLE[way](x)
+    x = state.resample(f"{name}.skip", x, way)
     if changed or (song and way):
         x = state.conv(f"{name}.skip", x, out, 1)
     x = (x + h) * scale
@@ -105,10 +139,16 @@ def embed(c_noise, channels, song):
 
 
 def edm(state, x, c_noise, *, song, channels, multipliers, blocks, attention, head=64,
-        resolution=64):  # fmt: skip
+        resolution=64, label=None):  # fmt: skip
     """SongUNet or DhariwalUNet for RGB; `attention` lists levels."""
-    emb = silu(state.linear("map_layer0", embed(c_noise, channels, song), 4 * channels))
-    emb = silu(state.linear("map_layer1", emb, 4 * channels))
+    emb = embed(c_noise, channels, song)
+    if label is not None and song:
+        emb = emb + state.linear("map_label", label * np.sqrt(len(label)), channels)
+    emb = silu(state.linear("map_layer0", emb, 4 * channels))
+    emb = state.linear("map_layer1", emb, 4 * channels)
+    if label is not None and not song:
+        emb = emb + state.linear("map_label", label, 4 * channels, bias=False)
+    emb = silu(emb)
 
     def block(name, x, out, **options):
         return edm_block(state, name, x, emb, out, song, head=head, **options)
@@ -144,10 +184,13 @@ def edm(state, x, c_noise, *, song, channels, multipliers, blocks, attention, he
 
 
 def adm_block(state, name, x, emb, out, way=""):
-    h = RESAMPLE[way](silu(state.norm(f"{name}.in_layers.0", x, 1e-5)))
+    h = RESAMPLE[way](silu(state.norm(f"{name}.in_layers.0", x, 1e-5, 32)))
     h = state.conv(f"{name}.in_layers.2", h, out)
     level = state.linear(f"{name}.emb_layers.1", silu(emb), 2 * out)[:, None, None]
-    h = state.norm(f"{name}.out_layers.0", h, 1e-5) * (1 + level[:out]) + level[out:]
+    h = (
+        state.norm(f"{name}.out_layers.0", h, 1e-5, 32) * (1 + level[:out])
+        + level[out:]
+    )
     h = state.conv(f"{name}.out_layers.3", silu(h), out)
     if len(x) != out:
         return state.conv(f"{name}.skip_connection", x, out, 1) + h
@@ -156,7 +199,7 @@ def adm_block(state, name, x, emb, out, way=""):
 
 def adm_attention(state, name, x, head, new_order):
     count, heads = len(x), len(x) // head
-    h = state.norm(f"{name}.norm", x, 1e-5)
+    h = state.norm(f"{name}.norm", x, 1e-5, 32)
     h = state.conv(f"{name}.qkv", h, 3 * count, 1, flat=True).reshape(3 * count, -1)
     if new_order:
         parts = h.reshape(3, heads, head, -1).transpose(1, 0, 2, 3)
@@ -167,11 +210,13 @@ def adm_attention(state, name, x, head, new_order):
 
 
 def adm(state, x, log_sigma, *, channels, multipliers, blocks, attention, head,
-        new_order=False):  # fmt: skip
-    """OpenAI's UNetModel as its consistency models run it, without a class."""
+        new_order=False, label=None):  # fmt: skip
+    """OpenAI's UNetModel as its consistency models run it, with one of 3 classes."""
     emb = embed(1000 * 0.25 * log_sigma, channels, False)
     emb = silu(state.linear("time_embed.0", emb, 4 * channels))
     emb = state.linear("time_embed.2", emb, 4 * channels)
+    if label is not None:
+        emb = emb + label @ state.take("label_emb.weight", 3, 4 * channels)
     x = state.conv("input_blocks.0.0", x, channels * multipliers[0])
     skips, number = [x], 1
     for level, multiplier in enumerate(multipliers):
@@ -201,4 +246,4 @@ def adm(state, x, log_sigma, *, channels, multipliers, blocks, attention, head,
             if level and i == blocks:
                 x = adm_block(state, f"{name}.{layer}", x, emb, len(x), "up")
             number += 1
-    return state.conv("out.2", silu(state.norm("out.0", x, 1e-5)), 3)
+    return state.conv("out.2", silu(state.norm("out.0", x, 1e-5, 32)), 3)

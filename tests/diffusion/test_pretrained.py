@@ -16,33 +16,44 @@ from tests.diffusion.networks import apply, build, random_params
 from tests.diffusion.reference_unet import State, adm, edm
 
 SIZES = {"channels": 8, "multipliers": (1, 2), "blocks": 1}
+WIDE = {**SIZES, "channels": 32}  # OpenAI's norms always have 32 groups
 C_NOISE = -0.3
 RNG = np.random.default_rng(3)
+NO_LABEL, MEAN_LABEL = np.zeros(3), np.full(3, 1 / 3)
+
+
+def sizes_of(kind):
+    return WIDE if kind.startswith("adm") else SIZES
 
 
 @functools.cache
-def published(kind, shape):
+def published(kind, shape, taps=(1, 1), labelled=False):
     """A state dict in float32, a grey image, and the network's output for it."""
-    state, image = State(), RNG.normal(size=shape)
+    state, image = State(taps=taps), RNG.normal(size=shape)
     rgb = np.repeat(image[None], 3, 0)
-    options = {**SIZES, "attention": (1,), "head": 4}
+    options = {**sizes_of(kind), "attention": (1,), "head": 4}
     if kind.startswith("adm"):
         new = kind == "adm new"
-        output = adm(state, rgb, 4 * C_NOISE, new_order=new, **options)
+        label = MEAN_LABEL if labelled else None
+        output = adm(state, rgb, 4 * C_NOISE, new_order=new, label=label, **options)
     else:
-        output = edm(state, rgb, C_NOISE, song=kind == "song", **options)
+        label = NO_LABEL if labelled else None
+        output = edm(state, rgb, C_NOISE, song=kind == "song", label=label, **options)
     state = {name: tensor.astype(np.float32) for name, tensor in state.items()}
     return state, image, output.mean(0)
 
 
-def network_for(kind, stem):
+def network_for(kind, stem, taps=(1, 1)):
+    openai = kind.startswith("adm")
     return UNet(
         form="ddpm++" if kind == "song" else "adm",
-        noise_scale=1000.0 if kind.startswith("adm") else 1.0,
+        noise_scale=1000.0 if openai else 1.0,
         attention_levels=(1,),
         head_channels=4,
+        group_channels=1 if openai else 4,
+        resample_filter=taps,
         stem=stem,
-        **SIZES,
+        **sizes_of(kind),
     )
 
 
@@ -63,34 +74,75 @@ def shapes_of(network, args):
     return jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
 
 
-@pytest.mark.parametrize(
-    ("kind", "shape", "stem"),
-    [
-        ("song", (8, 16), (1, 4)),
-        ("dhariwal", (8, 8), (1, 1)),
-        ("adm legacy", (4, 8), (2, 4)),
-        ("adm new", (4, 8), (2, 4)),
-    ],
-)
-def test_the_network_first_is_the_published_one(tmp_path, kind, shape, stem):
-    state, image, expected = published(kind, shape)
-    path = tmp_path / "weights.safetensors"
+def loaded_output(path, kind, stem, taps=(1, 1), labelled=False):
+    """The network's output for a published file, the expected one, and the report."""
+    shape = {"song": (8, 16), "dhariwal": (8, 8)}.get(kind, (4, 8))
+    state, image, expected = published(kind, shape, taps, labelled)
     safetensors.numpy.save_file(state, path)
-    network, args = network_for(kind, stem), arguments(image, stem)
+    network, args = network_for(kind, stem, taps), arguments(image, stem)
     params = random_params(network, *args)
     order = {"adm new": "new", "adm legacy": "legacy"}.get(kind)
     params, report = load_pretrained(path, network, params, attention_order=order)
-    output = apply(network, params, *args)[0]
+    return apply(network, params, *args)[0], expected, report
+
+
+@pytest.mark.parametrize(
+    ("kind", "stem"),
+    [
+        ("song", (1, 4)),
+        ("dhariwal", (1, 1)),
+        ("adm legacy", (2, 4)),
+        ("adm new", (2, 4)),
+    ],
+)
+def test_the_network_first_is_the_published_one(tmp_path, kind, stem):
+    output, expected, report = loaded_output(tmp_path / "w.safetensors", kind, stem)
     np.testing.assert_allclose(
         output[..., 0], np.kron(expected, np.ones(stem)), atol=1e-5
     )
     assert np.abs(expected).max() > 0.1
     assert not output[..., 1].any()
-    assert len(report.loaded) == len(state) and not report.unused
+    assert all(name.endswith("resample_filter") for name in report.unused)
     assert {name.split("/")[0] for name in report.new} == {
         "angles", "detail", "detail_affine", "detail_angles", "enc0_condition",
         "enc1_condition", "refine", "unfold",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("taps", [(1, 3, 3, 1), (1, 2)])
+def test_the_networks_resampling_filter_is_the_files(tmp_path, taps):
+    path = tmp_path / "w.safetensors"
+    output, expected, _ = loaded_output(path, "song", (1, 1), taps)
+    np.testing.assert_allclose(output[..., 0], expected, atol=1e-5)
+    state, image, _ = published("song", (8, 16), taps)
+    network = network_for("song", (1, 1))
+    params = shapes_of(network, arguments(image, (1, 1)))
+    message = r"resample_filter has taps in the shares .*: set its resample_filter"
+    with pytest.raises(ValueError, match=message):
+        load_pretrained(path, network, params)
+    with pytest.raises(ValueError, match="expected an even number of taps"):
+        network.clone(resample_filter=(1, 2, 1))
+
+
+@pytest.mark.parametrize("kind", ["song", "dhariwal", "adm legacy"])
+def test_a_class_conditional_network_answers_without_a_class(tmp_path, kind):
+    path = tmp_path / "w.safetensors"
+    output, expected, report = loaded_output(path, kind, (1, 1), labelled=True)
+    np.testing.assert_allclose(output[..., 0], expected, atol=1e-5)
+    assert "map_label.bias" not in report.unused
+    assert "label_emb.weight" not in report.unused
+
+
+@pytest.mark.parametrize(("kind", "wrong"), [("adm new", 4), ("song", 1)])
+def test_norms_with_other_groups_are_refused(tmp_path, kind, wrong):
+    shape = (8, 16) if kind == "song" else (4, 8)
+    state, image, _ = published(kind, shape)
+    network = network_for(kind, (1, 1)).clone(group_channels=wrong)
+    params = shapes_of(network, arguments(image, (1, 1)))
+    with pytest.raises(ValueError, match=f"set its group_channels = {5 - wrong}"):
+        load_pretrained(
+            save(tmp_path / "w.npz", state), network, params, attention_order="new"
+        )
 
 
 def test_a_network_without_the_full_path_keeps_its_own_head(tmp_path):
@@ -103,8 +155,9 @@ def test_a_network_without_the_full_path_keeps_its_own_head(tmp_path):
     assert {n for n in report.new if n.startswith("unfold")} == {
         "unfold/kernel", "unfold/bias",
     }  # fmt: skip
-    assert report.unused == ("dec.0_aux_conv.bias", "dec.0_aux_conv.weight")
-    assert len(report.loaded) == len(state) - 2
+    rest = {n for n in report.unused if not n.endswith("resample_filter")}
+    assert rest == {"dec.0_aux_conv.bias", "dec.0_aux_conv.weight"}
+    assert len(report.loaded) == len(state) - len(report.unused)
 
 
 @pytest.fixture(scope="module")
@@ -122,18 +175,16 @@ def save(path, state):
 
 def test_npz_prefix_and_what_is_not_used(tmp_path, song):
     state, network, params = song
-    extra = {
-        "enc.32x32_down.conv0.resample_filter": np.ones((1, 1, 2, 2)),
-        "map_augment.weight": np.ones((8, 9)),
-        "map_label.bias": np.ones(8),
-    }
+    extra = {"map_augment.weight": np.ones((8, 9)), "map_label.weight": np.ones((8, 3))}
     named = {f"model.{name}": tensor for name, tensor in (state | extra).items()}
     loaded, report = load_pretrained(save(tmp_path / "w.npz", named), network, params)
-    assert report.unused == (
-        "enc.1_down.conv0.resample_filter",
+    assert set(report.unused) == {
+        *(f"{place}.resample_filter" for place in (
+            "enc.1_down.conv0", "enc.1_down.skip", "dec.0_up.conv0", "dec.0_up.skip"
+        )),
         "map_augment.weight",
-        "map_label.bias",
-    )
+        "map_label.weight",
+    }  # fmt: skip
     trunk = loaded["params"]["trunk"]
     kernel = trunk["enc1_down"]["conv0"]["kernel"]
     expected = state["enc.32x32_down.conv0.weight"].transpose(2, 3, 1, 0)

@@ -7,7 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import HEUN, SOLVERS, NoiseSpec, heun_step, sample
+from jradar.diffusion import (
+    HEUN,
+    SOLVERS,
+    NoiseSpec,
+    heun_step,
+    sample,
+    solver_for,
+)
 
 NOISE = NoiseSpec()
 SPREAD, MEAN = 0.5, 0.3
@@ -109,6 +116,21 @@ def test_sampling_under_jit_equals_the_loop_over_steps():
     for sigma, after in zip(sigmas[:-1], sigmas[1:], strict=True):
         x = step(x, jnp.float32(sigma), jnp.float32(after))
     np.testing.assert_allclose(draw(key), denoise(x, sigmas[-1]), atol=1e-5)
+
+
+@pytest.mark.parametrize("steps", [2, 3, 7])
+def test_few_steps_of_the_default_spread_no_wider_than_the_data(steps):
+    def drawn(**options):
+        shape = (1, 32, 32, 1)
+        key, options = jax.random.key(0), {"noise": NOISE, "steps": steps, **options}
+        return np.asarray(sample(key, gaussian, shape, **options))
+
+    assert drawn().std() < SPREAD < drawn(solver=HEUN).std() / 1.3
+    np.testing.assert_array_equal(drawn(), drawn(solver=SOLVERS["ipndm3"]))
+
+
+def test_many_steps_are_heuns():
+    assert solver_for(7) is SOLVERS["ipndm3"] and solver_for(8) is HEUN
 
 
 @EACH

@@ -59,7 +59,7 @@ def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
     config = small(module, packed)
     train.run(radarhd, config, tmp_path)
     table = (tmp_path / "evaluation" / "table.md").read_text()
-    names = {"diffusion": ["one-step estimate", "diffusion, Heun 2"]}
+    names = {"diffusion": ["one-step estimate", "diffusion, iPNDM 2"]}
     for name in names.get(config.method, ["direct regression"]):
         assert name in table
     assert "138, 140" in table and table in capsys.readouterr().out
@@ -99,12 +99,30 @@ def test_the_limit_with_the_best_mean_is_chosen():
     assert radarhd_scores.choose_limits(rows) == {"a": 0.5}
 
 
-def test_a_frame_where_nothing_was_found():
+def test_frames_without_points_follow_one_rule():
     truth = np.array([[1.0, 0.0, 0.0]])
-    nothing = radarhd_scores.plane_scores(np.empty((0, 3)), truth)
-    assert np.isnan(nothing["chamfer"]) and nothing["f_score_0.2"] == 0
-    found = radarhd_scores.plane_scores(truth + [0.3, 0, 0], truth)
-    assert found["chamfer"] == pytest.approx(0.3)
-    assert radarhd_scores.mean_scores([nothing, found])["chamfer"] == pytest.approx(
-        5.55
-    )
+
+    def row(found, truth, frame):
+        scores = radarhd_scores.plane_scores(found, truth)
+        place = {"method": "a", "trajectory": 1, "frame": frame}
+        return {**place, "points": len(found), **scores}
+
+    empty = np.empty((0, 3))
+    rows = [
+        row(truth + [0.3, 0, 0], truth, 0),
+        row(empty, truth, 1),
+        row(empty, truth, 2),
+        row(truth, empty, 3),
+    ]
+    assert np.isnan(rows[1]["chamfer"]) and rows[1]["f_score_0.5"] == 0
+    assert np.isnan(rows[3]["f_score_0.5"])
+    means = radarhd_scores.mean_scores(rows[:3])
+    assert means["chamfer"] == pytest.approx(0.3)
+    assert means["f_score_0.5"] == pytest.approx(1 / 3)
+    assert means["empty"] == pytest.approx(2 / 3)
+    head, _, line, _, note, _ = radarhd_scores.markdown(rows, {"a": 0.5}).split("\n")
+    cells = dict(zip(head.split(" | "), line.split(" | "), strict=True))
+    assert cells["Chamfer (m)"].startswith("0.300") and cells["frames"] == "3"
+    assert cells["F 0.5 m (%)"].startswith("33.3") and line.endswith("| 2 |")
+    assert "in which the method found points" in note
+    assert "1 frames with an empty truth are left out" in note

@@ -12,6 +12,7 @@ from experiments.configs import regression
 from experiments.detectors import detector_methods, seen_points
 from experiments.evaluate import (
     Frame,
+    mean_scores,
     points_of,
     score_records,
     view_of,
@@ -25,6 +26,19 @@ from jradar.range_image import encode_range
 from jradar.types import PointCloud
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
+
+
+def test_validation_follows_the_tables_rule_for_frames_without_points(records):
+    frame = data.Records(records, "train")[0]
+    perfect = PointCloud.from_xyz(frame.lidar_xyz)
+    nothing = PointCloud.from_xyz(np.zeros((4, 3)))
+    no_truth = frame._replace(lidar_xyz=np.zeros((0, 3), np.float32))
+    found = mean_scores([perfect, nothing, perfect], [frame, frame, no_truth])
+    assert found == {
+        "chamfer": pytest.approx(0, abs=1e-5),
+        "f_score_0.2": pytest.approx(0.5),
+        "empty": pytest.approx(0.5),
+    }
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,145 @@
+"""Standard deviations of a point's range, velocity, azimuth and elevation.
+
+They follow from the SNR of the point, the windows, and the positions of the antennas,
+for one target in white noise, to first order in the noise:
+
+    range, velocity    the noise of the three cells that place the peak between bins
+    direction sines    the Cramer-Rao bound of the array, and what an error of velocity
+                       adds through the phase of the transmitters' turns
+
+Other targets within a beam or two bins, interference and errors of calibration add to
+these. So does a weak SNR: below 15 dB by a tenth for 12 antennas, and below 20 dB by
+half for 192, because the noise in the neighbouring cells pulls the peak towards the
+middle of its bin. A cascade's azimuth errs by 0.0001 in its sine without any noise.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jradar.radar.peaks import lobe, unbiased_coefficients, vertex_and_slopes
+from jradar.radar.points import PointSpec
+from jradar.radar.sensor import RadarSpec
+from jradar.radar.spectrum import window
+from jradar.types import PointCloud
+
+OFFSETS = np.linspace(-0.5, 0.5, 41)  # of targets between bins, which are averaged
+LEAST_SNR = 1e-3
+
+
+class Deviations(NamedTuple):
+    """Standard deviations of points; infinite for padding and what is not measured."""
+
+    range_m: Float[Array, "*batch point"]
+    velocity_mps: Float[Array, "*batch point"]
+    azimuth: Float[Array, "*batch point"]  # radians
+    elevation: Float[Array, "*batch point"]  # radians
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "points"))
+def point_deviations(
+    cloud: PointCloud,
+    radar: RadarSpec,
+    *,
+    points: PointSpec | None = None,
+) -> Deviations:
+    """Return the standard deviations of the points of `radar_points` with `points`.
+
+    An array without an aperture along an axis does not measure that angle. With a
+    coupling, give `points.subtracting` it. Raises ValueError for a cloud without SNR,
+    and for points that lie on bins.
+    """
+    if cloud.snr is None:
+        raise ValueError("the cloud has no snr: pass the cloud of radar_points")
+    points = points or PointSpec()
+    if not points.refine:
+        raise ValueError(
+            "points.refine = False: such points lie on bins, up to half a bin from the "
+            "target, expected refined ones"
+        )
+    snr = jnp.maximum(cloud.snr - 1, LEAST_SNR)  # of one antenna, without the noise
+    whole = jnp.sqrt(snr * radar.num_virtual)
+    in_range = offset_deviation(points.range_window, radar.num_samples) / whole
+    in_doppler = offset_deviation(points.doppler_window, radar.num_chirps) / whole
+    covariance = _sine_covariance(radar, snr, in_doppler)
+    azimuth, elevation = _angle_deviations(cloud.xyz, covariance, points)
+    values = (
+        in_range * radar.range_resolution_m,
+        in_doppler * radar.velocity_resolution_mps,
+        azimuth,
+        elevation,
+    )
+    return Deviations(*(jnp.where(cloud.valid, value, jnp.inf) for value in values))
+
+
+@functools.cache
+def offset_deviation(kind: str, length: int) -> float:
+    """Return the deviation of `window_offset` in bins at a summed SNR of 1; host.
+
+    It is the root mean square over targets between bins. The SNR is that of the peak's
+    cell, summed over antennas. It is infinite where no three bins exist.
+    """
+    if length < 3:
+        return np.inf
+    shape = lobe(kind, length, OFFSETS)
+    power = np.maximum(np.abs(shape) ** 2, 1e-6 * np.abs(shape[:, 1:2]) ** 2)
+    vertex, slopes = vertex_and_slopes(np.log(power))
+    coefficients = np.array(unbiased_coefficients(kind, length))
+    degrees = np.arange(len(coefficients))
+    steep = vertex[:, None] ** (2 * degrees) @ ((2 * degrees + 1) * coefficients)
+    slopes = slopes * steep[:, None]
+    turns = np.exp(2j * np.pi * np.arange(length) / length)
+    lag = np.arange(3)[:, None] - np.arange(3)
+    weight = window(kind, length) ** 2
+    noise = (weight * turns ** -lag[..., None]).sum(-1)
+    mixed = (shape.conj()[:, :, None] * noise * shape[:, None]).real
+    mixed /= power[:, :, None] * power[:, None]
+    mixed *= 2 * power[:, 1, None, None] / noise[0, 0].real
+    variance = np.einsum("ok,okl,ol->o", slopes, mixed, slopes)
+    return float(np.sqrt(variance.mean()))
+
+
+def _sine_covariance(radar, snr, in_doppler):
+    """Variances of u and w, and their covariance, each `[*batch, point]`."""
+    columns, rows = radar.virtual_positions.T
+    cycles = np.stack(
+        [columns * radar.spacing_wavelengths, rows * radar.row_spacing_wavelengths]
+    )
+    phase = 2 * np.pi * (cycles - cycles.mean(1, keepdims=True))
+    lead = np.repeat(radar.firing_position, radar.num_rx) / radar.num_tx
+    lead = 2 * np.pi * (lead - lead.mean()) / radar.num_chirps
+    measured = [axis for axis in (0, 1) if np.ptp(phase[axis]) > 0]
+    inverse, pull = np.zeros((2, 2)), np.zeros(2)
+    if measured:
+        part = np.linalg.pinv(phase[measured] @ phase[measured].T)
+        inverse[np.ix_(measured, measured)] = part
+        pull[measured] = part @ phase[measured] @ lead  # sine per Doppler bin
+    for axis in {0, 1} - set(measured):
+        inverse[axis, axis] = np.inf
+    wrong = jnp.where(jnp.isfinite(in_doppler), in_doppler, 0.0) ** 2
+
+    def entry(i, j):
+        return inverse[i, j] / (2 * snr) + pull[i] * pull[j] * wrong
+
+    return entry(0, 0), entry(1, 1), entry(0, 1)
+
+
+def _angle_deviations(xyz, covariance, points):
+    """Deviations of azimuth and elevation in radians at the points."""
+    along_u, along_w, both = covariance
+    if points.flip_azimuth != points.flip_elevation:
+        both = -both
+    distance = jnp.maximum(jnp.linalg.norm(xyz, axis=-1), 1e-6)
+    ground = jnp.maximum(jnp.linalg.norm(xyz[..., :2], axis=-1), 1e-6)
+    cosine, w = ground / distance, xyz[..., 2] / distance
+    sine = xyz[..., 1] / ground
+    across = jnp.maximum(jnp.abs(xyz[..., 0]) / ground, 1e-3)
+    lean = sine * w / cosine  # change of the azimuth's sine by w, times the cosine
+    level = jnp.where(jnp.isfinite(along_w), along_w, 0.0)
+    variance = along_u + 2 * lean * both + lean**2 * level
+    azimuth = jnp.sqrt(variance) / (cosine * across)
+    return azimuth, jnp.sqrt(along_w) / cosine
