@@ -119,10 +119,10 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     rows, written = list[dict[str, Any]](), list[str]()
     begin = time.perf_counter()
     with (
-        _output(options) as put,
-        progress("enhancing", len(frames), unit="frames") as show,
         ThreadPoolExecutor(1) as reader,
         ThreadPoolExecutor(1) as writer,
+        _output(options, writer) as put,
+        progress("enhancing", len(frames), unit="frames") as show,
     ):
         computed = itertools.starmap(compute, _ahead(reader, read, frames))
         for row, files in _ahead(writer, write, computed):
@@ -333,15 +333,23 @@ def _waveform(radar: RadarSpec) -> dict[str, float]:
 
 
 @contextlib.contextmanager
-def _output(options: argparse.Namespace) -> Iterator[Callable[..., list[str]]]:
-    """Yield the function that writes a frame: into a folder, or to one file of all."""
+def _output(
+    options: argparse.Namespace, thread: ThreadPoolExecutor
+) -> Iterator[Callable[..., list[str]]]:
+    """Yield the function that writes a frame: into a folder, or to one file of all.
+
+    The `thread` opens, writes and closes that file, as SQLite asks.
+    """
     if not is_streamed(options.output):
         yield _write
         return
     from jradar.stream.outputs import open_writer
 
-    with contextlib.closing(open_writer(options.output)) as writer:
+    writer = thread.submit(open_writer, options.output).result()
+    try:
         yield functools.partial(_publish, writer)
+    finally:
+        thread.submit(writer.close).result()
 
 
 def _publish(

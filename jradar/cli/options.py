@@ -61,7 +61,7 @@ FAMILIES = (
 )
 SETS = (
     *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),
-    *("jradar-sim-2", "jradar-sim-2-mini"),
+    *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
 )
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_SEED = 2**32 - 1
@@ -503,4 +503,4 @@ def _rate(text: str) -> float:
     return value
 
 
-_CHANCE: dict[str, Any] = {"type": _chance, "default": 0.0}
+_CHANCE: dict[str, Any] = {"type": _share, "default": 0.0}
