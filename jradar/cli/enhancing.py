@@ -33,7 +33,7 @@ from jradar.cli.reading import (
 from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, dense_cloud, draw, load_model
 from jradar.progress import progress
-from jradar.radar import RadarSpec, detect, power_map
+from jradar.radar import RadarSpec, detect, excise_interference, power_map
 from jradar.range_image import (
     STRANGE,
     UNSURE,
@@ -100,6 +100,8 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             "add --anyway"
         )
     key = jax.random.key(options.seed)
+    # Excised once, for the points and for the map.
+    excised = _excised if spec.points.remove_interference else None
     stages = watch("compiling", _compiled_stages, key, model, recording, options)
     pictured = not options.frames if options.picture is None else options.picture
 
@@ -107,7 +109,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         return frame, watch("reading", recordings.calibrated_cube, recording, frame)
 
     def compute(frame, cube):
-        values = [cube]
+        values = [watch("interference", excised, cube) if excised else cube]
         for name, stage in stages.items():
             values.append(watch(name, stage, key, model, *values))
         return _result(frame, values, spec, options)
@@ -195,11 +197,12 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
     Threads compile them, because XLA does not hold Python's lock.
     """
     spec, radar = model.spec, recording.radar
-    counted = dataclasses.replace(spec.points, false_alarm_rate=DETECTION_RATE)
+    points = dataclasses.replace(spec.points, remove_interference=False)
+    counted = dataclasses.replace(points, false_alarm_rate=DETECTION_RATE)
     counted = counted.fitted(radar)
 
     def radar_processing(_key, _model, cube):
-        return frame_points(cube, recording, spec.points)
+        return frame_points(cube, recording, points)
 
     def condition(_key, _model, _cube, cloud):
         return condition_image(cloud, spec.coarse, num_slices=spec.num_slices)
@@ -218,7 +221,7 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
         return dense_cloud(image, cloud, spec)
 
     def range_doppler_map(_key, _model, cube, *_results):
-        return power_map(cube, remove_interference=spec.points.remove_interference)
+        return power_map(cube)
 
     def detections(_key, _model, _cube, _cloud, _condition, _image, _dense, power):
         return detect(power, radar, points=counted).sum()
@@ -227,6 +230,8 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
     kind = jnp.float32 if radar.real_samples else jnp.complex64
     values: list[Any] = [jax.ShapeDtypeStruct(radar.cube_shape, kind)]
     threads = ThreadPoolExecutor()
+    if spec.points.remove_interference:
+        threads.submit(_excised.lower(*values).compile)
     for stage in (
         radar_processing,
         condition,
@@ -248,6 +253,12 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
         threads.submit(_prepare_picture, radar, spec)
     threads.shutdown(wait=False)
     return {name: future.result() for name, future in compiling.items()}
+
+
+@jax.jit
+def _excised(cube):
+    """The samples without crossing chirps of other radars."""
+    return excise_interference(cube)[0]
 
 
 def _prepare_picture(radar: RadarSpec, spec: ModelSpec) -> None:

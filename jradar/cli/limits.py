@@ -7,6 +7,8 @@ import numpy as np
 from jradar.errors import UsageError
 from jradar.types import PointCloud
 
+LIMITS = ("min_range", "max_range", "max_azimuth", "max_elevation")
+
 
 def check_limits(options: argparse.Namespace) -> None:
     """Raise UsageError if the limits leave no range."""
@@ -20,6 +22,8 @@ def check_limits(options: argparse.Namespace) -> None:
 
 def within_limits(cloud: PointCloud, options: argparse.Namespace) -> PointCloud:
     """Return the cloud with only those points valid that lie within the limits."""
+    if all(getattr(options, name) is None for name in LIMITS):
+        return cloud
     x, y, z = np.moveaxis(np.asarray(cloud.xyz, np.float64), -1, 0)
     distance = np.sqrt(x**2 + y**2 + z**2)
     azimuth = np.degrees(np.arctan2(y, x))

@@ -176,18 +176,28 @@ def excise_interference(
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
     factor = gammainccinv(freedom, false_alarm_rate) / gammainccinv(freedom, 0.5)
 
-    def excise(state, times):
-        echoes = _echoes(state[0] * weight)
+    def left_over(cleaned):
+        """The echoes, and each sample's power without them over the usual one."""
+        echoes = _echoes(cleaned * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight[..., 0, :, :] ** 2
         usual = jnp.median(power, axis=(-3, -2), keepdims=True) + quantised
-        disturbed = _with_neighbours(power > times * usual * unsure)
+        return echoes, power / (usual * unsure)
+
+    def excise(state, times):
+        echoes, ratio = left_over(state[0])
+        disturbed = _with_neighbours(ratio > times)
         echoes = echoes / jnp.maximum(weight, SURE / 10)
         return (jnp.where(disturbed[..., None, :, :], echoes, cube), disturbed), None
 
-    none = jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
+    untouched = cube, jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
     times = jnp.asarray(factor * np.array(PASSES), cube.real.dtype)
-    return jax.lax.scan(excise, (cube, none), times)[0]
+    # Where nothing exceeds the last threshold, the lowest, no pass finds anything.
+    return jax.lax.cond(
+        (left_over(cube)[1] > times[-1]).any(),
+        lambda: jax.lax.scan(excise, untouched, times)[0],
+        lambda: untouched,
+    )
 
 
 def _taper(chirps, samples):

@@ -71,9 +71,9 @@ CLOUD_WRITERS: dict[str, Callable[[Path | str, PointCloud], None]] = {
 
 
 def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
-    """Write named arrays as a compressed NPZ file."""
+    """Write named arrays as an uncompressed NPZ file; compressing takes the longest."""
     with atomic_path(path) as scratch, scratch.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+        np.savez(file, **arrays)
 
 
 def _table(cloud: PointCloud) -> tuple[list[str], np.ndarray]:
