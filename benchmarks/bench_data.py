@@ -69,7 +69,8 @@ def cases() -> Iterator[Case]:
     prepare(root, root / "records", SPEC, workers=1)
     pairs = PairSource(Records(root / "records"), COARSE, FINE, num_slices=8)
     cells = {f"cells_{k}": v for k, v in frame.cells._asdict().items()}
-    arrays = cells | frame.radar._asdict() | {"lidar": frame.lidar_xyz}
+    points = {k: v for k, v in frame.radar._asdict().items() if v is not None}
+    arrays = cells | points | {"lidar": frame.lidar_xyz}
     np.savez_compressed(root / "frame.npz", **arrays)
     yield Case(
         "load a pair, record to 64 x 64 x 24 and 128 x 512",
