@@ -52,7 +52,7 @@ class TopicStream(Stream):
 
     def decode(self, index: int) -> Any:
         """Return item `index`."""
-        raise NotImplementedError
+        raise TypeError(f"{type(self).__name__} decodes no messages: write its decode")
 
     def message(self, index: int) -> bytes:
         """Return the bytes of message `index`; several may have the same time."""

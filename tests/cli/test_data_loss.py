@@ -104,8 +104,11 @@ def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
         assert process.poll() is None
         time.sleep(0.01)
     os.killpg(process.pid, number)  # as a terminal does
+    begin = time.monotonic()
     _, err = process.communicate(timeout=60)
+    took = time.monotonic() - begin
     shown = [line for line in err.splitlines() if not line.startswith("preparing")]
     assert process.returncode == 128 + number and len(shown) == 1, err
+    assert took < 10  # 0.7 s on a machine that does nothing else
     hidden = [p for p in (tmp_path / "dst").rglob(".*") if p.name != ".lock"]
     assert not hidden
