@@ -1,0 +1,173 @@
+"""Several frames as one: what each knows about the surfaces that the last one sees.
+
+A network of one pass knows, for each direction of its frame, how probable a surface is
+at each range. With the radar's motion known, a point of the present frame has a
+direction and a range in every earlier frame too, so each frame has a probability of a
+surface there. Their mean decides, as the mass decides within a frame:
+
+    candidate range of a pixel -> point -> direction and range in each frame
+                               -> probability of a surface within the window, in each
+                               -> mean over the frames that look that way
+
+Echoes that move by themselves are where earlier frames saw nothing. Pixels that are
+marked as moving are left out of earlier frames, and use the present frame alone.
+"""
+
+import functools
+import math
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jradar.diffusion import (
+    RangeMixture,
+    conditional_denoiser,
+    mixture_mass,
+    range_mixture,
+)
+from jradar.errors import UsageError
+from jradar.model.methods import SIDE_STEPS, WINDOW_M, likeliest_range
+from jradar.model.spec import Model, ModelSpec
+from jradar.range_image import (
+    RangeImage,
+    calibrated,
+    confident,
+    decode_range,
+    encode_range,
+    pixel_directions,
+    pixel_of,
+    project,
+)
+from jradar.types import PointCloud
+
+
+@jax.jit
+def mixtures(
+    condition: Float[Array, "row column channel"], model: Model
+) -> RangeMixture:
+    """Return the distributions over range of one frame's pixels; `vmap` it.
+
+    Raises UsageError for a model of another method than "marginal".
+    """
+    spec = model.spec
+    if spec.method != "marginal":
+        raise UsageError(
+            f"method = {spec.method!r}, expected 'marginal': frames are fused by their "
+            "distributions over range"
+        )
+    denoise = conditional_denoiser(spec.network, model.params, spec.noise)
+    shape = (1, *spec.fine.shape, 2)
+    found = range_mixture(denoise(condition[None]), shape, noise=spec.noise)
+    empty = ~condition.any()  # sees nothing
+    returned = jnp.where(empty, -math.inf, found.returned)
+    return jax.tree.map(lambda values: values[0], found._replace(returned=returned))
+
+
+@functools.partial(jax.jit, static_argnames=("spec", "window_m"))
+def fuse(
+    frames: RangeMixture,
+    poses: Float[Array, "frame 4 4"],
+    spec: ModelSpec,
+    *,
+    moving: Bool[Array, "frame row column"] | None = None,
+    least_confidence: float | Float[Array, ""] | None = None,
+    window_m: float = WINDOW_M,
+) -> RangeImage:
+    """Return the present frame's range image, as all frames together see it.
+
+    `frames` holds the `mixtures` of each frame, the present one first, and `poses` the
+    transforms of points from each frame's radar to the present one's; the first is the
+    identity. `moving` marks pixels with echoes that move by themselves. Confidences
+    are calibrated, and those under `least_confidence` dropped, as in `draw`. Raises
+    ValueError for other numbers of poses than of frames.
+    """
+    count = frames.returned.shape[0]
+    if poses.shape != (count, 4, 4):
+        raise ValueError(
+            f"poses have shape {poses.shape}, expected {(count, 4, 4)}: one for each "
+            "frame"
+        )
+    if moving is None:
+        moving = jnp.zeros(frames.returned.shape, bool)
+    present = jax.tree.map(lambda values: values[0], frames)
+    directions = jnp.asarray(pixel_directions(spec.fine), jnp.float32)
+    past = range(1, count)
+    inverse = [_inverse(poses[k]) for k in past]
+    tables = [_table(jax.tree.map(lambda values, k=k: values[k], frames)) for k in past]
+
+    def probability(range_m):
+        """The mean probability of a surface within the window around a range."""
+        total = _surface(present, range_m, spec, window_m)
+        views = jnp.ones_like(total)
+        xyz = range_m[..., None] * directions
+        for k, turn, table in zip(past, inverse, tables, strict=True):
+            row, column, distance, inside = pixel_of(_moved(xyz, turn), spec.fine)
+            seen = _from_table(table[row, column])
+            counts = inside & ~moving[0] & ~moving[k][row, column] & (range_m > 0)
+            total += jnp.where(counts, _surface(seen, distance, spec, window_m), 0.0)
+            views += counts
+        return total / views
+
+    first = likeliest_range(present, spec, window_m=window_m).range_m
+    candidates = [first]
+    for k in past:
+        seen = likeliest_range(
+            jax.tree.map(lambda values, k=k: values[k], frames), spec, window_m=window_m
+        )
+        shown = jnp.where(moving[k], 0.0, confident(seen, 0.5).range_m)
+        xyz = (shown[..., None] * directions).reshape(-1, 3)
+        cloud = PointCloud(_moved(xyz, poses[k]), (shown > 0).ravel())
+        candidates.append(project(cloud, spec.fine))
+    heaviest = jax.lax.top_k(present.weight, 2)[1]
+    centres = jnp.take_along_axis(present.centre, heaviest, -1)
+    view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
+    candidates += [decode_range(centres[..., k], **view) for k in range(2)]
+
+    best, most = first, probability(first)
+    for other in candidates[1:]:
+        best, most = _better(best, most, other, probability)
+    middle = best
+    for step in SIDE_STEPS:
+        best, most = _better(best, most, middle + step * window_m, probability)
+    if spec.calibration is not None:
+        most = calibrated(most, spec.calibration)
+    least = spec.least_confidence if least_confidence is None else least_confidence
+    return confident(RangeImage(best, most), least)
+
+
+def _better(best, most, other, probability):
+    """The range of more probability of two, and its probability."""
+    other = jnp.maximum(other, 0.0)
+    found = jnp.where(other > 0, probability(other), 0.0)
+    return jnp.where(found > most, other, best), jnp.maximum(found, most)
+
+
+def _surface(mixture, range_m, spec, window_m):
+    """The probability of a return within the window around a range."""
+    view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
+    low, high = (encode_range(range_m + side, **view) for side in (-window_m, window_m))
+    return jax.nn.sigmoid(mixture.returned) * mixture_mass(mixture, low, high)
+
+
+def _table(mixture):
+    """The numbers of each pixel's mixture in one array, so that one gather reads all."""
+    parts = [mixture.returned[..., None], mixture.weight, mixture.centre, mixture.scale]
+    return jnp.concatenate(parts, -1)
+
+
+def _from_table(values):
+    weight, centre, scale = jnp.split(values[..., 1:], 3, -1)
+    return RangeMixture(values[..., 0], weight, centre, scale)
+
+
+def _moved(xyz, pose):
+    """Points under a transform."""
+    return xyz @ pose[:3, :3].T + pose[:3, 3]
+
+
+def _inverse(pose):
+    turn = pose[:3, :3].T
+    bottom = jnp.asarray([[0.0, 0.0, 0.0, 1.0]], pose.dtype)
+    shift = -(turn @ pose[:3, 3:])
+    return jnp.concatenate([jnp.concatenate([turn, shift], 1), bottom], 0)
