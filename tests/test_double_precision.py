@@ -139,6 +139,12 @@ KERNELS = {
     "point_deviations": lambda: r.point_deviations(
         cloud()._replace(snr=jnp.abs(numbers(40)) + 2), CHIP
     ),
+    "ego_velocity": lambda: r.ego_velocity(
+        key(), cloud()._replace(velocity=numbers(40)), unambiguous_mps=2.0
+    ),
+    "ego_velocity, one row": lambda: r.ego_velocity(
+        key(), cloud()._replace(velocity=numbers(40)), elevation=False
+    ),
     "subtract_background": lambda: r.subtract_background(
         cube(), r.static_background([cube()])
     ),

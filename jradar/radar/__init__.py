@@ -25,6 +25,7 @@ Points       PointSpec, radar_points           cube to points of the detected ce
              cluster, Cluster                  one cluster for each object, on the host
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
+Motion       ego_velocity, EgoVelocity         the radar's own velocity, and movers
 Clutter      static_background, subtract_background     of a radar that stands still
 Other radars excise_interference               crossing chirps, out of the samples
              Interferers, draw_interferers, crossing_chirps     and into them
@@ -79,6 +80,7 @@ from jradar.radar.interference import (
     draw_interferers as draw_interferers,
     excise_interference as excise_interference,
 )
+from jradar.radar.motion import EgoVelocity as EgoVelocity, ego_velocity as ego_velocity
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
 from jradar.radar.near_field import (
     focus as focus,
