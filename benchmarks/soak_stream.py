@@ -19,23 +19,10 @@ from typing import Any
 
 import numpy as np
 
+from jradar import stream
 from jradar.model import load_model
 from jradar.radar import RadarSpec
 from jradar.recordings import Recording, Stream
-from jradar.stream import (
-    Card,
-    Emulator,
-    FaultSpec,
-    NetworkSpec,
-    Processor,
-    Receiver,
-    frame_bytes,
-    loopback_network,
-    open_writer,
-    quickest,
-    run_live,
-    summary,
-)
 from jradar.stream.outputs import Writer
 from jradar.stream.protocol import BYTES, SEQUENCES
 
@@ -59,7 +46,9 @@ def invented_frames(radar: RadarSpec) -> list[bytes]:
     return frames
 
 
-def play(frames: list[bytes], network: NetworkSpec, ends, faults, period_s, wrap):
+def play(
+    frames: list[bytes], network: stream.NetworkSpec, ends, faults, period_s, wrap
+):
     """Run the card until `ends`, a pipe, gets a message; send back what was sent."""
     size = len(frames[0])
     counters: dict[str, int] = {}
@@ -67,7 +56,7 @@ def play(frames: list[bytes], network: NetworkSpec, ends, faults, period_s, wrap
         ahead = 30 * size
         counters["first_byte"] = BYTES // size * size - ahead
         counters["first_sequence"] = SEQUENCES - ahead // 1456 // 2
-    emulator = Emulator(
+    emulator = stream.Emulator(
         frames, network, period_s=period_s, faults=faults, repeat=True, **counters
     )
     with emulator:
@@ -77,7 +66,7 @@ def play(frames: list[bytes], network: NetworkSpec, ends, faults, period_s, wrap
         ends.send(vars(emulator.sent))
 
 
-class Checked(Processor):
+class Checked(stream.Processor):
     """A processor that compares the bytes of each frame with those that were sent."""
 
     def __init__(self, frames: list[bytes], **options: Any):
@@ -116,14 +105,14 @@ class Memory:
 def soak(options: argparse.Namespace) -> dict[str, Any]:
     """Run one session and return its numbers."""
     radar = RadarSpec.awr1843()
-    frames, network = invented_frames(radar), loopback_network()
+    frames, network = invented_frames(radar), stream.loopback_network()
     recording = Recording(
         "soak", Path("soak"), radar, Stream(frames.__getitem__, SHAPES)
     )
     model = None if options.model == "none" else load_model(options.model)
-    drawing = quickest(model, draws=options.draws, steps=options.steps)
+    drawing = stream.quickest(model, draws=options.draws, steps=options.steps)
     processor = Checked(frames, recording=recording, model=model, **drawing)
-    faults = FaultSpec(options.loss, options.reorder, options.duplicate)
+    faults = stream.FaultSpec(options.loss, options.reorder, options.duplicate)
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     played = frames, network, there, faults, options.period, options.wrap
@@ -133,19 +122,23 @@ def soak(options: argparse.Namespace) -> dict[str, Any]:
     with contextlib.ExitStack() as stack:
         if options.output:
             writers.append(
-                stack.enter_context(contextlib.closing(open_writer(options.output)))
+                stack.enter_context(
+                    contextlib.closing(stream.open_writer(options.output))
+                )
             )
         processor.warm_up()
         processor.same = 0
-        receiver = stack.enter_context(Receiver(frame_bytes(recording), network))
+        receiver = stack.enter_context(
+            stream.Receiver(stream.frame_bytes(recording), network)
+        )
         card.start()
         try:
             here.recv()
-            with Card(network, timeout_s=10.0) as commands:
+            with stream.Card(network, timeout_s=10.0) as commands:
                 commands.set_up()
                 commands.start()
                 memory.begin_s = time.monotonic()
-                session = run_live(
+                session = stream.run_live(
                     receiver, processor, writers, seconds=options.seconds, say=print
                 )
                 commands.stop()
@@ -157,7 +150,7 @@ def soak(options: argparse.Namespace) -> dict[str, Any]:
         receiver.close()
     return {
         "sent": sent,
-        **summary(session, receiver),
+        **stream.summary(session, receiver),
         "published and bit-identical": processor.same,
         "memory at a minute (MiB)": round(memory.at(MINUTE_S), 1),
         "memory at the end (MiB)": round(memory.seen[-1][1], 1),

@@ -12,7 +12,7 @@ from jradar import data
 from jradar.evaluation import Method
 from jradar.lidar import shared_field_of_view
 from jradar.metrics import compare_on_host
-from jradar.radar import DETECTORS, PointSpec, cell_points, detect
+from jradar.radar import DETECTORS, cell_points, detect
 from jradar.types import PointCloud
 
 RATES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # false-alarm rates to choose from
@@ -45,7 +45,8 @@ def detected(
     prepared: data.PreparedFrame, view: View, *, detector: str, rate: float
 ) -> PointCloud:
     """Return the points that a detector finds in the field of view."""
-    points = PointSpec(detector=detector, false_alarm_rate=rate).fitted(view.radar)
+    options = {"detector": detector, "false_alarm_rate": rate}
+    points = view.points(prepared.sequence, **options)
     mask = detect(prepared.cells.power, view.radar, points=points)
     return seen_points(prepared, mask, view)
 
@@ -56,7 +57,7 @@ def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointClo
         prepared.cells,
         mask,
         view.radar,
-        points=PointSpec().fitted(view.radar),
+        points=view.points(prepared.sequence),
         range_bias_m=prepared.range_bias_m,
     )
     seen = shared_field_of_view(

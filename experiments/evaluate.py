@@ -7,8 +7,9 @@ a dictionary of methods on records, and writes
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -19,7 +20,7 @@ from jradar import data, evaluation, viz
 from jradar.evaluation import Method
 from jradar.metrics import compare_on_host
 from jradar.progress import progress
-from jradar.radar import RadarSpec
+from jradar.radar import PointSpec, RadarSpec
 from jradar.range_image import ImageSpec, unproject
 from jradar.types import PointCloud
 
@@ -35,14 +36,26 @@ class Frame(NamedTuple):
 
 
 class View(NamedTuple):
-    """The radar, and the image whose field of view counts."""
+    """The radar, and the image whose field of view counts.
+
+    `windows` are those of `data.Records.windows`; a sequence that it lacks has the
+    windows of `PointSpec`.
+    """
 
     radar: RadarSpec
     fine: ImageSpec
+    windows: Mapping[str, tuple[str, str]] = MappingProxyType({})
+
+    def points(self, sequence: str, **options: Any) -> PointSpec:
+        """Return the spec for cells of a sequence, with its windows."""
+        default = PointSpec.doppler_window, PointSpec.range_window
+        doppler, range_ = self.windows.get(sequence, default)
+        windows = {"doppler_window": doppler, "range_window": range_}
+        return PointSpec(**windows, **options).fitted(self.radar)
 
 
 def view_of(records: data.Records) -> View:
-    """Return the records' radar, and a 128 x 512 image of their field of view."""
+    """Return the radar, the windows and a 128 x 512 image of the view of records."""
     seen = records.manifest["options"]["lidar"]
     fine = ImageSpec(
         128,
@@ -51,7 +64,7 @@ def view_of(records: data.Records) -> View:
         elevation=tuple(seen["elevation"]),
         max_range_m=seen["max_range_m"],
     )
-    return View(records.radar, fine)
+    return View(records.radar, fine, records.windows)
 
 
 def points_of(cloud: PointCloud) -> np.ndarray:

@@ -237,11 +237,13 @@ def _summary(source, jobs, descriptions, spec, frames):
     check_dropped(source.name, count, dropped)
     reasons = [*dropped.values()]
     keys = ("file", "frames", "bytes", "sha256")
+    points = spec.points.subtracting(recording.coupling)
     return {
         "name": source.name,
         "split": source.split,
         "frames": sum(len(shard["frames"]) for shard in shards),
         "dropped": {why: reasons.count(why) for why in dict.fromkeys(reasons)},
         "notes": list(recording.notes),
+        "windows": [points.doppler_window, points.range_window],
         "shards": [{key: shard[key] for key in keys} for shard in shards],
     }

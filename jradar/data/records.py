@@ -33,11 +33,12 @@ from jradar.files import (
     write_text,
 )
 from jradar.lidar import LidarSpec
-from jradar.radar import Cells, RadarSpec
+from jradar.radar import Cells, PointSpec, RadarSpec
 from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
 
 FORMAT = 1
+WINDOWS = PointSpec.doppler_window, PointSpec.range_window
 OPTIONS = "group_size:1,zstd:1"  # one record per group: larger groups shuffle slowly
 
 
@@ -255,6 +256,17 @@ class Records(Stream):
             sequence, frame = self.where[index]
             where = f"record {index} ({sequence}, frame {frame})"
             raise ValueError(f"{self.folder}, {where}: {error}") from error
+
+    @property
+    def windows(self) -> dict[str, tuple[str, str]]:
+        """Windows of (doppler, range) behind the cells of each sequence of any split.
+
+        Records of an older version do not name them: they count as `PointSpec`'s.
+        """
+        return {
+            sequence["name"]: tuple(sequence.get("windows", WINDOWS))
+            for sequence in self.manifest["sequences"]
+        }
 
     @property
     def digest(self) -> str:

@@ -72,8 +72,14 @@ def denoising_loss(
     Values where `mask` is 0 do not count. The squared error of a network that returns 0
     everywhere is 1 on average. `perceptual` is a distance of two batches of images,
     such as `functools.partial(lpips, load_lpips())`; `step` is the number of the
-    training step. Raises ValueError for a perceptual weight without a distance.
+    training step. Raises ValueError for a perceptual weight without a distance, and for
+    a prediction that is no image.
     """
+    if not noise.prediction.gives_image:
+        raise ValueError(
+            f"prediction {noise.prediction.name!r} gives a distribution of each pixel, "
+            "expected one that gives an image: train it with mixture_loss"
+        )
     sigma_key, noise_key = jax.random.split(key)
     sigma = training_sigma(sigma_key, clean.shape[:1], noise)
     levels = sigma[:, None, None, None]

@@ -22,7 +22,7 @@ own value tells. It equals "edm" with F = F1 / c_out where F2 = 0.
 import abc
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -42,6 +42,7 @@ class Prediction(abc.ABC):
 
     name: str
     outputs_per_channel: int = 1  # of the network, for each channel of the image
+    gives_image: ClassVar[bool] = True  # what `denoise` returns
 
     @abc.abstractmethod
     def denoise(
@@ -100,6 +101,8 @@ class Gaussian(Prediction):
 
 class Mixture(Prediction):
     """The parameters of a distribution for each pixel, in units of the image."""
+
+    gives_image = False
 
     def denoise(
         self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"

@@ -86,10 +86,10 @@ from jradar.radar.near_field import (
     focus as focus,
     focused_directions as focused_directions,
 )
+from jradar.radar.point_spec import PointSpec as PointSpec
 from jradar.radar.points import (
     Cells as Cells,
     PointReport as PointReport,
-    PointSpec as PointSpec,
     all_cells as all_cells,
     cell_points as cell_points,
     detect as detect,

@@ -42,7 +42,6 @@ higher than asked: up to 2.3 times with Hann and 2.9 times with Blackman for SO.
 """
 
 import functools
-import operator
 from typing import Any
 
 import jax
@@ -50,19 +49,28 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Num
 
+from jradar.radar.cfar_window import (
+    GUARD,
+    TRAIN,
+    cell_pair,
+    cells_per_range_bin,
+    check_edge,
+    count_below,
+    halves_counted,
+    inside,
+    pad,
+    sums_of_halves,
+)
 from jradar.radar.correlation import independent_cells
 from jradar.radar.multipliers import KINDS, false_alarm_multiplier
 from jradar.radar.ranks import to_rank
 
-GUARD, TRAIN = (2, 2), (4, 4)  # cells on a side in (doppler, range)
 RANK = 0.75  # of the ordered statistic, as a fraction of the training cells
 STATIC = (
     *("kind", "false_alarm_rate", "channels", "guard", "train", "windows"),
     *("edge", "factor"),
 )
-EDGES = ("shrink", "one_sided", "fill", "reflect", "wrap", "skip")
 NO_WINDOWS = ("none", "none")
-MAX_COMPARISONS = 96  # in one fused kernel: XLA stops vectorising beyond about 100
 
 Power = Num[Array, "*batch doppler range"]
 Map = Float[Array, "*batch doppler range"]
@@ -104,7 +112,7 @@ def cfar(
     """
     power = linear_power(power)
     check_edge(edge, kind, train)
-    low, high = _cells_per_range_bin(power.shape, guard, train, edge)
+    low, high = cells_per_range_bin(power.shape, guard, train, edge)
     given = factor is not None
     if given == (false_alarm_rate is not None) or (given and not factor > 0):
         raise ValueError(
@@ -124,16 +132,16 @@ def cfar(
         # No cell is sorted: x exceeds alpha times the k-th smallest cell exactly when
         # at least k cells lie below x / alpha.
         level = power / multiplier
-        padded = _pad(power, guard, train, jnp.inf, edge)
-        counted = _halves_counted(low, high, power) if edge == "one_sided" else None
-        count = _count_below(level, padded, guard, train, counted)
+        padded = pad(power, guard, train, jnp.inf, edge)
+        counted = halves_counted(low, high, power) if edge == "one_sided" else None
+        count = count_below(level, padded, guard, train, counted)
         mask = count >= to_rank(_rank(low + high), power)
     if edge == "fill":
         ends, floor = _filled_ends(kind, power, guard, train)
         above = power[..., ends] > multiplier[..., ends] * floor
         return mask.at[..., ends].set(above)
     if edge == "skip":
-        return mask & to_rank(_inside(shape[1], guard, train), power)
+        return mask & to_rank(inside(shape[1], guard, train), power)
     return mask
 
 
@@ -197,16 +205,16 @@ def _floor(kind, power, guard, train, edge):
     """The noise estimate, apart from the ends of "fill"."""
     if kind != "os":
         return _mean_floor(kind, power, guard, train, edge)
-    low, high = _cells_per_range_bin(power.shape, guard, train, edge)
+    low, high = cells_per_range_bin(power.shape, guard, train, edge)
     ranks = to_rank(_rank(low + high), power)
     keys = jax.lax.bitcast_convert_type(power.astype(jnp.float32), jnp.int32)
-    padded = _pad(keys, guard, train, jnp.iinfo(jnp.int32).max, edge)
-    counted = _halves_counted(low, high, power) if edge == "one_sided" else None
+    padded = pad(keys, guard, train, jnp.iinfo(jnp.int32).max, edge)
+    counted = halves_counted(low, high, power) if edge == "one_sided" else None
 
     def refine(i, found):
         """Set the next lower bit where fewer than k cells lie below the result."""
         candidate = found | (jnp.int32(1) << (30 - i))
-        fewer = _count_below(candidate, padded, guard, train, counted) < ranks
+        fewer = count_below(candidate, padded, guard, train, counted) < ranks
         return jnp.where(fewer, candidate, found)
 
     found = jax.lax.fori_loop(0, 31, refine, jnp.zeros_like(keys))
@@ -232,54 +240,10 @@ def linear_power(power: Power) -> Map:
     return power if power.dtype == jnp.float64 else power.astype(jnp.float32)
 
 
-def cell_pair(name: str, cells: Any) -> tuple[int, int]:
-    """Return cells in (doppler, range) as a tuple; ValueError if they are not two."""
-    try:
-        doppler, range_ = (operator.index(number) for number in cells)
-    except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"CFAR {name} = {cells!r}, expected two whole numbers: cells in "
-            "(doppler, range)"
-        ) from error
-    return doppler, range_
-
-
-def largest_window(
-    shape: tuple[int, ...], guard: tuple[int, int], train: tuple[int, int]
-) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return `guard` and `train` shrunk until they fit into a map [doppler, range]."""
-    doppler, range_ = ((bins - 1) // 2 for bins in shape[-2:])
-    train = (min(train[0], doppler), min(train[1], range_))
-    guard = (min(guard[0], doppler - train[0]), min(guard[1], range_ - train[1]))
-    return guard, train
-
-
-def check_edge(edge: str, kind: str, train: tuple[int, int]) -> None:
-    """Raise ValueError for a rule at the ends that is unknown or does not fit."""
-    if edge not in EDGES:
-        raise ValueError(f"CFAR {edge=}, expected one of {EDGES}")
-    if edge == "fill" and (train[0] or kind in ("go", "so")):
-        raise ValueError(
-            f"CFAR edge='fill' with {kind=}, {train=}: expected ca or os along range "
-            "only, train = (0, cells)"
-        )
-
-
-def _inside(bins, guard, train):
-    """Whether the whole window of a range bin exists; host."""
-    side, number = guard[1] + train[1], np.arange(bins)
-    return (number >= side) & (number < bins - side)
-
-
-def _halves_counted(low, high, power):
-    """Which halves count in each range bin."""
-    return [to_rank(cells > 0, power) for cells in (low, high)]
-
-
 def _filled_ends(kind, power, guard, train):
     """Range bins at the ends, and their floor from the nearest 2 * train cells."""
     bins, cells = power.shape[-1], 2 * train[1]
-    ends = np.flatnonzero(~_inside(bins, guard, train))
+    ends = np.flatnonzero(~inside(bins, guard, train))
     number = np.arange(bins)
     chosen = []
     for end in ends:
@@ -296,14 +260,12 @@ def _filled_ends(kind, power, guard, train):
 
 def _mean_floor(kind, power, guard, train, edge):
     """Mean of all training cells, or of the greater or smaller half."""
-    low, high = _cells_per_range_bin(power.shape, guard, train, edge)
-    sums = _sums_of_halves(power, guard, train, edge)
+    low, high = cells_per_range_bin(power.shape, guard, train, edge)
+    sums = sums_of_halves(power, guard, train, edge)
     if edge == "one_sided":
         sums = [
             jnp.where(counts, half, 0)
-            for counts, half in zip(
-                _halves_counted(low, high, power), sums, strict=True
-            )
+            for counts, half in zip(halves_counted(low, high, power), sums, strict=True)
         ]
     if kind == "ca":
         return (sums[0] + sums[1]) * to_rank(
@@ -326,41 +288,10 @@ def _rank(cells):
     return np.ceil(RANK * cells - 1e-9).astype(int)
 
 
-def _cells_per_range_bin(shape, guard, train, edge):
-    """Number of training cells of each range bin in the two halves; host."""
-    for axis, bins, g, t in zip(
-        ("Doppler", "range"), shape[-2:], guard, train, strict=True
-    ):
-        if g < 0 or t < 0:
-            raise ValueError(f"CFAR {guard=}, {train=}: expected 0 or more cells")
-        if 2 * (g + t) + 1 > bins:
-            raise ValueError(
-                f"CFAR window of {2 * (g + t) + 1} cells (guard {g}, train {t} on a "
-                f"side) does not fit in {bins} {axis} bins: the most that fits is "
-                f"guard + train = {(bins - 1) // 2}"
-            )
-    if not any(train):
-        raise ValueError(f"CFAR {train=}: expected training cells along some axis")
-    (gd, gr), (td, tr) = guard, train
-    before = np.arange(shape[-1])  # number of bins at lower range
-    if edge != "shrink":
-        number = np.full(len(before), (2 * (gd + td) + 1) * tr + 2 * td * gr + td)
-        if edge != "one_sided":
-            return number, number
-        low = np.where(before >= gr + tr, number, 0)
-        return low, low[::-1]
-
-    def half(exist):
-        window, guarded = (np.minimum(exist, n) for n in (gr + tr, gr))
-        return (2 * (gd + td) + 1) * window - (2 * gd + 1) * guarded + td
-
-    return half(before), half(before[::-1])
-
-
 @functools.lru_cache(256)
 def _multipliers(kind, rate, channels, shape, guard, train, windows, edge):
     """Multiplier of each range bin; host."""
-    low, high = _cells_per_range_bin(shape, guard, train, edge)
+    low, high = cells_per_range_bin(shape, guard, train, edge)
     side, known = guard[1] + train[1], {}
     places = [(min(i, side), min(shape[1] - 1 - i, side)) for i in range(shape[1])]
     for column, place in enumerate(places):
@@ -401,118 +332,3 @@ def _effective(kind, column, shape, guard, train, windows, edge, halves):
     if kind in ("go", "so"):
         return count(cells & low), count(cells & ~low)
     return count(cells, quantile=RANK if kind == "os" else None), 0.0
-
-
-def _pad(values, guard, train, fill, edge):
-    """Pad the map by the window: Doppler wraps around, range continues as `edge` says.
-
-    Where no cells exist, it continues with `fill`.
-    """
-    doppler, range_ = (g + t for g, t in zip(guard, train, strict=True))
-    if doppler:
-        ends = values[..., -doppler:, :], values[..., :doppler, :]
-        values = jnp.concatenate([ends[0], values, ends[1]], -2)
-    sides = [(0, 0)] * (values.ndim - 1) + [(range_, range_)]
-    if edge in ("wrap", "reflect"):
-        return jnp.pad(values, sides, mode=edge)
-    return jnp.pad(values, sides, constant_values=fill)
-
-
-def _sliding_sum(values, size, axis) -> Any:
-    """Sums over `size` neighbours by doubling; shortens the axis by size - 1."""
-    length = values.shape[axis] - size + 1
-    total: Any = None
-    offset, width = 0, 1
-    while True:
-        if size & 1:
-            part = jax.lax.slice_in_dim(values, offset, offset + length, axis=axis)
-            total = part if total is None else total + part
-            offset += width
-        size >>= 1
-        if not size:
-            return total
-        end = values.shape[axis]
-        values = jax.lax.slice_in_dim(
-            values, 0, end - width, axis=axis
-        ) + jax.lax.slice_in_dim(values, width, end, axis=axis)
-        width *= 2
-
-
-def _sums_of_halves(power, guard, train, edge):
-    """Sums over the training cells at lower range and over those at higher range.
-
-    Sums columns first, then along range. `whole` are complete columns of the window,
-    `beyond` the parts of columns outside the guard cells.
-    """
-    (gd, gr), (td, tr) = guard, train
-    doppler, bins = power.shape[-2:]
-    padded = _pad(power, guard, train, 0.0, edge)
-    inner = padded[..., td : padded.shape[-2] - td, :]
-    whole, own = _sliding_sum(inner, 2 * gd + 1, -2), gr + tr
-    halves: list[Any] = [0.0, 0.0]
-    if td:
-        strip = _sliding_sum(padded, td, -2)
-        ends = [
-            strip[..., start : start + doppler, :] for start in (0, 2 * gd + td + 1)
-        ]
-        beyond = ends[0] + ends[1]
-        whole = whole + beyond
-        halves = [end[..., own : own + bins] for end in ends]
-        if gr:
-            guarded = _sliding_sum(beyond, gr, -1)
-            halves[0] += guarded[..., tr : tr + bins]
-            halves[1] += guarded[..., own + 1 : own + 1 + bins]
-    if tr:
-        strip = _sliding_sum(whole, tr, -1)
-        right = 2 * gr + tr + 1
-        halves[0] += strip[..., :bins]
-        halves[1] += strip[..., right : right + bins]
-    return halves
-
-
-def _count_below(level, padded, guard, train, counted=None):
-    """Number of training cells below `level`, counted a few window rows at a time.
-
-    `counted` tells for each range bin whether its low and its high half count.
-    """
-    (gd, gr), (td, tr) = guard, train
-    doppler, bins = level.shape[-2:]
-    own = gr + tr
-    width = 2 * own + 1
-    sides = [*range(tr), *range(width - tr, width)]
-    # The barrier keeps XLA from computing the padding again for every row.
-    padded = jax.lax.optimization_barrier(padded)
-
-    def count(rows, columns, total):
-        """Add the cells of these rows and columns of the window."""
-        at_once = max(1, MAX_COMPARISONS // max(len(columns), 1))
-        groups, rest = divmod(len(rows), at_once)
-        starts = jnp.asarray(rows[: groups * at_once]).reshape(groups, at_once)
-
-        def add_row(start, total):
-            row = jax.lax.dynamic_slice_in_dim(padded, start, doppler, axis=-2)
-            for column in columns:
-                below = row[..., column : column + bins] < level
-                if counted is not None:
-                    low = (column < own) | ((column == own) & (start < td))
-                    below &= jnp.where(low, *counted)
-                total += below
-            return total
-
-        def add_group(i, total):
-            for j in range(at_once):
-                total = add_row(starts[i, j], total)
-            return total
-
-        if groups:
-            total = jax.lax.fori_loop(0, groups, add_group, total)
-        for row in rows[len(rows) - rest :]:
-            total = add_row(row, total)
-        return total
-
-    beyond = [*range(td), *range(2 * gd + td + 1, 2 * (gd + td) + 1)]
-    beside = [*range(td, 2 * gd + td + 1)] if tr else []
-    total = jnp.zeros(level.shape, jnp.int32)
-    for rows, columns in ((beyond, range(width)), (beside, sides)):
-        total = count(rows, columns, total) if rows else total
-    return total

@@ -10,32 +10,27 @@ There are two ways, which give the same points:
 with a threshold or learned, can be compared. Both take a `PointSpec`.
 """
 
-import dataclasses
 import functools
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from jradar.radar.angle import FLIPS, angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.calibration import compensate_tdm, subtract_coupling
-from jradar.radar.cfar import (
-    DETECTORS,
-    EDGES,
-    GUARD,
-    TRAIN,
-    cell_pair,
-    check_edge,
-    largest_window,
-    noise_floor,
+from jradar.radar.cell_directions import (
+    angle_bins,
+    cell_directions,
+    fields,
+    focused,
+    strongest_peaks,
 )
+from jradar.radar.cfar import DETECTORS, noise_floor
 from jradar.radar.clusters import map_peaks
-from jradar.radar.direction import directions
 from jradar.radar.folds import velocity_folds
-from jradar.radar.near_field import focused_directions
 from jradar.radar.peaks import window_offset
+from jradar.radar.point_spec import POINTS, PointSpec
 from jradar.radar.samples import (
     FULL_SCALE,
     Cube,
@@ -44,135 +39,13 @@ from jradar.radar.samples import (
     saturated_samples,
 )
 from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import WINDOWS, range_doppler
-from jradar.radar.subspace import capon_directions, music_directions
+from jradar.radar.spectrum import range_doppler
 from jradar.types import PointCloud
 
-ANGLES = ("fft", "music", "capon")
-LARGEST = {
-    "capacity": 1 << 20,
-    "peaks": 64,
-    "num_azimuth": 4096,
-    "num_elevation": 4096,
-}
 SPECTRUM = ("range_window", "doppler_window", "remove_static", "remove_interference")
-MOST_FOLDS = 16
-MOST_SOURCES = 64
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
-SPECTRA = 64  # angle spectra that are held in memory at a time
 
 Coupling = Complex[Array, "tx rx half_range"]
-
-
-@dataclasses.dataclass(frozen=True)
-class PointSpec:
-    """How radar points are detected and located.
-
-    `guard` and `train` are the cells of the CFAR window in (doppler, range). `peaks` is
-    the number of targets that one cell may hold: each becomes a point, with power and
-    SNR in proportion to its peak among the cell's `spectrum_peaks`. `num_azimuth` None
-    is what the array needs: 64 bins, or more if it is wider. `refine` places range,
-    velocity and angles between bins. The windows are those of `range_doppler`; the CFAR
-    multipliers account for the correlation that they cause. `edge` and `factor` are
-    those of `cfar`; a factor replaces the rate. `remove_static` and
-    `remove_interference` are those of `range_doppler`, too. The flips are for a sensor
-    that is mounted upside down. `angles` is "fft", or "music" or "capon" for azimuths
-    by `music_directions` or `capon_directions`, which use their own bins. `sources` is
-    the number of sources for "music", or 0 to count them in each cell.
-
-    `group_peaks` keeps only detected cells that are `map_peaks`: one for each target.
-    With `folds`, velocities up to `2 folds + 1` times the unambiguous one are told
-    apart by `velocity_folds`, and the cloud has fold and margin. `focus` finds
-    directions by `focused_directions`, for arrays as wide as a cascade's.
-    """
-
-    detector: str = "os"
-    false_alarm_rate: float = 1e-3
-    guard: tuple[int, int] = GUARD
-    train: tuple[int, int] = TRAIN
-    capacity: int = 1024  # points of the cloud, padding included
-    peaks: int = 1
-    num_azimuth: int | None = None
-    num_elevation: int = 32
-    flip_azimuth: bool = False
-    flip_elevation: bool = False
-    refine: bool = True
-    remove_static: bool = False
-    remove_interference: bool = False
-    angles: str = "fft"
-    range_window: str = "hann"
-    doppler_window: str = "hann"
-    edge: str = "shrink"
-    factor: float | None = None
-    group_peaks: bool = False
-    folds: int = 0
-    sources: int = 2
-    focus: bool = False
-
-    def __post_init__(self):
-        """Refuse values that no radar could use, naming the field."""
-        for field in ("guard", "train"):
-            object.__setattr__(self, field, cell_pair(field, getattr(self, field)))
-        for field, choices in (
-            ("detector", tuple(DETECTORS)),
-            ("angles", ANGLES),
-            ("range_window", tuple(WINDOWS)),
-            ("doppler_window", tuple(WINDOWS)),
-            ("edge", EDGES),
-        ):
-            if (value := getattr(self, field)) not in choices:
-                raise ValueError(f"{field} = {value!r}, expected one of {choices}")
-        if not 0 < self.false_alarm_rate <= 1:
-            rate = self.false_alarm_rate
-            raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
-        if self.factor is not None and not 0 < self.factor < math.inf:
-            raise ValueError(f"factor = {self.factor}, expected more than 0 and finite")
-        check_edge(self.edge, self.detector, self.train)
-        for field, most in LARGEST.items():
-            value = getattr(self, field)
-            if value is not None and not 1 <= value <= most:
-                raise ValueError(f"{field} = {value:,}, expected 1 to {most:,}")
-        for field in ("guard", "train"):
-            if min(value := getattr(self, field)) < 0:
-                raise ValueError(f"{field} = {value}, expected 0 or more cells")
-        if not 0 <= self.folds <= MOST_FOLDS:
-            raise ValueError(f"folds = {self.folds}, expected 0 to {MOST_FOLDS}")
-        if not 0 <= self.sources <= MOST_SOURCES:
-            raise ValueError(f"sources = {self.sources}, expected 0 to {MOST_SOURCES}")
-        if self.focus and (self.angles != "fft" or self.peaks > 1):
-            raise ValueError(
-                f"focus = True with angles = {self.angles!r}, peaks = {self.peaks}, "
-                "expected 'fft' and 1: a focus has one direction"
-            )
-        if self.angles != "fft" and self.peaks > 1:
-            raise ValueError(
-                f"peaks = {self.peaks}, expected 1 with angles = {self.angles!r}: it "
-                "finds one direction for each cell"
-            )
-
-    def fitted(self, radar: RadarSpec) -> "PointSpec":
-        """Return the spec with CFAR window, azimuth bins and capacity for the radar.
-
-        A frame has no more points than it has cells, times `peaks`.
-        """
-        cells = radar.num_chirps, radar.num_range_bins
-        guard, train = largest_window(cells, self.guard, self.train)
-        return dataclasses.replace(
-            self,
-            guard=guard,
-            train=train,
-            capacity=min(self.capacity, math.prod(cells) * self.peaks),
-        )
-
-    def subtracting(self, coupling: Any) -> "PointSpec":
-        """Return the spec with the range window in which `coupling` is subtracted.
-
-        That is "blackman". Without a coupling, and with `remove_static`, which removes
-        it too, the spec stays as it is.
-        """
-        if coupling is None or self.remove_static:
-            return self
-        return dataclasses.replace(self, range_window="blackman")
 
 
 class PointReport(NamedTuple):
@@ -200,7 +73,7 @@ def radar_points(
     cube: Cube,
     radar: RadarSpec,
     *,
-    points: PointSpec = PointSpec(),
+    points: PointSpec = POINTS,
     coupling: Coupling | None = None,
     range_bias_m: float = 0.0,
 ) -> PointCloud:
@@ -228,7 +101,7 @@ def points_and_report(
     cube: Cube,
     radar: RadarSpec,
     *,
-    points: PointSpec = PointSpec(),
+    points: PointSpec = POINTS,
     coupling: Coupling | None = None,
     range_bias_m: float = 0.0,
     full_scale: float = FULL_SCALE,
@@ -259,17 +132,17 @@ def _points(cube, radar, points, coupling, range_bias_m):
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
     folds = None
     if points.folds:
-        bins = _angle_bins(points, radar)
+        bins = angle_bins(points, radar)
         folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
         doppler_bin += folds.fold * radar.num_chirps
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     place = radar, points, range_bias_m
     if points.focus:
-        direction = _focused(spectrum, cell, range_bin, doppler_bin, *place)
+        direction = focused(spectrum, cell, range_bin, doppler_bin, *place)
     elif points.peaks == 1:
-        direction = _directions(snapshot, radar, points)
+        direction = cell_directions(snapshot, radar, points)
     else:
-        strongest, direction, of = _strongest_peaks(strongest, snapshot, radar, points)
+        strongest, direction, of = strongest_peaks(strongest, snapshot, radar, points)
         cell = cell[of]
         folds = jax.tree.map(lambda values: values[of], folds)
     cloud = _cloud(power, cell, strongest, direction, *place)
@@ -281,7 +154,7 @@ def all_cells(
     cube: Cube,
     radar: RadarSpec,
     *,
-    points: PointSpec = PointSpec(),
+    points: PointSpec = POINTS,
     coupling: Coupling | None = None,
 ) -> Cells:
     """Return the power and direction of every cell of one frame; `vmap` it.
@@ -300,7 +173,7 @@ def all_cells(
     _, doppler_bin = _bins(power, jnp.arange(power.size), points)
     snapshot = spectrum.reshape(radar.num_virtual, -1).T
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
-    azimuth, elevation = _directions(snapshot, radar, points)
+    azimuth, elevation = cell_directions(snapshot, radar, points)
     return Cells(power, azimuth.reshape(power.shape), elevation.reshape(power.shape))
 
 
@@ -310,7 +183,7 @@ def cell_points(
     mask: Bool[Array, "doppler range"],
     radar: RadarSpec,
     *,
-    points: PointSpec = PointSpec(),
+    points: PointSpec = POINTS,
     range_bias_m: float = 0.0,
 ) -> PointCloud:
     """Return the points of the cells in `mask`, strongest first; one frame, `vmap` it.
@@ -380,7 +253,7 @@ def _spectra(cube, radar, points, coupling):
         raise ValueError(
             f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
         )
-    spectrum, power = range_doppler(cube, **_fields(points, SPECTRUM))
+    spectrum, power = range_doppler(cube, **fields(points, SPECTRUM))
     if coupling is None or points.remove_static:
         return spectrum, power
     window = points.doppler_window
@@ -434,75 +307,6 @@ def _bins(power, cell, points):
             length=num_doppler,
         )
     return range_bin, doppler_bin
-
-
-def _neighbours(spectrum, cell):
-    """Spectra in the range cells before, at and after, `[cell 3 virtual]`."""
-    num_range = spectrum.shape[-1]
-    row, column = jnp.divmod(cell, num_range)
-    near = jnp.clip(column[:, None] + jnp.array([[-1, 0, 1]]), 0, num_range - 1)
-    return jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)
-
-
-def _focused(spectrum, cell, range_bin, doppler_bin, radar, points, range_bias_m):
-    """Azimuth and elevation of each cell by `focused_directions`."""
-    near = _neighbours(spectrum, cell)
-    doppler_bin = jnp.broadcast_to(doppler_bin[:, None], near.shape[:2])
-    column = cell % spectrum.shape[-1]
-    return focused_directions(
-        compensate_tdm(near, doppler_bin, radar),
-        column,
-        range_bin - column,
-        radar,
-        range_bias_m=range_bias_m,
-        range_window=points.range_window,
-        **_angle_bins(points, radar),
-        **_fields(points, FLIPS),
-    )
-
-
-def _directions(snapshot, radar, points):
-    """Azimuth and elevation of the strongest direction of each snapshot."""
-    options = _fields(points, FLIPS)
-    if points.angles == "music":
-        sources = points.sources or None
-        return music_directions(snapshot, radar, num_sources=sources, **options)
-    if points.angles == "capon":
-        return capon_directions(snapshot, radar, **options)
-    options |= _angle_bins(points, radar)
-    return directions(snapshot, radar, interpolate=points.refine, **options)
-
-
-def _angle_bins(points, radar):
-    """Numbers of bins of the angle spectra."""
-    return {
-        "num_azimuth": points.num_azimuth or azimuth_bins(radar),
-        "num_elevation": points.num_elevation,
-    }
-
-
-def _fields(points, names):
-    return {name: getattr(points, name) for name in names}
-
-
-def _strongest_peaks(power, snapshot, radar, points):
-    """Power, direction and place in `power` of the strongest of all peaks.
-
-    A cell's first peak has the power of its cell. The peaks of all cells therefore
-    include the strongest ones of the frame.
-    """
-
-    def peaks_of(snapshot):
-        spectrum = angle_spectrum(snapshot, radar, **_angle_bins(points, radar))
-        options = {"count": points.peaks, "interpolate": points.refine}
-        return spectrum_peaks(spectrum, radar, **options, **_fields(points, FLIPS))
-
-    peaks = jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
-    share = peaks.power / jnp.maximum(peaks.power[:, :1], 1e-30)
-    powers = jnp.where(peaks.valid, power[:, None] * share, 0.0)
-    strongest, peak = jax.lax.top_k(powers.ravel(), len(power))
-    direction = peaks.azimuth.ravel()[peak], peaks.elevation.ravel()[peak]
-    return strongest, direction, peak // powers.shape[-1]
 
 
 def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):

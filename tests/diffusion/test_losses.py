@@ -128,6 +128,12 @@ def test_a_miss_has_a_validity_but_no_range():
     np.testing.assert_array_equal(target_mask(target)[0, 0], [[1, 1], [0, 1]])
 
 
+def test_a_distribution_is_refused_because_it_is_no_image():
+    noise = NoiseSpec(prediction=PREDICTIONS["mixture"])
+    with pytest.raises(ValueError, match="'mixture' gives a dist.*with mixture_loss"):
+        LOSS(KEY, shifted, CLEAN, noise=noise)
+
+
 def test_impossible_weights_are_refused():
     with pytest.raises(ValueError, match="range_weight = 0.0, expected above 0"):
         LossSpec(range_weight=0.0)

@@ -9,7 +9,7 @@ import pytest
 
 from experiments import build
 from experiments.configs import regression
-from experiments.detectors import detector_methods, seen_points
+from experiments.detectors import detected, detector_methods, seen_points
 from experiments.evaluate import (
     Frame,
     mean_scores,
@@ -26,6 +26,7 @@ from jradar.range_image import encode_range
 from jradar.types import PointCloud
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
+from tests.recordings.small_sequence import write_sequence
 
 
 def test_validation_follows_the_tables_rule_for_frames_without_points(records):
@@ -91,6 +92,31 @@ def test_ranges_of_detections_are_without_the_radars_bias(records):
     assert len(plain) == len(mended) > 0
     lengths = [np.linalg.norm(xyz, axis=-1) for xyz in (plain, mended)]
     np.testing.assert_allclose(lengths[0] - 0.3, lengths[1], atol=1e-5)
+
+
+def test_detectors_take_the_windows_of_the_records(tmp_path):
+    # With a coupling, points of prepared frames come from Blackman windows along range.
+    source, folder = tmp_path / "source", tmp_path / "records"
+    write_sequence(source, "a", frames=1)
+    path = source / "calib" / "single_chip" / "coupling_calib.txt"
+    head = "num_tx:3\nnum_rx:4\nnum_range_bins:32\nnum_doppler_bins:16\n"
+    path.write_text(f"{head}data:{', '.join(['0'] * 2 * 3 * 4 * 32)}\n")
+    rate = 1e-2
+    spec = data.PrepareSpec(detector="so", false_alarm_rate=rate)
+    data.prepare(source, folder, spec, workers=1)
+    records = data.Records(folder)
+    assert records.windows == {"a": ("hann", "blackman")}
+    view, frame = view_of(records), records[0]
+    all_round = {"azimuth": (-3.0, 3.0), "elevation": (-1.5, 1.5), "max_range_m": 99.0}
+    view = view._replace(fine=dataclasses.replace(view.fine, **all_round))
+    with_hann = view._replace(windows={})
+    found, by_hann = (
+        points_of(detected(frame, which, detector="so", rate=rate))
+        for which in (view, with_hann)
+    )
+    expected = points_of(frame.radar)
+    assert len(by_hann) != len(expected) > 10
+    np.testing.assert_allclose(found, expected, atol=0.01)  # angles are float16
 
 
 def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():
