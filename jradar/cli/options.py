@@ -57,11 +57,12 @@ DEVICES = (
 )
 FAMILIES = (
     *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
-    *("home", "warehouse"),
+    *("home", "warehouse", "forest"),
 )
 SETS = (
     *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),
     *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
+    *("jradar-sim-4", "jradar-sim-4-mini"),
 )
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_SEED = 2**32 - 1

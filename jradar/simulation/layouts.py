@@ -8,6 +8,7 @@ corridor   one long corridor with a glass front
 hall       a high entrance hall with columns, glass and people
 home       furnished rooms of a flat, joined by open doors (`interiors`)
 warehouse  aisles between racks of goods (`interiors`)
+forest     a clearing among trees, bushes and rocks
 """
 
 from collections.abc import Callable
@@ -246,9 +247,35 @@ def hall(random: np.random.Generator):
     return parts, movers, way, random.uniform(0.8, 1.2)
 
 
+def forest(random: np.random.Generator):
+    """Return a clearing in a wood, with a path around it."""
+    parts = [slab((-30, -30), (30, 30), 0.0, "grass")]
+    for _ in range(random.integers(22, 34)):
+        spot = _ring_spot(random, 4.3, 18)
+        parts.append(moved(tree(random, random.uniform(5, 11)), spot))
+    for _ in range(random.integers(8, 16)):  # bushes
+        spot = _ring_spot(random, 4.3, 14)
+        parts.append(moved(tree(random, random.uniform(1.0, 2.2)), spot))
+    for _ in range(random.integers(3, 7)):
+        spot = _ring_spot(random, 4.3, 14)
+        parts.append(moved(boulder(random, random.uniform(0.3, 1.0), "rock"), spot))
+    for _ in range(random.integers(2, 5)):  # fallen or cut
+        log = box((random.uniform(2, 4), 0.35, 0.35), "wood")
+        spot = _ring_spot(random, 5.0, 12)
+        parts.append(moved(log, spot, yaw=random.uniform(0, 6)))
+    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    circle = np.stack([np.cos(angles), np.sin(angles)], -1)
+    movers = [walker(random, 2.0 * circle)] if random.random() < 0.5 else []
+    way = 3.2 * circle[:: random.choice([-1, 1])]
+    return parts, movers, way, random.uniform(0.7, 1.2)
+
+
 FAMILIES: dict[str, Callable] = {
     family.__name__: family
-    for family in (hallways, mine, lab, outdoor, corridor, hall, home, warehouse)
+    for family in (
+        *(hallways, mine, lab, outdoor, corridor, hall),
+        *(home, warehouse, forest),
+    )
 }
 
 

@@ -4,18 +4,23 @@
     mirrored    the radar's image in a flat face, an edge or a corner
     ghosts      a scatterer seen by way of a mirror: both ways (at its image), or one
                 way (half-way in range; sent towards one, received from the other)
+    bounces     ghosts in the floor, and echoes between walls, for units that have them
+                (see `bounces`)
 
 The power of a path follows the radar equation: antenna gains, R^-4 (for an image: the
 radar's own power over 2R), reflection and scattering of the material, and transmission
 through the surfaces in between. Paths keep the phase of their length.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float
 
 from jradar.radar import RadarSpec
+from jradar.simulation.bounces import (
+    Paths as Paths,
+    echoes_between_walls,
+    floor_paths,
+    is_floor,
+)
 from jradar.simulation.line_of_sight import (
     COSINES,
     TOUCH_M,
@@ -24,37 +29,67 @@ from jradar.simulation.line_of_sight import (
     surface_tables,
 )
 from jradar.simulation.link import LINK
+from jradar.simulation.materials import MATERIAL_IDS
 from jradar.simulation.reflectors import Reflectors
 from jradar.simulation.rig import viewpoint
 from jradar.simulation.scene import NUDGE_M, Scene, placements
+from jradar.simulation.units import UnitSpec
+from jradar.simulation.wind import foliage_velocity
 
+FOLIAGE = MATERIAL_IDS["foliage"]
 CAPACITY = 1024  # paths of a frame
 MIRRORS, GHOSTED = 5, 120  # strongest mirrors and scatterers, which make ghosts
 
 
-class Paths(NamedTuple):
-    """Paths in the radar's frame; `power` is received, in mW at the antenna."""
-
-    xyz: Float[np.ndarray, "path 3"]  # where the receivers see the echo
-    departure: Float[np.ndarray, "path 3"]  # where the transmitters see it
-    velocity: Float[np.ndarray, " path"]
-    power: Float[np.ndarray, " path"]
+DEFAULT = UnitSpec()
 
 
 def radar_paths(
-    scene: Scene, reflectors: Reflectors, sensor: str, time_s: float, radar: RadarSpec
+    scene: Scene,
+    reflectors: Reflectors,
+    sensor: str,
+    time_s: float,
+    radar: RadarSpec,
+    *,
+    unit: UnitSpec = DEFAULT,
 ) -> Paths:
     """Return the paths that the rig's radar `sensor` receives at a time.
 
+    The `unit` says which reflections between surfaces exist, and how the wind blows.
     Paths below the noise are left out. Of the others the strongest `CAPACITY` stay,
     where strength is power times distance squared: far echoes are kept, too.
     """
     places = placements(scene, time_s)
     view = viewpoint(scene.platform, sensor, time_s)
-    scattered, spots = _scattered(scene, places, view, radar)
+    wind = foliage_velocity(unit.wind_mph, radar, time_s)
+    scattered, spots = _scattered(scene, places, view, radar, wind)
     images = _images(scene, reflectors, places, view, radar)
-    ghosts = _ghosts(scene, reflectors, places, view, radar, scattered, spots)
-    columns = zip(scattered, images, ghosts, strict=True)
+    mirrors = _mirrors(reflectors.facets[0], view, radar, floor=not unit.floor_bounces)
+    parts = [
+        scattered,
+        images,
+        _ghosts(scene, reflectors, places, view, radar, scattered, spots, mirrors),
+    ]
+    if unit.ghost_db:
+        louder = parts[-1].power * 10 ** (unit.ghost_db / 10)
+        parts[-1] = parts[-1]._replace(power=louder)
+    if unit.floor_bounces:
+        strong = _strongest(scattered)
+        parts.append(
+            floor_paths(
+                scene,
+                places,
+                view,
+                radar,
+                Paths(*(column[strong] for column in scattered)),
+                tuple(column[strong] for column in spots),
+                roughness_m=unit.floor_roughness_m,
+            )
+        )
+    if unit.wall_echoes:
+        facets = reflectors.facets[0]
+        parts.append(echoes_between_walls(scene, places, view, radar, facets))
+    columns = zip(*parts, strict=True)
     paths = Paths(*map(np.concatenate, columns))
     distance = np.linalg.norm(paths.xyz, axis=-1)
     audible = paths.power > LINK.noise_mw(radar) / radar.num_chirps / radar.num_samples
@@ -63,8 +98,11 @@ def radar_paths(
     return Paths(*(column[np.sort(best[weight[best] > 0])] for column in paths))
 
 
-def _scattered(scene, places, view, radar):
-    """Return paths to points on surfaces, and their places and velocities."""
+def _scattered(scene, places, view, radar, wind):
+    """Return paths to points on surfaces, and their places and velocities.
+
+    `wind` returns the speeds of a number of leaves, or is None.
+    """
     frequency, reach = radar.center_frequency_hz, LINK.reach_m(radar)
     backscatter = surface_tables(frequency).backscatter
     columns = []
@@ -83,8 +121,10 @@ def _scattered(scene, places, view, radar):
         section = backscatter[body.solid.material[face], column]
         section *= body.area_m2[near] * body.reflectivity[near] ** 2
         moving = place.velocity + np.cross(place.spin, xyz[near] - place.xyz)
-        columns.append((xyz[near], distance, section, moving))
-    xyz, distance, section, moving = map(np.concatenate, zip(*columns, strict=True))
+        leaf = body.solid.material[face] == FOLIAGE
+        columns.append((xyz[near], distance, section, moving, leaf))
+    columns = map(np.concatenate, zip(*columns, strict=True))
+    xyz, distance, section, moving, leaf = columns
     seen = (xyz - view.xyz) @ view.turn
     power = LINK.received_mw(radar, seen, distance, section)
     best = np.argsort(-power * distance**2, kind="stable")[: 3 * CAPACITY]
@@ -92,9 +132,12 @@ def _scattered(scene, places, view, radar):
     through, _ = line_of_sight(scene, places, start, xyz[best], frequency)
     best, through = best[through > 0], through[through > 0]
     towards = (xyz[best] - view.xyz) / distance[best, None]
-    velocity = np.einsum("pc,pc->p", towards, moving[best] - view.velocity)
+    moving = moving[best]
+    if wind is not None:
+        moving = moving + (leaf[best] * wind(len(best)))[:, None] * towards
+    velocity = np.einsum("pc,pc->p", towards, moving - view.velocity)
     paths = Paths(seen[best], seen[best], velocity, power[best] * through**2)
-    return paths, (xyz[best], moving[best])
+    return paths, (xyz[best], moving)
 
 
 def _images(scene, reflectors, places, view, radar):
@@ -168,15 +211,27 @@ def _image_paths(scene, places, view, radar, xyz, cap, share, moving, aside):
     return Paths(seen, seen, velocity, power)
 
 
-def _ghosts(scene, reflectors, places, view, radar, scattered, spots):
-    """Return paths to strong scatterers by way of the world's largest mirrors."""
+def _mirrors(facets, view, radar, *, floor):
+    """Return the indices of the largest mirrors nearby; `floor` is one of them."""
+    mirror = surface_tables(radar.center_frequency_hz).mirrored
+    apart = ((view.xyz - facets.centre) ** 2).sum(-1)
+    weight = facets.area_m2 * mirror[facets.material, COSINES // 2] / (1 + apart)
+    if not floor:
+        weight = np.where(is_floor(facets), 0.0, weight)
+    best = np.argsort(-weight, kind="stable")[:MIRRORS]
+    return best if floor else best[weight[best] > 0]
+
+
+def _strongest(scattered):
+    return np.argsort(-scattered.power, kind="stable")[:GHOSTED]
+
+
+def _ghosts(scene, reflectors, places, view, radar, scattered, spots, chosen):
+    """Return paths to strong scatterers by way of the `chosen` mirrors."""
     facets, frequency = reflectors.facets[0], radar.center_frequency_hz
     mirror = surface_tables(frequency).mirrored
     height = ((view.xyz - facets.centre) * facets.normal).sum(-1)
-    apart = ((view.xyz - facets.centre) ** 2).sum(-1)
-    weight = facets.area_m2 * mirror[facets.material, COSINES // 2] / (1 + apart)
-    chosen = np.argsort(-weight, kind="stable")[:MIRRORS]
-    strong = np.argsort(-scattered.power, kind="stable")[:GHOSTED]
+    strong = _strongest(scattered)
     empty = Paths(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
     if not chosen.size or not strong.size:
         return empty

@@ -6,7 +6,6 @@ ahead half a turn (50 ms) later. Family and seed determine every byte. The folde
 appears when it is complete.
 """
 
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -137,7 +136,14 @@ def radar_frames(setting: Setting, sensor: str, stamps: np.ndarray) -> Iterator:
     scene, counts = setting.scene, setting.unit.clutter_counts
     key = jax.random.fold_in(jax.random.key(setting.seed), len(sensor))
     for frame, time_s in enumerate(stamps):
-        paths = radar_paths(scene, setting.reflectors, sensor, float(time_s), radar)
+        paths = radar_paths(
+            scene,
+            setting.reflectors,
+            sensor,
+            float(time_s),
+            radar,
+            unit=setting.unit,
+        )
         if counts:
             view = viewpoint(scene.platform, sensor, float(time_s))
             diffuse = diffuse_clutter(setting.seed, view, radar, counts=counts)
@@ -182,7 +188,7 @@ def simulate_sequence(
         files.write_note(scratch)
         if unit is not None:
             files.write_calib(scratch / "calib", setting.radars, unit)
-            made = json.dumps(dataclasses.asdict(unit), indent=1)
+            made = json.dumps(unit.written(), indent=1)
             (scratch / "unit.json").write_text(made + "\n")
         streams = [_radar_stream(setting, s, seconds, scratch) for s in setting.radars]
         streams.append(_lidar_stream(setting, seconds, scratch))

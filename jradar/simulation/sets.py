@@ -6,6 +6,8 @@
     jradar-sim-2              a unit of its own for every sequence, to train on
     jradar-sim-2-mini         the same, one layout of each family for each split
     jradar-sim-3              the same with twice as many layouts
+    jradar-sim-4              more layouts, and units of the second population
+    jradar-sim-4-mini         the same, one layout of each family for each split
     jradar-sim-2-robust/NAME  test layouts under one named shift, to test on
 
 A set has a frame of each of many layouts, because layouts differ more than the frames
@@ -36,6 +38,7 @@ Splits = dict[str, tuple[int, ...]]  # seeds of each split
 FRAMES = 1  # of each sequence, by default
 SIX = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
 SEEN = (*SIX, "home")
+EIGHT = (*SEEN, "forest")
 UNSEEN = "warehouse"
 MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
 ROBUST: Splits = {"test": tuple(range(200, 204))}
@@ -45,6 +48,11 @@ VARIED: Splits = {
     "test": (200, 201, 202, 203),
 }
 MORE: Splits = VARIED | {"train": (*range(96), *range(1000, 1288))}
+WIDE: Splits = {
+    "train": (*range(96), *range(1000, 1480)),
+    "validation": tuple(range(100, 108)),
+    "test": (200, 201, 202, 203),
+}
 
 
 class SetSpec(NamedTuple):
@@ -68,6 +76,10 @@ def _own_unit(family: str, seed: int) -> UnitSpec:
     return draw_unit(zlib.crc32(f"{family}_{seed}".encode()))
 
 
+def _wide_unit(family: str, seed: int) -> UnitSpec:
+    return draw_unit(zlib.crc32(f"{family}_{seed}".encode()), population=2)
+
+
 def _robust(shift: str) -> SetSpec:
     families = (UNSEEN,) if shift == "unseen-scene" else SIX
     return SetSpec(ROBUST, families, lambda family, seed: shifted_unit(shift))
@@ -89,6 +101,8 @@ SETS = {
     "jradar-sim-2": SetSpec(VARIED, SEEN, _own_unit),
     "jradar-sim-2-mini": SetSpec(MINI, SEEN, _own_unit),
     "jradar-sim-3": SetSpec(MORE, SEEN, _own_unit),
+    "jradar-sim-4": SetSpec(WIDE, EIGHT, _wide_unit),
+    "jradar-sim-4-mini": SetSpec(MINI, EIGHT, _wide_unit),
 }
 
 

@@ -4,6 +4,10 @@ A `UnitSpec` describes one radar in somebody's hands: the errors of its board, h
 they were calibrated, how it is mounted and carried, and what disturbs it. The default
 is the unit of `jradar-sim-1`. `draw_unit` draws a unit from a population. `SHIFTS`
 names the units of the robustness set; the population contains none of their boards.
+Population 1 is that of `jradar-sim-2` and `jradar-sim-3`. Population 2, of
+`jradar-sim-4`, adds other chirps (`waveforms`), reflections by way of the floor and
+between walls (`bounces`), moving leaves (`wind`) and receivers that clip; boards,
+mounts, speeds and clutter spread more widely.
 
 The spreads are those of the boards and captures at hand: phases of channels that TI's
 demo measured on an AWR1843 and an AWR6843AOP (`compRangeBiasAndRxChanPhase`), and on
@@ -13,10 +17,17 @@ drift of the phase in a frame (36 to 47 mrad), the noise at the end of the range
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 from jradar.radar import RadarSpec
+from jradar.simulation.waveforms import (
+    WAVEFORM_NAMES,
+    WAVEFORM_SHARES,
+    WAVEFORMS,
+    named_waveform,
+)
 
 EYE_M = 1.2  # height at which a rig is carried, of the scenes' own platforms
 FIRST_SHIFT = 1 << 20  # boards of the robustness set; the population's lie below
@@ -56,15 +67,42 @@ class UnitSpec:
     chirps: int = 128
     slope_hz_per_s: float = 100e12
     one_row: bool = False
+    waveform: str | None = None  # of `WAVEFORMS`, instead of `chirps` and the slope
+    floor_bounces: bool = False  # paths by way of the floor, with its phase
+    floor_roughness_m: float = 0.5e-3
+    wall_echoes: bool = False  # between parallel walls
+    ghost_db: float = 0.0  # of ghosts in walls, relative to their materials'
+    wind_mph: float = 0.0  # moves leaves
 
     def radar(self) -> RadarSpec:
         """Return the radar of this unit, an AWR1843 or a row of its antennas."""
         device = RadarSpec.awr1642 if self.one_row else RadarSpec.awr1843
+        if self.waveform is not None:
+            return device(**named_waveform(self.waveform))
         return device(num_chirps=self.chirps, slope_hz_per_s=self.slope_hz_per_s)
 
+    def written(self) -> dict[str, Any]:
+        """Return the fields for `unit.json`; later ones only if they were changed."""
+        fields = dataclasses.fields(self)
+        later = [f.name for f in fields].index("waveform")
+        return {
+            field.name: getattr(self, field.name)
+            for k, field in enumerate(fields)
+            if k < later or getattr(self, field.name) != field.default
+        }
 
-def draw_unit(seed: int) -> UnitSpec:
-    """Return unit number `seed` of the population that models are trained on."""
+
+def draw_unit(seed: int, *, population: int = 1) -> UnitSpec:
+    """Return unit number `seed` of a population that models are trained on.
+
+    Raises ValueError for a population other than 1 and 2.
+    """
+    if population not in POPULATIONS:
+        raise ValueError(f"{population=}, expected one of {[*POPULATIONS]}")
+    return POPULATIONS[population](seed)
+
+
+def _first_population(seed: int) -> UnitSpec:
     random = np.random.default_rng([seed, *b"unit"])
     uniform, chance = random.uniform, random.random
     calibration = [1.5, 6.0, None][random.choice(3, p=[0.5, 0.25, 0.25])]
@@ -93,6 +131,44 @@ def draw_unit(seed: int) -> UnitSpec:
         speed_mps=0.0 if still else uniform(0.2, 2.5),
     )
 
+
+def _second_population(seed: int) -> UnitSpec:
+    random = np.random.default_rng([seed, *b"unit 2"])
+    uniform, chance = random.uniform, random.random
+    calibration = [1.5, 6.0, None][random.choice(3, p=[0.45, 0.25, 0.3])]
+    bias = uniform(0.03, 0.09) if calibration is None else random.normal(scale=0.01)
+    speed = uniform(0.2, 2.0) if chance() < 0.5 else uniform(2.0, 3.2)
+    return UnitSpec(
+        board=int(random.integers(1, FIRST_SHIFT)),
+        channel_degrees=uniform(5, 25) if calibration else uniform(8, 36),
+        channel_db=uniform(0.3, 1.5),
+        calibration_degrees=calibration,
+        range_bias_m=float(bias),
+        noise_db=uniform(-2, 7),
+        leakage_db=uniform(-8, 4),
+        coupling_file=chance() < 0.6,
+        gain_db=uniform(-6, 6) if chance() < 0.8 else uniform(6, 40),
+        edge_db=uniform(0, 16),
+        image_db=uniform(-46, -30),
+        offset_counts=uniform(0, 30),
+        drift_mrad=uniform(0, 60),
+        clutter_counts=float(chance() < 0.85) * float(np.exp(uniform(-1, np.log(10)))),
+        interferers=int(random.choice(5, p=[0.65, 0.15, 0.1, 0.06, 0.04])),
+        interferer_counts=float(np.exp(uniform(3, 7.2))),
+        mount_degrees=uniform(0, 2),
+        height_m=uniform(0.45, 2.1),
+        tilt_degrees=float(np.clip(random.normal(scale=5), -8, 14)),
+        speed_mps=0.0 if chance() < 0.3 else speed,
+        waveform=WAVEFORM_NAMES[random.choice(len(WAVEFORMS), p=WAVEFORM_SHARES)],
+        floor_bounces=chance() < 0.7,
+        floor_roughness_m=float(np.exp(uniform(np.log(1e-4), np.log(3e-3)))),
+        wall_echoes=chance() < 0.5,
+        ghost_db=uniform(-10, 3),
+        wind_mph=uniform(1, 25) if chance() < 0.7 else 0.0,
+    )
+
+
+POPULATIONS = {1: _first_population, 2: _second_population}
 
 # What a unit of the robustness set differs in from `CALIBRATED`, the clean unit.
 CALIBRATED = UnitSpec(calibration_degrees=2.0, range_bias_m=0.01, mount_degrees=0.5)

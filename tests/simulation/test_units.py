@@ -28,8 +28,10 @@ from jradar.simulation.units import (
     draw_unit,
     shifted_unit,
 )
+from jradar.simulation.waveforms import WAVEFORM_SHARES, WAVEFORMS
 
 RADAR = RadarSpec.awr1843()
+FIRST = (401778, 0, True, 13.639520305235212, 5.417872029960084, 1.7381923674469104)
 PLAIN = UnitSpec(calibration_degrees=0.0, range_bias_m=0.0, leakage_db=-400.0)
 
 
@@ -172,3 +174,83 @@ def test_noise_and_gain_are_in_decibels():
     quiet = power(gain_db=12.0)
     assert power(gain_db=12.0, noise_db=6.0) - quiet == pytest.approx(6, abs=0.1)
     assert power(gain_db=18.0) - quiet == pytest.approx(6, abs=0.1)
+
+
+def second(count):
+    return [draw_unit(seed, population=2) for seed in range(count)]
+
+
+def test_the_second_population_is_wider_and_meets_no_shift():
+    drawn = second(400)
+    boards = {unit.board for unit in drawn}
+    assert len(boards) > 396 and 0 < min(boards) and max(boards) < FIRST_SHIFT
+    for name in ("speed_mps", "height_m", "clutter_counts", "noise_db"):
+        shifts = {getattr(shifted_unit(shift), name) for shift in SHIFTS} - {None, 0.0}
+        assert not shifts & {getattr(unit, name) for unit in drawn}
+    clutter = np.array([unit.clutter_counts for unit in drawn])
+    assert 0.8 < np.mean(clutter > 0) < 0.9 and 7.7 < clutter.max() <= 10
+    speed = np.array([unit.speed_mps for unit in drawn if unit.speed_mps])
+    assert np.mean(speed > 2) == pytest.approx(0.5, abs=0.1) and speed.max() < 3.2
+    wild = [u.channel_degrees for u in drawn if u.calibration_degrees is None]
+    assert max(wild) > 34 and 0.2 < len(wild) / len(drawn) < 0.4
+    assert 0.05 < np.mean([unit.gain_db > 22 for unit in drawn]) < 0.2
+    for name, share in (
+        ("floor_bounces", 0.7),
+        ("wall_echoes", 0.5),
+        ("wind_mph", 0.7),
+    ):
+        assert np.mean([bool(getattr(u, name)) for u in drawn]) == pytest.approx(
+            share, abs=0.08
+        )
+
+
+def test_waveforms_have_one_array_and_bins_of_four_to_twelve_centimetres():
+    radars = {name: UnitSpec(waveform=name).radar() for name in WAVEFORMS}
+    assert sum(WAVEFORM_SHARES) == pytest.approx(1)
+    assert radars.pop("coloradar") == RADAR
+    shifted = {shifted_unit(shift).radar() for shift in SHIFTS}
+    for radar in radars.values():
+        assert radar.tx_positions == RADAR.tx_positions and radar not in shifted
+        assert 0.04 < radar.range_resolution_m < 0.126 and 9 < radar.max_range_m < 16
+        assert 64 <= radar.num_chirps <= 255
+        assert radar.num_chirps * radar.turn_period_s < 0.1  # ten frames a second
+    names = [unit.waveform for unit in second(300)]
+    assert set(names) == set(WAVEFORMS)
+    with pytest.raises(
+        ValueError, match="waveform 'chirpy', expected one of coloradar"
+    ):
+        UnitSpec(waveform="chirpy").radar()
+
+
+def test_files_of_earlier_sets_name_no_later_fields():
+    written = draw_unit(3).written()
+    assert [*written][-1] == "one_row" and "waveform" not in written
+    later = UnitSpec(waveform="96-chirps", wind_mph=3.0).written()
+    assert [*later][-2:] == ["waveform", "wind_mph"]
+    with pytest.raises(ValueError, match="population=3, expected one of"):
+        draw_unit(3, population=3)
+
+
+def test_the_first_population_stays_as_it_was():
+    unit = draw_unit(12345)
+    assert (unit.board, unit.interferers, unit.coupling_file) == FIRST[:3]
+    values = (unit.channel_degrees, unit.clutter_counts, unit.height_m)
+    assert values == pytest.approx(FIRST[3:], rel=1e-12)
+
+
+def test_gain_clips_strong_echoes():
+    strong = np.array([[2.0, 0, 0]])
+    power = np.array([1e-6])  # mW: 580 counts
+    paths = Paths(strong, strong, np.zeros(1), power)
+
+    def peak(gain_db):
+        hardware = make_unit_hardware(
+            dataclasses.replace(PLAIN, gain_db=gain_db), RADAR
+        )
+        frame = sample_frame(jax.random.key(0), paths, hardware, RADAR)
+        return np.abs(np.asarray(frame, int)), np.asarray(frame)
+
+    assert peak(0.0)[0].max() < 900
+    counts, frame = peak(38.0)
+    assert frame.max() == 2**15 - 1 and frame.min() == -(2**15)
+    assert 0.2 < np.mean(counts >= 2**15 - 1) < 0.8

@@ -1,0 +1,154 @@
+"""Bounces and wind: the two-ray law, Friis between walls, Billingsley's spectrum."""
+
+import numpy as np
+import pytest
+
+from jradar.radar import RadarSpec
+from jradar.simulation.bounces import (
+    echoes_between_walls,
+    floor_paths,
+    floor_share,
+    is_floor,
+)
+from jradar.simulation.line_of_sight import surface_tables
+from jradar.simulation.link import LINK
+from jradar.simulation.propagation import Paths, radar_paths
+from jradar.simulation.rig import Viewpoint
+from jradar.simulation.scene import placements
+from jradar.simulation.solids import box, moved, sheet, slab
+from jradar.simulation.units import UnitSpec
+from jradar.simulation.wind import beta, foliage_velocity, standing_ratio
+from tests.simulation.worlds import world
+
+RADAR = RadarSpec.awr1843()
+HEIGHT, AWAY = 1.2, 9.0
+FLOOR = slab((-20, -20), (20, 20), 0.0, "metal")
+
+
+def seen_from(xyz, velocity=(0.0, 0, 0)):
+    return Viewpoint(np.array(xyz, float), np.eye(3), np.array(velocity, float))
+
+
+def targets(heights):
+    """Paths and places of targets of equal power, `AWAY` ahead of the radar."""
+    xyz = np.column_stack([np.full_like(heights, AWAY), 0 * heights, heights])
+    there = xyz - [0, 0, HEIGHT]
+    count = len(heights)
+    return Paths(there, there, np.zeros(count), np.ones(count)), (xyz, 0 * xyz)
+
+
+def phasors(paths):
+    legs = np.linalg.norm(paths.xyz, axis=-1) + np.linalg.norm(paths.departure, axis=-1)
+    return np.sqrt(paths.power) * np.exp(2j * np.pi * legs / RADAR.wavelength_m)
+
+
+def test_floor_bounces_follow_the_two_ray_law():
+    scene, _ = world([FLOOR])
+    heights = np.linspace(0.3, 1.6, 131)
+    scattered, spots = targets(heights)
+    view = seen_from((0, 0, HEIGHT))
+    args = (scene, placements(scene, 0.0), view, RADAR, scattered, spots)
+    found = floor_paths(*args, roughness_m=0.0)
+    assert len(found.power) == 3 * len(heights)
+    total = phasors(scattered) + phasors(found).reshape(3, -1).sum(0)
+
+    direct = np.hypot(AWAY, HEIGHT - heights)
+    bounced = np.hypot(AWAY, HEIGHT + heights)
+    fall = (direct / bounced) ** (1 + LINK.elevation_power / 2)  # spreading, antennas
+    turn = np.exp(2j * np.pi * (bounced - direct) / RADAR.wavelength_m)
+    law = np.abs(1 - fall * turn) ** 4
+    assert law.min() < 0.05 and law.max() > 5
+    np.testing.assert_allclose(np.abs(total) ** 2, law, atol=0.05, rtol=0.02)
+
+
+def test_roughness_takes_from_the_bounce_as_ament_says():
+    wavelength, cosine = RADAR.wavelength_m, np.array([0.1, 0.5])
+    rough = wavelength / (4 * np.pi * cosine)
+    share = floor_share(
+        cosine, np.full(2, 0.5), roughness_m=rough, wavelength_m=wavelength
+    )
+    np.testing.assert_allclose(share, 0.5 / np.e)
+
+
+def test_no_bounce_where_the_floor_is_hidden():
+    hidden = moved(box((0.5, 6.0, 0.8), "metal"), (AWAY / 2, 0, 0))
+    scene, _ = world([FLOOR, hidden])
+    scattered, spots = targets(np.array([1.1]))
+    view = seen_from((0, 0, HEIGHT))
+    args = (scene, placements(scene, 0.0), view, RADAR, scattered, spots)
+    assert not floor_paths(*args, roughness_m=0.0).power.size
+
+
+def test_a_unit_with_floor_bounces_has_them_instead_of_ghosts_in_the_floor():
+    target = moved(box((0.2, 0.2, 1.4), "metal"), (4.0, 0.0, 0.0))
+    scene, reflectors = world([FLOOR, target])
+    assert is_floor(reflectors.facets[0])[0]  # and the underside of the box
+
+    def below(**changes):
+        unit = UnitSpec(**changes)
+        paths = radar_paths(scene, reflectors, "single_chip", 0.0, RADAR, unit=unit)
+        return np.count_nonzero(paths.xyz[:, 2] < -1.4)
+
+    assert below() and below(floor_bounces=True, floor_roughness_m=0.0)
+    assert not below(floor_bounces=True, floor_roughness_m=0.1)
+
+
+def upright(x, material="metal"):
+    return sheet([(x, -6, 0), (x, 6, 0), (x, 6, 4), (x, -6, 4)], material)
+
+
+def test_echoes_between_walls_have_the_power_of_friis():
+    a, b, speed = 3.0, 2.0, 0.7
+    scene, reflectors = world([upright(a), upright(-b)])
+    view = seen_from((0, 0, HEIGHT), (speed, 0, 0))
+    args = (scene, placements(scene, 0.0), view, RADAR, reflectors.facets[0])
+    paths = echoes_between_walls(*args)
+    length = np.linalg.norm(paths.xyz, axis=-1)
+    np.testing.assert_allclose(np.sort(length), [a + b, a + b, a + 2 * b, 2 * a + b])
+    best = int(np.argmax(paths.power))  # twice the wall ahead, once that behind
+    np.testing.assert_allclose(paths.xyz[best], [2 * a + b, 0, 0], atol=1e-6)
+    assert paths.velocity[best] == pytest.approx(-speed)
+    sent_dbm = LINK.transmit_dbm + 2 * LINK.gain_dbi - LINK.losses_db
+    way = 4 * np.pi * 2 * (2 * a + b)
+    friis = 10 ** (sent_dbm / 10) * (RADAR.wavelength_m / way) ** 2
+    metal = surface_tables(RADAR.center_frequency_hz).mirrored[3, -1]
+    assert paths.power[best] == pytest.approx(friis * metal**3, rel=1e-3)
+    through = paths.velocity[np.isclose(length, a + b)]  # one wall nears, one recedes
+    np.testing.assert_allclose(through, 0, atol=1e-9)
+
+
+def test_walls_that_are_not_parallel_pass_no_echoes():
+    aside = sheet([(-6, 3, 0), (6, 3, 0), (6, 3, 4), (-6, 3, 4)], "metal")
+    scene, reflectors = world([upright(3.0), aside])
+    view = seen_from((0, 0, HEIGHT))
+    args = (scene, placements(scene, 0.0), view, RADAR, reflectors.facets[0])
+    assert not echoes_between_walls(*args).power.size
+
+
+def test_leaves_have_billingsleys_spectrum():
+    wind, count = 10.0, 40_000
+    draw = foliage_velocity(wind, RADAR, 1.0)
+    assert draw is not None
+    velocity = draw(count)
+    ratio = standing_ratio(wind, RADAR.center_frequency_hz)
+    assert np.mean(velocity == 0) == pytest.approx(ratio / (1 + ratio), rel=0.1)
+    moving = np.abs(velocity[velocity != 0])
+    for speed in (0.05, 0.2, 0.5):
+        share = np.mean(moving > speed)
+        assert share == pytest.approx(np.exp(-beta(wind) * speed), rel=0.1)
+    assert [beta(wind) for wind in (3.0, 10.0, 20.0, 40.0)] == [12.0, 8.0, 5.7, 4.3]
+    assert standing_ratio(10.0, 1e9) == pytest.approx(489.8 * 10**-1.55)
+    assert foliage_velocity(0.0, RADAR, 1.0) is None
+
+
+def test_the_wind_moves_leaves_and_no_walls():
+    leaves = sheet([(4, -3, 0.2), (4, 3, 0.2), (4, 3, 3), (4, -3, 3)], "foliage")
+    wall = sheet([(7, -3, 0.2), (7, 3, 0.2), (7, 3, 3), (7, -3, 3)], "rock")
+    scene, reflectors = world([leaves, wall])
+    unit = UnitSpec(wind_mph=10.0)
+    paths = radar_paths(scene, reflectors, "single_chip", 0.0, RADAR, unit=unit)
+    near = paths.xyz[:, 0] < 5.5
+    spread = paths.velocity[near].std()
+    assert spread == pytest.approx(2**0.5 / beta(10.0), rel=0.35)
+    far = ~near & (paths.xyz == paths.departure).all(-1) & (paths.xyz[:, 0] < 8)
+    assert far.any() and np.abs(paths.velocity[far]).max() < 1e-6
