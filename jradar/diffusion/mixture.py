@@ -42,7 +42,8 @@ def range_mixture(
     denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
 ) -> RangeMixture:
     """Return the mixtures of images of `shape` [*batch row column 2]."""
-    values = denoise(jnp.zeros(shape), jnp.asarray(noise.sigma_max))
+    blank: Any = jax.ShapeDtypeStruct(shape, jnp.zeros(()).dtype)
+    values = denoise(blank, jnp.asarray(noise.sigma_max))
     return mixture_of(values)
 
 
