@@ -10,7 +10,6 @@ import collections
 import contextlib
 import dataclasses
 import functools
-import itertools
 import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -31,7 +30,14 @@ from jradar.cli.reading import (
     summary,
 )
 from jradar.errors import UsageError
-from jradar.model import Model, ModelSpec, dense_cloud, draw, load_model
+from jradar.model import (
+    Model,
+    ModelSpec,
+    compiler_options,
+    dense_cloud,
+    draw,
+    load_model,
+)
 from jradar.progress import progress
 from jradar.radar import RadarSpec, detect, excise_interference, power_map
 from jradar.range_image import (
@@ -46,6 +52,10 @@ from jradar.types import PointCloud
 
 DETECTION_RATE = 1e-3  # false alarms per cell of the detections that are counted
 AHEAD = 2  # frames that wait between two threads
+# The stages of a frame, by the thread that runs them.
+POINTS = ("radar processing", "condition")
+ANSWER = ("sampling", "back projection")
+REPORT = ("range doppler map", "detections")
 TOLERANCE = 0.05  # up to which two radars count as alike
 FLAT = (
     "this radar has one row of antennas and measures no elevation: heights in the "
@@ -84,7 +94,8 @@ class Enhanced(NamedTuple):
 def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     """Enhance the frames that the options name, and write the results.
 
-    One thread reads ahead and another writes, while this one computes.
+    Three threads read ahead, find the radar points, and write, while this one runs the
+    network. A recording takes as long as its slowest thread, if there are cores enough.
     """
     check_limits(options)
     if is_streamed(options.output) and options.frame is None:
@@ -108,13 +119,23 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     def read(frame):
         return frame, watch("reading", recordings.calibrated_cube, recording, frame)
 
-    def compute(frame, cube):
+    def process(read):
+        frame, cube = read
         values = [watch("interference", excised, cube) if excised else cube]
-        for name, stage in stages.items():
-            values.append(watch(name, stage, key, model, *values))
-        return _result(frame, values, spec, options)
+        return frame, through(POINTS, values)
 
-    def write(result):
+    def answer(processed):
+        frame, values = processed
+        return frame, through(ANSWER, values)
+
+    def through(names, values):
+        for name in names:
+            values.append(watch(name, stages[name], key, model, *values))
+        return values
+
+    def write(answered):
+        frame, values = answered
+        result = _result(frame, through(REPORT, values), spec, options)
         files = watch("writing", put, recording, spec, result, options, pictured)
         return result.row, files
 
@@ -122,12 +143,13 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     begin = time.perf_counter()
     with (
         ThreadPoolExecutor(1) as reader,
+        ThreadPoolExecutor(1) as processor,
         ThreadPoolExecutor(1) as writer,
         _output(options, writer) as put,
         progress("enhancing", len(frames), unit="frames") as show,
     ):
-        computed = itertools.starmap(compute, _ahead(reader, read, frames))
-        for row, files in _ahead(writer, write, computed):
+        processed = _ahead(processor, process, _ahead(reader, read, frames))
+        for row, files in _ahead(writer, write, map(answer, processed)):
             rows.append(row)
             written = files
             if len(frames) > 1:
@@ -242,7 +264,8 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
     ):
         traced = jax.jit(stage, keep_unused=True).trace(key, model, *values)
         name = stage.__name__.replace("_", " ")
-        compiling[name] = threads.submit(traced.lower().compile)
+        compile_ = traced.lower().compile
+        compiling[name] = threads.submit(compile_, compiler_options())
         values.append(traced.out_info)
     if options.min_confidence is not None and values[3].confidence is None:
         raise UsageError(

@@ -31,7 +31,8 @@ Training
 
 One pass
     RangeMixture, range_mixture     each pixel's distribution, from one evaluation
-    mixture_mass, mixture_loss      a probability of it; its negative log-likelihood
+    mixture_mass, window_mass       a probability of it; the same, asked several times
+    mixture_loss                    its negative log-likelihood
 
 Weights
     load_pretrained, Transfer       weights to start from, published or trained here
@@ -51,6 +52,7 @@ from jradar.diffusion.mixture import (
     mixture_loss as mixture_loss,
     mixture_mass as mixture_mass,
     range_mixture as range_mixture,
+    window_mass as window_mass,
 )
 from jradar.diffusion.network import (
     NETWORKS as NETWORKS,

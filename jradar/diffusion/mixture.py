@@ -9,7 +9,9 @@ surfaces has two components, and no mean between them (mixture density networks,
     F [.. 2 + 3 COMPONENTS] -> centre, return | offset, log-scale, weight of components
 """
 
-from typing import NamedTuple
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,21 +42,34 @@ def range_mixture(
     denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
 ) -> RangeMixture:
     """Return the mixtures of images of `shape` [*batch row column 2]."""
-    values = denoise(jnp.zeros(shape), jnp.asarray(noise.sigma_max))
+    blank: Any = jax.ShapeDtypeStruct(shape, jnp.zeros(()).dtype)
+    values = denoise(blank, jnp.asarray(noise.sigma_max))
     return mixture_of(values)
 
 
 def mixture_of(values: Float[Array, "*batch row column output"]) -> RangeMixture:
     """Return the mixtures that the outputs of the prediction "mixture" describe."""
-    fields = values[..., 2:].reshape(*values.shape[:-1], 3, COMPONENTS)
-    offset, growth, weight = (fields[..., k, :] for k in range(3))
-    first = jnp.broadcast_to(np.log(FIRST_SCALES).astype(values.dtype), growth.shape)
-    return RangeMixture(
-        SHARPNESS * values[..., 1],
-        jax.nn.softmax(SHARPNESS * weight, -1),
-        values[..., :1] + offset,
+    # Outputs come first meanwhile: XLA's loops are fast along pixels, not components.
+    fields = jnp.moveaxis(values, -1, 0)
+    offset, growth, weight = fields[2:].reshape(3, COMPONENTS, *fields.shape[1:])
+    first = np.log(FIRST_SCALES).astype(values.dtype)
+    first = first.reshape(-1, *[1] * (values.ndim - 1))
+    components = (
+        _softmax(SHARPNESS * weight),
+        fields[:1] + offset,
         jnp.exp(first + 4 * jnp.tanh(growth)) + LEAST_SCALE,
     )
+    return RangeMixture(
+        SHARPNESS * fields[1], *(jnp.moveaxis(part, 0, -1) for part in components)
+    )
+
+
+def _softmax(values):
+    """The softmax along the first axis, unrolled: XLA repeats a reduction's terms."""
+    largest = jax.lax.stop_gradient(functools.reduce(jnp.maximum, values))
+    powers = [jnp.exp(value - largest) for value in values]
+    share = 1 / sum(powers[1:], powers[0])
+    return jnp.stack([power * share for power in powers])
 
 
 def mixture_mass(
@@ -63,11 +78,22 @@ def mixture_mass(
     high: Float[Array, "*batch row column"],
 ) -> Float[Array, "*batch row column"]:
     """Return the probability of a coded range from `low` to `high`, given a return."""
-    below, above = (
-        jax.nn.sigmoid((edge[..., None] - mixture.centre) / mixture.scale)
-        for edge in (low, high)
-    )
-    return (mixture.weight * (above - below)).sum(-1)
+    return window_mass(mixture)(low, high)
+
+
+def window_mass(mixture: RangeMixture) -> Callable[[Any, Any], Float[Array, "..."]]:
+    """Return `mixture_mass` of this mixture, for a caller that asks several times."""
+    weight, centre, scale = (jnp.moveaxis(part, -1, 0) for part in mixture[1:])
+    steepness = 1 / scale
+
+    def mass(low, high):
+        total: Any = 0.0
+        for part, middle, steep in zip(weight, centre, steepness, strict=True):
+            above = jax.nn.sigmoid((high - middle) * steep)
+            total += part * (above - jax.nn.sigmoid((low - middle) * steep))
+        return total
+
+    return mass
 
 
 def mixture_loss(

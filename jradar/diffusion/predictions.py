@@ -24,6 +24,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from jradar.diffusion.noise import NoiseSpec
 
 Image = Float[Array, "*batch row column channel"]
+ImageOrShape = Image | jax.ShapeDtypeStruct  # only the shape of an image of zeros
 Level = Float[Array, "*batch"]
 Output = Float[Array, "*batch row column output"]
 NetworkFunction = Callable[[Image, Level], Output]
@@ -105,9 +107,13 @@ class Mixture(Prediction):
     gives_image = False
 
     def denoise(
-        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+        self,
+        network: NetworkFunction,
+        x: ImageOrShape,
+        sigma: Level,
+        noise: "NoiseSpec",
     ) -> Output:
-        """Return sigma_data F, with as many channels as F."""
+        """Return sigma_data F, with as many channels as F; `x` may be a shape."""
         return noise.sigma_data * network_output(network, x, sigma, noise)
 
 
@@ -133,8 +139,13 @@ def scalings(sigma: Level, noise: "NoiseSpec") -> tuple[Level, Level, Level, Lev
 
 
 def network_output(
-    network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+    network: NetworkFunction, x: ImageOrShape, sigma: Level, noise: "NoiseSpec"
 ) -> Output:
-    """Return the network's output for an image scaled to unit variance."""
+    """Return the network's output for an image scaled to unit variance.
+
+    Only the shape of an image of zeros is passed on as it is.
+    """
     _, _, c_in, c_noise = scalings(sigma, noise)
+    if isinstance(x, jax.ShapeDtypeStruct):
+        return network(x, c_noise)
     return network(c_in[..., None, None, None] * x, c_noise)

@@ -70,6 +70,7 @@ PRESETS: dict[str, dict[str, Any]] = {
 }
 
 Image = Float[Array, "batch row column channel"]
+ImageOrShape = Image | jax.ShapeDtypeStruct  # only the shape, of images of zeros
 Condition = Float[Array, "batch coarse_row coarse_column slice"]
 Features = Sequence[Float[Array, "_ _ _ _"]]  # of one condition per image, or of one
 
@@ -160,14 +161,16 @@ class UNet(nn.Module):
         return (condition,) if self.condition_at_input else self.tower(condition)
 
     def decode(
-        self, x: Image, c_noise: Float[Array, " batch"], features: Features
+        self, x: ImageOrShape, c_noise: Float[Array, " batch"], features: Features
     ) -> Float[Array, "batch row column output"]:
         """Return the output for noisy images and features of the condition.
 
-        Features of one condition are used for all images of the batch.
+        Features of one condition are used for all images of the batch. Where `x` is
+        only a shape, the images are zero, and the stem costs nothing.
         """
         if not self.condition_at_input:
             return self.trunk(x, c_noise, features)
+        x = _filled(x)
         (condition,) = features
         shape = (*condition.shape[:-3], *x.shape[1:3], condition.shape[-1])
         resized = jax.image.resize(condition, shape, "linear")
@@ -224,7 +227,7 @@ class Trunk(nn.Module):
 
     @nn.compact
     def __call__(
-        self, x: Image, c_noise: Float[Array, " batch"], features: Features
+        self, x: ImageOrShape, c_noise: Float[Array, " batch"], features: Features
     ) -> Float[Array, "batch row column output"]:
         """Return images of the size of `x`. Raises ValueError for unsuitable sizes."""
         self._check(x.shape, features)
@@ -249,12 +252,10 @@ class Trunk(nn.Module):
                 name=name,
             )
 
-        x = x.astype(self.dtype)
-        detail = self._detail(x, embedding) if self.detail_channels else None
-        patches = fold(x, self.stem)
-        first = self.channels if song else width[0]
-        h = conv(first, self.dtype, name="stem")(patches)
-        h += self._angles(first, patches, "angles")
+        detail = None
+        if self.detail_channels:
+            detail = self._detail(_filled(x).astype(self.dtype), embedding)
+        h = self._stem(x, self.channels if song else width[0])
 
         skips = []
         for level, channels in enumerate(width):
@@ -283,6 +284,20 @@ class Trunk(nn.Module):
                 name = f"dec{level}_block{i}"
                 h = block(name, channels, attend=attend)(h, embedding)
         return self._head(h, detail)
+
+    def _stem(self, x, channels):
+        """Features of patches of the image and of their angles."""
+        if isinstance(x, jax.ShapeDtypeStruct) and self.has_variable("params", "stem"):
+            # What the convolution makes of zeros, at no cost.
+            rows, columns = (
+                n // s for n, s in zip(x.shape[1:3], self.stem, strict=True)
+            )
+            bias = self.variables["params"]["stem"]["bias"].astype(self.dtype)
+            h = jnp.broadcast_to(bias, (x.shape[0], rows, columns, channels))
+        else:
+            patches = fold(_filled(x).astype(self.dtype), self.stem)
+            h = conv(channels, self.dtype, name="stem")(patches)
+        return h + self._angles(channels, h, "angles")
 
     def _detail(self, x, embedding):
         """Features of every pixel, scaled and shifted by the noise level."""
@@ -350,3 +365,8 @@ class Trunk(nn.Module):
                 f"the condition has grids {given}, the network {grids}: none match, "
                 "so the condition would be ignored; change a stem or an image size"
             )
+
+
+def _filled(x):
+    """Zeros, where `x` is only a shape."""
+    return jnp.zeros(x.shape, x.dtype) if isinstance(x, jax.ShapeDtypeStruct) else x

@@ -13,8 +13,10 @@ load_model, save_model, shipped_models
 enhance, condition, draw, dense_cloud
                                     from a cube to a cloud
 mixtures, fuse                      several frames as one
+compiler_options                    for `jit` around them, quicker on a CPU
 """
 
+from jradar.model.compiling import compiler_options as compiler_options
 from jradar.model.enhancing import (
     condition as condition,
     dense_cloud as dense_cloud,

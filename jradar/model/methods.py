@@ -8,17 +8,18 @@ regression    one estimate, without confidence
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
 from jradar.diffusion import (
     SOLVERS,
     Denoiser,
     RangeMixture,
-    mixture_mass,
     range_mixture,
     regression_estimate,
     sample,
+    window_mass,
 )
 from jradar.errors import UsageError
 from jradar.range_image import (
@@ -97,34 +98,31 @@ def likeliest_range(
     around the components' centres are tried, and two beside the best of them.
     """
     view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
+    inside = window_mass(mixture)
 
     def mass(range_m):
         low, high = (
             encode_range(range_m + side, **view) for side in (-window_m, window_m)
         )
-        return mixture_mass(mixture, low, high)
+        return inside(low, high)
 
-    centres = decode_range(mixture.centre, **view)
-    best = centres[..., 0]
-    most = mass(best)
-    for k in range(1, centres.shape[-1]):
-        best, most = _better(best, most, centres[..., k], mass)
-    middle = best
-    for step in SIDE_STEPS:
-        best, most = _better(best, most, middle + step * window_m, mass)
+    # `map` computes each mass once; where XLA fuses, it repeats it for both results.
+    centres = decode_range(jnp.moveaxis(mixture.centre, -1, 0), **view)
+    best, most = _best(centres, jax.lax.map(mass, centres))
+    beside = jnp.stack([best + step * window_m for step in SIDE_STEPS])
+    masses = jax.lax.map(mass, beside)
+    best, most = _best([best, *beside], [most, *masses])
     returned = 1 / (1 + jnp.exp(-mixture.returned))
     return RangeImage(jnp.maximum(best, 0.0), returned * most)
 
 
-def _better(
-    best: Float[Array, "row column"],
-    most: Float[Array, "row column"],
-    other: Float[Array, "row column"],
-    mass: Callable,
-) -> tuple[Float[Array, "row column"], Float[Array, "row column"]]:
-    """The range of more mass of two, and its mass."""
-    found = mass(other)
-    return jnp.where(found > most, other, best), jnp.maximum(found, most)
+def _best(ranges, masses):
+    """The range of the most mass, the first of equals, and its mass."""
+    best, most = ranges[0], masses[0]
+    for other, found in zip(ranges[1:], masses[1:], strict=True):
+        best = jnp.where(found > most, other, best)
+        most = jnp.maximum(found, most)
+    return best, most
 
 
 def _refuse(sampling: dict[str, Any], why: str) -> None:

@@ -23,6 +23,7 @@ sample of most chirps, is not found.
 """
 
 import functools
+import math
 from typing import NamedTuple
 
 import jax
@@ -181,7 +182,7 @@ def excise_interference(
         echoes = _echoes(cleaned * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight[..., 0, :, :] ** 2
-        usual = jnp.median(power, axis=(-3, -2), keepdims=True) + quantised
+        usual = _median(power, (-3, -2)) + quantised
         return echoes, power / (usual * unsure)
 
     def excise(state, times):
@@ -210,9 +211,36 @@ def _echoes(cube):
     is_complex, size = jnp.iscomplexobj(cube), cube.shape[-2:]
     spectrum = jnp.fft.fft2(cube) if is_complex else jnp.fft.rfft2(cube)
     power = (spectrum.real**2 + spectrum.imag**2).sum((-4, -3), keepdims=True)
-    floor = jnp.median(power, axis=(-2, -1), keepdims=True)
+    floor = _median(power, (-2, -1))
     spectrum = jnp.where(power > ECHO * floor, spectrum, 0)
     return jnp.fft.ifft2(spectrum) if is_complex else jnp.fft.irfft2(spectrum, s=size)
+
+
+def _median(power, axes):
+    """`jnp.median` of values from 0 up, with the axes kept, and without its sort.
+
+    Such floats are in the order of their bits. From the highest on, a bit of the middle
+    value is 1 if, with it, no more values lie below than belong there.
+    """
+    width = 8 * power.dtype.itemsize
+    kind = jnp.dtype(f"int{width}")
+    bits = jax.lax.bitcast_convert_type(power, kind)
+    count = math.prod(power.shape[axis] for axis in axes)
+    below = (count - 1) // 2
+
+    def set_bit(place, found):
+        tried = found | jnp.asarray(1, kind) << (width - 2 - place).astype(kind)
+        fits = (bits < tried).sum(axes, keepdims=True) <= below
+        return jnp.where(fits, tried, found)
+
+    zeros = jnp.zeros_like(bits.max(axes, keepdims=True))
+    lower = jax.lax.fori_loop(0, width - 1, set_bit, zeros)
+    value = jax.lax.bitcast_convert_type(lower, power.dtype)
+    if count % 2:
+        return value
+    more = jnp.where(bits > lower, power, jnp.inf).min(axes, keepdims=True)
+    alone = (bits <= lower).sum(axes, keepdims=True) == below + 1
+    return (value + jnp.where(alone, more, value)) / 2
 
 
 def _with_neighbours(disturbed):

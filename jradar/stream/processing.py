@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Inexact, Num, UInt8
 
 from jradar.errors import UsageError
-from jradar.model import Model, enhance
+from jradar.model import Model, compiler_options, enhance
 from jradar.radar import PointSpec, radar_points
 from jradar.recordings import (
     Recording,
@@ -106,7 +106,7 @@ class Processor:
         """Return the clouds and the picture of a frame; `lidar` is put beside them."""
         recording = self.recording
         here = recording._replace(cubes=Stream(lambda _: cube, 1))
-        clouds, picture = _process(
+        clouds, picture = _compiled()(
             self._key,
             jnp.asarray(calibrated_cube(here, 0)),
             self.model,
@@ -122,9 +122,16 @@ class Processor:
         return View(number, stamp_s, clouds, picture, self._base_from)
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "points", "range_bias_m", "drawing")
-)
+@functools.cache
+def _compiled():
+    """`_process` as XLA compiles it best on this machine."""
+    return jax.jit(
+        _process,
+        static_argnames=("radar", "points", "range_bias_m", "drawing"),
+        compiler_options=compiler_options(),
+    )
+
+
 def _process(key, cube, model, coupling, *, radar, points, range_bias_m, drawing):
     """Clouds and picture in one program, which shares the spectra between them."""
     clouds = {

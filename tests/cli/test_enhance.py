@@ -1,13 +1,15 @@
 """`jradar enhance` and `jradar export`: the library's clouds, timed and written."""
 
+import collections
 import dataclasses
+import threading
 
 import jax
 import numpy as np
 import pytest
 
 from jradar import model as models
-from jradar.cli import main
+from jradar.cli import enhancing, main
 from jradar.model import Model, condition, draw, load_model, save_model
 from jradar.radar import radar_points
 from jradar.range_image import condition_features, fit_trust
@@ -69,6 +71,44 @@ def test_every_stage_of_several_frames_is_timed(
     for name in ("radar.ply", "enhanced.ply"):
         same = (tmp_path / "few" / "000011" / name).read_bytes()
         assert (tmp_path / "one" / name).read_bytes() == same
+
+
+def test_a_frame_is_processed_while_another_is_in_the_network(
+    sequence, model_folder, run_json, tmp_path, monkeypatch
+):
+    begun, waited = threading.Event(), []
+    seen = collections.Counter()
+    call = enhancing.Stopwatch.__call__
+
+    def spy(watch, stage, *rest):
+        seen[stage] += 1
+        if stage == "condition" and seen[stage] == 2:
+            begun.set()
+        if stage == "sampling" and seen[stage] == 1:
+            waited.append(begun.wait(60))
+        return call(watch, stage, *rest)
+
+    monkeypatch.setattr(enhancing.Stopwatch, "__call__", spy)
+    command = ["enhance", sequence, "--model", model_folder, *QUICK]
+    run_json(*command, "-o", tmp_path, "--frames", "10:")
+    assert waited == [True]
+
+
+def test_a_frame_that_cannot_be_read_ends_the_recording(
+    sequence, model_folder, tmp_path, monkeypatch, capsys
+):
+    read = enhancing.recordings.calibrated_cube
+
+    def failing(recording, frame):
+        if frame == 3:
+            raise ValueError("frame 3 is damaged")
+        return read(recording, frame)
+
+    monkeypatch.setattr(enhancing.recordings, "calibrated_cube", failing)
+    command = ["enhance", sequence, "--model", model_folder, *QUICK, "--frames", ":"]
+    assert main([*map(str, command), "-o", str(tmp_path)]) == 4
+    assert "frame 3 is damaged" in capsys.readouterr().err
+    assert not (tmp_path / "000003").exists()
 
 
 def test_another_radar_than_in_training_is_noted(

@@ -109,3 +109,32 @@ def test_weights_of_another_prediction_start_as_the_same_image(
     expected = image(old, params, before)
     np.testing.assert_allclose(found[..., :2], expected, atol=1e-3)
     np.testing.assert_array_equal(found[..., 2:], 0)
+
+
+@pytest.mark.parametrize(
+    "fields", [{}, {"detail_channels": 0}, {"condition_at_input": True}]
+)
+def test_the_shape_of_an_image_stands_for_zeros(fields):
+    network = UNet(
+        channels=8,
+        multipliers=(1,),
+        blocks=1,
+        attention_levels=(),
+        outputs=14,
+        **fields,
+    )
+    rng = np.random.default_rng(0)
+    condition = jnp.asarray(rng.normal(size=(1, 8, 8, 3)), jnp.float32)
+    level, zeros = jnp.ones(1), jnp.zeros((1, 8, 32, 2))
+    params = network.init(jax.random.key(0), zeros, level, condition)
+    params = jax.tree.map(
+        lambda p: jnp.asarray(rng.normal(size=p.shape), p.dtype), params
+    )
+
+    def output(x):
+        features = network.apply(params, condition, method="encode")
+        return network.apply(params, x, level, features, method="decode")
+
+    shape = jax.ShapeDtypeStruct(zeros.shape, zeros.dtype)
+    np.testing.assert_allclose(output(shape), output(zeros), rtol=1e-5, atol=1e-5)
+    assert np.ptp(output(shape)) > 0

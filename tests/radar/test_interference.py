@@ -17,7 +17,7 @@ from jradar.radar import (
     power_map,
     radar_points,
 )
-from jradar.radar.interference import EDGE, _taper
+from jradar.radar.interference import EDGE, _median, _taper
 from tests.radar.targets import CELLS, SMALL, simulate, target
 
 KEY = jax.random.key(0)
@@ -119,6 +119,16 @@ def test_a_clean_frame_with_a_strong_target_is_returned_bit_for_bit(radar, veloc
     excised, found = excise_interference(cube)
     assert not found.any()
     np.testing.assert_array_equal(excised, cube)
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 32])
+def test_the_median_is_that_of_a_sort(count):
+    power = np.random.default_rng(count).gamma(0.2, 1e6, (2, 3, count, 5))
+    power[0, :, : (count + 1) // 2] = 0  # many are equal
+    power = jnp.asarray(power, jnp.float32)
+    for axes in ((-3, -2), (-2, -1)):
+        expected = np.median(np.asarray(power), axes, keepdims=True)
+        np.testing.assert_array_equal(_median(power, axes), expected)
 
 
 @pytest.mark.parametrize("radar", [SMALL, REAL], ids=["complex", "real"])

@@ -1,0 +1,25 @@
+"""How XLA compiles a network for this machine."""
+
+import functools
+
+import jax
+
+# Without a library for small products, XLA runs Eigen's convolutions on all cores.
+CPU_OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": ""}
+
+
+@functools.cache
+def compiler_options() -> dict[str, str]:
+    """Return options of `jax.jit` or `compile` that make a network quick; maybe none.
+
+    They are for CPUs, where one frame is too little work for XLA's usual choice, and
+    left out where this version of XLA does not know them. `jit` takes them at the top
+    level only.
+    """
+    if jax.default_backend() != "cpu":
+        return {}
+    try:
+        jax.jit(lambda x: x).lower(0.0).compile(compiler_options=CPU_OPTIONS)
+    except jax.errors.JaxRuntimeError:
+        return {}
+    return CPU_OPTIONS
