@@ -124,23 +124,24 @@ def fuse(
     view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
     candidates += [decode_range(centres[..., k], **view) for k in range(2)]
 
-    best, most = first, probability(first)
-    for other in candidates[1:]:
-        best, most = _better(best, most, other, probability)
-    middle = best
-    for step in SIDE_STEPS:
-        best, most = _better(best, most, middle + step * window_m, probability)
+    best, most = _likeliest(jnp.stack(candidates), probability)
+    beside = jnp.stack([best, *(best + step * window_m for step in SIDE_STEPS)])
+    best, most = _likeliest(beside, probability)
     if spec.calibration is not None:
         most = calibrated(most, spec.calibration)
     least = spec.least_confidence if least_confidence is None else least_confidence
     return confident(RangeImage(best, most), least)
 
 
-def _better(best, most, other, probability):
-    """The range of more probability of two, and its probability."""
-    other = jnp.maximum(other, 0.0)
-    found = jnp.where(other > 0, probability(other), 0.0)
-    return jnp.where(found > most, other, best), jnp.maximum(found, most)
+def _likeliest(candidates, probability):
+    """Each pixel's candidate of most probability, the first of equals, and that."""
+    candidates = jnp.maximum(candidates, 0.0)
+    found = jax.lax.map(probability, candidates)
+    found = jnp.where(candidates > 0, found, 0.0)
+    best = found.argmax(0)[None]
+    return tuple(
+        jnp.take_along_axis(values, best, 0)[0] for values in (candidates, found)
+    )
 
 
 def _surface(mixture, range_m, spec, window_m):
@@ -151,7 +152,7 @@ def _surface(mixture, range_m, spec, window_m):
 
 
 def _table(mixture):
-    """The numbers of each pixel's mixture in one array, so that one gather reads all."""
+    """Each pixel's mixture in one array, which one gather reads."""
     parts = [mixture.returned[..., None], mixture.weight, mixture.centre, mixture.scale]
     return jnp.concatenate(parts, -1)
 
