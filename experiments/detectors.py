@@ -45,18 +45,20 @@ def detected(
     prepared: data.PreparedFrame, view: View, *, detector: str, rate: float
 ) -> PointCloud:
     """Return the points that a detector finds in the field of view."""
-    points = PointSpec(detector=detector, false_alarm_rate=rate).fitted(view.radar)
-    mask = detect(prepared.cells.power, view.radar, points=points)
+    radar = view.radar_of(prepared)
+    points = PointSpec(detector=detector, false_alarm_rate=rate).fitted(radar)
+    mask = detect(prepared.cells.power, radar, points=points)
     return seen_points(prepared, mask, view)
 
 
 def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
     """Return the points of the cells in `mask` that lie in the field of view."""
+    radar = view.radar_of(prepared)
     cloud = cell_points(
         prepared.cells,
         mask,
-        view.radar,
-        points=PointSpec().fitted(view.radar),
+        radar,
+        points=PointSpec().fitted(radar),
         range_bias_m=prepared.range_bias_m,
     )
     seen = shared_field_of_view(

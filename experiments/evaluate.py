@@ -39,6 +39,13 @@ class View(NamedTuple):
 
     radar: RadarSpec
     fine: ImageSpec
+    records: data.Records | None = None  # where sequences have chirps of their own
+
+    def radar_of(self, prepared: data.PreparedFrame) -> RadarSpec:
+        """Return the radar that recorded a frame."""
+        if self.records is None:
+            return self.radar
+        return self.records.radar_of(prepared.sequence)
 
 
 def view_of(records: data.Records) -> View:
@@ -51,7 +58,7 @@ def view_of(records: data.Records) -> View:
         elevation=tuple(seen["elevation"]),
         max_range_m=seen["max_range_m"],
     )
-    return View(records.radar, fine)
+    return View(records.radar, fine, records)
 
 
 def points_of(cloud: PointCloud) -> np.ndarray:

@@ -161,14 +161,14 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Score the workdir's model beside the detectors: tables, pictures, a report."""
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
-    view = View(model.spec.radar, model.spec.fine)
+    records = data.Records(folder, config.evaluation.split)
+    view = View(model.spec.radar, model.spec.fine, records)
     rates = choose_rates(
         view,
         data.Records(folder, "validation"),
         detectors=tuple(config.evaluation.detectors),
         frames=config.evaluation.frames_for_rates,
     )
-    records = data.Records(folder, config.evaluation.split)
     print(model.spec.purpose, end="\n\n")
     write_results(
         build.random_key(config, build.SAMPLE_KEY),

@@ -240,6 +240,12 @@ class Records(Stream):
         path = self.folder / "manifest.json"
         with parsing(path, "a manifest of records"):
             self.radar = RadarSpec.from_dict(self.manifest["radar"])
+            self._other_radars = {
+                name: radar
+                for entry in self.manifest.get("other_radars", [])
+                for radar in [RadarSpec.from_dict(entry["radar"])]
+                for name in entry["sequences"]
+            }
             typed_fields(LidarSpec, self.manifest["options"]["lidar"])
             for sequence in self.manifest["sequences"]:
                 _check(sequence, name=str, split=str, shards=list)
@@ -255,6 +261,10 @@ class Records(Stream):
             sequence, frame = self.where[index]
             where = f"record {index} ({sequence}, frame {frame})"
             raise ValueError(f"{self.folder}, {where}: {error}") from error
+
+    def radar_of(self, sequence: str) -> RadarSpec:
+        """Return the radar of a sequence; its antennas are those of `radar`."""
+        return self._other_radars.get(sequence, self.radar)
 
     @property
     def digest(self) -> str:
