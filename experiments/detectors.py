@@ -45,19 +45,20 @@ def detected(
     prepared: data.PreparedFrame, view: View, *, detector: str, rate: float
 ) -> PointCloud:
     """Return the points that a detector finds in the field of view."""
-    options = {"detector": detector, "false_alarm_rate": rate}
-    points = view.points(prepared.sequence, **options)
-    mask = detect(prepared.cells.power, view.radar, points=points)
+    radar = view.radar_of(prepared)
+    points = view.points(prepared, detector=detector, false_alarm_rate=rate)
+    mask = detect(prepared.cells.power, radar, points=points)
     return seen_points(prepared, mask, view)
 
 
 def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
     """Return the points of the cells in `mask` that lie in the field of view."""
+    radar = view.radar_of(prepared)
     cloud = cell_points(
         prepared.cells,
         mask,
-        view.radar,
-        points=view.points(prepared.sequence),
+        radar,
+        points=view.points(prepared),
         range_bias_m=prepared.range_bias_m,
     )
     seen = shared_field_of_view(

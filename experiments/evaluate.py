@@ -7,9 +7,8 @@ a dictionary of methods on records, and writes
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -36,26 +35,29 @@ class Frame(NamedTuple):
 
 
 class View(NamedTuple):
-    """The radar, and the image whose field of view counts.
-
-    `windows` are those of `data.Records.windows`; a sequence that it lacks has the
-    windows of `PointSpec`.
-    """
+    """The radar, and the image whose field of view counts."""
 
     radar: RadarSpec
     fine: ImageSpec
-    windows: Mapping[str, tuple[str, str]] = MappingProxyType({})
+    records: data.Records | None = None  # chirps and windows of their sequences
 
-    def points(self, sequence: str, **options: Any) -> PointSpec:
-        """Return the spec for cells of a sequence, with its windows."""
-        default = PointSpec.doppler_window, PointSpec.range_window
-        doppler, range_ = self.windows.get(sequence, default)
-        windows = {"doppler_window": doppler, "range_window": range_}
-        return PointSpec(**windows, **options).fitted(self.radar)
+    def radar_of(self, prepared: data.PreparedFrame) -> RadarSpec:
+        """Return the radar that recorded a frame."""
+        if self.records is None:
+            return self.radar
+        return self.records.radar_of(prepared.sequence)
+
+    def points(self, prepared: data.PreparedFrame, **options: Any) -> PointSpec:
+        """Return the spec for the cells of a frame, with the windows behind them."""
+        doppler, range_ = PointSpec.doppler_window, PointSpec.range_window
+        if self.records is not None:
+            doppler, range_ = self.records.windows_of(prepared.sequence)
+        chosen = {"doppler_window": doppler, "range_window": range_, **options}
+        return PointSpec(**chosen).fitted(self.radar_of(prepared))
 
 
 def view_of(records: data.Records) -> View:
-    """Return the radar, the windows and a 128 x 512 image of the view of records."""
+    """Return the radar, the records and a 128 x 512 image of the view of records."""
     seen = records.manifest["options"]["lidar"]
     fine = ImageSpec(
         128,
@@ -64,7 +66,7 @@ def view_of(records: data.Records) -> View:
         elevation=tuple(seen["elevation"]),
         max_range_m=seen["max_range_m"],
     )
-    return View(records.radar, fine, records.windows)
+    return View(records.radar, fine, records)
 
 
 def points_of(cloud: PointCloud) -> np.ndarray:

@@ -42,7 +42,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     folder = build.prepared_data(config, workdir, simulate=simulate_layouts)
     records = data.Records(folder, SPLIT)
     coarse, fine = build.build_images(config.image)
-    view = View(records.radar, fine, records.windows)
+    view = View(records.radar, fine, records)
     slices = config.image.num_slices
     rates = {
         name: config.evaluation.rates[name] for name in config.evaluation.detectors

@@ -162,7 +162,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)
-    view = View(model.spec.radar, model.spec.fine, records.windows)
+    view = View(model.spec.radar, model.spec.fine, records)
     rates = choose_rates(
         view,
         data.Records(folder, "validation"),

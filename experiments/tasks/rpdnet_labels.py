@@ -49,7 +49,7 @@ class LabelledMaps(Sequence):
             frame.lidar_xyz,
             self._velocities[i],
             frame.cells.power,
-            self._records.radar,
+            self._records.radar_of(frame.sequence),
             min_snr_db=self._min_snr_db,
             range_bias_m=frame.range_bias_m,
         )

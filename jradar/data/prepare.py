@@ -5,6 +5,10 @@ which is written atomically together with its description. Therefore a preparati
 was stopped resumes after its last complete shard, and any number of workers writes the
 same bytes. One worker runs in this process; several run in a local Dask cluster, or in
 the cluster at `scheduler`, whose machines must see the same files.
+
+All sequences of a folder have the same antennas. Chirps may differ: each sequence is
+processed with its own radar. The manifest's `radar` is that of most sequences, and
+`other_radars` lists the others with the names of their sequences.
 """
 
 import dataclasses
@@ -34,9 +38,15 @@ from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
 from jradar.files import lock_folder, read_json, remove_leftovers, write_text
 from jradar.progress import progress
+from jradar.radar import RadarSpec
 from jradar.recordings.recording import Recording
 
 COMPARED = ("radar", "options", "frames", "names")  # fields of the manifest
+OPTIONAL = ("other_radars",)  # compared, too, where there are any
+ARRAY = (  # fields of radars whose frames may share a folder
+    *("tx_positions", "rx_positions", "row_spacing", "design_frequency_hz"),
+    "real_samples",
+)
 
 
 class Job(NamedTuple):
@@ -73,10 +83,11 @@ def prepare(
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)
     with lock_folder(folder):
-        head = _head(sources, spec, frames)
+        of_radar = _radars(sources)
+        head = _head(sources, of_radar, spec, frames)
         _check_options(folder, head)
         jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
-        _try_options(sources[0], spec)
+        _try_options(of_radar, spec)
         write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
         descriptions, done = {}, 0
         total = sum(len(job.matches.radar) for job in jobs)
@@ -134,12 +145,12 @@ def _remove_leftovers(jobs):
             remove_leftovers(Path(job.path).with_suffix(suffix))
 
 
-def _try_options(source, spec):
+def _try_options(radars, spec):
     """Trace the processing of a frame; ValueError for options that do not suit it."""
-    radar = _opened(source).radar
-    dtype = np.float32 if radar.real_samples else np.complex64
-    cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
-    jax.eval_shape(functools.partial(radar_side, radar=radar, spec=spec), cube)
+    for radar in radars:
+        dtype = np.float32 if radar.real_samples else np.complex64
+        cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
+        jax.eval_shape(functools.partial(radar_side, radar=radar, spec=spec), cube)
 
 
 @functools.lru_cache(maxsize=4)
@@ -147,24 +158,47 @@ def _opened(source: Source) -> Recording:
     return source.open()
 
 
-def _head(sources, spec, frames):
-    """Return the manifest's part that determines the bytes of the shards."""
-    radars = {source.open().radar for source in sources}
-    if len(radars) > 1:
+def _radars(sources) -> dict[RadarSpec, list[str]]:
+    """Return the sequences of each radar, that of most first.
+
+    Raises ValueError for radars with different antennas.
+    """
+    of_radar: dict[RadarSpec, list[str]] = {}
+    for source in sources:
+        of_radar.setdefault(source.open().radar, []).append(source.name)
+    radars = sorted(of_radar, key=lambda radar: -len(of_radar[radar]))  # stable
+    if len({tuple(getattr(r, name) for name in ARRAY) for r in radars}) > 1:
         names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
         raise ValueError(
             f"the sequences were recorded with {len(radars)} radars ({', '.join(names)}"
-            "), expected one: prepare them into different folders"
+            ") whose antennas differ, expected one array: prepare them into different "
+            "folders"
         )
+    return {radar: of_radar[radar] for radar in radars}
+
+
+def _head(sources, of_radar, spec, frames):
+    """Return the manifest's part that determines the bytes of the shards."""
+    most, *others = of_radar
     return {
         "format": FORMAT,
         "jradar": __version__,
         "complete": False,
-        "radar": dataclasses.asdict(radars.pop()),
+        "radar": dataclasses.asdict(most),
         "options": dataclasses.asdict(spec),
         "frames": [frames.start, frames.stop],
         "names": [source.name for source in sources],
+        **_other_radars(others, of_radar),
     }
+
+
+def _other_radars(radars, of_radar):
+    """Return the manifest's entry of radars with other chirps than most sequences'."""
+    listed = [
+        {"radar": dataclasses.asdict(radar), "sequences": of_radar[radar]}
+        for radar in radars
+    ]
+    return {"other_radars": listed} if listed else {}
 
 
 def _check_options(folder, head):
@@ -180,7 +214,8 @@ def _check_options(folder, head):
             f"{folder} is neither empty nor a folder of records: choose another -o"
         )
     wanted = json.loads(json.dumps(head))
-    changed = [key for key in COMPARED if found and found[key] != wanted[key]]
+    keys = (*COMPARED, *OPTIONAL)
+    changed = [key for key in keys if found and found.get(key) != wanted.get(key)]
     if changed and any(folder.glob("*/*.array_record")):
         raise UsageError(
             f"{folder} was prepared with other {changed[0]}: "
@@ -189,7 +224,10 @@ def _check_options(folder, head):
 
 
 def _difference(found, wanted, key):
-    old, new = found.get(key), wanted[key]
+    old, new = found.get(key), wanted.get(key)
+    if key in OPTIONAL:
+        count = (len(listed or []) for listed in (old, new))
+        return "{} were listed, now {} with other fields".format(*count)
     if isinstance(old, dict) and isinstance(new, dict):
         field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
         return f"{field} was {old.get(field)}, now {new.get(field)}"

@@ -241,6 +241,16 @@ class Records(Stream):
         path = self.folder / "manifest.json"
         with parsing(path, "a manifest of records"):
             self.radar = RadarSpec.from_dict(self.manifest["radar"])
+            self._other_radars = {
+                name: radar
+                for entry in self.manifest.get("other_radars", [])
+                for radar in [RadarSpec.from_dict(entry["radar"])]
+                for name in entry["sequences"]
+            }
+            self._windows = {
+                entry["name"]: tuple(entry.get("windows", WINDOWS))
+                for entry in self.manifest["sequences"]
+            }
             typed_fields(LidarSpec, self.manifest["options"]["lidar"])
             for sequence in self.manifest["sequences"]:
                 _check(sequence, name=str, split=str, shards=list)
@@ -257,16 +267,16 @@ class Records(Stream):
             where = f"record {index} ({sequence}, frame {frame})"
             raise ValueError(f"{self.folder}, {where}: {error}") from error
 
-    @property
-    def windows(self) -> dict[str, tuple[str, str]]:
-        """Windows of (doppler, range) behind the cells of each sequence of any split.
+    def radar_of(self, sequence: str) -> RadarSpec:
+        """Return the radar of a sequence; its antennas are those of `radar`."""
+        return self._other_radars.get(sequence, self.radar)
+
+    def windows_of(self, sequence: str) -> tuple[str, str]:
+        """Return the windows of (doppler, range) behind the cells of a sequence.
 
         Records of an older version do not name them: they count as `PointSpec`'s.
         """
-        return {
-            sequence["name"]: tuple(sequence.get("windows", WINDOWS))
-            for sequence in self.manifest["sequences"]
-        }
+        return self._windows.get(sequence, WINDOWS)
 
     @property
     def digest(self) -> str:

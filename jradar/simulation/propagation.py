@@ -82,7 +82,7 @@ def radar_paths(
                 view,
                 radar,
                 Paths(*(column[strong] for column in scattered)),
-                tuple(column[strong] for column in spots),
+                (spots[0][strong], spots[1][strong]),
                 roughness_m=unit.floor_roughness_m,
             )
         )

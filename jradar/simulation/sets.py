@@ -49,7 +49,7 @@ VARIED: Splits = {
 }
 MORE: Splits = VARIED | {"train": (*range(96), *range(1000, 1288))}
 WIDE: Splits = {
-    "train": (*range(96), *range(1000, 1480)),
+    "train": (*range(96), *range(1000, 1288)),
     "validation": tuple(range(100, 108)),
     "test": (200, 201, 202, 203),
 }

@@ -397,3 +397,54 @@ def test_a_killed_run_resumes_with_the_same_bytes(root, prepared, tmp_path):
     assert digests(tmp_path / "dst") == digests(prepared)
     left = {p.name for p in (tmp_path / "dst").rglob("*") if p.name.startswith(".")}
     assert left <= {".lock"}
+
+
+def with_waveform(root, name, key, value):
+    """Give a sequence a `calib` of its own, with another number in the waveform."""
+    calib = root / name / "calib"
+    shutil.copytree(root / "calib", calib)
+    path = calib / "single_chip" / "waveform_cfg.txt"
+    lines = [
+        f"{key} {value}" if line.startswith(key) else line
+        for line in path.read_text().splitlines()
+    ]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def test_sequences_with_other_chirps_are_processed_with_their_own(tmp_path):
+    root, names = tmp_path / "in", [f"12_21_2020_ec_hallways_run{k}" for k in (0, 1, 2)]
+    for name in names:
+        write_sequence(root, name, frames=2)
+    radar = open_recording(root / names[0]).radar
+    steep = radar.slope_hz_per_s * 1.25
+    with_waveform(root, names[1], "frequency_slope", steep)
+    manifest = prepare(root, tmp_path / "out", SPEC, workers=1)
+    assert manifest["radar"]["slope_hz_per_s"] == radar.slope_hz_per_s
+    assert [entry["sequences"] for entry in manifest["other_radars"]] == [[names[1]]]
+    records = Records(tmp_path / "out", "train")
+    assert [records.radar_of(name).slope_hz_per_s for name in names] == pytest.approx(
+        [radar.slope_hz_per_s, steep, radar.slope_hz_per_s]
+    )
+    # The samples are the same: ranges shrink by the slope.
+    usual, own = (records[records.where.index((name, 0))] for name in names[:2])
+    np.testing.assert_allclose(own.cells.power, usual.cells.power)
+    ranges = [np.linalg.norm(f.radar.xyz, axis=-1) for f in (usual, own)]
+    np.testing.assert_allclose(ranges[1], ranges[0] / 1.25, rtol=1e-4, atol=1e-3)
+    shutil.rmtree(root / names[1] / "calib")
+    with pytest.raises(UsageError, match="prepared with other other_radars: 1 were"):
+        prepare(root, tmp_path / "out", SPEC, workers=1)
+
+
+def test_other_antennas_need_a_folder_of_their_own(tmp_path):
+    root, names = tmp_path / "in", ["12_21_2020_ec_hallways_run0", "lab_1"]
+    for name in names:
+        write_sequence(root, name, frames=2)
+    calib = root / names[1] / "calib"
+    shutil.copytree(root / "calib", calib)
+    path = calib / "single_chip" / "antenna_cfg.txt"
+    text = path.read_text()
+    assert "rx 3 3 0" in text
+    path.write_text(text.replace("rx 3 3 0", "rx 3 5 0"))
+    with pytest.raises(ValueError, match="2 radars .* whose antennas differ"):
+        prepare(root, tmp_path / "out", SPEC, workers=1)
+    assert not (tmp_path / "out" / "manifest.json").exists()

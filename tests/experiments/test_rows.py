@@ -105,11 +105,11 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
     spec = data.PrepareSpec(detector="so", false_alarm_rate=rate)
     data.prepare(source, folder, spec, workers=1)
     records = data.Records(folder)
-    assert records.windows == {"a": ("hann", "blackman")}
+    assert records.windows_of("a") == ("hann", "blackman")
     view, frame = view_of(records), records[0]
     all_round = {"azimuth": (-3.0, 3.0), "elevation": (-1.5, 1.5), "max_range_m": 99.0}
     view = view._replace(fine=dataclasses.replace(view.fine, **all_round))
-    with_hann = view._replace(windows={})
+    with_hann = view._replace(records=None)
     found, by_hann = (
         points_of(detected(frame, which, detector="so", rate=rate))
         for which in (view, with_hann)
