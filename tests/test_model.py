@@ -211,6 +211,18 @@ def test_round_trip_is_exact_except_for_half_precision(tmp_path, model):
     assert [path.name for path in tmp_path.iterdir()] == ["m"]
 
 
+def test_a_model_that_computes_in_bfloat16_does_so_after_loading(tmp_path, model):
+    half = model.spec.network.clone(dtype="bfloat16")
+    spec = dataclasses.replace(model.spec, network=half)
+    save_model(tmp_path / "half", Model(model.params, spec), dtype=np.float32)
+    loaded = load_model(tmp_path / "half")
+    assert loaded.spec == spec != model.spec
+    key, image = jax.random.key(0), jnp.ones((8, 8, 12))
+    near, exact = (draw(key, image, m, draws=1, steps=1) for m in (loaded, model))
+    near, exact = np.asarray(near.range_m), np.asarray(exact.range_m)
+    assert 0 < np.abs(near - exact).mean() < 0.05 * spec.fine.max_range_m
+
+
 def test_int8_halves_the_file_and_keeps_every_weight_within_half_a_step(
     tmp_path, model
 ):
