@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar import recordings
+from jradar.cli import doubts
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.paths import is_streamed
 from jradar.cli.reading import (
@@ -41,8 +42,6 @@ from jradar.model import (
 from jradar.progress import progress
 from jradar.radar import RadarSpec, detect, excise_interference, power_map
 from jradar.range_image import (
-    STRANGE,
-    UNSURE,
     RangeImage,
     condition_image,
     unlikeness,
@@ -56,16 +55,6 @@ AHEAD = 2  # frames that wait between two threads
 POINTS = ("radar processing", "condition")
 ANSWER = ("sampling", "back projection")
 REPORT = ("range doppler map", "detections")
-TOLERANCE = 0.05  # up to which two radars count as alike
-FLAT = (
-    "this radar has one row of antennas and measures no elevation: heights in the "
-    "result are invented by the model"
-)
-
-NARROW = (
-    "this radar has one column of antennas and measures no azimuth: directions in the "
-    "result are invented by the model"
-)
 
 
 class Stopwatch(dict[str, list[float]]):
@@ -105,7 +94,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         model = _excising(model)
     recording, frames = open_frames(options)
     spec, watch = model.spec, Stopwatch()
-    if (blind := _blind(recording.radar)) and not options.anyway:
+    if (blind := doubts.blind(recording.radar)) and not options.anyway:
         raise UsageError(
             f"{blind}, which was trained on {spec.radar.name}: use `jradar points`, or "
             "add --anyway"
@@ -156,10 +145,10 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
                 show(len(rows))
     seconds = time.perf_counter() - begin
     notes = (
-        *_doubts(spec, recording.radar),
+        *doubts.of_radar(spec, recording.radar),
         *no_echoes([row["frame"] for row in rows if not row["radar points"]]),
-        *_strangers(rows),
-        *_unsure(rows),
+        *doubts.strangers(rows),
+        *doubts.unsure(rows),
     )
     return {
         **summary(recording, notes),
@@ -301,68 +290,6 @@ def _times(watch: Stopwatch) -> dict[str, Any]:
             name: 1e3 * statistics.median(times) for name, times in watch.items()
         },
         "compiling (s)": compiling,
-    }
-
-
-def _doubts(spec: ModelSpec, radar: RadarSpec):
-    """Yield why the model may not suit this radar."""
-    if blind := _blind(radar):
-        yield blind
-    here, trained = _waveform(radar), _waveform(spec.radar)
-    differ = [
-        f"{name.format(value)} here, {trained[name]:.3g} in training"
-        for name, value in here.items()
-        if abs(value - trained[name]) > TOLERANCE * abs(trained[name])
-    ]
-    if differ:
-        yield (
-            f"the model was trained on another radar ({spec.radar.name}), expect worse "
-            f"clouds: {'; '.join(differ)}"
-        )
-
-
-def _blind(radar: RadarSpec) -> str:
-    """Which angle the radar does not measure, in words; "" if it measures both."""
-    if not radar.has_elevation:
-        return FLAT
-    return "" if radar.has_azimuth else NARROW
-
-
-def _strangers(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a warning for frames unlike those of training."""
-    strange = [r for r in rows if r.get("unlike training (%)", 0) > 100 * STRANGE]
-    if strange:
-        yield (
-            f"{_which(strange)} of {len(rows)}: the radar points look like less than "
-            f"{100 * (1 - STRANGE):.0f} % of the training frames. Is the radar "
-            "calibrated, does it move, does another radar disturb it?"
-        )
-
-
-def _unsure(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a warning for clouds of which half or more is probably wrong."""
-    unsure = [r for r in rows if r.get("confidence (%)", 100) < 100 * UNSURE]
-    if unsure:
-        yield (
-            f"do not trust {_which(unsure)} of {len(rows)}: the model expects more "
-            f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
-            "--min-confidence 0.5 keeps the better ones"
-        )
-
-
-def _which(rows: list[dict[str, Any]]) -> str:
-    """Name a frame, or count several."""
-    return f"frame {rows[0]['frame']}" if len(rows) == 1 else f"{len(rows)} frames"
-
-
-def _waveform(radar: RadarSpec) -> dict[str, float]:
-    """Return what the look of a radar's points depends on, by its words in a note."""
-    return {
-        "range to {:.3g} m": radar.max_range_m,
-        "range bins of {:.3g} m": radar.range_resolution_m,
-        "velocity to {:.3g} m/s": radar.max_velocity_mps,
-        "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
-        "{:.0f} virtual antennas": radar.num_virtual,
     }
 
 

@@ -5,15 +5,14 @@ text shows its value, which a test compares.
 """
 
 import argparse
-import difflib
 import functools
-import math
 import os
 from collections.abc import Callable
-from typing import Any, NoReturn
+from typing import Any
 
 from jradar import __version__
-from jradar.cli import commands
+from jradar.cli import commands, values
+from jradar.cli.one_line import Parser
 
 RECORDING_HELP = """\
 PATH is a recording:
@@ -65,31 +64,10 @@ SETS = (
     *("jradar-sim-4", "jradar-sim-4-mini"),
 )
 CLOUD_FORMATS = ("ply", "pcd", "csv")
-MAX_SEED = 2**32 - 1
 MAX_COUNT = 10**9
 MAX_DRAWS, MAX_STEPS, MAX_FOLDS = 64, 1000, 16
-MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
 
-
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, with the nearest known option."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print what is wrong and end with code 2."""
-        wrong = message.removeprefix("unrecognized arguments: ").split()[0]
-        if wrong.startswith("-"):
-            wrong = wrong.partition("=")[0]
-            near = difflib.get_close_matches(wrong, self.known_options(), 1)
-            message += "".join(f", did you mean {name}?" for name in near)
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
-
-    def known_options(self) -> set[str]:
-        """Return the options of this parser and of its commands."""
-        known = {*self._option_string_actions}
-        for action in self._actions:
-            if isinstance(action.choices, dict):  # the commands
-                known |= {o for p in action.choices.values() for o in p.known_options()}
-        return known
+CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -138,7 +116,9 @@ def _value(sub, name: str, metavar: str, text: str, **options):
 
 
 def _count(sub, name: str, text: str, *, most: int = MAX_COUNT, **options):
-    _value(sub, name, "N", text, type=functools.partial(_whole, 1, most), **options)
+    _value(
+        sub, name, "N", text, type=functools.partial(values.whole, 1, most), **options
+    )
 
 
 def _info(sub):
@@ -156,11 +136,11 @@ def _points(sub):
     )
     _value(sub, "--detector", "NAME", text)
     text = "probability that a cell of pure noise is detected (default: 0.001)"
-    _value(sub, "--false-alarm-rate", "RATE", text, type=_rate)
+    _value(sub, "--false-alarm-rate", "RATE", text, type=values.rate)
     text = "cells beside the tested one that are no noise, in Doppler and in range"
-    _value(sub, "--guard", "D,R", f"{text} (default: 2,2)", type=_cells)
+    _value(sub, "--guard", "D,R", f"{text} (default: 2,2)", type=values.cells)
     text = "cells beyond the guard cells that measure the noise (default: 4,4)"
-    _value(sub, "--train", "D,R", text, type=_cells)
+    _value(sub, "--train", "D,R", text, type=values.cells)
     _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
     _flag(sub, "--remove-static", "keep only echoes that move")
     _flag(sub, "--group-peaks", "keep one cell of each target: the peaks of the map")
@@ -189,7 +169,7 @@ def _enhance(sub):
     _cleaning(sub)
     _drawing(sub)
     text = "leave out points of less confidence, 0 to 1 (default: the model's)"
-    _value(sub, "--min-confidence", "P", text, type=_share)
+    _value(sub, "--min-confidence", "P", text, type=values.share)
     sub.add_argument(
         "--picture",
         action=argparse.BooleanOptionalAction,
@@ -207,7 +187,7 @@ def _live(sub):
     _value(sub, "-o", "OUT", text, dest="output")
     sub.set_defaults(output_is_folder=True, output_may_stream=True)
     text = "serve Foxglove over a WebSocket (default port: 8765)"
-    _value(sub, "--serve", "PORT", text, type=_port, nargs="?", const=8765)
+    _value(sub, "--serve", "PORT", text, type=values.port, nargs="?", const=8765)
     text = (
         "address to serve on; 0.0.0.0 is all of this machine's (default: %(default)s)"
     )
@@ -219,15 +199,15 @@ def _live(sub):
     _count(sub, "--draws", "draw N samples (default: 1)", most=MAX_DRAWS)
     _count(sub, "--steps", "solver steps per draw (default: 1)", most=MAX_STEPS)
     _seed(sub, "random seed of the draws")
-    _value(sub, "--seconds", "S", "end after S seconds", type=_positive)
+    _value(sub, "--seconds", "S", "end after S seconds", type=values.positive)
     text = "seconds without a packet that are reported (default: %(default)s)"
-    _value(sub, "--silence", "S", text, type=_positive, default=5.0)
+    _value(sub, "--silence", "S", text, type=values.positive, default=5.0)
     text = "serial port of the board, such as /dev/ttyACM0, to send it the .cfg"
     _value(sub, "--board", "PORT", text)
     text = "only listen: another program commands the card"
     _flag(sub, "--no-commands", text)
     text = "pause between two packets of the card, 5 to 500 us (default: %(default)s)"
-    _value(sub, "--packet-delay", "US", text, type=_positive, default=25.0)
+    _value(sub, "--packet-delay", "US", text, type=values.positive, default=25.0)
     _network(sub, "192.168.33.30", "192.168.33.180")
     _playing(sub)
 
@@ -248,18 +228,18 @@ def _network(sub, host: str, card: str):
         _value(sub, name, "ADDRESS", f"{what} (default: {default})", default=default)
     for name, port in (("--command-port", 4096), ("--data-port", 4098)):
         text = "UDP port (default: %(default)s)"
-        _value(sub, name, "PORT", text, type=_port, default=port)
+        _value(sub, name, "PORT", text, type=values.port, default=port)
 
 
 def _playing(sub):
     """Add how a recording is played."""
     text = "play S times as fast as it was recorded (default: 1)"
-    _value(sub, "--speed", "S", text, type=_positive, default=1.0)
-    _value(sub, "--loss", "P", "lose packets with this probability", **_CHANCE)
+    _value(sub, "--speed", "S", text, type=values.positive, default=1.0)
+    _value(sub, "--loss", "P", "lose packets with this probability", **CHANCE)
     text = "packets are late by up to N places"
-    _value(sub, "--reorder", "N", text, type=_places, default=0)
+    _value(sub, "--reorder", "N", text, type=values.places, default=0)
     _value(
-        sub, "--duplicate", "P", "send packets twice with this probability", **_CHANCE
+        sub, "--duplicate", "P", "send packets twice with this probability", **CHANCE
     )
     _flag(sub, "--repeat", "begin again at the end of the recording")
 
@@ -277,7 +257,7 @@ def _calibrate(sub):
         "a corner reflector that stands still at M metres, by default straight ahead, "
         "or AZ degrees to the left and EL up: it fixes turn, tilt and range bias"
     )
-    _value(sub, "--reflector", "M[,AZ,EL]", text, type=_reflector)
+    _value(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
 
 
 def _prepare(sub):
@@ -359,13 +339,13 @@ def _frame(sub, *, several: bool = False):
     _value(which, "--frame", "N", "frame to read (default: 0)", type=int)
     if several:
         text = "frames A to B-1, each written to its own folder inside DIR"
-        _value(which, "--frames", "A:B", text, type=_frames)
+        _value(which, "--frames", "A:B", text, type=values.frames)
     text = "read a recording of one chirp per frame as one frame of many chirps"
     _flag(sub, "--frames-as-chirps", text)
 
 
 def _all_frames(sub, text: str):
-    _value(sub, "--frames", "A:B", text, type=_frames, default=slice(None))
+    _value(sub, "--frames", "A:B", text, type=values.frames, default=slice(None))
 
 
 def _output(sub, metavar="DIR", text="output folder, created if missing"):
@@ -379,7 +359,7 @@ def _cleaning(sub):
     _flag(sub, "--remove-interference", text)
     text = "subtract the mean of frames A to B-1, for a radar that stands still; : is "
     text += "the whole recording, frames of the empty room are better"
-    _value(sub, "--background", "A:B", text, type=_frames)
+    _value(sub, "--background", "A:B", text, type=values.frames)
 
 
 def _clouds(sub):
@@ -396,12 +376,12 @@ def _clouds(sub):
         ("--max-azimuth", "DEG", "more than DEG degrees to the left or right"),
         ("--max-elevation", "DEG", "more than DEG degrees up or down"),
     ):
-        _value(sub, name, metavar, f"leave out points {what}", type=_positive)
+        _value(sub, name, metavar, f"leave out points {what}", type=values.positive)
 
 
 def _seed(sub, text: str):
     text += " (default: %(default)s)"
-    _value(sub, "--seed", "N", text, type=_seed_value, default=0)
+    _value(sub, "--seed", "N", text, type=values.seed_value, default=0)
 
 
 def _drawing(sub):
@@ -411,97 +391,3 @@ def _drawing(sub):
     text = "solver steps per draw (default: 5 for several draws, 18 for one); one draw"
     text += " takes Heun's method, or iPNDM below 8 steps"
     _count(sub, "--steps", text, most=MAX_STEPS)
-
-
-def _frames(text: str) -> slice:
-    """Parse a range A:B of frames; either end can be left out."""
-    first, colon, last = text.partition(":")
-    if not colon or not all(part.isdecimal() or not part for part in (first, last)):
-        raise argparse.ArgumentTypeError(f"{text!r}, expected A:B, such as 0:100")
-    chosen = slice(*(int(part) if part else None for part in (first, last)))
-    if chosen.stop is not None and chosen.stop <= (chosen.start or 0):
-        raise argparse.ArgumentTypeError(f"{text!r} holds no frame, expected A < B")
-    return chosen
-
-
-def _whole(least: int, most: int, text: str) -> int:
-    """Parse a whole number from `least` to `most`."""
-    short = len(text) <= len(str(most))
-    if not (short and text.isdecimal() and least <= int(text) <= most):
-        raise argparse.ArgumentTypeError(f"{text!r}, expected {least} to {most}")
-    return int(text)
-
-
-def _seed_value(text: str) -> int:
-    """Parse a random seed."""
-    return _whole(0, MAX_SEED, text)
-
-
-def _cells(text: str) -> tuple[int, int]:
-    """Parse numbers of cells D,R."""
-    doppler, comma, range_ = text.partition(",")
-    if not comma:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected D,R, such as 2,4")
-    return _whole(0, MAX_CELLS, doppler), _whole(0, MAX_CELLS, range_)
-
-
-def _positive(text: str) -> float:
-    """Parse a finite number above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected a number above 0")
-    return value
-
-
-def _reflector(text: str) -> tuple[float, float, float]:
-    """Parse a range in metres, and a direction in degrees, into metres and radians."""
-    try:
-        distance, azimuth, elevation = map(float, (text + ",0,0").split(",")[:3])
-    except ValueError:
-        distance = azimuth = elevation = math.nan
-    fields = text.count(",") in (0, 2)
-    if not (
-        fields and 0 < distance < math.inf and max(abs(azimuth), abs(elevation)) < 90
-    ):
-        raise argparse.ArgumentTypeError(
-            f"{text!r}, expected a range above 0, or M,AZ,EL such as 3.2,-10,0"
-        )
-    return distance, math.radians(azimuth), math.radians(elevation)
-
-
-def _share(text: str) -> float:
-    """Parse a number from 0 to 1."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value <= 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected 0 to 1")
-    return value
-
-
-def _port(text: str) -> int:
-    """Parse a UDP or TCP port; 0 takes a free one."""
-    return _whole(0, 65_535, text)
-
-
-def _places(text: str) -> int:
-    """Parse the number of places by which a packet may be late."""
-    return _whole(0, 1000, text)
-
-
-def _rate(text: str) -> float:
-    """Parse a probability above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value <= 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected more than 0, at most 1")
-    return value
-
-
-_CHANCE: dict[str, Any] = {"type": _share, "default": 0.0}

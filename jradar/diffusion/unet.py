@@ -69,6 +69,8 @@ PRESETS: dict[str, dict[str, Any]] = {
     },
 }
 
+DTYPES = ("float32", "bfloat16", "float64")
+
 Image = Float[Array, "batch row column channel"]
 ImageOrShape = Image | jax.ShapeDtypeStruct  # only the shape, of images of zeros
 Condition = Float[Array, "batch coarse_row coarse_column slice"]
@@ -89,6 +91,8 @@ class UNet(nn.Module):
     condition_at_input   resize the condition to the image and append its channels
                          there, instead of the tower (an ablation)
     remat                save memory in training at the cost of time
+    dtype                of what is computed, or its name: "bfloat16" suits a GPU.
+                         Parameters, norms and softmax are float32
     """
 
     channels: int = 64
@@ -123,6 +127,9 @@ class UNet(nn.Module):
             )
         if self.form not in FORMS:
             raise ValueError(f"form = {self.form!r}, expected one of {FORMS}")
+        if (name := getattr(self.dtype, "__name__", str(self.dtype))) not in DTYPES:
+            raise ValueError(f"dtype = {name!r}, expected one of {DTYPES}")
+        object.__setattr__(self, "dtype", jnp.dtype(self.dtype))  # equal however named
         super().__post_init__()
 
     def setup(self):

@@ -115,9 +115,15 @@ def _spec_to_json(spec: ModelSpec) -> dict[str, Any]:
     return {
         **plain,
         **{name: dataclasses.asdict(plain[name]) for name in specs if plain[name]},
-        "network": network_fields(spec.network),
+        "network": network_fields(spec.network) | _dtype_of(spec.network),
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
     }
+
+
+def _dtype_of(network: Network) -> dict[str, str]:
+    """What the network computes in, unless that is float32."""
+    name = str(getattr(network, "dtype", "float32"))
+    return {} if name == "float32" else {"dtype": name}
 
 
 def _spec_from_json(values: dict[str, Any]) -> ModelSpec:

@@ -1,5 +1,7 @@
 """U-Net: sizes, levels where the condition enters, start as nothing, encode once."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -99,6 +101,25 @@ def test_remat_in_bfloat16_is_nearly_the_same_function():
     assert half.dtype == jnp.float32
     tolerance = 0.1 * float(jnp.abs(expected).max())
     np.testing.assert_allclose(half, expected, atol=tolerance)
+
+
+def test_one_field_makes_the_network_compute_in_bfloat16():
+    network, params, args = build(attention_levels=(0,))
+    half = network.clone(dtype="bfloat16")
+    assert half == network.clone(dtype=jnp.bfloat16) != network
+    assert {leaf.dtype.name for leaf in jax.tree.leaves(params)} == {"float32"}
+
+    def error(network, params):
+        return (network.apply(params, *args) ** 2).mean()
+
+    expected = jax.grad(functools.partial(error, network))(params)
+    found = jax.grad(functools.partial(error, half))(params)
+    for one, other in zip(*map(jax.tree.leaves, (expected, found)), strict=True):
+        assert other.dtype == jnp.float32 and jnp.isfinite(other).all()
+        size = float(jnp.linalg.norm(one))
+        assert jnp.linalg.norm(one - other) <= 0.1 * size + 1e-3
+    with pytest.raises(ValueError, match="dtype = 'int8', expected one of"):
+        network.clone(dtype="int8")
 
 
 def test_patches_fold_and_unfold():

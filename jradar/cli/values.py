@@ -1,0 +1,98 @@
+"""Values of options: each function parses one kind, and says what it expects."""
+
+import argparse
+import math
+
+MAX_SEED = 2**32 - 1
+MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
+
+
+def frames(text: str) -> slice:
+    """Parse a range A:B of frames; either end can be left out."""
+    first, colon, last = text.partition(":")
+    if not colon or not all(part.isdecimal() or not part for part in (first, last)):
+        raise argparse.ArgumentTypeError(f"{text!r}, expected A:B, such as 0:100")
+    chosen = slice(*(int(part) if part else None for part in (first, last)))
+    if chosen.stop is not None and chosen.stop <= (chosen.start or 0):
+        raise argparse.ArgumentTypeError(f"{text!r} holds no frame, expected A < B")
+    return chosen
+
+
+def whole(least: int, most: int, text: str) -> int:
+    """Parse a whole number from `least` to `most`."""
+    short = len(text) <= len(str(most))
+    if not (short and text.isdecimal() and least <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f"{text!r}, expected {least} to {most}")
+    return int(text)
+
+
+def seed_value(text: str) -> int:
+    """Parse a random seed."""
+    return whole(0, MAX_SEED, text)
+
+
+def cells(text: str) -> tuple[int, int]:
+    """Parse numbers of cells D,R."""
+    doppler, comma, range_ = text.partition(",")
+    if not comma:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected D,R, such as 2,4")
+    return whole(0, MAX_CELLS, doppler), whole(0, MAX_CELLS, range_)
+
+
+def positive(text: str) -> float:
+    """Parse a finite number above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected a number above 0")
+    return value
+
+
+def reflector(text: str) -> tuple[float, float, float]:
+    """Parse a range in metres, and a direction in degrees, into metres and radians."""
+    try:
+        distance, azimuth, elevation = map(float, (text + ",0,0").split(",")[:3])
+    except ValueError:
+        distance = azimuth = elevation = math.nan
+    fields = text.count(",") in (0, 2)
+    if not (
+        fields and 0 < distance < math.inf and max(abs(azimuth), abs(elevation)) < 90
+    ):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}, expected a range above 0, or M,AZ,EL such as 3.2,-10,0"
+        )
+    return distance, math.radians(azimuth), math.radians(elevation)
+
+
+def share(text: str) -> float:
+    """Parse a number from 0 to 1."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected 0 to 1")
+    return value
+
+
+def port(text: str) -> int:
+    """Parse a UDP or TCP port; 0 takes a free one."""
+    return whole(0, 65_535, text)
+
+
+def places(text: str) -> int:
+    """Parse the number of places by which a packet may be late."""
+    return whole(0, 1000, text)
+
+
+def rate(text: str) -> float:
+    """Parse a probability above 0."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value <= 1:
+        raise argparse.ArgumentTypeError(f"{text!r}, expected more than 0, at most 1")
+    return value
