@@ -29,6 +29,7 @@ FLOORS = {
     "simulation": 4,
     "viz": 4,
     "baselines": 4,
+    "odometry": 4,
     "training": 5,
     "evaluation": 5,
     "export": 5,

@@ -79,6 +79,13 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
     return calibrate_recording(options)
 
 
+def odometry(options: argparse.Namespace) -> dict[str, Any]:
+    """Find where the radar went, by its own Doppler; write the trajectory."""
+    from jradar.cli.moving import odometry_of_recording
+
+    return odometry_of_recording(options)
+
+
 def prepare(options: argparse.Namespace) -> dict[str, Any]:
     """Turn recordings of radar and LiDAR into training pairs."""
     from jradar.cli.reading import opening

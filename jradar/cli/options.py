@@ -50,6 +50,13 @@ FILE describes the same radar with its channels' factors: pass it as --radar, or
 in a capture.toml. Record many single objects at several ranges and angles, while the
 radar moves, or one corner reflector. Echoes alone do not show by how much the array as
 a whole is turned or tilted; a reflector does."""
+ODOMETRY_HELP = """
+
+The radar's Doppler tells its own velocity in each frame. FILE holds the poses of the
+base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each frame. If
+the recording has poses, the trajectory is compared with them: APE (positions, aligned
+without scale) and RPE (from frame to frame), as evo defines them."""
+ROTATIONS = ("imu", "poses", "lidar", "none")
 DEVICES = (
     *("awr1443", "awr1642", "awr1843", "awr2944"),
     *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
@@ -81,6 +88,7 @@ def parser() -> argparse.ArgumentParser:
     _live(_command(kinds, commands.live, more=LIVE_HELP))
     _replay(_command(kinds, commands.replay, RECORDING_HELP + REPLAY_HELP))
     _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
+    _odometry(_command(kinds, commands.odometry, RECORDING_HELP + ODOMETRY_HELP))
     _prepare(_command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
     _simulate(_command(kinds, commands.simulate))
     _view(_command(kinds, commands.view))
@@ -258,6 +266,19 @@ def _calibrate(sub):
         "or AZ degrees to the left and EL up: it fixes turn, tilt and range bias"
     )
     _value(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
+
+
+def _odometry(sub):
+    _recording(sub)
+    _all_frames(sub, "frames A to B-1 (default: all)")
+    _output(sub, "FILE", "trajectory to write, such as trajectory.tum")
+    text = (
+        "how the rig turns: from the recording's IMU, its poses, matched LiDAR scans, "
+        "or not at all (default: imu if there is one, else none)"
+    )
+    _value(sub, "--rotation", "NAME", text, choices=ROTATIONS)
+    text = "also find velocities up to 2 N + 1 times the unambiguous one"
+    _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
 
 
 def _prepare(sub):

@@ -43,6 +43,7 @@ from jradar.radar.spectrum import range_doppler
 from jradar.types import PointCloud
 
 SPECTRUM = ("range_window", "doppler_window", "remove_static", "remove_interference")
+FOCUSED = 512  # cells that are focused at a time
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 
 Coupling = Complex[Array, "tx rx half_range"]
@@ -149,32 +150,50 @@ def _points(cube, radar, points, coupling, range_bias_m):
     return cloud if folds is None else _unfolded(cloud, folds, radar), candidates
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "points"))
+@functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
 def all_cells(
     cube: Cube,
     radar: RadarSpec,
     *,
     points: PointSpec = POINTS,
     coupling: Coupling | None = None,
+    range_bias_m: float = 0.0,
 ) -> Cells:
     """Return the power and direction of every cell of one frame; `vmap` it.
 
     With `coupling`, give `detect` and `cell_points` the spec `points.subtracting`.
-    `points.peaks` and the options of detection are not used. Raises ValueError for a
-    cube that does not fit the radar, and for `folds` and `focus`.
+    `points.peaks` and the options of detection are not used, `range_bias_m` only with
+    `focus`. Raises ValueError for a cube that does not fit the radar, and for `folds`.
     """
-    if points.folds or points.focus:
+    if points.folds:
         raise ValueError(
-            f"folds = {points.folds}, focus = {points.focus}, expected 0 and False: "
-            "cells have no folds and no focus, use radar_points"
+            f"folds = {points.folds}, expected 0: cells have no folds, use radar_points"
         )
     points = points.subtracting(coupling)
     spectrum, power = _spectra(cube, radar, points, coupling)
-    _, doppler_bin = _bins(power, jnp.arange(power.size), points)
-    snapshot = spectrum.reshape(radar.num_virtual, -1).T
-    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
-    azimuth, elevation = cell_directions(snapshot, radar, points)
+    if points.focus:
+        place = radar, points, range_bias_m
+        azimuth, elevation = _all_focused(spectrum, power, *place)
+    else:
+        _, doppler_bin = _bins(power, jnp.arange(power.size), points)
+        snapshot = spectrum.reshape(radar.num_virtual, -1).T
+        snapshot = compensate_tdm(snapshot, doppler_bin, radar)
+        azimuth, elevation = cell_directions(snapshot, radar, points)
     return Cells(power, azimuth.reshape(power.shape), elevation.reshape(power.shape))
+
+
+def _all_focused(spectrum, power, radar, points, range_bias_m):
+    """Focused azimuth and elevation of every cell, a block of cells at a time."""
+    block = min(FOCUSED, power.size)
+    blocks = -(-power.size // block)
+    cell = jnp.arange(blocks * block) % power.size  # the last block begins again
+
+    def focused_block(cell):
+        bins = _bins(power, cell, points)
+        return focused(spectrum, cell, *bins, radar, points, range_bias_m)
+
+    found = jax.lax.map(focused_block, cell.reshape(blocks, block))
+    return [angle.ravel()[: power.size] for angle in found]
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))

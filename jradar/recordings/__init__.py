@@ -1,7 +1,7 @@
 """Files of any format to `Recording`s: radar frames, scans, poses, calibration.
 
     open_recording, is_recording     the recording at a path, of any format in READERS
-    Recording, Stream                what readers return; frames are read when accessed
+    Recording, Stream, Imu           what readers return; frames are read when accessed
     calibrated_cube                  a frame with its antenna calibration applied
     without_background               the recording without what stands still
     nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
@@ -17,6 +17,7 @@ Formats, each with its layout at the top of its module:
     open_npy                         `cubes`: complex arrays
     open_capture, read_tum           `capture`: a rig's radar, LiDAR and poses
     open_bag, bag_topics             `bags`: LiDAR clouds in ROS 1 and ROS 2 bags
+    open_imu                         `imu`: IMUs in bags
     read_cloud                       `clouds`: PLY, PCD, KITTI
     write_ply, _pcd, _csv, _npz      `cloud_writers`: a cloud's valid points
 
@@ -63,6 +64,7 @@ from jradar.recordings.descriptions import (
     Description as Description,
     read_description as read_description,
 )
+from jradar.recordings.imu import open_imu as open_imu
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
@@ -74,6 +76,7 @@ from jradar.recordings.radar_toml import (
 )
 from jradar.recordings.raw_bags import open_raw_bag as open_raw_bag
 from jradar.recordings.recording import (
+    Imu as Imu,
     Recording as Recording,
     Stream as Stream,
     calibrated_cube as calibrated_cube,

@@ -1,4 +1,4 @@
-"""A capture of your own rig: a folder with radar, LiDAR, poses and a `capture.toml`.
+"""A capture of your own rig: radar, LiDAR, poses, IMU and a `capture.toml`.
 
     [radar]
     file = "adc_data.bin"            # of a DCA1000
@@ -18,6 +18,11 @@
     [poses]
     file = "poses.txt"               # of the base: TUM, t x y z qx qy qz qw
 
+    [imu]
+    file = "livox.bag"               # with sensor_msgs/Imu
+    topic = "/livox/imu"             # optional if only one topic holds them
+    rpy_degrees = [0, 30, 0]
+
 `quaternion` (x y z w) may replace `rpy_degrees`. `[radar]` also takes `device`,
 `iq_order`, `allow_partial` and `frame_period_s`. Times are in seconds. All files lie in
 the folder or below it.
@@ -36,6 +41,7 @@ from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_tr
 from jradar.recordings.bags import open_bag
 from jradar.recordings.dca1000 import open_dca1000
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME
+from jradar.recordings.imu import open_imu
 from jradar.recordings.recording import Format, Recording, Stream, clocks_apart
 from jradar.recordings.text_files import check_names, read_tum, toml
 
@@ -48,9 +54,13 @@ KEYS = {
     },
     "lidar": {"file": str, "topic": str, "accumulate": int, **PLACE},
     "poses": {"file": str},
+    "imu": {"file": str, "topic": str, **PLACE},
 }
 TIMES = ("start_time_s", "offset_s", "frame_period_s")
-NEEDED = {"radar": ("file", "description"), "lidar": ("file",), "poses": ("file",)}
+NEEDED = {
+    "radar": ("file", "description"),
+    **{name: ("file",) for name in ("lidar", "poses", "imu")},
+}
 KINDS = {str: "a text", float: "a number", int: "an integer", bool: "true or false"}
 FARTHEST_M = 20.0  # from a sensor to the base of its rig
 LATEST_S = 1e11  # seconds since 1970; a larger stamp is in another unit
@@ -90,6 +100,11 @@ def open_capture(folder: Path | str) -> Recording:
         if near > 1 and poses is None:
             notes.append(f"no poses: {near} clouds are merged as if nothing moved")
         scans = accumulate(clouds, near, poses, base_from_lidar)
+    imu = base_from_imu = None
+    if table := tables.get("imu"):
+        imu, said = open_imu(_file(path, "imu", table), topic=table.get("topic"))
+        notes += said
+        base_from_imu = _read_place(path, "imu", table)
     stamps, doubts = _radar_stamps(path, radar, recording, lidar_stamps)
     return recording._replace(
         name=path.parent.resolve().name,
@@ -97,6 +112,8 @@ def open_capture(folder: Path | str) -> Recording:
         cubes=Stream(recording.cubes.__getitem__, len(recording.cubes), stamps),
         lidar=scans,
         poses=poses,
+        imu=imu,
+        base_from_imu=base_from_imu,
         base_from_radar=base_from_radar,
         base_from_lidar=base_from_lidar,
         notes=(*notes, *doubts),

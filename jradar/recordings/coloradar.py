@@ -5,6 +5,7 @@
     <root>/<sequence>/<radar>/adc_samples/    timestamps.txt  data/frame_<N>.bin
                      /lidar/                  timestamps.txt  pointclouds/lidar_pointcloud_<N>.bin
                      /groundtruth/            timestamps.txt  groundtruth_poses.txt
+                     /imu/                    timestamps.txt  imu_data.txt
 
 <radar> is single_chip (AWR1843) or cascade. Each stream has its own rate and its own
 stamps, in seconds since 1970. Opening a sequence lists folders and reads calibration,
@@ -32,6 +33,7 @@ from jradar.recordings.coloradar_files import (
     read_table,
     read_transform,
 )
+from jradar.recordings.imu import read_imu
 from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, Recording
 from jradar.recordings.ti_cfg import CaptureSpec
@@ -48,7 +50,7 @@ def open_coloradar(
     sensor: str | None = None,
     tx_firing_order: tuple[int, ...] | None = None,
 ) -> Recording:
-    """Open a sequence with one radar, LiDAR, poses, transforms and calibration.
+    """Open a sequence with one radar, LiDAR, IMU, poses, transforms, calibration.
 
     `description` is the `calib` folder; by default the one inside, beside or above the
     sequence. It can also be a TOML file with the radar and its channels' factors, which
@@ -84,6 +86,10 @@ def open_coloradar(
         notes += lidar.notes
     if (folder / "groundtruth" / "groundtruth_poses.txt").is_file():
         poses = _poses(folder / "groundtruth", notes)
+    imu = base_from_imu = None
+    if (folder / "imu" / "imu_data.txt").is_file():
+        imu = read_imu(folder / "imu", notes)
+        base_from_imu = _base_from(calib, ("imu",), notes)
     coupling = frequency_phase = None
     pairs = (radar.num_tx, radar.num_rx)
     if (path := calib / sensor / "coupling_calib.txt").is_file():
@@ -99,6 +105,8 @@ def open_coloradar(
         cubes=cubes,
         lidar=lidar,
         poses=poses,
+        imu=imu,
+        base_from_imu=base_from_imu,
         # ColoRadar+ calls its only radar `radar`.
         base_from_radar=_base_from(calib, (sensor, "radar"), notes),
         base_from_lidar=_base_from(calib, ("lidar",), notes),

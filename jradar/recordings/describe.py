@@ -36,6 +36,8 @@ def describe(recording: Recording) -> dict[str, Any]:
         streams.append(_timing("lidar", len(recording.lidar), recording.lidar.stamps))
     if poses is not None:
         streams.append(_timing("poses", len(poses.stamps), poses.stamps))
+    if (imu := recording.imu) is not None:
+        streams.append(_timing("imu", len(imu.stamps), imu.stamps))
     if (bytes_of_frame := recording.lost_bytes) is not None:
         lost["lost bytes"] = int(bytes_of_frame.sum())
         lost["frames with losses"] = int((bytes_of_frame > 0).sum())

@@ -60,6 +60,14 @@ class Stream(Sequence):
         return self._read(index % len(self))
 
 
+class Imu(NamedTuple):
+    """Measurements at rising times, along the axes of the IMU."""
+
+    stamps: Float[np.ndarray, " record"]  # seconds
+    force: Float[np.ndarray, "record 3"]  # m/s^2, gravity's reaction included
+    rate: Float[np.ndarray, "record 3"]  # rad/s
+
+
 class Recording(NamedTuple):
     """One sequence or capture. All transforms are 4 x 4 matrices in float64."""
 
@@ -69,8 +77,10 @@ class Recording(NamedTuple):
     cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts
     lidar: Stream | None = None  # float32 [point, 4]: x y z intensity, LiDAR's frame
     poses: Poses | None = None  # of the base in the world
+    imu: Imu | None = None
     base_from_radar: Float[np.ndarray, "4 4"] | None = None
     base_from_lidar: Float[np.ndarray, "4 4"] | None = None
+    base_from_imu: Float[np.ndarray, "4 4"] | None = None
     coupling: Complex[np.ndarray, "tx rx half_range"] | None = None
     frequency_phase: FrequencyPhase | None = None
     channel_factors: Complex[np.ndarray, " virtual"] | None = None  # of a .cfg or .toml

@@ -102,7 +102,8 @@ def write_description(path: Path, *, start_time_s: float) -> None:
         '[radar]\nfile = "adc_data.bin"\ndescription = "awr1843.cfg"\n'
         f"start_time_s = {start_time_s:.6f}\n{place['single_chip']}\n"
         f'[lidar]\nfile = "lidar.bag"\ntopic = "/livox/lidar"\n{place["livox"]}\n'
-        '[poses]\nfile = "poses.txt"\n',
+        '[poses]\nfile = "poses.txt"\n\n'
+        f'[imu]\nfile = "lidar.bag"\ntopic = "/livox/imu"\n{place["imu"]}',
         encoding="utf-8",
     )
 

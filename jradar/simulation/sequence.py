@@ -46,6 +46,14 @@ from jradar.simulation.units import EYE_M, UnitSpec
 EPOCH_S = 1_608_552_000.0  # 21 December 2020, when ColoRadar's first runs were made
 LIVOX_POINT_BYTES = 19
 GRAVITY = np.array([0.0, 0.0, 9.80665])
+# White noise of the IMU in each record of force (m/s^2) and rate (rad/s). At 300 Hz it
+# has a density of 177 ug/sqrt(Hz) and 0.010 deg/s/sqrt(Hz), as small MEMS IMUs have: the
+# data sheet of Bosch's BMI160 says 180 ug and 0.007 deg/s. ColoRadar's 3DM-GX5-25 is
+# quieter, with 25 ug and 0.005 deg/s.
+IMU_NOISE = (0.03, 3e-3)
+# Standard deviation of its biases, 2 mg and 0.06 deg/s. They stay the same throughout a
+# recording: their instability is left out.
+IMU_BIAS = (0.02, 1e-3)
 
 
 class Clock(NamedTuple):
@@ -254,7 +262,11 @@ def _write_poses_and_imu(setting, seconds, scratch):
 def imu_records(
     setting: Setting, stamps: Float[np.ndarray, " item"]
 ) -> Float[np.ndarray, "item 6"]:
-    """Return specific force (m/s^2) and angular rate (rad/s) with the IMU's noise."""
+    """Return specific force (m/s^2) and angular rate (rad/s) with the IMU's noise.
+
+    The noise of each record is a density times the square root of the rate; the bias is
+    drawn once for each recording.
+    """
     platform, step = setting.scene.platform, 10 * STEP_S
     before, now, after = (
         sensor_pose(platform, "base", stamps + side) for side in (-step, 0.0, step)
@@ -264,7 +276,7 @@ def imu_records(
     rate = change.as_rotvec() / (2 * step)
     to_imu = (now[1] @ base_from("imu")[:3, :3]).swapaxes(-1, -2)
     random = np.random.default_rng([setting.seed, 2])
-    bias = random.normal(scale=[0.02] * 3 + [1e-3] * 3)
-    noise = random.normal(scale=[0.03] * 3 + [3e-3] * 3, size=(len(stamps), 6))
+    bias = random.normal(scale=np.repeat(IMU_BIAS, 3))
+    noise = random.normal(scale=np.repeat(IMU_NOISE, 3), size=(len(stamps), 6))
     felt = [np.einsum("tij,tj->ti", to_imu, vector) for vector in (force, rate)]
     return np.concatenate(felt, -1) + bias + noise

@@ -6,9 +6,16 @@ import sys
 
 import pytest
 
-from jradar import simulation
+from jradar import odometry, simulation
 from jradar.cli import main
-from jradar.cli.options import CLOUD_FORMATS, DEVICES, FAMILIES, SETS, parser
+from jradar.cli.options import (
+    CLOUD_FORMATS,
+    DEVICES,
+    FAMILIES,
+    ROTATIONS,
+    SETS,
+    parser,
+)
 from jradar.cli.simulating import SCENE_FRAMES
 from jradar.radar import DETECTORS, PointSpec
 from jradar.radar.devices import BOARDS
@@ -70,6 +77,7 @@ def test_choices_are_those_of_the_library():
     assert SETS == tuple(simulation.SETS)
     assert DEVICES == tuple(BOARDS)
     assert CLOUD_FORMATS == tuple(CLOUD_WRITERS)
+    assert ROTATIONS == odometry.ROTATIONS
 
 
 def test_help_shows_the_defaults_of_the_library():

@@ -83,7 +83,7 @@ def test_impossible_folds_are_refused():
     with pytest.raises(ValueError, match="folds = -1, expected 0 to 16"):
         PointSpec(folds=-1)
     cube = simulate(target(4.0, 15, 3, 1.0))
-    with pytest.raises(ValueError, match="cells have no folds and no focus, use"):
+    with pytest.raises(ValueError, match="cells have no folds, use"):
         all_cells(cube, SMALL, points=FOLDED)
     with pytest.raises(ValueError, match="most=-1, expected 0 or more folds"):
         velocity_folds(jnp.ones((1, 12), complex), jnp.zeros(1), SMALL, most=-1)

@@ -11,6 +11,8 @@ from jradar.radar import (
     PointSpec,
     RadarSpec,
     all_cells,
+    cell_points,
+    detect,
     directions,
     focus,
     focused_directions,
@@ -111,9 +113,25 @@ def test_points_of_a_near_target_are_focused():
     assert error[1] < 0.05 < 0.2 < error[0]
 
 
+def test_focused_cells_are_the_focused_points():
+    radar = RadarSpec.cascade(num_chirps=4, idle_time_s=5e-6, num_samples=32)
+    distance = 4.2 * radar.range_resolution_m
+    chirp = exact_chirp(place(distance, 30.0, 8.0), radar)[:, :, None]
+    noise = np.random.default_rng(0).normal(size=(2, *radar.cube_shape)) / 10
+    cube = jnp.asarray(chirp + noise[0] + 1j * noise[1], jnp.complex64)
+    points = PointSpec(
+        detector="ca", guard=(0, 2), train=(0, 4), capacity=8, focus=True
+    )
+    bias = {"range_bias_m": 0.1}
+    cells = all_cells(cube, radar, points=points, **bias)
+    mask = detect(cells.power, radar, points=points)
+    found = cell_points(cells, mask, radar, points=points, **bias)
+    expected = radar_points(cube, radar, points=points, **bias)
+    assert expected.valid.any()
+    np.testing.assert_allclose(found.xyz, expected.xyz, atol=1e-4)
+
+
 def test_a_focus_has_one_direction():
     for changes in ({"angles": "music"}, {"peaks": 2}):
         with pytest.raises(ValueError, match="expected 'fft' and 1: a focus has one"):
             PointSpec(focus=True, **changes)
-    with pytest.raises(ValueError, match="no folds and no focus, use radar_points"):
-        all_cells(jnp.ones(CASCADE.cube_shape), CASCADE, points=PointSpec(focus=True))

@@ -18,7 +18,7 @@ from jradar.recordings import (
 from jradar.simulation import frame_bytes, simulate_sequence
 from jradar.simulation.coloradar_writer import write_calib
 from jradar.simulation.hardware import channel_factors, make_hardware
-from jradar.simulation.sequence import EPOCH_S, imu_records
+from jradar.simulation.sequence import CLOCKS, EPOCH_S, IMU_BIAS, imu_records
 from jradar.simulation.sets import folder_digest
 from tests.simulation.worlds import straight
 
@@ -136,3 +136,20 @@ def test_wrong_options_are_usage_errors(tmp_path, arguments, options, message):
     with pytest.raises(UsageError, match=message):
         simulate_sequence(*arguments, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
+
+
+def test_the_noise_of_the_imu_is_a_density_by_the_root_of_its_rate(corridor):
+    """180 ug and 0.01 deg/s by the root of Hz; biases are constant and drawn once."""
+    resting = corridor._replace(scene=corridor.scene._replace(platform=straight(0.0)))
+    stamps = np.arange(1200) / CLOCKS["imu"].rate_hz
+    settings = [resting._replace(seed=seed) for seed in range(40)]
+    records = np.stack([imu_records(setting, stamps) for setting in settings])
+    noise = records - records.mean(1, keepdims=True)
+    density = noise.std((0, 1)) / np.sqrt(CLOCKS["imu"].rate_hz)
+    np.testing.assert_allclose(density[:3] / 9.80665e-6, 180, rtol=0.05)
+    np.testing.assert_allclose(np.degrees(density[3:]), 0.01, rtol=0.05)
+    halves = noise.reshape(40, 2, 600, 6).mean(2)
+    np.testing.assert_allclose(halves.std((0, 1)), noise.std((0, 1)) / 600**0.5, rtol=1)
+    bias = records.mean(1) - np.median(records.mean(1), 0)
+    spread = bias.std(0).reshape(2, 3).mean(1)
+    np.testing.assert_allclose(spread, IMU_BIAS, rtol=0.3)

@@ -1,0 +1,39 @@
+"""Odometry: where the radar went, from its Doppler and a sensor of orientation.
+
+    frame_velocities, Velocities       the radar's own velocity in each frame
+    gyro_attitude, pose_attitude       its orientation from an IMU, or from poses
+    scan_poses                         poses from LiDAR scans, by KISS-ICP
+    integrate, Trajectory              velocities and orientation to a trajectory
+    odometry                           all of it for one recording
+    relative_poses                     between the radar's places in two frames
+    write_tum, to_poses                a trajectory as a file, and as `Poses`
+    umeyama, position_errors, step_errors    APE and RPE against true poses
+
+The radar's velocity is that of the radar itself, so it is the radar's position that is
+integrated. The lever arm to the base enters once, when its pose becomes the base's.
+"""
+
+from jradar.odometry.attitude import (
+    gyro_attitude as gyro_attitude,
+    pose_attitude as pose_attitude,
+)
+from jradar.odometry.errors import (
+    Errors as Errors,
+    position_errors as position_errors,
+    step_errors as step_errors,
+    umeyama as umeyama,
+)
+from jradar.odometry.scans import scan_poses as scan_poses
+from jradar.odometry.trajectory import (
+    ROTATIONS as ROTATIONS,
+    Trajectory as Trajectory,
+    integrate as integrate,
+    odometry as odometry,
+    relative_poses as relative_poses,
+    to_poses as to_poses,
+    write_tum as write_tum,
+)
+from jradar.odometry.velocities import (
+    Velocities as Velocities,
+    frame_velocities as frame_velocities,
+)
