@@ -9,6 +9,7 @@ import optax
 from jaxtyping import Array, Float, Int, Key
 
 from jradar.diffusion import Network, NoiseSpec, conditional_denoiser, denoising_loss
+from jradar.model import compiler_options
 from jradar.training.state import TrainState
 
 Metrics = dict[str, Float[Array, ""]]
@@ -50,7 +51,7 @@ def make_train_step(
     `(key, denoise, clean, *, noise, step)`.
     """
 
-    @jax.jit
+    @jax.jit(compiler_options=compiler_options())
     def step(state, key, batch):
         key = jax.random.fold_in(key, state.step)
 
