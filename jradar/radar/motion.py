@@ -104,6 +104,7 @@ def ego_velocity(
     velocity = _best(velocity, *fixed, usable, period, threshold_mps)
 
     strength = _strength(cloud, usable)
+    weight = inverse = spread = jnp.zeros(())
     for _ in range(REFINEMENTS):
         echo = _residual(velocity, direction, doppler, period)
         inliers = usable & (jnp.abs(echo) < threshold_mps)
