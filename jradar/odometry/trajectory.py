@@ -36,8 +36,8 @@ class Trajectory(NamedTuple):
 
     @property
     def distance_m(self) -> float:
-        """Length of the radar's way."""
-        steps = np.diff(self.world_from_radar[:, :3, 3], axis=0)
+        """Length of the base's way."""
+        steps = np.diff(self.world_from_base[:, :3, 3], axis=0)
         return float(np.linalg.norm(steps, axis=1).sum())
 
 

@@ -43,7 +43,8 @@ class EgoVelocity(NamedTuple):
 
     Where `solved` is False, the velocity is NaN, its variances are infinite, and no
     point is an inlier or moving. The variance of z is infinite, and z is 0, without
-    elevation.
+    elevation. The covariance is that of independent errors of Doppler: errors that the
+    directions share, such as a tilt or ghosts, come on top.
     """
 
     velocity: Float[Array, "*batch 3"]  # m/s, in the radar's frame
@@ -104,6 +105,7 @@ def ego_velocity(
     velocity = _best(velocity, *fixed, usable, period, threshold_mps)
 
     strength = _strength(cloud, usable)
+    weight = inverse = spread = jnp.zeros(())
     for _ in range(REFINEMENTS):
         echo = _residual(velocity, direction, doppler, period)
         inliers = usable & (jnp.abs(echo) < threshold_mps)

@@ -47,9 +47,9 @@ EPOCH_S = 1_608_552_000.0  # 21 December 2020, when ColoRadar's first runs were 
 LIVOX_POINT_BYTES = 19
 GRAVITY = np.array([0.0, 0.0, 9.80665])
 # White noise of the IMU in each record of force (m/s^2) and rate (rad/s). At 300 Hz it
-# has a density of 177 ug/sqrt(Hz) and 0.010 deg/s/sqrt(Hz), as small MEMS IMUs have: the
-# data sheet of Bosch's BMI160 says 180 ug and 0.007 deg/s. ColoRadar's 3DM-GX5-25 is
-# quieter, with 25 ug and 0.005 deg/s.
+# has a density of 177 ug/sqrt(Hz) and 0.010 deg/s/sqrt(Hz), as small MEMS IMUs have:
+# the data sheet of Bosch's BMI160 says 180 ug and 0.007 deg/s. ColoRadar's 3DM-GX5-25
+# is quieter, with 25 ug and 0.005 deg/s.
 IMU_NOISE = (0.03, 3e-3)
 # Standard deviation of its biases, 2 mg and 0.06 deg/s. They stay the same throughout a
 # recording: their instability is left out.
