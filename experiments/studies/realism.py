@@ -13,7 +13,7 @@ SAMPLES is a folder of real frames, which are not part of jradar:
 
 The radars of the captures stand still. Each is compared with simulated radars that have
 its chirps and stand in simulated rooms: with the one unit of `jradar-sim-1`, and with
-units of `jradar-sim-2`. The exit code is 1 if a number of a real capture is outside the
+units of `jradar-sim-4`. The exit code is 1 if a number of a real capture is outside the
 range of the second.
 
 The pairs are compared with simulated frames turned into pictures by the same recipe:

@@ -137,9 +137,10 @@ def one_unit(count: int = UNITS) -> list[UnitSpec]:
 
 
 def many_units(count: int = UNITS) -> list[UnitSpec]:
-    """Return units of `jradar-sim-2`, standing still and without interference."""
+    """Return units of `jradar-sim-4`, standing still and without interference."""
     still = {"speed_mps": 0.0, "interferers": 0}
-    return [dataclasses.replace(draw_unit(seed), **still) for seed in range(count)]
+    units = (draw_unit(seed, population=2) for seed in range(count))
+    return [dataclasses.replace(unit, **still) for unit in units]
 
 
 class Comparison(NamedTuple):
@@ -178,7 +179,7 @@ def comparison_table(found: list[Comparison]) -> str:
     def spread(values):
         return " / ".join(f"{np.quantile(values, q):.3g}" for q in (0, 0.5, 1))
 
-    titles = ["capture", "number", "real", "jradar-sim-1", "jradar-sim-2", "inside"]
+    titles = ["capture", "number", "real", "jradar-sim-1", "jradar-sim-4", "inside"]
     rows = [
         [
             *(c.capture, c.number, f"{c.real:.3g}"),

@@ -6,7 +6,8 @@
     simulate_sequence           a sequence on disk, in ColoRadar's layout
     simulate_capture            DCA1000 samples, a `.cfg`, and the bag of a Livox
     UnitSpec, draw_unit         a radar as it is built, mounted and disturbed
-    SHIFTS, shifted_unit        the units of the robustness set
+    SHIFTS, LATER_SHIFTS        what the units of the robustness sets differ in
+    shifted_unit, robust_set    the unit of a shift, and the set that holds it
     simulate_set, SETS          named data sets and their versions
     set_sequences               the sequences of a set
     frame_bytes                 size of a frame on disk
@@ -15,19 +16,20 @@ Its modules, and what they model:
 
     solids, furniture, tunnel, layouts        geometry
     materials                                 reflection, transmission, roughness
+    bounces, wind                             two-ray law, echoes between walls, leaves
     scene, trajectory, rig                    moving bodies, hand-held motion, mounts
     reflectors, line_of_sight, propagation    speckle, mirrors, corners, ghosts
     link, hardware, synthesiser               antennas, noise, leakage, channels, ADC,
                                               phase noise, chirps that start late
-    units, front_end, diffuse                 what differs from unit to unit: boards,
-                                              calibration, mounts, filters, I and Q,
-                                              drift, diffuse echoes
+    units, waveforms, front_end, diffuse      what differs from unit to unit: boards,
+                                              chirps, calibration, mounts, filters,
+                                              I and Q, drift, diffuse echoes
     scanner                                   LiDAR: lost returns, glass
     sequence                                  streams with their own clocks
     coloradar_writer, capture_writer, sets    files
 
 Not modelled: diffraction, limbs that swing, wrong stamps (5 ms at walking pace would be
-5 mm). Second bounces between walls are part of the diffuse echoes.
+5 mm). Other second bounces are part of the diffuse echoes.
 """
 
 from jradar.simulation.capture_writer import simulate_capture as simulate_capture
@@ -41,10 +43,12 @@ from jradar.simulation.sequence import (
 )
 from jradar.simulation.sets import (
     SETS as SETS,
+    robust_set as robust_set,
     set_sequences as set_sequences,
     simulate_set as simulate_set,
 )
 from jradar.simulation.units import (
+    LATER_SHIFTS as LATER_SHIFTS,
     SHIFTS as SHIFTS,
     UnitSpec as UnitSpec,
     draw_unit as draw_unit,

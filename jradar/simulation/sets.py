@@ -9,11 +9,13 @@
     jradar-sim-4              more layouts, and units of the second population
     jradar-sim-4-mini         the same, one layout of each family for each split
     jradar-sim-2-robust/NAME  test layouts under one named shift, to test on
+    jradar-sim-4-robust/NAME  the same, of the shifts that were added later
 
 A set has a frame of each of many layouts, because layouts differ more than the frames
 of one. The number in the name is the version: it changes whenever the data do. No
 board, interferer or clutter of a robustness set occurs in a training set, and neither
-does the family of `jradar-sim-2-robust/unseen-scene`.
+does the family of `jradar-sim-2-robust/unseen-scene`, nor the waveform of
+`jradar-sim-4-robust/ti-indoor-waveform`.
 
 The folder of a set holds ColoRadar's layout, `splits.json` for preparation, and
 `manifest.json` with the splits and a digest of every sequence. Samples are float32
@@ -32,7 +34,13 @@ from jradar import __version__
 from jradar.errors import UsageError, parsing
 from jradar.files import read_json, write_text
 from jradar.simulation.sequence import simulate_sequence
-from jradar.simulation.units import SHIFTS, UnitSpec, draw_unit, shifted_unit
+from jradar.simulation.units import (
+    LATER_SHIFTS,
+    SHIFTS,
+    UnitSpec,
+    draw_unit,
+    shifted_unit,
+)
 
 Splits = dict[str, tuple[int, ...]]  # seeds of each split
 FRAMES = 1  # of each sequence, by default
@@ -85,7 +93,12 @@ def _robust(shift: str) -> SetSpec:
     return SetSpec(ROBUST, families, lambda family, seed: shifted_unit(shift))
 
 
-ROBUSTNESS = {f"jradar-sim-2-robust/{shift}": _robust(shift) for shift in SHIFTS}
+def robust_set(shift: str) -> str:
+    """Return the name of the set that holds a shift."""
+    return f"jradar-sim-{2 if shift in SHIFTS else 4}-robust/{shift}"
+
+
+ROBUSTNESS = {robust_set(shift): _robust(shift) for shift in (*SHIFTS, *LATER_SHIFTS)}
 SETS = {
     "jradar-sim-1": SetSpec(
         {
@@ -109,10 +122,11 @@ SETS = {
 def set_sequences(name: str) -> list[Sequence]:
     """Return the sequences of a set."""
     if (found := (SETS | ROBUSTNESS).get(name)) is None:
-        shifts = ", ".join(SHIFTS)
+        shifts, later = ", ".join(SHIFTS), ", ".join(LATER_SHIFTS)
         raise UsageError(
             f"set {name!r}, expected one of {', '.join(SETS)}, or "
-            f"jradar-sim-2-robust/SHIFT with a shift of {shifts}"
+            f"jradar-sim-2-robust/SHIFT with a shift of {shifts}, or "
+            f"jradar-sim-4-robust/SHIFT with a shift of {later}"
         )
     return [
         Sequence(split, family, seed, found.unit(family, seed))

@@ -211,8 +211,19 @@ SHIFTS: dict[str, dict[str, object]] = {
     },
     "one-row": {"one_row": True},
 }
+# Of `jradar-sim-4-robust`.
+LATER_SHIFTS: dict[str, dict[str, object]] = {
+    "ground-and-bounces": {
+        "floor_bounces": True,
+        "floor_roughness_m": 0.3e-3,
+        "wall_echoes": True,
+        "ghost_db": 4.0,
+    },
+    "ti-indoor-waveform": {"waveform": "ti-3d"},
+    "clipping": {"gain_db": 36.0},
+}
 
 
 def shifted_unit(shift: str) -> UnitSpec:
-    """Return the unit of a named shift of the robustness set."""
-    return dataclasses.replace(CALIBRATED, **SHIFTS[shift])
+    """Return the unit of a named shift of a robustness set."""
+    return dataclasses.replace(CALIBRATED, **(SHIFTS | LATER_SHIFTS)[shift])

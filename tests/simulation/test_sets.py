@@ -65,3 +65,16 @@ def test_a_file_of_another_kind_is_no_manifest(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(ValueError, match="not the manifest of a simulated set"):
         simulate_set("jradar-sim-1-mini", tmp_path)
+
+
+def test_later_shifts_have_a_set_of_their_own_with_the_same_layouts():
+    assert sets.robust_set("clean") == "jradar-sim-2-robust/clean"
+    later = set_sequences("jradar-sim-4-robust/ti-indoor-waveform")
+    before = set_sequences("jradar-sim-2-robust/clean")
+    assert [item[:3] for item in later] == [item[:3] for item in before]
+    (radar,) = {item.unit.radar() for item in later if item.unit}
+    assert radar.num_chirps == 16 and 0.04 < radar.range_resolution_m < 0.05
+    with pytest.raises(
+        UsageError, match="jradar-sim-4-robust/SHIFT with a shift of gr"
+    ):
+        set_sequences("jradar-sim-4-robust/clean")

@@ -23,6 +23,7 @@ from jradar.simulation.sets import ROBUSTNESS, SETS, UNSEEN, set_sequences
 from jradar.simulation.trajectory import mounted, pose_at, velocity_at
 from jradar.simulation.units import (
     FIRST_SHIFT,
+    LATER_SHIFTS,
     SHIFTS,
     UnitSpec,
     draw_unit,
@@ -187,6 +188,8 @@ def test_the_second_population_is_wider_and_meets_no_shift():
     for name in ("speed_mps", "height_m", "clutter_counts", "noise_db"):
         shifts = {getattr(shifted_unit(shift), name) for shift in SHIFTS} - {None, 0.0}
         assert not shifts & {getattr(unit, name) for unit in drawn}
+    later = {shifted_unit(shift).waveform for shift in LATER_SHIFTS}
+    assert later - {None} and not later & {unit.waveform for unit in drawn}
     clutter = np.array([unit.clutter_counts for unit in drawn])
     assert 0.8 < np.mean(clutter > 0) < 0.9 and 7.7 < clutter.max() <= 10
     speed = np.array([unit.speed_mps for unit in drawn if unit.speed_mps])
