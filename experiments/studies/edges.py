@@ -193,9 +193,9 @@ def table(found: dict[str, Counts], frames: int) -> str:
 
 
 def figure(frames: Sequence[dict[str, Image]], view: ImageSpec) -> Figure:
-    """Draw range images, and below them the clouds from above, for some frames."""
+    """Draw range images, left at the left, and below them the clouds from above."""
     columns = [*frames[0]]
-    drawing = Figure((4 * len(columns), 3.6 * len(frames)), layout="constrained")
+    drawing = Figure((3 * len(columns), 2.8 * len(frames)), layout="constrained")
     grid = drawing.subplots(
         2 * len(frames),
         len(columns),
@@ -205,7 +205,7 @@ def figure(frames: Sequence[dict[str, Image]], view: ImageSpec) -> Figure:
     for place, images in enumerate(frames):
         for column, label in enumerate(columns):
             above, below = grid[2 * place][column], grid[2 * place + 1][column]
-            shown = np.where(images[label] > 0, images[label], np.nan)
+            shown = np.where(images[label] > 0, images[label], np.nan)[:, ::-1]
             above.imshow(shown, vmin=0, vmax=view.max_range_m, aspect="auto")
             above.set(xticks=[], yticks=[], title="" if place else label)
             cloud = unproject(jnp.asarray(images[label]), view)
