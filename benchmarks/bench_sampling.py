@@ -4,7 +4,8 @@ The network `tiny` draws one image of the paper's size, with 18 steps of Heun's 
 (35 evaluations) and with 8 of the fourth-order multistep method. The loop calls the
 same steps, compiled one by one. Both results must agree before they are timed.
 
-One pass evaluates the network once; its peer is the same network in PyTorch.
+One pass evaluates the network once, compiled as `jradar enhance` does; its peer is the
+same network in PyTorch.
 """
 
 from collections.abc import Iterator
@@ -24,6 +25,7 @@ from jradar.diffusion import (
     heun_step,
     precondition,
 )
+from jradar.model import compiler_options
 
 NETWORK, NOISE = build_network(preset="tiny"), NoiseSpec()
 MULTISTEP = Multistep("ipndm4", 4)
@@ -58,7 +60,7 @@ def _one_pass(start, condition) -> Case:
     network = build_network(preset="tiny", outputs=14)
     inputs = jnp.zeros_like(start), jnp.zeros(1), condition
     params = random_params(network, *inputs)
-    forward = jax.jit(network.apply)
+    forward = jax.jit(network.apply, compiler_options=compiler_options())
     torch = TorchPeer(network, params, inputs, np.zeros(0, np.float32))
     return Case(
         f"network of one pass, {SHAPE[1]} x {SHAPE[2]}",

@@ -35,7 +35,7 @@ Image = Float[Array, "*batch row column channel"]
 ImageOrShape = Image | jax.ShapeDtypeStruct  # only the shape of an image of zeros
 Level = Float[Array, "*batch"]
 Output = Float[Array, "*batch row column output"]
-NetworkFunction = Callable[[Image, Level], Output]
+NetworkFunction = Callable[[ImageOrShape, Level], Output]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,11 +5,11 @@ import functools
 import jax
 
 # Without a library for small products, XLA runs Eigen's convolutions on all cores.
-CPU_OPTIONS = {"xla_cpu_experimental_ynn_fusion_type": ""}
+CPU_OPTIONS: dict[str, str | bool] = {"xla_cpu_experimental_ynn_fusion_type": ""}
 
 
 @functools.cache
-def compiler_options() -> dict[str, str]:
+def compiler_options() -> dict[str, str | bool]:
     """Return options of `jax.jit` or `compile` that make a network quick; maybe none.
 
     They are for CPUs, where one frame is too little work for XLA's usual choice, and
