@@ -68,7 +68,7 @@ FAMILIES = (
 SETS = (
     *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),
     *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
-    *("jradar-sim-4", "jradar-sim-4-mini"),
+    *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
 )
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_COUNT = 10**9

@@ -8,6 +8,7 @@
     jradar-sim-3              the same with twice as many layouts
     jradar-sim-4              more layouts, and units of the second population
     jradar-sim-4-mini         the same, one layout of each family for each split
+    jradar-sim-4-test         such units with ColoRadar's chirps, to test on
     jradar-sim-2-robust/NAME  test layouts under one named shift, to test on
     jradar-sim-4-robust/NAME  the same, of the shifts that were added later
 
@@ -23,6 +24,7 @@ sums, whose order depends on the kind of processor: on another kind some samples
 differ by one count, and the digests then differ.
 """
 
+import dataclasses
 import hashlib
 import json
 import zlib
@@ -48,6 +50,10 @@ SIX = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
 SEEN = (*SIX, "home")
 EIGHT = (*SEEN, "forest")
 UNSEEN = "warehouse"
+TEST: Splits = {
+    "validation": tuple(range(100, 116)),
+    "test": tuple(range(200, 392)),
+}
 MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
 ROBUST: Splits = {"test": tuple(range(200, 204))}
 VARIED: Splits = {
@@ -88,6 +94,10 @@ def _wide_unit(family: str, seed: int) -> UnitSpec:
     return draw_unit(zlib.crc32(f"{family}_{seed}".encode()), population=2)
 
 
+def _coloradar_unit(family: str, seed: int) -> UnitSpec:
+    return dataclasses.replace(_wide_unit(family, seed), waveform=None)
+
+
 def _robust(shift: str) -> SetSpec:
     families = (UNSEEN,) if shift == "unseen-scene" else SIX
     return SetSpec(ROBUST, families, lambda family, seed: shifted_unit(shift))
@@ -107,15 +117,14 @@ SETS = {
             "test": (200, 201, 202, 203),
         }
     ),
-    "jradar-sim-1-test": SetSpec(
-        {"validation": tuple(range(100, 116)), "test": tuple(range(200, 392))}
-    ),
+    "jradar-sim-1-test": SetSpec(TEST),
     "jradar-sim-1-mini": SetSpec(MINI),
     "jradar-sim-2": SetSpec(VARIED, SEEN, _own_unit),
     "jradar-sim-2-mini": SetSpec(MINI, SEEN, _own_unit),
     "jradar-sim-3": SetSpec(MORE, SEEN, _own_unit),
     "jradar-sim-4": SetSpec(WIDE, EIGHT, _wide_unit),
     "jradar-sim-4-mini": SetSpec(MINI, EIGHT, _wide_unit),
+    "jradar-sim-4-test": SetSpec(TEST, SIX, _coloradar_unit),
 }
 
 

@@ -14,11 +14,21 @@ def test_splits_share_no_layout():
     assert len(set(scenes)) == len(scenes) == 6 * (384 + 4 + 4)
     splits = {item.split for item in set_sequences("jradar-sim-1")}
     assert splits == {"train", "validation", "test"}
-    items = set_sequences("jradar-sim-1-test")
+
+
+@pytest.mark.parametrize("name", ["jradar-sim-1", "jradar-sim-4"])
+def test_layouts_to_test_on_are_in_no_other_split(name):
+    items = set_sequences(f"{name}-test")
     tested = {item[1:3] for item in items if item.split == "test"}
-    items = set_sequences("jradar-sim-1")
+    items = set_sequences(name)
     others = {item[1:3] for item in items if item.split != "test"}
     assert len(tested) == 6 * 192 and not tested & others
+
+
+def test_units_to_test_on_differ_and_have_the_same_chirps():
+    units = {item.unit for item in set_sequences("jradar-sim-4-test")}
+    assert len(units) == 6 * (16 + 192)
+    assert len({unit.radar() for unit in units}) == 1
 
 
 def test_an_unknown_set_names_the_known_ones():
