@@ -179,16 +179,17 @@ def _ahead(threads: ThreadPoolExecutor, call: Callable, items: Iterable) -> Iter
 def _result(frame: int, values: list[Any], spec: ModelSpec, options) -> Enhanced:
     """What is written of a frame, from the results of all stages."""
     cube, cloud, seen, image, dense, power, detections = values
-    silent = not cloud.valid.any()
+    silent = not np.asarray(cloud.valid).any()
     cloud, dense = (within_limits(c, options) for c in (cloud, dense))
+    kept = np.asarray(dense.valid)
     row: dict[str, Any] = {
         "frame": frame,
         "detections": int(detections),
-        "radar points": 0 if silent else int(cloud.valid.sum()),
-        "enhanced points": int(dense.valid.sum()),
+        "radar points": 0 if silent else int(np.asarray(cloud.valid).sum()),
+        "enhanced points": int(kept.sum()),
     }
-    if dense.confidence is not None and dense.valid.any():
-        mean = float(np.asarray(dense.confidence)[np.asarray(dense.valid)].mean())
+    if dense.confidence is not None and kept.any():
+        mean = float(np.asarray(dense.confidence)[kept].mean())
         row["confidence (%)"] = round(100 * mean, 1)
     if spec.trust is not None:
         row["unlike training (%)"] = round(100 * float(unlikeness(seen, spec.trust)), 1)
