@@ -9,7 +9,6 @@ import optax
 from jaxtyping import Array, Float, Int, Key
 
 from jradar.diffusion import Network, NoiseSpec, conditional_denoiser, denoising_loss
-from jradar.model import compiler_options
 from jradar.training.state import TrainState
 
 Metrics = dict[str, Float[Array, ""]]
@@ -51,7 +50,7 @@ def make_train_step(
     `(key, denoise, clean, *, noise, step)`.
     """
 
-    @jax.jit(compiler_options=compiler_options())
+    @jax.jit
     def step(state, key, batch):
         key = jax.random.fold_in(key, state.step)
 
