@@ -11,6 +11,7 @@ import pytest
 from jradar.diffusion import PREDICTIONS, SOLVERS, NoiseSpec, UNet
 from jradar.model import (
     Model,
+    compiling,
     condition,
     draw,
     enhance,
@@ -180,3 +181,17 @@ def test_another_radars_cube_is_told_apart(model):
         condition(cube, model)
     other = RadarSpec.awr1642(num_chirps=16, num_samples=64)
     assert condition(cube, model, radar=other).shape == (8, 8, 12)
+
+
+def test_compiler_options_change_no_result_and_unknown_ones_are_left_out(
+    quick, monkeypatch
+):
+    key, image = jax.random.key(0), jnp.ones((8, 8, 12))
+    options = compiling.compiler_options()
+    assert set(options) <= set(compiling.CPU_OPTIONS)
+    compiled = draw.lower(key, image, quick).compile(options)
+    np.testing.assert_allclose(
+        compiled(key, image, quick).range_m, draw(key, image, quick).range_m, atol=1e-4
+    )
+    monkeypatch.setattr(compiling, "CPU_OPTIONS", {"xla_cpu_no_such_option": True})
+    assert compiling.compiler_options.__wrapped__() == {}
