@@ -41,6 +41,8 @@ from jradar.range_image import (
 )
 from jradar.types import PointCloud
 
+SURE = 0.5  # confidence of earlier frames' points that are tried in the present one
+
 
 @jax.jit
 def mixtures(
@@ -90,19 +92,21 @@ def fuse(
         )
     if moving is None:
         moving = jnp.zeros(frames.returned.shape, bool)
-    present = jax.tree.map(lambda values: values[0], frames)
-    directions = jnp.asarray(pixel_directions(spec.fine), jnp.float32)
+    present, *earlier = (
+        jax.tree.map(lambda values, k=k: values[k], frames) for k in range(count)
+    )
     past = range(1, count)
-    inverse = [_inverse(poses[k]) for k in past]
-    tables = [_table(jax.tree.map(lambda values, k=k: values[k], frames)) for k in past]
+    tables = [_table(mixture) for mixture in earlier]
+    directions = jnp.asarray(pixel_directions(spec.fine), jnp.float32)
 
     def probability(range_m):
         """The mean probability of a surface within the window around a range."""
         total = _surface(present, range_m, spec, window_m)
         views = jnp.ones_like(total)
         xyz = range_m[..., None] * directions
-        for k, turn, table in zip(past, inverse, tables, strict=True):
-            row, column, distance, inside = pixel_of(_moved(xyz, turn), spec.fine)
+        for k, table in zip(past, tables, strict=True):
+            there = (xyz - poses[k, :3, 3]) @ poses[k, :3, :3]
+            row, column, distance, inside = pixel_of(there, spec.fine)
             seen = _from_table(table[row, column])
             counts = inside & ~moving[0] & ~moving[k][row, column] & (range_m > 0)
             total += jnp.where(counts, _surface(seen, distance, spec, window_m), 0.0)
@@ -111,13 +115,12 @@ def fuse(
 
     first = likeliest_range(present, spec, window_m=window_m).range_m
     candidates = [first]
-    for k in past:
-        seen = likeliest_range(
-            jax.tree.map(lambda values, k=k: values[k], frames), spec, window_m=window_m
-        )
-        shown = jnp.where(moving[k], 0.0, confident(seen, 0.5).range_m)
+    for k, mixture in zip(past, earlier, strict=True):
+        seen = confident(likeliest_range(mixture, spec, window_m=window_m), SURE)
+        shown = jnp.where(moving[k], 0.0, seen.range_m)
         xyz = (shown[..., None] * directions).reshape(-1, 3)
-        cloud = PointCloud(_moved(xyz, poses[k]), (shown > 0).ravel())
+        here = xyz @ poses[k, :3, :3].T + poses[k, :3, 3]
+        cloud = PointCloud(here, (shown > 0).ravel())
         candidates.append(project(cloud, spec.fine))
     heaviest = jax.lax.top_k(present.weight, 2)[1]
     centres = jnp.take_along_axis(present.centre, heaviest, -1)
@@ -160,15 +163,3 @@ def _table(mixture):
 def _from_table(values):
     weight, centre, scale = jnp.split(values[..., 1:], 3, -1)
     return RangeMixture(values[..., 0], weight, centre, scale)
-
-
-def _moved(xyz, pose):
-    """Points under a transform."""
-    return xyz @ pose[:3, :3].T + pose[:3, 3]
-
-
-def _inverse(pose):
-    turn = pose[:3, :3].T
-    bottom = jnp.asarray([[0.0, 0.0, 0.0, 1.0]], pose.dtype)
-    shift = -(turn @ pose[:3, 3:])
-    return jnp.concatenate([jnp.concatenate([turn, shift], 1), bottom], 0)
