@@ -34,16 +34,16 @@ from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.metrics import compare_on_host
-from jradar.model import Model, fuse, load_model, mixtures
-from jradar.model.methods import likeliest_range
+from jradar.model import Model, fuse, load_model, mixtures, moving_pixels
+from jradar.model.fusion import MOVING_MPS
 from jradar.progress import progress
 from jradar.radar import ego_velocity
-from jradar.range_image import pixel_directions, unproject, velocity_image
+from jradar.range_image import unproject
 from jradar.types import PointCloud
 
 KEY = 22
 COUNTS = (1, 3, 5)
-FASTER = 0.6  # m/s, of an echo than the world that stands still
+LEAST_SNR = 10.0  # of an echo that moves by itself
 NEAR_M = 0.5  # around an echo of a mover
 MOTIONS = ("poses", "velocity")
 
@@ -101,24 +101,19 @@ def _seen(frame: data.PreparedFrame, condition: Any, model: Model) -> Seen:
         jax.random.key(KEY), cloud, elevation=model.spec.radar.has_elevation
     )
     mixture = mixtures(jnp.asarray(condition), model)
-    moving, fast = _moving(mixture, cloud, found.velocity, model.spec)
+    moving = moving_pixels(mixture, cloud, found.velocity, model.spec)
     velocity = np.asarray(found.velocity)
-    movers = np.asarray(cloud.xyz)[np.asarray(fast)]
-    return Seen(frame, mixture, moving, velocity, movers)
+    return Seen(frame, mixture, moving, velocity, _fast(cloud, velocity))
 
 
-@jax.jit(static_argnames="spec")
-def _moving(mixture, cloud: PointCloud, velocity, spec):
-    """Pixels and points whose echoes do not fit a world that stands still."""
-    range_m = likeliest_range(mixture, spec).range_m
-    measured = velocity_image(range_m, cloud, spec.coarse, num_slices=spec.num_slices)
-    expected = -jnp.asarray(pixel_directions(spec.fine), jnp.float32) @ velocity
-    away = jnp.linalg.norm(cloud.xyz, axis=-1)
-    direction = cloud.xyz / jnp.where(away > 0, away, 1.0)[:, None]
-    differs = jnp.abs(cloud.velocity + direction @ velocity) > FASTER
-    strong = cloud.snr > 10.0
-    fast = cloud.valid & differs & strong
-    return jnp.abs(measured - expected) > FASTER, fast  # False where NaN
+def _fast(cloud: PointCloud, velocity) -> np.ndarray:
+    """The strong echoes that do not fit a world that stands still, [echo, 3]."""
+    xyz = np.asarray(cloud.xyz)
+    away = np.linalg.norm(xyz, axis=-1, keepdims=True)
+    at_rest = -xyz / np.where(away > 0, away, 1.0) @ velocity
+    differs = np.abs(np.asarray(cloud.velocity) - at_rest) > MOVING_MPS
+    strong = np.asarray(cloud.snr) > LEAST_SNR
+    return xyz[np.asarray(cloud.valid) & differs & strong]
 
 
 def _rows(seen: Sequence[Seen], model: Model) -> list[dict[str, Any]]:
