@@ -20,12 +20,14 @@ from experiments.tasks.radarhd_occupancy import (
     occupancy_regression_loss,
 )
 from experiments.tasks.radarhd_pairs import LIDAR, PolarItems, RadarHD, open_radarhd
+from experiments.tasks.radarhd_report import write_results
 from experiments.tasks.radarhd_scores import (
+    PROTOCOLS,
     Draw,
+    at_limits,
     choose_limits,
     mean_scores,
     score_pairs,
-    write_polar_results,
 )
 from experiments.train import Training
 from experiments.weights import load_weights
@@ -75,8 +77,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     def validate(state, step):
         method = quickest(draw_methods(config, state.ema_params))
         rows = [*score_pairs(config, checked, method, every=8)]
-        limits = choose_limits(rows)
-        return mean_scores([r for r in rows if r["limit"] == limits[r["method"]]])
+        return mean_scores(at_limits(rows, choose_limits(rows)))
 
     return Training(
         state=state,
@@ -104,7 +105,8 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     params = load_weights(Path(config.weights or workdir / "weights.safetensors"))
     draws = draw_methods(config, params)
     pairs, every = open_radarhd(config.data.path), config.data.every
-    rows = score_pairs(config, threshold_pairs(config, pairs), draws, every=every)
+    checked = threshold_pairs(config, pairs)
+    rows = score_pairs(config, checked, draws, every=every, protocols=PROTOCOLS)
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():
         reported = open_radarhd(config.data.path, split="test")
@@ -113,7 +115,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         reported = pairs.of(config.data.report_trajectories)
         where = f"trajectories {config.data.report_trajectories}, not trained on"
     title = f"{config.purpose}; {where}"
-    write_polar_results(config, workdir, title, reported, draws, limits)
+    write_results(config, workdir, title, reported, draws, limits)
 
 
 def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
