@@ -86,6 +86,7 @@ def simulate_cube(
     cycles_per_m_sample = 2 * radar.slope_hz_per_s / SPEED_OF_LIGHT
     cycles_per_m_sample /= radar.sample_rate_hz
 
+    apart = []  # beats `[antenna point sample]` of the ways beyond the middle's
     if spherical:
         there = scatterers.xyz
         left = there if scatterers.departure is None else scatterers.departure
