@@ -171,6 +171,7 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             coarse=coarse,
             fine=fine,
             radar=records.radar,
+            other_radars=records.other_radars,
             points=points,
             num_slices=config.image.num_slices,
             codec=config.image.codec,

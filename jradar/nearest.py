@@ -136,10 +136,13 @@ def _pruned_search(points, others):
 
     def position_in(block):
         query, owner = block
-        squared = _squared_distance(
-            query[..., None], jnp.moveaxis(targets[owner], 1, 0)
-        )
-        return owner * TARGET_BLOCK + jnp.nanargmin(squared, -1)
+        near = targets[owner]  # [query, 3, target]
+        best, place = jnp.full(QUERY_BLOCK, jnp.inf, query.dtype), jnp.zeros_like(owner)
+        for i in range(TARGET_BLOCK):  # faster than an argmin on a CPU
+            squared = _squared_distance(query, near[:, :, i].T)
+            nearer = squared < best
+            best, place = jnp.where(nearer, squared, best), jnp.where(nearer, i, place)
+        return owner * TARGET_BLOCK + place
 
     best, owner = jax.lax.map(search_block, (queries, *query_boxes))
     position = jax.lax.map(position_in, (queries, owner))

@@ -25,6 +25,7 @@ POINTS = {
         **WINDOW, capacity=64, angles="music", sources=0, folds=1
     ),
     "two peaks, folds": r.PointSpec(**WINDOW, capacity=64, peaks=2, folds=1),
+    "two peaks, capon": r.PointSpec(**WINDOW, capacity=64, peaks=2, angles="capon"),
     "focus": r.PointSpec(**WINDOW, capacity=64, focus=True),
     "static": r.PointSpec(**WINDOW, remove_static=True, remove_interference=True),
 }
@@ -126,6 +127,9 @@ KERNELS = {
         waves(2, 12), CHIP, num_sources=None
     ),
     "capon_directions": lambda: r.capon_directions(waves(2, 12), CHIP),
+    "subspace_peaks": lambda: r.subspace_peaks(
+        waves(2, 12), CHIP, method="music", num_sources=None
+    ),
     "source_count": lambda: r.source_count(waves(2, 1, 12), CHIP),
     "mdl_sources": lambda: r.mdl_sources(jnp.abs(numbers(2, 5)), samples=8),
     "velocity_folds": lambda: r.velocity_folds(waves(2, 12), numbers(2), CHIP, most=2),

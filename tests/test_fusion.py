@@ -10,7 +10,7 @@ import pytest
 
 from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
-from jradar.model import fuse, load_model, mixtures
+from jradar.model import fuse, load_model, mixtures, moving_pixels
 from jradar.model.methods import likeliest_range
 from jradar.range_image import ImageSpec, encode_range, project, unproject
 from jradar.types import PointCloud
@@ -119,6 +119,48 @@ def test_a_mover_is_kept_from_the_present_frame_and_leaves_no_trail():
     assert np.asarray(found.confidence)[4:12, 40:48].min() > 0.9
     blind = fuse(frames, poses(*[(0, 0, 0)] * 2), SPEC)
     assert np.asarray(blind.confidence)[4:12, 40:48].max() < 0.6
+
+
+def test_three_frames_of_a_radar_that_stands_still_are_as_sure_as_one():
+    frame = frame_of(wall(4.0), wall(6.0), share=0.4)
+    one = fuse(stack(frame), poses((0, 0, 0)), SPEC)
+    three = fuse(stack(frame, frame, frame), poses(*[(0, 0, 0)] * 3), SPEC)
+    # A pixel's centre lies in its own pixel, also after the way there and back.
+    np.testing.assert_allclose(three.confidence, one.confidence, atol=1e-3)
+    np.testing.assert_allclose(three.range_m, one.range_m, atol=0.02)
+
+
+def test_a_frame_without_a_pose_is_left_out():
+    present, other = frame_of(wall(4.0), returned=0.5), frame_of(wall(7.0))
+    alone = fuse(stack(present), poses((0, 0, 0)), SPEC)
+    unknown = poses((0, 0, 0), (np.nan, 0, 0))
+    for pose in (unknown, unknown.at[1].set(np.nan)):
+        found = fuse(stack(present, other), pose, SPEC)
+        np.testing.assert_allclose(found.range_m, alone.range_m, rtol=1e-5)
+        np.testing.assert_allclose(found.confidence, alone.confidence, rtol=1e-5)
+
+
+def test_pixels_whose_doppler_differs_from_a_world_at_rest_move():
+    frame = frame_of(wall(5.0))
+    cloud = unproject(wall(5.0), FINE)
+    velocity = jnp.array([1.2, 0.3, 0.0])
+    away = cloud.xyz / jnp.linalg.norm(cloud.xyz, axis=1)[:, None]
+    walker = jnp.arange(len(cloud.xyz)).reshape(FINE.shape)[4:12, 40:48].ravel()
+    doppler = (-away @ velocity).at[walker].add(1.5)
+    for unambiguous, speed in ((None, doppler), (2.0, (doppler + 2) % 4 - 2)):
+        moving = moving_pixels(
+            frame,
+            cloud._replace(velocity=speed, power=jnp.ones(len(speed))),
+            velocity,
+            SPEC,
+            unambiguous_mps=unambiguous,
+        )
+        marked = np.zeros(FINE.shape, bool)
+        marked[4:12, 40:48] = True
+        assert np.mean(np.asarray(moving)[marked]) > 0.7
+        assert np.mean(np.asarray(moving)[:, :32]) < 0.02
+    unknown = cloud._replace(velocity=doppler, power=jnp.ones(len(doppler)))
+    assert not moving_pixels(frame, unknown, velocity * jnp.nan, SPEC).any()
 
 
 def test_a_diffusion_model_and_missing_poses_are_refused():

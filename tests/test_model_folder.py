@@ -62,6 +62,13 @@ def test_a_model_that_computes_in_bfloat16_does_so_after_loading(tmp_path, model
     assert 0 < np.abs(near - exact).mean() < 0.05 * spec.fine.max_range_m
 
 
+def test_the_other_radars_of_a_training_are_kept(tmp_path, model):
+    other = dataclasses.replace(model.spec.radar, slope_hz_per_s=5e13)
+    spec = dataclasses.replace(model.spec, other_radars=(other,))
+    save_model(tmp_path / "m", Model(model.params, spec))
+    assert load_model(tmp_path / "m").spec == spec
+
+
 def test_int8_halves_the_file_and_keeps_every_weight_within_half_a_step(
     tmp_path, model
 ):

@@ -12,7 +12,7 @@ r"""RadarHD's real pairs: one radar image in, an occupancy image out, by diffusi
 trajectories that are kept for the report. Training takes two hours on one core.
 """
 
-from ml_collections import ConfigDict
+from ml_collections import ConfigDict, config_dict
 
 
 def get_config():
@@ -27,6 +27,8 @@ def get_config():
     config.data.threshold_trajectories = (136, 137)  # not trained on
     config.data.report_trajectories = (138, 140)  # not trained on
     config.data.every = 4  # score every fourth frame of both
+    config.data.simulated = ""  # packed file of radarhd_simulated
+    config.data.simulated_share = 0.0  # of each batch; 1 trains on them alone
 
     config.method = "diffusion"  # or "regression"
     config.weights = ""  # to evaluate; by default the workdir's own
@@ -56,6 +58,8 @@ def get_config():
     config.network.outputs = 1
 
     config.train = ConfigDict()
+    config.train.initial = config_dict.placeholder(str)  # weights to start from
+    config.train.attention_order = config_dict.placeholder(str)
     config.train.steps = 5400
     config.train.batch_size = 8
     config.train.learning_rate = 1e-3
@@ -63,6 +67,7 @@ def get_config():
     config.train.clip_norm = 1.0
     config.train.weight_decay = 1e-2
     config.train.mirror = True  # train on mirror images too
+    config.train.augment = ()  # names of radarhd_augment.AUGMENTATIONS
     config.train.ema_decay = 0.995
     config.train.checkpoint_every = 300
     config.train.evaluate_every = 900

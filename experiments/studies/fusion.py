@@ -1,30 +1,32 @@
 r"""Score a model on one frame, and on several frames that its motion holds together.
 
-    python -m experiments.studies.fusion RECORDS -o runs/fusion --model jradar-sim
+    python -m experiments.studies.fusion RECORDS RECORDINGS -o runs/fusion
 
-RECORDS has consecutive frames of each sequence, with poses. Every frame that has enough
-earlier ones is scored with 1, 3 and 5 frames, so that all rows are of the same frames.
-The motion is that of the poses, or what the radar measures alone: the velocity of each
-frame, without rotation. Echoes that do not fit the radar's velocity are left out of
-earlier frames.
+RECORDS has consecutive frames of each sequence, and RECORDINGS the folder of each
+sequence that they were prepared from. Every frame that has enough earlier ones is
+scored with 1, 3 and 5 frames, so that all rows are of the same frames. The motion is
+what `jradar enhance --fuse` takes: of the recorded poses, or of the radar's velocity
+and the rotation of the IMU (`imu`), or of its velocity alone. Pixels that move by
+themselves are left out of earlier frames, except in the rows `movers kept`.
 
 `fusion.md` has the scores, the paired differences from one frame, and the time a frame
-takes. `near movers` is the share of LiDAR points within 0.5 m of an echo that moves by
-itself which have a point of the cloud within 0.2 m.
+takes. Where the simulator knows what moves, a second table scores it
+(`experiments.movers`).
 """
 
 import sys
 import time
 from argparse import Namespace
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.spatial import KDTree
 
+from experiments import movers
 from experiments.build import build_pairs
 from experiments.command import run_study, study_parser
 from experiments.evaluate import points_of
@@ -33,19 +35,32 @@ from jradar import data, evaluation
 from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
 from jradar.files import write_text
+from jradar.lidar import transform
 from jradar.metrics import compare_on_host
-from jradar.model import Model, fuse, load_model, mixtures
-from jradar.model.methods import likeliest_range
+from jradar.model import Model, fuse, load_model, mixtures, moving_pixels
+from jradar.odometry import Follower
 from jradar.progress import progress
 from jradar.radar import ego_velocity
-from jradar.range_image import pixel_directions, unproject, velocity_image
-from jradar.types import PointCloud
+from jradar.range_image import unproject
+from jradar.recordings import open_recording
+from jradar.simulation.scanner import OUSTER
 
 KEY = 22
 COUNTS = (1, 3, 5)
-FASTER = 0.6  # m/s, of an echo than the world that stands still
-NEAR_M = 0.5  # around an echo of a mover
-MOTIONS = ("poses", "velocity")
+MOTIONS = ("poses", "imu", "velocity")
+SCORES = (  # title, key, scale, digits
+    ("Chamfer (m)", "chamfer", 1, 3),
+    ("MHD (m)", "hausdorff", 1, 3),
+    ("F-score (%)", "f_score", 100, 1),
+    ("points", "points", 1, 0),
+    ("fusion (ms)", "milliseconds", 1, 0),
+)
+MOVERS = (
+    ("recall (%)", "mover_recall", 100, 1),
+    ("precision (%)", "mover_precision", 100, 1),
+    ("F-score (%)", "mover_f", 100, 1),
+    ("trailing points", "trail", 1, 0),
+)
 
 
 class Seen(NamedTuple):
@@ -54,14 +69,15 @@ class Seen(NamedTuple):
     frame: data.PreparedFrame
     mixture: RangeMixture
     moving: Bool[Array, "row column"]
-    velocity: Float[np.ndarray, " 3"]  # of the radar, NaN if it was not found
-    movers: Float[np.ndarray, "echo 3"]
+    poses: dict[str, Float[np.ndarray, "frame 4 4"]]  # newest first, by motion
+    movers: Float[np.ndarray, "point 3"]  # on moving bodies, in the world
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the study and return the exit code."""
     parser = study_parser("fusion", __doc__)
     parser.add_argument("records", help="records with consecutive frames")
+    parser.add_argument("recordings", help="folder of the records' recordings")
     parser.add_argument("--model", default="jradar-sim", help="shipped, or a folder")
     parser.add_argument("--split", default="test", help="split of the records")
     return run_study(study, parser, argv)
@@ -83,10 +99,12 @@ def study(options: Namespace) -> None:
     pairs, rows, done = build_pairs(model.spec, records), [], 0
     with progress("fusing", len(records), unit="frames") as show:
         for sequence, index in sequences.items():
+            follow = Following(Path(options.recordings, sequence), longest)
             seen: list[Seen] = []
             for i in index:
-                seen = [_seen(records[i], pairs[i].condition, model), *seen[:longest]]
-                if len(seen) >= longest:
+                newest = follow.see(records[i], pairs[i].condition, model)
+                seen = [newest, *seen[: longest - 1]]
+                if len(seen) == longest:
                     rows += [row | {"sequence": sequence} for row in _rows(seen, model)]
                 done += 1
                 show(done, sequence)
@@ -94,91 +112,84 @@ def study(options: Namespace) -> None:
     print(text)
 
 
-def _seen(frame: data.PreparedFrame, condition: Any, model: Model) -> Seen:
-    """The distributions of a frame, and its echoes that move by themselves."""
-    cloud = jax.tree.map(jnp.asarray, frame.radar)
-    found = ego_velocity(
-        jax.random.key(KEY), cloud, elevation=model.spec.radar.has_elevation
-    )
-    mixture = mixtures(jnp.asarray(condition), model)
-    moving, fast = _moving(mixture, cloud, found.velocity, model.spec)
-    velocity = np.asarray(found.velocity)
-    movers = np.asarray(cloud.xyz)[np.asarray(fast)]
-    return Seen(frame, mixture, moving, velocity, movers)
+class Following:
+    """The frames of one recording, seen one after another."""
 
+    def __init__(self, folder: Path, frames: int):
+        """`frames` is how many are fused at most."""
+        recording = open_recording(folder)
+        self._scene = movers.scene_of_recording(folder)
+        without = recording._replace(poses=None)
+        self._followers = {
+            "poses": Follower(recording, frames=frames),
+            "imu": Follower(without, frames=frames),
+            "velocity": Follower(without._replace(imu=None), frames=frames),
+        }
 
-@jax.jit(static_argnames="spec")
-def _moving(mixture, cloud: PointCloud, velocity, spec):
-    """Pixels and points whose echoes do not fit a world that stands still."""
-    range_m = likeliest_range(mixture, spec).range_m
-    measured = velocity_image(range_m, cloud, spec.coarse, num_slices=spec.num_slices)
-    expected = -jnp.asarray(pixel_directions(spec.fine), jnp.float32) @ velocity
-    away = jnp.linalg.norm(cloud.xyz, axis=-1)
-    direction = cloud.xyz / jnp.where(away > 0, away, 1.0)[:, None]
-    differs = jnp.abs(cloud.velocity + direction @ velocity) > FASTER
-    strong = cloud.snr > 10.0
-    fast = cloud.valid & differs & strong
-    return jnp.abs(measured - expected) > FASTER, fast  # False where NaN
+    def see(self, frame: data.PreparedFrame, condition: Any, model: Model) -> Seen:
+        """Return what the next frame tells."""
+        cloud = jax.tree.map(jnp.asarray, frame.radar)
+        found = ego_velocity(
+            jax.random.key(KEY), cloud, elevation=model.spec.radar.has_elevation
+        )
+        mixture = mixtures(jnp.asarray(condition), model)
+        moving = moving_pixels(mixture, cloud, found.velocity, model.spec)
+        velocity = np.asarray(found.velocity)
+        poses = {k: f.step(frame.frame, velocity) for k, f in self._followers.items()}
+        theirs = np.zeros((0, 3))
+        if self._scene is not None:
+            middle = frame.lidar_stamp + OUSTER.period_s / 2
+            theirs = movers.surfaces(self._scene, middle)
+        return Seen(frame, mixture, moving, poses, theirs)
 
 
 def _rows(seen: Sequence[Seen], model: Model) -> list[dict[str, Any]]:
     """The scores of the newest frame, by number of frames and kind of motion."""
-    rows = []
-    for motion in MOTIONS:
-        poses = relative_poses(seen, motion)
-        for count in COUNTS:
-            if count == 1 and motion != MOTIONS[0]:
-                continue
-            used = [s.mixture for s in seen[:count]]
-            started = time.perf_counter()
-            image = fuse(
-                jax.tree.map(lambda *values: jnp.stack(values), *used),
-                jnp.asarray(poses[:count], jnp.float32),
-                model.spec,
-                moving=jnp.stack([s.moving for s in seen[:count]]),
-            )
-            range_m = np.asarray(image.range_m)
-            took = time.perf_counter() - started
-            cloud = points_of(unproject(range_m, model.spec.fine))
-            rows.append(
-                {"method": "one frame" if count == 1 else f"{count} frames, {motion}"}
-                | _scores(cloud, seen[0])
-                | {"milliseconds": 1e3 * took, "points": len(cloud)}
-            )
-    return rows
+    rows = [_row("one frame", seen[:1], "poses", model)]
+    for count in COUNTS[1:]:
+        some = seen[:count]
+        for motion in MOTIONS:
+            rows.append(_row(f"{count} frames, {motion}", some, motion, model))
+        name = f"{count} frames, poses, movers kept"
+        rows.append(_row(name, some, "poses", model, keep=True))
+    to_radar = np.linalg.inv(seen[0].frame.world_from_radar)
+    now, *before = (transform(to_radar, s.movers) for s in seen)
+    truth = np.asarray(seen[0].frame.lidar_xyz)
+    return [
+        {k: value for k, value in row.items() if k != "cloud"}
+        | _scores(row["cloud"], truth)
+        | movers.mover_scores(row["cloud"], truth, now, before)
+        for row in rows
+    ]
 
 
-def relative_poses(seen: Sequence[Seen], motion: str) -> Float[np.ndarray, "frame 4 4"]:
-    """Return the transforms from each frame's radar to the first one's."""
-    if motion == "poses":
-        now = np.linalg.inv(seen[0].frame.world_from_radar)
-        return np.stack([now @ s.frame.world_from_radar for s in seen])
-    poses = np.tile(np.eye(4), (len(seen), 1, 1))
-    for k in range(1, len(seen)):
-        newer, older = seen[k - 1], seen[k]
-        step_s = newer.frame.stamp - older.frame.stamp
-        speed = np.nan_to_num((newer.velocity + older.velocity) / 2)
-        poses[k, :3, 3] = poses[k - 1, :3, 3] - step_s * speed
-    return poses
+def _row(name: str, seen, motion: str, model: Model, *, keep=False) -> dict[str, Any]:
+    """The fused cloud of some frames, and the time that it took."""
+    frames = jax.tree.map(lambda *values: jnp.stack(values), *[s.mixture for s in seen])
+    moving = jnp.stack([s.moving for s in seen])
+    poses = jnp.asarray(seen[0].poses[motion][: len(seen)], jnp.float32)
+    started = time.perf_counter()
+    image = fuse(frames, poses, model.spec, moving=moving & (not keep))
+    range_m = np.asarray(image.range_m)
+    took = time.perf_counter() - started
+    cloud = points_of(unproject(range_m, model.spec.fine))
+    return {
+        "method": name,
+        "cloud": cloud,
+        "milliseconds": 1e3 * took,
+        "points": len(cloud),
+    }
 
 
-def _scores(cloud: np.ndarray, seen: Seen) -> dict[str, float]:
-    """Distances and F-score, and recall near movers; NaN without a truth."""
-    truth = np.asarray(seen.frame.lidar_xyz)
-    nan = float("nan")
+def _scores(cloud: np.ndarray, truth: np.ndarray) -> dict[str, float]:
+    """Distances and F-score; NaN without a truth."""
     if not len(truth):
-        return {"chamfer": nan, "hausdorff": nan, "f_score": nan, "near_movers": nan}
+        return dict.fromkeys(("chamfer", "hausdorff", "f_score"), float("nan"))
     score = compare_on_host(cloud, truth)
-    recall = nan
-    if len(seen.movers):
-        near = truth[KDTree(seen.movers).query(truth)[0] <= NEAR_M]
-        if len(near) and len(cloud):
-            recall = float(np.mean(KDTree(cloud).query(near)[0] <= 0.2))
     return {
         "chamfer": float(score.chamfer),
         "hausdorff": float(score.modified_hausdorff),
         "f_score": float(np.nan_to_num(score.f_score[1])),
-        "near_movers": recall,
     }
 
 
@@ -186,38 +197,47 @@ def report(rows: list[dict[str, Any]]) -> str:
     """Return the tables of scores and of differences from one frame."""
     methods = [*dict.fromkeys(row["method"] for row in rows)]
     by = {name: [row for row in rows if row["method"] == name] for name in methods}
+    single, *others = by.values()
+    text = f"{len(single)} frames\n\n" + _table(SCORES, by)
+    text += "\n" + _changes(SCORES[:3], single, others)
+    theirs = {
+        name: [row for row in found if np.isfinite(row["trail"])]
+        for name, found in by.items()
+    }
+    single, *others = theirs.values()
+    if not single:
+        return text
+    sequences = len({row["sequence"] for row in single})
+    text += f"\n{len(single)} frames of {sequences} sequences with movers\n\n"
+    text += _table(MOVERS, theirs)
+    return text + "\n" + _changes(MOVERS, single, others)
 
-    def mean(name, key, scale=1.0, digits=3):
-        return f"{scale * known_mean(row[key] for row in by[name]):.{digits}f}"
 
-    scores = [
-        [
-            name,
-            mean(name, "chamfer"),
-            mean(name, "hausdorff"),
-            mean(name, "f_score", 100, 1),
-            mean(name, "near_movers", 100, 1),
-            mean(name, "points", 1, 0),
-            f"{np.median([row['milliseconds'] for row in by[name]]):.0f}",
+def _table(columns, by: dict[str, list[dict[str, Any]]]) -> str:
+    """Return the means of columns, by method."""
+    cells = [
+        [name]
+        + [
+            f"{scale * known_mean(row[key] for row in rows):.{digits}f}"
+            for _, key, scale, digits in columns
         ]
-        for name in methods
+        for name, rows in by.items()
     ]
-    titles = ["method", "Chamfer (m)", "MHD (m)", "F-score (%)", "near movers (%)"]
-    titles += ["points", "fusion (ms)"]
-    text = f"{len(by[methods[0]])} frames\n\n" + markdown_table(titles, scores)
-    single = by[methods[0]]
-    changes = []
-    for name in methods[1:]:
-        cells = [name]
-        for key, scale in (("f_score", 100), ("chamfer", 1)):
+    return markdown_table(["method", *(title for title, *_ in columns)], cells)
+
+
+def _changes(columns, single, others) -> str:
+    """Return the paired differences from one frame, with their intervals."""
+    cells = []
+    for rows in others:
+        cells.append([rows[0]["method"]])
+        for _, key, scale, _ in columns:
             change = [
-                scale * (a[key] - b[key]) for a, b in zip(by[name], single, strict=True)
+                scale * (a[key] - b[key]) for a, b in zip(rows, single, strict=True)
             ]
-            sequences = [row["sequence"] for row in single]
-            cells.append(_interval(change, sequences))
-        changes.append(cells)
-    titles = ["against one frame", "F-score (points)", "Chamfer (m)"]
-    return text + "\n" + markdown_table(titles, changes)
+            cells[-1].append(_interval(change, [row["sequence"] for row in single]))
+    titles = ["against one frame", *(title for title, *_ in columns)]
+    return markdown_table(titles, cells)
 
 
 def _interval(values: Sequence[float], sequences: Sequence[str]) -> str:

@@ -6,29 +6,34 @@ it exceeds a limit, which is chosen for each method on trajectories kept for tha
 """
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 from jaxtyping import Array, Float, Key
 from ml_collections import ConfigDict
 
 from experiments import build
+from experiments.tasks.radarhd_augment import AUGMENTATIONS, augment
 from experiments.tasks.radarhd_occupancy import (
     OCCUPANCY,
     occupancy_denoising_loss,
     occupancy_regression_loss,
 )
 from experiments.tasks.radarhd_pairs import LIDAR, PolarItems, RadarHD, open_radarhd
+from experiments.tasks.radarhd_report import write_results
 from experiments.tasks.radarhd_scores import (
+    PROTOCOLS,
     Draw,
+    at_limits,
     choose_limits,
     mean_scores,
     score_pairs,
-    write_polar_results,
 )
 from experiments.train import Training
-from experiments.weights import load_weights
+from experiments.weights import initial_weights, load_weights, start_from
 from jradar import data, diffusion, training
 from jradar.errors import UsageError
 
@@ -45,6 +50,18 @@ def check(config: ConfigDict) -> None:
         raise UsageError(f"method = {config.method!r}, expected one of {[*LOSSES]}")
     if not config.data.path:
         raise UsageError("no pairs: pass RadarHD's folder as --config.data.path")
+    initial_weights(config.train)
+    if unknown := set(config.train.augment) - set(AUGMENTATIONS):
+        raise UsageError(
+            f"train.augment = {config.train.augment}, without {sorted(unknown)[0]!r}: "
+            f"expected names of {[*AUGMENTATIONS]}"
+        )
+    if not 0 <= config.data.simulated_share <= 1:
+        raise UsageError(
+            f"data.simulated_share = {config.data.simulated_share}, expected 0 to 1"
+        )
+    if config.data.simulated_share and not config.data.simulated:
+        raise UsageError("no simulated pairs: pass them as --config.data.simulated")
 
 
 def networks(config: ConfigDict) -> tuple[diffusion.Network, diffusion.NoiseSpec]:
@@ -59,11 +76,10 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     pairs = open_radarhd(config.data.path)
     kept = (*config.data.threshold_trajectories, *config.data.report_trajectories)
     train, checked = pairs.without(kept), threshold_pairs(config, pairs)
-    items = PolarItems(train, history=config.data.history, mirror=config.train.mirror)
-    batches = data.Batches(items, seed=config.seed, batch_size=config.train.batch_size)
+    batches, trained_on = training_batches(config, train)
     network, noise = networks(config)
     optimizer = build.build_optimizer(config.train)
-    first = items[0]
+    first = PolarItems(train, history=config.data.history)[0]
     state = training.create_state(
         build.random_key(config, build.INIT_KEY),
         network,
@@ -71,12 +87,12 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         image_shape=first.target.shape,
         condition_shape=first.condition.shape,
     )
+    state = start_from(config.train, network, state)
 
     def validate(state, step):
         method = quickest(draw_methods(config, state.ema_params))
         rows = [*score_pairs(config, checked, method, every=8)]
-        limits = choose_limits(rows)
-        return mean_scores([r for r in rows if r["limit"] == limits[r["method"]]])
+        return mean_scores(at_limits(rows, choose_limits(rows)))
 
     return Training(
         state=state,
@@ -87,14 +103,45 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
             loss=LOSSES[config.method],
             ema_decay=config.train.ema_decay,
         ),
-        batch_at=lambda step: training.Batch(*batches[step]),
+        batch_at=batches,
         validate=validate,
         save=lambda state: diffusion.write_params(
             workdir / "weights.safetensors", state.ema_params
         ),
-        trained_on=f"{len(train)} pairs",
+        trained_on=trained_on,
         data_digest=train.digest,
     )
+
+
+def training_batches(
+    config: ConfigDict, train: RadarHD
+) -> tuple[Callable[[int], training.Batch], str]:
+    """Return the function from a step to its batch, and what it holds in words.
+
+    The share `data.simulated_share` of each batch are pairs of `data.simulated`.
+    """
+    size = config.train.batch_size
+    simulated = round(size * config.data.simulated_share)
+    sources, words = [(train, size - simulated)], f"{len(train)} pairs"
+    if simulated:
+        sources += [(open_radarhd(config.data.simulated), simulated)]
+        words += f", and {len(sources[1][0])} simulated ones, {simulated} of {size}"
+    batches = [
+        data.Batches(
+            PolarItems(pairs, history=config.data.history, mirror=config.train.mirror),
+            seed=config.seed,
+            batch_size=number,
+            change=functools.partial(augment, names=config.train.augment),
+        )
+        for pairs, number in sources
+        if number
+    ]
+
+    def batch_at(step):
+        parts = [part[step] for part in batches]
+        return training.Batch(*map(np.concatenate, zip(*parts, strict=True)))
+
+    return batch_at, words
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
@@ -104,7 +151,8 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     params = load_weights(Path(config.weights or workdir / "weights.safetensors"))
     draws = draw_methods(config, params)
     pairs, every = open_radarhd(config.data.path), config.data.every
-    rows = score_pairs(config, threshold_pairs(config, pairs), draws, every=every)
+    checked = threshold_pairs(config, pairs)
+    rows = score_pairs(config, checked, draws, every=every, protocols=PROTOCOLS)
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():
         reported = open_radarhd(config.data.path, split="test")
@@ -113,7 +161,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         reported = pairs.of(config.data.report_trajectories)
         where = f"trajectories {config.data.report_trajectories}, not trained on"
     title = f"{config.purpose}; {where}"
-    write_polar_results(config, workdir, title, reported, draws, limits)
+    write_results(config, workdir, title, reported, draws, limits)
 
 
 def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:

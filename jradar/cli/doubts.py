@@ -23,15 +23,16 @@ def of_radar(spec: ModelSpec, radar: RadarSpec):
     """Yield why the model may not suit this radar."""
     if without := blind(radar):
         yield without
-    here, trained = _waveform(radar), _waveform(spec.radar)
+    trained = [_waveform(seen) for seen in (spec.radar, *spec.other_radars)]
     differ = [
-        f"{name.format(value)} here, {trained[name]:.3g} in training"
-        for name, value in here.items()
-        if abs(value - trained[name]) > TOLERANCE * abs(trained[name])
+        f"{name.format(value)} here, {_span(known)} in training"
+        for name, value in _waveform(radar).items()
+        for known in [[waveform[name] for waveform in trained]]
+        if not min(known) * (1 - TOLERANCE) <= value <= max(known) * (1 + TOLERANCE)
     ]
     if differ:
         yield (
-            f"the model was trained on another radar ({spec.radar.name}), expect worse "
+            f"the model was trained on other radars ({spec.radar.name}), expect worse "
             f"clouds: {'; '.join(differ)}"
         )
 
@@ -68,6 +69,12 @@ def unsure(rows: list[dict[str, Any]]) -> Iterator[str]:
 def _which(rows: list[dict[str, Any]]) -> str:
     """Name a frame, or count several."""
     return f"frame {rows[0]['frame']}" if len(rows) == 1 else f"{len(rows)} frames"
+
+
+def _span(values: list[float]) -> str:
+    """Write the smallest and the largest value, once if they are the same."""
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _waveform(radar: RadarSpec) -> dict[str, float]:

@@ -2,7 +2,8 @@
 
 The stages of `jradar.enhance` are compiled before the first frame, so their times do
 not include compiling. Every frame uses the same noise: its result does not depend on
-which other frames are enhanced.
+which other frames are enhanced. Frames that `--fuse` needs before the first are read,
+and are not written.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar import recordings
-from jradar.cli import doubts
+from jradar.cli import doubts, fusing
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.paths import is_streamed
 from jradar.cli.reading import (
@@ -99,6 +100,10 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             f"{blind}, which was trained on {spec.radar.name}: use `jradar points`, or "
             "add --anyway"
         )
+    if options.fuse > 1:
+        fusing.check_fusing(options, spec, recording)
+    lead = range(max(0, frames.start - options.fuse + 1), frames.start)
+    last = fusing.LastFrames(recording, options.fuse)
     key = jax.random.key(options.seed)
     # Excised once, for the points and for the map.
     excised = _excised if spec.points.remove_interference else None
@@ -115,6 +120,13 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
 
     def answer(processed):
         frame, values = processed
+        if options.fuse > 1:
+            through(("sampling",), values)
+            poses = last.add(frame, values[-1])
+            if frame in lead:
+                return None
+            values[-1] = watch("fusion", stages["fusion"], *last.filled(poses))
+            return frame, through(("back projection",), values)
         return frame, through(ANSWER, values)
 
     def through(names, values):
@@ -137,8 +149,10 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         _output(options, writer) as put,
         progress("enhancing", len(frames), unit="frames") as show,
     ):
-        processed = _ahead(processor, process, _ahead(reader, read, frames))
-        for row, files in _ahead(writer, write, map(answer, processed)):
+        wanted = (*lead, *frames)
+        processed = _ahead(processor, process, _ahead(reader, read, wanted))
+        answered = filter(None, map(answer, processed))
+        for row, files in _ahead(writer, write, answered):
             rows.append(row)
             written = files
             if len(frames) > 1:
@@ -149,6 +163,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         *no_echoes([row["frame"] for row in rows if not row["radar points"]]),
         *doubts.strangers(rows),
         *doubts.unsure(rows),
+        *last.notes(),
     )
     return {
         **summary(recording, notes),
@@ -158,6 +173,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
             "training steps": spec.steps_seen,
             "trained on": f"{spec.trained_on}, radar {spec.radar.name}",
         },
+        **(last.report() if options.fuse > 1 else {}),
         **({"enhanced": rows} if options.frames else rows[0]),
         **_times(watch),
         "frames/s": len(rows) / seconds,
@@ -219,7 +235,9 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
     def condition(_key, _model, _cube, cloud):
         return condition_image(cloud, spec.coarse, num_slices=spec.num_slices)
 
-    def sampling(key, model, _cube, _cloud, condition):
+    def sampling(key, model, _cube, cloud, condition):
+        if options.fuse > 1:
+            return fusing.see(cloud, condition, model, recording)
         return draw(
             key,
             condition,
@@ -257,6 +275,13 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
         compile_ = traced.lower().compile
         compiling[name] = threads.submit(compile_, compiler_options())
         values.append(traced.out_info)
+        if stage is sampling and options.fuse > 1:
+            poses = jax.ShapeDtypeStruct((options.fuse, 4, 4), jnp.float32)
+            seen = (values.pop(),) * options.fuse
+            fused = jax.jit(fusing.fusion(options, spec)).trace(seen, poses)
+            compile_ = fused.lower().compile
+            compiling["fusion"] = threads.submit(compile_, compiler_options())
+            values.append(fused.out_info)
     if options.min_confidence is not None and values[3].confidence is None:
         raise UsageError(
             "--min-confidence: this model has no confidence with these options, leave "

@@ -72,7 +72,7 @@ SETS = (
 )
 CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_COUNT = 10**9
-MAX_DRAWS, MAX_STEPS, MAX_FOLDS = 64, 1000, 16
+MAX_DRAWS, MAX_STEPS, MAX_FOLDS, MAX_FUSED = 64, 1000, 16, 16
 
 CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
 
@@ -176,6 +176,9 @@ def _enhance(sub):
     _anyway(sub)
     _cleaning(sub)
     _drawing(sub)
+    text = "fuse each frame with the N - 1 before it, by the recording's poses, or by "
+    text += "the radar's velocity with its IMU or alone (default: %(default)s)"
+    _count(sub, "--fuse", text, most=MAX_FUSED, default=1)
     text = "leave out points of less confidence, 0 to 1 (default: the model's)"
     _value(sub, "--min-confidence", "P", text, type=values.share)
     sub.add_argument(

@@ -271,6 +271,12 @@ class Records(Stream):
         """Return the radar of a sequence; its antennas are those of `radar`."""
         return self._other_radars.get(sequence, self.radar)
 
+    @property
+    def other_radars(self) -> tuple[RadarSpec, ...]:
+        """The radars of these records beside `radar`, each once."""
+        found = {self.radar_of(sequence): None for sequence, _ in self.where}
+        return tuple(radar for radar in found if radar != self.radar)
+
     def windows_of(self, sequence: str) -> tuple[str, str]:
         """Return the windows of (doppler, range) behind the cells of a sequence.
 

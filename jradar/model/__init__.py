@@ -12,7 +12,7 @@ load_model, save_model, shipped_models
                                     folders of models
 enhance, condition, draw, dense_cloud
                                     from a cube to a cloud
-mixtures, fuse                      several frames as one
+mixtures, moving_pixels, fuse       several frames as one
 compiler_options                    for `jit` around them, quicker on a CPU
 """
 
@@ -28,6 +28,10 @@ from jradar.model.folder import (
     save_model as save_model,
     shipped_models as shipped_models,
 )
-from jradar.model.fusion import fuse as fuse, mixtures as mixtures
+from jradar.model.fusion import (
+    fuse as fuse,
+    mixtures as mixtures,
+    moving_pixels as moving_pixels,
+)
 from jradar.model.methods import METHODS as METHODS
 from jradar.model.spec import Model as Model, ModelSpec as ModelSpec

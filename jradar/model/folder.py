@@ -115,6 +115,7 @@ def _spec_to_json(spec: ModelSpec) -> dict[str, Any]:
     return {
         **plain,
         **{name: dataclasses.asdict(plain[name]) for name in specs if plain[name]},
+        "other_radars": [dataclasses.asdict(radar) for radar in spec.other_radars],
         "network": network_fields(spec.network) | _dtype_of(spec.network),
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
     }
@@ -133,6 +134,8 @@ def _spec_from_json(values: dict[str, Any]) -> ModelSpec:
     prediction = PREDICTIONS[noise.pop("prediction")]
     read["noise"] = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
     read["radar"] = RadarSpec.from_dict(values.pop("radar"))
+    others = values.pop("other_radars", [])
+    read["other_radars"] = tuple(RadarSpec.from_dict(radar) for radar in others)
     for name, kind in (("trust", TrustSpec), ("calibration", CalibrationSpec)):
         if (found := values.pop(name, None)) is not None:
             read[name] = kind(**typed_fields(kind, found))

@@ -38,10 +38,12 @@ from jradar.range_image import (
     pixel_directions,
     pixel_of,
     project,
+    velocity_image,
 )
 from jradar.types import PointCloud
 
 SURE = 0.5  # confidence of earlier frames' points that are tried in the present one
+MOVING_MPS = 0.6  # difference of an echo's Doppler from that of a world at rest
 
 
 @jax.jit
@@ -66,6 +68,31 @@ def mixtures(
     return jax.tree.map(lambda values: values[0], found._replace(returned=returned))
 
 
+@functools.partial(jax.jit, static_argnames=("spec", "unambiguous_mps"))
+def moving_pixels(
+    mixture: RangeMixture,
+    points: PointCloud,
+    velocity: Float[Array, " 3"],
+    spec: ModelSpec,
+    *,
+    unambiguous_mps: float | None = None,
+) -> Bool[Array, "row column"]:
+    """Return which pixels of one frame show what moves by itself; `vmap` it.
+
+    Their radar points recede 0.6 m/s faster or slower than a world at rest does from a
+    radar with this `velocity` in m/s. With `unambiguous_mps`, both are compared modulo
+    twice that. All are False if the velocity is NaN.
+    """
+    range_m = likeliest_range(mixture, spec).range_m
+    measured = velocity_image(range_m, points, spec.coarse, num_slices=spec.num_slices)
+    at_rest = -jnp.asarray(pixel_directions(spec.fine), jnp.float32) @ velocity
+    difference = measured - at_rest
+    if unambiguous_mps is not None:
+        period = 2 * unambiguous_mps
+        difference -= period * jnp.round(difference / period)
+    return jnp.abs(difference) > MOVING_MPS
+
+
 @functools.partial(jax.jit, static_argnames=("spec", "window_m"))
 def fuse(
     frames: RangeMixture,
@@ -80,9 +107,12 @@ def fuse(
 
     `frames` holds the `mixtures` of each frame, the present one first, and `poses` the
     transforms of points from each frame's radar to the present one's; the first is the
-    identity. `moving` marks pixels with echoes that move by themselves. Confidences
-    are calibrated, and those under `least_confidence` dropped, as in `draw`. Raises
-    ValueError for other numbers of poses than of frames.
+    identity. A pose of NaN leaves its frame out. `moving` marks the `moving_pixels`.
+    Confidences are calibrated, and those under `least_confidence` dropped, as in
+    `draw`. Raises ValueError for other numbers of poses than of frames.
+
+        frames = jax.vmap(mixtures, (0, None))(conditions, model)  # newest first
+        image = fuse(frames, relative_poses(way, [9, 8, 7], 9), model.spec)
     """
     count = frames.returned.shape[0]
     if poses.shape != (count, 4, 4):

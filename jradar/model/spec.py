@@ -37,6 +37,7 @@ class ModelSpec:
     trust: TrustSpec | None = None  # what conditions looked like in training
     least_confidence: float = 0.375
     calibration: CalibrationSpec | None = None  # of the confidence
+    other_radars: tuple[RadarSpec, ...] = ()  # of training, beside `radar`
 
     def __post_init__(self):
         """Refuse an unknown method, and a confidence that is no probability."""

@@ -6,6 +6,7 @@
     integrate, Trajectory              velocities and orientation to a trajectory
     odometry                           all of it for one recording
     relative_poses                     between the radar's places in two frames
+    Follower                           the same for the last frames, as they come
     write_tum, to_poses                a trajectory as a file, and as `Poses`
     umeyama, position_errors, step_errors    APE and RPE against true poses
 
@@ -23,6 +24,7 @@ from jradar.odometry.errors import (
     step_errors as step_errors,
     umeyama as umeyama,
 )
+from jradar.odometry.following import Follower as Follower
 from jradar.odometry.scans import scan_poses as scan_poses
 from jradar.odometry.trajectory import (
     ROTATIONS as ROTATIONS,

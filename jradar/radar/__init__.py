@@ -16,6 +16,7 @@ Angles       directions                        strongest direction of each cell
              focused_directions, focus         of wide arrays, near targets
              capon_spectrum, capon_directions, music_spectrum, music_directions,
              smoothed_covariance, source_count, mdl_sources
+             subspace_peaks                    several targets of a cell, within a beam
              velocity_folds, Folds             velocities beyond the unambiguous one
 Points       PointSpec, radar_points           cube to points of the detected cells
              points_and_report, PointReport    the same, with counts of what is missing
@@ -127,3 +128,4 @@ from jradar.radar.subspace import (
     smoothed_covariance as smoothed_covariance,
     source_count as source_count,
 )
+from jradar.radar.subspace_peaks import subspace_peaks as subspace_peaks

@@ -12,6 +12,7 @@ from jradar.radar.direction import directions
 from jradar.radar.near_field import focused_directions
 from jradar.radar.point_spec import PointSpec
 from jradar.radar.subspace import capon_directions, music_directions
+from jradar.radar.subspace_peaks import subspace_peaks
 
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
@@ -72,13 +73,17 @@ def strongest_peaks(power, snapshot, radar, points):
     A cell's first peak has the power of its cell. The peaks of all cells therefore
     include the strongest ones of the frame.
     """
+    options = {"count": points.peaks, **fields(points, FLIPS)}
 
     def peaks_of(snapshot):
         spectrum = angle_spectrum(snapshot, radar, **angle_bins(points, radar))
-        options = {"count": points.peaks, "interpolate": points.refine}
-        return spectrum_peaks(spectrum, radar, **options, **fields(points, FLIPS))
+        return spectrum_peaks(spectrum, radar, interpolate=points.refine, **options)
 
-    peaks = jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
+    if points.angles == "fft":
+        peaks = jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
+    else:
+        options |= {"method": points.angles, "num_sources": points.sources or None}
+        peaks = subspace_peaks(snapshot, radar, **options)
     share = peaks.power / jnp.maximum(peaks.power[:, :1], 1e-30)
     powers = jnp.where(peaks.valid, power[:, None] * share, 0.0)
     strongest, peak = jax.lax.top_k(powers.ravel(), len(power))

@@ -23,6 +23,7 @@ from jaxtyping import Array, Complex, Float, Int
 
 from jradar.radar.angle import FLIPS, Angle
 from jradar.radar.direction import directions
+from jradar.radar.paths import antenna_places, extra_paths
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS
 
@@ -103,10 +104,7 @@ def focus(
 
 
 def _paths(distance, azimuth, elevation, radar):
-    """Half the path of each pair beyond the mean, and beyond a plane wave's, in metres.
-
-    The difference of two nearly equal distances is taken without subtracting them.
-    """
+    """Half of each pair's path beyond the mean, and beyond a plane wave's; metres."""
     direction = jnp.stack(
         [
             jnp.cos(elevation) * jnp.cos(azimuth),
@@ -115,19 +113,10 @@ def _paths(distance, azimuth, elevation, radar):
         ],
         -1,
     )
-    far = jnp.maximum(distance, radar.range_resolution_m)[..., None]
-
-    def legs(places):
-        """Distances to antennas beyond `distance`, and beyond a plane wave's."""
-        places = jnp.asarray(places, jnp.float32)
-        plane = -jnp.matmul(direction, places.T, precision="highest")
-        square = jnp.broadcast_to((places**2).sum(-1), plane.shape)
-        change = 2 * far * plane + square
-        extra = change / (jnp.sqrt(far**2 + change) + far)
-        # sqrt(far^2 + change) = far + extra, hence the rest after the plane wave's.
-        return extra, (square - extra**2) / (2 * far)
-
-    (tx, tx_curve), (rx, rx_curve) = map(legs, _antennas(radar))
+    far = jnp.maximum(distance, radar.range_resolution_m)
+    (tx, tx_curve), (rx, rx_curve) = (
+        extra_paths(direction, far, places) for places in antenna_places(radar)
+    )
     extra = _pairs(tx, rx)
     return extra - extra.mean(-1, keepdims=True), _pairs(tx_curve, rx_curve)
 
@@ -136,18 +125,6 @@ def _pairs(tx, rx):
     """Half the sum for every pair of antennas, `[*batch, virtual]`."""
     both = (tx[..., :, None] + rx[..., None, :]) / 2
     return both.reshape(*both.shape[:-2], -1)
-
-
-def _antennas(radar):
-    """Places of tx and rx in metres, x y z, about their mean; host.
-
-    Columns count in the direction in which the path to a target on the left grows.
-    """
-    spacing = radar.spacing_wavelengths, radar.row_spacing_wavelengths
-    scale = np.array(spacing) * radar.wavelength_m
-    both = [np.array(p) * -scale for p in (radar.tx_positions, radar.rx_positions)]
-    middle = (both[0].mean(0) + both[1].mean(0)) / 2
-    return [np.pad(places - middle, ((0, 0), (1, 0))) for places in both]
 
 
 def _main_lobe(bins, kind):

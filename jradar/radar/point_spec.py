@@ -33,15 +33,16 @@ class PointSpec:
 
     `guard` and `train` are the cells of the CFAR window in (doppler, range). `peaks` is
     the number of targets that one cell may hold: each becomes a point, with power and
-    SNR in proportion to its peak among the cell's `spectrum_peaks`. `num_azimuth` None
-    is what the array needs: 64 bins, or more if it is wider. `refine` places range,
-    velocity and angles between bins. The windows are those of `range_doppler`; the CFAR
-    multipliers account for the correlation that they cause. `edge` and `factor` are
-    those of `cfar`; a factor replaces the rate. `remove_static` and
-    `remove_interference` are those of `range_doppler`, too. The flips are for a sensor
-    that is mounted upside down. `angles` is "fft", or "music" or "capon" for azimuths
-    by `music_directions` or `capon_directions`, which use their own bins. `sources` is
-    the number of sources for "music", or 0 to count them in each cell.
+    SNR in proportion to its peak among the cell's `spectrum_peaks`, or with "capon" and
+    "music" among its `subspace_peaks`, which resolve targets within a beam.
+    `num_azimuth` None is what the array needs: 64 bins, or more if it is wider.
+    `refine` places range, velocity and angles between bins. The windows are those of
+    `range_doppler`; the CFAR multipliers account for the correlation that they cause.
+    `edge` and `factor` are those of `cfar`; a factor replaces the rate. `remove_static`
+    and `remove_interference` are those of `range_doppler`, too. The flips are for a
+    sensor that is mounted upside down. `angles` is "fft", or "music" or "capon" for
+    azimuths by `music_directions` or `capon_directions`, which use their own bins.
+    `sources` is the number of sources for "music", or 0 to count them in each cell.
 
     `group_peaks` keeps only detected cells that are `map_peaks`: one for each target.
     With `folds`, velocities up to `2 folds + 1` times the unambiguous one are told
@@ -106,11 +107,6 @@ class PointSpec:
             raise ValueError(
                 f"focus = True with angles = {self.angles!r}, peaks = {self.peaks}, "
                 "expected 'fft' and 1: a focus has one direction"
-            )
-        if self.angles != "fft" and self.peaks > 1:
-            raise ValueError(
-                f"peaks = {self.peaks}, expected 1 with angles = {self.angles!r}: it "
-                "finds one direction for each cell"
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":

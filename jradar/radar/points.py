@@ -28,7 +28,7 @@ from jradar.radar.cell_directions import (
 )
 from jradar.radar.cfar import DETECTORS, noise_floor
 from jradar.radar.clusters import map_peaks
-from jradar.radar.folds import velocity_folds
+from jradar.radar.folds import Folds, velocity_folds
 from jradar.radar.peaks import window_offset
 from jradar.radar.point_spec import POINTS, PointSpec
 from jradar.radar.samples import (
@@ -62,11 +62,16 @@ class PointReport(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Power, summed over antennas, and strongest direction in radians of each cell."""
+    """Power, summed over antennas, and strongest direction in radians of each cell.
+
+    Cells found with `PointSpec.folds` also have the fold of their velocity.
+    """
 
     power: Float[Array, "*batch doppler range"]
     azimuth: Float[Array, "*batch doppler range"]
     elevation: Float[Array, "*batch doppler range"]
+    fold: Int[Array, "*batch doppler range"] | None = None
+    fold_margin_db: Float[Array, "*batch doppler range"] | None = None
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
@@ -131,11 +136,7 @@ def _points(cube, radar, points, coupling, range_bias_m):
     strongest, cell = _strongest_cells(candidates, points)
     range_bin, doppler_bin = _bins(power, cell, points)
     snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    folds = None
-    if points.folds:
-        bins = angle_bins(points, radar)
-        folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
-        doppler_bin += folds.fold * radar.num_chirps
+    folds, doppler_bin = _folds(snapshot, doppler_bin, radar, points)
     snapshot = compensate_tdm(snapshot, doppler_bin, radar)
     place = radar, points, range_bias_m
     if points.focus:
@@ -163,37 +164,45 @@ def all_cells(
 
     With `coupling`, give `detect` and `cell_points` the spec `points.subtracting`.
     `points.peaks` and the options of detection are not used, `range_bias_m` only with
-    `focus`. Raises ValueError for a cube that does not fit the radar, and for `folds`.
+    `focus`. Raises ValueError for a cube that does not fit the radar.
     """
-    if points.folds:
-        raise ValueError(
-            f"folds = {points.folds}, expected 0: cells have no folds, use radar_points"
-        )
     points = points.subtracting(coupling)
     spectrum, power = _spectra(cube, radar, points, coupling)
+    range_bin, doppler_bin = _bins(power, jnp.arange(power.size), points)
+    snapshot = spectrum.reshape(radar.num_virtual, -1).T
+    folds, doppler_bin = _folds(snapshot, doppler_bin, radar, points)
     if points.focus:
         place = radar, points, range_bias_m
-        azimuth, elevation = _all_focused(spectrum, power, *place)
+        azimuth, elevation = _all_focused(spectrum, range_bin, doppler_bin, *place)
     else:
-        _, doppler_bin = _bins(power, jnp.arange(power.size), points)
-        snapshot = spectrum.reshape(radar.num_virtual, -1).T
         snapshot = compensate_tdm(snapshot, doppler_bin, radar)
         azimuth, elevation = cell_directions(snapshot, radar, points)
-    return Cells(power, azimuth.reshape(power.shape), elevation.reshape(power.shape))
+    columns = azimuth, elevation, *(folds or ())
+    return Cells(power, *(column.reshape(power.shape) for column in columns))
 
 
-def _all_focused(spectrum, power, radar, points, range_bias_m):
+def _folds(snapshot, doppler_bin, radar, points):
+    """The folds of snapshots, None unless asked for, and their true Doppler bins."""
+    if not points.folds:
+        return None, doppler_bin
+    bins = angle_bins(points, radar)
+    folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
+    return folds, doppler_bin + folds.fold * radar.num_chirps
+
+
+def _all_focused(spectrum, range_bin, doppler_bin, radar, points, range_bias_m):
     """Focused azimuth and elevation of every cell, a block of cells at a time."""
-    block = min(FOCUSED, power.size)
-    blocks = -(-power.size // block)
-    cell = jnp.arange(blocks * block) % power.size  # the last block begins again
+    count = range_bin.size
+    block = min(FOCUSED, count)
+    blocks = -(-count // block)
+    cell = jnp.arange(blocks * block) % count  # the last block begins again
 
     def focused_block(cell):
-        bins = _bins(power, cell, points)
+        bins = range_bin[cell], doppler_bin[cell]
         return focused(spectrum, cell, *bins, radar, points, range_bias_m)
 
     found = jax.lax.map(focused_block, cell.reshape(blocks, block))
-    return [angle.ravel()[: power.size] for angle in found]
+    return [angle.ravel()[:count] for angle in found]
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
@@ -209,10 +218,10 @@ def cell_points(
 
     With the mask of `detect`, these are the points of `radar_points`.
     """
-    power, azimuth, elevation = cells
+    power, azimuth, elevation, fold, margin_db = cells
     expected = radar.num_chirps, radar.num_range_bins
     for name, values in (*cells._asdict().items(), ("mask", mask)):
-        if values.shape != expected:
+        if values is not None and values.shape != expected:
             raise ValueError(
                 f"{name} has shape {values.shape}, {radar.name} needs [doppler, range] "
                 f"= {expected}: one frame, or another radar?"
@@ -220,7 +229,11 @@ def cell_points(
     candidates = _candidates(power, mask, radar, range_bias_m)
     strongest, cell = _strongest_cells(candidates, points)
     direction = azimuth.ravel()[cell], elevation.ravel()[cell]
-    return _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
+    cloud = _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
+    if fold is None or margin_db is None:
+        return cloud
+    folds = Folds(fold.ravel()[cell], margin_db.ravel()[cell])
+    return _unfolded(cloud, folds, radar)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))

@@ -16,6 +16,8 @@ Their peaks are at the targets, but the heights of the peaks are not powers. For
 """
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -110,6 +112,20 @@ def _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading):
     return 1 / (share + loading)
 
 
+def music_pseudo_spectrum(
+    cell: Complex[Array, " virtual"], radar: RadarSpec, num_sources: int | None
+) -> tuple[Float[Array, " azimuth"], Int[Array, ""] | int]:
+    """Return one snapshot's `music_spectrum` and its number of sources, None counts."""
+    if num_sources is not None:
+        options = {"num_sources": num_sources, "num_azimuth": NUM_AZIMUTH}
+        return music_spectrum(cell[None], radar, **options), num_sources
+    covariance = smoothed_covariance(cell[None], radar)
+    most = covariance.shape[-1] - 1
+    count = jnp.clip(source_count(cell[None], radar), 1, most)
+    spectrum = _pseudo_spectrum(covariance, count, radar, NUM_AZIMUTH, LOADING)
+    return spectrum, count
+
+
 @functools.partial(jax.jit, static_argnames="radar")
 def source_count(
     snapshot: Complex[Array, "*batch snapshot virtual"], radar: RadarSpec
@@ -142,18 +158,14 @@ def music_directions(
     """Return azimuth and elevation in radians of each snapshot, the azimuth by MUSIC.
 
     Among the maxima of `music_spectrum`, whose heights are not powers, it takes the one
-    at which the conventional beam is strongest, then the strongest elevation there.
-    `num_sources=None` counts the sources of each snapshot (`source_count`).
+    at which the conventional beam is strongest. The elevation is found afterwards, not
+    jointly: each row forms a beam towards that azimuth, and the phases between the rows
+    tell the elevation. A second target within that beam bends it: `subspace_peaks`
+    separates both. `num_sources=None` counts the sources (`source_count`).
     """
 
     def spectrum(cell):
-        if num_sources is not None:
-            options = {"num_sources": num_sources, "num_azimuth": NUM_AZIMUTH}
-            return music_spectrum(cell[None], radar, **options)
-        covariance = smoothed_covariance(cell[None], radar)
-        most = covariance.shape[-1] - 1
-        count = jnp.clip(source_count(cell[None], radar), 1, most)
-        return _pseudo_spectrum(covariance, count, radar, NUM_AZIMUTH, LOADING)
+        return music_pseudo_spectrum(cell, radar, num_sources)[0]
 
     u = _azimuth_sines(snapshot, radar, spectrum)
     w = elevation_sines(snapshot, u, radar)
@@ -170,8 +182,8 @@ def capon_directions(
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of each snapshot, the azimuth by Capon.
 
-    It takes the highest maximum of `capon_spectrum`, then the strongest elevation
-    there.
+    It takes the highest maximum of `capon_spectrum`, and the elevation afterwards as
+    `music_directions`.
     """
 
     def spectrum(cell):
@@ -184,26 +196,47 @@ def capon_directions(
 
 def _azimuth_sines(snapshot, radar, spectrum, *, by_height=False):
     """Azimuth sine of each snapshot, from the maxima of its `spectrum`."""
+
+    def strongest(cell):
+        values = spectrum(cell)
+        if by_height:
+            return spectrum_maxima(values, radar, 1)[0][0]
+        row = jnp.asarray(_longest_row(radar)) @ cell
+        beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
+        return spectrum_maxima(values, radar, 1, rank=beam)[0][0]
+
+    return in_blocks(strongest, snapshot, radar)
+
+
+def in_blocks(function: Callable, snapshot: Array, radar: RadarSpec) -> Any:
+    """Apply a function of one snapshot to all, a block at a time."""
     cells = snapshot.reshape(-1, radar.num_virtual)
-    sines = jax.lax.map(
-        lambda cell: _peak_sine(cell, spectrum(cell), radar, by_height),
-        cells,
-        batch_size=min(BLOCK, max(len(cells), 1)),
-    )
-    return sines.reshape(snapshot.shape[:-1])
+    size = min(BLOCK, max(len(cells), 1))
+    found = jax.lax.map(function, cells, batch_size=size)
+    batch = snapshot.shape[:-1]
+    return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), found)
 
 
-def _peak_sine(cell, spectrum, radar, by_height):
-    """Azimuth sine of one snapshot's highest or strongest peak, between bins."""
-    row = jnp.asarray(_longest_row(radar)) @ cell
-    beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
-    u, _ = direction_sines(radar, num_azimuth=NUM_AZIMUTH)
+def spectrum_maxima(
+    spectrum: Float[Array, " azimuth"],
+    radar: RadarSpec,
+    count: int,
+    *,
+    rank: Float[Array, " azimuth"] | None = None,
+) -> tuple[Float[Array, " peak"], Float[Array, " peak"]]:
+    """Return the sines, between bins, and ranks of the maxima of one spectrum.
+
+    They are the `count` with the highest `rank`, by default the spectrum itself. A rank
+    of -1 is none.
+    """
+    u, _ = direction_sines(radar, num_azimuth=len(spectrum))
     left, right = jnp.roll(spectrum, 1), jnp.roll(spectrum, -1)
     peak = (spectrum > left) & (spectrum >= right) & (np.abs(u) < 1)
-    index = jnp.argmax(jnp.where(peak, spectrum if by_height else beam, -1.0))
+    rank = jnp.where(peak, spectrum if rank is None else rank, -1.0)
+    height, index = jax.lax.top_k(rank, count)
     offset = parabola_offset(left[index], spectrum[index], right[index])
     sine = jnp.asarray(u, jnp.float32)[index] + offset * (u[1] - u[0])
-    return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE)
+    return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE), height
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "subarray"))

@@ -425,6 +425,7 @@ def test_sequences_with_other_chirps_are_processed_with_their_own(tmp_path):
     assert [records.radar_of(name).slope_hz_per_s for name in names] == pytest.approx(
         [radar.slope_hz_per_s, steep, radar.slope_hz_per_s]
     )
+    assert records.other_radars == (records.radar_of(names[1]),)
     # The samples are the same: ranges shrink by the slope.
     usual, own = (records[records.where.index((name, 0))] for name in names[:2])
     np.testing.assert_allclose(own.cells.power, usual.cells.power)

@@ -5,7 +5,7 @@ import pytest
 
 from experiments import train
 from experiments.configs import radarhd as default, radarhd_regression
-from experiments.tasks import radarhd, radarhd_scores
+from experiments.tasks import radarhd, radarhd_report, radarhd_scores
 from experiments.tasks.radarhd_pairs import LIDAR, RADAR
 from jradar.errors import ModelError, UsageError
 
@@ -92,11 +92,11 @@ def test_wrong_fields_are_named(packed):
 
 def test_the_limit_with_the_best_mean_is_chosen():
     rows = [
-        {"method": "a", "limit": limit, "f_score_0.2": score}
+        {"protocol": "polar", "method": "a", "limit": limit, "f_score_0.2": score}
         for limit, scores in ((0.1, (0.9, 0.1)), (0.5, (0.6, 0.6)), (0.9, (0.0, 0.9)))
         for score in scores
     ]
-    assert radarhd_scores.choose_limits(rows) == {"a": 0.5}
+    assert radarhd_scores.choose_limits(rows) == {"polar": {"a": 0.5}}
 
 
 def test_frames_without_points_follow_one_rule():
@@ -120,7 +120,7 @@ def test_frames_without_points_follow_one_rule():
     assert means["chamfer"] == pytest.approx(0.3)
     assert means["f_score_0.5"] == pytest.approx(1 / 3)
     assert means["empty"] == pytest.approx(2 / 3)
-    head, _, line, _, note, _ = radarhd_scores.markdown(rows, {"a": 0.5}).split("\n")
+    head, _, line, _, note, _ = radarhd_report.markdown(rows, {"a": 0.5}).split("\n")
     cells = dict(zip(head.split(" | "), line.split(" | "), strict=True))
     assert cells["Chamfer (m)"].startswith("0.300") and cells["frames"] == "3"
     assert cells["F 0.5 m (%)"].startswith("33.3") and line.endswith("| 2 |")

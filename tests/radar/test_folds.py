@@ -9,6 +9,8 @@ import pytest
 from jradar.radar import (
     PointSpec,
     all_cells,
+    cell_points,
+    detect,
     radar_points,
     velocity_folds,
 )
@@ -16,6 +18,7 @@ from tests.radar.targets import CASCADE, FLAT, SMALL, simulate, spherical, targe
 
 ONE = PointSpec(detector="ca", capacity=4)
 FOLDED = dataclasses.replace(ONE, folds=1)
+TINY = dataclasses.replace(SMALL, num_chirps=8, num_samples=32)
 SHORT_CASCADE = dataclasses.replace(CASCADE, num_samples=32)
 
 
@@ -32,6 +35,26 @@ def test_a_fast_target_has_its_velocity_and_direction(velocity):
     assert folded.fold is None and folded.fold_margin_db is None
     wrong = abs(np.degrees(spherical(folded.xyz[:1])[1][0]) - 15) > 5
     assert wrong == bool(fold)
+
+
+@pytest.mark.parametrize(
+    ("radar", "changes"),
+    [(SMALL, {}), (TINY, {"focus": True, "train": (1, 2), "guard": (1, 2)})],
+    ids=["alone", "with focus"],
+)
+def test_cells_have_the_folds_of_points(radar, changes):
+    velocity = 1.3 * radar.max_velocity_mps
+    cube = simulate(target(9 * radar.range_resolution_m, 15, 3, velocity), radar)
+    points = dataclasses.replace(FOLDED, **changes)
+    cells = all_cells(cube, radar, points=points)
+    mask = detect(cells.power, radar, points=points)
+    found = cell_points(cells, mask, radar, points=points)
+    expected = radar_points(cube, radar, points=points)
+    assert found.fold[0] == 1
+    assert found.velocity[0] == pytest.approx(velocity, abs=0.03)
+    for one, other in zip(found, expected, strict=True):
+        if other is not None:
+            np.testing.assert_allclose(one, other, rtol=1e-3, atol=1e-3)
 
 
 def plane_waves(radar, count, snr_db):
@@ -82,8 +105,5 @@ def test_one_transmitter_has_nothing_to_tell_folds_by():
 def test_impossible_folds_are_refused():
     with pytest.raises(ValueError, match="folds = -1, expected 0 to 16"):
         PointSpec(folds=-1)
-    cube = simulate(target(4.0, 15, 3, 1.0))
-    with pytest.raises(ValueError, match="cells have no folds, use"):
-        all_cells(cube, SMALL, points=FOLDED)
     with pytest.raises(ValueError, match="most=-1, expected 0 or more folds"):
         velocity_folds(jnp.ones((1, 12), complex), jnp.zeros(1), SMALL, most=-1)

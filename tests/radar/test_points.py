@@ -311,7 +311,6 @@ def test_options_are_fitted_to_a_radar():
         ({"factor": -1.0}, "factor = -1.0, expected more than 0"),
         ({"guard": 2}, "guard = 2, expected two whole numbers"),
         ({"train": (4, 4, 4)}, r"train = \(4, 4, 4\), expected two whole numbers"),
-        ({"angles": "music", "peaks": 2}, "peaks = 2, expected 1 with angles"),
     ],
 )
 @pytest.mark.usefixtures("as_a_user")

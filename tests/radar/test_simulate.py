@@ -131,3 +131,49 @@ def test_gradient_reaches_the_scatterers():
     )
     assert all(jnp.isfinite(g).all() for g in gradient)
     assert all(jnp.abs(g).max() > 0 for g in gradient)
+
+
+@pytest.mark.parametrize("departure", [None, [0.5, -0.6, 0.2]], ids=["direct", "apart"])
+def test_spherical_waves_have_the_path_of_each_antenna(departure):
+    radar = RadarSpec.cascade(num_chirps=2, num_samples=32)
+    xyz = np.array([0.7, 0.5, -0.2])
+    scale = np.array([radar.spacing_wavelengths, radar.row_spacing_wavelengths])
+    tx, rx = (
+        -radar.wavelength_m * scale * p
+        for p in (radar.tx_positions, radar.rx_positions)
+    )
+    middle = (tx.mean(0) + rx.mean(0)) / 2
+    legs = [
+        np.hypot(place[0], np.linalg.norm(place[1:] - antennas + middle, axis=-1))
+        for place, antennas in (
+            (xyz if departure is None else departure, tx),
+            (xyz, rx),
+        )
+    ]
+    sample_s = radar.adc_start_time_s + np.arange(32) / radar.sample_rate_hz
+    frequency = radar.start_frequency_hz + radar.slope_hz_per_s * sample_s
+    delay = (legs[0][:, None] + legs[1]) / C
+    expected = np.exp(2j * np.pi * delay[..., None] * frequency)
+    still = scatterers([xyz], [0.0], [1.0])
+    if departure is not None:
+        still = still._replace(departure=jnp.asarray([departure], jnp.float32))
+    cube = simulate_cube(KEY, still, radar, spherical=True)
+    np.testing.assert_allclose(cube[:, :, 0], expected, atol=6e-3)
+    np.testing.assert_allclose(cube[:, :, 1], expected, atol=6e-3)
+    plane = simulate_cube(KEY, still, radar)[:, :, 0]
+    beam = np.abs((np.asarray(plane) * expected.conj()).mean((0, 1)))
+    assert beam.max() < 0.8  # the wave's front is bent
+
+
+def test_far_spherical_waves_are_plane():
+    far = scatterers([[40.0, 9.0, -4.0], [30.0, -20.0, 2.0]], [0.4, -0.2], [1.0, 2.0])
+    cube = simulate_cube(KEY, far, RADAR, spherical=True)
+    for i in range(2):
+        one = jax.tree.map(lambda x, i=i: x[i : i + 1], far)
+        plane = np.asarray(simulate_cube(KEY, one, RADAR))
+        near = np.asarray(simulate_cube(KEY, one, RADAR, spherical=True))
+        turn = (near * plane.conj()).mean()  # the origin is another antenna
+        turn /= abs(turn)
+        np.testing.assert_allclose(near, plane * turn, atol=0.03 * far.amplitude[i])
+        cube = cube - near
+    np.testing.assert_allclose(cube, 0, atol=1e-4)

@@ -1,0 +1,141 @@
+r"""Compare trajectories of KISS-ICP on radar, enhanced and LiDAR clouds; simulated.
+
+    jradar simulate --scene lab --seed 950 --frames 80 -o sim
+    python -m experiments.studies.slam sim/lab_950 -o runs/slam.md
+
+KISS-ICP (Vizzo et al. 2023) has the same settings for all clouds: points from 0.5 to
+15 m, voxels of 0.3 m, no deskewing, and its defaults otherwise. Beside it stands
+`jradar odometry`. APE and RPE are rms values, as evo defines them, of the radar's
+places. `still` is the APE of a trajectory that never moves.
+"""
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from experiments.command import run_study, study_parser
+from experiments.evaluate import points_of
+from experiments.tables import markdown_table
+from jradar.files import write_text
+from jradar.lidar import interpolate_poses
+from jradar.model import Model, enhance, load_model
+from jradar.odometry import (
+    frame_velocities,
+    odometry,
+    position_errors,
+    step_errors,
+)
+from jradar.odometry.velocities import POINTS
+from jradar.progress import progress
+from jradar.radar import radar_points
+from jradar.recordings import (
+    Recording,
+    calibrated_cube,
+    nearest_scan,
+    open_recording,
+)
+
+VOXEL_M, NEAREST_M, FARTHEST_M = 0.3, 0.5, 15.0
+LEAST_POINTS = 10  # of a cloud that is matched
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the study and return the exit code."""
+    parser = study_parser("slam", __doc__, output="the table, a Markdown file")
+    parser.add_argument("recordings", nargs="+", help="with poses, LiDAR and IMU")
+    parser.add_argument("--model", default="jradar-sim", help="shipped, or a folder")
+    return run_study(study, parser, argv)
+
+
+def study(options: Namespace) -> None:
+    """Write the table."""
+    model, rows = load_model(options.model), []
+    for path in options.recordings:
+        rows += trajectory_rows(open_recording(Path(path)), model)
+    text = markdown_table(
+        ["recording", "way (m)", "trajectory", "APE (m)", "RPE (m)", "RPE (deg)"], rows
+    )
+    write_text(options.output, text)
+    print(text)
+
+
+def trajectory_rows(recording: Recording, model: Model) -> list[list[str]]:
+    """Return the errors of each trajectory of a recording."""
+    middle = np.asarray(recording.cubes.stamps) + recording.radar.frame_middle_s
+    true = interpolate_poses(recording.poses, middle) @ recording.base_from_radar
+    velocities = frame_velocities(recording)
+    found = {
+        "KISS-ICP, OS-CFAR": kiss_icp_poses(detections(recording)),
+        "KISS-ICP, enhanced": kiss_icp_poses(enhanced(recording, model)),
+        "KISS-ICP, LiDAR": kiss_icp_poses(scans(recording)),
+    }
+    for name, rotation in (("velocity and IMU", "imu"), ("velocity", "none")):
+        trajectory = odometry(recording, velocities, rotation=rotation)
+        found[f"`jradar odometry`, {name}"] = trajectory.world_from_radar
+    found["still"] = np.tile(np.eye(4), (len(true), 1, 1))
+    way = np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1).sum()
+    rows = []
+    for name, poses in found.items():
+        metres, degrees = step_errors(poses, true)
+        ape = position_errors(poses, true).rmse
+        rows.append(
+            [recording.name, f"{way:.1f}", name]
+            + [f"{ape:.3f}", f"{metres.rmse:.3f}", f"{degrees.rmse:.2f}"]
+        )
+    return rows
+
+
+def kiss_icp_poses(clouds: Iterable[np.ndarray]) -> np.ndarray:
+    """Return the pose of each cloud, [cloud, 4, 4]; small clouds keep the last one."""
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.kiss_icp import KissICP
+
+    config = KISSConfig()
+    config.data.min_range, config.data.max_range = NEAREST_M, FARTHEST_M
+    config.data.deskew, config.mapping.voxel_size = False, VOXEL_M
+    matcher, poses = KissICP(config), []
+    for xyz in clouds:
+        if len(xyz) >= LEAST_POINTS:
+            matcher.register_frame(np.float64(xyz), np.zeros(0))
+        poses.append(np.array(matcher.last_pose))
+    return np.array(poses)
+
+
+def detections(recording: Recording) -> Iterator[np.ndarray]:
+    """Yield the OS-CFAR detections of each frame."""
+    spec = POINTS.fitted(recording.radar)
+    for frame in range(len(recording.cubes)):
+        cube = calibrated_cube(recording, frame)
+        cloud = radar_points(cube, recording.radar, points=spec, **_unit(recording))
+        yield points_of(cloud)
+
+
+def enhanced(recording: Recording, model: Model) -> Iterator[np.ndarray]:
+    """Yield the dense cloud of each frame."""
+    sensor = {"radar": recording.radar, **_unit(recording)}
+    with progress("enhancing", len(recording.cubes), unit="frames") as show:
+        for frame in range(len(recording.cubes)):
+            cube = calibrated_cube(recording, frame)
+            yield points_of(enhance(jax.random.key(0), cube, model, **sensor))
+            show(frame + 1, recording.name)
+
+
+def _unit(recording: Recording) -> dict[str, Any]:
+    """What belongs to the recording's unit."""
+    return {"coupling": recording.coupling, "range_bias_m": recording.range_bias_m}
+
+
+def scans(recording: Recording) -> Iterator[np.ndarray]:
+    """Yield the scan next to each frame, in the radar's frame; empty without one."""
+    for frame in range(len(recording.cubes)):
+        found = nearest_scan(recording, frame)
+        yield np.zeros((0, 3)) if found is None else found
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""Changes of a pair of polar images that leave it a possible pair.
+
+Each function takes a generator, a radar image [range, radar_azimuth, history] of 0 to 1
+and an occupancy image [range, azimuth, 1] of 0 or 1, and returns both, changed. Pixels
+that come from outside the images are 0.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem
+
+Radar = Float[np.ndarray, "range radar_azimuth history"]
+Occupied = Float[np.ndarray, "range azimuth 1"]
+Pair = tuple[Radar, Occupied]
+SCALES = (0.8, 1.25)  # of ranges
+TURN = np.deg2rad(20.0)  # largest turn to either side
+GAINS, GAMMAS = (0.7, 1.3), (0.7, 1.4)
+SPECKLE = 0.3  # standard deviation of the factor of each pixel
+MOST_DROPPED = 8  # neighbouring azimuth cells of the radar
+
+
+def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
+    """Move everything nearer or farther by one factor: a smaller or larger room."""
+    low, high = np.log(SCALES)
+    factor = np.exp(rng.uniform(low, high))
+    source = np.rint(np.arange(LIDAR.num_range) / factor).astype(int)
+    return _rows(radar, source), _rows(occupied, source)
+
+
+def turn(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
+    """Turn both images about the radar; what leaves the view is lost."""
+    angle = rng.uniform(-TURN, TURN)
+    images = []
+    for image, grid in ((radar, RADAR), (occupied, LIDAR)):
+        step = grid.angles[1] - grid.angles[0]
+        source = np.arange(grid.num_azimuth) - round(angle / step)
+        images.append(_rows(image.swapaxes(0, 1), source).swapaxes(0, 1))
+    return images[0], images[1]
+
+
+def change_gain(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
+    """Change the radar's gain and the curve of its grey values."""
+    gain, gamma = rng.uniform(*GAINS), rng.uniform(*GAMMAS)
+    return np.clip(gain * radar**gamma, 0, 1).astype(radar.dtype), occupied
+
+
+def add_speckle(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
+    """Multiply each radar pixel by a random factor around 1."""
+    factor = 1 + SPECKLE * rng.standard_normal(radar.shape)
+    return np.clip(radar * factor, 0, 1).astype(radar.dtype), occupied
+
+
+def drop_azimuths(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
+    """Blank a few neighbouring azimuth cells of the radar."""
+    width = rng.integers(1, MOST_DROPPED + 1)
+    first = rng.integers(0, RADAR.num_azimuth - width + 1)
+    changed = radar.copy()
+    changed[:, first : first + width] = 0
+    return changed, occupied
+
+
+AUGMENTATIONS: dict[str, Callable[..., Pair]] = {
+    "scale": scale_ranges,
+    "turn": turn,
+    "gain": change_gain,
+    "speckle": add_speckle,
+    "drop": drop_azimuths,
+}
+
+
+def augment(
+    item: PolarItem, rng: np.random.Generator, *, names: Sequence[str]
+) -> PolarItem:
+    """Return an item with each of the named changes, each at a chance of one half."""
+    for name in names:
+        if rng.random() < 0.5:
+            item = PolarItem(*AUGMENTATIONS[name](rng, *item))
+    return item
+
+
+def _rows(image: np.ndarray, source: np.ndarray) -> np.ndarray:
+    """The rows `source` of an image, 0 for rows outside it."""
+    known = (source >= 0) & (source < len(image))
+    rows = image[np.clip(source, 0, len(image) - 1)]
+    return np.where(known[:, None, None], rows, 0).astype(image.dtype)

@@ -1,0 +1,72 @@
+"""Changes of RadarHD's pairs: each alters what its name says, alike in both images."""
+
+import numpy as np
+import pytest
+
+from experiments.tasks import radarhd_augment as augmenting
+from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem
+
+
+def pair_of(row, degrees):
+    """One echo and one occupied pixel at a range row and an azimuth."""
+    radar, occupied = np.zeros((*RADAR.shape, 1)), np.zeros((*LIDAR.shape, 1))
+    for image, grid in ((radar, RADAR), (occupied, LIDAR)):
+        column = int(np.argmin(np.abs(grid.angles - np.deg2rad(degrees))))
+        image[row - 3 : row + 4, column] = 0.5 if image is radar else 1.0
+    return PolarItem(radar.astype(np.float32), occupied.astype(np.float32))
+
+
+def place(image, grid):
+    row, column = np.nonzero(image[..., 0])[:2]
+    return row.mean(), np.rad2deg(grid.angles[column].mean())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scaled_ranges_move_both_images_by_one_factor(seed):
+    item = pair_of(100, 20)
+    radar, occupied = augmenting.scale_ranges(np.random.default_rng(seed), *item)
+    rows = place(radar, RADAR)[0], place(occupied, LIDAR)[0]
+    assert rows[0] == rows[1] and 79 <= rows[0] <= 126 and rows[0] != 100
+    assert place(radar, RADAR)[1] == pytest.approx(place(item.condition, RADAR)[1])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_turn_moves_both_images_by_one_angle(seed):
+    item = pair_of(100, 10)
+    changed = augmenting.turn(np.random.default_rng(seed), *item)
+    turns = [
+        place(after, grid)[1] - place(before, grid)[1]
+        for before, after, grid in zip(item, changed, (RADAR, LIDAR), strict=True)
+    ]
+    assert turns[0] == pytest.approx(turns[1], abs=1.7)  # half a radar cell each
+    assert 0.3 < abs(turns[1]) < 20.2
+    assert place(changed[1], LIDAR)[0] == 100
+
+
+@pytest.mark.parametrize("name", ["gain", "speckle"])
+def test_grey_values_change_and_stay_between_0_and_1(name):
+    item = pair_of(100, 10)
+    change = augmenting.AUGMENTATIONS[name]
+    radar, occupied = change(np.random.default_rng(0), *item)
+    np.testing.assert_array_equal(occupied, item.target)
+    np.testing.assert_array_equal(radar > 0, item.condition > 0)
+    assert radar.max() <= 1 and np.abs(radar - item.condition).max() > 0.01
+
+
+def test_dropped_azimuths_are_neighbours():
+    full = np.ones((*RADAR.shape, 1), np.float32)
+    target = pair_of(100, 10).target
+    radar, _ = augmenting.drop_azimuths(np.random.default_rng(0), full, target)
+    dropped = np.flatnonzero(~radar.any((0, 2)))
+    assert 1 <= len(dropped) <= augmenting.MOST_DROPPED and full.all()
+    assert (np.diff(dropped) == 1).all()
+
+
+def test_half_of_the_items_change_and_none_without_names():
+    item = pair_of(100, 10)
+    rng = np.random.default_rng(0)
+    assert augmenting.augment(item, rng, names=()) is item
+    changed = [
+        augmenting.augment(item, rng, names=("gain",)) is not item for _ in range(100)
+    ]
+    assert 30 < sum(changed) < 70
