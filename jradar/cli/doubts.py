@@ -84,5 +84,5 @@ def _waveform(radar: RadarSpec) -> dict[str, float]:
         "range bins of {:.3g} m": radar.range_resolution_m,
         "velocity to {:.3g} m/s": radar.max_velocity_mps,
         "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
-        "{:.0f} virtual antennas": radar.num_virtual,
+        "{:.0f} virtual antennas": float(radar.num_virtual),
     }

@@ -134,7 +134,8 @@ def _spec_from_json(values: dict[str, Any]) -> ModelSpec:
     prediction = PREDICTIONS[noise.pop("prediction")]
     read["noise"] = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
     read["radar"] = RadarSpec.from_dict(values.pop("radar"))
-    others = values.pop("other_radars", [])
+    if not isinstance(others := values.pop("other_radars", []), list):
+        raise ValueError(f"other_radars is {others!r}, expected a list of radars")
     read["other_radars"] = tuple(RadarSpec.from_dict(radar) for radar in others)
     for name, kind in (("trust", TrustSpec), ("calibration", CalibrationSpec)):
         if (found := values.pop(name, None)) is not None:

@@ -130,6 +130,12 @@ class LidarStream(TopicStream):
                 f"{self.path}: the clouds of {self.topic} have the fields "
                 f"{[*columns]}, expected x, y and z among them"
             )
+        for name in ("x", "y", "z", *INTENSITIES):
+            if name in columns and columns[name].ndim > 1:
+                raise ValueError(
+                    f"{self.path}: message {index} of {self.topic}: field {name} holds "
+                    f"{columns[name].shape[1]:,} numbers a point, expected 1"
+                )
         xyz = np.stack([columns[name] for name in "xyz"], -1)
         seen = np.isfinite(xyz).all(-1) & xyz.any(-1)
         return {name: column[seen] for name, column in columns.items()}

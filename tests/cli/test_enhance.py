@@ -122,7 +122,7 @@ def test_another_radar_than_in_training_is_noted(
     assert main([*command, *QUICK, "--anyway"]) == 0
     out = capsys.readouterr().out
     assert "training steps" in out and "one row of antennas" in out
-    assert "another radar (awr1843), expect worse clouds: " in out
+    assert "other radars (awr1843), expect worse clouds: " in out
     assert "8 virtual antennas here, 12 in training" in out and "range to" not in out
 
 

@@ -398,11 +398,21 @@ def test_point_cloud_larger_than_its_data_is_refused(tmp_path):
         message.fields[2].name = "u"
         return message
 
-    made = enumerate([lying, unknown, nameless])
+    def wide(store):
+        message = point_cloud2(columns(4), START)(store)
+        message.fields[2].count = 3
+        return message
+
+    made = enumerate([lying, unknown, nameless, wide])
     messages = [("/p", CLOUD, START + i, make) for i, make in made]
     stream = open_bag(write_bag(tmp_path, "sqlite", messages))
     for i, text in enumerate(
-        ["1 x 4294967295 points", "unknown type 11", "expected x, y and z"]
+        [
+            "1 x 4294967295 points",
+            "unknown type 11",
+            "expected x, y and z",
+            "field x holds 3 numbers a point, expected 1",
+        ]
     ):
         with pytest.raises(ValueError, match=text):
             stream[i]
