@@ -68,7 +68,8 @@ def cases() -> Iterator[Case]:
 
     prepare(root, root / "records", SPEC, workers=1)
     pairs = PairSource(Records(root / "records"), COARSE, FINE, num_slices=8)
-    cells = {f"cells_{k}": v for k, v in frame.cells._asdict().items()}
+    fields = frame.cells._asdict().items()
+    cells = {f"cells_{name}": v for name, v in fields if v is not None}
     points = {k: v for k, v in frame.radar._asdict().items() if v is not None}
     arrays = cells | points | {"lidar": frame.lidar_xyz}
     np.savez_compressed(root / "frame.npz", **arrays)

@@ -79,6 +79,9 @@ def to_bytes(frame: PreparedFrame) -> bytes:
         "cells.azimuth": np.asarray(frame.cells.azimuth, np.float16),
         "cells.elevation": np.asarray(frame.cells.elevation, np.float16),
     }
+    for name in ("fold", "fold_margin_db"):
+        if (values := getattr(frame.cells, name)) is not None:
+            arrays[f"cells.{name}"] = np.asarray(values)
     fields = frame.radar._asdict().items()
     arrays |= {f"radar.{name}": value for name, value in fields if value is not None}
     return safetensors.numpy.save(
@@ -101,6 +104,8 @@ def from_bytes(record: bytes) -> PreparedFrame:
                 power=arrays["cells.power"],
                 azimuth=arrays["cells.azimuth"].astype(np.float32),
                 elevation=arrays["cells.elevation"].astype(np.float32),
+                fold=arrays.get("cells.fold"),
+                fold_margin_db=arrays.get("cells.fold_margin_db"),
             ),
             radar=PointCloud(
                 **{

@@ -15,7 +15,7 @@ from jradar.stream.emulator import Emulator, RecordedFrames
 from jradar.stream.outputs import OUTPUTS
 from jradar.stream.sockets import loopback_network
 from tests.recordings.conftest import root as root, sequence as sequence
-from tests.recordings.test_dca1000 import CFG, as_bytes, random_cubes
+from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
 from tests.stream.test_board import demo
 from tests.stream.test_outputs import mcap_messages, table_of, write

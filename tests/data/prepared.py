@@ -1,10 +1,27 @@
-"""Random prepared frames for tests of records and loading."""
+"""What tests of preparing, of records and of loading share."""
+
+import json
+from pathlib import Path
 
 import numpy as np
 
 from jradar.data.records import PreparedFrame
+from jradar.data.spec import PrepareSpec
+from jradar.lidar import LidarSpec
 from jradar.radar import Cells
 from jradar.types import PointCloud
+
+SPEC = PrepareSpec(
+    capacity=128,
+    train=(2, 4),
+    block=2,
+    lidar=LidarSpec(max_range_m=7.0),
+)
+
+
+def digests(folder):
+    manifest = json.loads((Path(folder) / "manifest.json").read_text())
+    return [s["sha256"] for q in manifest["sequences"] for s in q["shards"]]
 
 
 def invented_frame(number, sequence="run0", points=64, lidar_points=500):

@@ -68,6 +68,16 @@ def test_a_record_holds_the_frame():
     assert_same(from_bytes(to_bytes(frame)), frame)
 
 
+def test_a_record_holds_the_folds_of_its_cells():
+    frame = invented_frame(3)
+    fold = np.arange(128, dtype=np.int32).reshape(8, 16) % 3 - 1
+    cells = frame.cells._replace(fold=fold, fold_margin_db=np.abs(frame.cells.azimuth))
+    found = from_bytes(to_bytes(frame._replace(cells=cells))).cells
+    np.testing.assert_array_equal(found.fold, fold)
+    np.testing.assert_array_equal(found.fold_margin_db, cells.fold_margin_db)
+    assert from_bytes(to_bytes(frame)).cells.fold is None
+
+
 def test_empty_clouds_are_kept():
     frame = invented_frame(3, lidar_points=0)
     assert_same(from_bytes(to_bytes(frame)), frame)

@@ -22,14 +22,13 @@ from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
 from tests.models import tiny_model
 from tests.recordings import (
+    bag_writer as bags,
     cube_writer,
     small_sequence,
-    test_bags as bags,
     test_packet_trace as traces,
     test_raw_bags as raw_bags,
 )
-from tests.recordings.test_cloud_files import pcd, ply
-from tests.recordings.test_dca1000 import (
+from tests.recordings.dca1000_writer import (
     CFG,
     as_bytes,
     as_packets,
@@ -37,6 +36,7 @@ from tests.recordings.test_dca1000 import (
     settings_json,
     with_headers,
 )
+from tests.recordings.test_cloud_files import pcd, ply
 from tests.recordings.test_descriptions import STUDIO
 from tests.recordings.test_studio_log import SECOND
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jradar.recordings import open_recording
-from tests.recordings.test_dca1000 import CFG, as_bytes, random_cubes
+from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 
 dpkt = pytest.importorskip("dpkt", reason="pip install 'jradar[live]'")
 

@@ -13,8 +13,8 @@ from rosbags.typesys import (  # noqa: E402
 
 from jradar.errors import UsageError  # noqa: E402
 from jradar.recordings import is_recording, open_recording  # noqa: E402
-from tests.recordings.test_bags import CLOUD  # noqa: E402
-from tests.recordings.test_dca1000 import (  # noqa: E402
+from tests.recordings.bag_writer import CLOUD  # noqa: E402
+from tests.recordings.dca1000_writer import (  # noqa: E402
     CFG,
     as_bytes,
     random_cubes,

@@ -156,7 +156,7 @@ def test_points_and_bounds_of_a_cloud(tmp_path):
 
 def test_topics_of_a_bag(tmp_path):
     pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
-    from tests.recordings.test_bags import LIVOX, START, livox, livox_rows, write_bag
+    from tests.recordings.bag_writer import LIVOX, START, livox, livox_rows, write_bag
 
     late = [0, 1, 2, 7]  # tenths of a second
     messages = [
