@@ -1,27 +1,41 @@
-"""The confidence of a trained model, made to hold on frames that it was not trained on.
+r"""The confidence of a model, made to hold on frames that it was not trained on.
+
+    python -m experiments.confidence jradar-sim RECORDS [RECORDS ...] -o FOLDER
 
 A point is right if the LiDAR has one within 0.2 m. `with_calibration` fits the
 calibration to the points of validation frames, and chooses the least confidence that a
 point must have: the lowest whose mean F-score is within 1.5 points of the best.
+
+Training does this with its own validation frames. The command does it again with the
+records of other radars, which have a LiDAR, and writes the model to a new folder. The
+network stays the same.
 """
 
+import argparse
 import dataclasses
+import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from experiments.build import build_pairs
+from experiments.command import run_study
 from experiments.evaluate import spread
 from jradar import data
+from jradar.errors import UsageError
 from jradar.evaluation import near_truth
 from jradar.metrics import compare_on_host
-from jradar.model import Model, draw
+from jradar.model import Model, draw, load_model, save_model
 from jradar.range_image import calibrated, fit_calibration, unproject
 
-FRAMES = 96
+FRAMES = 96  # of each folder of records
+KEY = 0
 THRESHOLDS = tuple(np.round(np.arange(0.05, 0.71, 0.05), 2).tolist())
+DTYPES = {"float32": np.float32, "float16": np.float16, "int8": np.int8}
 SPARED = 0.015  # of the best F-score, for a denser cloud and a smaller distance
 
 
@@ -34,15 +48,51 @@ class Judged(NamedTuple):
     truth: Float[np.ndarray, "true_point 3"]
 
 
-def with_calibration(
-    key: jax.Array, model: Model, records: data.Records, pairs: data.PairSource
-) -> Model:
+def main(argv: list[str] | None = None) -> int:
+    """Fit a model's confidence to records and return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.confidence",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("model", help="a shipped model, or a folder")
+    parser.add_argument("records", nargs="+", type=Path, help="folders of records")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="new folder")
+    parser.add_argument("--split", default="validation", help="of the records")
+    text = "precision of the weights that are written"
+    parser.add_argument("--dtype", choices=DTYPES, default="float16", help=text)
+    return run_study(fit, parser, argv)
+
+
+def fit(options: argparse.Namespace) -> None:
+    """Write the model with a confidence that holds on the records."""
+    model = load_model(options.model)
+    sets = [data.Records(folder, options.split) for folder in options.records]
+    fitted = with_calibration(jax.random.key(KEY), model, *sets)
+    if fitted is model:
+        raise UsageError(
+            f"{options.model} gives no confidence, or none of its points has a truth "
+            f"in {', '.join(map(str, options.records))}"
+        )
+    save_model(options.output, fitted, dtype=DTYPES[options.dtype])
+    frames = sum(min(len(records), FRAMES) for records in sets)
+    print(
+        f"{options.output}: confidence fitted to {frames} frames, points of less than "
+        f"{fitted.spec.least_confidence} are left out"
+    )
+
+
+def with_calibration(key: jax.Array, model: Model, *sets: data.Records) -> Model:
     """Return the model with a calibration and a least confidence, from these frames.
 
     A model without confidence, or frames without a point, leave it as it is.
     """
     plain = dataclasses.replace(model.spec, calibration=None)
-    frames = [*judged(key, Model(model.params, plain), records, pairs)]
+    frames = [
+        frame
+        for records in sets
+        for frame in judged(key, Model(model.params, plain), records)
+    ]
     confidence = np.concatenate([frame.confidence for frame in frames] or [[]])
     if not len(confidence):
         return model
@@ -58,10 +108,9 @@ def with_calibration(
     return Model(model.params, spec)
 
 
-def judged(
-    key: jax.Array, model: Model, records: data.Records, pairs: data.PairSource
-) -> Iterator[Judged]:
+def judged(key: jax.Array, model: Model, records: data.Records) -> Iterator[Judged]:
     """Yield the points of at most `FRAMES` frames that have a truth."""
+    pairs = build_pairs(model.spec, records)
     for i in spread(len(records), FRAMES):
         image = draw(
             jax.random.fold_in(key, i), pairs[i].condition, model, least_confidence=0.0
@@ -89,3 +138,7 @@ def _f_score(frame: Judged, least: float) -> float:
     if not len(kept):
         return 0.0
     return float(compare_on_host(kept, frame.truth).f_score[1])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -104,8 +104,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     def save(state):
         model = Model(jax.device_get(state.ema_params), spec)
         key = build.random_key(config, build.SAMPLE_KEY)
-        chosen = build.build_pairs(spec, checked)
-        save_model(workdir / "model", with_calibration(key, model, checked, chosen))
+        save_model(workdir / "model", with_calibration(key, model, checked))
 
     return Training(
         state=start_from(config.train, spec.network, state),

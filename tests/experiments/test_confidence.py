@@ -1,8 +1,18 @@
 """Confidence of a trained model: fitted to validation frames, with a threshold."""
 
+import dataclasses
+
+import jax
 import numpy as np
 
+from experiments import confidence
 from experiments.confidence import Judged, least_confidence
+from experiments.configs import default, regression
+from jradar.data import Records
+from jradar.model import Model, load_model, save_model
+from jradar.range_image import CalibrationSpec
+from tests.experiments.conftest import random_model
+from tests.experiments.tiny_config import shrink
 
 
 def frame(wrong_from):
@@ -19,3 +29,37 @@ def test_wrong_points_are_cut_off_and_right_ones_kept():
     assert least_confidence([frame(0.0)]) == 0.05
     between = least_confidence([frame(0.2), frame(0.5)])
     assert 0.2 <= between <= 0.5
+
+
+def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
+    config = default.get_config()
+    config.noise.prediction = "edm"
+    shrink(config)
+    model = random_model(config, Records(records, "train"))
+    wrong = dataclasses.replace(model.spec, calibration=CalibrationSpec((1.0, 1.0)))
+    save_model(tmp_path / "old", Model(model.params, wrong))
+    out = tmp_path / "new"
+    command = [str(tmp_path / "old"), str(records), "-o", str(out)]
+    assert confidence.main([*command, "--split", "test"]) == 0
+    fitted, old = load_model(out), load_model(tmp_path / "old")
+    jax.tree.map(np.testing.assert_array_equal, fitted.params, old.params)
+    frames = Records(records, "test")
+    found = [*confidence.judged(jax.random.key(confidence.KEY), fitted, frames)]
+    said, right = (
+        np.concatenate([getattr(frame, name) for frame in found])
+        for name in ("confidence", "right")
+    )
+    # Isotonic regression keeps the mean; the 33 knots round it.
+    assert 0 < right.mean() < 0.9
+    np.testing.assert_allclose(said.mean(), right.mean(), atol=0.02)
+    assert fitted.spec.least_confidence == confidence.least_confidence(found)
+
+
+def test_a_model_without_confidence_is_refused(records, tmp_path, capsys):
+    config = regression.get_config()
+    shrink(config)
+    save_model(tmp_path / "old", random_model(config, Records(records, "train")))
+    command = [str(tmp_path / "old"), str(records), "-o", str(tmp_path / "new")]
+    assert confidence.main(command) == 2
+    assert "gives no confidence" in capsys.readouterr().err
+    assert not (tmp_path / "new").exists()
