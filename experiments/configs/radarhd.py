@@ -74,5 +74,6 @@ def get_config():
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18
+    config.sampling.draws = 8  # quick draws for the row of their agreement; 1: no row
     config.sampling.batch_size = 8
     return config

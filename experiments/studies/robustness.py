@@ -14,9 +14,9 @@ only where `--shift` asks for them: the mean is over the others.
 intervals over layouts. A method is judged by its mean over the shifts; the clean row is
 the unit without a shift.
 
-The last columns say of how many frames a model warns, because their radar points look
-unlike training or because their mean confidence is low, and how well each of the two
-tells shifted frames from clean ones: the areas under the ROC curves.
+The last columns say of how many frames a model warns because their radar points look
+unlike training, and of how many because their mean confidence is low; and how well each
+of the two tells shifted frames from clean ones: the areas under the ROC curves.
 """
 
 import itertools
@@ -203,7 +203,9 @@ def shifts_table(
             ]
             row.append(f"**{means[0]:.2f} / {100 * means[1]:.1f}**")
         rows.append(row + ["" for _ in names])
-    warned = (f"warned by {name} (%) / areas: points, confidence" for name in names)
+    warned = (
+        f"{name}: unlike, unsure (%) / areas of points, confidence" for name in names
+    )
     return markdown_table(["shift", *methods, *warned], rows)
 
 
@@ -215,10 +217,10 @@ def _cell(row: dict[str, Any]) -> str:
 
 
 def _warned(doubts, name: str, shift: str) -> str:
-    """The share of frames with a warning, and the areas under the ROC curves."""
+    """The shares of frames with each warning, and the areas under the ROC curves."""
     distance, unlike, confidence = doubts[name, shift].T
-    warned = (unlike > STRANGE) | (confidence < UNSURE)
-    text = f"{100 * warned.mean():.0f}"
+    shares = [(unlike > STRANGE).mean(), (confidence < UNSURE).mean()]
+    text = ", ".join(f"{100 * share:.0f}" for share in shares)
     if shift == CLEAN or (name, CLEAN) not in doubts:
         return text
     clean = doubts[name, CLEAN].T

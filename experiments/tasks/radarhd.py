@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 from ml_collections import ConfigDict
@@ -19,6 +20,7 @@ from experiments import build
 from experiments.tasks.radarhd_augment import AUGMENTATIONS, augment
 from experiments.tasks.radarhd_occupancy import (
     OCCUPANCY,
+    agreed_occupancy,
     occupancy_denoising_loss,
     occupancy_regression_loss,
 )
@@ -41,6 +43,8 @@ LOSSES = {
     "diffusion": occupancy_denoising_loss,
     "regression": occupancy_regression_loss,
 }
+
+QUICK_STEPS = 8  # of each draw of those that have to agree
 
 
 def check(config: ConfigDict) -> None:
@@ -187,9 +191,24 @@ def draw_methods(config: ConfigDict, params: dict) -> dict[str, Draw]:
 
     if config.method == "regression":
         return {"direct regression": drawn(None)}
-    steps = config.sampling.steps
+    steps, draws = config.sampling.steps, config.sampling.draws
     solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
-    return {"one-step estimate": drawn(1), f"diffusion, {solver} {steps}": drawn(steps)}
+    methods = {
+        "one-step estimate": drawn(1),
+        "one pass from zero": drawn(None),
+        f"diffusion, {solver} {steps}": drawn(steps),
+    }
+    if draws > 1:
+        methods[f"{draws} draws"] = functools.partial(
+            agreed_images, drawn(QUICK_STEPS), draws
+        )
+    return methods
+
+
+def agreed_images(draw: Draw, draws: int, key: jax.Array, condition: Any) -> jax.Array:
+    """Return the share of draws that have an occupied pixel near each pixel."""
+    keys = jax.random.split(key, draws)
+    return agreed_occupancy(jnp.stack([draw(key, condition) for key in keys]))
 
 
 @functools.partial(jax.jit, static_argnames=("network", "noise", "steps"))

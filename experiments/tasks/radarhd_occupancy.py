@@ -8,6 +8,7 @@ Bayes' rule adds the evidence of the pixel's own noisy value x:
 where p is the share of occupied pixels, from sigma_data^2 = p (1 - p).
 """
 
+import functools
 import math
 from typing import Any
 
@@ -97,3 +98,24 @@ def occupancy_regression_loss(
     either = (share + clean).sum((1, 2, 3))
     dice = 1 - 2 * both / jnp.maximum(either, 1e-6)
     return jnp.mean((share - clean) ** 2) + dice.mean()
+
+
+@functools.partial(jax.jit, static_argnames="reach")
+def agreed_occupancy(
+    images: Float[Array, "draw *batch row column"], *, reach: int = 1
+) -> Float[Array, "*batch row column"]:
+    """Return the share of draws that have an occupied pixel near each pixel.
+
+    Near is within `reach` rows and columns. Pixels that no draw has are 0. This is the
+    counterpart of `agreed_range` for images with any number of surfaces in a column; as
+    there, the share is the confidence.
+    """
+    if reach < 0:
+        raise ValueError(f"{reach=}, expected 0 or more pixels")
+    occupied = (images > 0.5).astype(images.dtype)
+    size = 2 * reach + 1
+    window = (1,) * (images.ndim - 2) + (size, size)
+    near = jax.lax.reduce_window(
+        occupied, 0.0, jax.lax.max, window, (1,) * images.ndim, "SAME"
+    )
+    return jnp.where(occupied.any(0), near.mean(0), 0.0)

@@ -1,12 +1,15 @@
 """RadarHD's task on invented rooms: training, limits and the table."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from experiments import train
 from experiments.configs import radarhd as default, radarhd_regression
 from experiments.tasks import radarhd, radarhd_report, radarhd_scores
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR
+from experiments.tasks.radarhd_occupancy import agreed_occupancy
+from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItems, open_radarhd
 from jradar.errors import ModelError, UsageError
 
 
@@ -44,7 +47,7 @@ def small(module, path):
     )
     config.train.update(steps=3, batch_size=2, checkpoint_every=2, evaluate_every=2)
     config.train.warmup_steps = 1
-    config.sampling.update(steps=2, batch_size=2)
+    config.sampling.update(steps=2, draws=2, batch_size=2)
     return config
 
 
@@ -59,7 +62,12 @@ def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
     config = small(module, packed)
     train.run(radarhd, config, tmp_path)
     table = (tmp_path / "evaluation" / "table.md").read_text()
-    names = {"diffusion": ["one-step estimate", "diffusion, iPNDM 2"]}
+    names = {
+        "diffusion": [
+            *("one-step estimate", "one pass from zero"),
+            *("diffusion, iPNDM 2", "2 draws"),
+        ]
+    }
     for name in names.get(config.method, ["direct regression"]):
         assert name in table
     assert "138, 140" in table and table in capsys.readouterr().out
@@ -126,3 +134,24 @@ def test_frames_without_points_follow_one_rule():
     assert cells["F 0.5 m (%)"].startswith("33.3") and line.endswith("| 2 |")
     assert "in which the method found points" in note
     assert "1 frames with an empty truth are left out" in note
+
+
+def test_draws_that_agree_are_those_of_the_sampler(packed):
+    config = small(default, packed)
+    pairs = open_radarhd(packed)
+    params = radarhd.setup(config, packed.parent).state.params
+    condition = jnp.asarray(PolarItems(pairs, history=1)[0].condition)[None]
+    methods, key = radarhd.draw_methods(config, params), jax.random.key(3)
+    network, noise = radarhd.networks(config)
+    draws = [
+        radarhd.draw_images(
+            key, condition, params=params, network=network, noise=noise, steps=8
+        )
+        for key in jax.random.split(key, 2)
+    ]
+    expected = agreed_occupancy(jnp.stack(draws))
+    found = methods["2 draws"](key, condition)
+    np.testing.assert_array_equal(found, expected)
+    assert set(np.unique(found)) <= {0.0, 0.5, 1.0}
+    config.sampling.draws = 1
+    assert "1 draws" not in radarhd.draw_methods(config, params)

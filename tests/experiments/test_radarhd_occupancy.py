@@ -7,6 +7,7 @@ import pytest
 
 from experiments.tasks.radarhd_occupancy import (
     OCCUPANCY,
+    agreed_occupancy,
     occupancy_denoising_loss,
     occupancy_regression_loss,
     prior,
@@ -76,3 +77,20 @@ def test_regression_loss_is_squared_error_and_dice():
     denoise = occupied(jnp.asarray(shares).reshape(truth.shape))
     loss = occupancy_regression_loss(KEY, denoise, truth, noise=RARE)
     assert float(loss) == pytest.approx(dice + squared, rel=1e-4)
+
+
+def test_agreement_is_the_share_of_draws_with_a_pixel_nearby():
+    draws = np.zeros((4, 6, 6), np.float32)
+    draws[0, 2, 2] = draws[1, 3, 3] = draws[2, 2, 5] = 1
+    agreed = np.asarray(agreed_occupancy(jnp.asarray(draws)))
+    expected = np.zeros((6, 6))
+    expected[2, 2] = expected[3, 3] = 0.5  # one apart, in two of four draws
+    expected[2, 5] = 0.25
+    np.testing.assert_allclose(agreed, expected)
+    alone = np.asarray(agreed_occupancy(jnp.asarray(draws), reach=0))
+    np.testing.assert_allclose(alone, draws.mean(0))
+    batch = np.stack([draws, draws[:, ::-1]], 1)
+    both = np.asarray(agreed_occupancy(jnp.asarray(batch)))
+    np.testing.assert_allclose(both, [agreed, agreed[::-1]])
+    with pytest.raises(ValueError, match="reach=-1, expected 0 or more"):
+        agreed_occupancy(jnp.asarray(draws), reach=-1)

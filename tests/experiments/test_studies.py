@@ -118,8 +118,8 @@ def test_the_table_of_shifts_has_means_and_the_area_of_the_warning():
     table = robustness.shifts_table(scores, doubts)
     assert "| noise | 1.00 / 40.0" in table and "| clean | 1.00 / 70.0" in table
     assert "| **mean over shifts** | **1.00 / 30.0** |  |" in table  # without clean
-    assert "| 50 / 0.75 / 0.75 |" in table  # 3 of 4 pairs of each are in order
-    assert "| 100 / 1.00 / 1.00 |" in table  # warned for its confidence
+    assert "| 50, 0 / 0.75 / 0.75 |" in table  # 3 of 4 pairs of each are in order
+    assert "| 0, 100 / 1.00 / 1.00 |" in table  # warned for its confidence
 
 
 def test_every_shift_is_a_row_of_one_table(records, tmp_path, monkeypatch, capsys):
