@@ -1,6 +1,7 @@
 """`jradar points`: frames of a recording to the points that a CFAR detector finds."""
 
 import argparse
+import functools
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from jradar.cli.reading import (
     open_frames,
     summary,
 )
-from jradar.cli.writing import frame_folder, write_frame
+from jradar.cli.writing import check_flat, write_frame
 from jradar.errors import UsageError
 from jradar.progress import progress
 from jradar.radar import (
@@ -39,6 +40,7 @@ SPEC_OPTIONS = (
 def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
     """Detect points in the frames that the options name, and write the results."""
     check_limits(options)
+    check_flat(options)
     try:
         spec = PointSpec(**given(options, *SPEC_OPTIONS))
     except ValueError as error:
@@ -75,18 +77,18 @@ def _detect(recording, frame: int, spec: PointSpec, options):
         remove_static=spec.remove_static,
         remove_interference=spec.remove_interference,
     )
-    figure = viz.capture_figure(
+    view = ImageSpec(64, 64, max_range_m=recording.radar.max_range_m)
+    figure = functools.partial(
+        viz.capture_figure,
         power,
         recording.radar,
         cloud,
-        ImageSpec(64, 64, max_range_m=recording.radar.max_range_m),
+        view,
         lidar=recordings.nearest_scan(recording, frame),
         title=f"{recording.name}, frame {frame}",
     )
-    folder = frame_folder(options, frame)
-    clouds = {"radar": cloud}
     arrays = _deviations(cloud, recording, spec) if options.deviations else {}
-    written = write_frame(folder, clouds, figure, kind=options.format, arrays=arrays)
+    written = write_frame(options, frame, {"radar": cloud}, figure, arrays=arrays)
     row = {
         "frame": frame,
         "points": int(cloud.valid.sum()),

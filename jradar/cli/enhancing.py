@@ -31,6 +31,7 @@ from jradar.cli.reading import (
     open_frames,
     summary,
 )
+from jradar.cli.writing import check_flat, write_frame
 from jradar.errors import UsageError
 from jradar.model import (
     Model,
@@ -88,6 +89,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     network. A recording takes as long as its slowest thread, if there are cores enough.
     """
     check_limits(options)
+    check_flat(options)
     if is_streamed(options.output) and options.frame is None:
         options.frames = options.frames or slice(None)
     model = load_model(options.model)
@@ -108,7 +110,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
     # Excised once, for the points and for the map.
     excised = _excised if spec.points.remove_interference else None
     stages = watch("compiling", _compiled_stages, key, model, recording, options)
-    pictured = not options.frames if options.picture is None else options.picture
+    pictured = _is_pictured(options)
 
     def read(frame):
         return frame, watch("reading", recordings.calibrated_cube, recording, frame)
@@ -179,6 +181,13 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         "frames/s": len(rows) / seconds,
         "written": [options.output] if options.frames else written,
     }
+
+
+def _is_pictured(options: argparse.Namespace) -> bool:
+    """True if frames are drawn: by default a single one that has a folder."""
+    if options.picture is None:
+        return not (options.frames or options.flat)
+    return options.picture
 
 
 def _ahead(threads: ThreadPoolExecutor, call: Callable, items: Iterable) -> Iterator:
@@ -287,7 +296,7 @@ def _compiled_stages(key, model: Model, recording, options) -> dict[str, Callabl
             "--min-confidence: this model has no confidence with these options, leave "
             "it out, or draw several samples"
         )
-    if options.picture is not False and not (options.frames and not options.picture):
+    if _is_pictured(options):
         threads.submit(_prepare_picture, radar, spec)
     threads.shutdown(wait=False)
     return {name: future.result() for name, future in compiling.items()}
@@ -357,15 +366,13 @@ def _write(
     recording, spec: ModelSpec, result: Enhanced, options, pictured: bool
 ) -> list[str]:
     """Write the clouds, the range image and a picture of one frame."""
-    from jradar.cli.writing import frame_folder, write_frame
-
     image = result.image.range_m
     kept = result.dense.valid.reshape(image.shape)
     return write_frame(
-        frame_folder(options, result.frame),
+        options,
+        result.frame,
         {"radar": result.cloud, "enhanced": result.dense},
-        _picture(recording, spec, result) if pictured else None,
-        kind=options.format,
+        functools.partial(_picture, recording, spec, result) if pictured else None,
         arrays={"range_image": np.where(kept, image, 0)},
     )
 

@@ -5,13 +5,11 @@ text shows its value, which a test compares.
 """
 
 import argparse
-import functools
 import os
 from collections.abc import Callable
-from typing import Any
 
 from jradar import __version__
-from jradar.cli import commands, values
+from jradar.cli import commands, groups, values
 from jradar.cli.one_line import Parser
 
 RECORDING_HELP = """\
@@ -57,10 +55,6 @@ base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each fra
 the recording has poses, the trajectory is compared with them: APE (positions, aligned
 without scale) and RPE (from frame to frame), as evo defines them."""
 ROTATIONS = ("imu", "poses", "lidar", "none")
-DEVICES = (
-    *("awr1443", "awr1642", "awr1843", "awr2944"),
-    *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
-)
 FAMILIES = (
     *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
     *("home", "warehouse", "forest"),
@@ -70,11 +64,7 @@ SETS = (
     *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
     *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
 )
-CLOUD_FORMATS = ("ply", "pcd", "csv")
-MAX_COUNT = 10**9
-MAX_DRAWS, MAX_STEPS, MAX_FOLDS, MAX_FUSED = 64, 1000, 16, 16
-
-CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
+MAX_FOLDS, MAX_FUSED = 16, 16
 
 
 def parser() -> argparse.ArgumentParser:
@@ -111,204 +101,168 @@ def _command(kinds, command: Callable, path_help: str = "", *, more: str = ""):
     sub.set_defaults(command=command)
     if path_help:
         sub.add_argument("path", metavar="PATH", help="file or folder, see above")
-    _flag(sub, "--json", "print the result as JSON")
+    groups.flag(sub, "--json", "print the result as JSON")
     return sub
 
 
-def _flag(sub, name: str, text: str):
-    sub.add_argument(name, action="store_true", help=text)
-
-
-def _value(sub, name: str, metavar: str, text: str, **options):
-    sub.add_argument(name, metavar=metavar, help=text, **options)
-
-
-def _count(sub, name: str, text: str, *, most: int = MAX_COUNT, **options):
-    _value(
-        sub, name, "N", text, type=functools.partial(values.whole, 1, most), **options
-    )
-
-
 def _info(sub):
-    _recording(sub)
-    _frame(sub)
+    groups.recording(sub)
+    groups.frame(sub)
 
 
 def _points(sub):
-    _recording(sub)
-    _frame(sub, several=True)
-    _output(sub)
+    groups.recording(sub)
+    groups.frame(sub, several=True)
+    groups.output(sub)
     text = (
         "CFAR detector: ca (cell averaging), go (greatest of), so (smallest of) or os "
         "(ordered statistic) (default: os)"
     )
-    _value(sub, "--detector", "NAME", text)
+    groups.option(sub, "--detector", "NAME", text)
     text = "probability that a cell of pure noise is detected (default: 0.001)"
-    _value(sub, "--false-alarm-rate", "RATE", text, type=values.rate)
+    groups.option(sub, "--false-alarm-rate", "RATE", text, type=values.rate)
     text = "cells beside the tested one that are no noise, in Doppler and in range"
-    _value(sub, "--guard", "D,R", f"{text} (default: 2,2)", type=values.cells)
+    groups.option(sub, "--guard", "D,R", f"{text} (default: 2,2)", type=values.cells)
     text = "cells beyond the guard cells that measure the noise (default: 4,4)"
-    _value(sub, "--train", "D,R", text, type=values.cells)
-    _count(sub, "--capacity", "keep at most the N strongest points (default: 1024)")
-    _flag(sub, "--remove-static", "keep only echoes that move")
-    _flag(sub, "--group-peaks", "keep one cell of each target: the peaks of the map")
+    groups.option(sub, "--train", "D,R", text, type=values.cells)
+    groups.count(
+        sub, "--capacity", "keep at most the N strongest points (default: 1024)"
+    )
+    groups.flag(sub, "--remove-static", "keep only echoes that move")
+    groups.flag(
+        sub, "--group-peaks", "keep one cell of each target: the peaks of the map"
+    )
     text = "also tell velocities up to 2 N + 1 times the unambiguous one apart"
-    _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
+    groups.count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
     text = "focus wide arrays, such as a cascade's, on each target: delays, near field"
-    _flag(sub, "--focus", text)
+    groups.flag(sub, "--focus", text)
     text = "also write the standard deviation of each coordinate to the NPZ file"
-    _flag(sub, "--deviations", text)
-    _cleaning(sub)
+    groups.flag(sub, "--deviations", text)
+    groups.cleaning(sub)
     text = "fft (beamforming), or music or capon for azimuths finer than a beam "
     text += "(default: fft)"
-    _value(sub, "--angles", "NAME", text)
-    _clouds(sub)
+    groups.option(sub, "--angles", "NAME", text)
+    groups.clouds(sub)
 
 
 def _enhance(sub):
-    _recording(sub)
-    _frame(sub, several=True)
+    groups.recording(sub)
+    groups.frame(sub, several=True)
     text = "output folder, created if missing; or a new .mcap file or .ros2 bag, by "
-    _output(sub, text=text + "default of all frames")
+    groups.output(sub, text=text + "default of all frames")
     sub.set_defaults(output_may_stream=True)
     text = "name of a shipped model, or folder of a model (default: %(default)s)"
-    _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
-    _anyway(sub)
-    _cleaning(sub)
-    _drawing(sub)
+    groups.option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    groups.anyway(sub)
+    groups.cleaning(sub)
+    groups.drawing(sub)
     text = "fuse each frame with the N - 1 before it, by the recording's poses, or by "
     text += "the radar's velocity with its IMU or alone (default: %(default)s)"
-    _count(sub, "--fuse", text, most=MAX_FUSED, default=1)
+    groups.count(sub, "--fuse", text, most=MAX_FUSED, default=1)
     text = "leave out points of less confidence, 0 to 1 (default: the model's)"
-    _value(sub, "--min-confidence", "P", text, type=values.share)
+    groups.option(sub, "--min-confidence", "P", text, type=values.share)
     sub.add_argument(
         "--picture",
         action=argparse.BooleanOptionalAction,
         help="draw each frame (default: a single frame is drawn, several are not)",
     )
-    _seed(sub, "random seed of the draws")
-    _clouds(sub)
+    groups.seed(sub, "random seed of the draws")
+    groups.clouds(sub)
 
 
 def _live(sub):
-    _recording(sub)
+    groups.recording(sub)
     text = "play this recording through an emulated card on this machine"
-    _value(sub, "--replay", "RECORDING", text)
+    groups.option(sub, "--replay", "RECORDING", text)
     text = "new .mcap file, new .ros2 bag, or folder of clouds to write"
-    _value(sub, "-o", "OUT", text, dest="output")
+    groups.option(sub, "-o", "OUT", text, dest="output")
     sub.set_defaults(output_is_folder=True, output_may_stream=True)
     text = "serve Foxglove over a WebSocket (default port: 8765)"
-    _value(sub, "--serve", "PORT", text, type=values.port, nargs="?", const=8765)
+    groups.option(sub, "--serve", "PORT", text, type=values.port, nargs="?", const=8765)
     text = (
         "address to serve on; 0.0.0.0 is all of this machine's (default: %(default)s)"
     )
-    _value(sub, "--serve-host", "ADDRESS", text, default="127.0.0.1")
+    groups.option(sub, "--serve-host", "ADDRESS", text, default="127.0.0.1")
     text = "name of a shipped model, folder of a model, or none for detections only "
     text += "(default: %(default)s)"
-    _value(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
-    _anyway(sub)
-    _count(sub, "--draws", "draw N samples (default: 1)", most=MAX_DRAWS)
-    _count(sub, "--steps", "solver steps per draw (default: 1)", most=MAX_STEPS)
-    _seed(sub, "random seed of the draws")
-    _value(sub, "--seconds", "S", "end after S seconds", type=values.positive)
+    groups.option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    groups.anyway(sub)
+    groups.count(sub, "--draws", "draw N samples (default: 1)", most=groups.MAX_DRAWS)
+    groups.count(
+        sub, "--steps", "solver steps per draw (default: 1)", most=groups.MAX_STEPS
+    )
+    groups.seed(sub, "random seed of the draws")
+    groups.option(sub, "--seconds", "S", "end after S seconds", type=values.positive)
     text = "seconds without a packet that are reported (default: %(default)s)"
-    _value(sub, "--silence", "S", text, type=values.positive, default=5.0)
+    groups.option(sub, "--silence", "S", text, type=values.positive, default=5.0)
     text = "serial port of the board, such as /dev/ttyACM0, to send it the .cfg"
-    _value(sub, "--board", "PORT", text)
+    groups.option(sub, "--board", "PORT", text)
     text = "only listen: another program commands the card"
-    _flag(sub, "--no-commands", text)
+    groups.flag(sub, "--no-commands", text)
     text = "pause between two packets of the card, 5 to 500 us (default: %(default)s)"
-    _value(sub, "--packet-delay", "US", text, type=values.positive, default=25.0)
-    _network(sub, "192.168.33.30", "192.168.33.180")
-    _playing(sub)
+    groups.option(sub, "--packet-delay", "US", text, type=values.positive, default=25.0)
+    groups.network(sub, "192.168.33.30", "192.168.33.180")
+    groups.playing(sub)
 
 
 def _replay(sub):
-    _recording(sub)
-    _flag(sub, "--now", "send at once, without waiting for a command")
-    _network(sub, "127.0.0.1", "127.0.0.2")
-    _playing(sub)
-
-
-def _network(sub, host: str, card: str):
-    """Add the addresses of this machine and of the card."""
-    for name, default, what in (
-        ("--host", host, "address that receives the packets"),
-        ("--card", card, "address of the card"),
-    ):
-        _value(sub, name, "ADDRESS", f"{what} (default: {default})", default=default)
-    for name, port in (("--command-port", 4096), ("--data-port", 4098)):
-        text = "UDP port (default: %(default)s)"
-        _value(sub, name, "PORT", text, type=values.port, default=port)
-
-
-def _playing(sub):
-    """Add how a recording is played."""
-    text = "play S times as fast as it was recorded (default: 1)"
-    _value(sub, "--speed", "S", text, type=values.positive, default=1.0)
-    _value(sub, "--loss", "P", "lose packets with this probability", **CHANCE)
-    text = "packets are late by up to N places"
-    _value(sub, "--reorder", "N", text, type=values.places, default=0)
-    _value(
-        sub, "--duplicate", "P", "send packets twice with this probability", **CHANCE
-    )
-    _flag(sub, "--repeat", "begin again at the end of the recording")
-
-
-def _anyway(sub):
-    text = "also enhance a radar with one row of antennas, whose heights are invented"
-    _flag(sub, "--anyway", text)
+    groups.recording(sub)
+    groups.flag(sub, "--now", "send at once, without waiting for a command")
+    groups.network(sub, "127.0.0.1", "127.0.0.2")
+    groups.playing(sub)
 
 
 def _calibrate(sub):
-    _recording(sub)
-    _all_frames(sub, "frames to use: A to B-1 (default: 200 of them, evenly spaced)")
-    _output(sub, "FILE", "description to write, a .toml")
+    groups.recording(sub)
+    groups.all_frames(
+        sub, "frames to use: A to B-1 (default: 200 of them, evenly spaced)"
+    )
+    groups.output(sub, "FILE", "description to write, a .toml")
     text = (
         "a corner reflector that stands still at M metres, by default straight ahead, "
         "or AZ degrees to the left and EL up: it fixes turn, tilt and range bias"
     )
-    _value(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
+    groups.option(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
 
 
 def _odometry(sub):
-    _recording(sub)
-    _all_frames(sub, "frames A to B-1 (default: all)")
-    _output(sub, "FILE", "trajectory to write, such as trajectory.tum")
+    groups.recording(sub)
+    groups.all_frames(sub, "frames A to B-1 (default: all)")
+    groups.output(sub, "FILE", "trajectory to write, such as trajectory.tum")
     text = (
         "how the rig turns: from the recording's IMU, its poses, matched LiDAR scans, "
         "or not at all (default: imu if there is one, else none)"
     )
-    _value(sub, "--rotation", "NAME", text, choices=ROTATIONS)
+    groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
     text = "also find velocities up to 2 N + 1 times the unambiguous one"
-    _count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
+    groups.count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
 
 
 def _prepare(sub):
-    _recording(sub)
-    _output(sub)
+    groups.recording(sub)
+    groups.output(sub)
     text = "TOML file with the fields of jradar.data.PrepareSpec to change"
-    _value(sub, "--spec", "FILE", text)
-    _all_frames(sub, "frames of each sequence: A to B-1 (default: all)")
+    groups.option(sub, "--spec", "FILE", text)
+    groups.all_frames(sub, "frames of each sequence: A to B-1 (default: all)")
     text = "processes on this machine (default: its CPU cores, %(default)s)"
-    _count(sub, "--workers", text, default=os.cpu_count() or 1)
+    groups.count(sub, "--workers", text, default=os.cpu_count() or 1)
     text = "run on the Dask cluster at this address instead"
-    _value(sub, "--scheduler", "ADDRESS", text)
-    _flag(sub, "--keep-going", "skip frames that cannot be read, and count them")
+    groups.option(sub, "--scheduler", "ADDRESS", text)
+    groups.flag(sub, "--keep-going", "skip frames that cannot be read, and count them")
     text = "write only a picture of how the first of the frames is prepared"
-    _flag(sub, "--preview", text)
+    groups.flag(sub, "--preview", text)
 
 
 def _simulate(sub):
-    _output(sub)
+    groups.output(sub)
     what = sub.add_mutually_exclusive_group(required=True)
     text = f"one recording of a scene of this family: {', '.join(FAMILIES)}"
-    _value(what, "--scene", "FAMILY", text, choices=FAMILIES)
+    groups.option(what, "--scene", "FAMILY", text, choices=FAMILIES)
     text = f"a whole data set: {', '.join(SETS)}, or jradar-sim-2-robust/SHIFT"
-    _value(what, "--set", "NAME", text)
+    groups.option(what, "--set", "NAME", text)
     text = "frames of each recording (default: 50 for a scene, 1 in a set)"
-    _count(sub, "--frames", text)
-    _seed(sub, "random seed of a scene")
+    groups.count(sub, "--frames", text)
+    groups.seed(sub, "random seed of a scene")
     sub.add_argument(
         "--sensor",
         choices=("single_chip", "cascade", "both"),
@@ -322,96 +276,18 @@ def _simulate(sub):
         help="coloradar: files laid out as in the ColoRadar data set; capture: a "
         "DCA1000 file and a ROS bag of a Livox LiDAR (default: %(default)s)",
     )
-    _flag(sub, "--dry-run", "print the expected size and time, write nothing")
+    groups.flag(sub, "--dry-run", "print the expected size and time, write nothing")
 
 
 def _view(sub):
     sub.add_argument("run", metavar="RUN", help="workdir of an experiment")
-    _flag(sub, "--no-open", "print the report's path, do not open it")
+    groups.flag(sub, "--no-open", "print the report's path, do not open it")
 
 
 def _export(sub):
     text = "name of a shipped model (jradar-sim), or folder of a model"
     sub.add_argument("model", metavar="MODEL", help=text)
-    _output(sub, "FILE", "file to write")
-    _drawing(sub)
+    groups.output(sub, "FILE", "file to write")
+    groups.drawing(sub)
     text = "coupling_calib.txt of the radar unit that will use the file"
-    _value(sub, "--coupling", "FILE", text)
-
-
-def _recording(sub):
-    """Add how a recording is opened."""
-    text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
-    _value(sub, "--radar", "FILE", text)
-    text = f"board that a .cfg was written for: {', '.join(DEVICES)} (default: awr1843)"
-    _value(sub, "--device", "NAME", text, choices=DEVICES)
-    sub.add_argument(
-        "--sensor",
-        choices=("single_chip", "cascade"),
-        help="radar of a ColoRadar sequence (default: single_chip if it has both)",
-    )
-    text = "order of I and Q in adc_data.bin: IIQQ, QQII, IQIQ, QIQI, I4Q4 or Q4I4"
-    text += " (default: as in the radar's description)"
-    _value(sub, "--iq-order", "ORDER", text)
-    text = "accept an adc_data.bin that ends inside a frame; leave that frame out"
-    _flag(sub, "--allow-partial", text)
-
-
-def _frame(sub, *, several: bool = False):
-    """Add which frame is read, or which frames."""
-    which = sub.add_mutually_exclusive_group()
-    _value(which, "--frame", "N", "frame to read (default: 0)", type=int)
-    if several:
-        text = "frames A to B-1, each written to its own folder inside DIR"
-        _value(which, "--frames", "A:B", text, type=values.frames)
-    text = "read a recording of one chirp per frame as one frame of many chirps"
-    _flag(sub, "--frames-as-chirps", text)
-
-
-def _all_frames(sub, text: str):
-    _value(sub, "--frames", "A:B", text, type=values.frames, default=slice(None))
-
-
-def _output(sub, metavar="DIR", text="output folder, created if missing"):
-    sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
-    sub.set_defaults(output_is_folder=metavar == "DIR", output_may_stream=False)
-
-
-def _cleaning(sub):
-    """Add what is removed from the samples."""
-    text = "excise crossing chirps of other radars from the samples"
-    _flag(sub, "--remove-interference", text)
-    text = "subtract the mean of frames A to B-1, for a radar that stands still; : is "
-    text += "the whole recording, frames of the empty room are better"
-    _value(sub, "--background", "A:B", text, type=values.frames)
-
-
-def _clouds(sub):
-    """Add how clouds are limited and written."""
-    sub.add_argument(
-        "--format",
-        choices=CLOUD_FORMATS,
-        default="ply",
-        help="format of the clouds, beside NPZ (default: %(default)s)",
-    )
-    for name, metavar, what in (
-        ("--min-range", "M", "nearer than M metres"),
-        ("--max-range", "M", "farther than M metres"),
-        ("--max-azimuth", "DEG", "more than DEG degrees to the left or right"),
-        ("--max-elevation", "DEG", "more than DEG degrees up or down"),
-    ):
-        _value(sub, name, metavar, f"leave out points {what}", type=values.positive)
-
-
-def _seed(sub, text: str):
-    text += " (default: %(default)s)"
-    _value(sub, "--seed", "N", text, type=values.seed_value, default=0)
-
-
-def _drawing(sub):
-    """Add how a diffusion model is sampled."""
-    text = "draw N samples and keep what they agree on; 1 is the paper's single draw"
-    _count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
-    text = "solver steps per draw (default: 5 for several draws, 18 for one); one draw"
-    text += " takes Heun's method, or iPNDM below 8 steps"
-    _count(sub, "--steps", text, most=MAX_STEPS)
+    groups.option(sub, "--coupling", "FILE", text)

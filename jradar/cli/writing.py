@@ -1,9 +1,12 @@
-"""The files of one frame that `points` and `enhance` write into a folder."""
+"""The files of a frame that `points` and `enhance` write."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jradar.cli.paths import is_streamed
+from jradar.errors import UsageError
 from jradar.files import remove_leftovers
 from jradar.recordings import CLOUD_WRITERS, valid_points, write_npz
 from jradar.types import PointCloud
@@ -19,24 +22,54 @@ WRITTEN = (
 )
 
 
-def frame_folder(options: argparse.Namespace, frame: int) -> Path:
-    """Return the folder of a frame: `--output`, or one inside it with `--frames`."""
-    return Path(options.output, f"{frame:06d}" if options.frames else "")
+def check_flat(options: argparse.Namespace) -> None:
+    """Raise UsageError where `--flat` would mix clouds, or cannot do what is asked."""
+    if not options.flat:
+        return
+    if is_streamed(options.output):
+        raise UsageError(f"--flat writes a folder, and {options.output} is one file")
+    if getattr(options, "picture", None):
+        raise UsageError("--flat writes clouds alone: leave out --flat or --picture")
+    for name in CLOUDS:
+        folder = Path(options.output, name)
+        if folder.is_dir() and any(folder.iterdir()):
+            raise UsageError(
+                f"{folder} is not empty, and tools read all clouds in a folder: name "
+                "another output"
+            )
 
 
 def write_frame(
-    folder: Path,
+    options: argparse.Namespace,
+    frame: int,
     clouds: dict[str, PointCloud],
-    figure: "Figure | None",
+    figure: "Callable[[], Figure] | None" = None,
     *,
-    kind: str,
     arrays: dict[str, Any],
 ) -> list[str]:
-    """Write clouds, those of the last one also as NPZ with `arrays`, and a picture if
-    there is one.
+    """Write what the options ask for of one frame; returns the paths.
+
+    With `--flat`, these are the clouds alone, each in the folder of its kind. Otherwise
+    they go into the output or, with `--frames`, into a folder of the frame in it: the
+    clouds, the last one also as NPZ with `arrays`, and the picture if there is one.
+    """
+    if options.flat:
+        paths = [
+            Path(options.output, name, f"{frame:06d}.{options.format}")
+            for name in clouds
+        ]
+        for path, cloud in zip(paths, clouds.values(), strict=True):
+            CLOUD_WRITERS[options.format](path, cloud)
+        return [*map(str, paths)]
+    folder = Path(options.output, f"{frame:06d}" if options.frames else "")
+    return _write_folder(folder, clouds, figure, kind=options.format, arrays=arrays)
+
+
+def _write_folder(folder: Path, clouds, figure, *, kind: str, arrays) -> list[str]:
+    """Write the files of a frame into its folder.
 
     Of the names in WRITTEN, nothing is left of an earlier command: the files in a
-    folder belong together. Other files there are not touched. Returns the paths.
+    folder belong together. Other files there are not touched.
     """
     for name in WRITTEN:
         path = folder / name
@@ -51,6 +84,6 @@ def write_frame(
     if figure is not None:
         from jradar.viz import save_figure  # matplotlib takes half a second
 
-        save_figure(figure, folder / PICTURE)
+        save_figure(figure(), folder / PICTURE)
         names.append(PICTURE)
     return [str(folder / name) for name in names]

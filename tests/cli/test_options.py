@@ -8,14 +8,8 @@ import pytest
 
 from jradar import odometry, simulation
 from jradar.cli import main
-from jradar.cli.options import (
-    CLOUD_FORMATS,
-    DEVICES,
-    FAMILIES,
-    ROTATIONS,
-    SETS,
-    parser,
-)
+from jradar.cli.groups import CLOUD_FORMATS, DEVICES
+from jradar.cli.options import FAMILIES, ROTATIONS, SETS, parser
 from jradar.cli.simulating import SCENE_FRAMES
 from jradar.radar import DETECTORS, PointSpec
 from jradar.radar.devices import BOARDS

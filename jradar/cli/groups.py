@@ -1,0 +1,147 @@
+"""Options that several commands share; `options` builds the commands from them."""
+
+import functools
+from typing import Any
+
+from jradar.cli import values
+
+DEVICES = (
+    *("awr1443", "awr1642", "awr1843", "awr2944"),
+    *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
+)
+CLOUD_FORMATS = ("ply", "pcd", "csv")
+MAX_COUNT = 10**9
+CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
+MAX_DRAWS, MAX_STEPS = 64, 1000
+
+
+def flag(sub, name: str, text: str):
+    """Add an option without a value."""
+    sub.add_argument(name, action="store_true", help=text)
+
+
+def option(sub, name: str, metavar: str, text: str, **options):
+    """Add an option with a value."""
+    sub.add_argument(name, metavar=metavar, help=text, **options)
+
+
+def count(sub, name: str, text: str, *, most: int = MAX_COUNT, **options):
+    """Add an option whose value is a whole number from 1 to `most`."""
+    option(
+        sub, name, "N", text, type=functools.partial(values.whole, 1, most), **options
+    )
+
+
+def recording(sub):
+    """Add how a recording is opened."""
+    text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
+    option(sub, "--radar", "FILE", text)
+    text = f"board that a .cfg was written for: {', '.join(DEVICES)} (default: awr1843)"
+    option(sub, "--device", "NAME", text, choices=DEVICES)
+    sub.add_argument(
+        "--sensor",
+        choices=("single_chip", "cascade"),
+        help="radar of a ColoRadar sequence (default: single_chip if it has both)",
+    )
+    text = "order of I and Q in adc_data.bin: IIQQ, QQII, IQIQ, QIQI, I4Q4 or Q4I4"
+    text += " (default: as in the radar's description)"
+    option(sub, "--iq-order", "ORDER", text)
+    text = "accept an adc_data.bin that ends inside a frame; leave that frame out"
+    flag(sub, "--allow-partial", text)
+
+
+def frame(sub, *, several: bool = False):
+    """Add which frame is read, or which frames."""
+    which = sub.add_mutually_exclusive_group()
+    option(which, "--frame", "N", "frame to read (default: 0)", type=int)
+    if several:
+        text = "frames A to B-1, each written to its own folder inside DIR"
+        option(which, "--frames", "A:B", text, type=values.frames)
+        text = "write clouds alone, one folder of each kind: DIR/enhanced/000010.ply, "
+        text += "as KISS-ICP and other tools read them"
+        flag(sub, "--flat", text)
+    text = "read a recording of one chirp per frame as one frame of many chirps"
+    flag(sub, "--frames-as-chirps", text)
+
+
+def all_frames(sub, text: str):
+    """Add which frames a command uses that takes all by default."""
+    option(sub, "--frames", "A:B", text, type=values.frames, default=slice(None))
+
+
+def output(sub, metavar="DIR", text="output folder, created if missing"):
+    """Add the output: a folder, or a file if `metavar` is not DIR."""
+    sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
+    sub.set_defaults(output_is_folder=metavar == "DIR", output_may_stream=False)
+
+
+def cleaning(sub):
+    """Add what is removed from the samples."""
+    text = "excise crossing chirps of other radars from the samples"
+    flag(sub, "--remove-interference", text)
+    text = "subtract the mean of frames A to B-1, for a radar that stands still; : is "
+    text += "the whole recording, frames of the empty room are better"
+    option(sub, "--background", "A:B", text, type=values.frames)
+
+
+def clouds(sub):
+    """Add how clouds are limited and written."""
+    sub.add_argument(
+        "--format",
+        choices=CLOUD_FORMATS,
+        default="ply",
+        help="format of the clouds, beside NPZ (default: %(default)s)",
+    )
+    for name, metavar, what in (
+        ("--min-range", "M", "nearer than M metres"),
+        ("--max-range", "M", "farther than M metres"),
+        ("--max-azimuth", "DEG", "more than DEG degrees to the left or right"),
+        ("--max-elevation", "DEG", "more than DEG degrees up or down"),
+    ):
+        option(sub, name, metavar, f"leave out points {what}", type=values.positive)
+
+
+def seed(sub, text: str):
+    """Add the seed of a random generator."""
+    text += " (default: %(default)s)"
+    option(sub, "--seed", "N", text, type=values.seed_value, default=0)
+
+
+def drawing(sub):
+    """Add how a diffusion model is sampled."""
+    text = "draw N samples and keep what they agree on; 1 is the paper's single draw"
+    count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
+    text = "solver steps per draw (default: 5 for several draws, 18 for one); one draw"
+    text += " takes Heun's method, or iPNDM below 8 steps"
+    count(sub, "--steps", text, most=MAX_STEPS)
+
+
+def anyway(sub):
+    """Add that a radar with one row of antennas is enhanced too."""
+    text = "also enhance a radar with one row of antennas, whose heights are invented"
+    flag(sub, "--anyway", text)
+
+
+def network(sub, host: str, card: str):
+    """Add the addresses of this machine and of the card."""
+    for name, default, what in (
+        ("--host", host, "address that receives the packets"),
+        ("--card", card, "address of the card"),
+    ):
+        option(sub, name, "ADDRESS", f"{what} (default: {default})", default=default)
+    for name, port in (("--command-port", 4096), ("--data-port", 4098)):
+        text = "UDP port (default: %(default)s)"
+        option(sub, name, "PORT", text, type=values.port, default=port)
+
+
+def playing(sub):
+    """Add how a recording is played."""
+    text = "play S times as fast as it was recorded (default: 1)"
+    option(sub, "--speed", "S", text, type=values.positive, default=1.0)
+    option(sub, "--loss", "P", "lose packets with this probability", **CHANCE)
+    text = "packets are late by up to N places"
+    option(sub, "--reorder", "N", text, type=values.places, default=0)
+    option(
+        sub, "--duplicate", "P", "send packets twice with this probability", **CHANCE
+    )
+    flag(sub, "--repeat", "begin again at the end of the recording")
