@@ -30,6 +30,7 @@ from experiments import movers
 from experiments.build import build_pairs
 from experiments.command import run_study, study_parser
 from experiments.evaluate import points_of
+from experiments.fusing import see
 from experiments.tables import known_mean, markdown_table
 from jradar import data, evaluation
 from jradar.diffusion import RangeMixture
@@ -37,15 +38,13 @@ from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.lidar import transform
 from jradar.metrics import compare_on_host
-from jradar.model import Model, fuse, load_model, mixtures, moving_pixels
+from jradar.model import Model, fuse, load_model
 from jradar.odometry import Follower
 from jradar.progress import progress
-from jradar.radar import ego_velocity
 from jradar.range_image import unproject
 from jradar.recordings import open_recording
 from jradar.simulation.scanner import OUSTER
 
-KEY = 22
 COUNTS = (1, 3, 5)
 MOTIONS = ("poses", "imu", "velocity")
 SCORES = (  # title, key, scale, digits
@@ -118,6 +117,7 @@ class Following:
     def __init__(self, folder: Path, frames: int):
         """`frames` is how many are fused at most."""
         recording = open_recording(folder)
+        self._radar = recording.radar
         self._scene = movers.scene_of_recording(folder)
         without = recording._replace(poses=None)
         self._followers = {
@@ -128,13 +128,8 @@ class Following:
 
     def see(self, frame: data.PreparedFrame, condition: Any, model: Model) -> Seen:
         """Return what the next frame tells."""
-        cloud = jax.tree.map(jnp.asarray, frame.radar)
-        found = ego_velocity(
-            jax.random.key(KEY), cloud, elevation=model.spec.radar.has_elevation
-        )
-        mixture = mixtures(jnp.asarray(condition), model)
-        moving = moving_pixels(mixture, cloud, found.velocity, model.spec)
-        velocity = np.asarray(found.velocity)
+        mixture, moving, velocity = see(frame, condition, model, self._radar)
+        velocity = np.asarray(velocity)
         poses = {k: f.step(frame.frame, velocity) for k, f in self._followers.items()}
         theirs = np.zeros((0, 3))
         if self._scene is not None:

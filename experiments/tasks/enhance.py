@@ -25,6 +25,7 @@ from experiments.evaluate import (
     spread,
     write_results,
 )
+from experiments.fusing import fused
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
@@ -52,6 +53,12 @@ def check(config: ConfigDict) -> None:
     build.build_images(config.image)
     build.build_solver(config)
     initial_weights(config.train)
+    fuse = config.evaluation.fuse
+    if fuse < 1 or (fuse > 1 and config.method != "marginal"):
+        raise UsageError(
+            f"evaluation.fuse = {fuse} with the method {config.method!r}: expected 1, "
+            "or more frames with the method 'marginal'"
+        )
     low, high = config.image.azimuth_deg
     if config.train.mirror and low != -high:
         raise UsageError(
@@ -169,13 +176,21 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         frames=config.evaluation.frames_for_rates,
     )
     print(model.spec.purpose, end="\n\n")
+    pairs, methods = (
+        build.build_pairs(model.spec, records),
+        model_methods(config, model),
+    )
+    if (count := config.evaluation.fuse) > 1:
+        methods[f"{[*methods][-1]}, {count} frames"] = fused(
+            model, records, pairs, count
+        )
     write_results(
         build.random_key(config, build.SAMPLE_KEY),
         workdir,
         view,
         records,
-        build.build_pairs(model.spec, records),
-        {**detector_methods(view, rates), **model_methods(config, model)},
+        pairs,
+        {**detector_methods(view, rates), **methods},
         every=config.evaluation.every,
     )
 
