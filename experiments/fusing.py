@@ -27,11 +27,9 @@ class Seen(NamedTuple):
     velocity: Float[Array, " 3"]  # of the radar in m/s, NaN where unknown
 
 
-def see(
-    frame: data.PreparedFrame, condition: Any, model: Model, radar: RadarSpec
-) -> Seen:
+def see(cloud: PointCloud, condition: Any, model: Model, radar: RadarSpec) -> Seen:
     """Return what one frame tells of surfaces, movers and the radar's velocity."""
-    cloud = jax.tree.map(jnp.asarray, frame.radar)
+    cloud = jax.tree.map(jnp.asarray, cloud)
     unambiguous = radar.max_velocity_mps
     velocity = ego_velocity(
         jax.random.key(KEY),
@@ -61,7 +59,8 @@ def fused(
     def seen(i: int) -> tuple[Seen, np.ndarray]:
         frame = records[i]
         radar = records.radar_of(frame.sequence)
-        return see(frame, pairs[i].condition, model, radar), frame.world_from_radar
+        told = see(frame.radar, pairs[i].condition, model, radar)
+        return told, frame.world_from_radar
 
     def call(key, frame):
         sequence, number = frame.prepared.sequence, frame.prepared.frame

@@ -128,7 +128,7 @@ class Following:
 
     def see(self, frame: data.PreparedFrame, condition: Any, model: Model) -> Seen:
         """Return what the next frame tells."""
-        mixture, moving, velocity = see(frame, condition, model, self._radar)
+        mixture, moving, velocity = see(frame.radar, condition, model, self._radar)
         velocity = np.asarray(velocity)
         poses = {k: f.step(frame.frame, velocity) for k, f in self._followers.items()}
         theirs = np.zeros((0, 3))

@@ -4,11 +4,13 @@ r"""Compare trajectories of KISS-ICP on radar, enhanced and LiDAR clouds; simula
     python -m experiments.studies.slam sim/lab_950 -o runs/slam.md
 
 KISS-ICP (Vizzo et al. 2023) has the same settings for all clouds: points from 0.5 to
-15 m, voxels of 0.3 m, no deskewing, and its defaults otherwise. Beside it stands
-`jradar odometry`. APE and RPE are rms values, as evo defines them, of the radar's
-places. `still` is the APE of a trajectory that never moves.
+15 m, voxels of 0.3 m, no deskewing, and its defaults otherwise. Enhanced clouds are
+taken as they are, with their confident points alone, and with three frames fused.
+Beside it stands `jradar odometry`. APE and RPE are rms values, as evo defines them, of
+the radar's places. `still` is the APE of a trajectory that never moves.
 """
 
+import collections
 import sys
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
@@ -16,15 +18,18 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from experiments.command import run_study, study_parser
 from experiments.evaluate import points_of
+from experiments.fusing import Seen, see
 from experiments.tables import markdown_table
 from jradar.files import write_text
 from jradar.lidar import interpolate_poses
-from jradar.model import Model, enhance, load_model
+from jradar.model import Model, draw, fuse, load_model
 from jradar.odometry import (
+    Follower,
     frame_velocities,
     odometry,
     position_errors,
@@ -33,6 +38,7 @@ from jradar.odometry import (
 from jradar.odometry.velocities import POINTS
 from jradar.progress import progress
 from jradar.radar import radar_points
+from jradar.range_image import condition_image, confident, unproject
 from jradar.recordings import (
     Recording,
     calibrated_cube,
@@ -40,6 +46,7 @@ from jradar.recordings import (
     open_recording,
 )
 
+SURE, FUSED = 0.5, 3  # confidence and number of frames of the rows that have them
 VOXEL_M, NEAREST_M, FARTHEST_M = 0.3, 0.5, 15.0
 LEAST_POINTS = 10  # of a cloud that is matched
 
@@ -71,7 +78,10 @@ def trajectory_rows(recording: Recording, model: Model) -> list[list[str]]:
     velocities = frame_velocities(recording)
     found = {
         "KISS-ICP, OS-CFAR": kiss_icp_poses(detections(recording)),
-        "KISS-ICP, enhanced": kiss_icp_poses(enhanced(recording, model)),
+        **{
+            f"KISS-ICP, {name}": kiss_icp_poses(clouds)
+            for name, clouds in enhanced(recording, model).items()
+        },
         "KISS-ICP, LiDAR": kiss_icp_poses(scans(recording)),
     }
     for name, rotation in (("velocity and IMU", "imu"), ("velocity", "none")):
@@ -115,14 +125,40 @@ def detections(recording: Recording) -> Iterator[np.ndarray]:
         yield points_of(cloud)
 
 
-def enhanced(recording: Recording, model: Model) -> Iterator[np.ndarray]:
-    """Yield the dense cloud of each frame."""
-    sensor = {"radar": recording.radar, **_unit(recording)}
+def enhanced(recording: Recording, model: Model) -> dict[str, list[np.ndarray]]:
+    """Return the dense clouds of all frames, by how they were made.
+
+    Fused frames are laid together by the radar's velocity and the IMU, as `jradar
+    enhance --fuse` does where there are no poses.
+    """
+    names = ("enhanced", f"confidence {SURE}", f"{FUSED} frames fused")
+    found: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    follower = Follower(recording._replace(poses=None), frames=FUSED)
+    last = collections.deque[Seen](maxlen=FUSED)
+    view, spec = model.spec.coarse, model.spec.points.fitted(recording.radar)
     with progress("enhancing", len(recording.cubes), unit="frames") as show:
         for frame in range(len(recording.cubes)):
             cube = calibrated_cube(recording, frame)
-            yield points_of(enhance(jax.random.key(0), cube, model, **sensor))
+            cloud = radar_points(cube, recording.radar, points=spec, **_unit(recording))
+            seen = condition_image(cloud, view, num_slices=model.spec.num_slices)
+            image = draw(jax.random.key(0), seen, model)
+            last.appendleft(see(cloud, seen, model, recording.radar))
+            poses = follower.step(frame, np.asarray(last[0].velocity))
+            together = jax.tree.map(lambda *values: jnp.stack(values), *last)
+            fused = fuse(
+                together.mixture,
+                jnp.asarray(poses, jnp.float32),
+                model.spec,
+                moving=together.moving,
+            )
+            for name, chosen in zip(
+                names, (image, confident(image, SURE), fused), strict=True
+            ):
+                found[name].append(
+                    points_of(unproject(chosen.range_m, model.spec.fine))
+                )
             show(frame + 1, recording.name)
+    return found
 
 
 def _unit(recording: Recording) -> dict[str, Any]:

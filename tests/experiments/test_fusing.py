@@ -39,7 +39,7 @@ def test_frames_are_laid_into_the_newest_by_their_poses(given):
     cloud = method(KEY, Frame(frames[number], pairs[number]))
     some = [number, number - 1, number - 2]
     radar = frames.radar_of(frames[number].sequence)
-    seen = [fusing.see(frames[i], pairs[i].condition, model, radar) for i in some]
+    seen = [fusing.see(frames[i].radar, pairs[i].condition, model, radar) for i in some]
     poses = [frames[i].world_from_radar for i in some]
     stacked = jax.tree.map(lambda *values: jnp.stack(values), *seen)
     expected = fuse(
