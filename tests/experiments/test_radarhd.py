@@ -82,6 +82,36 @@ def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
     assert (elsewhere / "evaluation" / "table.md").read_text() == table
 
 
+def test_a_run_starts_from_weights_with_changed_and_simulated_pairs(packed, tmp_path):
+    config = small(default, packed)
+    config.train.steps = 1
+    start = radarhd.setup(config, tmp_path)
+    start.save(start.state._replace(ema_params=doubled(start.state.params)))
+    config.train.initial = str(tmp_path / "weights.safetensors")
+    config.train.augment = ("scale", "turn", "gain", "speckle", "drop")
+    config.data.update(simulated=str(packed), simulated_share=0.5)
+    training = radarhd.setup(config, tmp_path)
+    for wanted, found in zip(
+        jax.tree.leaves(doubled(start.state.params)),
+        jax.tree.leaves(training.state.params),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=2e-3, atol=1e-3)  # float16
+    assert "and 10 simulated ones, 1 of 2" in training.trained_on
+    batch = training.batch_at(0)
+    assert batch.condition.shape == (2, *RADAR.shape, 1)
+    assert set(np.unique(batch.target)) <= {0.0, 1.0}
+    again = training.batch_at(0)
+    np.testing.assert_array_equal(batch.condition, again.condition)
+    config.data.simulated = ""
+    with pytest.raises(UsageError, match="no simulated pairs: pass them"):
+        radarhd.check(config)
+
+
+def doubled(params):
+    return jax.tree.map(lambda values: 2 * values, params)
+
+
 def test_wrong_fields_are_named(packed):
     config = small(default, packed)
     config.data.threshold_trajectories = (136, 9)
