@@ -6,7 +6,8 @@ r"""The paper's own setting on simulated ColoRadar scenes; for a GPU.
 The trunk of EDM's FFHQ network with a horizontal stem, EDM's noise levels and
 prediction (Karras et al. 2022, Table 1), all terms of Eq. 12, and one draw at
 temperature 1. WEIGHTS are those of a network for images, such as EDM's FFHQ network
-(`experiments.convert_weights`). It has not been run to the end yet.
+(`experiments.convert_weights`). It has not been run to the end yet: a step of one frame
+takes 13 s and 6.3 GiB on two CPU cores in float32.
 """
 
 from experiments.configs import paper_loss
