@@ -58,7 +58,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("model", help="a shipped model, or a folder")
     parser.add_argument("records", nargs="+", type=Path, help="folders of records")
     parser.add_argument("-o", "--output", type=Path, required=True, help="new folder")
-    parser.add_argument("--split", default="validation", help="of the records")
+    text = "split of the records, or all (default: %(default)s)"
+    parser.add_argument("--split", default="validation", help=text)
     text = "precision of the weights that are written"
     parser.add_argument("--dtype", choices=DTYPES, default="float16", help=text)
     return run_study(fit, parser, argv)
@@ -67,7 +68,8 @@ def main(argv: list[str] | None = None) -> int:
 def fit(options: argparse.Namespace) -> None:
     """Write the model with a confidence that holds on the records."""
     model = load_model(options.model)
-    sets = [data.Records(folder, options.split) for folder in options.records]
+    split = None if options.split == "all" else options.split
+    sets = [data.Records(folder, split) for folder in options.records]
     fitted = with_calibration(jax.random.key(KEY), model, *sets)
     if fitted is model:
         raise UsageError(

@@ -15,6 +15,15 @@ from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
 
 
+def shrunk(module):
+    """A config with tiny images and a tiny network."""
+    config = module.get_config()
+    if config.method == "diffusion":
+        config.noise.prediction = "edm"
+    shrink(config)
+    return config
+
+
 def frame(wrong_from):
     """Points on a line, of which those above a confidence are right."""
     truth = np.stack([np.arange(0.0, 100.0, 0.5)] + [np.zeros(200)] * 2, -1)
@@ -32,9 +41,7 @@ def test_wrong_points_are_cut_off_and_right_ones_kept():
 
 
 def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
-    config = default.get_config()
-    config.noise.prediction = "edm"
-    shrink(config)
+    config = shrunk(default)
     model = random_model(config, Records(records, "train"))
     wrong = dataclasses.replace(model.spec, calibration=CalibrationSpec((1.0, 1.0)))
     save_model(tmp_path / "old", Model(model.params, wrong))
@@ -55,10 +62,20 @@ def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
     assert fitted.spec.least_confidence == confidence.least_confidence(found)
 
 
+def test_all_splits_are_taken_on_request(records, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(confidence, "with_calibration", lambda _key, model, *sets: (
+        Model(model.params, model.spec)
+    ))  # fmt: skip
+    model = random_model(shrunk(regression), Records(records, "train"))
+    save_model(tmp_path / "old", model)
+    command = [str(tmp_path / "old"), str(records), str(records), "--split", "all"]
+    assert confidence.main([*command, "-o", str(tmp_path / "new")]) == 0
+    assert "fitted to 24 frames" in capsys.readouterr().out
+
+
 def test_a_model_without_confidence_is_refused(records, tmp_path, capsys):
-    config = regression.get_config()
-    shrink(config)
-    save_model(tmp_path / "old", random_model(config, Records(records, "train")))
+    model = random_model(shrunk(regression), Records(records, "train"))
+    save_model(tmp_path / "old", model)
     command = [str(tmp_path / "old"), str(records), "-o", str(tmp_path / "new")]
     assert confidence.main(command) == 2
     assert "gives no confidence" in capsys.readouterr().err
