@@ -1,5 +1,6 @@
 """Checks the shapes in every signature while tests run; names the real samples."""
 
+import gc
 import os
 import subprocess
 from pathlib import Path
@@ -20,6 +21,7 @@ for option in ("compilation_cache_dir", "persistent_cache_min_compile_time_secs"
     jax.config.update(f"jax_{option}", float(value) if "secs" in option else value)
 os.environ["JRADAR_CACHE"] = "off"  # the tests of the cache turn it on themselves
 
+MOST_MAPS = 20_000
 SAMPLES = Path(__file__).parents[2] / "shared" / "samples"
 
 
@@ -28,6 +30,20 @@ def pytest_collection_modifyitems(items):
     items.sort(
         key=lambda item: item.path.parent.name not in ("training", "experiments")
     )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_memory_maps():
+    """Forget compiled programs before they fill the process's table of memory maps.
+
+    Linux allows 65,530 (`vm.max_map_count`); XLA aborts where it gets no other.
+    """
+    yield
+    with open("/proc/self/maps") as maps:
+        count = sum(1 for _ in maps)
+    if count > MOST_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture
