@@ -25,7 +25,8 @@ def read_pcd(path: Path) -> dict[str, np.ndarray]:
         if "POINTS" in fields:
             (count,) = map(int, fields["POINTS"])
         else:
-            count = int(fields["WIDTH"][0]) * int(fields["HEIGHT"][0])
+            (width,), (height,) = fields["WIDTH"], fields["HEIGHT"]
+            count = int(width) * int(height)
         (encoding,) = fields["DATA"]
         read = {"ascii": _text, "binary": _plain, "binary_compressed": _packed}
         if count < 0 or encoding not in read:

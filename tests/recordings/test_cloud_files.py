@@ -142,6 +142,10 @@ def test_pcd_without_points_line_counts_width_times_height(tmp_path):
     content = pcd("binary").replace(b"POINTS 3\n", b"")
     content = content.replace(b"WIDTH 0", b"WIDTH 3").replace(b"HEIGHT 0", b"HEIGHT 1")
     assert len(read_cloud(save(tmp_path, "a.pcd", content))["x"]) == 3
+    for line in (b"HEIGHT", b"HEIGHT 1 1"):
+        bad = content.replace(b"HEIGHT 1", line)
+        with pytest.raises(ValueError, match="a.pcd: damaged PCD header"):
+            read_cloud(save(tmp_path, "a.pcd", bad))
 
 
 @settings(max_examples=20, deadline=None, derandomize=True)
