@@ -75,9 +75,9 @@ def ego_velocity(
     errors than noise count. The covariance follows from the residuals, whether or not
     the weights are right; none of them counts as less than `noise_mps`. With
     `unambiguous_mps`, velocities up to `2 folds + 1` times it are considered. `solved`
-    is False with fewer than `least_inliers`, or if their directions are all alike. Phase
-    errors of the channels turn all directions, and the velocity with them: the vertical
-    one of an uncalibrated radar is off by its tilt times its speed.
+    is False with fewer than `least_inliers`, or if their directions are all alike.
+    Phase errors of the channels turn all directions, and the velocity with them: the
+    vertical one of an uncalibrated radar is off by its tilt times its speed.
 
     Raises ValueError for a cloud without velocities and for a batch of clouds.
     """
