@@ -205,6 +205,16 @@ def test_damaged_files_are_refused(tmp_path, model):
         load_model(tmp_path)
 
 
+def test_many_channels_are_refused_before_they_take_memory(tmp_path, model):
+    save_model(tmp_path, model)
+    path = tmp_path / "model.json"
+    values = json.loads(path.read_text())
+    values["network"]["channels"] = 300_000_000
+    path.write_text(json.dumps(values))
+    with pytest.raises(ModelError, match="300,000,000 channels for arrays of at most"):
+        load_model(tmp_path)
+
+
 def test_weights_of_another_network_are_named(tmp_path, model):
     flat = flatten_dict(model.params, sep="/")
     name = "params/trunk/stem/bias"

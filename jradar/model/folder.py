@@ -161,7 +161,7 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
     channels = len(CHANNELS) * spec.num_slices
     found = _flat_shapes(params)
     try:
-        _check_size(spec.network, len(found))
+        _check_size(spec.network, found)
         expected = _shapes(
             spec.network, spec.fine.shape, (*spec.coarse.shape, channels)
         )
@@ -179,12 +179,16 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
         )
 
 
-def _check_size(network: Network, most: int) -> None:
-    """Refuse a network of more blocks than the file has arrays: it takes hours."""
+def _check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
+    """Refuse a network larger than the file: its shapes take hours, or gigabytes."""
     fields = network_fields(network)
     blocks = fields.get("blocks", 1) * len(fields.get("multipliers", [1]))
-    if blocks > most:
-        raise ValueError(f"{blocks:,} blocks for {most:,} arrays of parameters")
+    if blocks > len(found):
+        raise ValueError(f"{blocks:,} blocks for {len(found):,} arrays of parameters")
+    channels = fields.get("channels", 0)
+    widest = max((size for shape in found.values() for size in shape), default=0)
+    if channels > widest:
+        raise ValueError(f"{channels:,} channels for arrays of at most {widest:,}")
 
 
 @functools.lru_cache(8)
