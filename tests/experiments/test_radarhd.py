@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 
 from experiments import train
-from experiments.configs import radarhd as default, radarhd_regression
+from experiments.configs import (
+    radarhd as default,
+    radarhd_marginal,
+    radarhd_regression,
+)
 from experiments.tasks import radarhd, radarhd_report, radarhd_scores
 from experiments.tasks.radarhd_occupancy import agreed_occupancy
 from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItems, open_radarhd
@@ -53,7 +57,11 @@ def small(module, path):
 
 @pytest.mark.parametrize(
     "module",
-    [default, pytest.param(radarhd_regression, marks=pytest.mark.slow)],
+    [
+        default,
+        radarhd_marginal,
+        pytest.param(radarhd_regression, marks=pytest.mark.slow),
+    ],
 )
 def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
     module, packed, tmp_path, capsys, monkeypatch
@@ -66,9 +74,11 @@ def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
         "diffusion": [
             *("one-step estimate", "one pass from zero"),
             *("diffusion, iPNDM 2", "2 draws"),
-        ]
+        ],
+        "marginal": ["| one pass |"],
+        "regression": ["direct regression"],
     }
-    for name in names.get(config.method, ["direct regression"]):
+    for name in names[config.method]:
         assert name in table
     assert "138, 140" in table and table in capsys.readouterr().out
     assert (tmp_path / "evaluation" / "samples.png").stat().st_size > 5000
