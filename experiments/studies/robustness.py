@@ -102,13 +102,19 @@ def study(options: Namespace) -> None:
 
 def prepared_shift(folder: Path, shift: str) -> Path:
     """Return the records of a shift, simulated and prepared if they are missing."""
-    name, records = robust_set(shift), folder / "records"
-    total, done = len(set_sequences(name)), itertools.count(1)
-    with progress(f"simulating {shift}", total, unit="frames") as show:
-        simulate_set(name, folder / "recordings", advance=lambda: show(next(done)))
-    spec = prepare_spec(varied.get_config())
-    data.prepare(folder / "recordings", records, spec, workers=1)
+    records = folder / "records"
+    recordings = simulated_shift(folder / "recordings", shift)
+    data.prepare(recordings, records, prepare_spec(varied.get_config()), workers=1)
     return records
+
+
+def simulated_shift(folder: Path, shift: str, *, frames: int = 1) -> Path:
+    """Return the recordings of a shift, simulated if they are missing."""
+    name = robust_set(shift)
+    total, done = frames * len(set_sequences(name)), itertools.count(1)
+    with progress(f"simulating {shift}", total, unit="frames") as show:
+        simulate_set(name, folder, frames=frames, advance=lambda: show(next(done)))
+    return folder
 
 
 def score_shift(

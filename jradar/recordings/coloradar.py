@@ -98,6 +98,10 @@ def open_coloradar(
     if (path := calib / sensor / "phase_frequency_calib.txt").is_file():
         frequency_phase = read_frequency_phase(path)
         _check_array(path, frequency_phase.phase, pairs, radar)
+    factors = capture.channel_array
+    if coupling is not None and factors is not None:
+        # The file holds the leakage without these factors.
+        coupling = coupling * factors.reshape(*pairs, 1).astype(coupling.dtype)
     return Recording(
         name=folder.absolute().name,
         path=folder,
@@ -112,7 +116,7 @@ def open_coloradar(
         base_from_lidar=_base_from(calib, ("lidar",), notes),
         coupling=coupling,
         frequency_phase=frequency_phase,
-        channel_factors=capture.channel_array,
+        channel_factors=factors,
         range_bias_m=capture.range_bias_m,
         notes=(f"calibration: {calib}", *notes),
     )

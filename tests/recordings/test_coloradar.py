@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from jradar.recordings import (
+    CaptureSpec,
     calibrated_cube,
     nearest_scan,
     open_coloradar,
     open_recording,
     radar_from_lidar,
+    write_radar_toml,
 )
 from tests.recordings.coloradar_writer import (
     CHIRPS,
@@ -195,7 +197,7 @@ def test_open_recording_takes_a_sequence_and_names_those_in_a_folder(root, seque
 # Calibration
 
 
-def test_coupling_and_frequency_phase_are_read_and_applied(root, sequence):
+def write_coupling(root):
     bins = SAMPLES // 2
     halves = ", ".join(str(n) for n in range(2 * TX * RX * bins))
     write(
@@ -203,6 +205,10 @@ def test_coupling_and_frequency_phase_are_read_and_applied(root, sequence):
         f"num_tx:{TX}\nnum_rx:{RX}\nnum_range_bins:{bins}\nnum_doppler_bins:1\n"
         f"data:{halves}\n",
     )
+
+
+def test_coupling_and_frequency_phase_are_read_and_applied(root, sequence):
+    write_coupling(root)
     measured = {
         "numTx": TX,
         "numRx": RX,
@@ -233,6 +239,18 @@ def test_factors_of_channels_are_applied(sequence):
     cube = np.asarray(calibrated_cube(recording, 0))
     expected = expected_cube(0) * factors.reshape(TX, RX, 1, 1)
     np.testing.assert_allclose(cube, expected, rtol=1e-6)
+
+
+def test_the_leakage_takes_the_factors_of_its_channels(root, sequence, tmp_path):
+    write_coupling(root)
+    plain, file = open_recording(sequence), tmp_path / "factors.toml"
+    factors = (1 + 0j, 1j, -1 + 0j, 0.5 + 0.25j)
+    write_radar_toml(file, plain.radar, CaptureSpec(channel_factors=factors))
+    found = open_recording(sequence, file)
+    assert plain.coupling is not None and found.coupling is not None
+    expected = plain.coupling * np.reshape(factors, (TX, RX, 1))
+    np.testing.assert_allclose(found.coupling, expected, rtol=1e-5)
+    assert found.coupling.dtype == plain.coupling.dtype
 
 
 def test_calibration_of_another_array_is_refused(root, sequence):
