@@ -2,12 +2,13 @@ r"""Measure `jradar calibrate` on boards whose errors are known.
 
     python -m experiments.studies.calibration -o runs/calibration --model jradar-sim
 
-For each uncalibrated board of the robustness set there are four calibrations:
+For each uncalibrated board of the robustness set there are five calibrations:
 
     none         as recorded
     walk         from the echoes of a walk through a room of its own
-    reflector    the same, then the tilt and the range bias from a corner reflector in
-                 front of the standing radar
+    level        the same, and the tilt from the motion of that walk (`--level`)
+    reflector    the echoes of the walk; then tilt and range bias from a corner
+                 reflector in front of the standing radar
     true         the channels of the simulator
 
 The phase error is the rms over the virtual antennas, once with and once without its
@@ -49,11 +50,15 @@ from jradar import data
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.radar import (
+    PointSpec,
     RadarSpec,
     SelfCalibration,
     calibrate_channels,
+    level_tilt,
+    radar_points,
     self_calibrate,
     strong_snapshots,
+    untilted,
 )
 from jradar.radar.self_calibration import linear_phases
 from jradar.recordings import CaptureSpec, open_recording, write_radar_toml
@@ -89,8 +94,8 @@ def main(argv: list[str] | None = None) -> int:
     parser = study_parser("calibration", __doc__)
     parser.add_argument("--model", default="jradar-sim", help="to score")
     parser.add_argument("--board", action="append", choices=BOARDS, help="only this")
-    text = "of the walk, 10 a second (default 20)"
-    parser.add_argument("--frames", type=int, default=20, help=text)
+    text = "of the walk, 10 a second (default 100)"
+    parser.add_argument("--frames", type=int, default=100, help=text)
     parser.add_argument("--samples", type=Path, help="folder of real captures")
     return run_study(study, parser, argv)
 
@@ -136,29 +141,44 @@ def calibrations(unit: UnitSpec, *, frames: int) -> dict[str, Calibration]:
     setting = make_setting(*ROOM, unit=unit)
     ((radar, hardware),) = setting.radars.values()
     stamps = stream_stamps(setting, "single_chip", frames / 10)
-    walked = _calibrated(radar_frames(setting, "single_chip", stamps), radar)
+    cubes = _cubes(radar_frames(setting, "single_chip", stamps))
+    walked = _calibrated(cubes, radar)
     ones = np.ones(radar.num_virtual, np.complex64)
     walk = walked.factors if walked.improves else ones
-    towards = _calibrated(corner_frames(unit), radar, walk, (CORNER_M, 0.0, 0.0))
+    level = walk * untilted(_tilt(cubes, radar, walk), radar)
+    corner = [calibrate_channels(cube, walk) for cube in _cubes(corner_frames(unit))]
+    towards = _calibrated(corner, radar, (CORNER_M, 0.0, 0.0))
     return {
         "none": Calibration(ones, 0.0),
         "walk": Calibration(walk, 0.0),
+        "level": Calibration(level, 0.0),
         "reflector": Calibration(walk * towards.factors, towards.range_bias_m or 0.0),
         "true": Calibration(1 / hardware.phase.ravel(), unit.range_bias_m),
     }
 
 
-def _calibrated(frames, radar, factors=None, reflector=None) -> SelfCalibration:
-    """The fit to frames of samples, whose channels are multiplied by `factors`."""
-    echoes = []
-    for frame in frames:
-        parts = np.asarray(frame, np.float32)
-        cube = parts[..., 0] + 1j * parts[..., 1]
-        if factors is not None:
-            cube = calibrate_channels(cube, factors)
-        echoes.append(strong_snapshots(jnp.asarray(cube, jnp.complex64), radar))
+def _cubes(frames) -> list[jax.Array]:
+    """Complex samples of frames of int16 pairs."""
+    parts = (np.asarray(frame, np.float32) for frame in frames)
+    return [jnp.asarray(part[..., 0] + 1j * part[..., 1]) for part in parts]
+
+
+def _calibrated(cubes, radar, reflector=None) -> SelfCalibration:
+    """The fit to the echoes of all cubes."""
+    echoes = [strong_snapshots(cube, radar) for cube in cubes]
     stacked = jax.tree.map(lambda *columns: jnp.stack(columns), *echoes)
     return self_calibrate(stacked, radar, reflector=reflector)
+
+
+def _tilt(cubes, radar, factors) -> float:
+    """The tilt that the motion shows; the rig is level on its walk."""
+    points = PointSpec(capacity=512).fitted(radar)
+    clouds = [
+        radar_points(calibrate_channels(cube, factors), radar, points=points)
+        for cube in cubes
+    ]
+    stacked = jax.tree.map(lambda *columns: jnp.stack(columns), *clouds)
+    return level_tilt(stacked, radar).sine
 
 
 def corner_frames(unit: UnitSpec) -> Iterator:

@@ -13,11 +13,17 @@ from jradar.cli.reading import opening, summary
 from jradar.errors import UsageError
 from jradar.progress import progress
 from jradar.radar import (
+    PointSpec,
     RadarSpec,
     SelfCalibration,
     Snapshots,
+    Tilt,
+    calibrate_channels,
+    level_tilt,
+    radar_points,
     self_calibrate,
     strong_snapshots,
+    untilted,
 )
 from jradar.recordings import (
     CaptureSpec,
@@ -27,8 +33,11 @@ from jradar.recordings import (
     with_sample_doubts,
     write_radar_toml,
 )
+from jradar.types import PointCloud
 
 MOST_FRAMES = 200
+POINTS = PointSpec(capacity=512)  # that tell the motion
+LARGEST_DOUBT_DEG = 2.5  # of the tilt
 
 
 def calibrate_recording(options: argparse.Namespace) -> dict[str, Any]:
@@ -36,14 +45,20 @@ def calibrate_recording(options: argparse.Namespace) -> dict[str, Any]:
     output = Path(options.output)
     if output.suffix != ".toml":
         raise UsageError(f"{output}: expected the name of a .toml file")
+    if options.level and options.reflector:
+        raise UsageError("--level and --reflector both fix the tilt: leave one out")
     recording = open_recording(options.path, **opening(options))
     frames = _frames(recording, options.frames)
     recording = with_sample_doubts(recording, frames[0])
     radar = recording.radar
     echoes = _echoes(recording, frames)
     found = self_calibrate(echoes, radar, reflector=options.reflector)
+    fitted, tilt = found.factors, None
+    if options.level:
+        tilt = level_tilt(_clouds(recording, frames, fitted), radar, up=_up(recording))
+        fitted = fitted * untilted(tilt.sine, radar)
     before = recording.channel_factors
-    factors = found.factors if before is None else found.factors * before
+    factors = fitted if before is None else fitted * before
     bias_m = recording.range_bias_m
     if found.range_bias_m is not None:
         bias_m = found.range_bias_m
@@ -55,12 +70,15 @@ def calibrate_recording(options: argparse.Namespace) -> dict[str, Any]:
     comment = f"written by jradar calibrate from {recording.name}"
     write_radar_toml(output, radar, capture, axes=recording.axes, comment=comment)
     notes = () if found.improves else (_unchanged(found),)
+    if tilt is not None and tilt.deviation > np.sin(np.radians(LARGEST_DOUBT_DEG)):
+        notes += (_unsure(tilt),)
     return {
         **summary(recording, notes),
         "frames used": len(frames),
         **_result(found, radar, factors),
         "range bias (m)": bias_m,
-        "not observable": [*_hidden(radar, options.reflector)],
+        **({} if tilt is None else _tilt(tilt)),
+        "not observable": [*_hidden(radar, options)],
         "written": [str(output)],
     }
 
@@ -86,6 +104,53 @@ def _echoes(recording: Recording, frames: range) -> Snapshots:
             found.append(echoes)
             show(done)
     return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
+
+
+def _clouds(recording: Recording, frames: range, factors) -> PointCloud:
+    """Return the points of the frames `[frame, point]`, with these factors."""
+    radar, coupling = recording.radar, recording.coupling
+    if coupling is not None:
+        coupling = coupling * factors.reshape(radar.num_tx, radar.num_rx, 1)
+    found = []
+    with progress("measuring the motion", len(frames), unit="frames") as show:
+        for done, frame in enumerate(frames, 1):
+            cube = calibrate_channels(calibrated_cube(recording, frame), factors)
+            cloud = radar_points(
+                cube, radar, points=POINTS.fitted(radar), coupling=coupling
+            )
+            found.append(cloud)
+            show(done)
+    return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
+
+
+def _up(recording: Recording) -> tuple[float, float, float]:
+    """Return the vertical along the radar's axes.
+
+    It is the mean force on the IMU, or else the base's vertical, or the radar's.
+    """
+    up, imu, mount = np.array([0.0, 0.0, 1.0]), recording.imu, recording.base_from_radar
+    if mount is None:
+        return tuple(up)
+    if imu is not None and recording.base_from_imu is not None:
+        up = recording.base_from_imu[:3, :3] @ imu.force.mean(0)
+    return tuple((mount[:3, :3].T @ up).tolist())
+
+
+def _tilt(tilt: Tilt) -> dict[str, Any]:
+    """Return what the motion says of the tilt."""
+    sines = {"tilt (deg)": tilt.sine, "uncertainty of the tilt (deg)": tilt.deviation}
+    angles = {
+        name: float(np.degrees(np.arcsin(min(s, 1.0)))) for name, s in sines.items()
+    }
+    return {**angles, "frames that tell the tilt": tilt.frames}
+
+
+def _unsure(tilt: Tilt) -> str:
+    degrees = np.degrees(np.arcsin(min(tilt.deviation, 1.0)))
+    return (
+        f"the tilt is known to {degrees:.1f} degrees only: "
+        "use more frames of steady motion ahead, among things that stand still"
+    )
 
 
 def _result(found: SelfCalibration, radar: RadarSpec, factors) -> dict[str, Any]:
@@ -131,11 +196,11 @@ def _unchanged(found: SelfCalibration) -> str:
     )
 
 
-def _hidden(radar: RadarSpec, reflector) -> Iterator[str]:
+def _hidden(radar: RadarSpec, options: argparse.Namespace) -> Iterator[str]:
     """Yield what the echoes do not show, in words."""
-    if reflector is None:
+    if options.reflector is None:
         yield "a turn of all azimuths: the phase's slope along the columns is kept"
-        if radar.has_elevation:
+        if radar.has_elevation and not options.level:
             yield (
                 "a tilt of all elevations: the phase's slope along the rows is kept"
                 + _alone_in_its_row(radar)

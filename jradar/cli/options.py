@@ -47,7 +47,8 @@ CALIBRATE_HELP = """
 FILE describes the same radar with its channels' factors: pass it as --radar, or name it
 in a capture.toml. Record many single objects at several ranges and angles, while the
 radar moves, or one corner reflector. Echoes alone do not show by how much the array as
-a whole is turned or tilted; a reflector does."""
+a whole is turned or tilted. A reflector shows both, and --level the tilt: record a walk
+straight ahead over level ground."""
 ODOMETRY_HELP = """
 
 The radar's Doppler tells its own velocity in each frame. FILE holds the poses of the
@@ -223,6 +224,8 @@ def _calibrate(sub):
         "or AZ degrees to the left and EL up: it fixes turn, tilt and range bias"
     )
     groups.option(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
+    text = "the radar was carried over level ground: its Doppler fixes the tilt"
+    groups.flag(sub, "--level", text)
 
 
 def _odometry(sub):

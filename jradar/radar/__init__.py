@@ -8,6 +8,7 @@ Calibration  calibrate_channels, calibrate_frequency_phase, subtract_coupling,
              compensate_tdm
              strong_snapshots, self_calibrate      channel factors from echoes
              channel_response, explain, without_tilt
+             level_tilt, untilted, Tilt            tilt, from level motion
 Spectra      range_doppler, power_map, window
 Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
@@ -80,6 +81,11 @@ from jradar.radar.interference import (
     crossing_chirps as crossing_chirps,
     draw_interferers as draw_interferers,
     excise_interference as excise_interference,
+)
+from jradar.radar.level import (
+    Tilt as Tilt,
+    level_tilt as level_tilt,
+    untilted as untilted,
 )
 from jradar.radar.motion import EgoVelocity as EgoVelocity, ego_velocity as ego_velocity
 from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier

@@ -12,6 +12,7 @@ from jradar.recordings import (
     open_recording,
     write_radar_toml,
 )
+from jradar.simulation import simulate_sequence
 from tests.radar.test_self_calibration import CHIP, channels, scatterers
 from tests.recordings.conftest import root as root, sequence as sequence
 
@@ -69,12 +70,29 @@ def test_a_calibrated_recording_is_calibrated_again_on_top(
     np.testing.assert_allclose(after, before, atol=0.03)
 
 
+def test_a_level_walk_shows_the_tilt(run_json, tmp_path):
+    """The rig's own AWR1843 has a tilt of 9 degrees, by its third transmitter."""
+    pytest.importorskip("embreex", reason="the extra `sim` is not installed")
+    walk = simulate_sequence("hall", 3, tmp_path, frames=20)
+    plain, level = tmp_path / "plain.toml", tmp_path / "level.toml"
+    kept = run_json("calibrate", walk, "-o", plain)
+    found = run_json("calibrate", walk, "-o", level, "--level")
+    assert "tilt (deg)" not in kept
+    assert found["frames that tell the tilt"] > 8
+    assert abs(found["tilt (deg)"] - 9) < 3 * found["uncertainty of the tilt (deg)"] < 9
+    assert "a tilt" in " ".join(kept["not observable"])
+    assert "a tilt" not in " ".join(found["not observable"])
+    again = run_json("calibrate", walk, "-o", plain, "--level", "--radar", level)
+    assert abs(again["tilt (deg)"]) < 3
+
+
 def test_what_cannot_be_calibrated_is_named(recording, tmp_path, capsys):
     path, _ = recording
     out = str(tmp_path / "out.toml")
     for wrong, code, message in (
         (["-o", str(tmp_path / "out.cfg")], 2, "expected the name of a .toml"),
         (["-o", out, "--frames", "7:9"], 2, "has frames 0 to 5"),
+        (["-o", out, "--level", "--reflector", "3"], 2, "leave one out"),
         (["-o", out, "--reflector", "14.5"], 4, "reflector at 14.5 m is seen in 0"),
     ):
         assert main(["calibrate", str(path), *wrong]) == code
