@@ -30,7 +30,7 @@ def get_config():
     config.data.simulated = ""  # packed file of radarhd_simulated
     config.data.simulated_share = 0.0  # of each batch; 1 trains on them alone
 
-    config.method = "diffusion"  # "marginal": one pass; "regression": a baseline
+    config.method = "diffusion"  # "nearness": one pass; "regression": a baseline
     config.weights = ""  # to evaluate; by default the workdir's own
 
     # The network predicts a pixel from radar and surroundings, and Bayes' rule adds its

@@ -18,11 +18,11 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.tasks.radarhd_augment import AUGMENTATIONS, augment
+from experiments.tasks.radarhd_nearness import mirrored, nearness_loss
 from experiments.tasks.radarhd_occupancy import (
     OCCUPANCY,
     agreed_occupancy,
     occupancy_denoising_loss,
-    occupancy_marginal_loss,
     occupancy_regression_loss,
 )
 from experiments.tasks.radarhd_pairs import LIDAR, PolarItems, RadarHD, open_radarhd
@@ -42,11 +42,9 @@ from jradar.errors import UsageError
 
 LOSSES = {
     "diffusion": occupancy_denoising_loss,
-    "marginal": occupancy_marginal_loss,
+    "nearness": nearness_loss,
     "regression": occupancy_regression_loss,
 }
-ONE_ANSWER = {"marginal": "one pass", "regression": "direct regression"}
-
 QUICK_STEPS = 8  # of each draw of those that have to agree
 
 
@@ -192,8 +190,11 @@ def draw_methods(config: ConfigDict, params: dict) -> dict[str, Draw]:
             draw_images, params=params, network=network, noise=noise, steps=steps
         )
 
-    if config.method in ONE_ANSWER:
-        return {ONE_ANSWER[config.method]: drawn(None)}
+    if config.method == "regression":
+        return {"direct regression": drawn(None)}
+    if config.method == "nearness":
+        both = functools.partial(mirrored, drawn(None))
+        return {"one pass": drawn(None), "one pass and its mirror image": both}
     steps, draws = config.sampling.steps, config.sampling.draws
     solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
     methods = {

@@ -74,24 +74,7 @@ def occupancy_denoising_loss(
     sigma = training_sigma(sigma_key, clean.shape[:1], noise)
     unit = jax.random.normal(noise_key, clean.shape, clean.dtype)
     share = denoise(clean + sigma[:, None, None, None] * unit, sigma)
-    return _cross_entropy(share, clean, noise)
-
-
-def occupancy_marginal_loss(
-    key: Key[Array, ""],
-    denoise: Denoiser,
-    clean: Image,
-    *,
-    noise: NoiseSpec,
-    step: int | Int[Array, ""] = 0,
-) -> Float[Array, ""]:
-    """Return the cross-entropy of the one-pass estimate, relative to the prior's.
-
-    It is least where the estimate is the probability of each pixel given the condition.
-    `key` and `step` are not used.
-    """
-    share = regression_estimate(denoise, clean.shape, noise=noise)
-    return _cross_entropy(share, clean, noise)
+    return cross_entropy(share, clean, noise)
 
 
 def occupancy_regression_loss(
@@ -134,8 +117,8 @@ def agreed_occupancy(
     return jnp.where(occupied.any(0), near.mean(0), 0.0)
 
 
-def _cross_entropy(share: Image, clean: Image, noise: NoiseSpec) -> Float[Array, ""]:
-    """The mean cross-entropy of pixels, relative to that of the prior."""
+def cross_entropy(share: Image, clean: Image, noise: NoiseSpec) -> Float[Array, ""]:
+    """Return the mean cross-entropy of pixels, relative to that of the prior."""
     share = jnp.clip(share, 1e-6, 1 - 1e-6)
     loss = -clean * jnp.log(share) - (1 - clean) * jnp.log1p(-share)
     start = jax.nn.sigmoid(prior(noise))

@@ -8,7 +8,7 @@ import pytest
 from experiments import train
 from experiments.configs import (
     radarhd as default,
-    radarhd_marginal,
+    radarhd_nearness,
     radarhd_regression,
 )
 from experiments.tasks import radarhd, radarhd_report, radarhd_scores
@@ -59,7 +59,7 @@ def small(module, path):
     "module",
     [
         default,
-        radarhd_marginal,
+        radarhd_nearness,
         pytest.param(radarhd_regression, marks=pytest.mark.slow),
     ],
 )
@@ -75,7 +75,7 @@ def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
             *("one-step estimate", "one pass from zero"),
             *("diffusion, iPNDM 2", "2 draws"),
         ],
-        "marginal": ["| one pass |"],
+        "nearness": ["| one pass |", "one pass and its mirror image"],
         "regression": ["direct regression"],
     }
     for name in names[config.method]:

@@ -9,7 +9,6 @@ from experiments.tasks.radarhd_occupancy import (
     OCCUPANCY,
     agreed_occupancy,
     occupancy_denoising_loss,
-    occupancy_marginal_loss,
     occupancy_regression_loss,
     prior,
 )
@@ -56,20 +55,6 @@ def occupied(share):
     """A denoiser whose estimate is this share of occupied pixels."""
     odds = jnp.log(share / (1 - share)) - prior(RARE)
     return precondition(lambda x, c_noise: odds, RARE)
-
-
-def test_marginal_loss_is_cross_entropy_and_least_for_the_probability():
-    rare = (1 - np.sqrt(1 - 4 * 0.1**2)) / 2  # the prior of RARE
-    entropy = -rare * np.log(rare) - (1 - rare) * np.log(1 - rare)
-    truth = jnp.zeros((1, 1, 10, 1)).at[0, 0, :3].set(1)
-
-    def loss(share):
-        denoise = occupied(jnp.full_like(truth, share))
-        return occupancy_marginal_loss(KEY, denoise, truth, noise=RARE)
-
-    expected = -0.3 * np.log(0.2) - 0.7 * np.log(0.8)
-    assert float(loss(0.2)) == pytest.approx(expected / entropy, rel=1e-4)
-    assert float(jax.grad(loss)(0.3)) == pytest.approx(0, abs=1e-3)
 
 
 def test_regression_loss_is_zero_for_the_truth_and_finite_for_nothing():
