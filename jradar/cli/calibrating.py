@@ -18,7 +18,6 @@ from jradar.radar import (
     SelfCalibration,
     Snapshots,
     Tilt,
-    calibrate_channels,
     level_tilt,
     radar_points,
     self_calibrate,
@@ -30,6 +29,7 @@ from jradar.recordings import (
     Recording,
     calibrated_cube,
     open_recording,
+    with_factors,
     with_sample_doubts,
     write_radar_toml,
 )
@@ -53,12 +53,11 @@ def calibrate_recording(options: argparse.Namespace) -> dict[str, Any]:
     radar = recording.radar
     echoes = _echoes(recording, frames)
     found = self_calibrate(echoes, radar, reflector=options.reflector)
-    fitted, tilt = found.factors, None
+    calibrated, tilt = with_factors(recording, found.factors), None
     if options.level:
-        tilt = level_tilt(_clouds(recording, frames, fitted), radar, up=_up(recording))
-        fitted = fitted * untilted(tilt.sine, radar)
-    before = recording.channel_factors
-    factors = fitted if before is None else fitted * before
+        tilt = level_tilt(_clouds(calibrated, frames), radar, up=_up(recording))
+        calibrated = with_factors(calibrated, untilted(tilt.sine, radar))
+    factors = np.asarray(calibrated.channel_factors)
     bias_m = recording.range_bias_m
     if found.range_bias_m is not None:
         bias_m = found.range_bias_m
@@ -106,17 +105,16 @@ def _echoes(recording: Recording, frames: range) -> Snapshots:
     return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
 
 
-def _clouds(recording: Recording, frames: range, factors) -> PointCloud:
-    """Return the points of the frames `[frame, point]`, with these factors."""
-    radar, coupling = recording.radar, recording.coupling
-    if coupling is not None:
-        coupling = coupling * factors.reshape(radar.num_tx, radar.num_rx, 1)
-    found = []
+def _clouds(recording: Recording, frames: range) -> PointCloud:
+    """Return the points of the frames, `[frame, point]`."""
+    radar, found = recording.radar, []
     with progress("measuring the motion", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
-            cube = calibrate_channels(calibrated_cube(recording, frame), factors)
             cloud = radar_points(
-                cube, radar, points=POINTS.fitted(radar), coupling=coupling
+                calibrated_cube(recording, frame),
+                radar,
+                points=POINTS.fitted(radar),
+                coupling=recording.coupling,
             )
             found.append(cloud)
             show(done)

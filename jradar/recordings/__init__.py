@@ -3,6 +3,7 @@
     open_recording, is_recording     the recording at a path, of any format in READERS
     Recording, Stream, Imu           what readers return; frames are read when accessed
     calibrated_cube                  a frame with its antenna calibration applied
+    with_factors                     the recording with further factors of its channels
     without_background               the recording without what stands still
     nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
     describe, describe_file          what a recording, a bag or a cloud holds
@@ -82,6 +83,7 @@ from jradar.recordings.recording import (
     calibrated_cube as calibrated_cube,
     nearest_scan as nearest_scan,
     radar_from_lidar as radar_from_lidar,
+    with_factors as with_factors,
 )
 from jradar.recordings.sample_checks import (
     SampleCheck as SampleCheck,

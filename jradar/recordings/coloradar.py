@@ -35,7 +35,7 @@ from jradar.recordings.coloradar_files import (
 )
 from jradar.recordings.imu import read_imu
 from jradar.recordings.radar_toml import read_radar_toml
-from jradar.recordings.recording import Format, Recording
+from jradar.recordings.recording import Format, Recording, with_factors
 from jradar.recordings.ti_cfg import CaptureSpec
 
 SENSORS = ("single_chip", "cascade")
@@ -98,11 +98,7 @@ def open_coloradar(
     if (path := calib / sensor / "phase_frequency_calib.txt").is_file():
         frequency_phase = read_frequency_phase(path)
         _check_array(path, frequency_phase.phase, pairs, radar)
-    factors = capture.channel_array
-    if coupling is not None and factors is not None:
-        # The file holds the leakage without these factors.
-        coupling = coupling * factors.reshape(*pairs, 1).astype(coupling.dtype)
-    return Recording(
+    recording = Recording(
         name=folder.absolute().name,
         path=folder,
         radar=radar,
@@ -116,10 +112,11 @@ def open_coloradar(
         base_from_lidar=_base_from(calib, ("lidar",), notes),
         coupling=coupling,
         frequency_phase=frequency_phase,
-        channel_factors=factors,
         range_bias_m=capture.range_bias_m,
         notes=(f"calibration: {calib}", *notes),
     )
+    factors = capture.channel_array
+    return recording if factors is None else with_factors(recording, factors)
 
 
 READER = Format(

@@ -113,6 +113,20 @@ def calibrated_cube(
     return cube
 
 
+def with_factors(
+    recording: Recording, factors: Complex[np.ndarray, " virtual"]
+) -> Recording:
+    """Return the recording with further factors of its channels, and of its leakage."""
+    before, coupling = recording.channel_factors, recording.coupling
+    if coupling is not None:
+        each = factors.reshape(*coupling.shape[:2], 1)
+        coupling = (coupling * each).astype(coupling.dtype)
+    return recording._replace(
+        channel_factors=factors if before is None else before * factors,
+        coupling=coupling,
+    )
+
+
 def radar_from_lidar(recording: Recording) -> Float[np.ndarray, "4 4"] | None:
     """Return the transform of LiDAR points to the radar's frame; None if unknown."""
     if recording.base_from_radar is None or recording.base_from_lidar is None:
