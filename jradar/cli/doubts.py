@@ -19,6 +19,12 @@ NARROW = (
 )
 
 
+UNCALIBRATED = (
+    "The channels of this radar are not calibrated: record a walk over level ground "
+    "for `jradar calibrate --level`"
+)
+
+
 def of_radar(spec: ModelSpec, radar: RadarSpec):
     """Yield why the model may not suit this radar."""
     if without := blind(radar):
@@ -55,14 +61,18 @@ def strangers(rows: list[dict[str, Any]]) -> Iterator[str]:
         )
 
 
-def unsure(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a warning for clouds of which half or more is probably wrong."""
+def unsure(rows: list[dict[str, Any]], *, calibrated: bool) -> Iterator[str]:
+    """Yield a warning for clouds of which half or more is probably wrong.
+
+    It names the mend for a radar whose channels are not `calibrated`.
+    """
     found = [r for r in rows if r.get("confidence (%)", 100) < 100 * UNSURE]
     if found:
         yield (
             f"do not trust {_which(found)} of {len(rows)}: the model expects more "
             f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
             "--min-confidence 0.5 keeps the better ones"
+            + ("" if calibrated else f". {UNCALIBRATED}")
         )
 
 

@@ -164,7 +164,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         *doubts.of_radar(spec, recording.radar),
         *no_echoes([row["frame"] for row in rows if not row["radar points"]]),
         *doubts.strangers(rows),
-        *doubts.unsure(rows),
+        *doubts.unsure(rows, calibrated=_calibrated(recording)),
         *last.notes(),
     )
     return {
@@ -219,6 +219,12 @@ def _result(frame: int, values: list[Any], spec: ModelSpec, options) -> Enhanced
     if spec.trust is not None:
         row["unlike training (%)"] = round(100 * float(unlikeness(seen, spec.trust)), 1)
     return Enhanced(frame, cube, power, cloud, image, dense, row)
+
+
+def _calibrated(recording) -> bool:
+    """Whether a description of the recording holds factors of its channels."""
+    known = recording.channel_factors, recording.frequency_phase
+    return any(part is not None for part in known)
 
 
 def _excising(model: Model) -> Model:
