@@ -186,6 +186,7 @@ def test_every_command_parses(command, monkeypatch):
 
 
 STANDS_FOR = {  # of the user's own
+    "WALK": "sim/hall_0",
     "PATH": "sim/hall_0",
     "adc_data.bin": "capture/hall_0/adc_data.bin",
     "profile.cfg": "capture/hall_0/awr1843.cfg",
@@ -197,6 +198,7 @@ NOT_RUN = {  # and why
     "jradar prepare sim-test -o records/test": "needs the test set",
     "--scheduler": "needs a Dask cluster",
     "python -m benchmarks.soak_stream --seconds 600 --model jradar-sim": "10 minutes",
+    "jradar calibrate WALK --level -o my.toml": "needs a walk; see test_calibrate",
     "--host 127.0.0.1 --card 127.0.0.2": "waits for a card; see test_streaming",
     "--repeat": "sends until it is ended",
     "--board": "needs a radar",
