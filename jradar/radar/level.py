@@ -29,7 +29,9 @@ LEAST_AHEAD = 0.5  # share of the speed along boresight, either way
 LEAST_FRAMES = 5
 NEAREST_AHEAD = 0.05  # squared cosine from boresight of the echoes that count
 TINY = 1e-9
-TO_DEVIATION = 1.4826  # from the median absolute deviation of a Gaussian
+# Of a Gaussian: the deviation over the median absolute one, and that of n values'
+# median over that of their mean.
+TO_DEVIATION, OF_MEDIAN = 1.4826, np.sqrt(np.pi / 2)
 
 
 class Tilt(NamedTuple):
@@ -53,7 +55,8 @@ def level_tilt(
     """
     if not radar.has_elevation:
         raise ValueError(
-            f"{radar.name} has one row of antennas, which has no tilt: leave it out"
+            f"{radar.name} has one row of antennas, expected more: a tilt is a phase "
+            "between rows"
         )
     tilts = np.sin(np.radians(np.arange(-LARGEST_DEG, LARGEST_DEG + 1e-6, STEP_DEG)))
     vertical = jnp.asarray(up) / np.linalg.norm(up)
@@ -74,7 +77,7 @@ def level_tilt(
     found = np.array(crossing)[used]
     sine = float(np.median(found))
     spread = TO_DEVIATION * float(np.median(np.abs(found - sine)))
-    return Tilt(sine, spread / np.sqrt(len(found)), len(found))
+    return Tilt(sine, float(OF_MEDIAN * spread / np.sqrt(len(found))), len(found))
 
 
 def untilted(sine: float, radar: RadarSpec) -> Complex[np.ndarray, " virtual"]:
