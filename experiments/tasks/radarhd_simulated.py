@@ -1,23 +1,27 @@
-r"""Pairs as RadarHD's, made of the simulator's recordings: other rooms to train on.
+r"""Pairs as RadarHD's, made by the simulator: thousands of other rooms to train on.
 
-    python -m experiments.tasks.radarhd_simulated RECORDINGS pairs.npz \
-        --families home,lab,hall,hallways,corridor
+    python -m experiments.tasks.radarhd_simulated pairs.npz --layouts 2000
 
-Each frame of RECORDINGS gives a radar and a LiDAR image of the polar grid, which the
-packed file holds in the form that `radarhd_pairs` reads. Both are formed as RadarHD
-forms its own (its folder create_dataset/):
+Each layout is a scene of its own, seen by a unit of its own (board, height, clutter)
+with RadarHD's chirp, three seconds apart. The packed file has the form that
+`radarhd_pairs` reads; a layout is a trajectory. Both images are formed as RadarHD forms
+its own (its folder create_dataset/):
 
     radar     one chirp of the 8 antennas in a row, Fourier transforms over samples and
               antennas without a window; amplitudes of at least 5 % of the largest, from
-              1.2 m on and within 70 degrees, in dB from the smallest to the largest
+              the seventh range bin on and within 70 degrees, in dB from the smallest to
+              the largest
     LiDAR     returns in front, within 10 m to the front and the sides and 0.3 m above
               and below the sensor
-    cell      the first grid value that is not below a point's range or azimuth
+    cell      the first grid value that is not below a point's range or azimuth; of
+              several amplitudes in a cell the largest
 
-The simulated radars have another chirp than RadarHD's, and their field of view is that
-of a ColoRadar chip.
+The simulator's walls are smoother than RadarHD's, whose images no single echo rules. So
+each layout draws the strength of its diffuse echoes and its threshold: about as many
+pixels remain as in real images. A layout takes half a second on one core.
 """
 
+import dataclasses
 import sys
 from argparse import ArgumentParser
 from collections.abc import Iterator, Sequence
@@ -28,26 +32,42 @@ from jaxtyping import Bool, Complex, Float, UInt8
 
 from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarSpec
 from jradar.lidar import transform
+from jradar.progress import progress
 from jradar.radar import RadarSpec
-from jradar.radar.sensor import SPEED_OF_LIGHT
-from jradar.recordings import Recording, calibrated_cube, open_recording
+from jradar.simulation import draw_unit, lidar_scans, make_setting, radar_frames
+from jradar.simulation.hardware import make_unit_hardware
+from jradar.simulation.rig import base_from
+from jradar.simulation.sequence import Setting
 
-RANGE_STEP_M = 21.59 / 511  # of RadarHD's range bins
-NEAREST_BIN = 28  # RadarHD's is 6; the simulated chips leak more, to 1.2 m
 OFFSET_M = 0.17  # by which RadarHD's radar images lie behind its LiDAR's
+# RadarHD's waveform (its radarhd_config.xml); its images use one chirp of each antenna.
+CHIP = RadarSpec.awr1843(
+    start_frequency_hz=77e9,
+    slope_hz_per_s=63.343e12,
+    sample_rate_hz=9.121e6,
+    num_samples=512,
+    num_chirps=1,
+    idle_time_s=10e-6,
+    adc_start_time_s=6e-6,
+    ramp_end_time_s=63.14e-6,
+)
+RANGE_STEP_M = 21.59 / 511  # of RadarHD's range bins
+NEAREST_BIN = 6
 NUM_BEAMS = 64
 THRESHOLD = 0.05  # of the largest amplitude
+THRESHOLDS, CLUTTER_COUNTS = (0.008, 0.04), (2.0, 24.0)  # of layouts
 VIEW = np.deg2rad(70.0)  # to either side, of the radar
 REACH_M, HALF_HEIGHT_M = 10.0, 0.3  # of the LiDAR's slice
 FAMILIES = ("home", "lab", "hall", "hallways", "corridor")
+MOMENTS_S = np.array([0.0, 3.0, 6.0])
 
 
 def radar_image(
-    cube: Complex[np.ndarray, "tx rx chirp sample"], radar: RadarSpec
+    cube: Complex[np.ndarray, "tx rx chirp sample"], *, threshold: float = THRESHOLD
 ) -> UInt8[np.ndarray, "range radar_azimuth"]:
-    """Return RadarHD's radar image of the first chirp of a frame."""
-    amplitude = beams(first_row(cube, radar), radar)
-    strong = amplitude >= THRESHOLD * amplitude[:, NEAREST_BIN:].max()
+    """Return RadarHD's radar image of the first chirp of a frame of `CHIP`."""
+    amplitude = beams(first_row(cube, CHIP))
+    strong = amplitude >= threshold * amplitude[:, NEAREST_BIN:].max()
     strong[:, :NEAREST_BIN] = False
     beam, bin_ = np.nonzero(strong)
     # RadarHD spreads its beams over both ends of the sines, and so do its images.
@@ -62,7 +82,7 @@ def radar_image(
     level = np.log(amplitude[beam, bin_][kept])
     level -= level.min()
     grey = (255 * level / max(level.max(), 1e-9)).astype(np.uint8)
-    image[cells(range_m[kept], azimuth[kept], RADAR)] = grey
+    np.maximum.at(image, cells(range_m[kept], azimuth[kept], RADAR), grey)
     return image
 
 
@@ -85,14 +105,10 @@ def first_row(
 
 
 def beams(
-    row: Complex[np.ndarray, "antenna sample"], radar: RadarSpec
+    row: Complex[np.ndarray, "antenna sample"],
 ) -> Float[np.ndarray, "beam range"]:
     """Return amplitudes in RadarHD's range bins and beams, from right to left."""
-    sample = np.arange(row.shape[1]) / radar.sample_rate_hz
-    ranges = RANGE_STEP_M * np.arange(int(RADAR.max_range_m / RANGE_STEP_M) + 1)
-    beat = 2 * radar.slope_hz_per_s * (ranges - OFFSET_M) / SPEED_OF_LIGHT
-    profile = row @ np.exp(-2j * np.pi * sample[:, None] * beat[None])
-    spectrum = np.fft.fft(profile, NUM_BEAMS, axis=0)
+    spectrum = np.fft.fft(np.fft.fft(row), NUM_BEAMS, axis=0)
     return np.abs(np.fft.fftshift(spectrum, axes=0))
 
 
@@ -119,38 +135,66 @@ def cells(
     return np.searchsorted(grid.ranges, range_m), np.searchsorted(grid.angles, azimuth)
 
 
-def level_scan(recording: Recording, frame: int) -> Float[np.ndarray, "point 3"]:
-    """Return a scan around the radar, x along its view, z upright."""
-    if recording.lidar is None or recording.base_from_lidar is None:
-        raise ValueError(f"{recording.path}: expected a recording with a LiDAR's place")
-    xyz = recording.lidar[frame][:, :3]
-    points = transform(recording.base_from_lidar, xyz[(xyz != 0).any(1)])
-    points = points - recording.base_from_radar[:3, 3]
-    forward = recording.base_from_radar[:2, 0]
-    cosine, sine = forward / np.linalg.norm(forward)
+def level_scan(
+    scan: Float[np.ndarray, "ray xyzi"],
+) -> Float[np.ndarray, "point 3"]:
+    """Return the rig's scan around its radar, x along the radar's view, z upright."""
+    xyz = scan[:, :3]
+    radar = base_from("single_chip")
+    points = transform(base_from("lidar"), xyz[(xyz != 0).any(1)]) - radar[:3, 3]
+    cosine, sine = radar[:2, 0] / np.linalg.norm(radar[:2, 0])
     x, y, z = points.T
     return np.stack([cosine * x + sine * y, cosine * y - sine * x, z], -1)
 
 
-def pairs_of(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield the radar and the LiDAR image of each frame."""
-    for frame in range(len(recording.cubes)):
-        cube = np.asarray(calibrated_cube(recording, frame))
-        radar = radar_image(cube, recording.radar)
-        yield radar, lidar_image(level_scan(recording, frame))
+def layout(family: str, seed: int) -> Setting:
+    """Return a scene and a level unit that has RadarHD's chirp and range offset."""
+    unit = dataclasses.replace(
+        draw_unit(seed, population=2),
+        clutter_counts=_between(seed, CLUTTER_COUNTS),
+        calibration_degrees=None,
+        range_bias_m=OFFSET_M,
+        leakage_db=-40.0,
+        interferers=0,
+        tilt_degrees=0.0,
+    )
+    setting = make_setting(family, seed, unit=unit)
+    return setting._replace(
+        radars={"single_chip": (CHIP, make_unit_hardware(unit, CHIP))}
+    )
 
 
-def write_pairs(folders: Sequence[Path], path: Path) -> int:
-    """Write the pairs of recordings as a packed file; return their number.
+def pairs_of(setting: Setting) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield a radar and a LiDAR image of each of `MOMENTS_S`."""
+    threshold = _between(setting.seed, THRESHOLDS)
+    frames = radar_frames(setting, "single_chip", MOMENTS_S)
+    for frame, scan in zip(frames, lidar_scans(setting, MOMENTS_S), strict=True):
+        i, q = np.moveaxis(np.asarray(frame), -1, 0)
+        seen = radar_image(i + 1j * q, threshold=threshold)
+        yield seen, lidar_image(level_scan(scan))
 
-    A recording is a trajectory, numbered in the order of `folders`.
+
+def _between(seed: int, ends: tuple[float, float]) -> float:
+    """A random number between `ends`, evenly spread in its logarithm."""
+    random = np.random.default_rng([seed, *np.float64(ends).tobytes()])
+    return float(np.exp(random.uniform(*np.log(ends))))
+
+
+def write_pairs(layouts: int, path: Path, *, first: int = 0) -> int:
+    """Write the pairs of layouts `first` and following as a packed file.
+
+    Returns the number of pairs. Those with an empty image are left out.
     """
     radar, lidar, keys = [], [], []
-    for trajectory, folder in enumerate(folders):
-        for frame, pair in enumerate(pairs_of(open_recording(folder))):
-            radar.append(pair[0])
-            lidar.append(np.packbits(pair[1], axis=-1))
-            keys.append((trajectory, frame))
+    with progress("layouts", layouts) as show:
+        for seed in range(first, first + layouts):
+            setting = layout(FAMILIES[seed % len(FAMILIES)], seed)
+            for moment, (seen, truth) in enumerate(pairs_of(setting)):
+                if seen.any() and truth.any():
+                    radar.append(seen)
+                    lidar.append(np.packbits(truth, axis=-1))
+                    keys.append((seed, moment))
+            show(seed - first + 1)
     trajectories, frames = np.array(keys).T
     np.savez_compressed(
         path,
@@ -163,21 +207,16 @@ def write_pairs(folders: Sequence[Path], path: Path) -> int:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Write the pairs that the command line names."""
+    """Write the pairs that the command line asks for."""
     parser = ArgumentParser(prog="radarhd_simulated", description=__doc__)
-    parser.add_argument("recordings", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--families", default=",".join(FAMILIES))
+    parser.add_argument("--layouts", type=int, default=2000)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first layout")
     chosen = parser.parse_args(arguments)
-    families = chosen.families.split(",")
-    folders = [
-        folder
-        for folder in sorted(chosen.recordings.iterdir())
-        if folder.is_dir() and folder.name.rpartition("_")[0] in families
-    ]
-    if not folders:
-        parser.error(f"{chosen.recordings} has no recordings of {families}")
-    print(f"{write_pairs(folders, chosen.out)} pairs written to {chosen.out}")
+    if chosen.layouts < 1:
+        parser.error(f"--layouts = {chosen.layouts}, expected 1 or more")
+    number = write_pairs(chosen.layouts, chosen.out, first=chosen.first)
+    print(f"{number} pairs of {chosen.layouts} layouts written to {chosen.out}")
 
 
 if __name__ == "__main__":
