@@ -18,6 +18,7 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.tasks.radarhd_augment import AUGMENTATIONS, augment
+from experiments.tasks.radarhd_confidence import fit_confidence
 from experiments.tasks.radarhd_nearness import mirrored, nearness_loss
 from experiments.tasks.radarhd_occupancy import (
     OCCUPANCY,
@@ -131,16 +132,18 @@ def training_batches(
     if simulated:
         sources += [(open_radarhd(config.data.simulated), simulated)]
         words += f", and {len(sources[1][0])} simulated ones, {simulated} of {size}"
-    batches = [
-        data.Batches(
-            PolarItems(pairs, history=config.data.history, mirror=config.train.mirror),
-            seed=config.seed,
-            batch_size=number,
-            change=functools.partial(augment, names=config.train.augment),
-        )
-        for pairs, number in sources
-        if number
-    ]
+    batches = []
+    for pairs, number in sources:
+        if number:
+            items = PolarItems(
+                pairs, history=config.data.history, mirror=config.train.mirror
+            )
+            change = functools.partial(
+                augment, names=config.train.augment, others=items
+            )
+            batches += [
+                data.Batches(items, seed=config.seed, batch_size=number, change=change)
+            ]
 
     def batch_at(step):
         parts = [part[step] for part in batches]
@@ -157,8 +160,9 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     draws = draw_methods(config, params)
     pairs, every = open_radarhd(config.data.path), config.data.every
     checked = threshold_pairs(config, pairs)
-    rows = score_pairs(config, checked, draws, every=every, protocols=PROTOCOLS)
+    rows = [*score_pairs(config, checked, draws, every=every, protocols=PROTOCOLS)]
     limits = choose_limits(rows)
+    confidence = fit_confidence(at_limits(rows, limits))
     if (Path(config.data.path) / "test").is_dir():
         reported = open_radarhd(config.data.path, split="test")
         where = "test trajectories"
@@ -166,7 +170,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         reported = pairs.of(config.data.report_trajectories)
         where = f"trajectories {config.data.report_trajectories}, not trained on"
     title = f"{config.purpose}; {where}"
-    write_results(config, workdir, title, reported, draws, limits)
+    write_results(config, workdir, title, reported, draws, limits, confidence)
 
 
 def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:

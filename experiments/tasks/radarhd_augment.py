@@ -2,7 +2,7 @@
 
 Each function takes a generator, a radar image [range, radar_azimuth, history] of 0 to 1
 and an occupancy image [range, azimuth, 1] of 0 or 1, and returns both, changed. Pixels
-that come from outside the images are 0.
+that come from outside the images are 0. `paste_sector` also takes another pair.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,6 +20,7 @@ TURN = np.deg2rad(20.0)  # largest turn to either side
 GAINS, GAMMAS = (0.7, 1.3), (0.7, 1.4)
 SPECKLE = 0.3  # standard deviation of the factor of each pixel
 MOST_DROPPED = 8  # neighbouring azimuth cells of the radar
+SECTORS = np.deg2rad((30.0, 90.0))  # widths of a pasted sector
 
 
 def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
@@ -62,22 +63,51 @@ def drop_azimuths(rng: np.random.Generator, radar: Radar, occupied: Occupied) ->
     return changed, occupied
 
 
+def paste_sector(
+    rng: np.random.Generator, radar: Radar, occupied: Occupied, other: Pair
+) -> Pair:
+    """Replace a sector of both images by that of another pair.
+
+    The radar's side lobes end at the sector's borders, which those of a real radar do
+    not.
+    """
+    low, high = LIDAR.azimuth
+    width = rng.uniform(*SECTORS)
+    first = rng.uniform(low, high - width)
+    images = []
+    for image, grid, pasted in zip(
+        (radar, occupied), (RADAR, LIDAR), other, strict=True
+    ):
+        inside = (grid.angles >= first) & (grid.angles < first + width)
+        images.append(np.where(inside[:, None], pasted, image))
+    return images[0], images[1]
+
+
 AUGMENTATIONS: dict[str, Callable[..., Pair]] = {
     "scale": scale_ranges,
     "turn": turn,
     "gain": change_gain,
     "speckle": add_speckle,
     "drop": drop_azimuths,
+    "paste": paste_sector,
 }
 
 
 def augment(
-    item: PolarItem, rng: np.random.Generator, *, names: Sequence[str]
+    item: PolarItem,
+    rng: np.random.Generator,
+    *,
+    names: Sequence[str],
+    others: Sequence[PolarItem],
 ) -> PolarItem:
-    """Return an item with each of the named changes, each at a chance of one half."""
+    """Return an item with each of the named changes, each at a chance of one half.
+
+    Sectors are pasted from `others`.
+    """
     for name in names:
         if rng.random() < 0.5:
-            item = PolarItem(*AUGMENTATIONS[name](rng, *item))
+            pasted = [others[rng.integers(len(others))]] if name == "paste" else []
+            item = PolarItem(*AUGMENTATIONS[name](rng, *item, *pasted))
     return item
 
 

@@ -44,9 +44,13 @@ def cartesian_points(
     if occupied.shape != LIDAR.shape:
         raise ValueError(f"image has shape {occupied.shape}, expected {LIDAR.shape}")
     grey = np.where(occupied, FULL, 0) if occupied.dtype == bool else occupied
-    x, y = np.nonzero(to_cartesian(grey.astype(np.uint8)) > THRESHOLD)
-    if not len(x):
-        return np.zeros((1, 3))
+    points = to_points(to_cartesian(grey.astype(np.uint8)) > THRESHOLD)
+    return points if len(points) else np.zeros((1, 3))
+
+
+def to_points(cells: Bool[np.ndarray, "x y"]) -> Float[np.ndarray, "point 3"]:
+    """Return the grid's values of the true cells, in the plane z = 0."""
+    x, y = np.nonzero(cells)
     return np.stack([X_GRID[x], Y_GRID[y], np.zeros(len(x))], -1)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments.tables import markdown_table
+from experiments.tasks.radarhd_confidence import confidence_table
 from experiments.tasks.radarhd_pairs import RadarHD
 from experiments.tasks.radarhd_pictures import picture, worst_picture
 from experiments.tasks.radarhd_scores import (
@@ -28,6 +29,7 @@ from experiments.tasks.radarhd_scores import (
 from jradar import evaluation, viz
 from jradar.files import write_text
 from jradar.metrics import THRESHOLDS_M
+from jradar.range_image import CalibrationSpec
 
 COLUMNS = {  # of the tables: score, title, scale, digits
     "chamfer": ("Chamfer (m)", 1, 3),
@@ -48,6 +50,11 @@ NOTES = {
     "the `empty` ones count as 0 in the F-scores.",
     "cartesian": "Empty predictions and truths count as the one point (0, 0, 0).",
 }
+CONFIDENCE_NOTE = (
+    "A cell is right if the LiDAR has one within 0.2 m. The confidence of a value is "
+    "its frequency on the trajectories that the limits are chosen on; the error is the "
+    "mean distance of confidence and frequency, by cells."
+)
 
 
 def building(trajectory: int) -> str:
@@ -65,8 +72,9 @@ def write_results(
     pairs: RadarHD,
     draws: dict[str, Draw],
     limits: Limits,
+    confidence: dict[str, CalibrationSpec],
 ) -> None:
-    """Score methods at their limits; write scores, tables and pictures."""
+    """Score methods at their limits; write scores, confidence, tables and pictures."""
     every = config.data.every
     started = time.perf_counter()
     rows = [
@@ -84,6 +92,10 @@ def write_results(
         f"## {TITLES[protocol]}\n\n{tables_of(rows, protocol, limits[protocol])}"
         for protocol in PROTOCOLS
     ]
+    frequencies = {name: spec.frequencies for name, spec in confidence.items()}
+    write_text(out / "confidence.json", json.dumps(frequencies, indent=2) + "\n")
+    table = confidence_table(rows, confidence, lambda row: building(row["trajectory"]))
+    tables += [f"## Confidence of Cartesian cells\n\n{table}\n{CONFIDENCE_NOTE}\n"]
     write_text(out / "table.md", text := "\n".join(tables))
     viz.save_figure(picture(config, pairs, draws, limits), out / "samples.png")
     worst = worst_picture(config, pairs, draws, limits, rows)

@@ -22,6 +22,7 @@ from ml_collections import ConfigDict
 from experiments.build import SAMPLE_KEY, random_key
 from experiments.tables import known_mean
 from experiments.tasks.radarhd_cartesian import cartesian_points
+from experiments.tasks.radarhd_confidence import counted, drawn_cells
 from experiments.tasks.radarhd_pairs import PolarItems, RadarHD, polar_to_points
 from jradar.metrics import THRESHOLDS_M, compare_on_host
 
@@ -51,7 +52,7 @@ def score_pairs(
     """Yield scores of each method on every `every`-th pair, by protocol.
 
     A pixel is occupied above the method's limit in this protocol; without `limits`,
-    there is a row for each of LIMITS.
+    there is a row for each of LIMITS. Rows of `cartesian` also count cells by value.
     """
     key = random_key(config, SAMPLE_KEY)
     for name, images in draw_pairs(config, key, pairs, draws, every=every):
@@ -60,7 +61,11 @@ def score_pairs(
             for protocol in protocols:
                 to_points = PROTOCOLS[protocol]
                 truth = to_points(pair.lidar)
-                for limit in LIMITS if limits is None else [limits[protocol][name]]:
+                tried = LIMITS if limits is None else [limits[protocol][name]]
+                cells = None
+                if protocol == "cartesian":
+                    cells = drawn_cells(image, min(tried), truth)
+                for limit in tried:
                     occupied = image > limit
                     yield {
                         "protocol": protocol,
@@ -70,6 +75,7 @@ def score_pairs(
                         "limit": float(limit),
                         "points": int(occupied.sum()),
                         **plane_scores(to_points(occupied), truth),
+                        **(counted(cells, limit) if cells else {}),
                     }
 
 

@@ -1,5 +1,7 @@
 """RadarHD's task on invented rooms: training, limits and the table."""
 
+import json
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from experiments import train
 from experiments.configs import (
     radarhd as default,
-    radarhd_nearness,
+    radarhd_history,
     radarhd_regression,
 )
 from experiments.tasks import radarhd, radarhd_report, radarhd_scores
@@ -59,7 +61,7 @@ def small(module, path):
     "module",
     [
         default,
-        radarhd_nearness,
+        radarhd_history,
         pytest.param(radarhd_regression, marks=pytest.mark.slow),
     ],
 )
@@ -81,6 +83,9 @@ def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
     for name in names[config.method]:
         assert name in table
     assert "138, 140" in table and table in capsys.readouterr().out
+    assert "## Confidence of Cartesian cells" in table
+    confidence = json.loads((tmp_path / "evaluation" / "confidence.json").read_text())
+    assert all(f"| {name} |" in table for name in confidence) and confidence
     assert (tmp_path / "evaluation" / "samples.png").stat().st_size > 5000
     assert (tmp_path / "weights.safetensors").stat().st_size < 2e6
     assert (tmp_path / "model_card.json").is_file()
@@ -98,7 +103,7 @@ def test_a_run_starts_from_weights_with_changed_and_simulated_pairs(packed, tmp_
     start = radarhd.setup(config, tmp_path)
     start.save(start.state._replace(ema_params=doubled(start.state.params)))
     config.train.initial = str(tmp_path / "weights.safetensors")
-    config.train.augment = ("scale", "turn", "gain", "speckle", "drop")
+    config.train.augment = ("scale", "turn", "gain", "speckle", "drop", "paste")
     config.data.update(simulated=str(packed), simulated_share=0.5)
     training = radarhd.setup(config, tmp_path)
     for wanted, found in zip(

@@ -62,11 +62,33 @@ def test_dropped_azimuths_are_neighbours():
     assert (np.diff(dropped) == 1).all()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_pasted_sector_is_the_same_in_both_images(seed):
+    """Of another pair, which has a wall at row 200, in place of one at row 100."""
+    here, there = (
+        PolarItem(np.zeros((*RADAR.shape, 1)), np.zeros((*LIDAR.shape, 1)))
+        for _ in range(2)
+    )
+    for item, row in ((here, 100), (there, 200)):
+        for image in item:
+            image[row] = 1
+    changed = augmenting.paste_sector(np.random.default_rng(seed), *here, there)
+    ends = []
+    for image, grid in zip(changed, (RADAR, LIDAR), strict=True):
+        pasted = image[200, :, 0] == 1
+        np.testing.assert_array_equal(image[100, :, 0] == 0, pasted)
+        ends.append(np.rad2deg(grid.angles[np.flatnonzero(pasted)[[0, -1]]]))
+        assert 27 < np.ptp(ends[-1]) < 90
+    np.testing.assert_allclose(*ends, atol=3)
+    assert here.condition[200].max() == 0
+
+
 def test_half_of_the_items_change_and_none_without_names():
     item = pair_of(100, 10)
     rng = np.random.default_rng(0)
-    assert augmenting.augment(item, rng, names=()) is item
+    assert augmenting.augment(item, rng, names=(), others=[item]) is item
     changed = [
-        augmenting.augment(item, rng, names=("gain",)) is not item for _ in range(100)
+        augmenting.augment(item, rng, names=("gain",), others=[item]) is not item
+        for _ in range(100)
     ]
     assert 30 < sum(changed) < 70
