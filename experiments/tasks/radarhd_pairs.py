@@ -81,9 +81,10 @@ def polar_to_points(
 class RadarHD(Sequence):
     """Pairs in the order of trajectories and frames, read on access."""
 
-    def __init__(self, keys, read):
-        """`keys` are (trajectory, frame) of each pair; `read(i)` returns its images."""
-        self.keys, self._read = np.asarray(keys).reshape(-1, 2), read
+    def __init__(self, keys, radar, lidar):
+        """`keys` are (trajectory, frame); `radar(i)` and `lidar(i)` return images."""
+        self.keys = np.asarray(keys).reshape(-1, 2)
+        self._radar, self._lidar = radar, lidar
 
     @property
     def digest(self) -> str:
@@ -100,8 +101,8 @@ class RadarHD(Sequence):
         if not -len(self) <= index < len(self):
             raise IndexError(f"pair {index} of {len(self)}")
         trajectory, frame = self.keys[index].tolist()
-        radar, lidar = self._read(index % len(self))
-        return PolarPair(radar, lidar, trajectory, frame)
+        i = index % len(self)
+        return PolarPair(self._radar(i), self._lidar(i), trajectory, frame)
 
     def of(self, trajectories: Sequence[int]) -> "RadarHD":
         """Return the pairs of trajectories. Raises ValueError for a missing one."""
@@ -122,13 +123,17 @@ class RadarHD(Sequence):
         """
         first = np.searchsorted(self.keys[:, 0], self.keys[index, 0])
         past = np.maximum(index - np.arange(length), first)
-        images = {i: self._read(int(i))[0] for i in set(past.tolist())}
+        images = {i: self._radar(i) for i in set(past.tolist())}
         return np.stack([images[i] for i in past.tolist()], -1)
 
     def _select(self, mask):
         """The pairs where `mask`."""
         index = np.flatnonzero(mask)
-        return RadarHD(self.keys[index], lambda i: self._read(int(index[i])))
+        return RadarHD(
+            self.keys[index],
+            lambda i: self._radar(int(index[i])),
+            lambda i: self._lidar(int(index[i])),
+        )
 
 
 class PolarItem(NamedTuple):
@@ -161,6 +166,8 @@ class PolarItems(Sequence):
 def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
     """Return the pairs of the public folder's `split`, or of a packed training file.
 
+    Radar images stay in memory once they are read, 16 KB each.
+
     Raises FileNotFoundError without `path`, and ValueError for a folder or file of
     another kind and for images without a partner.
     """
@@ -183,13 +190,14 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
         what = f"L{alone[0]}" if alone else "R_<trajectory>_<frame>.png"
         raise ValueError(f"{folder} does not contain {what}: incomplete download?")
 
-    def read(i):
-        name = keys[i][2]
-        radar = _read_png(folder / "radar" / f"R{name}", RADAR.shape)
-        lidar = _read_png(folder / "lidar" / f"L{name}", LIDAR.shape)
-        return radar, lidar > 0
+    @functools.cache  # an image is part of many histories
+    def radar(i):
+        return _read_png(folder / "radar" / f"R{keys[i][2]}", RADAR.shape)
 
-    return RadarHD([key[:2] for key in keys], read)
+    def lidar(i):
+        return _read_png(folder / "lidar" / f"L{keys[i][2]}", LIDAR.shape) > 0
+
+    return RadarHD([key[:2] for key in keys], radar, lidar)
 
 
 def _packed(path: Path) -> RadarHD:
@@ -213,10 +221,11 @@ def _packed(path: Path) -> RadarHD:
         )
     order = np.lexsort(keys.T[::-1])
 
-    def read(i):
-        return radar[order[i]], np.unpackbits(packed[order[i]], axis=-1).astype(bool)
-
-    return RadarHD(keys[order], read)
+    return RadarHD(
+        keys[order],
+        lambda i: radar[order[i]],
+        lambda i: np.unpackbits(packed[order[i]], axis=-1).astype(bool),
+    )
 
 
 def _read_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
