@@ -210,6 +210,7 @@ NOT_RUN = {  # and why
     "-o runs/robustness --rates runs/varied": "needs that run",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/radarhd.py": "hours of training",
+    "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_nearness.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_regression.py": "hours of training",
     "python -m experiments.studies.realism SAMPLES -o runs/realism": "see test_realism",

@@ -7,16 +7,16 @@ r"""RadarHD's real pairs in one pass: how near each pixel is to the closest LiDA
         --config.data.path=dataset_5 --workdir=runs/radarhd_test --mode=eval \
         --config.weights=experiments/results/radarhd_nearness.safetensors
 
-A U-Net with small patches: what it learns of a wall holds anywhere in the image. It
-loses less than large patches do in rooms that it has not seen. Training takes an hour
-on two cores.
+A U-Net with small patches: what it learns of a wall holds anywhere in the image. Its
+condition is that of `radarhd_history`, the radar images of two seconds. Training takes
+an hour on one core.
 """
 
-from experiments.configs import radarhd
+from experiments.configs import radarhd_history
 
 
 def get_config():
-    config = radarhd.get_config()
+    config = radarhd_history.get_config()
     config.method = "nearness"
     config.network.update(
         channels=32,
@@ -26,5 +26,5 @@ def get_config():
         condition_stem=(4, 1),
         condition_channels=32,
     )
-    config.train.update(steps=2200, warmup_steps=50, ema_decay=0.99)
+    config.train.update(steps=4000, warmup_steps=50, ema_decay=0.99)
     return config

@@ -10,7 +10,7 @@ import pytest
 from experiments import train
 from experiments.configs import (
     radarhd as default,
-    radarhd_history,
+    radarhd_nearness,
     radarhd_regression,
 )
 from experiments.tasks import radarhd, radarhd_report, radarhd_scores
@@ -61,7 +61,7 @@ def small(module, path):
     "module",
     [
         default,
-        radarhd_history,
+        radarhd_nearness,
         pytest.param(radarhd_regression, marks=pytest.mark.slow),
     ],
 )
