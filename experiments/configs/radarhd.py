@@ -57,6 +57,21 @@ def get_config():
     config.network.detail_channels = 0
     config.network.outputs = 1
 
+    # A U-Net with small patches: what it learns of a wall holds anywhere in the image.
+    # It is the network of `radarhd_nearness`; draws may be averaged with its images.
+    config.nearness = ConfigDict()
+    config.nearness.weights = ""  # "": no row of draws and nearness
+    config.nearness.network = ConfigDict()
+    config.nearness.network.channels = 32
+    config.nearness.network.multipliers = (1, 1, 2, 4)
+    config.nearness.network.blocks = 1
+    config.nearness.network.attention_levels = ()
+    config.nearness.network.stem = (4, 8)
+    config.nearness.network.condition_stem = (4, 1)
+    config.nearness.network.condition_channels = 32
+    config.nearness.network.detail_channels = 0
+    config.nearness.network.outputs = 1
+
     config.train = ConfigDict()
     config.train.initial = config_dict.placeholder(str)  # weights to start from
     config.train.attention_order = config_dict.placeholder(str)

@@ -5,9 +5,11 @@ r"""RadarHD's real pairs with the radar images of the last two seconds, as in Ra
 
     python -m experiments.main --config=experiments/configs/radarhd_history.py \
         --config.data.path=dataset_5 --workdir=runs/radarhd_test --mode=eval \
-        --config.weights=experiments/results/radarhd_history.safetensors
+        --config.weights=experiments/results/radarhd_history.safetensors \
+        --config.nearness.weights=experiments/results/radarhd_nearness.safetensors
 
-Differs from `radarhd` in one field. `data.path` must hold every frame: in a packed file
+The last command also averages draws with the images of `radarhd_nearness`. Differs
+from `radarhd` in one field. `data.path` must hold every frame: in a packed file
 of every fourth one, 41 images cover eight seconds.
 """
 

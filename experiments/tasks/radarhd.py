@@ -154,8 +154,9 @@ def training_batches(
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Choose limits, and score the weights on the test pairs: table and picture."""
-    if config.weights and not Path(config.weights).is_file():
-        raise UsageError(f"weights = {config.weights}: no such file")
+    for weights in (config.weights, config.nearness.weights):
+        if weights and not Path(weights).is_file():
+            raise UsageError(f"weights = {weights}: no such file")
     params = load_weights(Path(config.weights or workdir / "weights.safetensors"))
     draws = draw_methods(config, params)
     pairs, every = open_radarhd(config.data.path), config.data.every
@@ -207,10 +208,44 @@ def draw_methods(config: ConfigDict, params: dict) -> dict[str, Draw]:
         f"diffusion, {solver} {steps}": drawn(steps),
     }
     if draws > 1:
-        methods[f"{draws} draws"] = functools.partial(
-            agreed_images, drawn(QUICK_STEPS), draws
-        )
+        agreed = shared(functools.partial(agreed_images, drawn(QUICK_STEPS), draws))
+        methods[f"{draws} draws"] = agreed
+        if config.nearness.weights:
+            near = nearness_images(config)
+            both = functools.partial(mean_images, agreed, near)
+            methods[f"{draws} draws and nearness"] = both
     return methods
+
+
+def nearness_images(config: ConfigDict) -> Draw:
+    """Return the one-pass method, mirror images included, of `config.nearness`."""
+    with build.section("nearness.network"):
+        network = diffusion.build_network(**config.nearness.network)
+    one_pass = functools.partial(
+        draw_images,
+        params=load_weights(Path(config.nearness.weights)),
+        network=network,
+        noise=networks(config)[1],
+        steps=None,
+    )
+    return functools.partial(mirrored, one_pass)
+
+
+def mean_images(first: Draw, second: Draw, key: jax.Array, condition: Any) -> jax.Array:
+    """Return the mean of the images of two methods."""
+    return (first(key, condition) + second(key, condition)) / 2
+
+
+def shared(draw: Draw) -> Draw:
+    """Return a method that draws once when it is called again with the same arrays."""
+    last: list[Any] = [None, None, None]
+
+    def images(key, condition):
+        if last[0] is not key or last[1] is not condition:
+            last[:] = key, condition, draw(key, condition)
+        return last[2]
+
+    return images
 
 
 def agreed_images(draw: Draw, draws: int, key: jax.Array, condition: Any) -> jax.Array:

@@ -95,8 +95,9 @@ def draw_pairs(
         part = index[first : first + size].tolist()
         padded = np.resize(part, size)  # one shape, compiled once
         condition = jnp.asarray(np.stack([items[i].condition for i in padded]))
+        own_key = jax.random.fold_in(key, first)
         for name, draw in draws.items():
-            images = np.asarray(draw(jax.random.fold_in(key, first), condition))
+            images = np.asarray(draw(own_key, condition))
             yield name, [*zip(part, images, strict=False)]
 
 

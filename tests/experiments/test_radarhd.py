@@ -1,6 +1,7 @@
 """RadarHD's task on invented rooms: training, limits and the table."""
 
 import json
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from experiments.configs import (
 from experiments.tasks import radarhd, radarhd_report, radarhd_scores
 from experiments.tasks.radarhd_occupancy import agreed_occupancy
 from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItems, open_radarhd
+from experiments.weights import load_weights
 from jradar.errors import ModelError, UsageError
 
 
@@ -48,9 +50,10 @@ def packed(tmp_path_factory):
 def small(module, path):
     config = module.get_config()
     config.data.update(path=str(path), every=1)
-    config.network.update(
-        channels=8, multipliers=(1,), attention_levels=(), condition_channels=8
-    )
+    for network in (config.network, config.nearness.network):
+        network.update(
+            channels=8, multipliers=(1,), attention_levels=(), condition_channels=8
+        )
     config.train.update(steps=3, batch_size=2, checkpoint_every=2, evaluate_every=2)
     config.train.warmup_steps = 1
     config.sampling.update(steps=2, draws=2, batch_size=2)
@@ -198,5 +201,36 @@ def test_draws_that_agree_are_those_of_the_sampler(packed):
     found = methods["2 draws"](key, condition)
     np.testing.assert_array_equal(found, expected)
     assert set(np.unique(found)) <= {0.0, 0.5, 1.0}
+    assert "2 draws and nearness" not in methods
     config.sampling.draws = 1
     assert "1 draws" not in radarhd.draw_methods(config, params)
+
+
+def test_draws_are_averaged_with_nearness_and_drawn_once(packed, tmp_path, monkeypatch):
+    config, other = small(default, packed), small(radarhd_nearness, packed)
+    other.data.history = 1
+    params = radarhd.setup(config, tmp_path).state.params
+    training = radarhd.setup(other, tmp_path)
+    training.save(training.state)
+    config.nearness.weights = str(tmp_path / "weights.safetensors")
+    drawn, draw = [], radarhd.agreed_images
+
+    def counted(*arguments):
+        drawn.append(arguments)
+        return draw(*arguments)
+
+    monkeypatch.setattr(radarhd, "agreed_images", counted)
+    methods, key = radarhd.draw_methods(config, params), jax.random.key(3)
+    condition = jnp.asarray(PolarItems(open_radarhd(packed), history=1)[0].condition)
+    condition = condition[None]
+    share = methods["2 draws"](key, condition)
+    both = methods["2 draws and nearness"](key, condition)
+    assert len(drawn) == 1
+    near = radarhd.draw_methods(other, load_weights(Path(config.nearness.weights)))
+    wanted = near["one pass and its mirror image"](key, condition)
+    np.testing.assert_allclose(both, (share + wanted) / 2, atol=1e-6)
+    methods["2 draws"](jax.random.key(4), condition)
+    assert len(drawn) == 2
+    config.nearness.weights = "nowhere"
+    with pytest.raises(UsageError, match="weights = nowhere: no such file"):
+        radarhd.evaluate(config, tmp_path)
