@@ -26,7 +26,13 @@ from experiments.tasks.radarhd_occupancy import (
     occupancy_denoising_loss,
     occupancy_regression_loss,
 )
-from experiments.tasks.radarhd_pairs import LIDAR, PolarItems, RadarHD, open_radarhd
+from experiments.tasks.radarhd_pairs import (
+    LIDAR,
+    RADAR,
+    PolarItems,
+    RadarHD,
+    open_radarhd,
+)
 from experiments.tasks.radarhd_report import write_results
 from experiments.tasks.radarhd_scores import (
     PROTOCOLS,
@@ -39,7 +45,7 @@ from experiments.tasks.radarhd_scores import (
 from experiments.train import Training
 from experiments.weights import initial_weights, load_weights, start_from
 from jradar import data, diffusion, training
-from jradar.errors import UsageError
+from jradar.errors import ModelError, UsageError
 
 LOSSES = {
     "diffusion": occupancy_denoising_loss,
@@ -157,7 +163,8 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     for weights in (config.weights, config.nearness.weights):
         if weights and not Path(weights).is_file():
             raise UsageError(f"weights = {weights}: no such file")
-    params = load_weights(Path(config.weights or workdir / "weights.safetensors"))
+    path = Path(config.weights or workdir / "weights.safetensors")
+    params = fitting_weights(path, networks(config)[0], config.data.history)
     draws = draw_methods(config, params)
     pairs, every = open_radarhd(config.data.path), config.data.every
     checked = threshold_pairs(config, pairs)
@@ -221,14 +228,48 @@ def nearness_images(config: ConfigDict) -> Draw:
     """Return the one-pass method, mirror images included, of `config.nearness`."""
     with build.section("nearness.network"):
         network = diffusion.build_network(**config.nearness.network)
+    path = Path(config.nearness.weights)
     one_pass = functools.partial(
         draw_images,
-        params=load_weights(Path(config.nearness.weights)),
+        params=fitting_weights(path, network, config.data.history),
         network=network,
         noise=networks(config)[1],
         steps=None,
     )
     return functools.partial(mirrored, one_pass)
+
+
+def fitting_weights(path: Path, network: diffusion.Network, history: int) -> Any:
+    """Return the parameters in a file.
+
+    Raises ModelError without them, and for those of another network or history.
+    """
+    params = load_weights(path)
+    image, condition = (1, *LIDAR.shape, 1), (1, *RADAR.shape, history)
+    wanted = jax.eval_shape(
+        network.init,
+        jax.random.key(0),
+        *map(jnp.zeros, (image, (1,), condition)),
+    )
+    found, expected = map(_shapes, (params, wanted))
+    wrong = sorted(n for n in found | expected if found.get(n) != expected.get(n))
+    if wrong:
+        first = wrong[0]
+        raise ModelError(
+            f"{path} does not fit the network with data.history = {history}: {first} "
+            f"is {found.get(first, 'missing')}, expected "
+            f"{expected.get(first, 'no such parameter')} ({len(wrong)} differ)"
+        )
+    return params
+
+
+def _shapes(params: Any) -> dict[str, tuple[int, ...]]:
+    """The shape of each parameter by its name."""
+    leaves, _ = jax.tree_util.tree_flatten_with_path(params)
+    return {
+        jax.tree_util.keystr(path, simple=True, separator="/"): leaf.shape
+        for path, leaf in leaves
+    }
 
 
 def mean_images(first: Draw, second: Draw, key: jax.Array, condition: Any) -> jax.Array:

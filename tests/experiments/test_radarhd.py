@@ -231,6 +231,9 @@ def test_draws_are_averaged_with_nearness_and_drawn_once(packed, tmp_path, monke
     np.testing.assert_allclose(both, (share + wanted) / 2, atol=1e-6)
     methods["2 draws"](jax.random.key(4), condition)
     assert len(drawn) == 2
+    config.data.history = 2
+    with pytest.raises(ModelError, match="data.history = 2: .*differ"):
+        radarhd.draw_methods(config, params)
     config.nearness.weights = "nowhere"
     with pytest.raises(UsageError, match="weights = nowhere: no such file"):
         radarhd.evaluate(config, tmp_path)
