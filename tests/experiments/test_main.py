@@ -16,7 +16,7 @@ import pytest
 from experiments import build, main as command
 from experiments.configs import default
 from experiments.studies import compare, solvers
-from experiments.tasks import radarhd, rpdnet
+from experiments.tasks import radarhd_methods, rpdnet
 from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records
@@ -188,7 +188,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
     assert f"--config=experiments/configs/{path.stem}.py" in module.__doc__
     assert config.purpose
     if config.task == "radarhd":
-        network, noise = radarhd.networks(config)
+        network, noise = radarhd_methods.networks(config)
         assert network.outputs == 1 and noise.prediction.name == "occupancy"
         return
     if config.task == "rpdnet":

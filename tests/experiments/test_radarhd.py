@@ -14,7 +14,12 @@ from experiments.configs import (
     radarhd_nearness,
     radarhd_regression,
 )
-from experiments.tasks import radarhd, radarhd_report, radarhd_scores
+from experiments.tasks import (
+    radarhd,
+    radarhd_methods,
+    radarhd_report,
+    radarhd_scores,
+)
 from experiments.tasks.radarhd_occupancy import agreed_occupancy
 from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItems, open_radarhd
 from experiments.weights import load_weights
@@ -189,10 +194,10 @@ def test_draws_that_agree_are_those_of_the_sampler(packed):
     pairs = open_radarhd(packed)
     params = radarhd.setup(config, packed.parent).state.params
     condition = jnp.asarray(PolarItems(pairs, history=1)[0].condition)[None]
-    methods, key = radarhd.draw_methods(config, params), jax.random.key(3)
-    network, noise = radarhd.networks(config)
+    methods, key = radarhd_methods.draw_methods(config, params), jax.random.key(3)
+    network, noise = radarhd_methods.networks(config)
     draws = [
-        radarhd.draw_images(
+        radarhd_methods.draw_images(
             key, condition, params=params, network=network, noise=noise, steps=8
         )
         for key in jax.random.split(key, 2)
@@ -203,7 +208,7 @@ def test_draws_that_agree_are_those_of_the_sampler(packed):
     assert set(np.unique(found)) <= {0.0, 0.5, 1.0}
     assert "2 draws and nearness" not in methods
     config.sampling.draws = 1
-    assert "1 draws" not in radarhd.draw_methods(config, params)
+    assert "1 draws" not in radarhd_methods.draw_methods(config, params)
 
 
 def test_draws_are_averaged_with_nearness_and_drawn_once(packed, tmp_path, monkeypatch):
@@ -213,27 +218,29 @@ def test_draws_are_averaged_with_nearness_and_drawn_once(packed, tmp_path, monke
     training = radarhd.setup(other, tmp_path)
     training.save(training.state)
     config.nearness.weights = str(tmp_path / "weights.safetensors")
-    drawn, draw = [], radarhd.agreed_images
+    drawn, draw = [], radarhd_methods.agreed_images
 
     def counted(*arguments):
         drawn.append(arguments)
         return draw(*arguments)
 
-    monkeypatch.setattr(radarhd, "agreed_images", counted)
-    methods, key = radarhd.draw_methods(config, params), jax.random.key(3)
+    monkeypatch.setattr(radarhd_methods, "agreed_images", counted)
+    methods, key = radarhd_methods.draw_methods(config, params), jax.random.key(3)
     condition = jnp.asarray(PolarItems(open_radarhd(packed), history=1)[0].condition)
     condition = condition[None]
     share = methods["2 draws"](key, condition)
     both = methods["2 draws and nearness"](key, condition)
     assert len(drawn) == 1
-    near = radarhd.draw_methods(other, load_weights(Path(config.nearness.weights)))
+    near = radarhd_methods.draw_methods(
+        other, load_weights(Path(config.nearness.weights))
+    )
     wanted = near["one pass and its mirror image"](key, condition)
     np.testing.assert_allclose(both, (share + wanted) / 2, atol=1e-6)
     methods["2 draws"](jax.random.key(4), condition)
     assert len(drawn) == 2
     config.data.history = 2
     with pytest.raises(ModelError, match="data.history = 2: .*differ"):
-        radarhd.draw_methods(config, params)
+        radarhd_methods.draw_methods(config, params)
     config.nearness.weights = "nowhere"
     with pytest.raises(UsageError, match="weights = nowhere: no such file"):
         radarhd.evaluate(config, tmp_path)
