@@ -106,6 +106,8 @@ def background_rows(model: Model, shift: str, folder: Path) -> list[list[str]]:
     cleaned = [without_background(recording, slice(None)) for recording in opened]
     rows = []
     for name, truth in truths.items():
+        if not truth:  # nothing moved
+            continue
         before, after = (
             score_recordings(with_excision(model, True), sequences, truth)
             for sequences in (opened, cleaned)
