@@ -86,31 +86,17 @@ def fitting_weights(path: Path, network: diffusion.Network, history: int) -> Any
     Raises ModelError without them, and for those of another network or history.
     """
     params = load_weights(path)
-    image, condition = (1, *LIDAR.shape, 1), (1, *RADAR.shape, history)
-    wanted = jax.eval_shape(
-        network.init,
-        jax.random.key(0),
-        *map(jnp.zeros, (image, (1,), condition)),
+    wrong = diffusion.misfit(
+        params,
+        network,
+        image_shape=(*LIDAR.shape, 1),
+        condition_shape=(*RADAR.shape, history),
     )
-    found, expected = map(_shapes, (params, wanted))
-    wrong = sorted(n for n in found | expected if found.get(n) != expected.get(n))
     if wrong:
-        first = wrong[0]
         raise ModelError(
-            f"{path} does not fit the network with data.history = {history}: {first} "
-            f"is {found.get(first, 'missing')}, expected "
-            f"{expected.get(first, 'no such parameter')} ({len(wrong)} differ)"
+            f"{path} does not fit the network with data.history = {history}: {wrong}"
         )
     return params
-
-
-def _shapes(params: Any) -> dict[str, tuple[int, ...]]:
-    """The shape of each parameter by its name."""
-    leaves, _ = jax.tree_util.tree_flatten_with_path(params)
-    return {
-        jax.tree_util.keystr(path, simple=True, separator="/"): leaf.shape
-        for path, leaf in leaves
-    }
 
 
 def mean_images(first: Draw, second: Draw, key: jax.Array, condition: Any) -> jax.Array:

@@ -13,6 +13,7 @@ EDM's answer without a label is kept, or OpenAI's for the mean of all labels. A 
 without `detail_channels` has a different head, and ignores the published output layer.
 """
 
+import functools
 import json
 import re
 import zipfile
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import flax.traverse_util
+import jax
 import jax.numpy as jnp
 import numpy as np
 import safetensors
@@ -190,6 +192,43 @@ def read_params(path: Path | str) -> Any:
     """
     flat = {n: jnp.asarray(v, jnp.float32) for n, v in read_state(path).items()}
     return flax.traverse_util.unflatten_dict(flat, sep="/")
+
+
+def misfit(
+    params: Any,
+    network: Network,
+    *,
+    image_shape: tuple[int, int, int],
+    condition_shape: tuple[int, int, int],
+) -> str:
+    """Return in what parameters do not fit a network, naming the first; "" if they do.
+
+    Shapes of images and conditions are [row, column, channel].
+    """
+    found = parameter_shapes(params)
+    expected = _expected_shapes(network, image_shape, condition_shape)
+    wrong = sorted(n for n in found | expected if found.get(n) != expected.get(n))
+    if not wrong:
+        return ""
+    first = wrong[0]
+    return (
+        f"{first} is {found.get(first, 'missing')}, expected "
+        f"{expected.get(first, 'no such parameter')} ({len(wrong)} differ)"
+    )
+
+
+def parameter_shapes(params: Any) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of nested parameters by their path."""
+    flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
+    return {name: leaf.shape for name, leaf in flat.items()}
+
+
+@functools.lru_cache(8)
+def _expected_shapes(network, image_shape, condition_shape):
+    """Shapes of the network's parameters by their path."""
+    shapes = (1, *image_shape), (1,), (1, *condition_shape)
+    inputs = (jax.ShapeDtypeStruct(shape, jnp.float32) for shape in shapes)
+    return parameter_shapes(jax.eval_shape(network.init, jax.random.key(0), *inputs))
 
 
 def read_state(path: Path | str) -> State:

@@ -5,15 +5,11 @@ model.json             the ModelSpec, and the digest of the weights
 """
 
 import dataclasses
-import functools
 import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
-import flax.traverse_util
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jradar.diffusion import (
@@ -21,8 +17,10 @@ from jradar.diffusion import (
     PREDICTIONS,
     Network,
     NoiseSpec,
+    misfit,
     network_fields,
     network_from_fields,
+    parameter_shapes,
     read_params,
     write_params,
 )
@@ -159,24 +157,21 @@ def _network_from_json(values: dict[str, Any]) -> Network:
 def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
     """Refuse parameters that do not fit the network, naming the first."""
     channels = len(CHANNELS) * spec.num_slices
-    found = _flat_shapes(params)
+    found = parameter_shapes(params)
     try:
         _check_size(spec.network, found)
-        expected = _shapes(
-            spec.network, spec.fine.shape, (*spec.coarse.shape, channels)
+        wrong = misfit(
+            params,
+            spec.network,
+            image_shape=(*spec.fine.shape, 2),  # range and validity
+            condition_shape=(*spec.coarse.shape, channels),
         )
     except Exception as error:  # Flax and JAX have their own
         raise ModelError(
             f"the network of {path.parent} cannot be built: {error}"
         ) from error
-    wrong = sorted(n for n in found | expected if found.get(n) != expected.get(n))
     if wrong:
-        first = wrong[0]
-        raise ModelError(
-            f"{path} does not fit its network: {first} is "
-            f"{found.get(first, 'missing')}, expected "
-            f"{expected.get(first, 'no such parameter')} ({len(wrong)} differ)"
-        )
+        raise ModelError(f"{path} does not fit its network: {wrong}")
 
 
 def _check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
@@ -189,23 +184,3 @@ def _check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
     widest = max((size for shape in found.values() for size in shape), default=0)
     if channels > widest:
         raise ValueError(f"{channels:,} channels for arrays of at most {widest:,}")
-
-
-@functools.lru_cache(8)
-def _shapes(network, image, condition):
-    """Shapes of the network's parameters by name."""
-    return _flat_shapes(
-        jax.eval_shape(
-            network.init,
-            jax.random.key(0),
-            jax.ShapeDtypeStruct((1, *image, 2), jnp.float32),  # range and validity
-            jax.ShapeDtypeStruct((1,), jnp.float32),
-            jax.ShapeDtypeStruct((1, *condition), jnp.float32),
-        )
-    )
-
-
-def _flat_shapes(params: Any) -> dict[str, tuple[int, ...]]:
-    """Shapes of parameters by their path."""
-    flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
-    return {name: leaf.shape for name, leaf in flat.items()}
