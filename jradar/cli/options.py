@@ -41,7 +41,8 @@ network."""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
-such as jradar live --radar FILE --host 127.0.0.1 --card 127.0.0.2."""
+such as jradar live --radar FILE --host 127.0.0.1 --card 127.0.0.2. A program that stops
+it leaves it waiting for the next START; it ends with the recording, or by Ctrl-C."""
 CALIBRATE_HELP = """
 
 FILE describes the same radar with its channels' factors: pass it as --radar, or name it

@@ -173,12 +173,14 @@ class Emulator:
 
     def _send(self) -> None:
         try:
-            self._send_all()
+            if not self._send_all():
+                return
         except Exception as error:  # of the recording's reader
             self.fault = error
         self.finished.set()
 
-    def _send_all(self) -> None:
+    def _send_all(self) -> bool:
+        """Return False if the card was stopped before the last packet."""
         address = self.network.host, self.network.data_port
         begin, waiting = time.monotonic(), 0
         arriving = spoil(self._packets(), self.faults, self.sent)
@@ -187,13 +189,14 @@ class Emulator:
                 self._stopped.wait(max(begin + due_s - time.monotonic(), 0.0))
                 waiting = BURST
             if self._stopped.is_set():
-                return
+                return False
             waiting -= 1
             try:
                 self._data.sendto(packet, address)
             except ConnectionRefusedError:  # nobody listens yet
                 pass
             self.sent.packets += 1
+        return True
 
     def _packets(self) -> Iterator[tuple[float, bytes]]:
         """Yield each packet and when it is due, in seconds after the start."""

@@ -9,7 +9,7 @@ from jradar.stream.card import Card
 from jradar.stream.emulator import Emulator
 from jradar.stream.protocol import Command, pack_reply, unpack_command
 from jradar.stream.sockets import loopback_network, udp_socket
-from tests.stream.loops import loop, settled, taken
+from tests.stream.loops import loop, settled, taken, wait_until
 from tests.stream.packets import random_frames
 
 FRAMES = random_frames(100)  # 165 packets: more than the window
@@ -91,3 +91,14 @@ def test_a_recording_that_cannot_be_read_ends_the_sending_with_its_error():
         emulator.start()
         assert emulator.finished.wait(60.0)
         assert str(emulator.fault) == "frame 0 is damaged"
+
+
+def test_a_stopped_card_begins_again_with_the_next_start():
+    with loop(BYTES, repeat=True) as (emulator, receiver):
+        for frames in (0, len(BYTES)):
+            emulator.start()
+            wait_until(lambda n=frames: receiver.counts.frames > n, "a frame")
+            emulator.stop()
+            assert not emulator.finished.is_set()
+        first = taken(receiver)[0]
+    np.testing.assert_array_equal(first.data, FRAMES[0])
