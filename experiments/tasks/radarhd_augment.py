@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem
+from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem, PolarSpec
 
 Radar = Float[np.ndarray, "range radar_azimuth history"]
 Occupied = Float[np.ndarray, "range azimuth 1"]
 Pair = tuple[Radar, Occupied]
 SCALES = (0.8, 1.25)  # of ranges
-TURN = np.deg2rad(20.0)  # largest turn to either side
+MOST_TURN = 10  # radar azimuth cells to either side, 29 degrees
 GAINS, GAMMAS = (0.7, 1.3), (0.7, 1.4)
 SPECKLE = 0.3  # standard deviation of the factor of each pixel
 MOST_DROPPED = 8  # neighbouring azimuth cells of the radar
@@ -32,13 +32,17 @@ def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> 
 
 
 def turn(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
-    """Turn both images about the radar; what leaves the view is lost."""
-    angle = rng.uniform(-TURN, TURN)
+    """Turn both images about the radar, by whole radar cells.
+
+    Beyond an edge, the view goes on as its own mirror image, so that no part of the
+    images becomes empty.
+    """
+    angle = rng.integers(-MOST_TURN, MOST_TURN + 1) * _step(RADAR)
     images = []
     for image, grid in ((radar, RADAR), (occupied, LIDAR)):
-        step = grid.angles[1] - grid.angles[0]
-        source = np.arange(grid.num_azimuth) - round(angle / step)
-        images.append(_rows(image.swapaxes(0, 1), source).swapaxes(0, 1))
+        cells, last = round(angle / _step(grid)), grid.num_azimuth - 1
+        source = np.abs(np.arange(grid.num_azimuth) - cells)
+        images.append(image[:, last - np.abs(last - source)])
     return images[0], images[1]
 
 
@@ -109,6 +113,10 @@ def augment(
             pasted = [others[rng.integers(len(others))]] if name == "paste" else []
             item = PolarItem(*AUGMENTATIONS[name](rng, *item, *pasted))
     return item
+
+
+def _step(grid: PolarSpec) -> float:
+    return grid.angles[1] - grid.angles[0]
 
 
 def _rows(image: np.ndarray, source: np.ndarray) -> np.ndarray:

@@ -38,9 +38,27 @@ def test_a_turn_moves_both_images_by_one_angle(seed):
         place(after, grid)[1] - place(before, grid)[1]
         for before, after, grid in zip(item, changed, (RADAR, LIDAR), strict=True)
     ]
-    assert turns[0] == pytest.approx(turns[1], abs=1.7)  # half a radar cell each
-    assert 0.3 < abs(turns[1]) < 20.2
+    assert turns[0] == pytest.approx(turns[1], abs=0.2)  # half a LiDAR cell
+    assert 2.6 < abs(turns[1]) < 29
     assert place(changed[1], LIDAR)[0] == 100
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_turn_leaves_no_part_of_the_view_empty(seed):
+    full = [np.ones((*grid.shape, 1), np.float32) for grid in (RADAR, LIDAR)]
+    for image in augmenting.turn(np.random.default_rng(seed), *full):
+        assert image.all()
+
+
+@pytest.mark.parametrize("seed", [3, 4, 7])  # 20, 14 and 26 degrees to the left
+def test_what_a_turn_uncovers_is_the_mirror_image_of_the_view(seed):
+    changed = augmenting.turn(np.random.default_rng(seed), *pair_of(100, -80))
+    edges = []
+    for image, grid in zip(changed, (RADAR, LIDAR), strict=True):
+        columns = np.flatnonzero(image.any((0, 2)))
+        assert len(columns) == 2
+        edges.append(np.rad2deg(grid.angles[columns].mean()))
+    assert edges[0] == pytest.approx(edges[1], abs=0.3) and -80 < edges[1] < -60
 
 
 @pytest.mark.parametrize("name", ["gain", "speckle"])
