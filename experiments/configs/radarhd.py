@@ -27,6 +27,7 @@ def get_config():
     config.data.threshold_trajectories = (136, 137)  # not trained on
     config.data.report_trajectories = (138, 140)  # not trained on
     config.data.every = 4  # score every fourth frame of both
+    config.data.turn = 0.0  # degrees to the left, of the pairs that are reported
     config.data.simulated = ""  # packed file of radarhd_simulated
     config.data.simulated_share = 0.0  # of each batch; 1 trains on them alone
 

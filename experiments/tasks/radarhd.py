@@ -166,6 +166,10 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     else:
         reported = pairs.of(config.data.report_trajectories)
         where = f"trajectories {config.data.report_trajectories}, not trained on"
+    if config.data.turn:
+        with build.section("data.turn"):
+            reported = reported.turned(config.data.turn)
+        where += f", turned by {config.data.turn:g} degrees"
     title = f"{config.purpose}; {where}"
     write_results(config, workdir, title, reported, draws, limits, confidence)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem, PolarSpec
+from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem, turned
 
 Radar = Float[np.ndarray, "range radar_azimuth history"]
 Occupied = Float[np.ndarray, "range azimuth 1"]
@@ -32,18 +32,10 @@ def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> 
 
 
 def turn(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
-    """Turn both images about the radar, by whole radar cells.
-
-    Beyond an edge, the view goes on as its own mirror image, so that no part of the
-    images becomes empty.
-    """
-    angle = rng.integers(-MOST_TURN, MOST_TURN + 1) * _step(RADAR)
-    images = []
-    for image, grid in ((radar, RADAR), (occupied, LIDAR)):
-        cells, last = round(angle / _step(grid)), grid.num_azimuth - 1
-        source = np.abs(np.arange(grid.num_azimuth) - cells)
-        images.append(image[:, last - np.abs(last - source)])
-    return images[0], images[1]
+    """Turn both images about the radar, by whole radar cells."""
+    step = RADAR.angles[1] - RADAR.angles[0]
+    angle = rng.integers(-MOST_TURN, MOST_TURN + 1) * step
+    return turned(radar, RADAR, angle), turned(occupied, LIDAR, angle)
 
 
 def change_gain(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
@@ -113,10 +105,6 @@ def augment(
             pasted = [others[rng.integers(len(others))]] if name == "paste" else []
             item = PolarItem(*AUGMENTATIONS[name](rng, *item, *pasted))
     return item
-
-
-def _step(grid: PolarSpec) -> float:
-    return grid.angles[1] - grid.angles[0]
 
 
 def _rows(image: np.ndarray, source: np.ndarray) -> np.ndarray:

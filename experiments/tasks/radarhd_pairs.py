@@ -78,6 +78,17 @@ def polar_to_points(
     return np.stack(xyz, -1)
 
 
+def turned(image: np.ndarray, grid: PolarSpec, angle: float) -> np.ndarray:
+    """Return a polar image [range, azimuth, ...] turned to the left by `angle` (rad).
+
+    It moves by whole cells. Beyond an edge, the view goes on as its own mirror image,
+    so that no part of it becomes empty.
+    """
+    step, last = grid.angles[1] - grid.angles[0], grid.num_azimuth - 1
+    source = np.abs(np.arange(grid.num_azimuth) - round(angle / step))
+    return image[:, last - np.abs(last - source)]
+
+
 class RadarHD(Sequence):
     """Pairs in the order of trajectories and frames, read on access."""
 
@@ -114,6 +125,21 @@ class RadarHD(Sequence):
     def without(self, trajectories: Sequence[int]) -> "RadarHD":
         """Return the pairs of all other trajectories."""
         return self._select(~np.isin(self.keys[:, 0], list(trajectories)))
+
+    def turned(self, degrees: float) -> "RadarHD":
+        """Return the pairs with both images turned to the left by whole radar cells.
+
+        Raises ValueError for more than 90 degrees.
+        """
+        if not abs(degrees) <= 90:
+            raise ValueError(f"{degrees:g} degrees, expected -90 to 90")
+        step = RADAR.angles[1] - RADAR.angles[0]
+        angle = round(math.radians(degrees) / step) * step
+        return RadarHD(
+            self.keys,
+            lambda i: turned(self._radar(i), RADAR, angle),
+            lambda i: turned(self._lidar(i), LIDAR, angle),
+        )
 
     def history(self, index: int, length: int) -> UInt8[np.ndarray, "..."]:
         """Return the last `length` radar images up to pair `index`, newest first.

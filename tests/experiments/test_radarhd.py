@@ -103,6 +103,10 @@ def test_a_run_ends_with_its_table_and_weights_are_scored_elsewhere(
     config.weights = str(tmp_path / "weights.safetensors")
     radarhd.evaluate(config, elsewhere)
     assert (elsewhere / "evaluation" / "table.md").read_text() == table
+    config.data.turn = 20.0
+    radarhd.evaluate(config, elsewhere)
+    turned = (elsewhere / "evaluation" / "table.md").read_text()
+    assert "not trained on, turned by 20 degrees" in turned
 
 
 def test_a_run_starts_from_weights_with_changed_and_simulated_pairs(packed, tmp_path):
@@ -140,6 +144,12 @@ def test_wrong_fields_are_named(packed):
     config.data.threshold_trajectories = (136, 9)
     with pytest.raises(UsageError, match="config.data.threshold_trajectories: no tr"):
         radarhd.setup(config, packed.parent)
+    config.data.threshold_trajectories = (136, 137)
+    start = radarhd.setup(config, packed.parent)
+    start.save(start.state)
+    config.data.update(turn=120.0, every=1)
+    with pytest.raises(UsageError, match="config.data.turn: 120 degrees, expected -90"):
+        radarhd.evaluate(config, packed.parent)
     config.weights = "nowhere"
     with pytest.raises(UsageError, match="weights = nowhere: no such file"):
         radarhd.evaluate(config, packed.parent)

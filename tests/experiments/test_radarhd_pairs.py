@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial import KDTree
 
 from experiments.tasks.radarhd_pairs import (
     LIDAR,
@@ -78,6 +79,26 @@ def test_history_stays_within_its_trajectory(packed, images):
     np.testing.assert_array_equal(
         pairs.without([7]).history(0, 2), np.stack([images[0][2]] * 2, -1)
     )
+
+
+@pytest.mark.parametrize("degrees", [20, -20])
+def test_turned_pairs_hold_the_same_walls_at_another_angle(packed, degrees):
+    pairs = open_radarhd(packed)
+    angle = degrees / abs(degrees) * 7 * 180 / 63  # whole radar cells
+    whole, turned = polar_to_points(pairs[1].lidar), pairs.turned(degrees)
+    points = polar_to_points(turned[1].lidar)
+    cos, sin = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+    expected = whole @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    seen = expected[expected[:, 0] > 0.05]
+    distance, _ = KDTree(points).query(seen)
+    assert len(seen) > 100 and distance.max() < 10.8 * np.deg2rad(0.2)
+    np.testing.assert_array_equal(
+        turned.history(1, 2)[:, 7:-7],
+        np.roll(pairs.history(1, 2), 7 if degrees > 0 else -7, 1)[:, 7:-7],
+    )
+    assert turned.digest == pairs.digest
+    with pytest.raises(ValueError, match="100 degrees, expected -90 to 90"):
+        pairs.turned(100)
 
 
 def test_points_lie_on_the_grid():
