@@ -33,8 +33,7 @@ def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> 
 
 def turn(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Pair:
     """Turn both images about the radar, by whole radar cells."""
-    step = RADAR.angles[1] - RADAR.angles[0]
-    angle = rng.integers(-MOST_TURN, MOST_TURN + 1) * step
+    angle = rng.integers(-MOST_TURN, MOST_TURN + 1) * RADAR.azimuth_step
     return turned(radar, RADAR, angle), turned(occupied, LIDAR, angle)
 
 

@@ -53,6 +53,11 @@ class PolarSpec:
         """The azimuth of each column in radians, positive to the left."""
         return np.linspace(*self.azimuth, self.num_azimuth)
 
+    @property
+    def azimuth_step(self) -> float:
+        """The angle between neighbouring columns, in radians."""
+        return (self.azimuth[1] - self.azimuth[0]) / (self.num_azimuth - 1)
+
 
 RADAR, LIDAR = PolarSpec(num_azimuth=64), PolarSpec()
 
@@ -84,8 +89,8 @@ def turned(image: np.ndarray, grid: PolarSpec, angle: float) -> np.ndarray:
     It moves by whole cells. Beyond an edge, the view goes on as its own mirror image,
     so that no part of it becomes empty.
     """
-    step, last = grid.angles[1] - grid.angles[0], grid.num_azimuth - 1
-    source = np.abs(np.arange(grid.num_azimuth) - round(angle / step))
+    last = grid.num_azimuth - 1
+    source = np.abs(np.arange(grid.num_azimuth) - round(angle / grid.azimuth_step))
     return image[:, last - np.abs(last - source)]
 
 
@@ -133,7 +138,7 @@ class RadarHD(Sequence):
         """
         if not abs(degrees) <= 90:
             raise ValueError(f"{degrees:g} degrees, expected -90 to 90")
-        step = RADAR.angles[1] - RADAR.angles[0]
+        step = RADAR.azimuth_step
         angle = round(math.radians(degrees) / step) * step
         return RadarHD(
             self.keys,
