@@ -20,10 +20,10 @@ import numpy as np
 from benchmarks.harness import Case, available
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.simulation import make_setting, simulate_sequence
-from jradar.simulation.hardware import sample_frame
-from jradar.simulation.propagation import radar_paths
+from jradar.simulation.hardware.hardware import sample_frame
+from jradar.simulation.paths.propagation import radar_paths
 from jradar.simulation.scanner import ouster_rays, scan
-from jradar.simulation.scene import cast, placements
+from jradar.simulation.scenes.scene import cast, placements
 
 RADAR = RadarSpec.awr1843()
 TIME_S = 1.0

@@ -12,7 +12,8 @@ from jradar import data
 from jradar.diffusion import RangeMixture
 from jradar.evaluation import Method
 from jradar.model import Model, fuse, mixtures, moving_pixels
-from jradar.radar import RadarSpec, ego_velocity
+from jradar.motion import ego_velocity
+from jradar.radar import RadarSpec
 from jradar.range_image import unproject
 from jradar.types import PointCloud
 

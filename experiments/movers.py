@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from jradar.lidar import transform
 from jradar.simulation import make_setting
 from jradar.simulation.coloradar_writer import NOTE
-from jradar.simulation.scene import Scene, placements
+from jradar.simulation.scenes.scene import Scene, placements
 from jradar.simulation.sequence import EPOCH_S
 
 SURFACE_POINTS = 4000  # of each body

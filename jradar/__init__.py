@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jradar import (
         baselines as baselines,
+        calibration as calibration,
         data as data,
         diffusion as diffusion,
         evaluation as evaluation,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
         lidar as lidar,
         metrics as metrics,
         model as model,
-        odometry as odometry,
+        motion as motion,
         radar as radar,
         range_image as range_image,
         recordings as recordings,
@@ -52,6 +53,7 @@ __version__ = "0.1.0"
 __all__ = [
     "PointCloud",
     "baselines",
+    "calibration",
     "data",
     "diffusion",
     "enhance",
@@ -61,7 +63,7 @@ __all__ = [
     "load_model",
     "metrics",
     "model",
-    "odometry",
+    "motion",
     "radar",
     "range_image",
     "recordings",

@@ -47,25 +47,22 @@ from experiments.studies.variants import (
 )
 from experiments.tables import markdown_table
 from jradar import data
-from jradar.files import write_text
-from jradar.model import Model, load_model
-from jradar.radar import (
-    PointSpec,
-    RadarSpec,
+from jradar.calibration import (
     SelfCalibration,
-    calibrate_channels,
     level_tilt,
-    radar_points,
     self_calibrate,
     strong_snapshots,
     untilted,
 )
-from jradar.radar.self_calibration import linear_phases
+from jradar.calibration.self_calibration import linear_phases
+from jradar.files import write_text
+from jradar.model import Model, load_model
+from jradar.radar import PointSpec, RadarSpec, calibrate_channels, radar_points
 from jradar.recordings import CaptureSpec, open_recording, write_radar_toml
 from jradar.simulation import UnitSpec, make_setting, shifted_unit
-from jradar.simulation.hardware import sample_frame
-from jradar.simulation.link import LINK
-from jradar.simulation.propagation import Paths, radar_paths
+from jradar.simulation.hardware.hardware import sample_frame
+from jradar.simulation.paths.link import LINK
+from jradar.simulation.paths.propagation import Paths, radar_paths
 from jradar.simulation.sequence import radar_frames, stream_stamps
 
 BOARDS = ("board-a", "board-b", "twice-the-channel-errors")

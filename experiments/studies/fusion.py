@@ -39,7 +39,7 @@ from jradar.files import write_text
 from jradar.lidar import transform
 from jradar.metrics import compare_on_host
 from jradar.model import Model, fuse, load_model
-from jradar.odometry import Follower
+from jradar.motion import Follower
 from jradar.progress import progress
 from jradar.range_image import unproject
 from jradar.recordings import open_recording

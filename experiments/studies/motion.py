@@ -15,7 +15,7 @@ import numpy as np
 from experiments.command import run_study, study_parser
 from jradar.files import atomic_path
 from jradar.lidar import interpolate_poses
-from jradar.odometry import (
+from jradar.motion import (
     ROTATIONS,
     Velocities,
     frame_velocities,

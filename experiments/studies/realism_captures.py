@@ -20,7 +20,7 @@ from jradar.radar import RadarSpec
 from jradar.radar.spectrum import window
 from jradar.recordings import open_recording
 from jradar.simulation import UnitSpec, draw_unit, make_setting, radar_frames
-from jradar.simulation.hardware import make_unit_hardware
+from jradar.simulation.hardware.hardware import make_unit_hardware
 
 Cube = Complex[np.ndarray, "tx rx chirp sample"]
 

@@ -28,14 +28,14 @@ from experiments.tables import markdown_table
 from jradar.files import write_text
 from jradar.lidar import interpolate_poses
 from jradar.model import Model, draw, fuse, load_model
-from jradar.odometry import (
+from jradar.motion import (
     Follower,
     frame_velocities,
     odometry,
     position_errors,
     step_errors,
 )
-from jradar.odometry.velocities import POINTS
+from jradar.motion.velocities import POINTS
 from jradar.progress import progress
 from jradar.radar import radar_points
 from jradar.range_image import condition_image, confident, unproject

@@ -17,7 +17,7 @@ from experiments.tables import markdown_table
 from experiments.tasks.radarhd_cartesian import FULL, to_cartesian, to_points
 from jradar.evaluation import calibration_error, near_truth, reliability
 from jradar.range_image import CalibrationSpec, calibrated, fit_calibration
-from jradar.range_image.calibration import KNOTS
+from jradar.range_image.confidence import KNOTS
 
 VALUES = np.linspace(0, 1, KNOTS)  # that cells are counted by: a calibration's own
 TITLES = ("cells", "value (%)", "confidence (%)", "right (%)", "error (points)")

@@ -35,7 +35,7 @@ from jradar.lidar import transform
 from jradar.progress import progress
 from jradar.radar import RadarSpec
 from jradar.simulation import draw_unit, lidar_scans, make_setting, radar_frames
-from jradar.simulation.hardware import make_unit_hardware
+from jradar.simulation.hardware.hardware import make_unit_hardware
 from jradar.simulation.rig import base_from
 from jradar.simulation.sequence import Setting
 

@@ -9,21 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar.cli.reading import opening, summary
-from jradar.errors import UsageError
-from jradar.progress import progress
-from jradar.radar import (
-    PointSpec,
-    RadarSpec,
+from jradar.calibration import (
     SelfCalibration,
     Snapshots,
     Tilt,
     level_tilt,
-    radar_points,
     self_calibrate,
     strong_snapshots,
     untilted,
 )
+from jradar.cli.reading import opening, summary
+from jradar.errors import UsageError
+from jradar.progress import progress
+from jradar.radar import PointSpec, RadarSpec, radar_points
 from jradar.recordings import (
     CaptureSpec,
     Recording,

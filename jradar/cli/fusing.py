@@ -13,8 +13,7 @@ from jaxtyping import Array, Bool, Float
 from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, fuse, mixtures, moving_pixels
-from jradar.odometry import Follower
-from jradar.radar import ego_velocity
+from jradar.motion import Follower, ego_velocity
 from jradar.range_image import RangeImage
 from jradar.recordings import Recording
 from jradar.types import PointCloud

@@ -9,7 +9,7 @@ import numpy as np
 from jradar.cli.reading import given, opening, summary
 from jradar.errors import UsageError
 from jradar.lidar import interpolate_poses
-from jradar.odometry import (
+from jradar.motion import (
     Trajectory,
     Velocities,
     frame_velocities,
@@ -18,7 +18,7 @@ from jradar.odometry import (
     step_errors,
     write_tum,
 )
-from jradar.odometry.velocities import POINTS
+from jradar.motion.velocities import POINTS
 from jradar.progress import progress
 from jradar.recordings import Recording, open_recording, with_sample_doubts
 

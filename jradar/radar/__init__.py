@@ -6,9 +6,6 @@ arguments. In the order of processing:
 Sensor       RadarSpec
 Calibration  calibrate_channels, calibrate_frequency_phase, subtract_coupling,
              compensate_tdm
-             strong_snapshots, self_calibrate      channel factors from echoes
-             channel_response, explain, without_tilt
-             level_tilt, untilted, Tilt            tilt, from level motion
 Spectra      range_doppler, power_map, window
 Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
@@ -27,27 +24,56 @@ Points       PointSpec, radar_points           cube to points of the detected ce
              cluster, Cluster                  one cluster for each object, on the host
              strongest_echoes, Echo            summary of a cloud, on the host
              noise_statistics, NoiseStatistics     and of a power map
-Motion       ego_velocity, EgoVelocity         the radar's own velocity, and movers
 Clutter      static_background, subtract_background     of a radar that stands still
 Other radars excise_interference               crossing chirps, out of the samples
              Interferers, draw_interferers, crossing_chirps     and into them
 Simulation   Scatterers, simulate_cube         the way back: scatterers to a cube
 """
 
-from jradar.radar.angle import (
+from jradar.radar.angle.deviations import (
+    Deviations as Deviations,
+    point_deviations as point_deviations,
+)
+from jradar.radar.angle.direction import directions as directions
+from jradar.radar.angle.folds import Folds as Folds, velocity_folds as velocity_folds
+from jradar.radar.angle.near_field import (
+    focus as focus,
+    focused_directions as focused_directions,
+)
+from jradar.radar.angle.sources import mdl_sources as mdl_sources
+from jradar.radar.angle.spectrum import (
     Peaks as Peaks,
     angle_spectrum as angle_spectrum,
     direction_sines as direction_sines,
     spectrum_peaks as spectrum_peaks,
     strongest_direction as strongest_direction,
 )
-from jradar.radar.calibration import (
+from jradar.radar.angle.subspace import (
+    capon_directions as capon_directions,
+    capon_spectrum as capon_spectrum,
+    music_directions as music_directions,
+    music_spectrum as music_spectrum,
+    smoothed_covariance as smoothed_covariance,
+    source_count as source_count,
+)
+from jradar.radar.angle.subspace_peaks import subspace_peaks as subspace_peaks
+from jradar.radar.channels import (
     calibrate_channels as calibrate_channels,
     calibrate_frequency_phase as calibrate_frequency_phase,
     compensate_tdm as compensate_tdm,
     subtract_coupling as subtract_coupling,
 )
-from jradar.radar.cfar import (
+from jradar.radar.clean.clutter import (
+    static_background as static_background,
+    subtract_background as subtract_background,
+)
+from jradar.radar.clean.interference import (
+    Interferers as Interferers,
+    crossing_chirps as crossing_chirps,
+    draw_interferers as draw_interferers,
+    excise_interference as excise_interference,
+)
+from jradar.radar.detect.cfar import (
     DETECTORS as DETECTORS,
     ca_cfar as ca_cfar,
     go_cfar as go_cfar,
@@ -55,43 +81,19 @@ from jradar.radar.cfar import (
     os_cfar as os_cfar,
     so_cfar as so_cfar,
 )
-from jradar.radar.clusters import (
+from jradar.radar.detect.clusters import (
     Cluster as Cluster,
     cluster as cluster,
     map_peaks as map_peaks,
 )
-from jradar.radar.clutter import (
-    static_background as static_background,
-    subtract_background as subtract_background,
+from jradar.radar.detect.multipliers import (
+    false_alarm_multiplier as false_alarm_multiplier,
 )
-from jradar.radar.deviations import (
-    Deviations as Deviations,
-    point_deviations as point_deviations,
-)
-from jradar.radar.direction import directions as directions
 from jradar.radar.echoes import (
     Echo as Echo,
     NoiseStatistics as NoiseStatistics,
     noise_statistics as noise_statistics,
     strongest_echoes as strongest_echoes,
-)
-from jradar.radar.folds import Folds as Folds, velocity_folds as velocity_folds
-from jradar.radar.interference import (
-    Interferers as Interferers,
-    crossing_chirps as crossing_chirps,
-    draw_interferers as draw_interferers,
-    excise_interference as excise_interference,
-)
-from jradar.radar.level import (
-    Tilt as Tilt,
-    level_tilt as level_tilt,
-    untilted as untilted,
-)
-from jradar.radar.motion import EgoVelocity as EgoVelocity, ego_velocity as ego_velocity
-from jradar.radar.multipliers import false_alarm_multiplier as false_alarm_multiplier
-from jradar.radar.near_field import (
-    focus as focus,
-    focused_directions as focused_directions,
 )
 from jradar.radar.point_spec import PointSpec as PointSpec
 from jradar.radar.points import (
@@ -103,35 +105,13 @@ from jradar.radar.points import (
     points_and_report as points_and_report,
     radar_points as radar_points,
 )
-from jradar.radar.self_calibration import (
-    Explained as Explained,
-    SelfCalibration as SelfCalibration,
-    channel_response as channel_response,
-    explain as explain,
-    self_calibrate as self_calibrate,
-    without_tilt as without_tilt,
-)
 from jradar.radar.sensor import RadarSpec as RadarSpec
 from jradar.radar.simulate import (
     Scatterers as Scatterers,
     simulate_cube as simulate_cube,
 )
-from jradar.radar.snapshots import (
-    Snapshots as Snapshots,
-    strong_snapshots as strong_snapshots,
-)
-from jradar.radar.sources import mdl_sources as mdl_sources
 from jradar.radar.spectrum import (
     power_map as power_map,
     range_doppler as range_doppler,
     window as window,
 )
-from jradar.radar.subspace import (
-    capon_directions as capon_directions,
-    capon_spectrum as capon_spectrum,
-    music_directions as music_directions,
-    music_spectrum as music_spectrum,
-    smoothed_covariance as smoothed_covariance,
-    source_count as source_count,
-)
-from jradar.radar.subspace_peaks import subspace_peaks as subspace_peaks

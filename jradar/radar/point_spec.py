@@ -4,8 +4,8 @@ import dataclasses
 import math
 from typing import Any
 
-from jradar.radar.cfar import DETECTORS
-from jradar.radar.cfar_window import (
+from jradar.radar.detect.cfar import DETECTORS
+from jradar.radar.detect.cfar_window import (
     EDGES,
     GUARD,
     TRAIN,

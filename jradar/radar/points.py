@@ -18,17 +18,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from jradar.radar.calibration import compensate_tdm, subtract_coupling
-from jradar.radar.cell_directions import (
+from jradar.radar.angle.cell_directions import (
     angle_bins,
     cell_directions,
     fields,
     focused,
     strongest_peaks,
 )
-from jradar.radar.cfar import DETECTORS, noise_floor
-from jradar.radar.clusters import map_peaks
-from jradar.radar.folds import Folds, velocity_folds
+from jradar.radar.angle.folds import Folds, velocity_folds
+from jradar.radar.channels import compensate_tdm, subtract_coupling
+from jradar.radar.detect.cfar import DETECTORS, noise_floor
+from jradar.radar.detect.clusters import map_peaks
 from jradar.radar.peaks import window_offset
 from jradar.radar.point_spec import POINTS, PointSpec
 from jradar.radar.samples import (

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jradar.radar.interference import excise_interference
+from jradar.radar.clean.interference import excise_interference
 from jradar.radar.samples import Cube, as_samples
 
 WINDOWS = {  # coefficients of the cosine series, periodic

@@ -29,12 +29,6 @@ from jradar.range_image.agreement import (
     agreed_range as agreed_range,
     confident as confident,
 )
-from jradar.range_image.calibration import (
-    UNSURE as UNSURE,
-    CalibrationSpec as CalibrationSpec,
-    calibrated as calibrated,
-    fit_calibration as fit_calibration,
-)
 from jradar.range_image.codec import (
     CHANNELS as CHANNELS,
     close_gaps as close_gaps,
@@ -44,6 +38,12 @@ from jradar.range_image.codec import (
     encode_range as encode_range,
     encode_target as encode_target,
     fill_misses as fill_misses,
+)
+from jradar.range_image.confidence import (
+    UNSURE as UNSURE,
+    CalibrationSpec as CalibrationSpec,
+    calibrated as calibrated,
+    fit_calibration as fit_calibration,
 )
 from jradar.range_image.doppler import velocity_image as velocity_image
 from jradar.range_image.grid import (

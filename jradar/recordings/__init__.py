@@ -34,12 +34,14 @@ Radars and their calibration:
 """
 
 from jradar.recordings.background import without_background as without_background
-from jradar.recordings.bags import bag_topics as bag_topics, open_bag as open_bag
+from jradar.recordings.bags.bags import bag_topics as bag_topics, open_bag as open_bag
+from jradar.recordings.bags.raw import open_raw_bag as open_raw_bag
 from jradar.recordings.capture import (
     accumulate as accumulate,
     open_capture as open_capture,
 )
-from jradar.recordings.cloud_writers import (
+from jradar.recordings.clouds.read import read_cloud as read_cloud
+from jradar.recordings.clouds.write import (
     CLOUD_WRITERS as CLOUD_WRITERS,
     valid_points as valid_points,
     write_csv as write_csv,
@@ -47,16 +49,14 @@ from jradar.recordings.cloud_writers import (
     write_pcd as write_pcd,
     write_ply as write_ply,
 )
-from jradar.recordings.clouds import read_cloud as read_cloud
-from jradar.recordings.coloradar import open_coloradar as open_coloradar
-from jradar.recordings.coloradar_calib import (
+from jradar.recordings.coloradar.calib import (
     FrequencyPhase as FrequencyPhase,
     radar_from_coloradar as radar_from_coloradar,
     read_coupling as read_coupling,
     read_frequency_phase as read_frequency_phase,
 )
+from jradar.recordings.coloradar.sequence import open_coloradar as open_coloradar
 from jradar.recordings.cubes import open_npy as open_npy
-from jradar.recordings.dca1000 import open_dca1000 as open_dca1000
 from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,
@@ -70,12 +70,10 @@ from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
 )
-from jradar.recordings.packet_trace import open_packet_trace as open_packet_trace
 from jradar.recordings.radar_toml import (
     read_radar_toml as read_radar_toml,
     write_radar_toml as write_radar_toml,
 )
-from jradar.recordings.raw_bags import open_raw_bag as open_raw_bag
 from jradar.recordings.recording import (
     Imu as Imu,
     Recording as Recording,
@@ -90,14 +88,18 @@ from jradar.recordings.sample_checks import (
     check_samples as check_samples,
     with_sample_doubts as with_sample_doubts,
 )
-from jradar.recordings.studio_log import radar_from_studio_log as radar_from_studio_log
 from jradar.recordings.text_files import (
     radar_from_toml as radar_from_toml,
     read_tum as read_tum,
 )
-from jradar.recordings.ti_cfg import (
+from jradar.recordings.ti.cfg import (
     CaptureSpec as CaptureSpec,
     radar_from_cfg as radar_from_cfg,
+)
+from jradar.recordings.ti.dca1000 import open_dca1000 as open_dca1000
+from jradar.recordings.ti.packet_trace import open_packet_trace as open_packet_trace
+from jradar.recordings.ti.studio_log import (
+    radar_from_studio_log as radar_from_studio_log,
 )
 from jradar.recordings.time_offset import (
     estimate_time_offset as estimate_time_offset,

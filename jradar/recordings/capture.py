@@ -38,12 +38,12 @@ from jaxtyping import Float
 from jradar.errors import UsageError
 from jradar.files import inside
 from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_transform
-from jradar.recordings.bags import open_bag
-from jradar.recordings.dca1000 import open_dca1000
+from jradar.recordings.bags.bags import open_bag
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME
 from jradar.recordings.imu import open_imu
 from jradar.recordings.recording import Format, Recording, Stream, clocks_apart
 from jradar.recordings.text_files import check_names, read_tum, toml
+from jradar.recordings.ti.dca1000 import open_dca1000
 
 PLACE = {"xyz": list, "rpy_degrees": list, "quaternion": list}
 KEYS = {

@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec
-from jradar.recordings.coloradar_calib import radar_from_coloradar
-from jradar.recordings.mmwave_json import read_mmwave_json
+from jradar.recordings.coloradar.calib import radar_from_coloradar
 from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, read
-from jradar.recordings.studio_log import count_configurations, radar_from_studio_log
 from jradar.recordings.text_files import MAX_BYTES
-from jradar.recordings.ti_cfg import CaptureSpec, radar_from_cfg
+from jradar.recordings.ti.cfg import CaptureSpec, radar_from_cfg
+from jradar.recordings.ti.mmwave_json import read_mmwave_json
+from jradar.recordings.ti.studio_log import count_configurations, radar_from_studio_log
 
 # What only the files of each kind contain that describe a radar.
 SIGNS = {

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.errors import UsageError
-from jradar.recordings.bags import TopicStream, bag_topics
-from jradar.recordings.coloradar_files import read_stamps, read_table
+from jradar.recordings.bags.bags import TopicStream, bag_topics
+from jradar.recordings.coloradar.files import read_stamps, read_table
 from jradar.recordings.recording import Imu
 
 KIND = "sensor_msgs/msg/Imu"

@@ -6,19 +6,15 @@ from pathlib import Path
 import numpy as np
 
 from jradar.errors import UsageError
-from jradar.recordings import (
-    capture,
-    coloradar,
-    cubes,
-    dca1000,
-    packet_trace,
-    raw_bags,
-)
+from jradar.recordings import capture, cubes
+from jradar.recordings.bags import raw
+from jradar.recordings.coloradar import sequence
 from jradar.recordings.recording import Recording, Stream, read
+from jradar.recordings.ti import dca1000, packet_trace
 
 READERS = (
-    *(capture.READER, coloradar.READER, dca1000.READER),
-    *(packet_trace.READER, cubes.READER, raw_bags.READER),
+    *(capture.READER, sequence.READER, dca1000.READER),
+    *(packet_trace.READER, cubes.READER, raw.READER),
 )
 
 

@@ -27,9 +27,9 @@ from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.radar import RadarSpec
 from jradar.radar.devices import BOARDS
-from jradar.recordings.iq_order import IQ_ORDERS
 from jradar.recordings.text_files import check_names, radar_from_toml, toml
-from jradar.recordings.ti_cfg import CaptureSpec
+from jradar.recordings.ti.cfg import CaptureSpec
+from jradar.recordings.ti.iq_order import IQ_ORDERS
 
 FILE_KEYS = ("axes", "iq_order")
 CALIBRATION_KEYS = ("range_bias_m", "gain_db", "phase_degrees")

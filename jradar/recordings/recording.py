@@ -22,7 +22,7 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 from jradar.errors import UsageError
 from jradar.lidar import Poses, transform
 from jradar.radar import RadarSpec, calibrate_channels, calibrate_frequency_phase
-from jradar.recordings.coloradar_calib import FrequencyPhase
+from jradar.recordings.coloradar.calib import FrequencyPhase
 
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
 

@@ -33,7 +33,10 @@ Not modelled: diffraction, limbs that swing, wrong stamps (5 ms at walking pace 
 """
 
 from jradar.simulation.capture_writer import simulate_capture as simulate_capture
-from jradar.simulation.layouts import FAMILIES as FAMILIES, make_scene as make_scene
+from jradar.simulation.scenes.layouts import (
+    FAMILIES as FAMILIES,
+    make_scene as make_scene,
+)
 from jradar.simulation.sequence import (
     frame_bytes as frame_bytes,
     lidar_scans as lidar_scans,

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
-from jradar.simulation.hardware import Hardware, channel_factors
+from jradar.simulation.hardware.hardware import Hardware, channel_factors
 from jradar.simulation.rig import EXTRINSICS, described_mount
 from jradar.simulation.units import UnitSpec
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from jradar.lidar import rigid_transform
-from jradar.simulation.trajectory import Trajectory, pose_at, velocity_at
+from jradar.simulation.scenes.trajectory import Trajectory, pose_at, velocity_at
 from jradar.simulation.units import UnitSpec
 
 EXTRINSICS = {  # base from sensor: x y z, then quaternion x y z w

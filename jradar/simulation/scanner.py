@@ -12,9 +12,9 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from jradar.simulation.materials import MATERIALS
 from jradar.simulation.rig import sensor_pose
-from jradar.simulation.scene import NUDGE_M, Scene, cast, placements
+from jradar.simulation.scenes.materials import MATERIALS
+from jradar.simulation.scenes.scene import NUDGE_M, Scene, cast, placements
 
 PANES = 2  # of glass that a ray passes at most
 PANE_TRANSMISSION = 0.8  # of one pane, both ways

@@ -21,16 +21,15 @@ from jradar.errors import UsageError
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
-from jradar.simulation.diffuse import diffuse_clutter
-from jradar.simulation.hardware import (
+from jradar.simulation.hardware.hardware import (
     Hardware,
     make_hardware,
     make_unit_hardware,
     sample_frame,
 )
-from jradar.simulation.layouts import make_scene
-from jradar.simulation.propagation import Paths, radar_paths
-from jradar.simulation.reflectors import Reflectors, find_reflectors
+from jradar.simulation.paths.diffuse import diffuse_clutter
+from jradar.simulation.paths.propagation import Paths, radar_paths
+from jradar.simulation.paths.reflectors import Reflectors, find_reflectors
 from jradar.simulation.rig import base_from, sensor_pose, viewpoint
 from jradar.simulation.scanner import (
     MID360_POINTS,
@@ -39,8 +38,9 @@ from jradar.simulation.scanner import (
     ouster_rays,
     scan,
 )
-from jradar.simulation.scene import Scene
-from jradar.simulation.trajectory import STEP_S, mounted
+from jradar.simulation.scenes.layouts import make_scene
+from jradar.simulation.scenes.scene import Scene
+from jradar.simulation.scenes.trajectory import STEP_S, mounted
 from jradar.simulation.units import EYE_M, UnitSpec
 
 EPOCH_S = 1_608_552_000.0  # 21 December 2020, when ColoRadar's first runs were made

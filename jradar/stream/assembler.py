@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
-from jradar.recordings.dca1000_packets import PAYLOAD
+from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import BYTES, DATA, MOST_PACKET, SEQUENCES, unpack_header
 
 WINDOW = 64 * PAYLOAD  # bytes by which a packet may be late

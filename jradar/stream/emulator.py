@@ -16,8 +16,8 @@ from typing import Any
 
 from jradar.errors import UsageError
 from jradar.recordings import Recording
-from jradar.recordings.dca1000_packets import PAYLOAD
-from jradar.recordings.iq_order import words_of_cube
+from jradar.recordings.ti.iq_order import words_of_cube
+from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import (
     Command,
     NetworkSpec,

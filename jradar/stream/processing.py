@@ -17,8 +17,8 @@ from jradar.recordings import (
     Stream,
     calibrated_cube,
 )
-from jradar.recordings.dca1000 import bytes_of_frame, described_samples
-from jradar.recordings.iq_order import cube_of_words
+from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
+from jradar.recordings.ti.iq_order import cube_of_words
 from jradar.stream.views import (
     LIDAR_FRAME,
     View,

@@ -14,7 +14,7 @@ import enum
 import struct
 
 from jradar.errors import UsageError
-from jradar.recordings.dca1000_packets import PAYLOAD
+from jradar.recordings.ti.packets import PAYLOAD
 
 DATA = struct.Struct("<IIH")  # sequence, lower and upper part of the byte count
 REPLY = struct.Struct("<HHHH")

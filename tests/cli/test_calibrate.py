@@ -13,7 +13,7 @@ from jradar.recordings import (
     write_radar_toml,
 )
 from jradar.simulation import simulate_sequence
-from tests.radar.test_self_calibration import CHIP, channels, scatterers
+from tests.calibration.test_self_calibration import CHIP, channels, scatterers
 from tests.recordings.conftest import root as root, sequence as sequence
 
 FRAMES = 6

@@ -8,7 +8,7 @@ import pytest
 from jradar.cli import main
 from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
 from jradar.model import save_model
-from jradar.odometry import following
+from jradar.motion import following
 from jradar.recordings import read_cloud
 from jradar.simulation import simulate_sequence
 from tests.models import tiny_model

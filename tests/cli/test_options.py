@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from jradar import odometry, simulation
+from jradar import motion, simulation
 from jradar.cli import main
 from jradar.cli.groups import CLOUD_FORMATS, DEVICES
 from jradar.cli.options import FAMILIES, ROTATIONS, SETS, parser
@@ -71,7 +71,7 @@ def test_choices_are_those_of_the_library():
     assert SETS == tuple(simulation.SETS)
     assert DEVICES == tuple(BOARDS)
     assert CLOUD_FORMATS == tuple(CLOUD_WRITERS)
-    assert ROTATIONS == odometry.ROTATIONS
+    assert ROTATIONS == motion.ROTATIONS
 
 
 def test_help_shows_the_defaults_of_the_library():

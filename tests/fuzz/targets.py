@@ -13,8 +13,8 @@ from jradar.evaluation import load_clouds, read_scores, save_clouds, write_score
 from jradar.export import export_function, load_function
 from jradar.model import load_model, save_model
 from jradar.recordings import describe, open_recording
-from jradar.recordings.bags import bag_topics, open_bag
-from jradar.recordings.clouds import read_cloud
+from jradar.recordings.bags.bags import bag_topics, open_bag
+from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.descriptions import read_description
 from jradar.recordings.text_files import read_tum
 from tests.data.prepared import invented_frame
@@ -25,9 +25,9 @@ from tests.recordings import (
     bag_writer as bags,
     cube_writer,
     small_sequence,
-    test_packet_trace as traces,
-    test_raw_bags as raw_bags,
 )
+from tests.recordings.bags import test_raw as raw_bags
+from tests.recordings.clouds.test_read import pcd, ply
 from tests.recordings.dca1000_writer import (
     CFG,
     as_bytes,
@@ -36,9 +36,9 @@ from tests.recordings.dca1000_writer import (
     settings_json,
     with_headers,
 )
-from tests.recordings.test_cloud_files import pcd, ply
 from tests.recordings.test_descriptions import STUDIO
-from tests.recordings.test_studio_log import SECOND
+from tests.recordings.ti import test_packet_trace as traces
+from tests.recordings.ti.test_studio_log import SECOND
 
 CAPTURE = """\
 [radar]

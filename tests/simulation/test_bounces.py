@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec
-from jradar.simulation.bounces import (
+from jradar.simulation.paths.bounces import (
     echoes_between_walls,
     floor_paths,
     floor_share,
     is_floor,
 )
-from jradar.simulation.line_of_sight import surface_tables
-from jradar.simulation.link import LINK
-from jradar.simulation.propagation import Paths, radar_paths
+from jradar.simulation.paths.line_of_sight import surface_tables
+from jradar.simulation.paths.link import LINK
+from jradar.simulation.paths.propagation import Paths, radar_paths
+from jradar.simulation.paths.wind import beta, foliage_velocity, standing_ratio
 from jradar.simulation.rig import Viewpoint
-from jradar.simulation.scene import placements
-from jradar.simulation.solids import box, moved, sheet, slab
+from jradar.simulation.scenes.scene import placements
+from jradar.simulation.scenes.solids import box, moved, sheet, slab
 from jradar.simulation.units import UnitSpec
-from jradar.simulation.wind import beta, foliage_velocity, standing_ratio
 from tests.simulation.worlds import world
 
 RADAR = RadarSpec.awr1843()

@@ -6,7 +6,7 @@ import pytest
 from jradar.radar import RadarSpec
 from jradar.recordings import radar_from_cfg
 from jradar.recordings.capture import open_capture
-from jradar.recordings.dca1000 import open_dca1000
+from jradar.recordings.ti.dca1000 import open_dca1000
 from jradar.simulation import simulate_capture
 from jradar.simulation.capture_writer import dca1000_bytes, write_cfg
 from jradar.simulation.rig import EXTRINSICS

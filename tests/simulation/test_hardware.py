@@ -8,15 +8,15 @@ from scipy.spatial.transform import Rotation
 from jradar.radar import RadarSpec
 from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation import rig
-from jradar.simulation.hardware import (
+from jradar.simulation.hardware.hardware import (
     RANGE_BIAS_M,
     Hardware,
     make_hardware,
     sample_frame,
 )
-from jradar.simulation.link import FULL_SCALE, LINK
-from jradar.simulation.propagation import Paths
-from jradar.simulation.synthesiser import SynthesiserSpec, sampling_errors
+from jradar.simulation.hardware.synthesiser import SynthesiserSpec, sampling_errors
+from jradar.simulation.paths.link import FULL_SCALE, LINK
+from jradar.simulation.paths.propagation import Paths
 from tests.simulation.test_propagation import PERFECT
 
 RADAR = RadarSpec.awr1843()

@@ -5,10 +5,10 @@ import hashlib
 import numpy as np
 import pytest
 
-from jradar.simulation.layouts import make_scene
-from jradar.simulation.scene import cast, placements
+from jradar.simulation.scenes.layouts import make_scene
+from jradar.simulation.scenes.scene import cast, placements
+from jradar.simulation.scenes.trajectory import pose_at
 from jradar.simulation.sets import SIX
-from jradar.simulation.trajectory import pose_at
 
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
 

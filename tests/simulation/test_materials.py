@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jradar.simulation.materials import (
+from jradar.simulation.scenes.materials import (
     MATERIAL_IDS,
     MATERIALS,
     backscatter,

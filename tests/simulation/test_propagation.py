@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec, calibrate_frequency_phase, radar_points
-from jradar.simulation.hardware import Hardware, make_hardware, sample_frame
-from jradar.simulation.layouts import FAMILIES, make_scene
-from jradar.simulation.link import LINK
-from jradar.simulation.materials import MATERIAL_IDS, MATERIALS, slab_shares
-from jradar.simulation.propagation import radar_paths
-from jradar.simulation.reflectors import find_reflectors
+from jradar.simulation.hardware.hardware import Hardware, make_hardware, sample_frame
+from jradar.simulation.paths.link import LINK
+from jradar.simulation.paths.propagation import radar_paths
+from jradar.simulation.paths.reflectors import find_reflectors
 from jradar.simulation.rig import sensor_pose, viewpoint
-from jradar.simulation.scene import make_body
-from jradar.simulation.solids import boulder, box, join, moved, sheet, slab
-from jradar.simulation.trajectory import pose_at, velocity_at
+from jradar.simulation.scenes.layouts import FAMILIES, make_scene
+from jradar.simulation.scenes.materials import MATERIAL_IDS, MATERIALS, slab_shares
+from jradar.simulation.scenes.scene import make_body
+from jradar.simulation.scenes.solids import boulder, box, join, moved, sheet, slab
+from jradar.simulation.scenes.trajectory import pose_at, velocity_at
 from tests.simulation.worlds import corner_reflector, straight, world
 
 RADAR = RadarSpec.awr1843()

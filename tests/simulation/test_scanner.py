@@ -5,7 +5,7 @@ import pytest
 
 from jradar.simulation.rig import sensor_pose
 from jradar.simulation.scanner import ScannerSpec, mid360_rays, ouster_rays, scan
-from jradar.simulation.solids import box, moved, sheet
+from jradar.simulation.scenes.solids import box, moved, sheet
 from tests.simulation.worlds import world
 
 EXACT = ScannerSpec(noise_m=0.0, fading_db=0.0, reach_m=1e4, least_range_m=0.0)

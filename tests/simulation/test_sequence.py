@@ -17,7 +17,7 @@ from jradar.recordings import (
 )
 from jradar.simulation import frame_bytes, simulate_sequence
 from jradar.simulation.coloradar_writer import write_calib
-from jradar.simulation.hardware import channel_factors, make_hardware
+from jradar.simulation.hardware.hardware import channel_factors, make_hardware
 from jradar.simulation.sequence import CLOCKS, EPOCH_S, IMU_BIAS, imu_records
 from jradar.simulation.sets import folder_digest
 from tests.simulation.worlds import straight

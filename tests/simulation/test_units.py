@@ -13,14 +13,14 @@ from jradar.radar import RadarSpec
 from jradar.recordings import open_recording
 from jradar.recordings.recording import calibrated_cube
 from jradar.simulation import make_setting, simulate_sequence
-from jradar.simulation.diffuse import CELL_M, diffuse_clutter
-from jradar.simulation.front_end import distort, make_front_end, phase_drift
-from jradar.simulation.hardware import make_unit_hardware, sample_frame
-from jradar.simulation.link import LINK
-from jradar.simulation.propagation import Paths
+from jradar.simulation.hardware.front_end import distort, make_front_end, phase_drift
+from jradar.simulation.hardware.hardware import make_unit_hardware, sample_frame
+from jradar.simulation.paths.diffuse import CELL_M, diffuse_clutter
+from jradar.simulation.paths.link import LINK
+from jradar.simulation.paths.propagation import Paths
 from jradar.simulation.rig import Viewpoint, described_mount
+from jradar.simulation.scenes.trajectory import mounted, pose_at, velocity_at
 from jradar.simulation.sets import ROBUSTNESS, SETS, UNSEEN, set_sequences
-from jradar.simulation.trajectory import mounted, pose_at, velocity_at
 from jradar.simulation.units import (
     FIRST_SHIFT,
     LATER_SHIFTS,

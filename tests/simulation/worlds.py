@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from jradar.simulation.reflectors import find_reflectors
-from jradar.simulation.scene import Scene, make_body
-from jradar.simulation.solids import join, moved, sheet
-from jradar.simulation.trajectory import STILL, Trajectory, loop
+from jradar.simulation.paths.reflectors import find_reflectors
+from jradar.simulation.scenes.scene import Scene, make_body
+from jradar.simulation.scenes.solids import join, moved, sheet
+from jradar.simulation.scenes.trajectory import STILL, Trajectory, loop
 
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
 

@@ -16,7 +16,7 @@ from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
 from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
-from tests.recordings.test_dca1000 import CFG
+from tests.recordings.ti.test_dca1000 import CFG
 from tests.stream.loops import PATIENCE_S, wait_until
 
 RADAR = RadarSpec.awr1843(num_chirps=4, num_samples=32)  # 6,144 bytes a frame

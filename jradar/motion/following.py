@@ -1,0 +1,126 @@
+"""Where a radar was in its last frames, told frame by frame as it moves; host NumPy.
+
+Each step from one frame to the next is the first of these that is known:
+
+    poses       the recorded ones of the base
+    imu         the radar's velocity, turned by the gyroscope
+    velocity    the radar's velocity, without turning
+
+A step uses nothing that was measured after its newer frame, except that recorded poses
+are interpolated.
+"""
+
+import collections
+import itertools
+
+import numpy as np
+from jaxtyping import Float
+
+from jradar.lidar import interpolate_poses
+from jradar.motion.attitude import STILL_MPS, gyro_attitude, gyro_bias
+from jradar.recordings import Imu, Recording
+
+LONGEST_STEP_S = 1.0  # that velocities are trusted to bridge
+REMEMBERED = 100  # frames, in which the gyroscope's bias is looked for
+MARGIN_S = 0.05  # of the IMU's records around a step
+
+Matrix = Float[np.ndarray, "4 4"]
+
+
+class Follower:
+    """The places of a recording's radar in its newest frames.
+
+    `steps` counts the steps by what told them: "poses", "imu", "velocity", or "none".
+    """
+
+    def __init__(self, recording: Recording, *, frames: int):
+        """`frames` is how many of the newest are remembered."""
+        self.steps: collections.Counter[str] = collections.Counter()
+        self._recording = recording
+        self._mount = recording.base_from_radar
+        self._last = collections.deque[Matrix](maxlen=max(frames - 1, 0))
+        self._stamps = collections.deque[float](maxlen=REMEMBERED)
+        self._velocities = collections.deque[np.ndarray](maxlen=REMEMBERED)
+        self._bias = np.zeros(3)
+
+    def step(
+        self, frame: int, velocity: Float[np.ndarray, " 3"]
+    ) -> Float[np.ndarray, "frame 4 4"]:
+        """Return the transforms of points from each frame's radar to this one's.
+
+        This `frame` comes first, then those before it. `velocity` is the radar's own in
+        m/s, along its axes, NaN where unknown. A transform is NaN where the motion is
+        unknown. Frames are told one after another.
+        """
+        recording, radar = self._recording, self._recording.radar
+        stamps = recording.cubes.stamps
+        stamp = np.nan if stamps is None else stamps[frame] + radar.frame_middle_s
+        if radar.num_chirps < 2 or not radar.has_azimuth:
+            velocity = np.full(3, np.nan)  # which one chirp or one column cannot tell
+        self._stamps.append(float(stamp))
+        self._velocities.append(np.asarray(velocity, float))
+        self._learn_bias()
+        if len(self._stamps) > 1:
+            self._last.appendleft(self._newest_step())
+        chain = itertools.accumulate(self._last, np.matmul, initial=np.eye(4))
+        return np.stack([*chain])
+
+    def _newest_step(self) -> Matrix:
+        """The transform from the frame before to the newest; NaN if it is unknown."""
+        stamps = np.array([*self._stamps][-2:])
+        found = self._by_poses(stamps)
+        if found is None:
+            found = self._by_velocity(stamps)
+        kind, step = ("none", np.full((4, 4), np.nan)) if found is None else found
+        self.steps[kind] += 1
+        return step
+
+    def _by_poses(self, stamps):
+        poses = self._recording.poses
+        if poses is None or self._mount is None or not np.isfinite(stamps).all():
+            return None
+        older, newer = interpolate_poses(poses, stamps) @ self._mount
+        if not np.isfinite([older, newer]).all():
+            return None
+        return "poses", np.linalg.solve(newer, older)
+
+    def _by_velocity(self, stamps):
+        seconds = stamps[1] - stamps[0]
+        if not 0 < seconds <= LONGEST_STEP_S:  # NaN, too
+            return None
+        kind, turn = "velocity", np.eye(3)
+        if (turned := self._turn(stamps)) is not None:
+            kind, turn = "imu", turned
+        older, newer = [*self._velocities][-2:]
+        both = np.stack([older, turn @ newer])  # along the older frame's axes
+        both = both[np.isfinite(both).all(1)]
+        if not len(both):
+            return None
+        step = np.eye(4)
+        step[:3, :3], step[:3, 3] = turn, seconds * both.mean(0)
+        return kind, np.linalg.inv(step)
+
+    def _turn(self, stamps):
+        """The orientation of the newer radar along the older one's axes."""
+        recording, imu = self._recording, self._recording.imu
+        if imu is None or recording.base_from_imu is None or self._mount is None:
+            return None
+        near = slice(*np.searchsorted(imu.stamps, stamps + [-MARGIN_S, MARGIN_S]))
+        records = Imu(*(column[near] for column in imu))
+        if len(records.stamps) < 2 or not (
+            records.stamps[0] <= stamps[0] and stamps[1] <= records.stamps[-1]
+        ):
+            return None
+        place = recording.base_from_imu
+        turn = gyro_attitude(records, stamps, place, bias=self._bias)[1]
+        mount = self._mount[:3, :3]
+        return mount.T @ turn @ mount
+
+    def _learn_bias(self):
+        """The gyroscope's bias, from the time that the rig stood still."""
+        imu, (*_, velocity) = self._recording.imu, self._velocities
+        speeds = np.linalg.norm(np.stack([*self._velocities]), axis=1)
+        if imu is None or not np.linalg.norm(velocity) < STILL_MPS:
+            return
+        bias = gyro_bias(imu, np.array(self._stamps), speeds)
+        self._bias = self._bias if bias is None else bias

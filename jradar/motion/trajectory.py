@@ -1,0 +1,158 @@
+"""From velocities and orientation to a trajectory; host NumPy.
+
+position of the radar  =  integral of world_from_base base_from_radar v_radar dt
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from jradar.errors import UsageError
+from jradar.files import atomic_path
+from jradar.lidar import Poses
+from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_attitude
+from jradar.motion.scans import scan_poses
+from jradar.motion.velocities import Velocities
+from jradar.recordings import Recording
+
+ROTATIONS = ("imu", "poses", "lidar", "none")
+
+
+class Trajectory(NamedTuple):
+    """Poses of a radar in the world, in the middle of each frame."""
+
+    stamps: Float[np.ndarray, " frame"]  # seconds
+    world_from_radar: Float[np.ndarray, "frame 4 4"]
+    base_from_radar: Float[np.ndarray, "4 4"]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def world_from_base(self) -> Float[np.ndarray, "frame 4 4"]:
+        """Poses of the base of the rig."""
+        return self.world_from_radar @ np.linalg.inv(self.base_from_radar)
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the base's way."""
+        steps = np.diff(self.world_from_base[:, :3, 3], axis=0)
+        return float(np.linalg.norm(steps, axis=1).sum())
+
+
+def odometry(
+    recording: Recording, velocities: Velocities, *, rotation: str = "imu"
+) -> Trajectory:
+    """Return the trajectory of a recording's radar from its velocities.
+
+    `rotation` is "imu" (its gyroscope), "poses" (the recorded ones), "lidar" (scan
+    matching) or "none" (the rig does not turn). The base is first at the origin.
+    Raises UsageError for what the recording lacks.
+    """
+    if rotation not in ROTATIONS:
+        raise UsageError(f"{rotation=}, expected one of {', '.join(ROTATIONS)}")
+    stamps, notes = velocities.stamps, []
+    mount = recording.base_from_radar
+    if mount is None:
+        mount = np.eye(4)
+        notes.append("the radar's place on the base is unknown: they are taken as one")
+    turns = np.stack([np.eye(3)] * len(stamps))
+    if rotation == "imu":
+        turns = _from_imu(recording, velocities, mount, notes)
+    elif rotation == "poses":
+        if recording.poses is None:
+            raise UsageError(f"{recording.path} has no poses: use another rotation")
+        turns = pose_attitude(recording.poses, stamps)
+    elif rotation == "lidar":
+        poses = scan_poses(recording)
+        # The LiDAR's first and last scan may lie within the radar's frames.
+        turns = pose_attitude(poses, np.clip(stamps, *poses.stamps[[0, -1]]))
+    return integrate(velocities, turns, mount)._replace(notes=tuple(notes))
+
+
+def _from_imu(recording, velocities, mount, notes):
+    imu, place = recording.imu, recording.base_from_imu
+    if imu is None:
+        raise UsageError(f"{recording.path} has no IMU: use another rotation")
+    if place is None:
+        place = np.eye(4)
+        notes.append("the IMU's place on the base is unknown: they are taken as one")
+    stamps = velocities.stamps
+    speed = np.linalg.norm(velocities.velocity, axis=1)
+    bias = gyro_bias(imu, stamps, speed)
+    if bias is None:
+        notes.append(
+            "the rig never stands still: the gyroscope's bias is unknown, taken as 0"
+        )
+    turns = gyro_attitude(imu, stamps, place, bias=bias)
+    rates = [np.interp(stamps, imu.stamps, axis) for axis in imu.rate.T]
+    rate = (np.stack(rates, -1) - (0.0 if bias is None else bias)) @ place[:3, :3].T
+    # The radar's velocity less that of turning about the IMU.
+    arm = np.einsum("tij,tj->ti", turns, np.cross(rate, mount[:3, 3] - place[:3, 3]))
+    world = _in_world(velocities, turns, mount) - arm
+    return levelled(imu, stamps, turns, place, world)
+
+
+def integrate(
+    velocities: Velocities,
+    turns: Float[np.ndarray, "frame 3 3"],
+    base_from_radar: Float[np.ndarray, "4 4"],
+) -> Trajectory:
+    """Return the trajectory with the orientations `turns` of the base in the world.
+
+    Velocities change linearly from frame to frame, and across frames without one. The
+    base begins at the origin. Raises ValueError if no frame has a velocity.
+    """
+    world = _in_world(velocities, turns, base_from_radar)
+    steps = np.diff(velocities.stamps)[:, None] * (world[1:] + world[:-1]) / 2
+    poses = np.tile(np.eye(4), (len(turns), 1, 1))
+    poses[:, :3, :3] = turns @ base_from_radar[:3, :3]
+    start = turns[0] @ base_from_radar[:3, 3]
+    poses[:, :3, 3] = start + np.concatenate([np.zeros((1, 3)), steps.cumsum(0)])
+    return Trajectory(velocities.stamps, poses, base_from_radar)
+
+
+def _in_world(velocities, turns, base_from_radar):
+    """The radar's velocities in the world, without gaps."""
+    stamps = velocities.stamps
+    known = np.isfinite(velocities.velocity).all(1)
+    if not known.any() or not (np.diff(stamps) > 0).all():
+        raise ValueError(
+            f"{known.sum()} velocities at {len(stamps)} times, expected one or more at "
+            "rising times"
+        )
+    ours = turns @ base_from_radar[:3, :3]
+    world = np.einsum("tij,tj->ti", ours[known], velocities.velocity[known])
+    return np.stack([np.interp(stamps, stamps[known], axis) for axis in world.T], -1)
+
+
+def relative_poses(
+    trajectory: Trajectory,
+    source: Int[np.ndarray, "*pair"] | int,
+    target: Int[np.ndarray, "*pair"] | int,
+) -> Float[np.ndarray, "*pair 4 4"]:
+    """Return target_from_source: points of frame `source` to the frame `target`.
+
+    Both are places in the trajectory, single or in arrays; the frames are the radar's
+    own, x forward, y left, z up, in the middle of its frame in time.
+    """
+    poses = trajectory.world_from_radar
+    return np.linalg.solve(poses[target], poses[source])
+
+
+def to_poses(trajectory: Trajectory) -> Poses:
+    """Return the poses of the base."""
+    matrices = trajectory.world_from_base
+    turns = Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
+    return Poses(trajectory.stamps, matrices[:, :3, 3], turns)
+
+
+def write_tum(path: Path | str, trajectory: Trajectory) -> None:
+    """Write the poses of the base as lines `stamp x y z qx qy qz qw`."""
+    lines = []
+    for stamp, xyz, turn in zip(*to_poses(trajectory), strict=True):
+        numbers = " ".join(f"{value:.9f}" for value in (*xyz, *turn))
+        lines.append(f"{stamp:.6f} {numbers}\n")
+    with atomic_path(path) as scratch:
+        scratch.write_text("".join(lines), encoding="utf-8")

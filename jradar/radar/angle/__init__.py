@@ -1,0 +1,1 @@
+"""Directions of detected cells: FFT and subspaces, folds, near field, deviations."""

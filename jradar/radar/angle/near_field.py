@@ -1,0 +1,136 @@
+"""Directions for wide arrays: true delays across the aperture, spherical waves.
+
+`directions` takes all antennas to see a target in one range cell, and its wave to be
+plane. Across an array as wide as a cascade's neither holds:
+
+    delays      towards the sides, the outer antennas are up to half a cell nearer or
+                farther, so that a cell holds only part of their power
+    curvature   within a few metres, the wave's front bends by more than a wavelength
+
+`focused_directions` takes each antenna's value between three range cells at its own
+distance, removes the curvature of a target at the found place, and searches again.
+Transmitters and receivers are taken to lie at their `tx_positions` and `rx_positions`
+in one plane with one origin; the point that angles refer to is the mean antenna. If the
+board's transmitters and receivers are apart, give their positions accordingly.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jradar.radar.angle.direction import directions
+from jradar.radar.angle.spectrum import FLIPS, Angle
+from jradar.radar.paths import antenna_places, extra_paths
+from jradar.radar.sensor import RadarSpec
+from jradar.radar.spectrum import WINDOWS
+
+ROUNDS = 4  # of focusing and searching
+CELLS = (-1, 0, 1)
+
+
+STATIC = (
+    *("radar", "range_bias_m", "range_window", "num_azimuth", "num_elevation"),
+    *FLIPS,
+)
+
+
+@functools.partial(jax.jit, static_argnames=STATIC)
+def focused_directions(
+    cells: Complex[Array, "*batch 3 virtual"],
+    cell: Int[Array, "*batch"],
+    offset: Float[Array, "*batch"],
+    radar: RadarSpec,
+    *,
+    range_bias_m: float = 0.0,
+    range_window: str = "hann",
+    num_azimuth: int = 64,
+    num_elevation: int = 32,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> tuple[Angle, Angle]:
+    """Return azimuth and elevation in radians of a target in each snapshot.
+
+    `cells` are the spectra, after `compensate_tdm`, of the range cells before, at and
+    after `cell`; the target lies `offset` bins after it. Raises ValueError as
+    `directions`.
+    """
+    options = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
+    distance = (cell + offset) * radar.range_resolution_m - range_bias_m
+    azimuth, elevation = directions(cells[..., 1, :], radar, **options)
+    for _ in range(ROUNDS):
+        snapshot = focus(
+            cells,
+            offset,
+            distance,
+            azimuth,
+            elevation,
+            radar,
+            range_window=range_window,
+        )
+        azimuth, elevation = directions(snapshot, radar, **options)
+    return (
+        -azimuth if flip_azimuth else azimuth,
+        -elevation if flip_elevation else elevation,
+    )
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "range_window"))
+def focus(
+    cells: Complex[Array, "*batch 3 virtual"],
+    offset: Float[Array, "*batch"],
+    distance_m: Float[Array, "*batch"],
+    azimuth: Angle,
+    elevation: Angle,
+    radar: RadarSpec,
+    *,
+    range_window: str = "hann",
+) -> Complex[Array, "*batch virtual"]:
+    """Return the snapshot that a far target in the same direction would give.
+
+    `offset` is the target's place in bins from the middle cell. The angles are those of
+    a sensor that is not mounted upside down.
+    """
+    extra, curve = _paths(distance_m, azimuth, elevation, radar)
+    place = offset[..., None] + extra / radar.range_resolution_m
+    gain = jnp.stack([_main_lobe(place - cell, range_window) for cell in CELLS], -2)
+    middle = (radar.num_samples - 1) / 2 / radar.num_samples
+    turn = jnp.asarray(np.exp(2j * np.pi * middle * np.array(CELLS)), cells.dtype)
+    turn = jnp.broadcast_to(turn[:, None], cells.shape)
+    combined = (cells * gain * turn).sum(-2) / (gain**2).sum(-2)
+    return combined * jnp.exp(-4j * jnp.pi * curve / radar.wavelength_m)
+
+
+def _paths(distance, azimuth, elevation, radar):
+    """Half of each pair's path beyond the mean, and beyond a plane wave's; metres."""
+    direction = jnp.stack(
+        [
+            jnp.cos(elevation) * jnp.cos(azimuth),
+            jnp.cos(elevation) * jnp.sin(azimuth),
+            jnp.sin(elevation),
+        ],
+        -1,
+    )
+    far = jnp.maximum(distance, radar.range_resolution_m)
+    (tx, tx_curve), (rx, rx_curve) = (
+        extra_paths(direction, far, places) for places in antenna_places(radar)
+    )
+    extra = _pairs(tx, rx)
+    return extra - extra.mean(-1, keepdims=True), _pairs(tx_curve, rx_curve)
+
+
+def _pairs(tx, rx):
+    """Half the sum for every pair of antennas, `[*batch, virtual]`."""
+    both = (tx[..., :, None] + rx[..., None, :]) / 2
+    return both.reshape(*both.shape[:-2], -1)
+
+
+def _main_lobe(bins, kind):
+    """The window's response `bins` beside a tone, 1 at the tone."""
+    first, *others = WINDOWS[kind]
+    total = first * jnp.sinc(bins)
+    for k, coefficient in enumerate(others, 1):
+        total += coefficient / 2 * (jnp.sinc(bins - k) + jnp.sinc(bins + k))
+    return total / first

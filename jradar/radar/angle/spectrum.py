@@ -1,0 +1,236 @@
+"""Azimuth and elevation from the phases across the virtual array.
+
+The elements lie on a grid of columns and rows; tx-rx pairs at the same position are
+averaged. The grid is zero-padded and Fourier transformed. For a single target, the peak
+of the spectrum is the maximum-likelihood direction, also with sparse rows.
+
+    elements [row, column]  --2-D FFT-->  [elevation, azimuth], in direction sines
+                                          w = sin el, u = sin az cos el
+
+An array with one row does not measure elevation: its spectrum has one elevation bin,
+and its elevation is 0. An array with one column does not measure azimuth, likewise.
+Positions grow to the left and upwards as seen from behind; `flip_azimuth` and
+`flip_elevation` are for a sensor that is mounted upside down.
+
+`direction` finds the strongest direction faster, without this spectrum.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from jradar.radar.peaks import parabola_offset
+from jradar.radar.ranks import to_rank
+from jradar.radar.sensor import RadarSpec
+
+Angle = Float[Array, "*batch"]
+FLIPS = ("flip_azimuth", "flip_elevation")
+NEARLY_ONE = 1 - 1e-6  # the slope of the arcsine is still finite here
+
+
+class Peaks(NamedTuple):
+    """Directions of the peaks of a cell in radians, strongest first."""
+
+    azimuth: Float[Array, "*batch peak"]
+    elevation: Float[Array, "*batch peak"]
+    power: Float[Array, "*batch peak"]
+    valid: Bool[Array, "*batch peak"]
+
+
+def direction_sines(
+    radar: RadarSpec, *, num_azimuth: int = 64, num_elevation: int = 32
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the direction sines of the bins: u `[azimuth]`, w `[elevation]`; host."""
+
+    def sines(bins, spacing):
+        return (np.arange(bins) - bins // 2) / (bins * spacing)
+
+    rows = num_elevation if radar.has_elevation else 1
+    columns = num_azimuth if radar.has_azimuth else 1
+    return (
+        sines(columns, radar.spacing_wavelengths),
+        sines(rows, radar.row_spacing_wavelengths),
+    )
+
+
+def azimuth_bins(radar: RadarSpec) -> int:
+    """Return the number of azimuth bins for an array: 64, or more if it is wider.
+
+    With fewer than two bins a column, a parabola errs by more than noise at 10 dB.
+    """
+    columns = int(radar.virtual_positions[:, 0].max()) + 1
+    return max(64, 1 << (2 * columns - 1).bit_length())
+
+
+def check_sizes(
+    shape: tuple[int, ...], radar: RadarSpec, num_azimuth: int, num_elevation: int
+) -> tuple[int, int]:
+    """Return the rows and columns of the array; ValueError if shapes do not fit."""
+    rows, columns = (int(size) for size in radar.virtual_positions[:, ::-1].max(0) + 1)
+    if (radar.has_elevation and rows > num_elevation) or columns > num_azimuth:
+        raise ValueError(
+            f"{num_elevation} elevation and {num_azimuth} azimuth bins are fewer than "
+            f"the array's {rows} rows and {columns} columns: ask for more bins"
+        )
+    check_antennas(shape, radar)
+    return rows, columns
+
+
+def check_antennas(shape: tuple[int, ...], radar: RadarSpec) -> None:
+    """Raise ValueError unless snapshots have one value for each virtual antenna."""
+    if shape[-1] != radar.num_virtual:
+        raise ValueError(
+            f"{shape[-1]} values per snapshot, {radar.name} has "
+            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
+        )
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation"))
+def angle_spectrum(
+    snapshot: Complex[Array, "*batch virtual"],
+    radar: RadarSpec,
+    *,
+    num_azimuth: int = 64,
+    num_elevation: int = 32,
+) -> Float[Array, "*batch elevation azimuth"]:
+    """Return the power of each snapshot over the directions of `direction_sines`.
+
+    Raises ValueError if the array has more elements along an axis than the spectrum
+    has bins.
+    """
+    rows, columns = check_sizes(snapshot.shape, radar, num_azimuth, num_elevation)
+    num_elevation = num_elevation if radar.has_elevation else 1
+    num_azimuth = num_azimuth if radar.has_azimuth else 1
+    column, row = radar.virtual_positions.T
+    shared = np.zeros((rows, columns))
+    np.add.at(shared, (row, column), 1)
+    grid = jnp.zeros((*snapshot.shape[:-1], rows, columns), snapshot.dtype)
+    weight = jnp.asarray(1 / shared[row, column], jnp.float32)
+    grid = grid.at[..., row, column].add(snapshot * to_rank(weight, snapshot))
+    spectrum = jnp.fft.fft2(grid, s=(num_elevation, num_azimuth))
+    spectrum = jnp.fft.fftshift(spectrum, axes=(-2, -1))
+    return spectrum.real**2 + spectrum.imag**2
+
+
+@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
+def strongest_direction(
+    spectrum: Float[Array, "*batch elevation azimuth"],
+    radar: RadarSpec,
+    *,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> tuple[Angle, Angle]:
+    """Return azimuth and elevation in radians of the peak of an `angle_spectrum`.
+
+    A parabola through the logarithms of its neighbours places the peak between bins and
+    makes it differentiable. Bins with u^2 + w^2 > 1, which are no directions, are
+    ignored.
+    """
+    visible = _visible(spectrum, radar)
+    flat = jnp.where(visible, spectrum, -1.0).reshape(*spectrum.shape[:-2], -1)
+    u, w = _sines(spectrum, jnp.argmax(flat, -1), radar, True)
+    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+
+
+@functools.partial(
+    jax.jit, static_argnames=("radar", "count", "within_db", "interpolate", *FLIPS)
+)
+def spectrum_peaks(
+    spectrum: Float[Array, "*batch elevation azimuth"],
+    radar: RadarSpec,
+    *,
+    count: int = 2,
+    within_db: float = 6.0,
+    interpolate: bool = True,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> Peaks:
+    """Return the `count` strongest local maxima of an `angle_spectrum`.
+
+    For cells that contain several targets. A maximum exceeds its eight neighbours among
+    the visible bins. It is `valid` if it lies at most `within_db` below the strongest:
+    uniform rows have side lobes 13 dB down, sparse rows higher ones. The first peak is
+    `strongest_direction`. A spectrum over azimuth only has one row.
+    """
+    *batch, num_elevation, num_azimuth = spectrum.shape
+    if not 1 <= count <= num_elevation * num_azimuth:
+        raise ValueError(
+            f"{count=}, expected 1 to the spectrum's {num_elevation} x {num_azimuth} "
+            "bins"
+        )
+    if within_db < 0:
+        raise ValueError(f"{within_db=}, expected 0 or more decibels: drop the sign?")
+    seen = jnp.where(_visible(spectrum, radar), spectrum, -1.0)
+    left = jnp.where(_is_local_maximum(seen), seen, -1.0).reshape(*batch, -1)
+    bins, powers = [], []
+    for _ in range(count):  # faster than a sort for a few peaks
+        bins.append(jnp.argmax(left, -1))
+        powers.append(jnp.take_along_axis(left, bins[-1][..., None], -1)[..., 0])
+        chosen = to_rank(jnp.arange(left.shape[-1]), left) == bins[-1][..., None]
+        left = jnp.where(chosen, -1.0, left)
+    sines = (_sines(spectrum, index, radar, interpolate) for index in bins)
+    u, w = (jnp.stack(sine, -1) for sine in zip(*sines, strict=True))
+    azimuth, elevation = angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    power = jnp.stack(powers, -1)
+    valid = (power > 0) & (power >= power[..., :1] * 10 ** (-within_db / 10))
+    return Peaks(azimuth, elevation, jnp.maximum(power, 0.0), valid)
+
+
+def angles_of_sines(
+    u: Angle, w: Angle, flip_azimuth: bool, flip_elevation: bool
+) -> tuple[Angle, Angle]:
+    """Return azimuth and elevation in radians, with finite gradients."""
+    w = jnp.clip(w, -NEARLY_ONE, NEARLY_ONE)
+    sine = jnp.clip(u / jnp.sqrt(1 - w**2), -NEARLY_ONE, NEARLY_ONE)
+    azimuth, elevation = jnp.arcsin(sine), jnp.arcsin(w)
+    return (
+        -azimuth if flip_azimuth else azimuth,
+        -elevation if flip_elevation else elevation,
+    )
+
+
+def _visible(spectrum, radar):
+    """Bins that are directions, `[elevation, azimuth]`, on the host."""
+    num_elevation, num_azimuth = spectrum.shape[-2:]
+    u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
+    return u**2 + w[:, None] ** 2 <= 1
+
+
+def _is_local_maximum(power):
+    """Whether a bin exceeds its eight neighbours; of equal bins, the first does."""
+    rows, columns = ((-1, 0, 1) if n > 1 else (0,) for n in power.shape[-2:])
+    highest = jnp.ones(power.shape, bool)
+    for shift in ((row, column) for row in rows for column in columns):
+        neighbour = jnp.roll(power, shift, (-2, -1))
+        if shift != (0, 0):
+            highest &= power > neighbour if shift > (0, 0) else power >= neighbour
+    return highest
+
+
+def _sines(spectrum, index, radar, interpolate):
+    """Direction sines u and w of the peak in the flat bin `index`."""
+    *batch, num_elevation, num_azimuth = spectrum.shape
+    u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
+    row, column = jnp.divmod(index, num_azimuth)
+    flat = spectrum.reshape(*batch, -1)
+
+    def offset(step_row, step_column):
+        """Bins from the peak to the vertex of the parabola along one axis."""
+        near = [
+            (row + k * step_row) % num_elevation * num_azimuth
+            + (column + k * step_column) % num_azimuth
+            for k in (-1, 0, 1)
+        ]
+        power = jnp.take_along_axis(flat, jnp.stack(near, -1), -1)
+        return parabola_offset(*jnp.moveaxis(power, -1, 0))
+
+    sine_az, sine_el = jnp.asarray(u)[column], jnp.asarray(w)[row]
+    if interpolate and num_azimuth > 1:
+        sine_az += offset(0, 1) * (u[1] - u[0])
+    if interpolate and num_elevation > 1:
+        sine_el += offset(1, 0) * (w[1] - w[0])
+    return sine_az, sine_el

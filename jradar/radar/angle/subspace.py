@@ -1,0 +1,330 @@
+"""Azimuth of targets closer than a beam width: Capon (MVDR) and MUSIC.
+
+Both use the covariance of the longest row of neighbouring elements. Echoes of one frame
+are coherent, which would merge them into one source. The row is therefore cut into
+overlapping subarrays whose covariances are averaged, both forwards and, because the row
+is symmetric, conjugated and backwards (Pillai & Kwon 1989):
+
+    row        o o o o o o o o
+    subarrays  |-------|
+                 |-------| ...    `subarray` elements each
+
+A cell may have several snapshots (frames, chirps or neighbouring cells); a single one
+is `snapshot[..., None, :]`. The pseudo-spectra lie on the sines u of `direction_sines`.
+Their peaks are at the targets, but the heights of the peaks are not powers. For
+`spectrum_peaks`, pass them as one row: `pseudo[..., None, :]`.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float, Int
+
+from jradar.radar.angle.direction import elevation_sines
+from jradar.radar.angle.sources import mdl_sources
+from jradar.radar.angle.spectrum import (
+    FLIPS,
+    NEARLY_ONE,
+    Angle,
+    angles_of_sines,
+    check_antennas,
+    direction_sines,
+)
+from jradar.radar.peaks import parabola_offset
+from jradar.radar.ranks import to_rank
+from jradar.radar.sensor import RadarSpec
+
+BLOCK = 512  # cells whose spectra are held in memory at a time
+SOURCES, NUM_AZIMUTH = 2, 256  # of the directions
+LOADING = 1e-6  # of `music_spectrum`
+OPTIONS = ("radar", "num_azimuth", "subarray", "loading")
+
+
+@functools.partial(jax.jit, static_argnames=OPTIONS)
+def capon_spectrum(
+    snapshot: Complex[Array, "*batch snapshot virtual"],
+    radar: RadarSpec,
+    *,
+    num_azimuth: int = 256,
+    subarray: int | None = None,
+    loading: float = 1e-3,
+) -> Float[Array, "*batch azimuth"]:
+    """Return 1 / (a^H R^-1 a): the power of the minimum-variance beam (Capon 1969).
+
+    `subarray` is the number of elements, by default two thirds of the row; `loading` is
+    added to the diagonal of R, in units of its mean. Raises ValueError if the subarray
+    does not fit into the row.
+    """
+    covariance = smoothed_covariance(snapshot, radar, subarray=subarray)
+    size = covariance.shape[-1]
+    level = _mean_power(covariance)
+    loaded = covariance / level + to_rank(loading * np.eye(size), covariance)
+    factor = jnp.linalg.cholesky(loaded)
+    steering = _steering(radar, size, num_azimuth)
+    steering = steering.astype(factor.dtype)
+    steering = jnp.broadcast_to(steering, (*factor.shape[:-1], num_azimuth))
+    whitened = jax.lax.linalg.triangular_solve(
+        factor, steering, left_side=True, lower=True
+    )
+    inverse = (whitened.real**2 + whitened.imag**2).sum(-2)
+    return level[..., 0] / inverse
+
+
+@functools.partial(jax.jit, static_argnames=(*OPTIONS, "num_sources"))
+def music_spectrum(
+    snapshot: Complex[Array, "*batch snapshot virtual"],
+    radar: RadarSpec,
+    *,
+    num_sources: int,
+    num_azimuth: int = 256,
+    subarray: int | None = None,
+    loading: float = LOADING,
+) -> Float[Array, "*batch azimuth"]:
+    """Return 1 / (share of the steering vector in the noise subspace) (Schmidt 1986).
+
+    The share is 1 away from targets; `loading` is added to it and limits the peaks.
+    Raises ValueError if the subarray does not fit into the row, or is not longer than
+    `num_sources`.
+    """
+    covariance = smoothed_covariance(snapshot, radar, subarray=subarray)
+    size = covariance.shape[-1]
+    if not 1 <= num_sources <= size - 1:
+        raise ValueError(
+            f"{num_sources=}, expected 1 to {size - 1}: a subarray of {size} elements "
+            "needs one more than there are sources"
+        )
+    return _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading)
+
+
+def _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading):
+    """`music_spectrum` of covariances, for a number of sources that may be traced."""
+    size = covariance.shape[-1]
+    normal = covariance / _mean_power(covariance)
+    projector = _signal_projector(normal, jnp.asarray(num_sources))
+    steering = _steering(radar, size, num_azimuth)
+    steering = to_rank(steering, projector)
+    noise = steering - projector @ steering
+    share = (noise.real**2 + noise.imag**2).sum(-2) / size
+    return 1 / (share + loading)
+
+
+def music_pseudo_spectrum(
+    cell: Complex[Array, " virtual"], radar: RadarSpec, num_sources: int | None
+) -> tuple[Float[Array, " azimuth"], Int[Array, ""] | int]:
+    """Return one snapshot's `music_spectrum` and its number of sources, None counts."""
+    if num_sources is not None:
+        options = {"num_sources": num_sources, "num_azimuth": NUM_AZIMUTH}
+        return music_spectrum(cell[None], radar, **options), num_sources
+    covariance = smoothed_covariance(cell[None], radar)
+    most = covariance.shape[-1] - 1
+    count = jnp.clip(source_count(cell[None], radar), 1, most)
+    spectrum = _pseudo_spectrum(covariance, count, radar, NUM_AZIMUTH, LOADING)
+    return spectrum, count
+
+
+@functools.partial(jax.jit, static_argnames="radar")
+def source_count(
+    snapshot: Complex[Array, "*batch snapshot virtual"], radar: RadarSpec
+) -> Int[Array, "*batch"]:
+    """Return the number of sources by `mdl_sources`, from half of the longest row.
+
+    Raises ValueError for a row of fewer than 3 neighbouring elements.
+    """
+    length = len(_longest_row(radar))
+    if length < 3:
+        raise ValueError(
+            f"the longest row of {radar.name} has {length} neighbouring elements, "
+            "expected 3 or more to count sources"
+        )
+    size = max(2, length // 2)
+    covariance = smoothed_covariance(snapshot, radar, subarray=size)
+    samples = snapshot.shape[-2] * (length - size + 1)
+    return mdl_sources(jnp.linalg.eigvalsh(covariance), samples=samples)
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "num_sources", *FLIPS))
+def music_directions(
+    snapshot: Complex[Array, "*batch virtual"],
+    radar: RadarSpec,
+    *,
+    num_sources: int | None = SOURCES,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> tuple[Angle, Angle]:
+    """Return azimuth and elevation in radians of each snapshot, the azimuth by MUSIC.
+
+    Among the maxima of `music_spectrum`, whose heights are not powers, it takes the one
+    at which the conventional beam is strongest. The elevation is found afterwards, not
+    jointly: each row forms a beam towards that azimuth, and the phases between the rows
+    tell the elevation. A second target within that beam bends it: `subspace_peaks`
+    separates both. `num_sources=None` counts the sources (`source_count`).
+    """
+
+    def spectrum(cell):
+        return music_pseudo_spectrum(cell, radar, num_sources)[0]
+
+    u = _azimuth_sines(snapshot, radar, spectrum)
+    w = elevation_sines(snapshot, u, radar)
+    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+
+
+@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
+def capon_directions(
+    snapshot: Complex[Array, "*batch virtual"],
+    radar: RadarSpec,
+    *,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> tuple[Angle, Angle]:
+    """Return azimuth and elevation in radians of each snapshot, the azimuth by Capon.
+
+    It takes the highest maximum of `capon_spectrum`, and the elevation afterwards as
+    `music_directions`.
+    """
+
+    def spectrum(cell):
+        return capon_spectrum(cell[None], radar, num_azimuth=NUM_AZIMUTH)
+
+    u = _azimuth_sines(snapshot, radar, spectrum, by_height=True)
+    w = elevation_sines(snapshot, u, radar)
+    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+
+
+def _azimuth_sines(snapshot, radar, spectrum, *, by_height=False):
+    """Azimuth sine of each snapshot, from the maxima of its `spectrum`."""
+
+    def strongest(cell):
+        values = spectrum(cell)
+        if by_height:
+            return spectrum_maxima(values, radar, 1)[0][0]
+        row = jnp.asarray(_longest_row(radar)) @ cell
+        beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
+        return spectrum_maxima(values, radar, 1, rank=beam)[0][0]
+
+    return in_blocks(strongest, snapshot, radar)
+
+
+def in_blocks(function: Callable, snapshot: Array, radar: RadarSpec) -> Any:
+    """Apply a function of one snapshot to all, a block at a time."""
+    cells = snapshot.reshape(-1, radar.num_virtual)
+    size = min(BLOCK, max(len(cells), 1))
+    found = jax.lax.map(function, cells, batch_size=size)
+    batch = snapshot.shape[:-1]
+    return jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), found)
+
+
+def spectrum_maxima(
+    spectrum: Float[Array, " azimuth"],
+    radar: RadarSpec,
+    count: int,
+    *,
+    rank: Float[Array, " azimuth"] | None = None,
+) -> tuple[Float[Array, " peak"], Float[Array, " peak"]]:
+    """Return the sines, between bins, and ranks of the maxima of one spectrum.
+
+    They are the `count` with the highest `rank`, by default the spectrum itself. A rank
+    of -1 is none.
+    """
+    u, _ = direction_sines(radar, num_azimuth=len(spectrum))
+    left, right = jnp.roll(spectrum, 1), jnp.roll(spectrum, -1)
+    peak = (spectrum > left) & (spectrum >= right) & (np.abs(u) < 1)
+    rank = jnp.where(peak, spectrum if rank is None else rank, -1.0)
+    height, index = jax.lax.top_k(rank, count)
+    offset = parabola_offset(left[index], spectrum[index], right[index])
+    sine = jnp.asarray(u, jnp.float32)[index] + offset * (u[1] - u[0])
+    return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE), height
+
+
+@functools.partial(jax.jit, static_argnames=("radar", "subarray"))
+def smoothed_covariance(
+    snapshot: Complex[Array, "*batch snapshot virtual"],
+    radar: RadarSpec,
+    *,
+    subarray: int | None = None,
+) -> Complex[Array, "*batch element element"]:
+    """Return a subarray's covariance: mean over snapshots, places, both directions."""
+    check_antennas(snapshot.shape, radar)
+    average = _longest_row(radar)
+    length = len(average)
+    size = max(2, round(2 * length / 3)) if subarray is None else subarray
+    if length < 2:
+        raise ValueError(
+            f"Capon and MUSIC need neighbouring elements in a row, {radar.name} has "
+            "none: use angles by FFT"
+        )
+    if not 2 <= size <= length:
+        raise ValueError(
+            f"subarray={size}, expected 2 to {length}, the neighbouring elements in "
+            f"the longest row of {radar.name}"
+        )
+    row = snapshot @ average.T
+    window = np.arange(length - size + 1)[:, None] + np.arange(size)
+    places = row[..., window]  # [*batch, snapshot, place, element]
+    places = places.reshape(*row.shape[:-2], -1, size)
+    forward = jnp.einsum("...pi,...pj->...ij", places, places.conj())
+    forward = forward / places.shape[-2]
+    return (forward + forward[..., ::-1, ::-1].conj()) / 2
+
+
+def _longest_row(radar):
+    """Matrix that averages antennas into the longest run, `[element, virtual]`."""
+    columns, rows = radar.virtual_positions.T
+    runs = []
+    for row in np.unique(rows):
+        held = np.unique(columns[rows == row])
+        gaps = np.flatnonzero(np.diff(held) > 1) + 1
+        runs += [(run, row) for run in np.split(held, gaps)]
+    run, row = max(runs, key=lambda pair: len(pair[0]))
+    member = (columns == run[:, None]) & (rows == row)
+    return (member / member.sum(1, keepdims=True)).astype(np.complex64)
+
+
+def _steering(radar, size, num_azimuth):
+    """Response of `size` neighbours to every azimuth bin, `[element, azimuth]`."""
+    u, _ = direction_sines(radar, num_azimuth=num_azimuth)
+    phase = 2 * np.pi * radar.spacing_wavelengths * np.outer(np.arange(size), u)
+    return jnp.asarray(np.exp(1j * phase), jnp.complex64)
+
+
+def _mean_power(covariance):
+    """Mean of the diagonal, `[*batch, 1, 1]`; 1 if it is 0."""
+    level = jnp.trace(covariance, axis1=-2, axis2=-1).real / covariance.shape[-1]
+    return jnp.where(level > 0, level, 1.0)[..., None, None]
+
+
+@jax.custom_jvp
+def _signal_projector(covariance, num_sources):
+    """Projector on the eigenvectors of the `num_sources` largest eigenvalues.
+
+    Its derivative depends only on the gap between signal and noise. The derivatives of
+    single eigenvectors would be infinite where two noise eigenvalues are equal.
+    """
+    _, vectors = jnp.linalg.eigh(covariance)
+    signal = vectors * _is_signal(covariance, num_sources)[..., None, :]
+    return signal @ signal.conj().mT
+
+
+@_signal_projector.defjvp
+def _signal_projector_jvp(primals, tangents):
+    """First-order perturbation of a projector: a sum over pairs (noise, signal)."""
+    (covariance, num_sources), (change, _) = primals, tangents
+    values, vectors = jnp.linalg.eigh(covariance)
+    signal = _is_signal(covariance, num_sources)
+    pair = ~signal[..., :, None] & signal[..., None, :]
+    gap = values[..., None, :] - values[..., :, None]
+    coupling = vectors.conj().mT @ change @ vectors
+    coupling = jnp.where(pair, coupling / jnp.maximum(gap, 1e-6), 0.0)
+    half = vectors @ coupling @ vectors.conj().mT
+    signal = vectors * signal[..., None, :]
+    return signal @ signal.conj().mT, half + half.conj().mT
+
+
+def _is_signal(covariance, num_sources):
+    """Which of the ascending eigenvalues are sources."""
+    *batch, _, size = covariance.shape
+    index = jnp.broadcast_to(jnp.arange(size), (*batch, size))
+    return index >= size - jnp.broadcast_to(num_sources, batch)[..., None]

@@ -1,0 +1,103 @@
+"""Several targets of one cell by Capon or MUSIC, each with its own elevation.
+
+    azimuth     the highest maxima of the pseudo-spectrum of the longest row
+    amplitude   in each row of the array, the sum of plane waves from these azimuths
+                that is nearest to the snapshot (least squares)
+    elevation   the phases between rows of what the other waves leave
+
+The other targets are subtracted, because a beam towards one of them still receives the
+rest: their phases would bend its elevation.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex
+
+from jradar.radar.angle.direction import elevation_sines
+from jradar.radar.angle.spectrum import FLIPS, Peaks, angles_of_sines, check_antennas
+from jradar.radar.angle.subspace import (
+    NUM_AZIMUTH,
+    SOURCES,
+    capon_spectrum,
+    in_blocks,
+    music_pseudo_spectrum,
+    spectrum_maxima,
+)
+from jradar.radar.ranks import to_rank
+from jradar.radar.sensor import RadarSpec
+
+METHODS = ("capon", "music")
+WEAKEST = 10**-0.6  # of a cell's peaks, relative to its strongest
+DAMPING = 1e-4  # of the least squares, relative to a row's number of antennas
+
+
+@functools.partial(
+    jax.jit, static_argnames=("radar", "method", "count", "num_sources", *FLIPS)
+)
+def subspace_peaks(
+    snapshot: Complex[Array, "*batch virtual"],
+    radar: RadarSpec,
+    *,
+    method: str,
+    count: int = 2,
+    num_sources: int | None = SOURCES,
+    flip_azimuth: bool = False,
+    flip_elevation: bool = False,
+) -> Peaks:
+    """Return up to `count` targets of each snapshot, strongest first.
+
+    `method` is "capon" or "music". Power is that of a target's plane wave. A peak is
+    `valid` down to 6 dB below the strongest one: with Capon in the spectrum and in
+    power, with MUSIC in power, and no more of them than `num_sources`, which None
+    counts in each snapshot (`source_count`). Raises ValueError for another method or
+    count, and as `music_spectrum`.
+    """
+    if method not in METHODS:
+        raise ValueError(f"{method=}, expected one of {METHODS}")
+    if not 1 <= count <= NUM_AZIMUTH:
+        raise ValueError(f"{count=}, expected 1 to {NUM_AZIMUTH} targets")
+    check_antennas(snapshot.shape, radar)
+
+    def peaks_of(cell):
+        most = count
+        if method == "capon":
+            spectrum = capon_spectrum(cell[None], radar, num_azimuth=NUM_AZIMUTH)
+        else:
+            spectrum, most = music_pseudo_spectrum(cell, radar, num_sources)
+        u, height = spectrum_maxima(spectrum, radar, count)
+        known = (height > 0) & (np.arange(count) < most)
+        if method == "capon":
+            known &= height >= WEAKEST * height[:1]
+        known = known.at[0].set(True)
+        waves = _plane_waves(cell, u, known, radar)
+        power = (waves.real**2 + waves.imag**2).mean(-1)
+        alone = (cell - waves.sum(0))[None] + waves
+        return u, elevation_sines(alone, u, radar), power, known
+
+    u, w, power, known = in_blocks(peaks_of, snapshot, radar)
+    power, order = jax.lax.top_k(jnp.where(known, power, 0.0), count)
+    u, w = (jnp.take_along_axis(sine, order, -1) for sine in (u, w))
+    azimuth, elevation = angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    valid = (power > 0) & (power >= WEAKEST * power[..., :1])
+    return Peaks(azimuth, elevation, power, valid)
+
+
+def _plane_waves(cell, u, known, radar):
+    """The parts of one snapshot that come from each azimuth sine, `[peak virtual]`.
+
+    Each row has amplitudes of its own; those of unknown peaks are 0.
+    """
+    columns, rows = radar.virtual_positions.T
+    member = (rows == np.unique(rows)[:, None]).astype(np.float32)  # [row, virtual]
+    size = member.sum(1)
+    turn = 2 * np.pi * radar.spacing_wavelengths * columns
+    steering = jnp.exp(1j * u[:, None] * to_rank(turn, u[:, None]))
+    steering = jnp.where(known[:, None], steering, 0.0).astype(cell.dtype)
+    ours = member[:, None] * steering[None]  # [row, peak, virtual]
+    normal = ours.conj() @ steering.T[None]
+    normal += DAMPING * size[:, None, None] * np.eye(len(u), dtype=np.float32)[None]
+    amplitude = jnp.linalg.solve(normal, (ours.conj() @ cell)[..., None])
+    return (ours * amplitude).sum(0)

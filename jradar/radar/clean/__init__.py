@@ -1,0 +1,1 @@
+"""What is removed before detection: crossing chirps of other radars, and clutter."""

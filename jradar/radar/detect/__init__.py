@@ -1,0 +1,1 @@
+"""CFAR detection: the windows, the multipliers, and one cell for each target."""

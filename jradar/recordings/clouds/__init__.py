@@ -1,0 +1,1 @@
+"""Point clouds in PLY, PCD, KITTI, CSV and NPZ files."""

@@ -1,0 +1,74 @@
+"""Point clouds in files: PCD, PLY and KITTI. `cloud_writers` writes them."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from jradar.errors import UsageError
+from jradar.recordings.clouds.pcd import read_pcd
+from jradar.recordings.clouds.ply import read_ply
+
+MAX_BIN_BYTES = 1 << 30
+KITTI = ("x", "y", "z", "intensity")
+NUSCENES = (*KITTI, "ring")
+MOST_RINGS = 256  # lasers of a LiDAR
+LOOKED_AT = 1 << 14  # bytes that tell numbers of a cloud from other data
+
+
+def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
+    """Return the columns of a .pcd, .ply or .bin file: x, y, z and its other fields.
+
+    A .bin file is float32 [point, 4], x y z intensity, as in KITTI and ColoRadar, or
+    [point, 5] with the laser's number, as in nuScenes. All points are kept, also
+    missing returns. Raises ValueError if the file's size does not fit its header.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"no such cloud: {path}")
+    readers = {".pcd": read_pcd, ".ply": read_ply, ".bin": _read_bin_columns}
+    if path.suffix not in readers:
+        raise UsageError(f"{path} is not a cloud, expected {', '.join(readers)}")
+    columns = readers[path.suffix](path)
+    if not {"x", "y", "z"} <= columns.keys():
+        raise ValueError(f"{path} holds {[*columns]}, expected x, y and z")
+    return columns
+
+
+def read_bin(path: Path) -> Float[np.ndarray, "point 4"]:
+    """Return the points of a .bin file, x y z intensity; an empty file holds none."""
+    if (size := path.stat().st_size) % 16 or size > MAX_BIN_BYTES:
+        raise ValueError(
+            f"{path} holds {size:,} bytes, expected a multiple of 16 (float32 x y z "
+            f"intensity), at most {MAX_BIN_BYTES:,}: truncated?"
+        )
+    return np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float32, copy=False)
+
+
+def _read_bin_columns(path):
+    """Return four columns, or five if the fifth holds the numbers of lasers."""
+    size = path.stat().st_size
+    if size and size % (4 * len(NUSCENES)) == 0 and size <= MAX_BIN_BYTES:
+        table = np.fromfile(path, "<f4").reshape(-1, len(NUSCENES)).astype(np.float32)
+        ring = table[:, -1]
+        whole = (ring >= 0) & (ring < MOST_RINGS) & (ring == np.floor(ring))
+        if whole.all() and ring.any():
+            return dict(zip(NUSCENES, table.T, strict=True))
+    return dict(zip(KITTI, read_bin(path).T, strict=True))
+
+
+def holds_points(path: Path) -> bool:
+    """True for a .bin file whose numbers can be the float32 of points.
+
+    Other data, such as samples of 16 bits, give numbers that are not finite, or of
+    sizes that no coordinate has. At most `LOOKED_AT` bytes are read.
+    """
+    if path.suffix != ".bin" or not path.is_file():
+        return False
+    size = path.stat().st_size
+    if not size or (size % 16 and size % 20):
+        return False
+    numbers = np.fromfile(path, "<f4", LOOKED_AT // 4)
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(numbers[numbers != 0])
+        return bool(apart.size and ((apart > 1e-6) & (apart < 1e5)).mean() > 0.99)

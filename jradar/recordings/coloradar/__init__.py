@@ -1,0 +1,1 @@
+"""Sequences of the ColoRadar data set."""

@@ -1,0 +1,201 @@
+"""ColoRadar (Kramer et al. 2022): sequences of radar, LiDAR and true poses.
+
+    <root>/calib/transforms/base_to_<sensor>.txt     calib/ may also lie in a sequence,
+    <root>/calib/<radar>/waveform_cfg.txt ..         beside it, or up to three above
+    <root>/<sequence>/<radar>/adc_samples/    timestamps.txt  data/frame_<N>.bin
+                     /lidar/                  timestamps.txt  pointclouds/lidar_pointcloud_<N>.bin
+                     /groundtruth/            timestamps.txt  groundtruth_poses.txt
+                     /imu/                    timestamps.txt  imu_data.txt
+
+<radar> is single_chip (AWR1843) or cascade. Each stream has its own rate and its own
+stamps, in seconds since 1970. Opening a sequence lists folders and reads calibration,
+stamps and poses; frames are read when accessed. Clouds are x forward, y left, z up, in
+their sensor's frame.
+"""  # noqa: E501
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from jradar.errors import UsageError
+from jradar.lidar import Poses
+from jradar.recordings.clouds.read import read_bin
+from jradar.recordings.coloradar.calib import (
+    radar_from_coloradar,
+    read_coupling,
+    read_frequency_phase,
+)
+from jradar.recordings.coloradar.files import (
+    file_stream,
+    read_cube,
+    read_stamps,
+    read_table,
+    read_transform,
+)
+from jradar.recordings.imu import read_imu
+from jradar.recordings.radar_toml import read_radar_toml
+from jradar.recordings.recording import Format, Recording, with_factors
+from jradar.recordings.ti.cfg import CaptureSpec
+
+SENSORS = ("single_chip", "cascade")
+KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
+LEVELS_UP = 3  # above a sequence, where calib/ is looked for
+
+
+def open_coloradar(
+    folder: Path | str,
+    description: Path | str | None = None,
+    *,
+    sensor: str | None = None,
+    tx_firing_order: tuple[int, ...] | None = None,
+) -> Recording:
+    """Open a sequence with one radar, LiDAR, IMU, poses, transforms, calibration.
+
+    `description` is the `calib` folder; by default the one inside, beside or above the
+    sequence. It can also be a TOML file with the radar and its channels' factors, which
+    replaces the radar of that folder. `sensor` is the radar; by default the single chip
+    if it was recorded. The files do not contain the order in which the cascade fires:
+    TI's default is assumed unless `tx_firing_order` is given.
+
+    Raises UsageError if the radar's samples or its calibration are not found, and
+    ValueError for damaged files.
+    """
+    folder = Path(folder)
+    notes: list[str] = []
+    sensor = _sensor(folder, sensor, notes)
+    calib = Path(description or _find_calib(folder, sensor))
+    if calib.suffix == ".toml":
+        radar, capture = read_radar_toml(calib)
+        calib = _find_calib(folder, sensor)
+    else:
+        radar = radar_from_coloradar(calib / sensor, tx_firing_order=tx_firing_order)
+        capture = CaptureSpec()
+    at = folder / sensor / "adc_samples"
+    cubes = file_stream(
+        at / "data", "frame", at / "timestamps.txt", lambda file: read_cube(file, radar)
+    )
+    notes += cubes.notes
+    lidar = poses = None
+    at = folder / "lidar"
+    if (at / "pointclouds").is_dir():
+        # A missing return of the Ouster is (0, 0, 0); a scan may be empty.
+        lidar = file_stream(
+            at / "pointclouds", "lidar_pointcloud", at / "timestamps.txt", read_bin
+        )
+        notes += lidar.notes
+    if (folder / "groundtruth" / "groundtruth_poses.txt").is_file():
+        poses = _poses(folder / "groundtruth", notes)
+    imu = base_from_imu = None
+    if (folder / "imu" / "imu_data.txt").is_file():
+        imu = read_imu(folder / "imu", notes)
+        base_from_imu = _base_from(calib, ("imu",), notes)
+    coupling = frequency_phase = None
+    pairs = (radar.num_tx, radar.num_rx)
+    if (path := calib / sensor / "coupling_calib.txt").is_file():
+        coupling = read_coupling(path)
+        _check_array(path, coupling, (*pairs, radar.num_samples // 2), radar)
+    if (path := calib / sensor / "phase_frequency_calib.txt").is_file():
+        frequency_phase = read_frequency_phase(path)
+        _check_array(path, frequency_phase.phase, pairs, radar)
+    recording = Recording(
+        name=folder.absolute().name,
+        path=folder,
+        radar=radar,
+        cubes=cubes,
+        lidar=lidar,
+        poses=poses,
+        imu=imu,
+        base_from_imu=base_from_imu,
+        # ColoRadar+ calls its only radar `radar`.
+        base_from_radar=_base_from(calib, (sensor, "radar"), notes),
+        base_from_lidar=_base_from(calib, ("lidar",), notes),
+        coupling=coupling,
+        frequency_phase=frequency_phase,
+        range_bias_m=capture.range_bias_m,
+        notes=(f"calibration: {calib}", *notes),
+    )
+    factors = capture.channel_array
+    return recording if factors is None else with_factors(recording, factors)
+
+
+READER = Format(
+    "a ColoRadar sequence, a folder with single_chip/adc_samples or "
+    "cascade/adc_samples",
+    lambda path: any((path / s / kind).is_dir() for s in SENSORS for kind in KINDS),
+    open_coloradar,
+    ("description", "sensor"),
+)
+
+
+def _find_calib(folder: Path, sensor: str) -> Path:
+    """Return the `calib` folder in, beside or above a sequence or a link's target."""
+    starts = dict.fromkeys([os.path.abspath(folder), os.path.realpath(folder)])
+    levels = [[Path(s), *Path(s).parents][: LEVELS_UP + 1] for s in starts]
+    places = list(dict.fromkeys(place / "calib" for way in levels for place in way))
+    for place in places:
+        if (place / sensor / "waveform_cfg.txt").is_file():
+            return place
+    raise UsageError(
+        f"no calib/{sensor}/waveform_cfg.txt for {folder}, looked in "
+        f"{', '.join(map(str, places))}: ColoRadar offers calib/ as a separate "
+        "download; unpack it beside the sequences, or name it with --radar"
+    )
+
+
+def _sensor(folder: Path, sensor: str | None, notes: list[str]) -> str:
+    """Return the radar to read, one whose raw samples exist."""
+    if sensor is not None and sensor not in SENSORS:
+        raise UsageError(f"sensor = {sensor!r}, expected {' or '.join(SENSORS)}")
+    here = [s for s in SENSORS if (folder / s / "adc_samples" / "data").is_dir()]
+    if sensor in here:
+        return sensor
+    if sensor is not None or not here:
+        wanted = f"{sensor or '<radar>'}/adc_samples/data"
+        other = f", but {here[0]}/adc_samples/data" if here else ""
+        raise UsageError(
+            f"{folder} holds no {wanted}{other}: ColoRadar offers raw samples as a "
+            "separate download"
+        )
+    if len(here) > 1:
+        notes.append(f"radar: {here[0]}; {here[1]} was recorded as well")
+    return here[0]
+
+
+def _check_array(path, measured, expected, radar):
+    if measured.shape != expected:
+        raise ValueError(
+            f"{path} is for an array of {measured.shape}, {radar.name} needs "
+            f"{expected} [tx, rx, range bins]"
+        )
+
+
+def _base_from(calib, names, notes):
+    """Return the transform to the base of the first of `names`; None without one."""
+    for name in names:
+        if (path := calib / "transforms" / f"base_to_{name}.txt").is_file():
+            return read_transform(path)
+    notes.append(f"no {calib / 'transforms' / f'base_to_{names[0]}.txt'}")
+    return None
+
+
+def _poses(folder: Path, notes: list[str]) -> Poses:
+    """Return poses at rising times; of several at one time the first is kept."""
+    name = "groundtruth_poses.txt"
+    stamps = read_stamps(folder / "timestamps.txt", notes)
+    rows = read_table(folder / name, 7)
+    count = min(len(stamps), len(rows))
+    if len(stamps) != len(rows):
+        notes.append(
+            f"{folder.name}: {len(stamps)} stamps for {len(rows)} lines of {name}: "
+            f"only the first {count} are used"
+        )
+    rows = rows[:count]
+    length = np.linalg.norm(rows[:, 3:], axis=1)
+    if len(bad := np.flatnonzero(abs(length - 1) > 0.01)):
+        raise ValueError(
+            f"{folder / name}, line {bad[0] + 1}: the quaternion has length "
+            f"{length[bad[0]]:.4g}, expected 1: is the order x y z qx qy qz qw?"
+        )
+    times, order = np.unique(stamps[:count], return_index=True)
+    return Poses(times, rows[order, :3], rows[order, 3:] / length[order, None])

@@ -1,0 +1,256 @@
+"""Raw samples of a TI DCA1000 capture card, read one frame at a time.
+
+    adc_data.bin                 samples only, as mmWave Studio writes them
+    <prefix>_Raw_<i>.bin         packets with headers of 14 bytes, in several files
+    a dump of UDP payloads       packets with headers of 10 bytes
+
+Samples are little-endian int16 in the order [frame][chirp][tx][rx][sample]; `iq_order`
+describes how I and Q alternate. Files recorded with `dataLoggingMode` multi
+cannot be read.
+"""
+
+import dataclasses
+import itertools
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from jradar.errors import UsageError
+from jradar.radar import RadarSpec
+from jradar.recordings.descriptions import (
+    Description,
+    find_description,
+    read_description,
+)
+from jradar.recordings.recording import Format, Recording, Stream
+from jradar.recordings.ti.iq_order import (
+    advise_iq_order,
+    check_iq_order,
+    confirms_interleave,
+    cube_of_words,
+)
+from jradar.recordings.ti.packets import (
+    PAYLOAD,
+    Files,
+    Packets,
+    header_size,
+    index_packets,
+    lost_per_frame,
+)
+from jradar.recordings.ti.settings import card_notes
+
+DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.json", "*.toml")
+USUAL = {  # sizes of a frame, suggested where a description does not fit
+    "samples": (64, 128, 200, 250, 256, 512, 1024),
+    "chirps": (1, 16, 32, 64, 96, 100, 128, 255, 256),
+    "rx": (1, 2, 3, 4),
+    "tx": (1, 2, 3),
+}
+PCAP = "a packet trace: name it .pcap or .pcapng"
+SEPARATED = "data-separated: set dataLoggingMode to raw and record again"
+FOREIGN = {  # first bytes of files that are not captures
+    b"\xd4\xc3\xb2\xa1": PCAP,
+    b"\x0a\x0d\x0d\x0a": PCAP,
+    b"\xda\x0c\xdc\x0a": SEPARATED,
+    b"\xdc\x0a\xda\x0c": SEPARATED,
+}
+
+
+def open_dca1000(
+    path: Path | str,
+    description: Path | str | None = None,
+    *,
+    iq_order: str | None = None,
+    allow_partial: bool = False,
+    device: str | None = None,
+) -> Recording:
+    """Open a capture with its radar: a mmWave Studio log, a `.cfg` or a `.toml`.
+
+    By default the only description beside `path` is used. A capture in several files
+    is named by one of them. `iq_order` replaces the described order of I and Q;
+    `device` is the board of a `.cfg`. Lost bytes are read as zeros and counted per
+    frame in `lost_bytes`. Raises ValueError if the bytes are not a whole number of
+    frames, or, with `allow_partial`, if there is no whole frame.
+    """
+    path = Path(path)
+    if description is None and "adc_samples" in path.parts:
+        raise UsageError(
+            f"{path} looks like one frame of ColoRadar: name the folder of its "
+            "sequence, and the frame with --frame"
+        )
+    description = description or find_description(path, DESCRIPTION_NAMES)
+    files, name = _files(path)
+    described = described_samples(path, description, iq_order=iq_order, device=device)
+    header_bytes = header_size(files)
+    source = files
+    if header_bytes:
+        source = index_packets(files, header_bytes, allow_partial=allow_partial)
+    return recording_of_samples(
+        path, name, source, described, iq_order=iq_order, allow_partial=allow_partial
+    )
+
+
+def described_samples(
+    path: Path,
+    description: Path | str,
+    *,
+    iq_order: str | None = None,
+    device: str | None = None,
+) -> Description:
+    """Return the radar of a stream of samples, checked, with its order of I and Q.
+
+    `path` is the file of samples, which errors name.
+    """
+    found = read_description(description, device=device)
+    if found.capture.has_headers:
+        raise ValueError(
+            f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
+            "second field to 0 and record again"
+        )
+    real = found.radar.real_samples
+    order = iq_order or ("I" if real else found.capture.iq_order)
+    check_iq_order(path, order, found.radar)
+    return found._replace(capture=dataclasses.replace(found.capture, iq_order=order))
+
+
+def recording_of_samples(
+    path: Path,
+    name: str,
+    source: Files | Packets,
+    described: Description,
+    *,
+    iq_order: str | None = None,
+    allow_partial: bool = False,
+    stamps: Float[np.ndarray, " frame"] | None = None,
+) -> Recording:
+    """Return the recording whose samples `source` holds, frame after frame.
+
+    `iq_order` is the order that the user named. Without `stamps`, frames follow one
+    another in the radar's frame period. Errors as in `open_dca1000`.
+    """
+    radar, capture, doubts = described
+    order, frame_bytes = capture.iq_order, bytes_of_frame(radar)
+    count, rest = divmod(source.size, frame_bytes)
+    if not count or (rest and not allow_partial):
+        misfit = _does_not_fit(path, source.size, radar)
+        raise ValueError(" ".join([misfit, *doubts]))
+
+    def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
+        raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
+        return cube_of_words(raw.view("<i2"), radar, order)
+
+    notes, lost, whole = [*doubts], None, 0
+    if isinstance(source, Files) and len(source.paths) > 1:
+        notes.append(f"{len(source.paths)} files were joined")
+    if rest:
+        notes.append(f"the last {rest:,} bytes, less than a frame, were left out")
+    if isinstance(source, Packets):
+        lost = lost_per_frame(source, frame_bytes, count)
+        notes += _losses(source, lost)
+        whole = int(lost.argmin())
+    frame = read(whole)
+    advice = advise_iq_order(frame, order=order)
+    decided = bool(advice or iq_order) or confirms_interleave(frame, order=order)
+    if advice:
+        notes.append(advice)
+    notes += card_notes(path, order=order, decided=decided)
+    period = radar.frame_period_s
+    if stamps is None and period:
+        stamps = np.arange(count) * period
+    return Recording(
+        name=name,
+        path=path,
+        radar=radar,
+        cubes=Stream(read, count, None if stamps is None else stamps[:count]),
+        channel_factors=capture.channel_array,
+        range_bias_m=capture.range_bias_m,
+        lost_bytes=lost,
+        iq_order=order,
+        notes=tuple(notes),
+    )
+
+
+READER = Format(
+    "an adc_data.bin of a DCA1000 with its mmWave Studio log, .cfg or .toml",
+    lambda path: path.suffix == ".bin",
+    open_dca1000,
+    ("description", "iq_order", "allow_partial", "device"),
+)
+
+
+def _files(path: Path) -> tuple[Files, str]:
+    """Return all files of the capture that `path` belongs to, and its name."""
+    split = re.fullmatch(r"(.+)_Raw_(\d+)\.bin", path.name)
+    if re.search(r"_hdr_0", path.name):
+        raise ValueError(f"{path} is {SEPARATED}")
+    if not path.is_file():
+        raise FileNotFoundError(f"no such file: {path}")
+    paths, name = [path], path.stem
+    if split:
+        name, pattern = split[1], re.compile(rf"{re.escape(split[1])}_Raw_(\d+)\.bin")
+        found = [(pattern.fullmatch(file.name), file) for file in path.parent.iterdir()]
+        numbered = sorted((int(match[1]), file) for match, file in found if match)
+        numbers, paths = [n for n, _ in numbered], [file for _, file in numbered]
+        if numbers != [*range(len(numbers))]:
+            raise ValueError(
+                f"{path.parent} holds the parts {numbers} of {name}, expected "
+                f"0 to {numbers[-1]}, each once"
+            )
+    files = Files.of(paths)
+    begin = files.read(0, 64).tobytes()
+    for magic, what in FOREIGN.items():
+        inside = what == SEPARATED and begin.find(magic) % 2 == 0
+        if begin.startswith(magic) or inside:
+            raise ValueError(f"{path} is {what}")
+    return files, name
+
+
+def bytes_of_frame(radar: RadarSpec) -> int:
+    """Return the bytes of a frame: 16 bits for each number."""
+    return (2 if radar.real_samples else 4) * math.prod(radar.cube_shape)
+
+
+def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
+    first, last = packets.holes()
+    missing = int((last - first).sum())
+    again = int((packets.payload * packets.number).sum()) - packets.size + missing
+    late = np.count_nonzero(np.diff(packets.offset) < 0)
+    if missing:
+        yield (
+            f"{missing:,} bytes ({-(-missing // PAYLOAD):,} packets) were lost, in "
+            f"{np.count_nonzero(lost):,} of {len(lost):,} frames: read as zeros"
+        )
+    if again:
+        yield f"{again:,} bytes arrived more than once"
+    if late:
+        yield f"packets were out of order in {late:,} places: reordered"
+
+
+def _does_not_fit(path: Path, size: int, radar: RadarSpec) -> str:
+    tx, rx, chirps, samples = radar.cube_shape
+    frame_bytes = bytes_of_frame(radar)
+    sample_bytes = frame_bytes // math.prod(radar.cube_shape)
+    mine = (samples, chirps, rx, tx)
+    usual = (sorted({*USUAL[k], v}) for k, v in zip(USUAL, mine, strict=True))
+
+    def least_changed(shape):
+        changed = sum(a != b for a, b in zip(shape, mine, strict=True))
+        return changed, -math.prod(shape)
+
+    shapes = itertools.product(*usual)
+    shapes = [s for s in shapes if not size % (sample_bytes * math.prod(s))]
+    fitting = sorted(shapes if size else [], key=least_changed)[:6]
+    others = f"frames of (samples, chirps, rx, tx) that fit: {fitting}"
+    if not fitting:
+        others = "no usual frame size fits"
+    return (
+        f"{path} holds {size:,} bytes, {radar.name} needs a multiple of "
+        f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x "
+        f"{sample_bytes} bytes): {size // frame_bytes} whole frames. Was the file cut "
+        "off (allow_partial reads the whole frames), or does the description belong to "
+        f"another capture ({others})?"
+    )

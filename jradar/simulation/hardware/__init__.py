@@ -1,0 +1,1 @@
+"""What a radar's hardware makes of the paths."""

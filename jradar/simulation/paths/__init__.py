@@ -1,0 +1,1 @@
+"""Paths of a radar's signal through a scene."""

@@ -1,0 +1,206 @@
+"""Paths by way of the floor, and echoes between parallel walls.
+
+A target at height h above a flat floor has an image at depth h. The wave may travel by
+way of the floor on neither, one or both of its ways:
+
+    direct both ways          1
+    floor on one way          2 rho e^(jkd)
+    floor on both ways        rho^2 e^(2jkd)
+
+With a difference of path length d and a wave number k the sum is (1 + rho e^(jkd))^2,
+the two-ray law. rho is negative at flat angles for both polarisations (Skolnik 2008,
+Radar Handbook, ch. 26); its power is Fresnel's, less what roughness scatters (Ament
+1953).
+
+A radar between two parallel walls at distances a and b also receives the echoes that
+pass between them: at a + b, sent towards one and received from the other, at 2a + b,
+and at a + 2b.
+"""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jradar.radar import RadarSpec
+from jradar.simulation.paths.line_of_sight import (
+    COSINES,
+    TOUCH_M,
+    column_of,
+    line_of_sight,
+    surface_tables,
+)
+from jradar.simulation.paths.link import LINK
+from jradar.simulation.paths.reflectors import Facets
+from jradar.simulation.rig import Viewpoint
+from jradar.simulation.scenes.materials import MATERIALS, slab_shares
+from jradar.simulation.scenes.scene import NUDGE_M, Placement, Scene, cast
+
+FLOOR_M = 0.0  # height of the scenes' floors
+LEAST_HEIGHT_M = 0.05  # of a target above the floor
+PARALLEL = 0.999  # cosine from which two walls count as parallel
+WALLS = 8  # nearest and largest, between which echoes pass
+
+
+class Paths(NamedTuple):
+    """Paths in the radar's frame; `power` is received, in mW at the antenna."""
+
+    xyz: Float[np.ndarray, "path 3"]  # where the receivers see the echo
+    departure: Float[np.ndarray, "path 3"]  # where the transmitters see it
+    velocity: Float[np.ndarray, " path"]
+    power: Float[np.ndarray, " path"]
+
+
+ROUGHNESS_M = np.array([material.roughness_m for material in MATERIALS])
+EMPTY = Paths(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+
+
+def is_floor(facets: Facets) -> Bool[np.ndarray, " facet"]:
+    """Return which facets belong to the floor."""
+    level = np.abs(facets.normal[:, 2]) > PARALLEL
+    return level & (np.abs(facets.centre[:, 2] - FLOOR_M) < TOUCH_M)
+
+
+def floor_share(
+    cosine: Float[np.ndarray, "*batch"],
+    reflected: Float[np.ndarray, "*batch"],
+    *,
+    roughness_m: Float[np.ndarray, "*batch"] | float,
+    wavelength_m: float,
+) -> Float[np.ndarray, "*batch"]:
+    """Return the mirrored share of the power: Fresnel's, times Ament's exp(-g)."""
+    return reflected * np.exp(-((4 * np.pi * roughness_m * cosine / wavelength_m) ** 2))
+
+
+def floor_paths(
+    scene: Scene,
+    places: list[Placement],
+    view: Viewpoint,
+    radar: RadarSpec,
+    scattered: Paths,
+    spots: tuple[Float[np.ndarray, "path 3"], Float[np.ndarray, "path 3"]],
+    *,
+    roughness_m: float,
+) -> Paths:
+    """Return the paths to scatterers by way of the floor, one way and both ways.
+
+    `spots` are the places and velocities of the `scattered` paths in the world. The
+    floor is at least as rough as its material.
+    """
+    xyz, moving = spots
+    high, above = view.xyz[2] - FLOOR_M, xyz[:, 2] - FLOOR_M
+    image = xyz * [1, 1, -1] + [0, 0, 2 * FLOOR_M]
+    offset = image - view.xyz
+    distance = np.linalg.norm(offset, axis=-1)
+    keep = np.flatnonzero((above > LEAST_HEIGHT_M) & (distance < LINK.reach_m(radar)))
+    if high < LEAST_HEIGHT_M or not keep.size:
+        return EMPTY
+    share = high / (high + above[keep])
+    bounce = view.xyz + offset[keep] * share[:, None]
+    along = offset[keep] / distance[keep, None]
+    start = np.broadcast_to(view.xyz, bounce.shape)
+    hits = cast(scene, places, start, along)
+    lands = np.abs(hits.distance - share * distance[keep]) < TOUCH_M
+    keep, bounce, along = keep[lands], bounce[lands], along[lands]
+    material = hits.material[lands]
+    frequency = radar.center_frequency_hz
+    start = bounce + [0, 0, NUDGE_M]
+    through, _ = line_of_sight(scene, places, start, xyz[keep], frequency)
+    keep, along, material, through = (
+        column[through > 0] for column in (keep, along, material, through)
+    )
+    if not keep.size:
+        return EMPTY
+    cosine = np.abs(along[:, 2])
+    mirrored = floor_share(
+        cosine,
+        _reflected(frequency)[material, column_of(cosine)],
+        roughness_m=np.maximum(ROUGHNESS_M[material], roughness_m),
+        wavelength_m=radar.wavelength_m,
+    )
+    seen, there = offset[keep] @ view.turn, scattered.xyz[keep]
+    near, far = np.linalg.norm(there, axis=-1), distance[keep]
+    gain = LINK.antenna_gain(seen) / np.maximum(LINK.antenna_gain(there), 1e-9)
+    way = gain * (near / far) ** 2 * mirrored * through
+    power = scattered.power[keep] / np.maximum(LINK.passband(radar, near), 1e-9)
+    once = power * way * LINK.passband(radar, (near + far) / 2)
+    twice = power * way**2 * LINK.passband(radar, far)
+    rate = (along * (moving[keep] * [1, 1, -1] - view.velocity)).sum(-1)
+    mixed = (scattered.velocity[keep] + rate) / 2
+    # One reflection turns the phase by pi: a quarter of a wavelength in range.
+    turned = [_longer(side, radar.wavelength_m / 4) for side in (seen, there)]
+    return Paths(
+        np.concatenate([seen, turned[0], turned[1]]),
+        np.concatenate([seen, turned[1], turned[0]]),
+        np.concatenate([rate, mixed, mixed]),
+        np.concatenate([twice, once, once]),
+    )
+
+
+def _longer(xyz, metres):
+    """Return points moved away from the radar."""
+    distance = np.linalg.norm(xyz, axis=-1, keepdims=True)
+    return xyz * (1 + metres / np.maximum(distance, 1e-6))
+
+
+@functools.lru_cache
+def _reflected(frequency_hz):
+    """Return Fresnel's reflected share [material, cosine]."""
+    cosine = np.linspace(0, 1, COSINES)
+    shares = [slab_shares(m, cosine, frequency_hz)[0] for m in MATERIALS]
+    return np.array(shares)
+
+
+def echoes_between_walls(
+    scene: Scene,
+    places: list[Placement],
+    view: Viewpoint,
+    radar: RadarSpec,
+    facets: Facets,
+) -> Paths:
+    """Return the radar's own echoes that pass between two parallel walls.
+
+    The walls stand on both sides of the radar, and each is in sight at its foot.
+    """
+    mirror = surface_tables(radar.center_frequency_hz).mirrored[:, -1]
+    height = ((view.xyz - facets.centre) * facets.normal).sum(-1)
+    foot = view.xyz - height[:, None] * facets.normal
+    near = ((foot - facets.centre) ** 2).sum(-1) < facets.area_m2
+    near &= (np.abs(height) > 0.1) & (np.abs(height) < LINK.reach_m(radar))
+    weight = np.where(near & ~is_floor(facets), mirror[facets.material], 0.0)
+    best = np.argsort(-weight / np.maximum(np.abs(height), 0.1), kind="stable")[:WALLS]
+    best = best[weight[best] > 0]
+    if best.size < 2:
+        return EMPTY
+    start = np.broadcast_to(view.xyz, (len(best), 3))
+    frequency = radar.center_frequency_hz
+    through, lands = line_of_sight(scene, places, start, foot[best], frequency)
+    best, through = (column[lands & (through > 0)] for column in (best, through))
+    offset = foot[best] - view.xyz
+    apart = np.linalg.norm(offset, axis=-1)
+    towards = offset / apart[:, None]
+    first, second = np.nonzero(towards @ towards.T < -PARALLEL)
+    if not first.size:
+        return EMPTY
+    a, b = apart[first], apart[second]
+    there, back = towards[first], towards[second]
+    kept = mirror[facets.material[best]] * through**2
+    speed = -(towards @ view.velocity)
+    # Sent towards the first: received from the second, or again from the first.
+    length = np.concatenate([a + b, 2 * a + b])
+    sent = np.concatenate([there, there])
+    received = np.concatenate([back, there])
+    lost = np.concatenate([kept[first] * kept[second], kept[first] ** 2 * kept[second]])
+    rate = np.concatenate([speed[first] + speed[second]] * 2) * 1.0
+    rate[len(a) :] += speed[first]
+    seen, departure = (
+        (side * length[:, None]) @ view.turn for side in (received, sent)
+    )
+    gain = LINK.antenna_gain(seen) * LINK.antenna_gain(departure)
+    # An image at range R returns the radar's own power over the way 2R: an area of
+    # pi R^2 (see `propagation`).
+    area = np.pi * length**2 * lost * gain
+    ahead = np.broadcast_to([1.0, 0.0, 0.0], seen.shape)
+    power = LINK.received_mw(radar, ahead, length, area)
+    return Paths(seen, departure, rate, power)

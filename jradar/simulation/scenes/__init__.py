@@ -1,0 +1,1 @@
+"""Scenes: solids of known materials, and what moves among them."""

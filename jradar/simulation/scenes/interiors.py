@@ -1,0 +1,150 @@
+"""Two more kinds of places indoors: a furnished home and a warehouse.
+
+home       a living room, with a bedroom and a kitchen behind open doors
+warehouse  high racks of metal full of goods, with aisles between them
+"""
+
+import numpy as np
+
+from jradar.simulation.scenes.building import (
+    beside_wall,
+    lamps,
+    rectangle,
+    ring,
+    shell,
+    sides,
+    walker,
+    wall_with_openings,
+)
+from jradar.simulation.scenes.furniture import (
+    bed,
+    cabinet,
+    chair,
+    counter,
+    pick,
+    rack_bay,
+    shelf,
+    sofa,
+    table,
+    wardrobe,
+)
+from jradar.simulation.scenes.scene import make_body
+from jradar.simulation.scenes.solids import box, join, moved, person, slab, wall
+from jradar.simulation.scenes.trajectory import walk
+
+LANE_M = 1.15  # from the walls of a living room to the way through it
+
+
+def home(random: np.random.Generator):
+    """Return a flat of three rooms; the way leads around the living room."""
+    length, depth = random.uniform(5.2, 7.5), random.uniform(4.8, 6.5)
+    beyond, height = random.uniform(3.0, 4.2), random.uniform(2.4, 2.8)
+    split = depth * random.uniform(0.4, 0.6)
+    outer = str(random.choice(["brick", "concrete", "drywall"]))
+    (first, *others) = sides(rectangle((0, 0), (length + beyond, depth)))
+    parts = [
+        slab((-0.2, -0.2), (length + beyond + 0.2, depth + 0.2), 0.0, "floor"),
+        slab((-0.2, -0.2), (length + beyond + 0.2, depth + 0.2), height, "ceiling"),
+        *(
+            wall_with_openings(random, b, a, height, outer, ["glass", "wood"])
+            for a, b in (first, *others)
+        ),
+        wall((length, split), (length + beyond, split), height, "drywall"),
+        wall(
+            (length, 0),
+            (length, depth),
+            height,
+            "drywall",
+            openings=[
+                (split * random.uniform(0.2, 0.4), 0.9, "open"),
+                (split + (depth - split) * random.uniform(0.2, 0.4), 0.9, "open"),
+            ],
+        ),
+    ]
+    living = sides(ring(length, depth))
+    for side, item in zip(
+        living[:1] + living[2:], (sofa, shelf, wardrobe), strict=True
+    ):
+        parts.append(beside_wall(random, side, 0.45, item(random)))
+        parts.append(
+            beside_wall(random, side, 0.35, pick(random, [chair, cabinet])(random))
+        )
+    parts.append(moved(table(random), (length / 2, depth / 2, 0)))
+    for turn in (0.0, np.pi):
+        spot = length / 2 + 0.45 * np.cos(turn), depth / 2 - 0.55
+        parts.append(moved(chair(random), (*spot, 0), yaw=turn + np.pi / 2))
+    bedroom = sides(rectangle((length, 0), (length + beyond, split)))
+    parts.append(beside_wall(random, bedroom[1], 1.0, bed(random)))
+    parts.append(beside_wall(random, bedroom[0], 0.35, wardrobe(random)))
+    kitchen = sides(rectangle((length, split), (length + beyond, depth)))
+    parts.append(beside_wall(random, kitchen[2], 0.35, counter(random)))
+    parts.append(beside_wall(random, kitchen[1], 0.4, table(random)))
+    way = ring(length - 2 * LANE_M, depth - 2 * LANE_M, offset=LANE_M)
+    parts += lamps(random, ring(length / 2, depth / 2, offset=length / 4), height)
+    someone = person(random.uniform(1.55, 1.9))
+    spot = (length + beyond / 2, split / 2, 0)
+    parts.append(moved(someone, spot, yaw=random.uniform(0, 6)))
+    movers = [walker(random, way[::-1] + random.normal(scale=0.1, size=2))]
+    return parts, movers, way, random.uniform(0.4, 0.9)
+
+
+def warehouse(random: np.random.Generator):
+    """Return a hall with rows of racks; the way leads around one of them."""
+    rows, bays = int(random.integers(3, 5)), int(random.integers(4, 7))
+    aisle, height = random.uniform(2.5, 3.5), random.uniform(5.5, 8.0)
+    bay, rack = random.uniform(2.3, 2.8), 1.0
+    end = 2.2
+    length, depth = bays * bay + 2 * end, rows * rack + (rows + 1) * aisle
+    kinds = ["metal", "column", "wood"]
+    parts = shell(random, length, depth, height, "concrete", kinds)
+    levels = random.uniform(1.3, 1.8)
+    for row in range(rows):
+        y = aisle + row * (aisle + rack) + rack / 2
+        for k in range(bays):
+            x = end + (k + 0.5) * bay
+            filled = rack_bay(random, bay, rack, height=height - 1.5, level=levels)
+            parts.append(moved(filled, (x, y, 0)))
+    for _ in range(random.integers(3, 7)):  # pallets at the ends of the racks
+        x = random.choice([0.7, length - 0.7])
+        y = random.uniform(1.0, depth - 1.0)
+        goods = box((0.8, 1.2, random.uniform(0.15, 1.2)), "wood")
+        parts.append(moved(goods, (x, y, 0)))
+    around = int(random.integers(rows - 1))
+
+    def loop(row):
+        low = aisle / 2 + row * (aisle + rack)
+        return rectangle((end - 0.9, low), (length - end + 0.9, low + aisle + rack))
+
+    way = loop(around)
+    parts += lamps(random, way, height)
+    truck = walk(
+        random,
+        np.column_stack([loop(rows - 1)[::-1], np.zeros(4)]),
+        speed_mps=random.uniform(1.0, 2.0),
+        rounding_m=0.8,
+    )
+    movers = [
+        make_body(random, _forklift(), trajectory=truck),
+        walker(random, way[::-1] + random.normal(scale=0.2, size=2)),
+    ]
+    return parts, movers, way, random.uniform(0.7, 1.2)
+
+
+def _forklift():
+    """Return a forklift that faces x: body, counterweight, roof, mast and forks."""
+    posts = [
+        moved(box((0.06, 0.06, 1.3), "metal"), (x, y, 0.8))
+        for x in (-0.7, 0.4)
+        for y in (-0.45, 0.45)
+    ]
+    forks = [moved(box((1.0, 0.12, 0.05), "metal"), (1.3, y, 0.1)) for y in (-0.3, 0.3)]
+    return join(
+        [
+            moved(box((1.9, 1.1, 0.7), "metal"), (-0.2, 0, 0.15)),
+            moved(box((0.5, 1.1, 0.5), "metal"), (-0.95, 0, 0.6)),
+            moved(box((1.3, 1.0, 0.05), "metal"), (-0.15, 0, 2.1)),
+            moved(box((0.12, 0.8, 2.2), "metal"), (0.8, 0, 0.05)),
+            *posts,
+            *forks,
+        ]
+    )

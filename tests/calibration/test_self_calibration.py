@@ -1,0 +1,226 @@
+"""Self-calibration: known channels are found, what is hidden stays, clear errors."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.calibration import (
+    Snapshots,
+    channel_response,
+    self_calibrate,
+    strong_snapshots,
+    without_tilt,
+)
+from jradar.calibration.self_calibration import linear_phases, steering
+from jradar.radar import RadarSpec, Scatterers, calibrate_channels, simulate_cube
+
+CHIP = RadarSpec.awr1843(num_chirps=16, num_samples=128)
+FLAT = RadarSpec.awr1642(num_chirps=16, num_samples=128)
+ODS = RadarSpec.named(
+    "iwr6843ods", **{f: getattr(CHIP, f) for f in (
+        "slope_hz_per_s", "sample_rate_hz", "num_samples", "num_chirps", "idle_time_s",
+        "adc_start_time_s", "ramp_end_time_s",
+    )}, start_frequency_hz=60e9,
+)  # fmt: skip
+
+
+def scatterers(seed, *, count=12, fastest=1.0):
+    """Echoes anywhere in the view, some of which share a cell."""
+    random = np.random.default_rng(seed)
+    az = np.radians(random.uniform(-50, 50, count))
+    el = np.radians(random.uniform(-15, 15, count))
+    direction = np.stack(
+        [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)], -1
+    )
+    distance = random.uniform(1, 12, (count, 1))
+    return Scatterers(
+        jnp.asarray(distance * direction, jnp.float32),
+        jnp.asarray(random.uniform(-fastest, fastest, count), jnp.float32),
+        jnp.asarray(random.uniform(20, 100, count), jnp.float32),
+    )
+
+
+def channels(radar, degrees, *, seed=0, decibels=1.0, pairs=False):
+    """Responses `[virtual]`: of tx times rx, or of each pair."""
+    random = np.random.default_rng(seed)
+
+    def errors(shape, share=1.0):
+        gain = 10 ** (share * decibels * random.standard_normal(shape) / 20)
+        phase = np.radians(share * degrees * random.standard_normal(shape))
+        return gain * np.exp(1j * phase)
+
+    if pairs:
+        return errors(radar.num_virtual)
+    half = 0.5**0.5
+    tx, rx = errors((radar.num_tx, 1), half), errors(radar.num_rx, half)
+    return (tx * rx).ravel()
+
+
+def echoes_of(radar, response, *, frames=6, noise=0.02, several=0.3, seed=0):
+    """Snapshots of 20 echoes a frame through the channels, some of two echoes each."""
+    random = np.random.default_rng(seed)
+    shape = (frames, 20, 2)
+    az, el = random.uniform(-0.8, 0.8, shape), random.uniform(-0.2, 0.2, shape)
+    amplitude = np.exp(2j * np.pi * random.random(shape))
+    amplitude[..., 1] *= random.random(shape[:2]) < several
+    waves = np.asarray(steering(jnp.asarray(az), jnp.asarray(el), radar))
+    snapshot = (waves * amplitude[..., None]).sum(2) * response
+    parts = random.standard_normal((2, *snapshot.shape)) * noise / 2**0.5
+    return Snapshots(
+        jnp.asarray(snapshot + parts[0] + 1j * parts[1], jnp.complex64),
+        jnp.asarray(random.uniform(1, 12, shape[:2]), jnp.float32),
+        jnp.zeros(shape[:2]),
+        jnp.ones(shape[:2]),
+    )
+
+
+def simulated_echoes(radar, response, *, frames=6, noise_power=100.0, spot=None):
+    """Strong echoes of simulated cubes; `spot` is the place of a still reflector."""
+    found = []
+    for frame in range(frames):
+        scene = scatterers(frame)
+        if spot is not None:
+            scene = Scatterers(
+                scene.xyz.at[0].set(jnp.asarray(spot)),
+                scene.velocity.at[0].set(0.0),
+                scene.amplitude.at[0].set(300.0),
+            )
+        cube = simulate_cube(jax.random.key(frame), scene, radar)
+        cube = calibrate_channels(cube, jnp.asarray(response, jnp.complex64))
+        noise = np.random.default_rng(frame).standard_normal((2, *radar.cube_shape))
+        cube += (noise_power / 2) ** 0.5 * (noise[0] + 1j * noise[1])
+        found.append(strong_snapshots(cube, radar, count=20))
+    return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
+
+
+def remaining_deg(radar, response):
+    """Root mean square of the phases that snapshots show."""
+    shown = without_tilt(jnp.asarray(response, jnp.complex64), radar)
+    return np.degrees(np.sqrt(np.mean(np.angle(shown) ** 2)))
+
+
+@pytest.mark.parametrize("degrees", [17, 34])
+def test_channels_of_simulated_cubes_are_found(degrees):
+    true = channels(CHIP, degrees, seed=degrees)
+    found = self_calibrate(simulated_echoes(CHIP, true), CHIP)
+    left = found.factors * true
+    assert remaining_deg(CHIP, true) > 5
+    assert remaining_deg(CHIP, left) < 1
+    assert np.std(20 * np.log10(np.abs(left))) < 0.15
+    assert found.improves and found.separable
+    assert found.after.phase_deg < 2 < found.before.phase_deg
+    assert found.after.power_share < 0.1 * found.before.power_share
+    assert found.after.peak_to_mean > found.before.peak_to_mean
+
+
+@pytest.mark.parametrize("radar", [FLAT, ODS], ids=lambda radar: radar.name)
+def test_channels_of_other_arrays_are_found(radar):
+    true = channels(radar, 25)
+    snapshot = echoes_of(radar, true).snapshot.reshape(-1, radar.num_virtual)
+    response = np.asarray(channel_response(snapshot, radar, separable=True))
+    assert remaining_deg(radar, true) > 5
+    assert remaining_deg(radar, true / response) < 1
+
+
+def test_the_uncertainty_covers_the_error_and_grows_with_the_noise():
+    true = channels(CHIP, 17)
+    fits = [
+        self_calibrate(echoes_of(CHIP, true, noise=noise), CHIP)
+        for noise in (0.02, 0.2)
+    ]
+    for fit in fits:
+        error = remaining_deg(CHIP, fit.factors * true)
+        assert error < 4 * fit.uncertainty_deg < 40
+    assert fits[1].uncertainty_deg > 2 * fits[0].uncertainty_deg
+
+
+def test_errors_of_single_pairs_are_found_too():
+    true = channels(CHIP, 17, pairs=True)
+    found = self_calibrate(echoes_of(CHIP, true), CHIP)
+    assert not found.separable
+    assert remaining_deg(CHIP, found.factors * true) < 1
+
+
+def test_a_calibrated_radar_stays_calibrated():
+    found = self_calibrate(echoes_of(CHIP, np.ones(12)), CHIP)
+    assert np.degrees(abs(np.angle(found.factors))).max() < 1
+    np.testing.assert_allclose(abs(found.factors), 1, atol=0.02)
+
+
+def test_without_a_reflector_directions_keep_their_tilt():
+    """A tilt of the array is left in place: nothing shows it."""
+    tilt = np.exp(1j * linear_phases(CHIP) @ [0.3, 0.8, -0.5])
+    true = channels(CHIP, 17)
+    plain, tilted = (
+        self_calibrate(echoes_of(CHIP, response), CHIP).factors
+        for response in (true, true * tilt)
+    )
+    turned = plain / tilted
+    np.testing.assert_allclose(np.angle(turned / turned[0]), 0, atol=0.02)
+
+
+def test_no_phase_of_the_upper_rows_only_transmitter_is_claimed():
+    true = np.ones(12, complex)
+    true[8:] *= np.exp(0.6j)  # the elevated one
+    factors = self_calibrate(echoes_of(CHIP, true), CHIP).factors
+    np.testing.assert_allclose(np.angle(factors), 0, atol=0.02)
+
+
+def test_cells_of_several_echoes_lose_their_weight():
+    true = channels(CHIP, 25)
+    echoes = echoes_of(CHIP, true, several=0.6)
+    snapshot = echoes.snapshot.reshape(-1, 12)
+    response = channel_response(snapshot, CHIP, separable=False)
+    assert remaining_deg(CHIP, true / np.asarray(response)) < 1
+
+
+def test_a_reflector_fixes_tilt_and_range_bias():
+    """Directions of other echoes are then right, and so are ranges."""
+    tilt = np.exp(1j * linear_phases(CHIP) @ [0.0, 0.9, -0.7])
+    true = channels(CHIP, 20) * tilt
+    azimuth, elevation, bias_m = 0.2, 0.1, 0.066
+    ground = np.array([np.cos(azimuth), np.sin(azimuth)]) * np.cos(elevation)
+    spot = (3.0 + bias_m) * np.array([*ground, np.sin(elevation)])
+    echoes = simulated_echoes(CHIP, true, spot=spot, noise_power=10.0)
+    fit = self_calibrate(echoes, CHIP, reflector=(3.0, azimuth, elevation))
+    assert fit.range_bias_m == pytest.approx(bias_m, abs=0.01)
+    shown = np.angle(fit.factors * true)
+    np.testing.assert_allclose(shown, shown.mean(), atol=0.05)
+    with pytest.raises(ValueError, match="reflector at 14 m is seen in 0 of 6 frames"):
+        self_calibrate(echoes, CHIP, reflector=(14.0, 0.0, 0.0))
+
+
+def test_a_snapshot_is_the_echo_of_its_cell():
+    """Range, velocity and direction of a moving echo, seen through perfect channels."""
+    xyz = 4.0 * np.array([np.cos(0.3), np.sin(0.3), 0.0])
+    echo = Scatterers(jnp.asarray(xyz[None]), jnp.array([0.7]), jnp.array([50.0]))
+    scene = scatterers(0)
+    scene = scene._replace(amplitude=jnp.zeros(len(scene.amplitude)))
+    scene = Scatterers(
+        *(c.at[0].set(e[0]) for c, e in zip(scene[:3], echo[:3], strict=True))
+    )
+    cube = simulate_cube(jax.random.key(0), scene, CHIP)
+    found = strong_snapshots(cube, CHIP, count=20)
+    assert found.range_m[0] == pytest.approx(4.0, abs=0.02)
+    assert found.velocity_mps[0] == pytest.approx(0.7, abs=0.02)
+    wave = steering(jnp.array(0.3), jnp.array(0.0), CHIP)
+    turn = np.asarray(found.snapshot[0] / wave)
+    np.testing.assert_allclose(turn / turn[0], 1, atol=0.05)
+    assert not found.snapshot[np.asarray(found.power) == 0].any()
+
+
+def test_frames_and_channels_that_cannot_be_calibrated():
+    echoes = echoes_of(CHIP, np.ones(12))
+    near = echoes._replace(range_m=0 * echoes.range_m)
+    with pytest.raises(ValueError, match="120 strong echoes, 0 of .* expected 5"):
+        self_calibrate(near, CHIP)
+    broken = np.ones(12)
+    broken[6] = 0.03
+    with pytest.raises(ValueError, match="transmitter 1 with receiver 2 is -30 dB"):
+        self_calibrate(echoes_of(CHIP, broken, noise=0.001), CHIP)
+    pair = RadarSpec.awr1642(
+        num_chirps=16, tx_positions=((0, 0),), rx_positions=((0, 0), (1, 0))
+    )
+    with pytest.raises(ValueError, match="2 virtual antennas: any phases"):
+        self_calibrate(echoes_of(pair, np.ones(2)), pair)

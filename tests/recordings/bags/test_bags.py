@@ -1,0 +1,271 @@
+"""Bags in three containers: clouds of every layout come back; stamps; damaged files."""
+
+import concurrent.futures
+import itertools
+import shutil
+import struct
+
+import numpy as np
+import pytest
+
+rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="pip install 'jradar[ros]'")
+
+from jradar.recordings.bags import bags, unpacking  # noqa: E402
+from jradar.recordings.bags.bags import bag_topics, open_bag  # noqa: E402
+from tests.recordings.bag_writer import (  # noqa: E402
+    CLOUD,
+    CONTAINERS,
+    LIVOX,
+    START,
+    STORES,
+    TENTH,
+    columns,
+    livox,
+    livox_rows,
+    point_cloud2,
+    write_bag,
+    write_raw,
+)
+
+
+@pytest.mark.parametrize(
+    ("container", "frame"),
+    [
+        ("sqlite", "livox_frame"),
+        *itertools.product(("bag", "mcap"), ("", "l", "abcd", "livox_frame")),
+    ],  # padding follows the frame's name
+)
+def test_livox_clouds_come_back(tmp_path, container, frame):
+    clouds = [livox_rows(n, n) for n in (5, 0, 1, 200)]
+    stamps = [START + i * TENTH for i in range(4)]
+    messages = [
+        ("/livox/lidar", LIVOX, t + 999, livox(rows, t, frame))
+        for rows, t in zip(clouds, stamps, strict=True)
+    ]
+    path = write_bag(tmp_path, container, messages)
+    assert bag_topics(path) == {"/livox/lidar": (LIVOX, 4)}
+    stream = open_bag(path)
+    np.testing.assert_array_equal(stream.stamps, np.array(stamps) / 1e9)
+    for i, rows in reversed([*enumerate(clouds)]):
+        expected = np.array(rows).reshape(-1, 7)
+        assert stream[i].dtype == np.float32
+        np.testing.assert_array_equal(stream[i], expected[:, 1:5].astype(np.float32))
+        points = stream.read_points(i)
+        for name, column in zip(
+            ("offset_time", "reflectivity", "tag", "line"),
+            expected.T[[0, 4, 5, 6]],
+            strict=True,
+        ):
+            np.testing.assert_array_equal(points[name], column)
+    assert stream.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("container", "layout"),
+    [
+        ("sqlite", {}),
+        *itertools.product(
+            ("bag", "mcap"),
+            ({}, {"gap": 0}, {"big": True}, {"height": 4}, {"height": 4, "row_gap": 9}),
+        ),
+    ],
+    ids=str,
+)
+def test_point_clouds_of_any_layout_come_back(tmp_path, container, layout):
+    wanted = columns(24)
+    cloud = point_cloud2(wanted, START, **layout)
+    path = write_bag(tmp_path, container, [("/points", CLOUD, START, cloud)])
+    stream = open_bag(path)
+    expected = [wanted[name] for name in ("x", "y", "z", "intensity")]
+    np.testing.assert_array_equal(stream[0], np.stack(expected, -1).astype("f4"))
+    points = stream.read_points(0)
+    for name, column in wanted.items():
+        np.testing.assert_array_equal(points[name], column)
+
+
+def test_bytes_of_both_serialisations_written_by_hand(tmp_path):
+    """The layout of formats.md, without any library's serialiser."""
+    rows = livox_rows(3)
+    points = [struct.pack("<IfffBBB", *row) for row in rows]
+    tail = struct.pack("<QIB3xI", 5, 3, 1, 3)
+    ros1 = struct.pack("<IIII", 1, 20, 30, 3) + b"abc" + tail + b"".join(points)
+    cdr = b"\0\1\0\0" + struct.pack("<iII", 20, 30, 4) + b"abc\0" + tail
+    cdr += b"\0".join(points)
+    for container, raw in (("bag", ros1), ("mcap", cdr)):
+        path = tmp_path / container
+        path.mkdir()
+        stream = open_bag(write_raw(path, container, STORES[container], raw))
+        np.testing.assert_array_equal(stream[0], np.array(rows, "f4")[:, 1:5])
+        assert stream.stamps.tolist() == [20 + 30e-9]
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_bag_that_was_replaced_is_read_anew(tmp_path, container):
+    for count in (3, 5):
+        message = ("/l", LIVOX, START, livox(livox_rows(count), START))
+        written = write_bag(tmp_path / str(count), container, [message])
+        path = tmp_path / written.name
+        shutil.rmtree(path, ignore_errors=True)
+        path.unlink(missing_ok=True)
+        written.rename(path)
+        assert len(open_bag(path)[0]) == count
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_threads_share_a_bag(tmp_path, container):
+    clouds = [livox_rows(50 + seed, seed) for seed in range(12)]
+    messages = [
+        ("/l", LIVOX, START + i, livox(rows, START + i))
+        for i, rows in enumerate(clouds)
+    ]
+    stream = open_bag(write_bag(tmp_path, container, messages))
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        read = [*pool.map(stream.__getitem__, [*range(12)] * 5)]
+    for i, cloud in enumerate(read):
+        np.testing.assert_array_equal(cloud, np.array(clouds[i % 12], "f4")[:, 1:5])
+
+
+def test_missing_returns_are_left_out(tmp_path):
+    rows = livox_rows(6)
+    rows[1] = (0, 0.0, 0.0, 0.0, 9, 9, 9)
+    rows[3] = (0, float("nan"), 1.0, 1.0, 9, 9, 9)
+    rows[4] = (0, 1.0, float("inf"), 1.0, 9, 9, 9)
+    path = write_bag(tmp_path, "bag", [("/l", LIVOX, START, livox(rows, START))])
+    expected = np.array([rows[i] for i in (0, 2, 5)], "f4")[:, 1:5]
+    np.testing.assert_array_equal(open_bag(path)[0], expected)
+
+
+def test_compressed_bag_with_several_topics_and_equal_times(tmp_path):
+    clouds = [livox_rows(4, seed) for seed in range(6)]
+    messages = [
+        ("/l", LIVOX, START + i // 3, livox(rows, START + i * TENTH))
+        for i, rows in enumerate(clouds)
+    ]
+    messages.insert(2, ("/p", CLOUD, START, point_cloud2(columns(2), START)))
+    path = write_bag(tmp_path, "bag", messages, compressed="lz4")
+    with pytest.raises(ValueError, match="2 topics of clouds, name one of /l, /p"):
+        open_bag(path)
+    with pytest.raises(ValueError, match="no clouds on /imu, name one of /l"):
+        open_bag(path, topic="/imu")
+    stream = open_bag(path, topic="/l")
+    for i in (4, 0, 5, 2, 1, 3):
+        np.testing.assert_array_equal(stream[i], np.array(clouds[i], "f4")[:, 1:5])
+
+
+@pytest.mark.parametrize(
+    ("container", "compressed"),
+    [
+        ("bag", "bz2"),
+        ("bag", "lz4"),
+        ("sqlite", "message"),
+        ("sqlite", "file"),
+        ("mcap", "storage"),
+    ],
+)
+def test_a_bag_that_unpacks_to_more_than_the_limit(
+    tmp_path, monkeypatch, container, compressed
+):
+    rows = livox_rows(2000)
+    messages = [("/l", LIVOX, START, livox(rows, START))]
+    path = write_bag(tmp_path, container, messages, compressed=compressed)
+    np.testing.assert_array_equal(open_bag(path)[0], np.array(rows, "f4")[:, 1:5])
+    for name in ("MOST_BYTES", "LEAST_LIMIT"):
+        monkeypatch.setattr(unpacking, name, 10_000)
+    monkeypatch.setattr(unpacking, "MOST_RATIO", 0)
+    bags._open_reader.cache_clear()
+    with pytest.raises(ValueError, match="not a whole bag .*unpacks to more than 10,0"):
+        open_bag(path)[0]
+
+
+@pytest.mark.parametrize(
+    ("headers", "what"), [((5, 0, 7), "zero"), ((5, 7, 6), "not rising")]
+)
+def test_bad_header_stamps_give_way_to_the_bags_times(tmp_path, headers, what):
+    messages = [
+        ("/l", LIVOX, START + i * TENTH, livox(livox_rows(1), 10**9 * stamp))
+        for i, stamp in enumerate(headers)
+    ]
+    stream = open_bag(write_bag(tmp_path, "mcap", messages))
+    np.testing.assert_allclose(stream.stamps - START / 1e9, [0, 0.1, 0.2], atol=1e-6)
+    assert f"stamps in the headers are {what}" in stream.notes[0]
+
+
+def test_another_clock_is_reported(tmp_path):
+    message = ("/l", LIVOX, START, livox(livox_rows(1), 123 * 10**9))
+    stream = open_bag(write_bag(tmp_path, "bag", [message]))
+    assert stream.stamps.tolist() == [123.0]
+    assert "1,699,999,877.000 s behind" in stream.notes[0]
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+@pytest.mark.parametrize("keep", [0.0, 0.5, 0.999])
+def test_truncated_bags_name_the_repair(tmp_path, container, keep):
+    message = ("/l", LIVOX, START, livox(livox_rows(3000), START))
+    path = write_bag(tmp_path, container, [message])
+    files = [path] if path.is_file() else [*path.glob("*.db3"), *path.glob("*.mcap")]
+    content = files[0].read_bytes()
+    files[0].write_bytes(content[: int(keep * len(content))])
+    repair = {"bag": "rosbag reindex", "sqlite": "reindex", "mcap": "mcap recover"}
+    with pytest.raises(ValueError, match=f"is not a whole bag.*{repair[container]}"):
+        stream = open_bag(path)
+        stream[0]
+
+
+@pytest.mark.parametrize("container", ["bag", "mcap"])
+def test_messages_cut_or_lying_are_refused(tmp_path, container):
+    store = STORES[container]
+    serialize = store.serialize_ros1 if container == "bag" else store.serialize_cdr
+    whole = bytes(serialize(livox(livox_rows(10), START)(store), LIVOX))
+    rows = struct.pack("<I", 10)
+    lying = whole.replace(b"\0\0\0" + rows, b"\0\0\0" + struct.pack("<I", 2**32 - 1))
+    cuts = [whole[:n] for n in range(0, len(whole), 5)]
+    stream = open_bag(write_raw(tmp_path, container, store, *cuts, lying))
+    for i in range(len(stream)):
+        with pytest.raises(ValueError, match=f"message {i} of /livox/lidar"):
+            stream[i]
+
+
+def test_point_cloud_larger_than_its_data_is_refused(tmp_path):
+    def lying(store):
+        message = point_cloud2(columns(4), START)(store)
+        message.width = 2**32 - 1
+        return message
+
+    def unknown(store):
+        message = point_cloud2(columns(4), START)(store)
+        message.fields[0].datatype = 11
+        return message
+
+    def nameless(store):
+        message = point_cloud2(columns(4), START)(store)
+        message.fields[2].name = "u"
+        return message
+
+    def wide(store):
+        message = point_cloud2(columns(4), START)(store)
+        message.fields[2].count = 3
+        return message
+
+    made = enumerate([lying, unknown, nameless, wide])
+    messages = [("/p", CLOUD, START + i, make) for i, make in made]
+    stream = open_bag(write_bag(tmp_path, "sqlite", messages))
+    for i, text in enumerate(
+        [
+            "1 x 4294967295 points",
+            "unknown type 11",
+            "expected x, y and z",
+            "field x holds 3 numbers a point, expected 1",
+        ]
+    ):
+        with pytest.raises(ValueError, match=text):
+            stream[i]
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such bag"):
+        open_bag(tmp_path / "a.bag")
+    (tmp_path / "a.txt").write_text("hello")
+    with pytest.raises(ValueError, match="not a whole bag"):
+        open_bag(tmp_path / "a.txt")
+    with pytest.raises(ValueError, match="not a whole bag.*metadata"):
+        open_bag(tmp_path)
