@@ -30,6 +30,7 @@ FLOORS = {
     "viz": 4,
     "baselines": 4,
     "calibration": 5,
+    "session": 5,
     "data": 6,
     "training": 6,
     "evaluation": 6,

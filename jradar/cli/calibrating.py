@@ -1,6 +1,7 @@
 """`jradar calibrate`: a recording's echoes to a description with channel factors."""
 
 import argparse
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,7 @@ from jradar.radar import PointSpec, RadarSpec, radar_points
 from jradar.recordings import (
     CaptureSpec,
     Recording,
-    calibrated_cube,
     open_recording,
-    with_factors,
     with_sample_doubts,
     write_radar_toml,
 )
@@ -48,32 +47,31 @@ def calibrate_recording(options: argparse.Namespace) -> dict[str, Any]:
     recording = open_recording(options.path, **opening(options))
     frames = _frames(recording, options.frames)
     recording = with_sample_doubts(recording, frames[0])
-    radar = recording.radar
+    radar = recording.radar.spec
     echoes = _echoes(recording, frames)
     found = self_calibrate(echoes, radar, reflector=options.reflector)
-    calibrated, tilt = with_factors(recording, found.factors), None
+    calibrated, tilt = recording.radar.with_factors(found.factors), None
     if options.level:
-        tilt = level_tilt(_clouds(calibrated, frames), radar, up=_up(recording))
-        calibrated = with_factors(calibrated, untilted(tilt.sine, radar))
-    factors = np.asarray(calibrated.channel_factors)
-    bias_m = recording.range_bias_m
+        clouds = _clouds(recording._replace(radar=calibrated), frames)
+        tilt = level_tilt(clouds, radar, up=_up(recording))
+        calibrated = calibrated.with_factors(untilted(tilt.sine, radar))
     if found.range_bias_m is not None:
-        bias_m = found.range_bias_m
-    capture = CaptureSpec(
+        calibrated = dataclasses.replace(calibrated, range_bias_m=found.range_bias_m)
+    write_radar_toml(
+        output,
+        calibrated,
         iq_order=recording.iq_order or CaptureSpec.iq_order,
-        range_bias_m=bias_m,
-        channel_factors=tuple(factors.tolist()),
+        axes=recording.axes,
+        comment=f"written by jradar calibrate from {recording.name}",
     )
-    comment = f"written by jradar calibrate from {recording.name}"
-    write_radar_toml(output, radar, capture, axes=recording.axes, comment=comment)
     notes = () if found.improves else (_unchanged(found),)
     if tilt is not None and tilt.deviation > np.sin(np.radians(LARGEST_DOUBT_DEG)):
         notes += (_unsure(tilt),)
     return {
         **summary(recording, notes),
         "frames used": len(frames),
-        **_result(found, radar, factors),
-        "range bias (m)": bias_m,
+        **_result(found, radar, np.asarray(calibrated.channels).ravel()),
+        "range bias (m)": float(calibrated.range_bias_m),
         **({} if tilt is None else _tilt(tilt)),
         "not observable": [*_hidden(radar, options)],
         "written": [str(output)],
@@ -94,11 +92,7 @@ def _echoes(recording: Recording, frames: range) -> Snapshots:
     found = []
     with progress("calibrating", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
-            cube = calibrated_cube(recording, frame)
-            echoes = strong_snapshots(
-                cube, recording.radar, coupling=recording.coupling
-            )
-            found.append(echoes)
+            found.append(strong_snapshots(recording.cube(frame), recording.radar))
             show(done)
     return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
 
@@ -108,13 +102,8 @@ def _clouds(recording: Recording, frames: range) -> PointCloud:
     radar, found = recording.radar, []
     with progress("measuring the motion", len(frames), unit="frames") as show:
         for done, frame in enumerate(frames, 1):
-            cloud = radar_points(
-                calibrated_cube(recording, frame),
-                radar,
-                points=POINTS.fitted(radar),
-                coupling=recording.coupling,
-            )
-            found.append(cloud)
+            points = POINTS.fitted(radar.spec)
+            found.append(radar_points(recording.cube(frame), radar, points=points))
             show(done)
     return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
 

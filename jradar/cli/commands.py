@@ -4,38 +4,41 @@ The first line of a command's docstring is its help text.
 """
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import Any
 
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """Describe a recording, a bag or a point cloud, and check that it can be read."""
-    from jradar.cli.reading import echoes, frame_points, no_echoes, open_frames
-    from jradar.radar import PointSpec, noise_statistics, power_map
+    from jradar.cli.reading import echoes, frame_points, open_frames
+    from jradar.radar import PointSpec, calibrate, noise_statistics, power_map
     from jradar.recordings import (
-        calibrated_cube,
         check_samples,
         describe,
         describe_file,
         is_recording,
     )
+    from jradar.session.warnings import no_echoes
 
     radar_frames = options.radar and is_recording(options.path)  # also those in bags
     if not radar_frames and (contents := describe_file(options.path)) is not None:
         return contents
     recording, (frame,) = open_frames(options)
-    cube = calibrated_cube(recording, frame)
-    samples = check_samples(recording.cubes[frame])
-    cloud = frame_points(cube, recording, PointSpec())
+    cube, radar = recording.cube(frame), recording.radar
+    samples = check_samples(cube)
+    cloud = frame_points(cube, radar, PointSpec())
     found: dict[str, Any] = {
         "largest sample": samples.largest,
         "share at full scale": samples.share,
-        "noise": noise_statistics(power_map(cube), recording.radar)._asdict(),
-        "echoes": echoes(cloud, recording),
+        "noise": noise_statistics(
+            power_map(calibrate(cube, radar)), radar.spec
+        )._asdict(),
+        "echoes": echoes(cloud, radar),
     }
-    if recording.radar.num_chirps > 1:
-        moving = frame_points(cube, recording, PointSpec(remove_static=True))
-        found["moving echoes"] = echoes(moving, recording)
+    if radar.spec.num_chirps > 1:
+        moving = frame_points(cube, radar, PointSpec(remove_static=True))
+        found["moving echoes"] = echoes(moving, radar)
     if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
         found["time offset"] = _time_offset(recording)
     described = describe(recording)
@@ -142,15 +145,23 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
     from jradar.cli.reading import given
     from jradar.export import export_function
     from jradar.model import load_model
-    from jradar.recordings import read_coupling
+    from jradar.radar import Radar
+    from jradar.recordings import read_coupling, read_description
 
     model = load_model(options.model)
-    coupling = read_coupling(options.coupling) if options.coupling else None
+    radar = Radar(model.card.radar)
+    if options.radar:
+        described = read_description(options.radar, device=options.device)
+        radar = described.capture.radar(described.radar)
+    if options.coupling:
+        radar = dataclasses.replace(radar, leakage=read_coupling(options.coupling))
     drawing = given(options, "draws", "steps")
-    export_function(options.output, model, coupling=coupling, **drawing)
+    export_function(options.output, radar, model, **drawing)
+    kind = "float32" if radar.spec.real_samples else "complex64"
     return {
-        "takes": f"seed, cube {list(model.spec.radar.cube_shape)} of complex64",
-        "purpose": model.spec.purpose,
+        "radar": radar.spec.name,
+        "takes": f"seed, cube {list(radar.spec.cube_shape)} of {kind}",
+        "purpose": model.card.purpose,
         "written": [options.output],
     }
 

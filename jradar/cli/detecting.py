@@ -10,9 +10,7 @@ from jradar import recordings, viz
 from jradar.cli.limits import check_limits, within_limits
 from jradar.cli.reading import (
     echoes,
-    frame_report,
     given,
-    no_echoes,
     open_frames,
     summary,
 )
@@ -22,12 +20,15 @@ from jradar.progress import progress
 from jradar.radar import (
     PointSpec,
     RadarSpec,
+    calibrate,
     noise_statistics,
     point_deviations,
+    points_and_report,
     power_map,
 )
 from jradar.range_image import ImageSpec
-from jradar.recordings import Recording
+from jradar.recordings import Recording, check_samples
+from jradar.session.warnings import no_echoes
 from jradar.types import PointCloud
 
 SPEC_OPTIONS = (
@@ -55,7 +56,7 @@ def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
             if len(frames) > 1:
                 show(done)
     notes = (
-        *_fitted(options, spec, recording.radar),
+        *_fitted(options, spec, recording.radar.spec),
         *_dropped(rows, spec),
         *no_echoes(silent),
     )
@@ -69,19 +70,19 @@ def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
 
 def _detect(recording, frame: int, spec: PointSpec, options):
     """Write one frame; return what was found, the paths, and if there were echoes."""
-    cube = recordings.calibrated_cube(recording, frame)
-    every, counts = frame_report(cube, recording, spec, frame)
+    cube, radar = recording.cube(frame), recording.radar
+    every, report = points_and_report(cube, radar, points=spec.fitted(radar.spec))
     cloud = within_limits(every, options)
     power = power_map(
-        cube,
+        calibrate(cube, radar),
         remove_static=spec.remove_static,
         remove_interference=spec.remove_interference,
     )
-    view = ImageSpec(64, 64, max_range_m=recording.radar.max_range_m)
+    view = ImageSpec(64, 64, max_range_m=radar.spec.max_range_m)
     figure = functools.partial(
         viz.capture_figure,
         power,
-        recording.radar,
+        radar.spec,
         cloud,
         view,
         lidar=recordings.nearest_scan(recording, frame),
@@ -92,17 +93,25 @@ def _detect(recording, frame: int, spec: PointSpec, options):
     row = {
         "frame": frame,
         "points": int(cloud.valid.sum()),
-        **counts,
-        "noise": noise_statistics(power, recording.radar)._asdict(),
-        "echoes": echoes(cloud, recording),
+        "detected": int(report.detected),
+        "dropped": int(report.dropped),
+        "saturated": _saturated(cube),
+        "noise": noise_statistics(power, radar.spec)._asdict(),
+        "echoes": echoes(cloud, radar),
     }
     return row, written, bool(every.valid.any())
 
 
+def _saturated(cube) -> int:
+    """The numbers that pile up at the end of the converter's scale."""
+    numbers = cube.size * (1 + np.iscomplexobj(cube))
+    return round(check_samples(cube).share * numbers)
+
+
 def _deviations(cloud: PointCloud, recording: Recording, spec: PointSpec):
     """Return standard deviations of the valid points, by the names of the arrays."""
-    spec = spec.subtracting(recording.coupling)
-    found = point_deviations(cloud, recording.radar, points=spec)
+    spec = spec.subtracting(recording.radar.leakage)
+    found = point_deviations(cloud, recording.radar.spec, points=spec)
     valid = np.asarray(cloud.valid)
     named = found._asdict().items()
     return {f"deviation_{name}": np.asarray(values)[valid] for name, values in named}

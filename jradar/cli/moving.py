@@ -66,7 +66,7 @@ def _doubts(recording: Recording, velocities: Velocities):
             f"no velocity in {len(missing)} of {len(velocities.stamps)} frames, which "
             "are bridged"
         )
-    if not recording.radar.has_elevation:
+    if not recording.radar.spec.has_elevation:
         yield "the array has one row: the radar is taken to move in its own plane"
 
 

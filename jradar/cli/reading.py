@@ -9,13 +9,12 @@ from jaxtyping import Array, Inexact
 from jradar.errors import UsageError
 from jradar.radar import (
     PointSpec,
-    points_and_report,
+    Radar,
     radar_points,
     strongest_echoes,
 )
 from jradar.recordings import (
     Recording,
-    check_samples,
     open_recording,
     with_sample_doubts,
     without_background,
@@ -56,70 +55,25 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
     return recording, frames
 
 
-def frame_report(
-    cube: Inexact[Array | np.ndarray, "tx rx chirp sample"],
-    recording: Recording,
-    points: PointSpec,
-    frame: int,
-) -> tuple[PointCloud, dict[str, int]]:
-    """Return `frame_points` and the counts of its `PointReport`, by their words.
-
-    Saturated are the numbers that pile up at the end of the converter's scale, before
-    calibration. Samples that are not finite were refused by the reader.
-    """
-    cloud, report = points_and_report(
-        cube,
-        recording.radar,
-        points=points.fitted(recording.radar),
-        coupling=recording.coupling,
-        range_bias_m=recording.range_bias_m,
-    )
-    recorded = np.asarray(recording.cubes[frame])
-    numbers = recorded.size * (1 + np.iscomplexobj(recorded))
-    return cloud, {
-        "detected": int(report.detected),
-        "dropped": int(report.dropped),
-        "saturated": round(check_samples(recorded).share * numbers),
-    }
-
-
 def frame_points(
     cube: Inexact[Array | np.ndarray, "tx rx chirp sample"],
-    recording: Recording,
+    radar: Radar,
     points: PointSpec,
 ) -> PointCloud:
     """Return the radar points of a frame; windows and angle bins are fitted to it."""
-    return radar_points(
-        cube,
-        recording.radar,
-        points=points.fitted(recording.radar),
-        coupling=recording.coupling,
-        range_bias_m=recording.range_bias_m,
-    )
+    return radar_points(cube, radar, points=points.fitted(radar.spec))
 
 
-def echoes(cloud: PointCloud, recording: Recording) -> list[dict[str, Any]]:
+def echoes(cloud: PointCloud, radar: Radar) -> list[dict[str, Any]]:
     """Return the strongest echoes of a cloud as rows of a table."""
-    return [echo._asdict() for echo in strongest_echoes(cloud, recording.radar)]
+    return [echo._asdict() for echo in strongest_echoes(cloud, radar.spec)]
 
 
 def summary(recording: Recording, notes: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the first lines of a result: which recording was read."""
     return {
         "recording": str(recording.path),
-        "radar": recording.radar.name,
+        "radar": recording.radar.spec.name,
         "frames": len(recording.cubes),
         "notes": [*recording.notes, *notes],
     }
-
-
-def no_echoes(frames: list[int]) -> tuple[str, ...]:
-    """Return a note about the frames in which nothing was detected, if there are any.
-
-    `frames` are their numbers.
-    """
-    if not frames:
-        return ()
-    names = ", ".join(map(str, frames[:5])) + (", .." if frames[5:] else "")
-    which = f"frame {names}" if len(frames) == 1 else f"{len(frames)} frames: {names}"
-    return (f"no echoes in {which}: the detector found nothing, the clouds are empty",)

@@ -68,7 +68,7 @@ def live_session(options: argparse.Namespace) -> dict[str, Any]:
             raise emulator.fault
     written = [options.output] if options.output else []
     return {
-        "radar": recording.radar.name,
+        "radar": recording.radar.spec.name,
         "recording": options.replay or "",
         "model": options.model,
         **summary(session, receiver),
@@ -100,7 +100,7 @@ def replay_recording(options: argparse.Namespace) -> dict[str, Any]:
         sent = emulator.sent
     return {
         "recording": str(recording.path),
-        "radar": recording.radar.name,
+        "radar": recording.radar.spec.name,
         "frames sent": sent.frames,
         "packets sent": sent.packets,
         "packets lost on purpose": sent.lost,
@@ -125,9 +125,9 @@ def _model(options: argparse.Namespace, recording: Recording) -> Model | None:
     """The model, or None; UsageError for a radar that measures no elevation."""
     if options.model == NO_MODEL:
         return None
-    if not (recording.radar.has_elevation or options.anyway):
+    if not (recording.radar.spec.has_elevation or options.anyway):
         raise UsageError(
-            f"{recording.radar.name} has one row of antennas and measures no "
+            f"{recording.radar.spec.name} has one row of antennas and measures no "
             "elevation: publish its detections with --model none, or add --anyway"
         )
     return load_model(options.model)
@@ -182,8 +182,8 @@ def _new_emulator(options, recording: Recording, network: NetworkSpec) -> Emulat
 def _period_s(recording: Recording) -> float:
     """The time from frame to frame: as described, or as recorded."""
     stamps = recording.cubes.stamps
-    if recording.radar.frame_period_s:
-        return recording.radar.frame_period_s
+    if recording.radar.spec.frame_period_s:
+        return recording.radar.spec.frame_period_s
     if stamps is not None and len(stamps) > 1:
         return float(np.median(np.diff(stamps)))
     return FALLBACK_PERIOD_S

@@ -38,7 +38,7 @@ from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
 from jradar.files import lock_folder, read_json, remove_leftovers, write_text
 from jradar.progress import progress
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings.recording import Recording
 
 COMPARED = ("radar", "options", "frames", "names")  # fields of the manifest
@@ -147,10 +147,10 @@ def _remove_leftovers(jobs):
 
 def _try_options(radars, spec):
     """Trace the processing of a frame; ValueError for options that do not suit it."""
-    for radar in radars:
-        dtype = np.float32 if radar.real_samples else np.complex64
-        cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
-        jax.eval_shape(functools.partial(radar_side, radar=radar, spec=spec), cube)
+    for radar in map(Radar, radars):
+        dtype = np.float32 if radar.spec.real_samples else np.complex64
+        cube = jax.ShapeDtypeStruct(radar.spec.cube_shape, dtype)
+        jax.eval_shape(functools.partial(radar_side, spec=spec), cube, radar)
 
 
 @functools.lru_cache(maxsize=4)
@@ -165,7 +165,7 @@ def _radars(sources) -> dict[RadarSpec, list[str]]:
     """
     of_radar: dict[RadarSpec, list[str]] = {}
     for source in sources:
-        of_radar.setdefault(source.open().radar, []).append(source.name)
+        of_radar.setdefault(source.open().radar.spec, []).append(source.name)
     radars = sorted(of_radar, key=lambda radar: -len(of_radar[radar]))  # stable
     if len({tuple(getattr(r, name) for name in ARRAY) for r in radars}) > 1:
         names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
@@ -275,7 +275,7 @@ def _summary(source, jobs, descriptions, spec, frames):
     check_dropped(source.name, count, dropped)
     reasons = [*dropped.values()]
     keys = ("file", "frames", "bytes", "sha256")
-    points = spec.points.subtracting(recording.coupling)
+    points = spec.points.subtracting(recording.radar.leakage)
     return {
         "name": source.name,
         "split": source.split,

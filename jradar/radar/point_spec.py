@@ -39,9 +39,9 @@ class PointSpec:
     `refine` places range, velocity and angles between bins. The windows are those of
     `range_doppler`; the CFAR multipliers account for the correlation that they cause.
     `edge` and `factor` are those of `cfar`; a factor replaces the rate. `remove_static`
-    and `remove_interference` are those of `range_doppler`, too. The flips are for a
-    sensor that is mounted upside down. `angles` is "fft", or "music" or "capon" for
-    azimuths by `music_directions` or `capon_directions`, which use their own bins.
+    and `remove_interference` are those of `range_doppler`, too. `angles` is "fft", or
+    "music" or "capon" for azimuths by `music_directions` or `capon_directions`, which
+    use their own bins.
     `sources` is the number of sources for "music", or 0 to count them in each cell.
 
     `group_peaks` keeps only detected cells that are `map_peaks`: one for each target.
@@ -58,8 +58,6 @@ class PointSpec:
     peaks: int = 1
     num_azimuth: int | None = None
     num_elevation: int = 32
-    flip_azimuth: bool = False
-    flip_elevation: bool = False
     refine: bool = True
     remove_static: bool = False
     remove_interference: bool = False

@@ -17,10 +17,10 @@ Values of the network
 
     RangeImage, agreed_range        the range on which several images agree
     confident                       without pixels of little confidence
-    CalibrationSpec, fit_calibration, calibrated, UNSURE
+    ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
                                     confidence that holds on new frames
     velocity_image                  the radar's velocity at each pixel
-    TrustSpec, fit_trust            what conditions looked like in training
+    TrustTable, fit_trust           what conditions looked like in training
     unlikeness, STRANGE             how unlike them a condition is, 0 to 1; when to warn
 """
 
@@ -40,10 +40,11 @@ from jradar.range_image.codec import (
     fill_misses as fill_misses,
 )
 from jradar.range_image.confidence import (
+    IDENTITY as IDENTITY,
     UNSURE as UNSURE,
-    CalibrationSpec as CalibrationSpec,
-    calibrated as calibrated,
-    fit_calibration as fit_calibration,
+    ConfidenceTable as ConfidenceTable,
+    fit_confidence as fit_confidence,
+    frequency as frequency,
 )
 from jradar.range_image.doppler import velocity_image as velocity_image
 from jradar.range_image.grid import (
@@ -60,7 +61,7 @@ from jradar.range_image.projection import (
 )
 from jradar.range_image.trust import (
     STRANGE as STRANGE,
-    TrustSpec as TrustSpec,
+    TrustTable as TrustTable,
     condition_features as condition_features,
     fit_trust as fit_trust,
     training_distance as training_distance,

@@ -2,8 +2,6 @@
 
     open_recording, is_recording     the recording at a path, of any format in READERS
     Recording, Stream, Imu           what readers return; frames are read when accessed
-    calibrated_cube                  a frame with its antenna calibration applied
-    with_factors                     the recording with further factors of its channels
     without_background               the recording without what stands still
     nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
     describe, describe_file          what a recording, a bag or a cloud holds
@@ -50,7 +48,6 @@ from jradar.recordings.clouds.write import (
     write_ply as write_ply,
 )
 from jradar.recordings.coloradar.calib import (
-    FrequencyPhase as FrequencyPhase,
     radar_from_coloradar as radar_from_coloradar,
     read_coupling as read_coupling,
     read_frequency_phase as read_frequency_phase,
@@ -78,10 +75,8 @@ from jradar.recordings.recording import (
     Imu as Imu,
     Recording as Recording,
     Stream as Stream,
-    calibrated_cube as calibrated_cube,
     nearest_scan as nearest_scan,
     radar_from_lidar as radar_from_lidar,
-    with_factors as with_factors,
 )
 from jradar.recordings.sample_checks import (
     SampleCheck as SampleCheck,

@@ -78,10 +78,8 @@ def open_npy(
     return Recording(
         name=path.stem,
         path=path,
-        radar=radar,
+        radar=capture.radar(radar),
         cubes=Stream(read, len(frames)),
-        channel_factors=capture.channel_array,
-        range_bias_m=capture.range_bias_m,
         axes=tuple(axes),
         notes=(*notes, WRAPPED) if wrapped else notes,
     )

@@ -79,7 +79,7 @@ def _refuse_folder(path: Path) -> None:
 
 
 def _frames_as_chirps(recording: Recording) -> Recording:
-    radar, frames, lost = recording.radar, recording.cubes, recording.lost_bytes
+    radar, frames, lost = recording.radar.spec, recording.cubes, recording.lost_bytes
     if radar.num_chirps != 1 or radar.num_tx != 1 or not radar.frame_period_s:
         raise UsageError(
             f"{recording.path}: frames can serve as chirps only if each holds one "
@@ -94,7 +94,7 @@ def _frames_as_chirps(recording: Recording) -> Recording:
         frame_period_s=0.0,
     )
     return recording._replace(
-        radar=slow,
+        radar=dataclasses.replace(recording.radar, spec=slow),
         cubes=Stream(lambda _: np.concatenate([*frames], axis=2), 1),
         lost_bytes=None if lost is None else lost.sum(keepdims=True),
         notes=(*recording.notes, f"{len(frames)} frames were taken as chirps of one"),

@@ -86,7 +86,7 @@ def propose_offset(
             f"{recording.name}: {len(frames)} radar frames and {len(near)} clouds "
             f"within {max_offset_s} s of them, expected 9 or more of each"
         )
-    radar = recording.radar
+    radar = recording.radar.spec
     if radar.num_chirps >= 8:
         motion = np.array([radar_speed(cubes[int(i)], radar) for i in frames])
     else:

@@ -69,7 +69,7 @@ class RecordedFrames(Sequence):
     def __init__(self, recording: Recording):
         """Frames are read from the recording when they are accessed."""
         self.recording = recording
-        real = recording.radar.real_samples
+        real = recording.radar.spec.real_samples
         self.iq_order = recording.iq_order or ("I" if real else "IIQQ")
 
     def __len__(self) -> int:
@@ -78,7 +78,9 @@ class RecordedFrames(Sequence):
     def __getitem__(self, index: Any) -> Any:
         """Return the bytes of a frame."""
         recording = self.recording
-        words = words_of_cube(recording.cubes[index], recording.radar, self.iq_order)
+        words = words_of_cube(
+            recording.cubes[index], recording.radar.spec, self.iq_order
+        )
         return words.astype("<i2").tobytes()
 
 

@@ -150,7 +150,7 @@ class FrameRate:
 
     def __init__(self, processor: Processor):
         """Frames come every `frame_period_s` of the processor's radar, if known."""
-        self.radar = processor.recording.radar
+        self.radar = processor.recording.radar.spec
         self.source = processor.recording.path
         self._first: tuple[int, float] | None = None
         self._told = False

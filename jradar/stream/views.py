@@ -78,7 +78,7 @@ def recorded_view(
 
     Without stamps, frames follow one another in the radar's frame period, or in 0.1 s.
     """
-    stamps, period_s = recording.cubes.stamps, recording.radar.frame_period_s
+    stamps, period_s = recording.cubes.stamps, recording.radar.spec.frame_period_s
     stamp_s = frame * (period_s or FALLBACK_PERIOD_S)
     if stamps is not None:
         stamp_s = float(stamps[frame])

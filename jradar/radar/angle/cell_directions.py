@@ -9,7 +9,6 @@ import jax.numpy as jnp
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.near_field import focused_directions
 from jradar.radar.angle.spectrum import (
-    FLIPS,
     angle_spectrum,
     azimuth_bins,
     spectrum_peaks,
@@ -30,33 +29,31 @@ def _neighbours(spectrum, cell):
     return jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)
 
 
-def focused(spectrum, cell, range_bin, doppler_bin, radar, points, range_bias_m):
+def focused(spectrum, cell, range_bin, doppler_bin, radar, points):
     """Azimuth and elevation of each cell by `focused_directions`."""
     near = _neighbours(spectrum, cell)
     doppler_bin = jnp.broadcast_to(doppler_bin[:, None], near.shape[:2])
     column = cell % spectrum.shape[-1]
     return focused_directions(
-        compensate_tdm(near, doppler_bin, radar),
+        compensate_tdm(near, doppler_bin, radar.spec),
         column,
         range_bin - column,
-        radar,
-        range_bias_m=range_bias_m,
+        radar.spec,
+        range_bias_m=radar.range_bias_m,
         range_window=points.range_window,
-        **angle_bins(points, radar),
-        **fields(points, FLIPS),
+        **angle_bins(points, radar.spec),
     )
 
 
 def cell_directions(snapshot, radar, points):
     """Azimuth and elevation of the strongest direction of each snapshot."""
-    options = fields(points, FLIPS)
     if points.angles == "music":
         sources = points.sources or None
-        return music_directions(snapshot, radar, num_sources=sources, **options)
+        return music_directions(snapshot, radar, num_sources=sources)
     if points.angles == "capon":
-        return capon_directions(snapshot, radar, **options)
-    options |= angle_bins(points, radar)
-    return directions(snapshot, radar, interpolate=points.refine, **options)
+        return capon_directions(snapshot, radar)
+    bins = angle_bins(points, radar)
+    return directions(snapshot, radar, interpolate=points.refine, **bins)
 
 
 def angle_bins(points, radar):
@@ -78,7 +75,7 @@ def strongest_peaks(power, snapshot, radar, points):
     A cell's first peak has the power of its cell. The peaks of all cells therefore
     include the strongest ones of the frame.
     """
-    options = {"count": points.peaks, **fields(points, FLIPS)}
+    options = {"count": points.peaks}
 
     def peaks_of(snapshot):
         spectrum = angle_spectrum(snapshot, radar, **angle_bins(points, radar))

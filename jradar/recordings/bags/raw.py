@@ -97,10 +97,8 @@ def open_raw_bag(
     return Recording(
         name=path.stem,
         path=path,
-        radar=radar,
+        radar=capture.radar(radar),
         cubes=cubes,
-        channel_factors=capture.channel_array,
-        range_bias_m=capture.range_bias_m,
         iq_order=capture.iq_order,
         notes=(*doubts, f"frames are on the topic {topic}", *cubes.notes),
     )

@@ -13,13 +13,15 @@ stamps and poses; frames are read when accessed. Clouds are x forward, y left, z
 their sensor's frame.
 """  # noqa: E501
 
+import dataclasses
 import os
 from pathlib import Path
 
 import numpy as np
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, parsing
 from jradar.lidar import Poses
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings.clouds.read import read_bin
 from jradar.recordings.coloradar.calib import (
     radar_from_coloradar,
@@ -35,7 +37,7 @@ from jradar.recordings.coloradar.files import (
 )
 from jradar.recordings.imu import read_imu
 from jradar.recordings.radar_toml import read_radar_toml
-from jradar.recordings.recording import Format, Recording, with_factors
+from jradar.recordings.recording import Format, Recording
 from jradar.recordings.ti.cfg import CaptureSpec
 
 SENSORS = ("single_chip", "cascade")
@@ -90,18 +92,10 @@ def open_coloradar(
     if (folder / "imu" / "imu_data.txt").is_file():
         imu = read_imu(folder / "imu", notes)
         base_from_imu = _base_from(calib, ("imu",), notes)
-    coupling = frequency_phase = None
-    pairs = (radar.num_tx, radar.num_rx)
-    if (path := calib / sensor / "coupling_calib.txt").is_file():
-        coupling = read_coupling(path)
-        _check_array(path, coupling, (*pairs, radar.num_samples // 2), radar)
-    if (path := calib / sensor / "phase_frequency_calib.txt").is_file():
-        frequency_phase = read_frequency_phase(path)
-        _check_array(path, frequency_phase.phase, pairs, radar)
-    recording = Recording(
+    return Recording(
         name=folder.absolute().name,
         path=folder,
-        radar=radar,
+        radar=_calibrated(radar, capture, calib / sensor),
         cubes=cubes,
         lidar=lidar,
         poses=poses,
@@ -110,13 +104,8 @@ def open_coloradar(
         # ColoRadar+ calls its only radar `radar`.
         base_from_radar=_base_from(calib, (sensor, "radar"), notes),
         base_from_lidar=_base_from(calib, ("lidar",), notes),
-        coupling=coupling,
-        frequency_phase=frequency_phase,
-        range_bias_m=capture.range_bias_m,
         notes=(f"calibration: {calib}", *notes),
     )
-    factors = capture.channel_array
-    return recording if factors is None else with_factors(recording, factors)
 
 
 READER = Format(
@@ -162,12 +151,18 @@ def _sensor(folder: Path, sensor: str | None, notes: list[str]) -> str:
     return here[0]
 
 
-def _check_array(path, measured, expected, radar):
-    if measured.shape != expected:
-        raise ValueError(
-            f"{path} is for an array of {measured.shape}, {radar.name} needs "
-            f"{expected} [tx, rx, range bins]"
-        )
+def _calibrated(spec: RadarSpec, capture: CaptureSpec, folder: Path) -> Radar:
+    """Return the radar with the calibration of its folder, then that of a TOML file."""
+    radar = Radar(spec, range_bias_m=capture.range_bias_m)
+    if (path := folder / "coupling_calib.txt").is_file():
+        with parsing(path, "the leakage of this radar"):
+            radar = dataclasses.replace(radar, leakage=read_coupling(path))
+    if (path := folder / "phase_frequency_calib.txt").is_file():
+        with parsing(path, "a calibration of this radar"):
+            channels, bins = read_frequency_phase(path, spec)
+            radar = dataclasses.replace(radar, channels=channels, beat_bins=bins)
+    factors = capture.radar(spec).channels
+    return radar if factors is None else radar.with_factors(factors.ravel())
 
 
 def _base_from(calib, names, notes):

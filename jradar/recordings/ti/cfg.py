@@ -19,10 +19,9 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Complex
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.radar.devices import BOARDS, ROW_OF_RECEIVERS, Board
 from jradar.recordings.text_files import radar_of, read_text
 from jradar.recordings.ti.studio_log import MAX_CHIRPS, one_tx_each
@@ -59,12 +58,13 @@ class CaptureSpec:
     range_bias_m: float = 0.0  # by which measured ranges are too long
     channel_factors: tuple[complex, ...] = ()  # per virtual antenna, in cube order
 
-    @property
-    def channel_array(self) -> Complex[np.ndarray, " virtual"] | None:
-        """`channel_factors` as an array; None if they change nothing."""
-        if not set(self.channel_factors) - {1}:
-            return None
-        return np.array(self.channel_factors, np.complex64)
+    def radar(self, spec: RadarSpec) -> Radar:
+        """Return the radar with these factors, if they change anything, and bias."""
+        channels = None
+        if set(self.channel_factors) - {1}:
+            factors = np.array(self.channel_factors, np.complex64)
+            channels = factors.reshape(spec.num_tx, spec.num_rx)
+        return Radar(spec, channels=channels, range_bias_m=self.range_bias_m)
 
     @classmethod
     def from_cfg(cls, path: Path | str, *, device: str = "awr1843") -> "CaptureSpec":

@@ -164,10 +164,8 @@ def recording_of_samples(
     return Recording(
         name=name,
         path=path,
-        radar=radar,
+        radar=capture.radar(radar),
         cubes=Stream(read, count, None if stamps is None else stamps[:count]),
-        channel_factors=capture.channel_array,
-        range_bias_m=capture.range_bias_m,
         lost_bytes=lost,
         iq_order=order,
         notes=tuple(notes),
