@@ -20,16 +20,10 @@ FRAMES = 48  # that the choice is made on
 Choice = TypeVar("Choice")
 
 
-def detector_methods(
-    view: View, rates: dict[str, float], *, angles: str = "fft"
-) -> dict[str, Method]:
-    """Return a method for each CFAR detector, at its false-alarm rate.
-
-    `angles` is how the records' directions were found; names mention all but "fft".
-    """
-    suffix = "" if angles == "fft" else f", {angles.upper()}"
+def detector_methods(view: View, rates: dict[str, float]) -> dict[str, Method]:
+    """Return a method for each CFAR detector, at its false-alarm rate."""
     return {
-        f"{detector.upper()}-CFAR{suffix}": functools.partial(
+        f"{detector.upper()}-CFAR": functools.partial(
             _method, view=view, detector=detector, rate=rate
         )
         for detector, rate in rates.items()

@@ -27,7 +27,7 @@ from experiments.command import exit_code_of
 from jradar.errors import UsageError, check_platform
 from jradar.files import lock_folder, use_compilation_cache
 
-TASKS = ("enhance", "demo", "radarhd", "rpdnet", "pretrain")  # of experiments.tasks
+TASKS = ("enhance", "demo", "radarhd", "rpdnet")  # of experiments.tasks
 
 
 def main(argv: list[str]) -> int:

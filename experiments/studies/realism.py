@@ -1,4 +1,4 @@
-r"""Compare simulated frames with real ones: a picture and numbers.
+r"""Compare simulated frames with real ones, in numbers.
 
     python -m experiments.studies.realism SAMPLES -o runs/realism
 
@@ -31,14 +31,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Complex, Float
 
 from experiments.command import run_study, study_parser
 from experiments.studies.realism_captures import (
     UNITS,
-    Capture,
     compared,
     comparison_table,
     many_units,
@@ -46,12 +44,10 @@ from experiments.studies.realism_captures import (
     real_captures,
     simulated_captures,
 )
-from experiments.studies.realism_figure import Row, realism_figure
 from experiments.tables import markdown_table
-from jradar import viz
 from jradar.errors import UsageError, parsing
 from jradar.files import write_text
-from jradar.radar import PointSpec, RadarSpec, radar_points, range_doppler
+from jradar.radar import RadarSpec
 from jradar.simulation import FAMILIES, lidar_scans, make_setting, radar_frames
 
 PAIRS = Path("coloradar_pairs")
@@ -59,7 +55,6 @@ MAX_RANGE_M, AZIMUTHS = 16.0, 32  # of the pairs' pictures, before interpolation
 CROPPED = 6  # range bins at either end that are black
 NEAR_SENSOR_M = 0.6  # LiDAR points farther up or down are floor or ceiling
 TIME_S, SEED = 2.0, 200  # of the simulated frames, from the test split
-RATE = 1e-3  # false-alarm rate of the points in the picture
 
 
 class PolarFrame(NamedTuple):
@@ -132,8 +127,8 @@ def azimuth_image(
     return level / level.max()
 
 
-def simulated_pair(family: str) -> tuple[Complex[np.ndarray, "..."], PolarFrame]:
-    """Return a simulated cube, and its image with the LiDAR points of that time."""
+def simulated_pair(family: str) -> PolarFrame:
+    """Return the image of a simulated frame, with the LiDAR points of that time."""
     setting, stamps = make_setting(family, SEED), np.array([TIME_S])
     (frame,) = radar_frames(setting, "single_chip", stamps)
     frame = np.asarray(frame, np.float32)
@@ -141,15 +136,7 @@ def simulated_pair(family: str) -> tuple[Complex[np.ndarray, "..."], PolarFrame]
     (scan,) = lidar_scans(setting, stamps - 0.05)
     seen = scan[np.any(scan[:, :3] != 0, 1), :3] * [-1, -1, 1]
     radar, _ = setting.radars["single_chip"]
-    return cube, PolarFrame(azimuth_image(cube, radar), polar_points(polar_mask(seen)))
-
-
-def map_and_points(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
-    """Return a frame's range-Doppler map, and its points."""
-    cube, radar = jnp.asarray(capture.cube, jnp.complex64), capture.radar
-    power = np.asarray(range_doppler(cube)[1], np.float64)
-    cloud = radar_points(cube, radar, points=PointSpec(false_alarm_rate=RATE))
-    return power, np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+    return PolarFrame(azimuth_image(cube, radar), polar_points(polar_mask(seen)))
 
 
 def pair_statistics(pairs: Sequence[PolarFrame]) -> dict[str, float]:
@@ -190,13 +177,6 @@ def peak_distances(pair: PolarFrame) -> Float[np.ndarray, " azimuth"]:
     return np.asarray(KDTree(pair.lidar).query(plane)[0])
 
 
-def over_angles(image: Float[np.ndarray, "range azimuth"]) -> np.ndarray:
-    """Return the image over 90 equal angles from -90 to 90 degrees."""
-    sine = 2 * np.arange(image.shape[1]) / image.shape[1] - 1
-    angles = np.sin(np.radians(np.linspace(-90, 90, 90)))
-    return np.stack([np.interp(angles, sine, row) for row in image])
-
-
 def table(columns: dict[str, dict[str, float]]) -> str:
     """Return Markdown: a row for each number, a column for each kind of frame."""
     names = dict.fromkeys(name for numbers in columns.values() for name in numbers)
@@ -218,7 +198,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def study(options: Namespace) -> int:
-    """Draw `realism.png`, write and print `realism.md`, and return the exit code."""
+    """Write and print `realism.md`, and return the exit code."""
     families: list[str] = options.scenes
     real = real_captures(options.samples)
     real_pairs = read_pairs(options.samples / PAIRS)
@@ -230,28 +210,13 @@ def study(options: Namespace) -> int:
         for name, capture in real.items()
     }
     numbers = compared(real, captures)
-    made = [simulated_pair(family)[1] for family in families]
-    first = next(iter(real))
-    rows = {
-        name: Row(
-            *map_and_points(capture),
-            np.stack([over_angles(pair.image) for pair in pairs[:4]]),
-            [pair.lidar for pair in pairs[:4]],
-            titles[:4],
-        )
-        for name, capture, pairs, titles in (
-            ("real", real[first], real_pairs, ()),
-            ("simulated", captures[first][1][0], made, tuple(families)),
-        )
-    }
+    made = [*map(simulated_pair, families)]
     images = {"real, ColoRadar": pair_statistics(real_pairs)}
     images |= {f: pair_statistics([p]) for f, p in zip(families, made, strict=True)}
     images["all simulated"] = pair_statistics(made)
     text = f"{comparison_table(numbers)}\n{table(images)}"
-    figure = realism_figure(rows, real[first].radar, max_range_m=MAX_RANGE_M)
-    viz.save_figure(figure, options.output / "realism.png")
     write_text(options.output / "realism.md", text)
-    print(f"{text}\npicture: {options.output / 'realism.png'}")
+    print(text)
     outside = [f"{c.capture}: {c.number}" for c in numbers if not c.inside]
     for number in outside:
         print(f"outside the range of {options.units} simulated units: {number}")

@@ -38,7 +38,6 @@ Weights
     load_pretrained, Transfer       weights to start from, published or trained here
     write_params, read_params       parameters to a file and back
     misfit, parameter_shapes        in what they do not fit a network; their shapes
-    save_prior                      a trunk that was trained without a condition
     read_state                      any file's arrays by name
 """
 
@@ -92,7 +91,6 @@ from jradar.diffusion.pretrained import (
     parameter_shapes as parameter_shapes,
     read_params as read_params,
     read_state as read_state,
-    save_prior as save_prior,
     write_params as write_params,
 )
 from jradar.diffusion.regression import (

@@ -2,7 +2,7 @@
 
 `load_pretrained` reads, from `.npz` or `.safetensors`,
 
-- weights that were trained here: a model's, or a trunk from `save_prior`;
+- weights that were trained here: a model's, or those of its trunk alone;
 - state dicts of NVIDIA's EDM: SongUNet with the DDPM++ settings, and DhariwalUNet;
 - state dicts of OpenAI's ADM with continuous noise levels, as in consistency models.
 
@@ -129,13 +129,6 @@ def _load_published(path, state, params, network, attention_order):
     trunk = flax.traverse_util.unflatten_dict(flat | start | loaded, sep="/")
     params = {**params, "params": {**params["params"], "trunk": trunk}}
     return params, Transfer(tuple(sorted(loaded)), tuple(new), tuple(unused))
-
-
-def save_prior(path: Path | str, network: UNet, params: Any) -> None:
-    """Write the trunk of a network trained without a condition."""
-    metadata = {"network": json.dumps(network_fields(network))}
-    trunk = {"params": {"trunk": params["params"]["trunk"]}}
-    write_params(path, trunk, metadata=metadata, dtype=np.float32)
 
 
 def write_params(

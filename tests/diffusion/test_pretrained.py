@@ -2,6 +2,7 @@
 
 import functools
 import io
+import json
 import zipfile
 
 import jax
@@ -11,7 +12,13 @@ import pytest
 import safetensors.numpy
 from flax.traverse_util import flatten_dict
 
-from jradar.diffusion import UNet, load_pretrained, read_state, save_prior
+from jradar.diffusion import (
+    UNet,
+    load_pretrained,
+    network_fields,
+    read_state,
+    write_params,
+)
 from tests.diffusion.networks import apply, build, random_params
 from tests.diffusion.reference_unet import State, adm, edm
 
@@ -242,10 +249,12 @@ def test_adm_files_without_an_order_or_with_discrete_time_are_refused(tmp_path):
         load_pretrained(path, network, params, attention_order="legacy")
 
 
-def test_a_prior_fills_the_trunk_alone(tmp_path):
+def test_a_file_of_the_trunk_fills_the_trunk_alone(tmp_path):
     network, params, args = build()
-    path = tmp_path / "prior.safetensors"
-    save_prior(path, network, params)
+    path = tmp_path / "trunk.safetensors"
+    metadata = {"network": json.dumps(network_fields(network))}
+    trunk = {"params": {"trunk": params["params"]["trunk"]}}
+    write_params(path, trunk, metadata=metadata, dtype=np.float32)
     start = shapes_of(network, (*args[:2], args[2][..., :1]))  # another condition
     loaded, report = load_pretrained(path, network, start)
     jax.tree.map(

@@ -11,21 +11,14 @@ import numpy as np
 import pytest
 
 from experiments import convert_weights, main as command
-from experiments.studies import (
-    compare,
-    detectors,
-    projection,
-    realism,
-    resolution,
-    solvers,
-)
+from experiments.studies import compare, realism, reliability, robustness
 from tests.experiments.conftest import TINY
 
 ROOT = Path(__file__).parents[2]
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
 RADARHD = f"--config={ROOT}/experiments/configs/radarhd.py"
-PRETRAIN = f"--config={ROOT}/experiments/configs/pretrain.py"
 WORK = "years of work"
+READ = ["--records=nowhere"]
 
 
 def ends(call, capsys, code):
@@ -42,11 +35,9 @@ def ends(call, capsys, code):
         (compare, ["nowhere", "neither"], 2),
         (compare, ["nowhere", "--reference", "OS-CFAR"], 2),
         (compare, ["nowhere"], 2),
-        (detectors, ["nowhere", "-o", "out"], 2),
-        (projection, ["nowhere", "-o", "out"], 2),
         (realism, ["nowhere", "-o", "out"], 2),
-        (solvers, ["nowhere", "neither", "-o", "out"], 5),
-        (solvers, ["jradar-sim", "nowhere", "-o", "out"], 2),
+        (reliability, [*READ, "--model=nowhere", "-o", "out"], 5),
+        (robustness, ["--rates=nowhere", "-o", "out"], 2),
         (convert_weights, ["nowhere.pt", "out"], 2),
         (convert_weights, ["nowhere.pkl", "out"], 2),
     ],
@@ -68,8 +59,6 @@ def test_a_missing_path_is_named(study, arguments, code, tmp_path, capsys, monke
         ([RADARHD, "--config.data.path=nowhere"], "nowhere"),
         ([RADARHD, "--config.data.path=nowhere", "--mode=eval"], "no weights at"),
         ([RADARHD, "--config.weights=nowhere", "--mode=eval"], "nowhere"),
-        ([PRETRAIN, "--config.data.path=nowhere"], "nowhere"),
-        ([PRETRAIN, "--config.data.path=nowhere", "--mode=eval"], "no prior at"),
     ],
 )
 def test_a_missing_path_in_a_config_is_named(flags, name, tmp_path, capsys):
@@ -78,19 +67,17 @@ def test_a_missing_path_in_a_config_is_named(flags, name, tmp_path, capsys):
     assert name in ends(lambda: command.main(call), capsys, code)
 
 
-@pytest.mark.parametrize("study", [resolution, realism])
-def test_an_output_below_a_file_is_refused_at_once(study, tmp_path, capsys):
+def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):
     (tmp_path / "file").write_text(WORK)
-    places = {realism: [str(tmp_path)], resolution: []}[study]
-    call = [*places, "-o", str(tmp_path / "file" / "out")]
-    assert "file is a file" in ends(lambda: study.main(call), capsys, 2)
+    call = [str(tmp_path), "-o", str(tmp_path / "file" / "out")]
+    assert "file is a file" in ends(lambda: realism.main(call), capsys, 2)
     assert (tmp_path / "file").read_text() == WORK
 
 
 @pytest.mark.parametrize(
     "run",
     [
-        lambda out: resolution.main(["-o", f"{out}/angles.png"]),
+        lambda out: realism.main([str(out), "-o", str(out)]),
         lambda out: command.main(["main", SMOKE, f"--workdir={out}"]),
     ],
     ids=["study", "experiment"],

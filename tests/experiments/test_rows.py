@@ -72,13 +72,6 @@ def test_direct_regression_draws_the_networks_answer(trained):
         np.testing.assert_allclose(np.linalg.norm(xyz, axis=-1), 5.0, rtol=1e-3)
 
 
-def test_rows_of_other_angles_are_named_after_them(records):
-    view = view_of(data.Records(records, "test"))
-    rates = {"os": 1e-3}
-    assert [*detector_methods(view, rates)] == ["OS-CFAR"]
-    assert [*detector_methods(view, rates, angles="music")] == ["OS-CFAR, MUSIC"]
-
-
 def test_ranges_of_detections_are_without_the_radars_bias(records):
     frames = data.Records(records, "test")
     view, frame = view_of(frames), frames[0]
