@@ -87,11 +87,9 @@ from jradar.recordings.text_files import (
     radar_from_toml as radar_from_toml,
     read_tum as read_tum,
 )
-from jradar.recordings.ti.cfg import (
-    CaptureSpec as CaptureSpec,
-    radar_from_cfg as radar_from_cfg,
-)
+from jradar.recordings.ti.cfg import radar_from_cfg as radar_from_cfg
 from jradar.recordings.ti.dca1000 import open_dca1000 as open_dca1000
+from jradar.recordings.ti.frame import CaptureSpec as CaptureSpec
 from jradar.recordings.ti.packet_trace import open_packet_trace as open_packet_trace
 from jradar.recordings.ti.studio_log import (
     radar_from_studio_log as radar_from_studio_log,

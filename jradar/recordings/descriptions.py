@@ -15,7 +15,8 @@ from jradar.recordings.coloradar.calib import radar_from_coloradar
 from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, read
 from jradar.recordings.text_files import MAX_BYTES
-from jradar.recordings.ti.cfg import CaptureSpec, radar_from_cfg
+from jradar.recordings.ti.cfg import read_cfg
+from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.mmwave_json import read_mmwave_json
 from jradar.recordings.ti.studio_log import count_configurations, radar_from_studio_log
 
@@ -37,11 +38,6 @@ class Description(NamedTuple):
     radar: RadarSpec
     capture: CaptureSpec = CaptureSpec()
     notes: tuple[str, ...] = ()
-
-
-def _read_cfg(path: Path, device: str = "awr1843") -> Description:
-    radar = radar_from_cfg(path, device=device)
-    return Description(radar, CaptureSpec.from_cfg(path, device=device))
 
 
 def _read_log(path: Path, configuration: int | None = None) -> Description:
@@ -70,10 +66,6 @@ def _size(path: Path, configuration: int) -> str:
     return f"{size}, {radar.range_resolution_m:.3g} m, {radar.frame_period_s:g} s"
 
 
-def _read_json(path: Path, device: str = "awr1843") -> Description:
-    return Description(*read_mmwave_json(path, device=device))
-
-
 DESCRIPTIONS = (
     Format(
         "a .toml with a [radar] table",
@@ -83,7 +75,7 @@ DESCRIPTIONS = (
     Format(
         "a .cfg of TI's mmWave SDK",
         lambda path: path.suffix == ".cfg",
-        _read_cfg,
+        lambda path, **device: Description(*read_cfg(path, **device)),
         ("device",),
     ),
     Format(
@@ -95,7 +87,7 @@ DESCRIPTIONS = (
     Format(
         "an .mmwave.json of mmWave Studio",
         lambda path: path.suffix == ".json",
-        _read_json,
+        lambda path, **device: Description(*read_mmwave_json(path, **device)),
         ("device",),
     ),
     Format(

@@ -28,7 +28,7 @@ from jradar.files import write_text
 from jradar.radar import Radar, RadarSpec
 from jradar.radar.devices import BOARDS
 from jradar.recordings.text_files import check_names, radar_from_toml, toml
-from jradar.recordings.ti.cfg import CaptureSpec
+from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.iq_order import IQ_ORDERS
 
 FILE_KEYS = ("axes", "iq_order")

@@ -171,10 +171,6 @@ def test_radar_in_a_json_of_mmwave_studio(studio):
     assert read_description(lanes).capture.iq_order == "I4Q4"
     three = studio(changed(*RADIO, "rlChanCfg_t", "rxChannelEn", to="0xD"))
     assert read_description(three).radar.rx_positions == ((0, 0), (2, 0), (3, 0))
-    with pytest.raises(UsageError, match="from 60 to 64 GHz: name the board"):
-        read_description(three, device="iwr6843isk")
-    with pytest.raises(UsageError, match="device = 'abc', expected one of awr1443"):
-        read_description(three, device="abc")
 
 
 def test_a_json_beside_its_capture(capture, tmp_path, studio):
@@ -202,11 +198,9 @@ def test_the_card_is_no_radar(tmp_path, samples):
         ((), [{}] * 4, "4 mmWaveDevices, expected a list of one"),
         ((0,), 3, "mmWaveDevices holds 3"),
         ((0, "rfConfig"), ..., "rfConfig = None, expected a dict"),
-        ((*RADIO, "rlFrameCfg_t"), ..., "rlFrameCfg_t chirpStartIdx = None"),
-        ((*RADIO, "rlFrameCfg_t"), [1], "rlFrameCfg_t chirpStartIdx = None"),
-        ((*RADIO, "rlFrameCfg_t", "chirpEndIdx"), 60_000_000, "60000000|6e"),
+        ((*RADIO, "rlFrameCfg_t"), ..., "rlFrameCfg_t = None, expected a dict"),
+        ((*RADIO, "rlFrameCfg_t"), [1], r"rlFrameCfg_t = \[1\], expected a dict"),
         ((*RADIO, "rlFrameCfg_t", "chirpEndIdx"), 511, "sends chirps 0 to 511"),
-        ((*RADIO, "rlFrameCfg_t", "numLoops"), 2.5, "numLoops = 2.5, expected a whole"),
         ((*RADIO, "rlFrameCfg_t", "numLoops"), True, "numLoops = True"),
         ((*RADIO, "rlFrameCfg_t", "numLoops"), math.nan, "numLoops = nan"),
         pytest.param(
@@ -217,10 +211,10 @@ def test_the_card_is_no_radar(tmp_path, samples):
         ((*RADIO, "rlChirps", 1), chirp(1, "4", startFreqVar_MHz=1), "differ in prof"),
         ((*RADIO, "rlChirps", 1), {}, "rlChirps rlChirpCfg_t = None"),
         ((*RADIO, "rlChirps", 1), chirp(1, "0xZ"), "'0xZ', expected a mask"),
+        ((*RADIO, "rlChirps", 1), chirp(1, "F" * 10**5), "a mask = .*a whole number"),
         ((*RADIO, "rlChirps", 1), chirp(1, 4), "txEnable = 4, expected a str"),
-        ((*RADIO, "rlProfiles"), [], "rlProfiles lacks profile 0"),
-        ((*RADIO, "rlChanCfg_t", "txChannelEn"), "0x1", "enables receivers"),
-        ((*RADIO, "rlChanCfg_t", "rxChannelEn"), "0x0", "at least one receiver"),
+        ((*RADIO, "rlProfiles"), [], "use profile 0"),
+        ((*RADIO, "rlChanCfg_t", "txChannelEn"), "0x1", "are enabled, the frame needs"),
         ((*RADIO, "rlAdcOutCfg_t", "fmt", "b2AdcBits"), 0, "expected 2"),
         ((*RADIO, "rlAdcOutCfg_t", "fmt", "b2AdcOutFmt"), 0, "complex samples"),
         ((*STREAM, "iqSwapSel"), ..., "iqSwapSel = None"),

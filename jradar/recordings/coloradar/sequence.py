@@ -38,7 +38,7 @@ from jradar.recordings.coloradar.files import (
 from jradar.recordings.imu import read_imu
 from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, Recording
-from jradar.recordings.ti.cfg import CaptureSpec
+from jradar.recordings.ti.frame import CaptureSpec
 
 SENSORS = ("single_chip", "cascade")
 KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
