@@ -1,37 +1,73 @@
-"""ROS 2 bags of views, through rosbags; no ROS is needed.
+"""ROS 2 bags of views, in MCAP storage, through rosbags; no ROS is needed.
 
 /NAME/points          sensor_msgs/PointCloud2: x y z, and velocity, power .. as fields
 /radar/range_azimuth  sensor_msgs/Image, mono8
 /tf                   tf2_msgs/TFMessage of radar and LiDAR on the base
+
+Once a second the bag is completed, with its index and metadata.yaml. The next message
+goes over the index:
+
+    chunk | chunk | index        complete: any reader opens it
+    chunk | chunk | chunk ..     until the next second: readers scan it
 """
 
+import contextlib
+import math
+import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.stream.outputs import load, writing
+from jradar.stream.outputs import exists, load, writing
 from jradar.stream.views import BASE_FRAME, RADAR_FRAME, View, point_table
 
 FLOAT32 = 7  # of sensor_msgs/PointField
+SAVED_S = 1.0  # by which a crash may shorten a bag
 VERSION = 8  # of the bag's metadata, which ROS 2 Humble and later read
 
 
 class BagWriter:
-    """A bag in SQLite's format, a folder with metadata.yaml."""
+    """A bag in MCAP storage, a folder with metadata.yaml."""
 
     def __init__(self, path: Path):
-        """Create the folder; it must not exist. ImportError if rosbags is missing."""
+        """Create the folder; UsageError if it exists, ImportError without rosbags."""
         rosbag2 = load("rosbags.rosbag2", "ros", "a ROS 2 bag")
         typesys = load("rosbags.typesys", "ros", "a ROS 2 bag")
         self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        self.path, self._bag = path, rosbag2.Writer(path, version=VERSION)
-        self._bag.open()
+        self.path = path
+        storage = rosbag2.StoragePlugin.MCAP
+        try:
+            self._bag = rosbag2.Writer(path, version=VERSION, storage_plugin=storage)
+            self._bag.open()
+        except rosbag2.WriterError:  # created since the caller looked
+            raise exists(path) from None
+        self._storage: Any = self._bag.storage
         self._connections: dict[str, Any] = {}
+        self._end, self._index = 0, b""  # of the messages that are safe
+        self._saved_s = -math.inf
+        self._failed = False
 
     def write(self, view: View) -> None:
-        """Write all messages of a view; OSError if the disk is full."""
+        """Write a view; what is older than a second is safe from a crash.
+
+        Raises OSError if the bag cannot be written, such as on a full disk. It then
+        ends with the messages that were safe.
+        """
+        with self._or_end():
+            self._write_all(view)
+            if time.monotonic() - self._saved_s >= SAVED_S:
+                self._save()
+
+    def close(self) -> None:
+        """Write the index and the metadata."""
+        if not self._failed and self._bag.storage is not None:
+            with self._or_end():
+                self._save()
+
+    def _write_all(self, view: View) -> None:
         header = self._header(view, RADAR_FRAME)
         for name, cloud in view.clouds.items():
             message = self._cloud(header, point_table(cloud))
@@ -47,23 +83,54 @@ class BagWriter:
             message = self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
             self._write("/tf", message, view)
 
-    def close(self) -> None:
-        """Write the metadata."""
-        with writing(self.path):
-            self._bag.close()
+    def _save(self) -> None:
+        """Complete the bag as if this were its end."""
+        storage = self._storage
+        if storage.chunk.bio.tell():
+            storage.close_chunk()
+        end = storage.bio.tell()
+        self._bag.close()
+        with storage.path.open("rb") as file:
+            file.seek(end)
+            self._index = file.read()
+        self._end, self._saved_s = end, time.monotonic()
+
+    def _go_on(self) -> None:
+        """Open a bag that was completed, behind its last chunk."""
+        file = self._storage.path.open("r+b")
+        file.seek(self._end)
+        file.truncate()
+        self._storage.bio, self._bag.storage = file, self._storage
+
+    @contextlib.contextmanager
+    def _or_end(self) -> Iterator[None]:
+        """End the bag with the messages that are safe if it cannot be written."""
+        try:
+            with writing(self.path):
+                yield
+        except OSError:
+            self._failed = True
+            with contextlib.suppress(OSError):
+                self._storage.bio.close()  # which tries to write again
+            with self._storage.path.open("r+b") as file:
+                file.truncate(self._end)
+                file.seek(self._end)
+                file.write(self._index)
+            raise
 
     def _type(self, name: str) -> Any:
         return self._store.types[name]
 
     def _write(self, topic: str, message: Any, view: View) -> None:
         kind = message.__msgtype__
-        with writing(self.path):
-            if topic not in self._connections:
-                self._connections[topic] = self._bag.add_connection(
-                    topic, kind, typestore=self._store
-                )
-            raw = self._store.serialize_cdr(message, kind)
-            self._bag.write(self._connections[topic], view.stamp_ns, raw)
+        if self._bag.storage is None:
+            self._go_on()
+        if topic not in self._connections:
+            self._connections[topic] = self._bag.add_connection(
+                topic, kind, typestore=self._store
+            )
+        raw = self._store.serialize_cdr(message, kind)
+        self._bag.write(self._connections[topic], view.stamp_ns, raw)
 
     def _header(self, view: View, frame_id: str) -> Any:
         seconds, nanoseconds = divmod(view.stamp_ns, 10**9)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.stream.outputs import load, writing
+from jradar.stream.outputs import exists, load, writing
 from jradar.stream.views import BASE_FRAME, RADAR_FRAME, View, point_table
 
 FLUSHED_S = 1.0  # by which a crash may shorten a file
@@ -102,9 +102,13 @@ class McapWriter:
     """One MCAP file."""
 
     def __init__(self, path: Path):
-        """Create the file; it must not exist."""
+        """Create the file; UsageError if it exists."""
         self.path, self._topics = path, Topics("an MCAP file")
-        self._file = self._topics.foxglove.open_mcap(path, context=self._topics.context)
+        context = self._topics.context
+        try:
+            self._file = self._topics.foxglove.open_mcap(path, context=context)
+        except FileExistsError:  # created since the caller looked
+            raise exists(path) from None
         self._flushed_s = time.monotonic()
 
     def write(self, view: View) -> None:

@@ -1,7 +1,8 @@
 """Writers of views, chosen by the name of the output.
 
     out.mcap      MCAP with Foxglove's messages; a crash loses its last second
-    out.ros2      ROS 2 bag: sensor_msgs/PointCloud2, sensor_msgs/Image, tf2_msgs
+    out.ros2      ROS 2 bag: sensor_msgs/PointCloud2, sensor_msgs/Image, tf2_msgs;
+                  a crash loses its last second
     out           folder with a PLY file of each cloud, frame by frame
 
 All have `write(view)` and `close()`. An MCAP file or a bag is never overwritten.
@@ -9,7 +10,6 @@ All have `write(view)` and `close()`. An MCAP file or a bag is never overwritten
 
 import contextlib
 import importlib
-import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -113,9 +113,14 @@ def check_new(path: Path | str) -> None:
     """Raise UsageError if a file or bag of this name exists."""
     path = Path(path)
     if is_streamed(path) and path.exists():
-        raise UsageError(f"{path} exists and is not overwritten: choose another name")
+        raise exists(path)
     if path.is_file():
         raise UsageError(f"{path} is a file, expected the name of a folder")
+
+
+def exists(path: Path) -> UsageError:
+    """Return the error for a file or bag that exists."""
+    return UsageError(f"{path} exists and is not overwritten: choose another name")
 
 
 @contextlib.contextmanager
@@ -123,7 +128,7 @@ def writing(path: Path) -> Iterator[None]:
     """Raise OSError with the file's name for errors of the packages that write it."""
     try:
         yield
-    except (RuntimeError, sqlite3.Error) as error:
+    except (RuntimeError, OSError) as error:
         reason = " ".join(str(error).split())
         raise OSError(
             f"{path} cannot be written ({reason}): is the disk full?"

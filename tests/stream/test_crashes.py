@@ -1,0 +1,106 @@
+"""What is left of an output after kill -9, a full disk, or a second writer."""
+
+import contextlib
+import importlib
+import signal
+import struct
+import subprocess
+import sys
+
+import pytest
+
+from jradar.errors import UsageError
+from jradar.stream.outputs import open_writer
+from tests.stream.scenes import view_of
+
+KILLED = """
+import os, signal, sys
+from tests.stream.scenes import view_of
+from jradar.stream import bag_writer
+bag_writer.SAVED_S = float(sys.argv[2])
+writer = bag_writer.BagWriter(bag_writer.Path(sys.argv[1]))
+for number in range(40):
+    writer.write(view_of(number, points=5000))
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+WRITERS = {
+    "out.mcap": ("foxglove_writers", "McapWriter"),
+    "out.ros2": ("bag_writer", "BagWriter"),
+}
+
+
+@pytest.fixture(autouse=True)
+def packages():
+    for package in ("foxglove", "rosbags", "mcap"):
+        pytest.importorskip(package)
+
+
+def scanned_times(path):
+    """Times of the messages of an MCAP file that may have no end, in file order."""
+    from mcap import exceptions, records, stream_reader
+
+    times = []
+    with path.open("rb") as file:
+        with contextlib.suppress(exceptions.McapError, struct.error, EOFError):
+            for record in stream_reader.StreamReader(file).records:
+                if isinstance(record, records.Message):
+                    times.append(record.log_time)
+    return times
+
+
+def times_of(views):
+    """Times of the four messages of each of so many views."""
+    return [view_of(n, points=1).stamp_ns for n in range(views) for _ in range(4)]
+
+
+def killed(path, saved_s):
+    command = [sys.executable, "-c", KILLED, path, str(saved_s)]
+    done = subprocess.run(command, capture_output=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
+    return path / f"{path.name}.mcap"
+
+
+def test_a_bag_of_a_killed_program_is_whole_after_each_save(tmp_path):
+    """Once a second in earnest, after each view here."""
+    from rosbags.highlevel import AnyReader
+
+    path = tmp_path / "out.ros2"
+    assert scanned_times(killed(path, 0.0)) == times_of(40)
+    with AnyReader([path]) as reader:
+        assert [time_ns for _, time_ns, _ in reader.messages()] == times_of(40)
+    assert "message_count: 160" in (path / "metadata.yaml").read_text()
+
+
+def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(tmp_path):
+    found = scanned_times(killed(tmp_path / "out.ros2", 1e9))
+    assert len(found) > 4 * 20 and found == times_of(40)[: len(found)]
+    assert "message_count: 4\n" in (tmp_path / "out.ros2/metadata.yaml").read_text()
+
+
+def test_a_full_disk_leaves_a_whole_bag(small_disk, monkeypatch):
+    from rosbags.highlevel import AnyReader
+
+    from jradar.stream import bag_writer
+
+    monkeypatch.setattr(bag_writer, "SAVED_S", 0.0)
+    path, whole = small_disk / "out.ros2", 0
+    writer = open_writer(path)
+    with pytest.raises(OSError, match=r"out\.ros2 cannot be written .*the disk full"):
+        for whole in range(100):
+            writer.write(view_of(whole, points=5000))
+    writer.close()
+    assert whole > 5
+    with AnyReader([path]) as reader:
+        assert [time_ns for _, time_ns, _ in reader.messages()] == times_of(whole)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_second_writer_that_comes_between_is_refused(tmp_path, name):
+    """Both have looked before either of them has created the output."""
+    module, kind = WRITERS[name]
+    create = getattr(importlib.import_module(f"jradar.stream.{module}"), kind)
+    first = create(tmp_path / name)
+    with pytest.raises(UsageError, match="exists and is not overwritten"):
+        create(tmp_path / name)
+    first.write(view_of(0))
+    first.close()
