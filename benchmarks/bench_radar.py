@@ -16,6 +16,7 @@ from benchmarks.bench_detectors import footprint
 from benchmarks.harness import Case, available
 from jradar.radar import (
     PointSpec,
+    Radar,
     RadarSpec,
     direction_sines,
     directions,
@@ -136,7 +137,7 @@ def _frame():
     def points(raw):
         raw = raw.astype(jnp.float32)
         return radar_points(
-            jax.lax.complex(raw[..., 0], raw[..., 1]), radar, points=spec
+            jax.lax.complex(raw[..., 0], raw[..., 1]), Radar(radar), points=spec
         )
 
     def spectra_and_floor():

@@ -12,7 +12,7 @@ from jradar import data
 from jradar.evaluation import Method
 from jradar.lidar import shared_field_of_view
 from jradar.metrics import compare_on_host
-from jradar.radar import DETECTORS, cell_points, detect
+from jradar.radar import DETECTORS, Radar, cell_points, detect
 from jradar.types import PointCloud
 
 RATES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # false-alarm rates to choose from
@@ -47,13 +47,9 @@ def detected(
 
 def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
     """Return the points of the cells in `mask` that lie in the field of view."""
-    radar = view.radar_of(prepared)
+    radar = Radar(view.radar_of(prepared), range_bias_m=prepared.range_bias_m)
     cloud = cell_points(
-        prepared.cells,
-        mask,
-        radar,
-        points=view.points(prepared),
-        range_bias_m=prepared.range_bias_m,
+        prepared.cells, mask, Radar(radar), points=view.points(prepared)
     )
     seen = shared_field_of_view(
         np.asarray(cloud.xyz),

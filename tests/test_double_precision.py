@@ -7,6 +7,7 @@ import pytest
 
 from jradar import radar as r, range_image as ri
 from jradar.metrics import compare, compare_on_host, nearest_distances
+from jradar.radar import Radar
 from jradar.radar.peaks import window_offset
 from jradar.types import PointCloud
 
@@ -99,17 +100,17 @@ KERNELS = {
     },
     **{
         f"radar_points, {name}": lambda spec=spec: r.radar_points(
-            cube(), CHIP, points=spec, coupling=waves(3, 4, 16)
+            cube(), Radar(CHIP, leakage=waves(3, 4, 16)), points=spec
         )
         for name, spec in POINTS.items()
     },
     "points_and_report": lambda: r.points_and_report(
-        cube(), CHIP, points=POINTS["plain"]
+        cube(), Radar(CHIP), points=POINTS["plain"]
     ),
     "all_cells": lambda: r.cell_points(
-        r.all_cells(cube(), CHIP, points=POINTS["plain"]),
+        r.all_cells(cube(), Radar(CHIP), points=POINTS["plain"]),
         power() > 1,
-        CHIP,
+        Radar(CHIP),
         points=POINTS["plain"],
     ),
     "angle_spectrum": lambda: r.strongest_direction(
@@ -156,7 +157,7 @@ KERNELS = {
     "crossing_chirps": lambda: r.crossing_chirps(
         key(), r.draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
     ),
-    "strong_snapshots": lambda: r.strong_snapshots(cube(), CHIP),
+    "strong_snapshots": lambda: r.strong_snapshots(cube(), Radar(CHIP)),
     "explain": lambda: r.explain(waves(4, 12), waves(12), CHIP),
     "project": lambda: ri.unproject(ri.project(cloud(), SPEC), SPEC),
     "project_slices": lambda: ri.project_slices(cloud(), SPEC, num_slices=4),

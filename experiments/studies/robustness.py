@@ -90,7 +90,7 @@ def study(options: Namespace) -> None:
         seen: Confidences = {}
         rows += score_shift(folder, shift, models, rates, seen, quick=options.quick)
         for name, model in models.items():
-            if model.spec.trust is not None:
+            if model.trust is not None:
                 doubts[name, shift] = warning(folder, model, seen.get(name, {}))
     path = options.output / "evaluation" / "frames.jsonl"
     evaluation.write_scores(path, rows)
@@ -173,7 +173,7 @@ def warning(
 
     The confidence is NaN for a model without one.
     """
-    trust = model.spec.trust
+    trust = model.trust
     assert trust is not None
     records = data.Records(folder, "test")
     conditions = np.stack([p.condition for p in build_pairs(model.spec, records)])

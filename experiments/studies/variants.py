@@ -11,7 +11,7 @@ from experiments.evaluate import points_of
 from jradar import data, evaluation
 from jradar.metrics import compare_on_host
 from jradar.model import Model, enhance
-from jradar.recordings import Recording, calibrated_cube
+from jradar.recordings import Recording
 
 KEY = 20
 Truths = Mapping[tuple[str, int], Float[np.ndarray, "point 3"]]  # by sequence, frame
@@ -26,7 +26,8 @@ def truths_of(records: data.Records) -> Truths:
 def with_excision(model: Model, wanted: bool) -> Model:
     """Return the model whose points are found with or without excision."""
     points = dataclasses.replace(model.spec.points, remove_interference=wanted)
-    return Model(model.params, dataclasses.replace(model.spec, points=points))
+    spec = dataclasses.replace(model.spec, points=points)
+    return dataclasses.replace(model, spec=spec)
 
 
 def score_recordings(
@@ -38,11 +39,9 @@ def score_recordings(
         recording = opened[sequence]
         cloud = enhance(
             jax.random.fold_in(jax.random.key(KEY), number),
-            calibrated_cube(recording, frame),
+            recording.cube(frame),
+            recording.radar,
             model,
-            radar=recording.radar,
-            coupling=recording.coupling,
-            range_bias_m=recording.range_bias_m,
         )
         score = compare_on_host(points_of(cloud), truth)
         rows.append([score.chamfer, np.nan_to_num(score.f_score[1])])

@@ -53,7 +53,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         for name, model in models.items()
         if (model.spec.coarse, model.spec.fine, model.spec.num_slices)
         == (coarse, fine, slices)
-        and model.spec.radar.cube_shape == records.radar.cube_shape
+        and model.card.radar.cube_shape == records.radar.cube_shape
     }
     for name in models.keys() - usable.keys():
         print(f"{name} is for another radar or image: left out", file=sys.stderr)

@@ -4,7 +4,6 @@ The detectors' false-alarm rates are chosen on the validation split; the scores 
 the config's split.
 """
 
-import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +14,7 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.confidence import with_calibration
+from experiments.confidence import with_confidence
 from experiments.detectors import choose_rates, detector_methods
 from experiments.evaluate import (
     Frame,
@@ -25,7 +24,7 @@ from experiments.evaluate import (
     spread,
     write_results,
 )
-from experiments.fusing import fused
+from experiments.fusing import fused_method
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
@@ -33,12 +32,12 @@ from jradar.errors import UsageError
 from jradar.evaluation import Method
 from jradar.model import Model, draw, load_model, save_model
 from jradar.range_image import (
-    TrustSpec,
+    TrustTable,
     close_gaps,
     condition_features,
     encode_target,
     fit_trust,
-    unproject,
+    image_cloud,
 )
 from jradar.range_image.trust import LEAST_FRAMES
 
@@ -73,7 +72,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     checked = data.Records(records.folder, "validation")
     spec = build.build_spec(config, records)
     pairs = build.build_pairs(spec, records)
-    spec = dataclasses.replace(spec, trust=trust_of(pairs))
+    card, trust = build.build_card(config, records), trust_of(pairs)
     batches = data.Batches(
         pairs,
         seed=config.seed,
@@ -104,14 +103,14 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     )
 
     def validated(state, step):
-        model = Model(state.ema_params, spec)
+        model = Model(state.ema_params, spec, card, trust=trust)
         path = workdir / "samples" / f"{step:06d}.png"
         return validate(config, model, checked, picture=path)
 
     def save(state):
-        model = Model(jax.device_get(state.ema_params), spec)
+        model = Model(jax.device_get(state.ema_params), spec, card, trust=trust)
         key = build.random_key(config, build.SAMPLE_KEY)
-        save_model(workdir / "model", with_calibration(key, model, checked))
+        save_model(workdir / "model", with_confidence(key, model, checked))
 
     return Training(
         state=start_from(config.train, spec.network, state),
@@ -135,7 +134,7 @@ def _change(train: ConfigDict) -> Callable[..., data.Pair]:
     return change
 
 
-def trust_of(pairs: data.PairSource) -> TrustSpec | None:
+def trust_of(pairs: data.PairSource) -> TrustTable | None:
     """Return what the conditions of training look like; None for too few frames."""
     if len(pairs) < LEAST_FRAMES:
         return None
@@ -168,20 +167,20 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)
-    view = View(model.spec.radar, model.spec.fine, records)
+    view = View(model.card.radar, model.spec.fine, records)
     rates = choose_rates(
         view,
         data.Records(folder, "validation"),
         detectors=tuple(config.evaluation.detectors),
         frames=config.evaluation.frames_for_rates,
     )
-    print(model.spec.purpose, end="\n\n")
+    print(model.card.purpose, end="\n\n")
     pairs, methods = (
         build.build_pairs(model.spec, records),
         model_methods(config, model),
     )
     if (count := config.evaluation.fuse) > 1:
-        methods[f"{[*methods][-1]}, {count} frames"] = fused(
+        methods[f"{[*methods][-1]}, {count} frames"] = fused_method(
             model, records, pairs, count
         )
     write_results(
@@ -221,7 +220,4 @@ def drawn(model: Model, **drawing: Any) -> Method:
 def _cloud(key, condition, model, options):
     """The cloud of one condition; models of the same spec share what is compiled."""
     image = draw(key, condition, model, **dict(options))
-    cloud = unproject(image.range_m, model.spec.fine)
-    if image.confidence is None:
-        return cloud
-    return cloud._replace(confidence=image.confidence.ravel())
+    return image_cloud(image, model.spec.fine)

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from experiments.tables import markdown_table
 from experiments.tasks.radarhd_cartesian import FULL, to_cartesian, to_points
 from jradar.evaluation import calibration_error, near_truth, reliability
-from jradar.range_image import CalibrationSpec, calibrated, fit_calibration
+from jradar.range_image import ConfidenceTable, fit_confidence as fit_table, frequency
 from jradar.range_image.confidence import KNOTS
 
 VALUES = np.linspace(0, 1, KNOTS)  # that cells are counted by: a calibration's own
@@ -51,7 +51,7 @@ def counted(cells: Cells, limit: float) -> dict[str, list[int]]:
     return {"drawn": drawn.tolist(), "right": right.astype(int).tolist()}
 
 
-def fit_confidence(rows: list[dict[str, Any]]) -> dict[str, CalibrationSpec]:
+def fit_confidence(rows: list[dict[str, Any]]) -> dict[str, ConfidenceTable]:
     """Return the frequency by value, from counts in rows, by method.
 
     Without a drawn cell every value is its own frequency.
@@ -63,8 +63,8 @@ def fit_confidence(rows: list[dict[str, Any]]) -> dict[str, CalibrationSpec]:
     fitted = {}
     for method, mine in methods.items():
         cells = gathered(mine)
-        nothing = CalibrationSpec((0.0, 1.0))
-        fitted[method] = fit_calibration(*cells) if len(cells.value) else nothing
+        nothing = ConfidenceTable.of((0.0, 1.0))
+        fitted[method] = fit_table(*cells) if len(cells.value) else nothing
     return fitted
 
 
@@ -83,7 +83,7 @@ def gathered(rows: list[dict[str, Any]]) -> Cells:
 
 def confidence_table(
     rows: list[dict[str, Any]],
-    confidence: dict[str, CalibrationSpec],
+    confidence: dict[str, ConfidenceTable],
     group: Callable[[dict[str, Any]], str],
 ) -> str:
     """Return a table of how well the confidence holds, by group and method."""
@@ -95,7 +95,7 @@ def confidence_table(
             )
             if not len(cells.value):
                 continue
-            sure = np.asarray(calibrated(cells.value, calibration))
+            sure = np.asarray(frequency(cells.value, calibration))
             error = calibration_error(reliability(sure, cells.right))
             shares = [cells.value.mean(), sure.mean(), cells.right.mean(), error]
             texts = [f"{100 * share:.1f}" for share in shares]

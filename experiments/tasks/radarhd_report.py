@@ -29,7 +29,7 @@ from experiments.tasks.radarhd_scores import (
 from jradar import evaluation, viz
 from jradar.files import write_text
 from jradar.metrics import THRESHOLDS_M
-from jradar.range_image import CalibrationSpec
+from jradar.range_image import ConfidenceTable
 
 COLUMNS = {  # of the tables: score, title, scale, digits
     "chamfer": ("Chamfer (m)", 1, 3),
@@ -72,7 +72,7 @@ def write_results(
     pairs: RadarHD,
     draws: dict[str, Draw],
     limits: Limits,
-    confidence: dict[str, CalibrationSpec],
+    confidence: dict[str, ConfidenceTable],
 ) -> None:
     """Score methods at their limits; write scores, confidence, tables and pictures."""
     every = config.data.every

@@ -16,7 +16,7 @@ from jradar.range_image import (
     condition_image,
     confident,
     frequency,
-    unproject,
+    image_cloud,
     velocity_image,
 )
 from jradar.types import PointCloud
@@ -156,9 +156,7 @@ def draw(
 @functools.partial(jax.jit, static_argnames="spec")
 def dense_cloud(image: RangeImage, points: PointCloud, spec: ModelSpec) -> PointCloud:
     """Return the cloud of an image, with the velocities of the radar points near it."""
-    cloud = unproject(image.range_m, spec.fine)
-    if image.confidence is not None:
-        cloud = cloud._replace(confidence=image.confidence.ravel())
+    cloud = image_cloud(image, spec.fine)
     if points.velocity is None:
         return cloud
     velocity = velocity_image(

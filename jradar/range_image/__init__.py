@@ -16,7 +16,7 @@ Values of the network
     close_gaps, fill_misses         fill pixels between a LiDAR's beams; every pixel
 
     RangeImage, agreed_range        the range on which several images agree
-    confident                       without pixels of little confidence
+    confident, image_cloud          without pixels of little confidence; as a cloud
     ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
                                     confidence that holds on new frames
     velocity_image                  the radar's velocity at each pixel
@@ -28,6 +28,7 @@ from jradar.range_image.agreement import (
     RangeImage as RangeImage,
     agreed_range as agreed_range,
     confident as confident,
+    image_cloud as image_cloud,
 )
 from jradar.range_image.codec import (
     CHANNELS as CHANNELS,

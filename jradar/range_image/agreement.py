@@ -13,6 +13,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jradar.range_image.grid import ImageSpec
+from jradar.range_image.projection import unproject
+from jradar.types import PointCloud
+
 
 class RangeImage(NamedTuple):
     """Ranges in metres, 0 for a miss, and how far to trust each of them, 0 to 1.
@@ -61,3 +65,13 @@ def confident(image: RangeImage, least: float | Float[Array, ""]) -> RangeImage:
         jnp.where(keep, value, 0.0) for value in (image.range_m, image.confidence)
     )
     return RangeImage(range_m, confidence)
+
+
+@functools.partial(jax.jit, static_argnames="spec")
+def image_cloud(image: RangeImage, spec: ImageSpec) -> PointCloud:
+    """Return a point at the centre of each pixel, with the image's confidence."""
+    cloud = unproject(image.range_m, spec)
+    if image.confidence is None:
+        return cloud
+    leading = image.confidence.shape[:-2]
+    return cloud._replace(confidence=image.confidence.reshape(*leading, -1))

@@ -10,7 +10,7 @@ import pytest
 from experiments.tasks.rpdnet_labels import label_cells, sensor_velocities
 from experiments.tasks.rpdnet_loss import focal_loss, rpdnet_loss, rpdnet_params
 from jradar.baselines import RPDNet
-from jradar.radar import RadarSpec, Scatterers, all_cells, simulate_cube
+from jradar.radar import Radar, RadarSpec, Scatterers, all_cells, simulate_cube
 
 KEY = jax.random.key(0)
 RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
@@ -28,7 +28,7 @@ def test_the_label_lies_where_the_radar_sees_a_static_point():
             jnp.ones(1),
         )
         cube = simulate_cube(KEY, scatterer, RADAR, noise_power=1e-4)
-        power = np.asarray(all_cells(cube, RADAR).power)
+        power = np.asarray(all_cells(cube, Radar(RADAR)).power)
         label = label_cells(point[None], velocity, power, RADAR)
         strongest = np.unravel_index(power.argmax(), power.shape)
         assert label[strongest] and 1 <= label.sum() <= 9

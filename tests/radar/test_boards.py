@@ -9,6 +9,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     RadarSpec,
     Scatterers,
     ca_cfar,
@@ -69,11 +70,13 @@ def test_a_moving_corner_is_found_after_its_signs_are_undone(name):
     signs = jnp.tile(jnp.array(made.rx_signs), radar.num_tx).astype(complex)
     recorded = calibrate_channels(corner(radar, xyz, velocity=0.4), signs)
     cube = calibrate_channels(recorded, signs)
-    cloud = radar_points(cube, radar, points=PointSpec(capacity=16).fitted(radar))
+    cloud = radar_points(
+        cube, Radar(radar), points=PointSpec(capacity=16).fitted(radar)
+    )
     np.testing.assert_allclose(cloud.xyz[0], xyz, atol=0.06)
     assert cloud.velocity[0] == pytest.approx(0.4, abs=0.05)
     if set(made.rx_signs) != {1}:  # inverted receivers show another direction
-        wrong = radar_points(recorded, radar, points=PointSpec(capacity=16))
+        wrong = radar_points(recorded, Radar(radar), points=PointSpec(capacity=16))
         assert np.linalg.norm(wrong.xyz[0] - xyz) > 0.5
 
 
@@ -129,14 +132,14 @@ def test_a_factor_turns_the_phase_of_real_samples():
     assert turned.dtype == jnp.float32
     back = calibrate_channels(turned, factors.conj())
     np.testing.assert_allclose(back[..., 8:-8], cube[..., 8:-8], atol=20.0)
-    cloud = radar_points(back, radar, points=PointSpec(capacity=16))
+    cloud = radar_points(back, Radar(radar), points=PointSpec(capacity=16))
     np.testing.assert_allclose(cloud.xyz[0], CORNER, atol=0.06)
 
 
 def test_samples_of_the_wrong_kind_are_refused():
     radar = radar_of("awr2944")
     with pytest.raises(ValueError, match="awr2944 delivers real ones"):
-        radar_points(corner(radar).astype(complex), radar)
+        radar_points(corner(radar).astype(complex), Radar(radar))
     radar = radar_of("awr1843")
     with pytest.raises(ValueError, match="awr1843 delivers complex ones"):
-        radar_points(corner(radar).real, radar)
+        radar_points(corner(radar).real, Radar(radar))

@@ -9,6 +9,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     RadarSpec,
     Scatterers,
     angle_spectrum,
@@ -51,7 +52,7 @@ WIDE_PEAKS = dataclasses.replace(WIDE, peaks=2, capacity=8)
     "truth", [(5.3, 21.0, 8.0, 0.77), (6.6, -33.0, -12.0, -1.31), (2.1, 4.0, 3.0, 1.6)]
 )
 def test_target_comes_back_within_half_a_bin(radar, points, truth):
-    cloud = radar_points(simulate(target(*truth), radar), radar, points=points)
+    cloud = radar_points(simulate(target(*truth), radar), Radar(radar), points=points)
     distance, azimuth, elevation = (v[0] for v in spherical(cloud.xyz[:1]))
     assert abs(distance - truth[0]) <= radar.range_resolution_m / 2
     assert abs(cloud.velocity[0] - truth[3]) <= radar.velocity_resolution_mps / 2
@@ -67,7 +68,7 @@ def test_refined_target_lies_within_a_tenth_of_a_bin(truth):
     # 30 dB above the noise of a cell, summed over 12 antennas.
     cell_noise = (window("hann", 128) ** 2).sum() ** 2
     scatterers = target(*truth, amplitude=np.sqrt(1e3 * cell_noise))
-    cloud = radar_points(simulate(scatterers, CHIP), CHIP, points=PointSpec())
+    cloud = radar_points(simulate(scatterers, CHIP), Radar(CHIP), points=PointSpec())
     distance, azimuth, elevation = (v[0] for v in spherical(cloud.xyz[:1]))
     assert abs(distance - truth[0]) < 0.1 * CHIP.range_resolution_m
     assert abs(cloud.velocity[0] - truth[3]) < 0.1 * CHIP.velocity_resolution_mps
@@ -88,7 +89,7 @@ def close(actual, expected):
 
 
 def test_without_refinement_points_lie_on_bins():
-    cloud = radar_points(simulate(target(5, 20, 5, 1)), SMALL, points=STATIC)
+    cloud = radar_points(simulate(target(5, 20, 5, 1)), Radar(SMALL), points=STATIC)
     valid = np.asarray(cloud.valid)
     distance, _, _ = spherical(cloud.xyz[valid])
     for values, step in (
@@ -103,7 +104,7 @@ def test_firing_order_matters_for_a_moving_target():
     radar = dataclasses.replace(SMALL, tx_firing_order=(2, 0, 1))
     cube = simulate(target(5.0, 20.0, 5.0, 2.0), radar)
     right, wrong = (
-        spherical(radar_points(cube, assumed, points=CELLS).xyz[:1])
+        spherical(radar_points(cube, Radar(assumed), points=CELLS).xyz[:1])
         for assumed in (radar, SMALL)
     )
     assert abs(right[1] - np.radians(20)) < np.radians(1)
@@ -111,7 +112,7 @@ def test_firing_order_matters_for_a_moving_target():
 
 
 def test_one_row_of_antennas_has_no_elevation():
-    cloud = radar_points(simulate(target(5, 20, 0, 1), FLAT), FLAT, points=CELLS)
+    cloud = radar_points(simulate(target(5, 20, 0, 1), FLAT), Radar(FLAT), points=CELLS)
     assert cloud.valid.any() and not cloud.xyz[:, 2].any()
     assert abs(spherical(cloud.xyz[:1])[1][0] - np.radians(20)) < np.radians(2)
 
@@ -119,13 +120,15 @@ def test_one_row_of_antennas_has_no_elevation():
 @pytest.mark.parametrize("peaks", [1, 2])
 def test_one_column_of_antennas_has_no_azimuth(peaks):
     points = dataclasses.replace(CELLS, peaks=peaks)
-    cloud = radar_points(simulate(target(5, 0, 15, 1), COLUMN), COLUMN, points=points)
+    cloud = radar_points(
+        simulate(target(5, 0, 15, 1), COLUMN), Radar(COLUMN), points=points
+    )
     assert cloud.valid.any() and not cloud.xyz[:, 1].any()
     assert abs(spherical(cloud.xyz[:1])[2][0] - np.radians(15)) < np.radians(2)
 
 
 def test_one_antenna_has_no_direction():
-    cloud = radar_points(simulate(target(5, 20, 8, 1), ONE), ONE, points=CELLS)
+    cloud = radar_points(simulate(target(5, 20, 8, 1), ONE), Radar(ONE), points=CELLS)
     assert cloud.valid.any() and not cloud.xyz[:, 1:].any()
     assert abs(cloud.xyz[0, 0] - 5) < ONE.range_resolution_m
     spectrum = angle_spectrum(jnp.ones((3, 1), complex), ONE)
@@ -134,37 +137,37 @@ def test_one_antenna_has_no_direction():
         assert angles.tolist() == [0, 0, 0]
     music = dataclasses.replace(CELLS, angles="music")
     with pytest.raises(ValueError, match="need neighbouring elements in a row"):
-        radar_points(simulate(target(5, 20, 8, 1), ONE), ONE, points=music)
+        radar_points(simulate(target(5, 20, 8, 1), ONE), Radar(ONE), points=music)
 
 
 def test_report_counts_what_the_cloud_does_not_show():
     cube = simulate(target(5, 20, 5, 1))
     few = dataclasses.replace(CELLS, capacity=8)
-    cloud, report = points_and_report(cube, SMALL, points=few)
-    every = radar_points(cube, SMALL, points=CELLS).valid.sum()
+    cloud, report = points_and_report(cube, Radar(SMALL), points=few)
+    every = radar_points(cube, Radar(SMALL), points=CELLS).valid.sum()
     assert cloud.valid.all() and every > 8
     expected = {"detected": every, "dropped": every - 8, "saturated": 0}
     assert report._asdict() == {**expected, "non_finite": 0}
-    close(cloud, radar_points(cube, SMALL, points=few))
+    close(cloud, radar_points(cube, Radar(SMALL), points=few))
 
 
 def test_report_counts_samples_at_full_scale_and_samples_that_are_no_numbers():
     cube = simulate(target(5, 20, 5, 1))
     cube = cube.at[0, 0, 0, :3].set(32767 - 5j).at[1, 1, 1, 1].set(3 - 32768j)
-    _, report = points_and_report(cube, SMALL, points=CELLS)
+    _, report = points_and_report(cube, Radar(SMALL), points=CELLS)
     assert (report.saturated, report.non_finite) == (4, 0)
     broken = cube.at[2, 3, 4, 5].set(jnp.nan).at[0, 0, 9, 9].set(jnp.inf)
-    cloud, report = points_and_report(broken, SMALL, points=CELLS)
+    cloud, report = points_and_report(broken, Radar(SMALL), points=CELLS)
     assert report.non_finite == 2 and report.detected == 0 and not cloud.valid.any()
 
 
 def test_points_are_padded_and_strongest_first():
     cube = simulate(target(5, 20, 5, 1))
-    cloud = radar_points(cube, SMALL, points=CELLS)
+    cloud = radar_points(cube, Radar(SMALL), points=CELLS)
     assert cloud.xyz.shape == (3000, 3)
     assert 0 < cloud.valid.sum() < 2048 and not cloud.xyz[~cloud.valid].any()
     assert (jnp.diff(cloud.power) <= 0).all()
-    everything = radar_points(cube, SMALL, points=ALL)
+    everything = radar_points(cube, Radar(SMALL), points=ALL)
     assert everything.valid.sum() == 32 * 61  # without bin 0 and the last two
 
 
@@ -173,7 +176,7 @@ def test_leakage_that_wraps_around_is_not_a_point():
     cube = simulate(leak)
     power = np.asarray(range_doppler(cube)[1])
     assert power[16, -1] > 1e3 * np.median(power)  # it does reach the last bin
-    cloud = radar_points(cube, SMALL, points=CELLS)
+    cloud = radar_points(cube, Radar(SMALL), points=CELLS)
     distance = np.linalg.norm(cloud.xyz, axis=-1)[cloud.valid]
     assert (distance < SMALL.max_range_m - 2.5 * SMALL.range_resolution_m).all()
 
@@ -191,7 +194,9 @@ def test_two_targets_in_a_cell_are_two_points(radar, degrees, one_peak, two_peak
         amplitude=jnp.array([100.0, 90.0]),
     )
     cube = simulate(both, radar)
-    one, two = (radar_points(cube, radar, points=p) for p in (one_peak, two_peaks))
+    one, two = (
+        radar_points(cube, Radar(radar), points=p) for p in (one_peak, two_peaks)
+    )
     half_a_beam = 1 / (radar.virtual_positions[:, 0].max() + 1)  # in direction sines
     sines = np.sin(spherical(two.xyz[:2])[1])
     np.testing.assert_allclose(sorted(sines), np.sin([right, left]), atol=half_a_beam)
@@ -205,8 +210,8 @@ def test_two_targets_in_a_cell_are_two_points(radar, degrees, one_peak, two_peak
 
 def test_one_target_in_a_cell_is_one_point_with_two_peaks():
     cube = simulate(target(5, 20, 5, 1, amplitude=300.0))
-    one = radar_points(cube, SMALL, points=CELLS)
-    two = radar_points(cube, SMALL, points=PEAKS)
+    one = radar_points(cube, Radar(SMALL), points=CELLS)
+    two = radar_points(cube, Radar(SMALL), points=PEAKS)
     count = int(two.valid.sum())
     assert 0 < count < 64
     np.testing.assert_allclose(two.power[:count], one.power[:count], rtol=1e-6)
@@ -216,10 +221,10 @@ def test_one_target_in_a_cell_is_one_point_with_two_peaks():
 
 def test_vmap_equals_the_loop():
     cubes = [simulate(target(3 + i, 10 * i, 5, 1), seed=i) for i in range(3)]
-    points = jax.vmap(lambda cube: radar_points(cube, SMALL, points=CELLS))
+    points = jax.vmap(lambda cube: radar_points(cube, Radar(SMALL), points=CELLS))
     batch = points(jnp.stack(cubes))
     for i, cube in enumerate(cubes):
-        alone = radar_points(cube, SMALL, points=CELLS)
+        alone = radar_points(cube, Radar(SMALL), points=CELLS)
         assert alone.valid.sum() > 8
         pairs = zip(jax.tree.leaves(alone), jax.tree.leaves(batch), strict=True)
         for one, many in pairs:
@@ -229,7 +234,9 @@ def test_vmap_equals_the_loop():
 def test_a_wide_array_works_with_default_options():
     cube = simulate(target(5.3, 21.0, 8.0, 0.77), CASCADE)
     wide = dataclasses.replace(WIDE, num_azimuth=256)
-    found, expected = (radar_points(cube, CASCADE, points=p) for p in (AUTO, wide))
+    found, expected = (
+        radar_points(cube, Radar(CASCADE), points=p) for p in (AUTO, wide)
+    )
     assert expected.valid.any()
     close(found, expected)
 
@@ -240,7 +247,7 @@ def test_windows_are_options():
     for chosen in (("none", "hann"), ("hamming", "none"), ("blackman", "blackman")):
         windows = dict(zip(("range_window", "doppler_window"), chosen, strict=True))
         points = dataclasses.replace(CELLS, **windows)
-        powers.append(radar_points(cube, SMALL, points=points).power[0])
+        powers.append(radar_points(cube, Radar(SMALL), points=points).power[0])
         expected = power_map(cube, **windows).max()
         assert powers[-1] == pytest.approx(float(expected), rel=1e-5)
     assert len({round(float(power)) for power in powers}) == 3
@@ -265,7 +272,7 @@ def test_gradients_of_a_silent_frame_are_finite():
     silence = jnp.zeros(SMALL.cube_shape)
 
     def total(parts):
-        cloud = radar_points(jax.lax.complex(*parts), SMALL, points=STATIC)
+        cloud = radar_points(jax.lax.complex(*parts), Radar(SMALL), points=STATIC)
         return sum(jnp.sum(c) for c in (cloud.xyz, cloud.velocity, cloud.snr))
 
     for part in jax.jit(jax.grad(total))((silence, silence)):
@@ -273,7 +280,7 @@ def test_gradients_of_a_silent_frame_are_finite():
 
 
 def test_strongest_echo_is_the_target_and_others_are_apart():
-    cloud = radar_points(simulate(target(5, 20, 0, 1)), SMALL, points=CELLS)
+    cloud = radar_points(simulate(target(5, 20, 0, 1)), Radar(SMALL), points=CELLS)
     first, *others = strongest_echoes(cloud, SMALL)
     assert first.range_m == pytest.approx(5, abs=SMALL.range_resolution_m)
     assert first.azimuth_deg == pytest.approx(20, abs=2)
@@ -328,7 +335,7 @@ def test_a_window_may_be_a_list():
 
 def test_cube_of_another_radar_is_refused():
     with pytest.raises(ValueError, match=r"shape \(2, 4, 8, 16\), awr1843 needs"):
-        radar_points(jnp.zeros((2, 4, 8, 16), complex), SMALL)
+        radar_points(jnp.zeros((2, 4, 8, 16), complex), Radar(SMALL))
     with pytest.raises(
         ValueError, match="fewer than the array's 7 rows and 86 columns"
     ):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jradar.radar import (
+    Radar,
     calibrate_channels,
     excise_interference,
     power_map,
@@ -56,7 +57,9 @@ def test_every_function_of_a_cube_takes_integer_pairs():
 def test_points_of_integer_pairs_are_those_of_complex_samples():
     cube = jnp.round(simulate(target(5, 20, 5, 1)))
     pairs = jnp.stack([cube.real, cube.imag], -1).astype(jnp.int16)
-    found, expected = (radar_points(c, SMALL, points=CELLS) for c in (pairs, cube))
+    found, expected = (
+        radar_points(c, Radar(SMALL), points=CELLS) for c in (pairs, cube)
+    )
     assert expected.valid.any()
     pairs = zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True)
     for one, other in pairs:
@@ -65,7 +68,7 @@ def test_points_of_integer_pairs_are_those_of_complex_samples():
 
 @pytest.mark.usefixtures("as_a_user")
 def test_cubes_without_all_axes_and_of_booleans_are_refused():
-    for function in (range_doppler, power_map, lambda c: radar_points(c, SMALL)):
+    for function in (range_doppler, power_map, lambda c: radar_points(c, Radar(SMALL))):
         with pytest.raises(ValueError, match=r"shape \(4, 8, 16\), expected \[..., tx"):
             function(jnp.zeros((4, 8, 16), complex))
     with pytest.raises(ValueError, match="samples are bool, expected ADC samples"):

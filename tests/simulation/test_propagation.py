@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import RadarSpec, calibrate_frequency_phase, radar_points
+from jradar.radar import Radar, RadarSpec, calibrate_frequency_phase, radar_points
 from jradar.simulation.hardware.hardware import Hardware, make_hardware, sample_frame
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.propagation import radar_paths
@@ -32,7 +32,7 @@ def cloud_of(paths):
     frame = np.asarray(
         sample_frame(jax.random.key(0), paths, PERFECT, RADAR), np.float32
     )
-    cloud = radar_points(jnp.asarray(frame[..., 0] + 1j * frame[..., 1]), RADAR)
+    cloud = radar_points(jnp.asarray(frame[..., 0] + 1j * frame[..., 1]), Radar(RADAR))
     return np.asarray(cloud.xyz)[np.asarray(cloud.valid)], np.asarray(cloud.velocity)
 
 

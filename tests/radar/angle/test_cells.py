@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from jradar.radar import (
+    Radar,
     Scatterers,
     all_cells,
     cell_points,
@@ -46,30 +47,30 @@ def close(actual, expected):
 )
 def test_points_of_the_detectors_mask_are_radar_points(radar, points):
     cube = simulate(SCATTERERS, radar)
-    cells = all_cells(cube, radar, points=points)
+    cells = all_cells(cube, Radar(radar), points=points)
     mask = detect(cells.power, radar, points=points)
-    expected = radar_points(cube, radar, points=points)
+    expected = radar_points(cube, Radar(radar), points=points)
     assert 10 < expected.valid.sum()
-    close(cell_points(cells, mask, radar, points=points), expected)
+    close(cell_points(cells, mask, Radar(radar), points=points), expected)
 
 
 def test_cells_without_refinement_and_without_static_echoes():
-    cells = all_cells(CUBE, SMALL, points=STATIC)
+    cells = all_cells(CUBE, Radar(SMALL), points=STATIC)
     np.testing.assert_allclose(
         cells.power, power_map(CUBE, remove_static=True), rtol=1e-5
     )
     mask = detect(cells.power, SMALL, points=STATIC)
-    expected = radar_points(CUBE, SMALL, points=STATIC)
+    expected = radar_points(CUBE, Radar(SMALL), points=STATIC)
     assert expected.valid.any()
-    close(cell_points(cells, mask, SMALL, points=STATIC), expected)
+    close(cell_points(cells, mask, Radar(SMALL), points=STATIC), expected)
 
 
 def test_vmap_equals_the_loop():
     cubes = [simulate(SCATTERERS, seed=seed) for seed in range(3)]
 
     def points(cube):
-        cells = all_cells(cube, SMALL, points=CELLS)
-        return cell_points(cells, cells.power > 100, SMALL, points=CELLS)
+        cells = all_cells(cube, Radar(SMALL), points=CELLS)
+        return cell_points(cells, cells.power > 100, Radar(SMALL), points=CELLS)
 
     many = jax.vmap(points)(jnp.stack(cubes))
     for i, cube in enumerate(cubes):
@@ -92,7 +93,7 @@ def test_coupling_is_not_detected_once_it_is_subtracted():
     near = 3 * SMALL.range_resolution_m
 
     def distances(**options):
-        cloud = radar_points(CUBE + samples, SMALL, points=CELLS, **options)
+        cloud = radar_points(CUBE + samples, Radar(SMALL), points=CELLS, **options)
         xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
         return np.linalg.norm(xyz, axis=-1)
 
@@ -106,43 +107,45 @@ def test_coupling_is_not_detected_once_it_is_subtracted():
 def test_coupling_is_subtracted_from_cells_as_from_points():
     samples, coupling = leakage()
     options = {"points": CELLS, "coupling": coupling}
-    cells = all_cells(CUBE + samples, SMALL, **options)
+    cells = all_cells(CUBE + samples, Radar(SMALL), **options)
     blackman = CELLS.subtracting(coupling)
     mask = detect(cells.power, SMALL, points=blackman)
-    expected = radar_points(CUBE + samples, SMALL, **options)
-    close(cell_points(cells, mask, SMALL, points=blackman), expected)
+    expected = radar_points(CUBE + samples, Radar(SMALL), **options)
+    close(cell_points(cells, mask, Radar(SMALL), points=blackman), expected)
 
 
 def test_static_removal_leaves_no_coupling_to_subtract():
     samples, coupling = leakage()
-    cells = all_cells(CUBE + samples, SMALL, points=STATIC, coupling=coupling)
+    cells = all_cells(CUBE + samples, Radar(SMALL, leakage=coupling), points=STATIC)
     _, without = range_doppler(CUBE, remove_static=True)
     np.testing.assert_allclose(cells.power, without, rtol=1e-2, atol=1e-3)
 
 
 def test_range_bias_shortens_ranges_and_nothing_else():
     bias = 1.3 * SMALL.range_resolution_m
-    cells = all_cells(CUBE, SMALL, points=CELLS)
-    plain = cell_points(cells, cells.power > 0, SMALL, points=CELLS)
-    biased = cell_points(cells, cells.power > 0, SMALL, points=CELLS, range_bias_m=bias)
+    cells = all_cells(CUBE, Radar(SMALL), points=CELLS)
+    plain = cell_points(cells, cells.power > 0, Radar(SMALL), points=CELLS)
+    biased = cell_points(
+        cells, cells.power > 0, Radar(SMALL, range_bias_m=bias), points=CELLS
+    )
     assert plain.valid.sum() == 32 * 61 and biased.valid.sum() == 32 * 60
     kept = np.isin(plain.power, biased.power) & np.asarray(plain.valid)
     longer, shorter = np.asarray(plain.xyz)[kept], np.asarray(biased.xyz)[: kept.sum()]
     distance = np.linalg.norm(longer, axis=-1, keepdims=True)
     np.testing.assert_allclose(shorter, longer * (1 - bias / distance), atol=1e-4)
     assert np.linalg.norm(shorter, axis=-1).min() > 0
-    close(radar_points(CUBE, SMALL, points=ALL, range_bias_m=bias), biased)
+    close(radar_points(CUBE, Radar(SMALL, range_bias_m=bias), points=ALL), biased)
 
 
 @pytest.mark.usefixtures("as_a_user")
 def test_cells_of_another_radar_are_refused():
-    cells = all_cells(CUBE, SMALL, points=CELLS)
+    cells = all_cells(CUBE, Radar(SMALL), points=CELLS)
     half = jax.tree.map(lambda column: column[:, :32], cells)
     mask = cells.power > 0
     with pytest.raises(ValueError, match=r"power has shape \(32, 32\), awr1843 needs"):
-        cell_points(half, mask, SMALL, points=CELLS)
+        cell_points(half, mask, Radar(SMALL), points=CELLS)
     with pytest.raises(ValueError, match=r"mask has shape \(32, 32\), awr1843 needs"):
-        cell_points(cells, mask[:, :32], SMALL, points=CELLS)
+        cell_points(cells, mask[:, :32], Radar(SMALL), points=CELLS)
 
 
 @pytest.mark.usefixtures("as_a_user")
@@ -155,4 +158,4 @@ def test_spectrum_of_another_radar_is_refused():
 
 def test_cube_of_another_radar_is_refused():
     with pytest.raises(ValueError, match=r"shape \(2, 4, 8, 16\), awr1843 needs"):
-        all_cells(jnp.zeros((2, 4, 8, 16), complex), SMALL)
+        all_cells(jnp.zeros((2, 4, 8, 16), complex), Radar(SMALL))

@@ -9,6 +9,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     point_deviations,
     radar_points,
     simulate_cube,
@@ -32,7 +33,7 @@ def trials(key, scatterers):
 
     def trial(key):
         cube = simulate_cube(key, scatterers, SMALL, noise_power=1.0)
-        cloud = radar_points(cube, SMALL, points=ONE)
+        cloud = radar_points(cube, Radar(SMALL), points=ONE)
         return cloud, point_deviations(cloud, SMALL, points=ONE)
 
     return jax.lax.map(trial, jax.random.split(key, TRIALS), batch_size=16)
@@ -87,7 +88,7 @@ def test_hanns_deviation_is_little_above_the_bound_of_its_window():
 
 def test_angles_follow_the_arrays_aperture():
     # One row of n: var(u) = 6 / (snr n (n^2 - 1) (2 pi d)^2), here for 8 columns.
-    cloud = radar_points(simulate(target(5, 20, 0, 1), FLAT), FLAT, points=ONE)
+    cloud = radar_points(simulate(target(5, 20, 0, 1), FLAT), Radar(FLAT), points=ONE)
     found = point_deviations(cloud, FLAT, points=ONE)
     snr, turn = float(cloud.snr[0]) - 1, 2 * np.pi * FLAT.spacing_wavelengths
     of_sine = np.sqrt(6 / (snr * 8 * 63)) / turn
@@ -98,7 +99,9 @@ def test_angles_follow_the_arrays_aperture():
 
 def test_padding_and_clouds_without_deviations():
     cube = simulate(target(5, 20, 5, 1))
-    cloud = radar_points(cube, SMALL, points=dataclasses.replace(ONE, capacity=2000))
+    cloud = radar_points(
+        cube, Radar(SMALL), points=dataclasses.replace(ONE, capacity=2000)
+    )
     found = point_deviations(cloud, SMALL)
     for values in found:
         assert np.isfinite(values[cloud.valid]).all()

@@ -8,6 +8,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     all_cells,
     cell_points,
     detect,
@@ -25,13 +26,13 @@ SHORT_CASCADE = dataclasses.replace(CASCADE, num_samples=32)
 @pytest.mark.parametrize("velocity", [2.6, -3.1, 6.0, 1.0])
 def test_a_fast_target_has_its_velocity_and_direction(velocity):
     cube = simulate(target(4.0, 15, 3, velocity))
-    cloud = radar_points(cube, SMALL, points=FOLDED)
+    cloud = radar_points(cube, Radar(SMALL), points=FOLDED)
     fold = round(velocity / (2 * SMALL.max_velocity_mps))
     assert cloud.fold[0] == fold and cloud.fold_margin_db[0] > 0.5
     assert cloud.velocity[0] == pytest.approx(velocity, abs=0.02)
     _, azimuth, elevation = spherical(cloud.xyz[:1])
     np.testing.assert_allclose(np.degrees([azimuth[0], elevation[0]]), [15, 3], atol=1)
-    folded = radar_points(cube, SMALL, points=ONE)
+    folded = radar_points(cube, Radar(SMALL), points=ONE)
     assert folded.fold is None and folded.fold_margin_db is None
     wrong = abs(np.degrees(spherical(folded.xyz[:1])[1][0]) - 15) > 5
     assert wrong == bool(fold)
@@ -46,10 +47,10 @@ def test_cells_have_the_folds_of_points(radar, changes):
     velocity = 1.3 * radar.max_velocity_mps
     cube = simulate(target(9 * radar.range_resolution_m, 15, 3, velocity), radar)
     points = dataclasses.replace(FOLDED, **changes)
-    cells = all_cells(cube, radar, points=points)
+    cells = all_cells(cube, Radar(radar), points=points)
     mask = detect(cells.power, radar, points=points)
-    found = cell_points(cells, mask, radar, points=points)
-    expected = radar_points(cube, radar, points=points)
+    found = cell_points(cells, mask, Radar(radar), points=points)
+    expected = radar_points(cube, Radar(radar), points=points)
     assert found.fold[0] == 1
     assert found.velocity[0] == pytest.approx(velocity, abs=0.03)
     for one, other in zip(found, expected, strict=True):

@@ -9,6 +9,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     RadarSpec,
     all_cells,
     cell_points,
@@ -106,7 +107,7 @@ def test_points_of_a_near_target_are_focused():
     )
     error = []
     for points in (plain, dataclasses.replace(plain, focus=True)):
-        cloud = radar_points(cube, CASCADE, points=points)
+        cloud = radar_points(cube, Radar(CASCADE), points=points)
         found = spherical(cloud.xyz[:1])
         assert found[0][0] == pytest.approx(truth[0], abs=2e-3)
         error.append(np.abs(np.degrees([found[1][0], found[2][0]]) - truth[1:]).max())
@@ -123,10 +124,10 @@ def test_focused_cells_are_the_focused_points():
         detector="ca", guard=(0, 2), train=(0, 4), capacity=8, focus=True
     )
     bias = {"range_bias_m": 0.1}
-    cells = all_cells(cube, radar, points=points, **bias)
+    cells = all_cells(cube, Radar(radar), points=points, **bias)
     mask = detect(cells.power, radar, points=points)
-    found = cell_points(cells, mask, radar, points=points, **bias)
-    expected = radar_points(cube, radar, points=points, **bias)
+    found = cell_points(cells, mask, Radar(radar), points=points, **bias)
+    expected = radar_points(cube, Radar(radar), points=points, **bias)
     assert expected.valid.any()
     np.testing.assert_allclose(found.xyz, expected.xyz, atol=1e-4)
 

@@ -8,6 +8,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     RadarSpec,
     capon_directions,
     mdl_sources,
@@ -104,7 +105,7 @@ def test_of_two_targets_in_a_beam_one_is_found():
 )
 def test_points_have_azimuth_and_elevation(changes):
     points = dataclasses.replace(ONE, **changes)
-    cloud = radar_points(simulate(target(5, 20, -6, 1)), SMALL, points=points)
+    cloud = radar_points(simulate(target(5, 20, -6, 1)), Radar(SMALL), points=points)
     _, azimuth, elevation = spherical(cloud.xyz)
     np.testing.assert_allclose(np.degrees([azimuth[0], elevation[0]]), [20, -6], atol=1)
 

@@ -9,6 +9,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     Scatterers,
     radar_points,
     simulate_cube,
@@ -78,7 +79,7 @@ def test_points_have_the_azimuth_and_elevation_of_the_target(method, place):
     truth = target(4.0, *place, 0.0)
     cube = simulate_cube(jax.random.key(0), truth, SMALL, noise_power=1.0)
     points = dataclasses.replace(ONE, angles=method)
-    found = spherical(radar_points(cube, SMALL, points=points).xyz)
+    found = spherical(radar_points(cube, Radar(SMALL), points=points).xyz)
     angles = np.array([found[1][0], found[2][0]])
     np.testing.assert_allclose(np.degrees(angles), place, atol=0.4)
     expected = reference(cube, SMALL, method)
@@ -116,7 +117,7 @@ def test_two_targets_of_a_cell_within_a_beam_are_two_points(method):
 
 def found_places(cube, points):
     """Azimuth and elevation in degrees of two points, the rightmost first."""
-    cloud = radar_points(cube, SMALL, points=points)
+    cloud = radar_points(cube, Radar(SMALL), points=points)
     found = np.degrees(spherical(cloud.xyz[:2])[1:]).T
     found = np.where(np.asarray(cloud.valid)[:, None], found, 90.0)
     return found[found[:, 0].argsort()]
@@ -129,7 +130,7 @@ def test_one_target_of_a_cell_stays_one_point(changes):
     )
     options = {"angles": "music", "peaks": 2, "group_peaks": True, "capacity": 2}
     points = dataclasses.replace(ONE, **(options | changes))
-    cloud = radar_points(cube, SMALL, points=points)
+    cloud = radar_points(cube, Radar(SMALL), points=points)
     assert cloud.valid.tolist() == [True, False]
     azimuth, elevation = spherical(cloud.xyz[:1])[1:]
     np.testing.assert_allclose(np.degrees([azimuth[0], elevation[0]]), [10, 5], atol=1)

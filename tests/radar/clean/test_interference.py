@@ -10,6 +10,7 @@ import pytest
 from jradar.radar import (
     Interferers,
     PointSpec,
+    Radar,
     RadarSpec,
     crossing_chirps,
     draw_interferers,
@@ -166,9 +167,9 @@ def test_points_are_those_of_the_frame_without_interference():
     disturbed = clean + strong_and_often()
     options = dataclasses.replace(CELLS, false_alarm_rate=1e-8)
     excising = dataclasses.replace(options, remove_interference=True)
-    expected = radar_points(clean, SMALL, points=options)
-    cloud = radar_points(disturbed, SMALL, points=excising)
-    lost = radar_points(disturbed, SMALL, points=options)
+    expected = radar_points(clean, Radar(SMALL), points=options)
+    cloud = radar_points(disturbed, Radar(SMALL), points=excising)
+    lost = radar_points(disturbed, Radar(SMALL), points=options)
     assert cloud.valid[0] and jnp.linalg.norm(cloud.xyz[0] - expected.xyz[0]) < 0.1
     assert cloud.snr[0] > 0.8 * expected.snr[0] > 8 * lost.snr[0]
     assert PointSpec().remove_interference is False

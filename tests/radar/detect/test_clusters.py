@@ -8,6 +8,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     Scatterers,
     cluster,
     detect,
@@ -33,8 +34,8 @@ def three_targets(amplitude):
 @pytest.mark.parametrize("amplitude", [5.0, 100.0])
 def test_three_targets_give_three_points(amplitude):
     cube = simulate(three_targets(amplitude))
-    assert radar_points(cube, SMALL, points=STRICT).valid.sum() > 20
-    cloud = radar_points(cube, SMALL, points=GROUPED)
+    assert radar_points(cube, Radar(SMALL), points=STRICT).valid.sum() > 20
+    cloud = radar_points(cube, Radar(SMALL), points=GROUPED)
     assert cloud.valid.sum() == 3
     found = spherical(cloud.xyz[cloud.valid])[0]
     expected = [place[0] for place in PLACES]
