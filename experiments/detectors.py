@@ -48,9 +48,7 @@ def detected(
 def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
     """Return the points of the cells in `mask` that lie in the field of view."""
     radar = Radar(view.radar_of(prepared), range_bias_m=prepared.range_bias_m)
-    cloud = cell_points(
-        prepared.cells, mask, Radar(radar), points=view.points(prepared)
-    )
+    cloud = cell_points(prepared.cells, mask, radar, points=view.points(prepared))
     seen = shared_field_of_view(
         np.asarray(cloud.xyz),
         azimuth=view.fine.azimuth,

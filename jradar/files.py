@@ -199,8 +199,9 @@ def read_json(path: Path | str, *, limit: int = MAX_JSON_BYTES) -> dict[str, Any
 def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values of a file in the types of the fields of the dataclass `spec`.
 
-    Lists become tuples, tables become specs, whole numbers become floats where floats
-    are expected. Raises ValueError for an unknown field and for another type.
+    Lists become tuples, whole numbers become floats where floats are expected, and
+    tables become specs, which keep the defaults of `spec` for what they leave out.
+    Raises ValueError for an unknown field and for another type.
     """
     kinds = typing.get_type_hints(spec)
     names = [field.name for field in dataclasses.fields(spec)]
@@ -210,7 +211,12 @@ def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
             near = difflib.get_close_matches(str(name), names, 1) or [", ".join(names)]
             raise ValueError(f"unknown field {name!r}, expected {near[0]}")
         if dataclasses.is_dataclass(kinds[name]) and isinstance(value, dict):
-            fields[name] = kinds[name](**typed_fields(kinds[name], value))
+            typed = typed_fields(kinds[name], value)
+            default = getattr(spec, name, None)  # what the table leaves out
+            known = isinstance(default, kinds[name])
+            fields[name] = (
+                dataclasses.replace(default, **typed) if known else kinds[name](**typed)
+            )
             continue
         try:
             fields[name] = _converted(value, kinds[name])
