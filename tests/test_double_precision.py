@@ -74,8 +74,10 @@ KERNELS = {
     "range_doppler": lambda: r.range_doppler(cube()),
     "range_doppler, real": lambda: r.range_doppler(cube().real),
     "power_map": lambda: r.power_map(cube(), remove_static=True),
-    "calibrate_channels": lambda: r.calibrate_channels(cube(), waves(12)),
-    "calibrate_channels, real": lambda: r.calibrate_channels(cube().real, waves(12)),
+    "calibrate": lambda: r.calibrate(cube(), r.Radar(CHIP).with_factors(waves(12))),
+    "calibrate, real": lambda: r.calibrate(
+        cube().real, r.Radar(REAL).with_factors(waves(12))
+    ),
     "calibrate_frequency_phase": lambda: r.calibrate_frequency_phase(
         cube(),
         numbers(3, 4),

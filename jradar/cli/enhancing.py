@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import jax
 import numpy as np
 
 from jradar import recordings
@@ -36,7 +35,7 @@ def enhance_frames(options: argparse.Namespace) -> dict[str, Any]:
         recording,
         model,
         frames=frames,
-        key=jax.random.key(options.seed),
+        seed=options.seed,
         fuse=options.fuse,
         draws=options.draws,
         steps=options.steps,

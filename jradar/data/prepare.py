@@ -230,7 +230,10 @@ def _difference(found, wanted, key):
         return "{} were listed, now {} with other fields".format(*count)
     if isinstance(old, dict) and isinstance(new, dict):
         field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
-        return f"{field} was {old.get(field)}, now {new.get(field)}"
+        old, new = old.get(field), new.get(field)
+        if isinstance(old, dict) and isinstance(new, dict):  # a spec within a spec
+            return _difference(old, new)
+        return f"{field} was {old}, now {new}"
     if key == "names":
         gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
         return f"{len(gone)} removed {gone[:3]}, {len(added)} added {added[:3]}"

@@ -159,7 +159,7 @@ def enhance_recording(
     model: Model,
     *,
     frames: slice | range = slice(None),
-    key: Key[Array, ""] | None = None,
+    seed: int = 0,
     fuse: int = 1,
     draws: int | None = None,
     steps: int | None = None,
@@ -172,7 +172,7 @@ def enhance_recording(
     With `fuse`, the last frames become one, held together by the recorded poses or the
     radar's own velocity. `draws`, `steps` and `least_confidence` are those of `draw`,
     `remove_interference` that of `PointSpec`, by default the model's. Every frame draws
-    with the same `key`, `jax.random.key(0)` by default. `anyway` enhances a radar that
+    with the same key, that of `seed`. `anyway` enhances a radar that
     does not measure both angles, which is refused otherwise. Raises UsageError for
     frames that the recording does not have, and for options that the model does not
     take.
@@ -209,7 +209,7 @@ def enhance_recording(
         with_sample_doubts(recording, chosen[0]),
         model,
         chosen,
-        key=jax.random.key(0) if key is None else key,
+        key=jax.random.key(seed),
         fuse=fuse,
         draws=draws,
         steps=steps,

@@ -13,7 +13,7 @@ from jradar.radar import (
     RadarSpec,
     Scatterers,
     ca_cfar,
-    calibrate_channels,
+    calibrate,
     power_map,
     radar_points,
     simulate_cube,
@@ -68,11 +68,9 @@ def test_a_moving_corner_is_found_after_its_signs_are_undone(name):
     radar, made = radar_of(name), board(name)
     xyz = CORNER if radar.has_elevation else CORNER * [1, 1, 0]
     signs = jnp.tile(jnp.array(made.rx_signs), radar.num_tx).astype(complex)
-    recorded = calibrate_channels(corner(radar, xyz, velocity=0.4), signs)
-    cube = calibrate_channels(recorded, signs)
-    cloud = radar_points(
-        cube, Radar(radar), points=PointSpec(capacity=16).fitted(radar)
-    )
+    unit = Radar(radar).with_factors(signs)
+    recorded = calibrate(corner(radar, xyz, velocity=0.4), unit)
+    cloud = radar_points(recorded, unit, points=PointSpec(capacity=16).fitted(radar))
     np.testing.assert_allclose(cloud.xyz[0], xyz, atol=0.06)
     assert cloud.velocity[0] == pytest.approx(0.4, abs=0.05)
     if set(made.rx_signs) != {1}:  # inverted receivers show another direction

@@ -7,7 +7,7 @@ import pytest
 
 from jradar.radar import (
     Radar,
-    calibrate_channels,
+    calibrate,
     excise_interference,
     power_map,
     radar_points,
@@ -45,7 +45,7 @@ def test_every_function_of_a_cube_takes_integer_pairs():
     background = static_background([PAIRS, PAIRS])
     np.testing.assert_allclose(background, CUBE.mean(-2), rtol=1e-6)
     for function in (
-        lambda cube: calibrate_channels(cube, factors),
+        lambda cube: calibrate(cube, Radar(SMALL).with_factors(factors)),
         lambda cube: subtract_background(cube, background),
         lambda cube: excise_interference(cube)[0],
     ):

@@ -26,7 +26,7 @@ SCATTERERS = Scatterers(
     amplitude=jnp.array([50.0, 100.0, 80.0]),
 )
 CUBE = simulate(SCATTERERS)
-FLIPPED = {"flip_azimuth": True, "num_azimuth": 128, "false_alarm_rate": 0.05}
+FINE = {"num_azimuth": 128, "false_alarm_rate": 0.05}
 
 
 def close(actual, expected):
@@ -39,8 +39,8 @@ def close(actual, expected):
 @pytest.mark.parametrize(
     ("radar", "points"),
     [
-        (FLAT, dataclasses.replace(CELLS, detector="go", **FLIPPED)),
-        (SMALL, dataclasses.replace(WIDE, capacity=200, **FLIPPED)),
+        (FLAT, dataclasses.replace(CELLS, detector="go", **FINE)),
+        (SMALL, dataclasses.replace(WIDE, capacity=200, **FINE)),
         (CASCADE, WIDE),
     ],
     ids=["one row, GO", "two rows, OS", "four rows, OS"],
@@ -92,12 +92,12 @@ def test_coupling_is_not_detected_once_it_is_subtracted():
     samples, coupling = leakage()
     near = 3 * SMALL.range_resolution_m
 
-    def distances(**options):
-        cloud = radar_points(CUBE + samples, Radar(SMALL), points=CELLS, **options)
+    def distances(**measured):
+        cloud = radar_points(CUBE + samples, Radar(SMALL, **measured), points=CELLS)
         xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
         return np.linalg.norm(xyz, axis=-1)
 
-    raw, calibrated = distances(), distances(coupling=coupling)
+    raw, calibrated = distances(), distances(leakage=coupling)
     assert raw[0] < near and calibrated.min() > near  # the leakage was the strongest
     for xyz in SCATTERERS.xyz:
         gap = np.abs(calibrated - np.linalg.norm(xyz)).min()
@@ -106,12 +106,12 @@ def test_coupling_is_not_detected_once_it_is_subtracted():
 
 def test_coupling_is_subtracted_from_cells_as_from_points():
     samples, coupling = leakage()
-    options = {"points": CELLS, "coupling": coupling}
-    cells = all_cells(CUBE + samples, Radar(SMALL), **options)
+    radar = Radar(SMALL, leakage=coupling)
+    cells = all_cells(CUBE + samples, radar, points=CELLS)
     blackman = CELLS.subtracting(coupling)
     mask = detect(cells.power, SMALL, points=blackman)
-    expected = radar_points(CUBE + samples, Radar(SMALL), **options)
-    close(cell_points(cells, mask, Radar(SMALL), points=blackman), expected)
+    expected = radar_points(CUBE + samples, radar, points=CELLS)
+    close(cell_points(cells, mask, radar, points=CELLS), expected)
 
 
 def test_static_removal_leaves_no_coupling_to_subtract():
