@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.diffusion import NoiseSpec, UNet
-from jradar.model import Model, ModelSpec
+from jradar.model import Card, Model, ModelSpec
 from jradar.radar import PointSpec, RadarSpec
-from jradar.range_image import ImageSpec
+from jradar.range_image import IDENTITY, ConfidenceTable, ImageSpec
 
 SPEC = ModelSpec(
     method="diffusion",
@@ -18,17 +18,17 @@ SPEC = ModelSpec(
     noise=NoiseSpec(sigma_data=0.7),
     coarse=ImageSpec(8, 8),
     fine=ImageSpec(8, 32),
-    radar=RadarSpec.awr1843(num_chirps=32, num_samples=64),
     points=PointSpec(capacity=64, guard=(1, 2)),
     num_slices=4,
     codec="inverse",
-    steps_seen=7,
-    trained_on="a test",
-    purpose="nothing",
 )
+RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
+CARD = Card("nothing", 7, "a test", (RADAR,))
 
 
-def tiny_model(**changes: Any) -> Model:
+def tiny_model(
+    *, confidence: ConfidenceTable = IDENTITY, card: Card = CARD, **changes: Any
+) -> Model:
     """A model of random parameters; `changes` replace fields of its spec."""
     spec = dataclasses.replace(SPEC, **changes)
     shapes = jax.eval_shape(
@@ -42,4 +42,4 @@ def tiny_model(**changes: Any) -> Model:
     params = jax.tree.map(
         lambda leaf: jnp.asarray(0.1 * rng.normal(size=leaf.shape), leaf.dtype), shapes
     )
-    return Model(params, spec)
+    return Model(params, spec, card, confidence)

@@ -76,20 +76,13 @@ KERNELS = {
     "power_map": lambda: r.power_map(cube(), remove_static=True),
     "calibrate": lambda: r.calibrate(cube(), r.Radar(CHIP).with_factors(waves(12))),
     "calibrate, real": lambda: r.calibrate(
-        cube().real, r.Radar(REAL).with_factors(waves(12))
+        cube().real, r.Radar(CHIP).with_factors(waves(12))
     ),
-    "calibrate_frequency_phase": lambda: r.calibrate_frequency_phase(
-        cube(),
-        numbers(3, 4),
-        waves(3, 4),
-        CHIP,
-        calibration_slope_hz_per_s=CHIP.slope_hz_per_s,
-        calibration_rate_hz=CHIP.sample_rate_hz,
+    "calibrate, beats": lambda: r.calibrate(
+        cube(), r.Radar(CHIP, channels=waves(3, 4), beat_bins=numbers(3, 4))
     ),
     "compensate_tdm": lambda: r.compensate_tdm(waves(5, 12), numbers(5), CHIP),
-    "subtract_coupling": lambda: r.subtract_coupling(
-        waves(12, 16, 32), waves(3, 4, 16)
-    ),
+    "subtract_leakage": lambda: r.subtract_leakage(waves(12, 16, 32), waves(3, 4, 16)),
     **{
         f"{kind}_cfar": lambda kind=kind: r.DETECTORS[kind](power(), **WINDOW, **RATE)
         for kind in r.DETECTORS

@@ -14,16 +14,16 @@ import pytest
 
 from jradar.export import export_function, load_function
 from jradar.model import enhance
-from jradar.radar import PointSpec
-from tests.models import tiny_model
+from jradar.radar import PointSpec, Radar
+from tests.models import RADAR, tiny_model
 
 pytest.importorskip("flatbuffers", reason="needs jradar[export]")
 
 MODEL = tiny_model(points=PointSpec(capacity=16))
-RADAR = MODEL.spec.radar
 CUBE = np.random.default_rng(0).normal(size=RADAR.cube_shape)
 COUPLING = np.random.default_rng(2).normal(size=(RADAR.num_tx, RADAR.num_rx, 32, 2))
 COUPLING = (60 * COUPLING).astype(np.float32).view(np.complex64)[..., 0]
+UNIT, WITHOUT = Radar(RADAR, leakage=COUPLING), Radar(RADAR, leakage=0 * COUPLING)
 
 # What the docstring of jradar.export tells users to write.
 READER = """
@@ -43,7 +43,7 @@ np.savez(sys.argv[3], **cloud)
 def exported(tmp_path_factory):
     """The file made from the model."""
     path = tmp_path_factory.mktemp("export") / "model.jradar"
-    export_function(path, MODEL, coupling=COUPLING, draws=1, steps=3)
+    export_function(path, UNIT, MODEL, draws=1, steps=3)
     return path
 
 
@@ -59,8 +59,8 @@ def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
     )
     cube = jnp.asarray(CUBE, jnp.complex64)
     cloud, without = (
-        enhance(jax.random.key(7), cube, MODEL, coupling=coupling, draws=1, steps=3)
-        for coupling in (COUPLING, 0 * COUPLING)
+        enhance(jax.random.key(7), cube, unit, MODEL, draws=1, steps=3)
+        for unit in (UNIT, WITHOUT)
     )
     out = np.load(tmp_path / "out.npz")
     np.testing.assert_array_equal(out["valid"], cloud.valid)
@@ -73,7 +73,7 @@ def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
     assert set(again) == {*out} == {"xyz", "valid", "velocity"}  # one draw
     for name, values in again.items():
         np.testing.assert_array_equal(values, out[name])
-    assert function.header["radar"] == RADAR.name and function.header["coupling"]
+    assert function.header["radar"] == RADAR.name and function.header["leakage"]
     with pytest.raises(ValueError, match="expects"):
         function.call(7, CUBE[:1])
 
@@ -139,10 +139,8 @@ def test_other_headers_are_refused(tmp_path, header):
 
 
 def test_unknown_platform_and_missing_extra(exported, tmp_path, monkeypatch):
-    with pytest.raises(ValueError, match="coupling of 3 tx x 4 rx x 8 range bins"):
-        export_function(tmp_path / "x", MODEL, coupling=COUPLING[..., :8])
     with pytest.raises(ValueError, match="expected some of"):
-        export_function(tmp_path / "x", MODEL, platforms=["gpu"])
+        export_function(tmp_path / "x", UNIT, MODEL, platforms=["gpu"])
     monkeypatch.setitem(sys.modules, "flatbuffers", None)
     with pytest.raises(ImportError, match=r"jradar\[export\]"):
         load_function(exported)

@@ -10,9 +10,15 @@ import pytest
 
 from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
-from jradar.model import fuse, load_model, mixtures, moving_pixels
+from jradar.model import Model, fuse, load_model, mixtures, moving_pixels
 from jradar.model.methods import likeliest_range
-from jradar.range_image import ImageSpec, encode_range, project, unproject
+from jradar.range_image import (
+    ConfidenceTable,
+    ImageSpec,
+    encode_range,
+    project,
+    unproject,
+)
 from jradar.types import PointCloud
 
 VIEW = {
@@ -25,9 +31,8 @@ SPEC = dataclasses.replace(
     load_model("jradar-sim").spec,
     fine=FINE,
     coarse=ImageSpec(8, 8, **VIEW),
-    calibration=None,
-    least_confidence=0.3,
 )
+MODEL = Model({}, SPEC, confidence=ConfidenceTable.of((0.0, 1.0), least=0.3))
 STILL = np.eye(4, dtype=np.float32)
 
 
@@ -63,7 +68,7 @@ def wall(x_m):
 
 def test_one_frame_answers_as_draw_does():
     frame = frame_of(wall(4.0), wall(6.0), share=0.4)
-    one = fuse(stack(frame), poses((0, 0, 0)), SPEC)
+    one = fuse(stack(frame), poses((0, 0, 0)), MODEL)
     alone = likeliest_range(frame, SPEC)
     np.testing.assert_allclose(one.range_m, alone.range_m, rtol=1e-4)
     np.testing.assert_allclose(one.confidence, alone.confidence, atol=1e-5)
@@ -73,12 +78,12 @@ def test_a_doubt_of_the_present_frame_is_settled_by_earlier_ones():
     present = frame_of(wall(6.0), wall(4.0), share=0.45)  # the wall is at 4 m
     past = [frame_of(wall(4.0 + step)) for step in (0.3, 0.6)]  # farther behind
     found = fuse(
-        stack(present, *past), poses((0, 0, 0), (-0.3, 0, 0), (-0.6, 0, 0)), SPEC
+        stack(present, *past), poses((0, 0, 0), (-0.3, 0, 0), (-0.6, 0, 0)), MODEL
     )
     truth = np.asarray(wall(4.0))
     middle = np.abs(np.asarray(found.range_m) - truth)[:, 8:-8]
     assert np.mean(middle < 0.1) > 0.95
-    still = fuse(stack(present, *past), poses(*[(0, 0, 0)] * 3), SPEC)
+    still = fuse(stack(present, *past), poses(*[(0, 0, 0)] * 3), MODEL)
     wrong = np.abs(np.asarray(still.range_m) - truth)[:, 8:-8]
     assert np.mean(wrong < 0.1) < 0.2  # without the motion nothing agrees
 
@@ -92,8 +97,8 @@ def test_a_turn_moves_the_view_and_what_left_it_counts_no_frame():
     there = project(PointCloud(jnp.asarray(xyz), jnp.ones(len(xyz), bool)), FINE)
     past, present = frame_of(there), frame_of(here, returned=0.4)
     both = jnp.stack([jnp.asarray(STILL), jnp.asarray(pose)])
-    found = fuse(stack(present, past), both, SPEC)
-    alone = fuse(stack(present), poses((0, 0, 0)), SPEC)
+    found = fuse(stack(present, past), both, MODEL)
+    alone = fuse(stack(present), poses((0, 0, 0)), MODEL)
     gained = np.asarray(found.confidence - alone.confidence)
     seen = np.asarray(pixel_azimuths()) > np.deg2rad(-35)
     assert np.median(gained[:, seen]) > 0.1
@@ -114,17 +119,17 @@ def test_a_mover_is_kept_from_the_present_frame_and_leaves_no_trail():
     frames = stack(frame_of(here), frame_of(before))
     moving = np.zeros((2, *FINE.shape), bool)
     moving[0, 4:12, 40:48] = moving[1, 4:12, 20:28] = True
-    found = fuse(frames, poses(*[(0, 0, 0)] * 2), SPEC, moving=jnp.asarray(moving))
+    found = fuse(frames, poses(*[(0, 0, 0)] * 2), MODEL, moving=jnp.asarray(moving))
     np.testing.assert_allclose(found.range_m, here, rtol=1e-3)
     assert np.asarray(found.confidence)[4:12, 40:48].min() > 0.9
-    blind = fuse(frames, poses(*[(0, 0, 0)] * 2), SPEC)
+    blind = fuse(frames, poses(*[(0, 0, 0)] * 2), MODEL)
     assert np.asarray(blind.confidence)[4:12, 40:48].max() < 0.6
 
 
 def test_three_frames_of_a_radar_that_stands_still_are_as_sure_as_one():
     frame = frame_of(wall(4.0), wall(6.0), share=0.4)
-    one = fuse(stack(frame), poses((0, 0, 0)), SPEC)
-    three = fuse(stack(frame, frame, frame), poses(*[(0, 0, 0)] * 3), SPEC)
+    one = fuse(stack(frame), poses((0, 0, 0)), MODEL)
+    three = fuse(stack(frame, frame, frame), poses(*[(0, 0, 0)] * 3), MODEL)
     # A pixel's centre lies in its own pixel, also after the way there and back.
     np.testing.assert_allclose(three.confidence, one.confidence, atol=1e-3)
     np.testing.assert_allclose(three.range_m, one.range_m, atol=0.02)
@@ -132,10 +137,10 @@ def test_three_frames_of_a_radar_that_stands_still_are_as_sure_as_one():
 
 def test_a_frame_without_a_pose_is_left_out():
     present, other = frame_of(wall(4.0), returned=0.5), frame_of(wall(7.0))
-    alone = fuse(stack(present), poses((0, 0, 0)), SPEC)
+    alone = fuse(stack(present), poses((0, 0, 0)), MODEL)
     unknown = poses((0, 0, 0), (np.nan, 0, 0))
     for pose in (unknown, unknown.at[1].set(np.nan)):
-        found = fuse(stack(present, other), pose, SPEC)
+        found = fuse(stack(present, other), pose, MODEL)
         np.testing.assert_allclose(found.range_m, alone.range_m, rtol=1e-5)
         np.testing.assert_allclose(found.confidence, alone.confidence, rtol=1e-5)
 
@@ -168,4 +173,4 @@ def test_a_diffusion_model_and_missing_poses_are_refused():
         mixtures(jnp.zeros((64, 64, 24)), load_model("jradar-sim-diffusion"))
     frame = frame_of(wall(4.0))
     with pytest.raises(ValueError, match="one for each frame"):
-        fuse(stack(frame, frame), poses((0, 0, 0)), SPEC)
+        fuse(stack(frame, frame), poses((0, 0, 0)), MODEL)

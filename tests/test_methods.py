@@ -1,5 +1,7 @@
 """The answer of one pass: the likeliest window, and its probability."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,9 +16,9 @@ from jradar.diffusion import (
 )
 from jradar.model import draw, enhance
 from jradar.model.methods import likeliest_range
-from jradar.radar import Scatterers, simulate_cube
-from jradar.range_image import CalibrationSpec, ImageSpec, calibrated, encode_range
-from tests.models import SPEC, tiny_model
+from jradar.radar import Radar, Scatterers, simulate_cube
+from jradar.range_image import ConfidenceTable, ImageSpec, encode_range, frequency
+from tests.models import RADAR, SPEC, tiny_model
 
 MARGINAL = tiny_model(
     method="marginal",
@@ -24,7 +26,7 @@ MARGINAL = tiny_model(
         channels=8, multipliers=(1,), blocks=1, attention_levels=(), outputs=14
     ),
     noise=NoiseSpec(sigma_data=0.7, prediction=PREDICTIONS["mixture"]),
-    least_confidence=0.0,
+    confidence=ConfidenceTable.of((0.0, 1.0), least=0.0),
 )
 SOME = jnp.zeros((8, 8, 12)).at[3, 4, 5].set(1.0)
 
@@ -84,11 +86,11 @@ def test_a_model_of_one_pass_needs_no_randomness_and_takes_no_sampling_options()
 def test_confidence_is_calibrated_and_cuts_the_image():
     key = jax.random.key(0)
     raw = draw(key, SOME, MARGINAL)
-    spec = CalibrationSpec((0.0, 0.1, 1.0))
-    model = tiny_model(**{**vars(MARGINAL.spec), "calibration": spec})
+    table = ConfidenceTable.of((0.0, 0.1, 1.0), least=0.0)
+    model = dataclasses.replace(MARGINAL, confidence=table)
     found = draw(key, SOME, model)
     np.testing.assert_allclose(
-        found.confidence, calibrated(raw.confidence, spec), rtol=1e-6
+        found.confidence, frequency(raw.confidence, table), rtol=1e-6
     )
     least = float(np.median(found.confidence))
     kept = draw(key, SOME, model, least_confidence=least)
@@ -100,8 +102,8 @@ def test_the_cloud_carries_confidence_and_velocity():
     targets = Scatterers(
         jnp.array([[3.0, 0.5, 0.1], [4.0, -1.0, 0.0]]), jnp.zeros(2), jnp.full(2, 50.0)
     )
-    cube = simulate_cube(jax.random.key(0), targets, SPEC.radar, noise_power=1.0)
-    cloud = enhance(jax.random.key(1), cube, MARGINAL)
+    cube = simulate_cube(jax.random.key(0), targets, RADAR, noise_power=1.0)
+    cloud = enhance(jax.random.key(1), cube, Radar(RADAR), MARGINAL)
     valid = np.asarray(cloud.valid)
     assert valid.any() and cloud.confidence is not None
     confidence = np.asarray(cloud.confidence)[valid]

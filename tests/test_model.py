@@ -10,17 +10,27 @@ import pytest
 
 from jradar.diffusion import PREDICTIONS, SOLVERS, NoiseSpec, UNet
 from jradar.model import (
+    Card,
     Model,
     compiling,
     condition,
     draw,
     enhance,
+    enhance_points,
 )
-from jradar.radar import RadarSpec, Scatterers, simulate_cube
-from jradar.range_image import ImageSpec, encode_target, project
+from jradar.radar import Radar, RadarSpec, Scatterers, radar_points, simulate_cube
+from jradar.range_image import (
+    IDENTITY,
+    ConfidenceTable,
+    ImageSpec,
+    encode_target,
+    project,
+)
+from jradar.types import PointCloud
 from tests.models import tiny_model
 
 RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
+UNIT = Radar(RADAR)
 FINE = ImageSpec(8, 32)
 LIDAR = 4.0 + np.sin(np.arange(8 * 32.0)).reshape(FINE.shape)
 
@@ -79,7 +89,7 @@ def oracle(*images):
 
 def test_the_networks_image_becomes_the_cloud():
     cloud = enhance(
-        jax.random.key(1), echoes(jax.random.key(0)), oracle(LIDAR), draws=1
+        jax.random.key(1), echoes(jax.random.key(0)), UNIT, oracle(LIDAR), draws=1
     )
     assert cloud.xyz.shape == (8 * 32, 3)
     np.testing.assert_allclose(project(cloud, FINE), LIDAR, atol=1e-4)
@@ -125,19 +135,69 @@ def test_a_frame_without_echoes_gives_no_points(quick):
     assert not draw(jax.random.key(0), image, quick).range_m.any()
     assert draw(jax.random.key(0), image.at[3, 4, 5].set(1.0), quick).range_m.all()
     cube = jnp.zeros(RADAR.cube_shape, complex)
-    assert not enhance(jax.random.key(0), cube, quick).valid.any()
+    assert not enhance(jax.random.key(0), cube, UNIT, quick).valid.any()
     drawn = {"draws": 2, "steps": 2}
-    assert not enhance(jax.random.key(0), cube, oracle(LIDAR), **drawn).valid.any()
+    assert not enhance(
+        jax.random.key(0), cube, UNIT, oracle(LIDAR), **drawn
+    ).valid.any()
 
 
 def test_vmap_over_frames_equals_the_loop(quick):
     keys = jax.random.split(jax.random.key(0), 2)
     cubes = jnp.stack([echoes(key) for key in keys])
-    batch = jax.vmap(enhance, in_axes=(0, 0, None))(keys, cubes, quick)
+    batch = jax.vmap(enhance, (0, 0, None, None))(keys, cubes, UNIT, quick)
     assert batch.valid.any()
     for i in range(2):
-        alone = enhance(keys[i], cubes[i], quick)
+        alone = enhance(keys[i], cubes[i], UNIT, quick)
         np.testing.assert_allclose(batch.xyz[i], alone.xyz, atol=1e-3)
+
+
+def test_a_radar_of_another_slope_moves_a_target_in_proportion():
+    """What a cube without its radar would hide: the slope decides the range."""
+    target = Scatterers(jnp.array([[5.0, 0.0, 0.0]]), jnp.zeros(1), jnp.full(1, 50.0))
+    cube = simulate_cube(jax.random.key(0), target, RADAR, noise_power=1.0)
+    steep = dataclasses.replace(RADAR, slope_hz_per_s=2 * RADAR.slope_hz_per_s)
+    found = [
+        float(radar_points(cube, Radar(radar)).xyz[0, 0]) for radar in (RADAR, steep)
+    ]
+    np.testing.assert_allclose(found, [5.0, 2.5], atol=0.05)
+
+
+def test_points_of_any_origin_are_enhanced_as_those_of_the_cube(quick):
+    key, cube = jax.random.key(1), echoes(jax.random.key(0))
+    points = radar_points(cube, UNIT, points=quick.spec.points.fitted(RADAR))
+    expected = enhance(key, cube, UNIT, quick)
+    found = enhance_points(key, points, quick)
+    np.testing.assert_array_equal(found.xyz, expected.xyz)
+    np.testing.assert_array_equal(found.velocity, expected.velocity)
+    bare = PointCloud(points.xyz, points.valid)
+    assert enhance_points(key, bare, quick).velocity is None
+
+
+def test_models_of_other_cards_and_tables_share_programs_and_map_together(quick):
+    other = dataclasses.replace(
+        quick,
+        card=Card("another purpose", 9),
+        confidence=ConfidenceTable.of((0.0, 1.0), least=0.2),
+    )
+    other = dataclasses.replace(
+        other, confidence=other.confidence._replace(frequencies=IDENTITY.frequencies)
+    )
+    key, image = jax.random.key(0), jnp.ones((8, 8, 12))
+    draw(key, image, quick)
+    before = draw._cache_size()
+    draw(key, image, other)
+    assert draw._cache_size() == before
+    mean = jax.tree.map(lambda a, b: (a + b) / 2, quick, other)
+    assert mean.card == quick.card != other.card
+    assert float(mean.confidence.least) == pytest.approx((0.375 + 0.2) / 2)
+
+
+def test_what_a_user_holds_is_one_line(model):
+    for held in (model, UNIT.with_factors(jnp.ones(12)), model.card.radar):
+        assert len(repr(held).splitlines()) == 1
+    assert len(repr(model)) < 200 and "million parameters" in repr(model)
+    assert repr(UNIT).endswith("not calibrated)") and len(repr(UNIT)) < 200
 
 
 def test_a_gradient_reaches_the_parameters(quick):
@@ -172,15 +232,15 @@ def test_a_condition_that_skips_a_level_of_the_network_is_refused():
     )
     key, cube = jax.random.key(0), jnp.zeros(RADAR.cube_shape, complex)
     with pytest.raises(ValueError, match=r"none is .* where it entered in training"):
-        enhance(key, cube, Model(model.params, larger), draws=1, steps=1)
+        enhance(key, cube, UNIT, Model(model.params, larger), draws=1, steps=1)
 
 
-def test_another_radars_cube_is_told_apart(model):
+def test_another_radars_cube_is_refused(model):
     cube = jnp.zeros((2, 4, 16, 64), jnp.complex64)
     with pytest.raises(ValueError, match=r"cube has shape \(2, 4, 16, 64\)"):
-        condition(cube, model)
-    other = RadarSpec.awr1642(num_chirps=16, num_samples=64)
-    assert condition(cube, model, radar=other).shape == (8, 8, 12)
+        condition(cube, UNIT, model)
+    other = Radar(RadarSpec.awr1642(num_chirps=16, num_samples=64))
+    assert condition(cube, other, model).shape == (8, 8, 12)
 
 
 def test_compiler_options_change_no_result_and_unknown_ones_are_left_out(

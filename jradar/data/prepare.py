@@ -230,10 +230,8 @@ def _difference(found, wanted, key):
         return "{} were listed, now {} with other fields".format(*count)
     if isinstance(old, dict) and isinstance(new, dict):
         field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
-        old, new = old.get(field), new.get(field)
-        if isinstance(old, dict) and isinstance(new, dict):  # a spec within a spec
-            return _difference(old, new)
-        return f"{field} was {old}, now {new}"
+        inner = _difference(old, new, field)  # of a spec within a spec, its own field
+        return inner if " was " in inner else f"{field} was {inner}"
     if key == "names":
         gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
         return f"{len(gone)} removed {gone[:3]}, {len(added)} added {added[:3]}"

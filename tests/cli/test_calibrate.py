@@ -1,14 +1,14 @@
 """`jradar calibrate`: a file that `--radar` reads, better spectra, honest words."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
 
 from jradar.cli import main
-from jradar.radar import simulate_cube
+from jradar.radar import calibrate, simulate_cube
 from jradar.recordings import (
-    CaptureSpec,
-    calibrated_cube,
     open_recording,
     write_radar_toml,
 )
@@ -51,12 +51,12 @@ def test_the_written_file_calibrates_the_recording(recording, run_json, tmp_path
     assert phase["after"] < 2 < 5 < phase["before"]
     hidden = " ".join(found["not observable"])
     assert "turn of all azimuths" in hidden and "transmitter 2" in hidden
-    factors = open_recording(path, file).channel_factors
+    factors = open_recording(path, file).radar.channels
     assert factors is not None and len(found["channels"]) == 12
     plain, better = open_recording(path), open_recording(path, file)
-    ratio = calibrated_cube(better, 0) / calibrated_cube(plain, 0)
-    np.testing.assert_allclose(ratio[:, :, 0, 0].ravel(), factors, rtol=1e-3)
-    assert better.radar == plain.radar and better.range_bias_m == 0.05
+    ratio = calibrate(better.cube(0), better.radar) / plain.cube(0)
+    np.testing.assert_allclose(ratio[:, :, 0, 0], factors, rtol=1e-3)
+    assert better.radar.spec == plain.radar.spec and better.radar.range_bias_m == 0.05
 
 
 def test_a_calibrated_recording_is_calibrated_again_on_top(
@@ -66,7 +66,7 @@ def test_a_calibrated_recording_is_calibrated_again_on_top(
     first, again = tmp_path / "first.toml", tmp_path / "again.toml"
     run_json("calibrate", path, "-o", first)
     run_json("calibrate", path, "-o", again, "--radar", first)
-    before, after = (open_recording(path, f).channel_factors for f in (first, again))
+    before, after = (open_recording(path, f).radar.channels for f in (first, again))
     np.testing.assert_allclose(after, before, atol=0.03)
 
 
@@ -106,11 +106,11 @@ def test_what_cannot_be_calibrated_is_named(recording, tmp_path, capsys):
 def test_a_sequence_takes_the_radar_and_the_factors_of_a_file(sequence, tmp_path):
     """The file replaces the radar in ColoRadar's calib folder, not its transforms."""
     plain, file = open_recording(sequence), tmp_path / "calibrated.toml"
-    factors = tuple((1.0 + 0.1j * np.arange(plain.radar.num_virtual)).tolist())
-    capture = CaptureSpec(range_bias_m=0.05, channel_factors=factors)
-    write_radar_toml(file, plain.radar, capture)
+    factors = 1.0 + 0.1j * np.arange(plain.radar.spec.num_virtual)
+    measured = dataclasses.replace(plain.radar, range_bias_m=0.05)
+    write_radar_toml(file, measured.with_factors(factors))
     found = open_recording(sequence, file)
-    assert (found.radar, found.range_bias_m) == (plain.radar, 0.05)
+    assert found.radar.spec == plain.radar.spec and found.radar.range_bias_m == 0.05
     np.testing.assert_array_equal(found.base_from_radar, plain.base_from_radar)
-    ratio = calibrated_cube(found, 0)[..., 1, 1] / calibrated_cube(plain, 0)[..., 1, 1]
-    np.testing.assert_allclose(ratio.ravel(), factors, rtol=1e-3)
+    ratio = calibrate(found.cube(0), found.radar) / plain.cube(0)
+    np.testing.assert_allclose(ratio[..., 1, 1].ravel(), factors, rtol=1e-3)

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 
 from jradar import model as models
-from jradar.cli import enhancing, main
-from jradar.model import Model, condition, draw, load_model, save_model
+from jradar.cli import main
+from jradar.model import condition, draw, load_model, save_model
 from jradar.radar import radar_points
 from jradar.range_image import condition_features, fit_trust
 from jradar.recordings import (
-    calibrated_cube,
+    Recording,
     open_recording,
     read_cloud,
     without_background,
 )
+from jradar.session import Stopwatch
 from tests.cli.conftest import MODEL, NETWORK, write_cube
 from tests.models import tiny_model
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -42,7 +43,7 @@ def test_the_result_is_the_librarys(small_cube, model_folder, run_json, tmp_path
     recording = open_recording(small_cube)
     image = draw(
         jax.random.key(3),
-        condition(calibrated_cube(recording, 0), MODEL, radar=recording.radar),
+        condition(recording.cube(0), recording.radar, MODEL),
         load_model(model_folder),
         draws=2,
         steps=1,
@@ -78,7 +79,7 @@ def test_a_frame_is_processed_while_another_is_in_the_network(
 ):
     begun, waited = threading.Event(), []
     seen = collections.Counter()
-    call = enhancing.Stopwatch.__call__
+    call = Stopwatch.__call__
 
     def spy(watch, stage, *rest):
         seen[stage] += 1
@@ -88,7 +89,7 @@ def test_a_frame_is_processed_while_another_is_in_the_network(
             waited.append(begun.wait(60))
         return call(watch, stage, *rest)
 
-    monkeypatch.setattr(enhancing.Stopwatch, "__call__", spy)
+    monkeypatch.setattr(Stopwatch, "__call__", spy)
     command = ["enhance", sequence, "--model", model_folder, *QUICK]
     run_json(*command, "-o", tmp_path, "--frames", "10:")
     assert waited == [True]
@@ -97,14 +98,14 @@ def test_a_frame_is_processed_while_another_is_in_the_network(
 def test_a_frame_that_cannot_be_read_ends_the_recording(
     sequence, model_folder, tmp_path, monkeypatch, capsys
 ):
-    read = enhancing.recordings.calibrated_cube
+    read = Recording.cube
 
     def failing(recording, frame):
         if frame == 3:
             raise ValueError("frame 3 is damaged")
         return read(recording, frame)
 
-    monkeypatch.setattr(enhancing.recordings, "calibrated_cube", failing)
+    monkeypatch.setattr(Recording, "cube", failing)
     command = ["enhance", sequence, "--model", model_folder, *QUICK, "--frames", ":"]
     assert main([*map(str, command), "-o", str(tmp_path)]) == 4
     assert "frame 3 is damaged" in capsys.readouterr().err
@@ -128,21 +129,19 @@ def test_another_radar_than_in_training_is_noted(
 
 def test_a_frame_unlike_training_is_not_to_be_trusted(small_cube, run_json, tmp_path):
     recording = open_recording(small_cube)
-    seen = condition(calibrated_cube(recording, 0), MODEL, radar=recording.radar)
+    seen = condition(recording.cube(0), recording.radar, MODEL)
     usual = np.asarray(condition_features(seen))
     noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
     found = []
     for name, mean in (("like", usual), ("unlike", usual + 1.0)):
-        spec = dataclasses.replace(MODEL.spec, trust=fit_trust(mean + noise))
-        save_model(tmp_path / name, Model(MODEL.params, spec))
+        trusting = dataclasses.replace(MODEL, trust=fit_trust(mean + noise))
+        save_model(tmp_path / name, trusting)
         command = ["enhance", small_cube, "--model", tmp_path / name, *QUICK]
         found.append(run_json(*command, "-o", tmp_path / "out"))
     like, unlike = found
     assert like["unlike training (%)"] < 99 and not like["notes"]
     assert unlike["unlike training (%)"] == 100
-    assert any(
-        "frame 0 of 1: the radar points look" in note for note in unlike["notes"]
-    )
+    assert any("frame 0 of 1 is unlike 99 % of" in note for note in unlike["notes"])
 
 
 def test_a_radar_with_real_samples_and_a_silent_frame(model_folder, run_json, tmp_path):
@@ -232,7 +231,7 @@ def test_background_and_interference_reach_the_radar_points(
     recording = without_background(open_recording(small_cube), slice(None))
     points = dataclasses.replace(MODEL.spec.points, remove_interference=True)
     expected = radar_points(
-        recording.cubes[0], recording.radar, points=points.fitted(recording.radar)
+        recording.cubes[0], recording.radar, points=points.fitted(recording.radar.spec)
     )
     xyz = np.asarray(expected.xyz)[np.asarray(expected.valid)]
     columns = read_cloud(tmp_path / "radar.ply")

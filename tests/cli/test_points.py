@@ -1,5 +1,7 @@
 """`jradar points`: options reach the library, limits hold, files belong together."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,6 @@ from jradar.radar import (
     subtract_background,
 )
 from jradar.recordings import (
-    calibrated_cube,
     open_recording,
     read_cloud,
     valid_points,
@@ -46,9 +47,9 @@ def test_options_of_the_detector_are_the_librarys(small_cube, run_json, tmp_path
     recording = open_recording(small_cube)
     spec = PointSpec(guard=(1, 3), train=(5, 6), angles="music", capacity=99)
     expected = radar_points(
-        calibrated_cube(recording, 0),
+        recording.cube(0),
         recording.radar,
-        points=spec.fitted(recording.radar),
+        points=spec.fitted(recording.radar.spec),
     )
     with np.load(tmp_path / "radar.npz") as file:
         for name, column in valid_points(expected).items():
@@ -61,10 +62,10 @@ def test_further_options_and_deviations_are_the_librarys(
     options = ["--group-peaks", "--folds", 1, "--focus", "--deviations"]
     run_json("points", small_cube, "-o", tmp_path, *options)
     recording = open_recording(small_cube)
-    spec = PointSpec(group_peaks=True, folds=1, focus=True).fitted(recording.radar)
-    cube = calibrated_cube(recording, 0)
+    spec = PointSpec(group_peaks=True, folds=1, focus=True).fitted(recording.radar.spec)
+    cube = recording.cube(0)
     expected = radar_points(cube, recording.radar, points=spec)
-    found = point_deviations(expected, recording.radar, points=spec)
+    found = point_deviations(expected, recording.radar.spec, points=spec)
     with np.load(tmp_path / "radar.npz") as file:
         for name, column in valid_points(expected).items():
             np.testing.assert_array_equal(file[name], column)
@@ -162,20 +163,21 @@ def test_background_and_interference_are_removed_as_by_the_library(
     )
     spec = PointSpec(remove_interference=True)
     expected = radar_points(
-        calibrated_cube(left, 0),
+        left.cubes[0],
         recording.radar,
-        points=spec.fitted(recording.radar),
-        range_bias_m=recording.range_bias_m,
+        points=spec.fitted(recording.radar.spec),
     )
     with np.load(tmp_path / "radar.npz") as file:
         for name, column in valid_points(expected).items():
             np.testing.assert_allclose(file[name], column, rtol=1e-3, atol=1e-3)
 
 
-def test_the_coupling_is_part_of_the_background(sequence):
-    recording = open_recording(sequence)._replace(coupling=np.ones((2, 2, 4)))
+def test_the_leakage_is_part_of_the_background(sequence):
+    recording = open_recording(sequence)
+    measured = dataclasses.replace(recording.radar, leakage=np.ones((2, 2, 4)))
+    recording = recording._replace(radar=measured)
     left = without_background(recording, slice(None))
-    assert left.coupling is None and len(left.cubes) == len(recording.cubes)
+    assert left.radar.leakage is None and len(left.cubes) == len(recording.cubes)
     np.testing.assert_array_equal(left.cubes.stamps, recording.cubes.stamps)
 
 

@@ -25,7 +25,7 @@ FRAMES = 4
 
 def at_middle(found):
     """The recording with the frames' first chirps so that STAMPS are their middles."""
-    stamps = STAMPS - found.radar.frame_middle_s
+    stamps = STAMPS - found.radar.spec.frame_middle_s
     return found._replace(cubes=Stream(lambda k: None, len(stamps), stamps))
 
 

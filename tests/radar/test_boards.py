@@ -126,9 +126,10 @@ def test_a_factor_turns_the_phase_of_real_samples():
     radar = radar_of("awr2944")
     cube = corner(radar)
     factors = jnp.exp(1j * jnp.linspace(0, 3, radar.num_virtual))
-    turned = calibrate_channels(cube, factors)
+    unit = Radar(radar).with_factors(factors)
+    turned = calibrate(cube, unit)
     assert turned.dtype == jnp.float32
-    back = calibrate_channels(turned, factors.conj())
+    back = calibrate(turned, Radar(radar).with_factors(factors.conj()))
     np.testing.assert_allclose(back[..., 8:-8], cube[..., 8:-8], atol=20.0)
     cloud = radar_points(back, Radar(radar), points=PointSpec(capacity=16))
     np.testing.assert_allclose(cloud.xyz[0], CORNER, atol=0.06)

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.range_image import ConfidenceTable, frequency, fit_confidence
+from jradar.range_image import ConfidenceTable, fit_confidence, frequency
 
 RNG = np.random.default_rng(0)
 

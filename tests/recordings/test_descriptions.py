@@ -85,14 +85,14 @@ def test_logs_of_the_capture_card_describe_nothing(capture, tmp_path):
     (tmp_path / "sensor_start.cfg").write_text("sensorStart\n")
     (tmp_path / "folder.cfg").mkdir()
     (tmp_path / "notes.toml").write_text("[place]\nname = 'hall'\n")
-    assert open_recording(capture).radar.num_chirps == 4
+    assert open_recording(capture).radar.spec.num_chirps == 4
 
 
 def test_a_capture_toml_is_no_second_description(capture, tmp_path):
     (tmp_path / "capture.toml").write_text(
         '[radar]\nfile = "adc_data.bin"\ndescription = "adc_LogFile.txt"\n'
     )
-    assert open_recording(capture).radar.num_chirps == 4
+    assert open_recording(capture).radar.spec.num_chirps == 4
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_a_capture_takes_the_description_of_its_name(
         text = text.replace("3,4,200000", f"3,{4 if number == taken else 5},200000")
         text = "profileCfg" if other.endswith(".cfg") else text
         (tmp_path / other).write_text(text)
-    assert open_recording(path).radar.num_chirps == 4
+    assert open_recording(path).radar.spec.num_chirps == 4
 
 
 def test_several_descriptions_are_listed(capture, tmp_path):
@@ -179,7 +179,7 @@ def test_a_json_beside_its_capture(capture, tmp_path, studio):
     two["mmWaveDevices"][0]["rfConfig"]["rlFrameCfg_t"]["chirpEndIdx"] = 1
     studio(two)
     (tmp_path / "cf.json").write_text(json.dumps(CARD))
-    assert open_recording(capture).radar.cube_shape == SHAPE
+    assert open_recording(capture).radar.spec.cube_shape == SHAPE
 
 
 def test_the_card_is_no_radar(tmp_path, samples):

@@ -20,7 +20,7 @@ from tests.recordings.cube_writer import (
 def test_studio_file_written_byte_by_byte(tmp_path):
     many = random_cube((3, *SHAPE))
     recording = open_recording(save_studio(tmp_path, many))
-    assert recording.radar.frame_period_s == pytest.approx(1e-3)
+    assert recording.radar.spec.frame_period_s == pytest.approx(1e-3)
     assert len(recording.cubes) == 3
     np.testing.assert_array_equal(np.stack([*recording.cubes]), many)
 
@@ -34,7 +34,7 @@ def test_frames_of_one_chirp_serve_as_slow_time(tmp_path):
     assert "5 frames were taken as chirps" in merged.notes[-1]
     slow_time = many[:, :, :, 0].transpose(1, 2, 0, 3)
     np.testing.assert_array_equal(merged.cubes[0], slow_time)
-    assert merged.radar.turn_period_s == pytest.approx(1e-3)
+    assert merged.radar.spec.turn_period_s == pytest.approx(1e-3)
     with pytest.raises(ValueError, match="4 chirps of 2 transmitters"):
         open_recording(
             save_studio(tmp_path, random_cube((3, *SHAPE))), frames_as_chirps=True
@@ -150,7 +150,7 @@ def test_a_description_of_any_kind_serves_any_file(tmp_path):
     cube = random_cube()
     log = save_studio(tmp_path, [cube]).with_name("adc_LogFile.txt")
     path = save(tmp_path, cube)
-    assert open_recording(path, log).radar == read_description(log).radar
+    assert open_recording(path, log).radar.spec == read_description(log).radar
     binary = open_recording(tmp_path / "adc_data.bin", tmp_path / "radar.toml")
     np.testing.assert_array_equal(binary.cubes[0], cube)
     with pytest.raises(UsageError, match="device = 'awr1642' does not apply .*.toml"):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings import estimate_time_offset, propose_offset
 from jradar.recordings.recording import Recording, Stream
 from jradar.recordings.time_offset import radar_speed
@@ -124,7 +124,7 @@ def recording(offset, radar=RADAR, cubes=cube):
     return Recording(
         name="rig",
         path=Path("rig"),
-        radar=radar,
+        radar=Radar(radar),
         cubes=Stream(radar_frame, len(radar_stamps), radar_stamps),
         lidar=Stream(cloud, len(lidar_stamps), lidar_stamps),
     )

@@ -123,11 +123,11 @@ def test_focused_cells_are_the_focused_points():
     points = PointSpec(
         detector="ca", guard=(0, 2), train=(0, 4), capacity=8, focus=True
     )
-    bias = {"range_bias_m": 0.1}
-    cells = all_cells(cube, Radar(radar), points=points, **bias)
+    unit = Radar(radar, range_bias_m=0.1)
+    cells = all_cells(cube, unit, points=points)
     mask = detect(cells.power, radar, points=points)
-    found = cell_points(cells, mask, Radar(radar), points=points, **bias)
-    expected = radar_points(cube, Radar(radar), points=points, **bias)
+    found = cell_points(cells, mask, unit, points=points)
+    expected = radar_points(cube, unit, points=points)
     assert expected.valid.any()
     np.testing.assert_allclose(found.xyz, expected.xyz, atol=1e-4)
 

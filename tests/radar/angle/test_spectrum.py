@@ -137,20 +137,6 @@ def test_gradient_is_the_slope():
     np.testing.assert_allclose(jax.grad(azimuth)(cell.real)[3], slope, rtol=0.02)
 
 
-def test_flips_turn_the_angles_around():
-    cell = plane_wave(CHIP, 0.4, -0.2)
-    spectrum = angle_spectrum(cell, CHIP)
-    for find in (
-        lambda **flips: directions(cell, CHIP, **flips),
-        lambda **flips: strongest_direction(spectrum, CHIP, **flips),
-        lambda **flips: spectrum_peaks(spectrum, CHIP, count=1, **flips)[:2],
-    ):
-        azimuth, elevation = find()
-        assert azimuth > 0.3 and elevation < -0.1
-        assert find(flip_azimuth=True) == (-azimuth, elevation)
-        assert find(flip_elevation=True) == (azimuth, -elevation)
-
-
 def test_two_targets_of_a_cell_are_both_found():
     cell = plane_wave(FULL, -0.3, 0.4) + 0.8j * plane_wave(FULL, -0.2, -0.4)
     spectrum = angle_spectrum(cell, FULL)

@@ -187,6 +187,7 @@ def test_unusable_coupling_is_refused(tmp_path, text, message):
         read_coupling(path)
 
 
+RADAR = RadarSpec.awr1843()
 FREQUENCY_PHASE = {
     "numTx": 2,
     "numRx": 3,
@@ -200,11 +201,12 @@ FREQUENCY_PHASE = {
 def test_frequency_and_phase_lie_by_tx_and_rx(tmp_path):
     path = tmp_path / "phase_frequency_calib.txt"
     path.write_text(json.dumps({"antennaCalib": FREQUENCY_PHASE}))
-    measured = read_frequency_phase(path)
-    np.testing.assert_array_equal(measured.frequency, [[30.5, 31, 32], [33, 34, 35]])
-    expected = [[1 + 2j, 3 + 4j, 5 + 6j], [7 + 8j, 9 + 10j, 11 + 12j]]
-    np.testing.assert_array_equal(measured.phase, expected)
-    assert (measured.slope_hz_per_s, measured.sample_rate_hz) == (79e12, 8e6)
+    channels, bins = read_frequency_phase(path, RADAR)
+    scale = RADAR.slope_hz_per_s / 79e12 * 8e6 / RADAR.sample_rate_hz
+    expected = np.array([[0, 0.5, 1.5], [2.5, 3.5, 4.5]]) * scale
+    np.testing.assert_allclose(bins, expected, rtol=1e-6)
+    phase = np.array([[1 + 2j, 3 + 4j, 5 + 6j], [7 + 8j, 9 + 10j, 11 + 12j]])
+    np.testing.assert_allclose(channels, (1 + 2j) / phase, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -214,6 +216,7 @@ def test_frequency_and_phase_lie_by_tx_and_rx(tmp_path):
         ({"numTx": None}, "expected a list of finite numbers"),
         ({"samplingRate": 0}, "samplingRate = 0.0, expected positive"),
         ({"frequencySlope": "steep"}, "expected numbers"),
+        ({"frequencySlope": 79.0}, "slopes in Hz/s differ by a factor of 1.27e"),
         ({"phaseCalibrationMatrix": [0] * 12}, "a phase is 0"),
         ({"phaseCalibrationMatrix": {"re": 1}}, "TypeError.*, expected antennaCalib"),
     ],
@@ -222,7 +225,7 @@ def test_unusable_frequency_and_phase_are_refused(tmp_path, changes, message):
     path = tmp_path / "phase_frequency_calib.txt"
     path.write_text(json.dumps({"antennaCalib": FREQUENCY_PHASE | changes}))
     with pytest.raises(ValueError, match=message):
-        read_frequency_phase(path)
+        read_frequency_phase(path, RADAR)
 
 
 @pytest.mark.parametrize(
@@ -237,7 +240,7 @@ def test_other_json_is_refused(tmp_path, text, message):
     path = tmp_path / "phase_frequency_calib.txt"
     path.write_text(text)
     with pytest.raises(ValueError, match=message):
-        read_frequency_phase(path)
+        read_frequency_phase(path, RADAR)
 
 
 def test_real_values_of_the_data_set(samples):

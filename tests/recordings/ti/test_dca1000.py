@@ -72,9 +72,9 @@ def test_times_and_channel_factors_of_a_cfg(write):
     np.testing.assert_allclose(recording.cubes.stamps, [0, 0.1, 0.2])
     assert recording.range_bias_m == 0.05
     # The board's third transmitter, mask 4, fires second.
-    assert np.flatnonzero(recording.channel_factors == -1j).tolist() == [7]
+    assert np.flatnonzero(recording.radar.channels == -1j).tolist() == [7]
     plain = open_dca1000(*write(as_bytes(random_cubes())))
-    assert plain.channel_factors is None and plain.lost_bytes is None
+    assert plain.radar.channels is None and plain.lost_bytes is None
     assert plain.name == "adc_data" and plain.notes == ()
 
 

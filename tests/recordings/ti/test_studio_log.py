@@ -89,7 +89,7 @@ def test_the_choice_is_reported_and_can_be_made(tmp_path):
     with pytest.raises(ValueError, match=f"multiple of 1,792 .* {sizes}"):
         open_recording(path)
     recording = open_recording(path, f"{log}#1")
-    assert recording.radar.num_chirps == 4
+    assert recording.radar.spec.num_chirps == 4
     assert recording.notes == (
         "adc_LogFile.txt holds 2 configurations (tx x rx x chirps x samples, "
         f"range bin, frame period: {sizes}); #1 was taken, --radar {log}#1 "
