@@ -8,9 +8,9 @@ import numpy as np
 
 from jradar import recordings, viz
 from jradar.cli.limits import check_limits, within_limits
+from jradar.cli.point_options import given_points
 from jradar.cli.reading import (
     echoes,
-    given,
     open_frames,
     summary,
 )
@@ -31,19 +31,13 @@ from jradar.recordings import Recording, check_samples
 from jradar.session.warnings import no_echoes
 from jradar.types import PointCloud
 
-SPEC_OPTIONS = (
-    *("detector", "false_alarm_rate", "guard", "train", "capacity"),
-    *("remove_static", "remove_interference", "angles"),
-    *("group_peaks", "folds", "focus"),
-)
-
 
 def detect_frames(options: argparse.Namespace) -> dict[str, Any]:
     """Detect points in the frames that the options name, and write the results."""
     check_limits(options)
     check_flat(options)
     try:
-        spec = PointSpec(**given(options, *SPEC_OPTIONS))
+        spec = PointSpec(**given_points(options))
     except ValueError as error:
         raise UsageError(str(error)) from error
     recording, frames = open_frames(options)
@@ -143,7 +137,7 @@ def _fitted(options, spec: PointSpec, radar: RadarSpec):
     """Yield a note if the CFAR window that the user asked for had to shrink."""
     fitted = spec.fitted(radar)
     shrunk = (fitted.guard, fitted.train) != (spec.guard, spec.train)
-    if shrunk and given(options, "guard", "train"):
+    if shrunk and {"guard", "train"} & given_points(options).keys():
         yield (
             f"the CFAR window was shrunk to guard {fitted.guard}, train "
             f"{fitted.train}: a larger one does not fit into the map of "

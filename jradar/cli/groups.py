@@ -36,8 +36,7 @@ def recording(sub):
     """Add how a recording is opened."""
     text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
     option(sub, "--radar", "FILE", text)
-    text = f"board that a .cfg was written for: {', '.join(DEVICES)} (default: awr1843)"
-    option(sub, "--device", "NAME", text, choices=DEVICES)
+    device(sub)
     sub.add_argument(
         "--sensor",
         choices=("single_chip", "cascade"),
@@ -48,6 +47,12 @@ def recording(sub):
     option(sub, "--iq-order", "ORDER", text)
     text = "accept an adc_data.bin that ends inside a frame; leave that frame out"
     flag(sub, "--allow-partial", text)
+
+
+def device(sub):
+    """Add the board of a .cfg."""
+    text = f"board that a .cfg was written for: {', '.join(DEVICES)} (default: awr1843)"
+    option(sub, "--device", "NAME", text, choices=DEVICES)
 
 
 def frame(sub, *, several: bool = False):
@@ -75,12 +80,10 @@ def output(sub, metavar="DIR", text="output folder, created if missing"):
     sub.set_defaults(output_is_folder=metavar == "DIR", output_may_stream=False)
 
 
-def cleaning(sub):
-    """Add what is removed from the samples."""
-    text = "excise crossing chirps of other radars from the samples"
-    flag(sub, "--remove-interference", text)
-    text = "subtract the mean of frames A to B-1, for a radar that stands still; : is "
-    text += "the whole recording, frames of the empty room are better"
+def background(sub):
+    """Add which frames of a standing radar are its background."""
+    text = "subtract the mean of frames A to B-1, for a radar that stands still: best "
+    text += "frames of the empty room, or all of them with :"
     option(sub, "--background", "A:B", text, type=values.frames)
 
 

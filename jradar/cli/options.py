@@ -11,6 +11,7 @@ from collections.abc import Callable
 from jradar import __version__
 from jradar.cli import commands, groups, values
 from jradar.cli.one_line import Parser
+from jradar.cli.point_options import add_point_options
 
 RECORDING_HELP = """\
 PATH is a recording:
@@ -66,7 +67,7 @@ SETS = (
     *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
     *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
 )
-MAX_FOLDS, MAX_FUSED = 16, 16
+MAX_FUSED = 16
 
 
 def parser() -> argparse.ArgumentParser:
@@ -116,34 +117,10 @@ def _points(sub):
     groups.recording(sub)
     groups.frame(sub, several=True)
     groups.output(sub)
-    text = (
-        "CFAR detector: ca (cell averaging), go (greatest of), so (smallest of) or os "
-        "(ordered statistic) (default: os)"
-    )
-    groups.option(sub, "--detector", "NAME", text)
-    text = "probability that a cell of pure noise is detected (default: 0.001)"
-    groups.option(sub, "--false-alarm-rate", "RATE", text, type=values.rate)
-    text = "cells beside the tested one that are no noise, in Doppler and in range"
-    groups.option(sub, "--guard", "D,R", f"{text} (default: 2,2)", type=values.cells)
-    text = "cells beyond the guard cells that measure the noise (default: 4,4)"
-    groups.option(sub, "--train", "D,R", text, type=values.cells)
-    groups.count(
-        sub, "--capacity", "keep at most the N strongest points (default: 1024)"
-    )
-    groups.flag(sub, "--remove-static", "keep only echoes that move")
-    groups.flag(
-        sub, "--group-peaks", "keep one cell of each target: the peaks of the map"
-    )
-    text = "also tell velocities up to 2 N + 1 times the unambiguous one apart"
-    groups.count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
-    text = "focus wide arrays, such as a cascade's, on each target: delays, near field"
-    groups.flag(sub, "--focus", text)
+    add_point_options(sub)
     text = "also write the standard deviation of each coordinate to the NPZ file"
     groups.flag(sub, "--deviations", text)
-    groups.cleaning(sub)
-    text = "fft (beamforming), or music or capon for azimuths finer than a beam "
-    text += "(default: fft)"
-    groups.option(sub, "--angles", "NAME", text)
+    groups.background(sub)
     groups.clouds(sub)
 
 
@@ -156,7 +133,8 @@ def _enhance(sub):
     text = "name of a shipped model, or folder of a model (default: %(default)s)"
     groups.option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
     groups.anyway(sub)
-    groups.cleaning(sub)
+    add_point_options(sub, "remove_interference")
+    groups.background(sub)
     groups.drawing(sub)
     text = "fuse each frame with the N - 1 before it, by the recording's poses, or by "
     text += "the radar's velocity with its IMU or alone (default: %(default)s)"
@@ -238,8 +216,7 @@ def _odometry(sub):
         "or not at all (default: imu if there is one, else none)"
     )
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
-    text = "also find velocities up to 2 N + 1 times the unambiguous one"
-    groups.count(sub, "--folds", f"{text} (default: 0)", most=MAX_FOLDS)
+    add_point_options(sub, "folds")
 
 
 def _prepare(sub):
@@ -293,5 +270,9 @@ def _export(sub):
     sub.add_argument("model", metavar="MODEL", help=text)
     groups.output(sub, "FILE", "file to write")
     groups.drawing(sub)
-    text = "coupling_calib.txt of the radar unit that will use the file"
+    text = "description of the radar that will use the file, with its calibration "
+    text += "(default: the radar of the model's training, not calibrated)"
+    groups.option(sub, "--radar", "FILE", text)
+    groups.device(sub)
+    text = "ColoRadar's coupling_calib.txt of that radar: the leakage of its antennas"
     groups.option(sub, "--coupling", "FILE", text)

@@ -1,9 +1,11 @@
 """Options: usage errors, help without JAX, and defaults equal to the library's."""
 
 import argparse
+import dataclasses
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from jradar import motion, simulation
@@ -26,8 +28,8 @@ BIG = str(10**30)
         (["info"], "required: PATH"),
         (["inform", "x.npy"], "invalid choice: 'inform'"),
         (["points", "x.npy"], "required: -o"),
-        (["points", "x", "-o", "y", "--false-alarm-rate", "2"], "expected more than 0"),
-        (["points", "x", "-o", "y", "--capacity", "0"], "expected 1 to"),
+        (["points", "x", "-o", "y", "--factor", "0"], "expected a number above 0"),
+        (["points", "x", "-o", "y", "--capacity", "-1"], "expected 0 to"),
         (["points", "x", "-o", "y", "--guard", "2"], "expected D,R"),
         (["points", "x", "-o", "y", "--train", "4,99"], "expected 0 to 32"),
         (["points", "x", "-o", "y", "--max-range", "nan"], "expected a number above 0"),
@@ -77,22 +79,28 @@ def test_choices_are_those_of_the_library():
 def test_help_shows_the_defaults_of_the_library():
     (commands,) = parser()._subparsers._group_actions
     text = commands.choices["points"].format_help()
-    assert all(f"{name} (" in text for name in DETECTORS)
+    assert all(name in text for name in DETECTORS)
     actions = {a.dest: a for a in commands.choices["simulate"]._actions}
     assert f"{SCENE_FRAMES} for a scene, {FRAMES} in a set" in actions["frames"].help
     actions = {a.dest: a for a in commands.choices["points"]._actions}
-    spec = PointSpec()
-    for name in (
-        "detector",
-        "false_alarm_rate",
-        "guard",
-        "train",
-        "capacity",
-        "angles",
+    for field in dataclasses.fields(PointSpec):
+        action = actions[field.name]
+        assert action.default is None and len(action.help) > 20
+        if field.default is not None and not isinstance(field.default, bool):
+            value = str(field.default).strip("()").replace(", ", ",")
+            assert f"(default: {value})" in action.help
+
+
+def test_an_option_that_no_radar_could_use_is_named(tmp_path, capsys):
+    np.save(tmp_path / "x.npy", np.zeros(3))
+    command = ["points", str(tmp_path / "x.npy"), "-o", str(tmp_path / "y")]
+    for option, message in (
+        (["--false-alarm-rate", "2"], "false_alarm_rate = 2.0, expected 0 < rate"),
+        (["--capacity", "0"], "capacity = 0, expected 1 to 1,048,576"),
+        (["--detector", "cfar"], "detector = 'cfar', expected one of"),
     ):
-        value = str(getattr(spec, name)).strip("()").replace(", ", ",")
-        assert f"(default: {value})" in actions[name].help
-        assert actions[name].default is None
+        assert main([*command, *option]) == 2
+        assert message in capsys.readouterr().err
 
 
 def test_every_option_has_a_help_text_and_a_description():

@@ -42,7 +42,6 @@ higher than asked: up to 2.3 times with Hann and 2.9 times with Blackman for SO.
 """
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -145,32 +144,55 @@ def cfar(
     return mask
 
 
-def ca_cfar(power: Power, **options: Any) -> Mask:
-    """Cell averaging: `cfar` above the mean of all training cells."""
-    return cfar(power, kind="ca", **options)
+def _detector(kind: str, summary: str):
+    """Return the detector of a kind, with the options of `cfar`."""
+
+    def detector(
+        power: Power,
+        *,
+        false_alarm_rate: float | None = None,
+        channels: int = 1,
+        guard: tuple[int, int] = GUARD,
+        train: tuple[int, int] = TRAIN,
+        windows: tuple[str, str] = NO_WINDOWS,
+        edge: str = "shrink",
+        factor: float | None = None,
+    ) -> Mask:
+        return cfar(
+            power,
+            kind=kind,
+            false_alarm_rate=false_alarm_rate,
+            channels=channels,
+            guard=guard,
+            train=train,
+            windows=windows,
+            edge=edge,
+            factor=factor,
+        )
+
+    detector.__name__ = detector.__qualname__ = f"{kind}_cfar"
+    detector.__doc__ = f"{summary}\n\nThe options and errors are those of `cfar`."
+    return detector
 
 
-def go_cfar(power: Power, **options: Any) -> Mask:
-    """Greatest of: `cfar` above the greater of the means of two halves.
-
-    It gives fewer false alarms where clutter begins.
-    """
-    return cfar(power, kind="go", **options)
-
-
-def so_cfar(power: Power, **options: Any) -> Mask:
-    """Smallest of: `cfar` above the smaller of the means of two halves.
-
-    It finds targets beside other targets.
-    """
-    return cfar(power, kind="so", **options)
-
-
-def os_cfar(power: Power, **options: Any) -> Mask:
-    """Ordered statistic: `cfar` above the cell at three quarters of the rank."""
-    return cfar(power, kind="os", **options)
-
-
+ca_cfar = _detector(
+    "ca", "Cell averaging: marks cells above the mean of all training cells."
+)
+go_cfar = _detector(
+    "go",
+    "Greatest of: marks cells above the greater of the means of two halves. It gives\n"
+    "fewer false alarms where clutter begins.",
+)
+so_cfar = _detector(
+    "so",
+    "Smallest of: marks cells above the smaller of the means of two halves. It finds\n"
+    "targets next to other targets.",
+)
+os_cfar = _detector(
+    "os",
+    "Ordered statistic: marks cells above the training cell at three quarters of the\n"
+    "rank.",
+)
 DETECTORS = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}
 
 
