@@ -1,13 +1,13 @@
-"""Tables and curves that tasks and studies write."""
+"""Means and curves that tasks and studies write; tables are those of `evaluation`."""
 
-import csv
-import io
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
+
+from jradar.evaluation import csv_text as csv_text, markdown_table as markdown_table
 
 Rows = list[dict[str, Any]]
 
@@ -36,21 +36,6 @@ def known_mean(values: Iterable[float]) -> float:
     """Return the mean of the values that are not NaN, or NaN if there is none."""
     known = [value for value in values if not np.isnan(value)]
     return float(np.mean(known)) if known else np.nan
-
-
-def csv_text(rows: Rows) -> str:
-    """Return rows as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [*rows[0]], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def markdown_table(titles: list[str], rows: list[list[str]]) -> str:
-    """Return a Markdown table."""
-    lines = [titles, ["---"] * len(titles), *rows]
-    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
 def curves_figure(
