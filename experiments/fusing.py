@@ -14,7 +14,7 @@ from jradar.evaluation import Method
 from jradar.model import Model, fuse, mixtures, moving_pixels
 from jradar.motion import ego_velocity
 from jradar.radar import RadarSpec
-from jradar.range_image import unproject
+from jradar.range_image import image_cloud
 from jradar.types import PointCloud
 
 KEY = 22  # of the samples that find the radar's velocity
@@ -76,7 +76,7 @@ def fused(
             model.spec,
             moving=stacked.moving,
         )
-        return cloud_of(image, model)
+        return image_cloud(image, model.spec.fine)
 
     return call
 
@@ -91,9 +91,3 @@ def relative_poses(
         poses = np.linalg.inv(world_from_radar[0]) @ np.stack(world_from_radar)
     poses[0] = np.eye(4)
     return poses
-
-
-def cloud_of(image: Any, model: Model) -> PointCloud:
-    """Return the points of a range image, with their confidence."""
-    cloud = unproject(image.range_m, model.spec.fine)
-    return cloud._replace(confidence=image.confidence.ravel())

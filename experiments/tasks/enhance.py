@@ -38,7 +38,7 @@ from jradar.range_image import (
     condition_features,
     encode_target,
     fit_trust,
-    unproject,
+    image_cloud,
 )
 from jradar.range_image.trust import LEAST_FRAMES
 
@@ -221,7 +221,4 @@ def drawn(model: Model, **drawing: Any) -> Method:
 def _cloud(key, condition, model, options):
     """The cloud of one condition; models of the same spec share what is compiled."""
     image = draw(key, condition, model, **dict(options))
-    cloud = unproject(image.range_m, model.spec.fine)
-    if image.confidence is None:
-        return cloud
-    return cloud._replace(confidence=image.confidence.ravel())
+    return image_cloud(image, model.spec.fine)

@@ -17,7 +17,7 @@ from jradar.range_image import (
     calibrated,
     condition_image,
     confident,
-    unproject,
+    image_cloud,
     velocity_image,
 )
 from jradar.types import PointCloud
@@ -125,10 +125,7 @@ def dense_cloud(image: RangeImage, points: PointCloud, spec: ModelSpec) -> Point
     velocity = velocity_image(
         image.range_m, points, spec.coarse, num_slices=spec.num_slices
     )
-    cloud = unproject(image.range_m, spec.fine)._replace(velocity=velocity.ravel())
-    if image.confidence is None:
-        return cloud
-    return cloud._replace(confidence=image.confidence.ravel())
+    return image_cloud(image, spec.fine)._replace(velocity=velocity.ravel())
 
 
 def _points(cube, spec: ModelSpec, *, radar, coupling, range_bias_m) -> PointCloud:

@@ -6,16 +6,17 @@ Pixels
 
 Projection
     project, unproject              cloud to image of metres, and back
-    nearest_points                  the points that an image keeps, as they are
-    project_slices, SliceImages     one image for each slice of the range axis
+    RangeImage, image_cloud         ranges with a confidence, and their cloud
+    project_slices                  one image for each slice of the range axis
 
 Values of the network
     condition_image, CHANNELS       cloud to the network's condition
     encode_target, decode_target    image of metres to the network's values, and back
     encode_range, decode_range      the same for the range alone
-    close_gaps, fill_misses         fill pixels between a LiDAR's beams; every pixel
+    close_gaps                      fill pixels between a LiDAR's beams
 
-    RangeImage, agreed_range        the range on which several images agree
+Confidence and trust
+    agreed_range                    the range on which several images agree
     confident                       without pixels of little confidence
     CalibrationSpec, fit_calibration, calibrated, UNSURE
                                     confidence that holds on new frames
@@ -25,7 +26,6 @@ Values of the network
 """
 
 from jradar.range_image.agreement import (
-    RangeImage as RangeImage,
     agreed_range as agreed_range,
     confident as confident,
 )
@@ -37,7 +37,6 @@ from jradar.range_image.codec import (
     decode_target as decode_target,
     encode_range as encode_range,
     encode_target as encode_target,
-    fill_misses as fill_misses,
 )
 from jradar.range_image.confidence import (
     UNSURE as UNSURE,
@@ -52,8 +51,8 @@ from jradar.range_image.grid import (
     pixel_of as pixel_of,
 )
 from jradar.range_image.projection import (
-    SliceImages as SliceImages,
-    nearest_points as nearest_points,
+    RangeImage as RangeImage,
+    image_cloud as image_cloud,
     project as project,
     project_slices as project_slices,
     unproject as unproject,
