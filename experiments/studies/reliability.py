@@ -168,7 +168,7 @@ def summary_table(rows: Sequence[Row]) -> str:
     for row in rows:
         surest = np.interp(SUREST, *row.coverage)
         numbers = [row.points.confidence.mean(dtype=float), row.points.right.mean()]
-        numbers += [evaluation.calibration_error(row.bins), *surest]
+        numbers += [evaluation.reliability_error(row.bins), *surest]
         counts = [f"{row.points.frames:,}", f"{len(row.points.right):,}"]
         lines.append([row.model, row.records, *counts, *map(percent, numbers)])
     return markdown_table(titles, lines)

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from experiments.tables import markdown_table
 from experiments.tasks.radarhd_cartesian import FULL, to_cartesian, to_points
-from jradar.evaluation import calibration_error, near_truth, reliability
+from jradar.evaluation import near_truth, reliability, reliability_error
 from jradar.range_image import ConfidenceTable, fit_confidence as fit_table, frequency
 from jradar.range_image.confidence import KNOTS
 
@@ -96,7 +96,7 @@ def confidence_table(
             if not len(cells.value):
                 continue
             sure = np.asarray(frequency(cells.value, calibration))
-            error = calibration_error(reliability(sure, cells.right))
+            error = reliability_error(reliability(sure, cells.right))
             shares = [cells.value.mean(), sure.mean(), cells.right.mean(), error]
             texts = [f"{100 * share:.1f}" for share in shares]
             lines.append([label, method, f"{len(cells.value):,}", *texts])

@@ -6,17 +6,17 @@ Pixels
 
 Projection
     project, unproject              cloud to image of metres, and back
-    nearest_points                  the points that an image keeps, as they are
-    project_slices, SliceImages     one image for each slice of the range axis
+    RangeImage, image_cloud         ranges with a confidence, and their cloud
+    project_slices                  one image for each slice of the range axis
 
 Values of the network
     condition_image, CHANNELS       cloud to the network's condition
     encode_target, decode_target    image of metres to the network's values, and back
     encode_range, decode_range      the same for the range alone
-    close_gaps, fill_misses         fill pixels between a LiDAR's beams; every pixel
+    close_gaps                      fill pixels between a LiDAR's beams
 
-    RangeImage, agreed_range        the range on which several images agree
-    confident, image_cloud          without pixels of little confidence; as a cloud
+    agreed_range                    the range on which several images agree
+    confident                       without pixels of little confidence
     ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
                                     confidence that holds on new frames
     velocity_image                  the radar's velocity at each pixel
@@ -25,10 +25,8 @@ Values of the network
 """
 
 from jradar.range_image.agreement import (
-    RangeImage as RangeImage,
     agreed_range as agreed_range,
     confident as confident,
-    image_cloud as image_cloud,
 )
 from jradar.range_image.codec import (
     CHANNELS as CHANNELS,
@@ -38,7 +36,6 @@ from jradar.range_image.codec import (
     decode_target as decode_target,
     encode_range as encode_range,
     encode_target as encode_target,
-    fill_misses as fill_misses,
 )
 from jradar.range_image.confidence import (
     IDENTITY as IDENTITY,
@@ -54,8 +51,8 @@ from jradar.range_image.grid import (
     pixel_of as pixel_of,
 )
 from jradar.range_image.projection import (
-    SliceImages as SliceImages,
-    nearest_points as nearest_points,
+    RangeImage as RangeImage,
+    image_cloud as image_cloud,
     project as project,
     project_slices as project_slices,
     unproject as unproject,
