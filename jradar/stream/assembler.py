@@ -8,7 +8,8 @@ has arrived; its lost bytes are then zeros. Frames are delivered in order. One o
 less than half arrived is counted, and not delivered.
 
 A packet belongs to the stream if its two counters agree: since the newest packet both
-must have advanced by about the same number of packets, and by no more than 64. Others are set aside. A few that agree with one another are
+must have advanced by about the same number of packets, and by no more than 64. Others
+are set aside. A few that agree with one another are
 
     behind the stream           of a card that was started again: a new stream
     somewhat ahead              the stream after a gap
