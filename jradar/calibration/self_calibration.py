@@ -93,11 +93,13 @@ def self_calibrate(
 
     `reflector` is the range in metres and the direction (azimuth, elevation) in radians
     of a corner reflector that stands still among the echoes. Without it the factors'
-    phases have no linear part. Raises ValueError for an array that shows nothing, for
-    fewer than 5 echoes in either half of the range bins, for a channel that is 20 dB
-    off, and if the reflector is not found.
+    phases have no linear part. Echoes with values that are not finite are left out.
+    Raises ValueError for an array that shows nothing, for fewer than 5 echoes in either
+    half of the range bins, for a channel that is 20 dB off, and if the reflector is not
+    found.
     """
     _check_observable(radar)
+    echoes = _finite(echoes)
     snapshot = np.asarray(echoes.snapshot).reshape(-1, radar.num_virtual)
     heard = np.asarray(echoes.power).ravel() > 0
     halves = _halves(snapshot, np.asarray(echoes.range_m).ravel(), heard, radar)
@@ -132,6 +134,19 @@ def self_calibrate(
         after=after,
         uncertainty_deg=float(np.degrees(np.sqrt((apart**2).mean())) / 2),
         range_bias_m=bias,
+    )
+
+
+def _finite(echoes: Snapshots) -> Snapshots:
+    """The echoes, of which those with values that are not finite become padding."""
+    snapshot, range_m, power = (
+        np.asarray(values) for values in (echoes.snapshot, echoes.range_m, echoes.power)
+    )
+    finite = np.isfinite(snapshot).all(-1) & np.isfinite(range_m) & np.isfinite(power)
+    return echoes._replace(
+        snapshot=np.where(finite[..., None], snapshot, 0),
+        range_m=np.where(finite, range_m, 0),
+        power=np.where(finite, power, 0),
     )
 
 
@@ -197,25 +212,26 @@ def channel_response(
 
     Its phase has no linear part along columns and rows, its mean gain in dB is 0.
     `separable` makes it a factor of the transmitter times one of the receiver.
-    Snapshots that are 0 are padding.
+    Snapshots that are 0, or not finite, are padding.
     """
     power = (jnp.abs(snapshot) ** 2).sum(-1, keepdims=True)
-    heard = power[:, 0] > 0
-    unit = snapshot / jnp.sqrt(jnp.where(power > 0, power, 1.0))
+    known = jnp.isfinite(power) & (power > 0)
+    unit = jnp.where(known, snapshot / jnp.sqrt(jnp.where(known, power, 1.0)), 0.0)
+    heard = known[:, 0]
 
     def step(state):
         before, _, steps = state
         found = explain(unit, before, radar)
         usual = jnp.nanquantile(jnp.where(heard, found.residual, jnp.nan), BEST)
         weight = heard / (1 + found.residual / jnp.maximum(usual, TINY)) ** 2
-        wave = found.model / before
+        wave = found.model / before[None]
         response = (weight[:, None] * wave.conj() * unit).sum(0)
         response /= (weight[:, None] * jnp.abs(wave) ** 2).sum(0)
         pairs = response.reshape(radar.num_tx, radar.num_rx)
         tx, values, rx = jnp.linalg.svd(pairs, full_matrices=False)
         nearest = (values[0] * tx[:, :1] * rx[:1]).ravel()
         response = jnp.where(separable, nearest, response)
-        response = without_tilt(response, radar)
+        response = without_tilt(response, radar).astype(before.dtype)
         return response, jnp.abs(response - before).max(), steps + 1
 
     def goes_on(state):
@@ -223,7 +239,8 @@ def channel_response(
         return (change > CONVERGED) & (steps < MOST_STEPS)
 
     start = jnp.ones(radar.num_virtual, snapshot.dtype)
-    response, _, _ = jax.lax.while_loop(goes_on, step, (start, jnp.inf, 0))
+    change = jnp.full((), jnp.inf, start.real.dtype)
+    response, _, _ = jax.lax.while_loop(goes_on, step, (start, change, 0))
     return response
 
 
@@ -290,7 +307,7 @@ def towards_reflector(
     seen = explain(np.asarray(echoes.snapshot).reshape(shape)[place], response, radar)
     wave = steering(seen.azimuth, seen.elevation, radar)
     true = steering(jnp.asarray(azimuth), jnp.asarray(elevation), radar)
-    turn = wave * true.conj()
+    turn = wave * true.conj()[None]
     turn = turn.mean(0)
     bias = float(np.median(range_m[place])) - expected_m
     return response * turn / jnp.abs(turn), bias

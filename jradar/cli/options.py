@@ -163,6 +163,9 @@ def _live(sub):
         "address to serve on; 0.0.0.0 is all of this machine's (default: %(default)s)"
     )
     groups.option(sub, "--serve-host", "ADDRESS", text, default="127.0.0.1")
+    text = "also serve web pages of this origin, such as https://viewer.example.org "
+    text += "(default: this machine's and Foxglove's; repeatable)"
+    groups.option(sub, "--allow-origin", "ORIGIN", text, action="append", default=[])
     text = "name of a shipped model, folder of a model, or none for detections only "
     text += "(default: %(default)s)"
     groups.option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")

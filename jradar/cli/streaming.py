@@ -61,7 +61,7 @@ def live_session(options: argparse.Namespace) -> dict[str, Any]:
             seconds=options.seconds,
             finished=lambda: _played(emulator, receiver),
             lidar=functools.partial(_scan, recording),
-            say=lambda text: print(f"jradar: {text}", file=sys.stderr, flush=True),
+            say=_say,
         )
         receiver.close()
         if emulator is not None and emulator.fault is not None:
@@ -109,6 +109,10 @@ def replay_recording(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _say(text: str) -> None:
+    print(f"jradar: {text}", file=sys.stderr, flush=True)
+
+
 def _recording(options: argparse.Namespace) -> Recording:
     """The recording to replay, or the radar that `--radar` describes."""
     if options.replay:
@@ -149,9 +153,14 @@ def _writers(options: argparse.Namespace, stack: contextlib.ExitStack) -> list[W
         writers.append(open_writer(options.output))
         stack.callback(writers[-1].close)
     if options.serve is not None:
-        from jradar.stream.foxglove_writers import Server
+        from jradar.stream.server import Server
 
-        server = Server(host=options.serve_host, port=options.serve)
+        server = Server(
+            host=options.serve_host,
+            port=options.serve,
+            allow_origins=options.allow_origin,
+            say=_say,
+        )
         stack.callback(server.close)
         writers.append(server)
         print(

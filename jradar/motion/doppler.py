@@ -93,11 +93,13 @@ def ego_velocity(
             f"{least_inliers=}, expected more than the {axes} unknowns: residuals of "
             "fewer echoes say nothing"
         )
-    distance = jnp.linalg.norm(jnp.where(cloud.valid[:, None], cloud.xyz, 1.0), axis=-1)
-    usable = cloud.valid & jnp.isfinite(cloud.velocity) & (distance > 0)
-    usable &= jnp.isfinite(distance)
-    away = jnp.where(usable, distance, 1.0)[:, None]
-    direction = jnp.where(usable[:, None], cloud.xyz, 0.0)[:, :axes] / away
+    square = (cloud.xyz**2).sum(-1)
+    usable = cloud.valid & jnp.isfinite(cloud.velocity)
+    usable &= jnp.isfinite(square) & (square > 0)
+    # Replaced before the norm, which has no gradient at the origin.
+    xyz = jnp.where(usable[:, None], cloud.xyz, 1.0)
+    away = jnp.linalg.norm(xyz, axis=-1, keepdims=True)
+    direction = jnp.where(usable[:, None], xyz[:, :axes] / away, 0.0)
     doppler = jnp.where(usable, cloud.velocity, 0.0)
     period = None if unambiguous_mps is None else 2 * unambiguous_mps
 

@@ -4,12 +4,20 @@
     frame   |   0     |     1     |    2    | ..      borders lie anywhere in a packet
 
 A frame is delivered once it is whole, or once a packet `window` bytes behind its end
-has arrived; its lost bytes are then zeros. Frames are delivered in order.
+has arrived; its lost bytes are then zeros. Frames are delivered in order. One of which
+less than half arrived is counted, and not delivered.
 
 A packet belongs to the stream if its two counters agree: since the newest packet both
-must have advanced by about the same number of packets. Others are set aside. A few that
-agree with one another are a new stream, of a card that was started again; the rest is
-ignored and counted.
+must have advanced by about the same number of packets, and by no more than 64. Others
+are set aside. A few that agree with one another are
+
+    behind the stream           of a card that was started again: a new stream
+    somewhat ahead              the stream after a gap
+    what a stream that was      of a second card with the same address: ignored, until
+    left goes on with, or       it has sent several frames and the stream no packet
+    far ahead
+
+The rest is ignored and counted.
 """
 
 import dataclasses
@@ -24,9 +32,13 @@ from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import BYTES, DATA, MOST_PACKET, SEQUENCES, unpack_header
 
 WINDOW = 64 * PAYLOAD  # bytes by which a packet may be late
+NEAR = 64 * PAYLOAD  # by which a single packet may be ahead
 SLACK = 4 * PAYLOAD  # by which the counters may differ: short packets
 NEW_STREAM = 4  # packets that make a new stream
 FORGOTTEN = 64  # packets of the stream after which others are forgotten
+LEAST_SHARE = 0.5  # of a frame's bytes, with which it is delivered
+LONG_GAP = 64  # frames; what lies farther ahead may be another card's
+GONE = 4  # frames of another card's packets, without any of the stream, which then ends
 SPARE = 4  # buffers that are kept for later frames
 
 
@@ -52,14 +64,15 @@ class Counts:
     placed: int = 0  # brought new bytes
     repeated: int = 0  # brought nothing new
     late: int = 0  # beyond the window, or their frame was gone
-    ignored: int = 0  # counters that do not fit the stream
+    ignored: int = 0  # counters that do not fit the stream, as of a second card
     malformed: int = 0  # too short or too long
     foreign: int = 0  # of other senders
     frames: int = 0  # delivered
     damaged: int = 0  # .. of these, with lost bytes
     missing: int = 0  # frames of which nothing arrived, not delivered
+    sparse: int = 0  # frames of which less than half arrived, not delivered
     unfinished: int = 0  # frames in which a stream ended, not delivered
-    lost_bytes: int = 0  # of damaged and missing frames
+    lost_bytes: int = 0  # of damaged, sparse and missing frames
     restarts: int = 0  # new streams after the first
 
     @property
@@ -121,7 +134,10 @@ class Assembler:
         self._spare: list[np.ndarray] = []
         self._open: dict[int, _Open] = {}
         self._aside: dict[tuple[int, int], tuple[bytes, bool]] = {}
+        self._left: tuple[int, int] | None = None  # last counters of another stream
         self._since = 0  # packets of the stream since the last one was set aside
+        self._others = 0  # packets of a second card since the last one of the stream
+        self._gone = GONE * frame_bytes // PAYLOAD + FORGOTTEN
         self._delivered: int | None = None  # number of the last frame
         self._started = False
 
@@ -135,15 +151,23 @@ class Assembler:
         if not self._started:
             self._begin(sequence, place)
         moved = _moved(sequence, place, *self._newest)
-        if moved is None or moved < -self.window or self._position + moved < 0:
-            self._set_aside(sequence, place, bytes(packet), late=moved is not None)
+        late = moved is not None and moved < 0
+        near = moved is not None and -self.window <= moved <= NEAR
+        if moved is None or not near or self._position + moved < 0:
+            self._set_aside(sequence, place, bytes(packet), late=late)
             return
-        position = self._position + moved
+        self._accept(sequence, place, packet, moved)
+
+    def _accept(self, sequence, place, packet, moved) -> None:
+        """Take a packet of the stream, `moved` bytes from the newest one."""
+        position, self._others = self._position + moved, 0
         if moved > 0:
             self._newest, self._position = (sequence, place), position
             self._since += 1
             if self._aside and self._since > FORGOTTEN:
                 self._drop_aside()
+            if self._left and self._since > self._gone:
+                self._left = None
         self._place(position, memoryview(packet)[DATA.size :])
 
     def flush(self) -> None:
@@ -214,11 +238,15 @@ class Assembler:
     def _finish(self, number: int, frame: _Open) -> None:
         counts, missing = self.counts, number - self._next
         lost = frame.zero_holes()
-        counts.frames += 1
-        counts.damaged += lost > 0
         counts.missing += missing
         counts.lost_bytes += lost + missing * self.frame_bytes
         self._next, self._delivered = number + 1, self._base + number
+        if lost > (1 - LEAST_SHARE) * self.frame_bytes:
+            counts.sparse += 1
+            self.recycle(frame.data)
+            return
+        counts.frames += 1
+        counts.damaged += lost > 0
         now = time.monotonic()
         self._deliver(Frame(self._delivered, frame.data, lost, frame.stamp_s, now))
 
@@ -232,13 +260,34 @@ class Assembler:
         self._aside[sequence, place] = packet, late
         if len(self._aside) < NEW_STREAM:
             return
-        begun = [packet for packet, _ in self._aside.values()]
+        begun = [(*counters, packet) for counters, (packet, _) in self._aside.items()]
         self._aside.clear()
+        moved = _moved(sequence, place, *self._newest)
+        ahead = moved is not None and moved > 0
+        if self._is_second(sequence, place, moved) and self._others < self._gone:
+            self._others += len(begun)
+            self.counts.ignored += len(begun)
+            return
+        self._left, self._others = self._newest, 0
+        if ahead:
+            for sequence, place, packet in begun:
+                moved = _moved(sequence, place, *self._newest)
+                self._accept(sequence, place, packet, moved)
+            return
         self.flush()
         self.counts.restarts += 1
         self.counts.packets -= len(begun)  # counted when they first came
-        for packet in begun:
+        for *_, packet in begun:
             self.add(packet)
+
+    def _is_second(self, sequence: int, place: int, moved: int | None) -> bool:
+        """True for packets that a second card may have sent."""
+        if moved is not None and moved > LONG_GAP * self.frame_bytes + self.window:
+            return True
+        if self._left is None:
+            return False
+        on = _moved(sequence, place, *self._left)
+        return on is not None and on >= -self.window
 
     def _drop_aside(self, *which: tuple[int, int]) -> None:
         """Count packets that were set aside, all by default, and forget them."""

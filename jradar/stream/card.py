@@ -11,7 +11,7 @@ from jradar.stream.protocol import (
     packet_delay,
     unpack_reply,
 )
-from jradar.stream.sockets import udp_socket
+from jradar.stream.sockets import not_sent, udp_socket
 
 TRIES = 5  # of CONNECT: after CONFIGURE the card does not hear for a while
 VERSION_BITS = 7
@@ -94,10 +94,7 @@ class Card:
                 pack_command(code, data), (network.card, network.command_port)
             )
         except OSError as error:
-            raise OSError(
-                f"{network.card} cannot be reached from {network.host}: "
-                f"{error.strerror}"
-            ) from error
+            raise not_sent(error, network.host, network.card) from error
         end = time.monotonic() + self.timeout_s
         while time.monotonic() < end:
             try:

@@ -25,7 +25,7 @@ from jradar.stream.protocol import (
     pack_reply,
     unpack_command,
 )
-from jradar.stream.sockets import udp_socket
+from jradar.stream.sockets import not_sent, udp_socket
 
 BURST = 16  # packets that are sent together
 ACTIVE = 0.6  # share of the frame period in which the packets are sent
@@ -197,6 +197,8 @@ class Emulator:
                 self._data.sendto(packet, address)
             except ConnectionRefusedError:  # nobody listens yet
                 pass
+            except OSError as error:
+                raise not_sent(error, self.network.card, address[0]) from error
             self.sent.packets += 1
         return True
 

@@ -1,4 +1,4 @@
-"""MCAP files and a WebSocket server with Foxglove's messages, through foxglove-sdk.
+"""MCAP files with Foxglove's messages, through foxglove-sdk.
 
 /NAME/points          foxglove.PointCloud: x y z, and velocity, power .. as fields
 /radar/range_azimuth  foxglove.RawImage, mono8
@@ -6,6 +6,7 @@
 """
 
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,47 +14,40 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.stream.outputs import exists, load, writing
-from jradar.stream.views import BASE_FRAME, RADAR_FRAME, View, point_table
+from jradar.stream.views import BASE_FRAME, CLOUDS, RADAR_FRAME, View, point_table
 
 FLUSHED_S = 1.0  # by which a crash may shorten a file
-BACKLOG = 16  # messages that wait for a slow viewer, some megabytes each
-DEFAULT_PORT = 8765
+ENCODING = "protobuf"
 
 
-class Topics:
-    """The channels of one file or server."""
+class Messages:
+    """Views as Foxglove's messages."""
 
     def __init__(self, what: str):
-        """Raise ImportError if foxglove-sdk is missing."""
+        """Raise ImportError, which begins with `what`, if foxglove-sdk is missing."""
         self.foxglove = load("foxglove", "live", what)
         self.messages = load("foxglove.messages", "live", what)
-        self.kinds = load("foxglove.channels", "live", what)
-        self.context = self.foxglove.Context()
-        self._channels: dict[str, Any] = {}
 
-    def log(self, view: View) -> None:
-        """Log everything that a view holds."""
+    def kinds(self) -> dict[str, Any]:
+        """Return the classes of the messages of all topics that jradar publishes."""
+        m = self.messages
+        clouds = {f"/{name}/points": m.PointCloud for name in CLOUDS}
+        return {**clouds, "/radar/range_azimuth": m.RawImage, "/tf": m.FrameTransforms}
+
+    def of(self, view: View) -> Iterator[tuple[str, Any]]:
+        """Yield the topic and the message of everything that a view holds."""
         seconds, nanoseconds = divmod(view.stamp_ns, 10**9)
         stamp = self.messages.Timestamp(sec=seconds, nsec=nanoseconds)
         for name, cloud in view.clouds.items():
-            message = self._cloud(stamp, point_table(cloud))
-            self._log("PointCloudChannel", f"/{name}/points", message, view)
+            yield f"/{name}/points", self._cloud(stamp, point_table(cloud))
         if view.picture is not None:
-            message = self._image(stamp, view.picture)
-            self._log("RawImageChannel", "/radar/range_azimuth", message, view)
+            yield "/radar/range_azimuth", self._image(stamp, view.picture)
         if view.base_from:
             transforms = [
                 self._transform(stamp, child, matrix)
                 for child, matrix in view.base_from.items()
             ]
-            message = self.messages.FrameTransforms(transforms=transforms)
-            self._log("FrameTransformsChannel", "/tf", message, view)
-
-    def _log(self, kind: str, topic: str, message: Any, view: View) -> None:
-        if topic not in self._channels:
-            channel = getattr(self.kinds, kind)(topic, context=self.context)
-            self._channels[topic] = channel
-        self._channels[topic].log(message, log_time=view.stamp_ns)
+            yield "/tf", self.messages.FrameTransforms(transforms=transforms)
 
     def _cloud(self, stamp, table: np.ndarray):
         m, names = self.messages, table.dtype.names or ()
@@ -103,10 +97,11 @@ class McapWriter:
 
     def __init__(self, path: Path):
         """Create the file; UsageError if it exists."""
-        self.path, self._topics = path, Topics("an MCAP file")
-        context = self._topics.context
+        self.path, self._messages = path, Messages("an MCAP file")
+        foxglove = self._messages.foxglove
+        self._context, self._channels = foxglove.Context(), dict[str, Any]()
         try:
-            self._file = self._topics.foxglove.open_mcap(path, context=context)
+            self._file = foxglove.open_mcap(path, context=self._context)
         except FileExistsError:  # created since the caller looked
             raise exists(path) from None
         self._flushed_s = time.monotonic()
@@ -117,7 +112,9 @@ class McapWriter:
         Raises OSError if the file cannot be written, such as on a full disk.
         """
         with writing(self.path):
-            self._topics.log(view)
+            for topic, message in self._messages.of(view):
+                log_time = view.stamp_ns
+                self._channel(topic, message).log(message.encode(), log_time=log_time)
             now = time.monotonic()
             if now - self._flushed_s >= FLUSHED_S:
                 self._file.flush()
@@ -128,37 +125,12 @@ class McapWriter:
         with writing(self.path):
             self._file.close()
 
-
-class Server:
-    """A WebSocket server that Foxglove connects to."""
-
-    def __init__(self, *, host: str = "127.0.0.1", port: int = DEFAULT_PORT):
-        """Start serving; port 0 takes a free one. OSError if the port is taken."""
-        self._topics = Topics("--serve")
-        try:
-            self._server = self._topics.foxglove.start_server(
-                name="jradar",
-                host=host,
-                port=port,
-                context=self._topics.context,
-                message_backlog_size=BACKLOG,
+    def _channel(self, topic: str, message: Any) -> Any:
+        if topic not in self._channels:
+            self._channels[topic] = self._messages.foxglove.Channel(
+                topic,
+                schema=message.get_schema(),
+                message_encoding=ENCODING,
+                context=self._context,
             )
-        except Exception as error:
-            raise OSError(
-                f"port {port} of {host} cannot be served on ({error}): is another "
-                "program using it? Name another with --serve PORT"
-            ) from error
-        self.host = host
-
-    @property
-    def port(self) -> int:
-        """The port it listens on."""
-        return self._server.port
-
-    def write(self, view: View) -> None:
-        """Send a view to all viewers; those that are too slow miss it."""
-        self._topics.log(view)
-
-    def close(self) -> None:
-        """Stop serving."""
-        self._server.stop()
+        return self._channels[topic]

@@ -128,6 +128,7 @@ def summary(session: Session, receiver: Receiver) -> dict[str, Any]:
         "frames published": session.published,
         "frames dropped": counts.frames - session.published,
         "frames with losses": counts.damaged,
+        "frames mostly lost": counts.sparse,
         "frames missing": counts.missing,
         "frames/s": session.frames_per_s,
         "latency, median (ms)": session.latency_ms(50),

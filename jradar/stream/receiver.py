@@ -134,10 +134,18 @@ class Receiver:
             )
         if counts.ignored >= MANY:
             found.append(
-                f"{counts.ignored:,} packets whose counters do not fit together: do "
-                "two cards have the same address?"
+                f"{counts.ignored:,} packets from {self.network.card} whose counters "
+                "do not go on with its stream: do two cards have this address? Switch "
+                "one off, or give it another address"
             )
-        return "; ".join([*found, "they are ignored"]) if found else ""
+        if found:
+            return "; ".join([*found, "they are ignored"])
+        if counts.repeated >= MANY and 2 * counts.repeated > counts.placed:
+            return (
+                f"{counts.repeated:,} packets from {self.network.card} came twice: do "
+                "two cards have this address? Their frames are mixed: switch one off"
+            )
+        return ""
 
     def _receive(self) -> None:
         """Receive until the end; a fault is raised by `take`."""

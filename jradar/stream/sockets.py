@@ -32,6 +32,20 @@ def loopback_network() -> NetworkSpec:
     return NetworkSpec(*LOOPBACK, *ports)
 
 
+def not_sent(error: OSError, source: str, target: str) -> OSError:
+    """Return the error for a packet that could not be sent, with what to change."""
+    reason = error.strerror or str(error)
+    loops = [address.startswith("127.") for address in (source, target)]
+    if loops[0] != loops[1] and error.errno in (errno.EINVAL, errno.ENETUNREACH):
+        local, other = (source, target) if loops[0] else (target, source)
+        reason = (
+            f"{local} only talks to this machine itself, {other} lies beyond it: give "
+            "both --host and --card addresses of one network; `ip addr` lists this "
+            "machine's"
+        )
+    return OSError(f"{target} cannot be reached from {source}: {reason}")
+
+
 def _free_port() -> int:
     """Return a port that is free on both addresses of the loopback."""
     for _ in range(100):

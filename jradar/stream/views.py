@@ -15,6 +15,7 @@ from jradar.types import PointCloud
 FALLBACK_PERIOD_S = 0.1  # of a recording that does not say how fast it was
 SHOWN_DB = 50.0  # below the strongest echo; weaker ones are black
 RADAR_FRAME, BASE_FRAME, LIDAR_FRAME = "radar", "base", "lidar"
+CLOUDS = ("radar", "enhanced", "lidar")  # names of clouds, with topics /NAME/points
 
 
 class View(NamedTuple):

@@ -122,6 +122,7 @@ def test_what_exists_is_not_overwritten(capture, tmp_path, capsys):
         (["live", "--replay", "{bin}", "--reorder", "-1"], 2, "expected 0 to 1000"),
         (["replay", "{bin}", "--loss", "2"], 2, "expected 0 to 1"),
         (["replay", "{bin}", "--card", "192.0.2.1"], 3, "has no address 192.0.2.1"),
+        (["replay", "{bin}", "--now", "--host", "198.51.100.1"], 3, "both --host and"),
     ],
 )
 def test_a_wrong_call_is_answered_in_one_line(

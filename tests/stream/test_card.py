@@ -1,5 +1,6 @@
 """Commands: an emulated card obeys them; a card that is absent or refuses is named."""
 
+import dataclasses
 import threading
 
 import numpy as np
@@ -102,3 +103,10 @@ def test_a_stopped_card_begins_again_with_the_next_start():
             assert not emulator.finished.is_set()
         first = taken(receiver)[0]
     np.testing.assert_array_equal(first.data, FRAMES[0])
+
+
+def test_a_card_beyond_the_loopback_is_named_with_what_to_change():
+    network = dataclasses.replace(loopback_network(), card="198.51.100.1")
+    with Card(network) as card:
+        with pytest.raises(OSError, match=r"127\.0\.0\.1 only talks to this machine"):
+            card.connect()

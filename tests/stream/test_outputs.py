@@ -1,14 +1,10 @@
 """Outputs: other programs read back every field; nothing is overwritten."""
 
-import asyncio
 import contextlib
-import json
 import signal
 import struct
 import subprocess
 import sys
-import threading
-import time
 
 import jax
 import jax.numpy as jnp
@@ -235,69 +231,6 @@ def test_an_mcap_file_of_a_killed_program_is_read_up_to_its_last_chunk(tmp_path)
             pass
     expected = [view_of(number, points=1).stamp_ns for number in range(40)]
     assert sorted({*times}) == expected and len(times) == 4 * 40
-
-
-async def receive(port, count):
-    """Subscribe to all topics of a server; return `count` messages by topic."""
-    from websockets.asyncio.client import connect
-
-    options = {"subprotocols": ["foxglove.sdk.v1"], "max_size": None}
-    async with connect(f"ws://127.0.0.1:{port}", **options) as socket:
-        channels, found = {}, {}
-        while sum(map(len, found.values())) < count:
-            message = await asyncio.wait_for(socket.recv(), 60)
-            if isinstance(message, str):
-                told = json.loads(message)
-                if told["op"] == "advertise":
-                    new = {c["id"]: c for c in told["channels"]}
-                    wanted = [{"id": i, "channelId": i} for i in new]
-                    channels |= new
-                    await socket.send(
-                        json.dumps({"op": "subscribe", "subscriptions": wanted})
-                    )
-            elif message[0] == 1:
-                subscription, time_ns = struct.unpack_from("<IQ", message, 1)
-                topic = channels[subscription]["topic"]
-                found.setdefault(topic, []).append((time_ns, message[13:]))
-        return found
-
-
-def test_a_viewer_receives_clouds_over_the_websocket():
-    pytest.importorskip("foxglove")
-    pytest.importorskip("websockets")
-    from jradar.stream.foxglove_writers import Server
-
-    server, ending = Server(port=0), threading.Event()
-
-    def publish():
-        while not ending.is_set():
-            server.write(VIEWS[1])
-            time.sleep(0.02)
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        found = asyncio.run(receive(server.port, 12))
-    finally:
-        ending.set()
-        thread.join()
-        server.close()
-    time_ns, raw = found["/radar/points"][0]
-    assert time_ns == VIEWS[1].stamp_ns
-    table = point_table(VIEWS[1].clouds["radar"]).tobytes()
-    assert table in bytes(raw)
-
-
-def test_a_taken_port_of_the_server_is_named():
-    pytest.importorskip("foxglove")
-    from jradar.stream.foxglove_writers import Server
-
-    server = Server(port=0)
-    try:
-        with pytest.raises(OSError, match="Name another with --serve PORT"):
-            Server(port=server.port)
-    finally:
-        server.close()
 
 
 def test_the_picture_shows_an_echo_where_it_is():

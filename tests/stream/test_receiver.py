@@ -98,7 +98,7 @@ def test_packets_that_are_no_stream_are_named_by_their_fault():
             strange = packet(sequence, place, b"x" * 100)
             card.sendto(strange, (network.host, network.data_port))
             wait_until(lambda n=number: receiver.counts.packets > 300 + n, "a packet")
-        assert "do two cards have the same address?" in receiver.strangers()
+        assert "do two cards have this address?" in receiver.strangers()
 
 
 def test_silence_is_explained():

@@ -1,0 +1,232 @@
+"""The WebSocket server: what Foxglove's own server says, for local pages alone."""
+
+import contextlib
+import json
+import struct
+import time
+
+import pytest
+
+from tests.stream.loops import PATIENCE_S, wait_until
+from tests.stream.scenes import view_of
+
+pytest.importorskip("foxglove")
+client = pytest.importorskip("websockets.sync.client")
+exceptions = pytest.importorskip("websockets.exceptions")
+
+from jradar.stream.server import BACKLOG, Server  # noqa: E402  (needs the packages)
+
+VIEW = view_of(1)
+TOPICS = {
+    "/radar/points": "foxglove.PointCloud",
+    "/enhanced/points": "foxglove.PointCloud",
+    "/lidar/points": "foxglove.PointCloud",
+    "/radar/range_azimuth": "foxglove.RawImage",
+    "/tf": "foxglove.FrameTransforms",
+}
+
+
+@pytest.fixture
+def server():
+    with contextlib.closing(Server(port=0)) as made:
+        yield made
+
+
+def connected(port, **options):
+    options = {"subprotocols": ["foxglove.sdk.v1"], "max_size": None} | options
+    return client.connect(f"ws://127.0.0.1:{port}", **options)
+
+
+def told(socket):
+    return json.loads(socket.recv(PATIENCE_S))
+
+
+def advertised(socket):
+    """The channels that a server advertises, by topic."""
+    assert told(socket)["op"] == "serverInfo"
+    channels = told(socket)
+    assert channels["op"] == "advertise"
+    return {channel.pop("topic"): channel for channel in channels["channels"]}
+
+
+def ask(socket, op, **fields):
+    socket.send(json.dumps({"op": op, **fields}))
+
+
+def subscribe(server, socket, ids):
+    """Subscribe to channels by their ids, and wait until the server has heard it."""
+    wanted = [{"id": 100 + i, "channelId": i} for i in ids]
+    ask(socket, "subscribe", subscriptions=wanted)
+    wait_until(lambda: len(server._viewers[0].subscriptions) == len(ids), "it")
+
+
+def messages(socket, count):
+    """Messages of a subscription, by its number: time and bytes."""
+    found = {}
+    while len(found) < count:
+        raw = socket.recv(PATIENCE_S)
+        opcode, subscription, time_ns = struct.unpack_from("<BIQ", raw)
+        assert opcode == 1
+        found[subscription] = time_ns, raw[13:]
+    return found
+
+
+def test_topics_are_there_before_the_first_frame_and_without_a_lidar(server):
+    with connected(server.port) as socket:
+        channels = advertised(socket)
+        assert {t: c["schemaName"] for t, c in channels.items()} == TOPICS
+        subscribe(server, socket, [channel["id"] for channel in channels.values()])
+        without = {"radar": VIEW.clouds["radar"]}
+        server.write(VIEW._replace(clouds=without, picture=None))
+        found = messages(socket, 2)
+    ids = {100 + channels[topic]["id"] for topic in ("/radar/points", "/tf")}
+    assert found.keys() == ids
+    assert {time_ns for time_ns, _ in found.values()} == {VIEW.stamp_ns}
+
+
+def test_channels_and_messages_are_those_of_foxgloves_own_server(server):
+    import foxglove
+    from foxglove.channels import PointCloudChannel
+
+    from jradar.stream.foxglove_writers import Messages
+
+    context = foxglove.Context()
+    theirs = foxglove.start_server(port=0, context=context)
+    channel = PointCloudChannel("/radar/points", context=context)
+    said = []
+    try:
+        for port in (server.port, theirs.port):
+            with connected(port) as socket:
+                found = advertised(socket)["/radar/points"]
+                wanted = [{"id": 7, "channelId": found.pop("id")}]
+                ask(socket, "subscribe", subscriptions=wanted)
+                ask(socket, "nonsense")
+                assert told(socket)["op"] == "status"
+                if port == server.port:
+                    server.write(VIEW)
+                else:
+                    message = dict(Messages("test").of(VIEW))["/radar/points"]
+                    channel.log(message, log_time=VIEW.stamp_ns)
+                said.append((found, socket.recv(PATIENCE_S)))
+    finally:
+        theirs.stop()
+    assert said[0] == said[1]
+
+
+@pytest.mark.parametrize(
+    ("origin", "served"),
+    [
+        (None, True),  # a program, such as Foxglove's on the desktop
+        ("https://app.foxglove.dev", True),
+        ("http://localhost:8080", True),
+        ("http://127.0.0.1", True),
+        ("http://[::1]:5173", True),
+        ("file://", True),
+        ("https://viewer.example.org", True),  # allowed below
+        ("https://evil.example", False),
+        ("null", False),
+        ("https://app.foxglove.dev.evil.example", False),
+        ("http://app.foxglove.dev", False),
+        ("http://localhost.evil.example", False),
+        ("http://127.0.0.1.evil.example", False),
+        ("http://evil.example/http://localhost", False),
+    ],
+)
+def test_pages_of_others_are_refused(origin, served):
+    said = []
+    allowed = ["https://viewer.example.org/"]
+    made = Server(port=0, allow_origins=allowed, say=said.append)
+    with contextlib.closing(made) as server:
+        if served:
+            with connected(server.port, origin=origin) as socket:
+                assert advertised(socket).keys() == TOPICS.keys()
+            return
+        for _ in range(2):
+            with pytest.raises(exceptions.InvalidStatus, match="HTTP 403"):
+                connected(server.port, origin=origin)
+        assert len(said) == 1 and f"{origin!r} asked" in said[0]
+        assert "--allow-origin" in said[0] and not server._viewers
+
+
+@pytest.mark.parametrize(
+    ("message", "answer"),
+    [
+        ("{", "not understood"),
+        ("[]", "not understood"),
+        (b"\xff\x00", "not understood"),
+        ("[" * 100_000, "not understood"),
+        ('{"op": "subscribe"}', "not understood"),
+        ('{"op": "subscribe", "subscriptions": [{"id": -1}]}', "not understood"),
+        (
+            '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}',
+            "no channel 99",
+        ),
+        (
+            '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": []}]}',
+            "not understood",
+        ),
+        ('{"op": "advertise"}', "only publishes: 'advertise'"),
+    ],
+)
+def test_a_viewer_that_asks_nonsense_is_answered_and_served(server, message, answer):
+    with connected(server.port) as socket:
+        channel = advertised(socket)["/tf"]["id"]
+        socket.send(message)
+        status = told(socket)
+        assert status["op"] == "status" and answer in status["message"]
+        subscribe(server, socket, [channel])
+        server.write(VIEW)
+        assert messages(socket, 1)
+
+
+def test_what_is_unsubscribed_from_is_not_sent(server):
+    with connected(server.port) as socket:
+        channels = advertised(socket)
+        subscribe(server, socket, [channels[t]["id"] for t in ("/radar/points", "/tf")])
+        gone, kept = (100 + channels[t]["id"] for t in ("/radar/points", "/tf"))
+        ask(socket, "unsubscribe", subscriptionIds=[gone])
+        wait_until(lambda: len(server._viewers[0].subscriptions) == 1, "it")
+        server.write(VIEW)
+        assert messages(socket, 1).keys() == {kept}
+
+
+def test_a_viewer_that_does_not_read_holds_up_nobody(server):
+    """It misses the oldest messages; memory does not grow."""
+    with connected(server.port, max_queue=1) as slow, connected(server.port) as other:
+        channel = advertised(slow)["/radar/points"]["id"]
+        advertised(other)
+        subscribe(server, slow, [channel])
+        view, begin = view_of(0, points=50_000), time.monotonic()  # a megabyte
+        for _ in range(60):
+            server.write(view)
+        assert time.monotonic() - begin < PATIENCE_S / 2
+        assert len(server._viewers[0]._waiting) <= BACKLOG
+
+
+def test_a_taken_port_of_the_server_is_named(server):
+    with pytest.raises(OSError, match="Name another with --serve PORT"):
+        Server(port=server.port)
+
+
+def test_the_end_closes_the_connections():
+    server = Server(port=0)
+    with connected(server.port) as socket:
+        advertised(socket)
+        server.close()
+        with pytest.raises(exceptions.ConnectionClosed):
+            socket.recv(PATIENCE_S)
+    with pytest.raises(OSError):
+        connected(server.port)
+
+
+def test_the_option_adds_an_origin():
+    from jradar.cli.options import parser
+    from jradar.cli.streaming import _writers
+
+    command = "live --serve 0 --allow-origin https://a.example --allow-origin"
+    options = parser().parse_args([*command.split(), "https://b.example"])
+    with contextlib.ExitStack() as stack:
+        (server,) = _writers(options, stack)
+        for origin in ("https://a.example", "https://b.example"):
+            with connected(server.port, origin=origin) as socket:
+                advertised(socket)
