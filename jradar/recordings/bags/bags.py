@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.errors import UsageError
+from jradar.files import open_file
 from jradar.recordings.bags.cloud_messages import decode_cloud, is_cloud_type
 from jradar.recordings.bags.unpacking import limit_rosbags
 from jradar.recordings.recording import Stream
@@ -207,6 +208,9 @@ def _reader(path) -> Any:
     if not path.exists():
         raise FileNotFoundError(f"no such bag: {path}")
     files = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in files:
+        if not file.is_dir():
+            open_file(file).close()  # refuses pipes and devices
     stats = [file.stat() for file in files]
     version = tuple((stat.st_mtime_ns, stat.st_size) for stat in stats)
     return _open_reader(path, os.getpid(), version)

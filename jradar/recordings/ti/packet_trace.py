@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jradar.errors import parsing
+from jradar.files import open_file
 from jradar.radar import RadarSpec
 from jradar.recordings.descriptions import find_description
 from jradar.recordings.recording import Format, Recording
@@ -165,7 +166,7 @@ def _datagrams(path: Path) -> tuple[list[Datagram], tuple[str, ...]]:
             "packet traces need dpkt: pip install 'jradar[live]'"
         ) from error
     found, size = [], path.stat().st_size
-    with path.open("rb") as file, parsing(path, "a packet trace (.pcap or .pcapng)"):
+    with open_file(path) as file, parsing(path, "a packet trace (.pcap or .pcapng)"):
         reader: Any = dpkt.pcap.UniversalReader(file)
         link, is_ng = reader.datalink(), isinstance(reader, dpkt.pcapng.Reader)
         if link not in LINKS:
