@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jradar.cli.one_line import say
 from jradar.cli.reading import given, opening
 from jradar.errors import UsageError
 from jradar.model import Model, load_model
@@ -61,7 +62,7 @@ def live_session(options: argparse.Namespace) -> dict[str, Any]:
             seconds=options.seconds,
             finished=lambda: _played(emulator, receiver),
             lidar=functools.partial(_scan, recording),
-            say=lambda text: print(f"jradar: {text}", file=sys.stderr, flush=True),
+            say=say,
         )
         receiver.close()
         if emulator is not None and emulator.fault is not None:
