@@ -20,10 +20,8 @@ from jaxtyping import Float, Int
 from jradar.errors import parsing
 from jradar.files import open_file
 from jradar.radar import RadarSpec
-from jradar.recordings.descriptions import find_description
 from jradar.recordings.recording import Format, Recording
 from jradar.recordings.ti.dca1000 import (
-    DESCRIPTION_NAMES,
     bytes_of_frame,
     described_samples,
     recording_of_samples,
@@ -65,7 +63,6 @@ def open_packet_trace(
     ImportError if dpkt is missing.
     """
     path = Path(path)
-    description = description or find_description(path, DESCRIPTION_NAMES)
     described = described_samples(path, description, iq_order=iq_order, device=device)
     packets, times, notes = _packets(path, described.radar)
     frame_bytes = bytes_of_frame(described.radar)
