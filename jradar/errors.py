@@ -54,6 +54,17 @@ def exit_code(error: BaseException) -> int | None:
     return next((code for kind, code in kinds if isinstance(error, kind)), None)
 
 
+def printable(text: str) -> str:
+    """Return one line of text for a terminal, with control characters escaped.
+
+    Names and messages from files may hold sequences that a terminal obeys, and bytes
+    that are no text.
+    """
+    escaped = (c.encode("unicode_escape").decode("ascii") for c in text)
+    pairs = zip(text, escaped, strict=True)
+    return "".join(c if c.isprintable() else code for c, code in pairs)
+
+
 @contextlib.contextmanager
 def sigterm_raises() -> Iterator[None]:
     """Raise Terminated in the main thread at SIGTERM; a second one ends at once."""

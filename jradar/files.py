@@ -1,4 +1,4 @@
-"""Atomic writing, locked folders, values of files, JAX's cache of programs."""
+"""Atomic writing, locked folders, bounded reading, JAX's cache of programs."""
 
 import contextlib
 import dataclasses
@@ -11,13 +11,15 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from jradar.errors import UsageError, parsing
 
+MAX_TEXT_BYTES = 4 << 20  # the largest description, a cascade's coupling, takes 0.5 MB
 MAX_JSON_BYTES = 64 << 20
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text"}
@@ -179,18 +181,53 @@ def write_text(path: Path | str, text: str) -> None:
         scratch.write_text(text, encoding="utf-8")
 
 
+def open_file(path: Path | str, *, limit: int | None = None) -> BinaryIO:
+    """Open a file for reading bytes.
+
+    Raises UsageError for a pipe or a device, which may never answer or never end, and
+    ValueError for a file of more than `limit` bytes.
+    """
+    file = open(path, "rb", opener=_without_waiting)
+    status = os.fstat(file.fileno())
+    if stat.S_ISREG(status.st_mode) and (limit is None or status.st_size <= limit):
+        return file
+    file.close()
+    if stat.S_ISREG(status.st_mode):
+        raise ValueError(
+            f"{path} holds {status.st_size:,} bytes, expected at most {limit:,}"
+        )
+    raise UsageError(f"{path} is a pipe or a device, expected a file")
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)  # for somebody who writes into a pipe
+
+
+def read_text(
+    path: Path | str, *, errors: str = "strict", limit: int = MAX_TEXT_BYTES
+) -> str:
+    """Return the text of a file; ValueError if it is binary or exceeds `limit` bytes.
+
+    `errors="replace"` is for formats whose comments may use another encoding.
+    """
+    with open_file(path, limit=limit) as file:
+        content = file.read(limit)
+    try:
+        return content.decode("utf-8-sig", errors)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not a text file: {error.reason}") from error
+
+
 def read_json(path: Path | str, *, limit: int = MAX_JSON_BYTES) -> dict[str, Any]:
     """Return the JSON object in a file of at most `limit` bytes.
 
-    Raises FileNotFoundError for a missing file, and ValueError for anything else.
+    Raises FileNotFoundError for a missing file, UsageError for a pipe or a device, and
+    ValueError for anything else.
     """
-    path = Path(path)
-    if not path.is_file():
+    if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
-    if (size := path.stat().st_size) > limit:
-        raise ValueError(f"{path} holds {size:,} bytes, expected at most {limit:,}")
-    with parsing(path, "a JSON file"):
-        values = json.loads(path.read_text(encoding="utf-8"))
+    with open_file(path, limit=limit) as file, parsing(path, "a JSON file"):
+        values = json.loads(file.read(limit))
     if not isinstance(values, dict):
         raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
     return values

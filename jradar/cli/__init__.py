@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Sequence
 
 from jradar.cli.listing import lines
+from jradar.cli.one_line import say
 from jradar.cli.options import parser
 from jradar.cli.paths import check_paths
 from jradar.errors import check_platform, exit_code, sigterm_raises
@@ -37,21 +38,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = exit_code(error)
         if code is None:
             raise
-        print(f"jradar: {_in_words(error)}", file=sys.stderr)
+        say(_in_words(error))
         return code
     return 0
 
 
 def _in_words(error: BaseException) -> str:
-    """Return an error as one line; errors of the system begin with their file."""
+    """Return the text of an error; errors of the system begin with their file."""
     if isinstance(error, OSError) and error.errno and error.filename:
         reason = "disk full" if error.errno in DISK_FULL else error.strerror
         return f"{error.filename}: {reason}"
     if isinstance(error, KeyboardInterrupt) and not str(error):
         return "interrupted"
-    return " ".join(str(error).split()) or type(error).__name__
+    return str(error) or type(error).__name__
 
 
 def _show_warning(message, *_args, **_kwargs):
     """Print a warning as one line, without its place in the code."""
-    print(f"jradar: warning: {message}", file=sys.stderr)
+    say(f"warning: {message}")

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import Any
 
+from jradar.errors import printable
+
 SECONDS_SINCE_1970 = 1e8  # larger numbers are times
 
 
@@ -10,7 +12,7 @@ def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
     """Yield the lines of a dictionary; empty and missing values are left out.
 
     Values can be nested dictionaries, lists, and lists of dictionaries with equal keys,
-    which become tables.
+    which become tables. Control characters in texts are escaped.
     """
     for key, item in value.items():
         if isinstance(item, dict) and item:
@@ -21,7 +23,7 @@ def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
             yield from (f"{indent}  {line}" for line in _table(item))
         elif isinstance(item, list) and item and isinstance(item[0], str):
             yield f"{indent}{key}"
-            yield from (f"{indent}  {text}" for text in item)
+            yield from (f"{indent}  {_short(text)}" for text in item)
         elif item or item == 0:
             yield f"{indent}{key:<27} {_short(item)}"
 
@@ -46,4 +48,5 @@ def _short(value):
         return "  ".join(f"{number:.4g}" for number in value)
     if value is None:
         return "-"
-    return " x ".join(map(str, value)) if isinstance(value, list) else str(value)
+    items = value if isinstance(value, list) else [value]
+    return printable(" x ".join(map(str, items)))

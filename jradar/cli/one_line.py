@@ -1,8 +1,17 @@
-"""The parser of all commands, whose errors are one line."""
+"""One line on stderr: the errors of all commands and of their parser."""
 
 import argparse
 import difflib
+import sys
 from typing import NoReturn
+
+from jradar.errors import printable
+
+
+def say(text: str) -> None:
+    """Print a line, with control characters escaped."""
+    line = " ".join(text.split())
+    print(f"jradar: {printable(line)}", file=sys.stderr, flush=True)
 
 
 class Parser(argparse.ArgumentParser):
@@ -15,7 +24,8 @@ class Parser(argparse.ArgumentParser):
             wrong = wrong.partition("=")[0]
             near = difflib.get_close_matches(wrong, self.known_options(), 1)
             message += "".join(f", did you mean {name}?" for name in near)
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+        line = printable(f"{self.prog}: {message} (see {self.prog} --help)")
+        self.exit(2, f"{line}\n")
 
     def known_options(self) -> set[str]:
         """Return the options of this parser and of its commands."""

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from jradar.errors import ModelError, UsageError
+from jradar.files import open_file
 
 INPUTS = ("path", "radar", "replay", "spec", "coupling", "run")  # name a file
 STREAMED = (".mcap", ".ros2")  # outputs that hold all frames in one file or bag
@@ -18,8 +19,9 @@ def is_streamed(output: str) -> bool:
 def check_paths(options: argparse.Namespace) -> None:
     """Raise OSError for an input that is missing or must not be read.
 
-    Raises ModelError for a missing model, and UsageError for an output that is a file
-    instead of a folder, or a folder instead of a file.
+    Raises ModelError for a missing model, and UsageError for an input that is a pipe or
+    a device, an output that is a file instead of a folder, or a folder instead of a
+    file.
     """
     for name in INPUTS:
         if (path := getattr(options, name, None)) is not None:
@@ -39,9 +41,8 @@ def _check_input(path: str) -> None:
         raise FileNotFoundError(f"no such file or folder: {path}")
     if os.path.isdir(path):
         os.scandir(path).close()
-    elif os.path.isfile(path) or os.path.islink(path):
-        with open(path, "rb"):
-            pass
+    else:
+        open_file(path).close()
 
 
 def _check_output(path: Path, *, folder: bool) -> None:

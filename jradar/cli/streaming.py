@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from jradar.cli.one_line import say
 from jradar.cli.reading import given, opening
 from jradar.errors import UsageError
 from jradar.model import Model, load_model
@@ -61,7 +62,7 @@ def live_session(options: argparse.Namespace) -> dict[str, Any]:
             seconds=options.seconds,
             finished=lambda: _played(emulator, receiver),
             lidar=functools.partial(_scan, recording),
-            say=_say,
+            say=say,
         )
         receiver.close()
         if emulator is not None and emulator.fault is not None:
@@ -107,10 +108,6 @@ def replay_recording(options: argparse.Namespace) -> dict[str, Any]:
         "packets sent twice": sent.repeated,
         "notes": [*recording.notes],
     }
-
-
-def _say(text: str) -> None:
-    print(f"jradar: {text}", file=sys.stderr, flush=True)
 
 
 def _recording(options: argparse.Namespace) -> Recording:
@@ -159,7 +156,7 @@ def _writers(options: argparse.Namespace, stack: contextlib.ExitStack) -> list[W
             host=options.serve_host,
             port=options.serve,
             allow_origins=options.allow_origin,
-            say=_say,
+            say=say,
         )
         stack.callback(server.close)
         writers.append(server)

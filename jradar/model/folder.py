@@ -24,8 +24,9 @@ from jradar.diffusion import (
     read_params,
     write_params,
 )
+from jradar.diffusion.pretrained import MAX_FILE_BYTES
 from jradar.errors import ModelError
-from jradar.files import atomic_folder, read_json, typed_fields
+from jradar.files import atomic_folder, open_file, read_json, typed_fields
 from jradar.model.spec import Card, Model, ModelSpec
 from jradar.radar import RadarSpec
 from jradar.range_image import CHANNELS, ConfidenceTable, TrustTable
@@ -70,12 +71,14 @@ def load_model(name: Path | str) -> Model:
         raise
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    if hashlib.sha256(weights.read_bytes()).hexdigest() != digest:
-        raise ModelError(
-            f"{weights} does not match the digest in {path.name}: the file is damaged, "
-            "or from another model"
-        )
     try:
+        with open_file(weights, limit=MAX_FILE_BYTES) as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+        if found != digest:
+            raise ValueError(
+                f"{weights} does not match the digest in {path.name}: the file is "
+                "damaged, or from another model"
+            )
         params = read_params(weights)
     except ValueError as error:
         raise ModelError(str(error)) from error

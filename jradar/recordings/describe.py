@@ -9,7 +9,7 @@ import scipy  # loads `spatial` when it is first used
 
 from jradar.radar import RadarSpec
 from jradar.recordings.bags.bags import bag_times, bag_topics, open_bag
-from jradar.recordings.bags.cloud_messages import is_cloud_type
+from jradar.recordings.bags.messages import is_cloud_type
 from jradar.recordings.clouds.read import holds_points, read_cloud
 from jradar.recordings.recording import (
     Format,

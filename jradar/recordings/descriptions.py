@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from jradar.errors import UsageError
+from jradar.files import MAX_TEXT_BYTES
 from jradar.radar import RadarSpec
 from jradar.recordings.coloradar.calib import radar_from_coloradar
 from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, read
-from jradar.recordings.text_files import MAX_BYTES
 from jradar.recordings.ti.cfg import read_cfg
 from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.mmwave_json import read_mmwave_json
@@ -139,7 +139,7 @@ def find_description(path: Path, patterns: Sequence[str]) -> Path:
 
 def _describes_radar(file: Path) -> bool:
     with file.open("rb") as content:
-        return SIGNS.get(file.suffix, b"") in content.read(MAX_BYTES)
+        return SIGNS.get(file.suffix, b"") in content.read(MAX_TEXT_BYTES)
 
 
 def _of_same_name(path: Path, found: list[Path]) -> list[Path]:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jradar.errors import UsageError
+from jradar.files import open_file
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
 from jradar.recordings.coloradar import sequence
@@ -52,7 +53,9 @@ def open_recording(
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no such file or folder: {path}")
-    if path.is_dir() and not is_recording(path):
+    if not path.is_dir():
+        open_file(path).close()  # refuses pipes and devices
+    elif not is_recording(path):
         _refuse_folder(path)
     recording = read(
         path,

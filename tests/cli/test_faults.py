@@ -71,10 +71,10 @@ def test_a_full_disk_is_named_with_the_file(small_cube, tmp_path, capsys, monkey
 
 
 def test_a_file_that_must_not_be_read(small_cube, tmp_path, capsys, monkeypatch):
-    def refuse(path, mode):
+    def refuse(path):
         raise PermissionError(errno.EACCES, "Permission denied", path)
 
-    monkeypatch.setattr(paths, "open", refuse, raising=False)
+    monkeypatch.setattr(paths, "open_file", refuse)
     err = failed(["points", small_cube, "-o", tmp_path / "out"], capsys, 3)
     assert err == f"jradar: {small_cube}: Permission denied\n"
 

@@ -144,7 +144,7 @@ def trace(name: str) -> Callable:
 
 def raw_bag(folder: Path) -> Target:
     """Raw samples in a bag."""
-    path = raw_bags.write(folder, raw_bags.IQ, ros1=True)
+    path = raw_bags.write(folder)
     return Target(path, lambda: described(path))
 
 
@@ -194,9 +194,6 @@ def bag(container: str, compressed: str) -> Callable:
         made = bags.point_cloud2(bags.columns(20), bags.START)
         messages.append(("/p", bags.CLOUD, bags.START, made))
         path = bags.write_bag(folder / "bag", container, messages, compressed)
-        files = (
-            [path] if path.is_file() else [*path.glob("*.db3"), *path.glob("*.mcap")]
-        )
 
         def read() -> None:
             for topic in bag_topics(path):
@@ -204,7 +201,7 @@ def bag(container: str, compressed: str) -> Callable:
                 for index in range(len(stream)):
                     assert stream[index].shape[1] == 4
 
-        return Target(files[0], read)
+        return Target(bags.files_of(path)[0], read)
 
     return make
 

@@ -1,7 +1,6 @@
 """Captures with a capture.toml: places, times, poses, wrong descriptions."""
 
 import shutil
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,9 @@ from jradar.recordings import (
     read_tum,
 )
 from jradar.recordings.recording import Stream
+
+pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
+from tests.recordings.bag_writer import LIVOX, livox, write_bag  # noqa: E402
 
 CFG = """\
 channelCfg 15 1 0
@@ -63,7 +65,16 @@ def written(tmp_path_factory):
     poses = ["# t x y z qx qy qz qw"]
     poses += [f"{1000 + 0.1 * i} {SPEED * 0.1 * i} 0 0 0 0 0 1" for i in range(-1, 8)]
     (folder / "poses.txt").write_text("\n".join(poses))
-    write_bag(folder / "livox.bag")
+    messages = [
+        (
+            "/livox/lidar",
+            LIVOX,
+            stamp,
+            livox([(0, *row, 7, 0, 0) for row in rows], stamp),
+        )
+        for stamp, rows in zip(range(10**12, 2 * 10**12, 10**8), clouds(), strict=False)
+    ]
+    write_bag(folder, "bag", messages).rename(folder / "livox.bag")
     return folder
 
 
@@ -71,27 +82,6 @@ def written(tmp_path_factory):
 def folder(tmp_path, written):
     """A capture without its description."""
     return shutil.copytree(written, tmp_path, dirs_exist_ok=True)
-
-
-def write_bag(path):
-    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="pip install jradar[ros]")
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC)
-    name = "livox_ros_driver2/msg/Custom"
-    point = "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
-    point += "uint8 reflectivity\nuint8 tag\nuint8 line\n"
-    message = "std_msgs/Header header\nuint64 timebase\nuint32 point_num\n"
-    message += "uint8 lidar_id\nuint8[3] rsvd\nlivox_ros_driver2/CustomPoint[] points\n"
-    store.register(get_types_from_msg(point, name + "Point"))
-    store.register(get_types_from_msg(message, name + "Msg"))
-    with rosbag1.Writer(path) as writer:
-        topic = writer.add_connection("/livox/lidar", name + "Msg", typestore=store)
-        for i, rows in enumerate(clouds()):
-            data = struct.pack("<IIII", i, 1000, i * 10**8, 0)
-            data += struct.pack("<QIB3xI", 0, len(rows), 0, len(rows))
-            data += b"".join(struct.pack("<IfffBBB", 0, *row, 7, 0, 0) for row in rows)
-            writer.write(topic, 1000 * 10**9 + i * 10**8, data)
 
 
 def describe(folder, *replacements, text=CAPTURE):

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.errors import UsageError
+from jradar.files import open_file
 from jradar.recordings.clouds.pcd import read_pcd
 from jradar.recordings.clouds.ply import read_ply
 
@@ -37,12 +38,14 @@ def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
 
 def read_bin(path: Path) -> Float[np.ndarray, "point 4"]:
     """Return the points of a .bin file, x y z intensity; an empty file holds none."""
-    if (size := path.stat().st_size) % 16 or size > MAX_BIN_BYTES:
+    with open_file(path, limit=MAX_BIN_BYTES) as file:
+        numbers = np.frombuffer(file.read(), "u1")
+    if numbers.size % 16:
         raise ValueError(
-            f"{path} holds {size:,} bytes, expected a multiple of 16 (float32 x y z "
-            f"intensity), at most {MAX_BIN_BYTES:,}: truncated?"
+            f"{path} holds {numbers.size:,} bytes, expected a multiple of 16 (float32 "
+            "x y z intensity): truncated?"
         )
-    return np.fromfile(path, "<f4").reshape(-1, 4).astype(np.float32, copy=False)
+    return numbers.view("<f4").reshape(-1, 4).astype(np.float32)
 
 
 def _read_bin_columns(path):

@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from jradar.errors import UsageError
-from jradar.files import read_json
+from jradar.files import read_json, read_text
 from jradar.radar import RadarSpec
 from jradar.radar.devices import CASCADE
-from jradar.recordings.text_files import radar_of, read_text
+from jradar.recordings.text_files import radar_of
 
 # Keys of the waveform file and fields of the radar, all in SI units.
 FIELDS = {

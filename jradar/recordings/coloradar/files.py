@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex, Float
 
+from jradar.errors import parsing
+from jradar.files import read_text
 from jradar.lidar import rigid_transform
 from jradar.radar import RadarSpec
 from jradar.recordings.recording import Stream
-from jradar.recordings.text_files import read_text
 
 MAX_TEXT_BYTES = 64 << 20
 NANOSECONDS = 1e12  # larger stamps are nanoseconds, not seconds
@@ -142,17 +143,10 @@ def read_cube(
 
 def read_transform(path: Path) -> Float[np.ndarray, "4 4"]:
     """Return the transform from sensor to base in a file: x y z, then qx qy qz qw."""
-    if path.stat().st_size > 4096:
-        raise ValueError(f"{path} is not a transform: expected two lines of numbers")
-    try:
-        numbers = np.array(path.read_text("utf-8-sig").split(), float)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}, expected numbers") from error
-    if numbers.size != 7 or not np.isfinite(numbers).all():
-        raise ValueError(
-            f"{path} holds {numbers.size} numbers, expected 7 finite ones: x y z, then "
-            "qx qy qz qw"
-        )
+    with parsing(path, "a transform: x y z, then qx qy qz qw"):
+        numbers = np.array(read_text(path).split(), float)
+        if numbers.size != 7 or not np.isfinite(numbers).all():
+            raise ValueError(f"{numbers.size} numbers, expected 7 finite ones")
     distance, length = np.linalg.norm(numbers[:3]), np.linalg.norm(numbers[3:])
     if abs(length - 1) > 0.01:
         raise ValueError(

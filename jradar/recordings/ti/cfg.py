@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from jradar.files import read_text
 from jradar.radar import RadarSpec
 from jradar.radar.devices import ROW_OF_RECEIVERS, Board
-from jradar.recordings.text_files import read_text
 from jradar.recordings.ti.frame import (
     CaptureSpec,
     Chirp,

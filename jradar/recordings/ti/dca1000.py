@@ -82,7 +82,6 @@ def open_dca1000(
             f"{path} looks like one frame of ColoRadar: name the folder of its "
             "sequence, and the frame with --frame"
         )
-    description = description or find_description(path, DESCRIPTION_NAMES)
     files, name = _files(path)
     described = described_samples(path, description, iq_order=iq_order, device=device)
     header_bytes = header_size(files)
@@ -96,15 +95,17 @@ def open_dca1000(
 
 def described_samples(
     path: Path,
-    description: Path | str,
+    description: Path | str | None,
     *,
     iq_order: str | None = None,
     device: str | None = None,
 ) -> Description:
     """Return the radar of a stream of samples, checked, with its order of I and Q.
 
-    `path` is the file of samples, which errors name.
+    `path` is the file of samples, which errors name. By default its description is the
+    only one beside it.
     """
+    description = description or find_description(path, DESCRIPTION_NAMES)
     found = read_description(description, device=device)
     if found.capture.has_headers:
         raise ValueError(

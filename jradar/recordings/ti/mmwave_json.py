@@ -19,10 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from jradar.errors import UsageError
-from jradar.files import read_json
+from jradar.files import MAX_TEXT_BYTES, read_json
 from jradar.radar import RadarSpec
 from jradar.radar.devices import Board
-from jradar.recordings.text_files import MAX_BYTES
 from jradar.recordings.ti.frame import (
     CaptureSpec,
     Chirp,
@@ -135,7 +134,7 @@ class _Table:
 
 def _device(path: Path | str) -> _Table:
     """Return the only device that a file configures."""
-    values = read_json(path, limit=MAX_BYTES)
+    values = read_json(path, limit=MAX_TEXT_BYTES)
     devices = values.get("mmWaveDevices")
     if devices is None and "DCA1000Config" in values:
         raise UsageError(

@@ -18,11 +18,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jradar.errors import parsing
+from jradar.files import open_file
 from jradar.radar import RadarSpec
-from jradar.recordings.descriptions import find_description
 from jradar.recordings.recording import Format, Recording
 from jradar.recordings.ti.dca1000 import (
-    DESCRIPTION_NAMES,
     bytes_of_frame,
     described_samples,
     recording_of_samples,
@@ -64,7 +63,6 @@ def open_packet_trace(
     ImportError if dpkt is missing.
     """
     path = Path(path)
-    description = description or find_description(path, DESCRIPTION_NAMES)
     described = described_samples(path, description, iq_order=iq_order, device=device)
     packets, times, notes = _packets(path, described.radar)
     frame_bytes = bytes_of_frame(described.radar)
@@ -165,7 +163,7 @@ def _datagrams(path: Path) -> tuple[list[Datagram], tuple[str, ...]]:
             "packet traces need dpkt: pip install 'jradar[live]'"
         ) from error
     found, size = [], path.stat().st_size
-    with path.open("rb") as file, parsing(path, "a packet trace (.pcap or .pcapng)"):
+    with open_file(path) as file, parsing(path, "a packet trace (.pcap or .pcapng)"):
         reader: Any = dpkt.pcap.UniversalReader(file)
         link, is_ng = reader.datalink(), isinstance(reader, dpkt.pcapng.Reader)
         if link not in LINKS:

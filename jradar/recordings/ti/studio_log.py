@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from jradar.errors import UsageError
+from jradar.files import read_text
 from jradar.radar import RadarSpec
 from jradar.radar.devices import BOARDS
-from jradar.recordings.text_files import read_text
 from jradar.recordings.ti.frame import Chirp, bits, chirp_range, radar_of_frame
 
 # Register units of mmWave Studio (TI mmWave Link interface control document).

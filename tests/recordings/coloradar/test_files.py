@@ -222,11 +222,10 @@ def test_a_billion_stamps_are_refused_before_they_are_read(sequence):
         ),
         ("0 0 0\n0 0 0 0.5\n", "length 0.5, expected 1"),
         ("0 0 0\n0 0 0 0\n", "length 0, expected 1"),
-        ("0 0 0\n0 0 1\n", "holds 6 numbers, expected 7"),
+        ("0 0 0\n0 0 1\n", "not a transform.* 6 numbers, expected 7"),
         ("0 0 nan\n0 0 0 1\n", "expected 7 finite"),
-        ("0 0 zero\n0 0 0 1\n", "expected numbers"),
-        (b"\xff\xfe\x80", "expected numbers"),
-        ("0 " * 9999, "is not a transform"),
+        ("0 0 zero\n0 0 0 1\n", "not a transform.* could not convert"),
+        (b"\xff\xfe\x80", "is not a text file"),
     ],
 )
 def test_unusable_transforms_are_refused(root, sequence, text, message):

@@ -1,10 +1,13 @@
-"""Clouds in ROS messages: bytes to structured arrays of points.
+"""ROS messages: their bytes to stamps, structured arrays of points, and numbers.
 
     sensor_msgs/PointCloud2      any fields and padding
     livox_.../CustomMsg          a table: 19 bytes a point in ROS 1, 20 in ROS 2's CDR,
                                  where the last point has no padding
+    sensor_msgs/Imu              37 numbers after the header
 
-The serialisation is that of ROS 1, or ROS 2's CDR.
+Four bytes precede the stamp in both serialisations: the header's sequence number in
+ROS 1, the encapsulation in ROS 2's CDR. Damaged messages raise ValueError or
+struct.error.
 """
 
 import functools
@@ -13,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+NS = 1_000_000_000
 LIVOX_POINT = {
     **{"offset_time": "u4", "x": "f4", "y": "f4", "z": "f4"},
     **{"reflectivity": "u1", "tag": "u1", "line": "u1"},
@@ -27,13 +31,36 @@ def is_cloud_type(kind: str) -> bool:
     )
 
 
-def decode_cloud(raw: bytes, kind: str, *, is_ros1: bool) -> np.ndarray:
-    """Return the points of a message of type `kind` as a structured array.
+def stamp_ns(raw: bytes, *, is_ros1: bool) -> int:
+    """Return the nanoseconds in the header of a message; 0 if it is cut off."""
+    form = f"{_order(raw, is_ros1)}4x{'I' if is_ros1 else 'i'}I"
+    if len(raw) < struct.calcsize(form):
+        return 0
+    seconds, nanoseconds = struct.unpack_from(form, raw)
+    return seconds * NS + nanoseconds
 
-    Raises ValueError or struct.error for a damaged message.
-    """
+
+def decode_imu(raw: bytes, *, is_ros1: bool) -> tuple[float, ...]:
+    """Return orientation, angular velocity, acceleration, each with its covariance."""
+    order, start = _after_header(raw, is_ros1)
+    return struct.unpack_from(f"{order}37d", raw, start)
+
+
+def decode_cloud(raw: bytes, kind: str, *, is_ros1: bool) -> np.ndarray:
+    """Return the points of a message of type `kind` as a structured array."""
     decode = _livox if kind.endswith("CustomMsg") else _point_cloud2
     return decode(raw, is_ros1)
+
+
+def _order(raw: bytes, is_ros1: bool) -> str:
+    return "<" if is_ros1 or raw[1:2] == b"\1" else ">"
+
+
+def _after_header(raw: bytes, is_ros1: bool) -> tuple[str, int]:
+    """Return the order of bytes, and where the 8-byte fields after a header begin."""
+    order = _order(raw, is_ros1)
+    (name,) = struct.unpack_from(f"{order}12xI", raw)
+    return order, 16 + (name if is_ros1 else -(-(12 + name) // 8) * 8 - 12)
 
 
 @functools.cache
@@ -82,15 +109,9 @@ def _point_cloud2(raw, is_ros1):
 
 
 def _livox(raw, is_ros1):
-    order, body, align = "<", memoryview(raw), 1
-    if is_ros1:
-        body = body[4:]  # the header's sequence number, absent in ROS 2
-    else:
-        order, body, align = "<" if raw[1:2] == b"\1" else ">", body[4:], 8
-    (name,) = struct.unpack_from(order + "8xI", body)
-    start = -(-(12 + name) // align) * align
+    order, start = _after_header(raw, is_ros1)
     # timebase u64, point_num u32, lidar_id u8, rsvd u8[3], and the array's own count
-    (count,) = struct.unpack_from(order + "16xI", body, start)
+    (count,) = struct.unpack_from(f"{order}16xI", raw, start)
     size = 19 if is_ros1 else 20
     points = np.dtype(
         {
@@ -99,7 +120,7 @@ def _livox(raw, is_ros1):
             "itemsize": size,
         }
     )
-    table = bytes(body[start + 20 :])
+    table = raw[start + 20 :]
     unpadded = count * size - (count > 0 and not is_ros1)
     if not unpadded <= len(table) <= unpadded + 3:
         raise ValueError(
