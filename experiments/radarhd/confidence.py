@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from experiments.radarhd.cartesian import FULL, to_cartesian, to_points
 from experiments.tables import markdown_table
-from experiments.tasks.radarhd_cartesian import FULL, to_cartesian, to_points
 from jradar.evaluation import calibration_error, near_truth, reliability
 from jradar.range_image import CalibrationSpec, calibrated, fit_calibration
 from jradar.range_image.confidence import KNOTS
