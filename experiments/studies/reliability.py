@@ -25,9 +25,9 @@ from jaxtyping import Bool, Float
 
 from experiments.build import build_pairs
 from experiments.command import run_study, study_parser
+from experiments.enhance import drawn
 from experiments.evaluate import Frame, points_of, with_confidence
 from experiments.tables import markdown_table
-from experiments.tasks.enhance import drawn
 from jradar import data, evaluation, viz
 from jradar.errors import UsageError
 from jradar.evaluation import Coverage, Reliability

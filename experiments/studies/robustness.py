@@ -35,9 +35,9 @@ from experiments.build import build_pairs, prepare_spec
 from experiments.command import run_study, study_parser
 from experiments.configs import default, varied
 from experiments.detectors import choose_rates, detector_methods
+from experiments.enhance import model_methods
 from experiments.evaluate import score_records, view_of
 from experiments.tables import markdown_table
-from experiments.tasks.enhance import model_methods
 from jradar import data, evaluation
 from jradar.errors import UsageError
 from jradar.files import write_text

@@ -4,9 +4,8 @@ import dataclasses
 
 import pytest
 
-from experiments import build
+from experiments import build, demo
 from experiments.configs import demo as config_file
-from experiments.tasks import demo
 from jradar import recordings
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.evaluation import load_clouds, read_scores

@@ -7,10 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import build, fusing
+from experiments import build, enhance, fusing
 from experiments.configs import default, marginal
 from experiments.evaluate import Frame
-from experiments.tasks import enhance
 from jradar import data
 from jradar.errors import UsageError
 from jradar.model import Model, draw, fuse

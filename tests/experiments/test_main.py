@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from experiments import build, main as command
+from experiments import build, main as command, rpdnet
+from experiments.radarhd import methods as radarhd_methods
 from experiments.studies import compare
-from experiments.tasks import radarhd_methods, rpdnet
 from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records

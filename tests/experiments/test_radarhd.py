@@ -8,20 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import train
+from experiments import radarhd, train
 from experiments.configs import (
     radarhd as default,
     radarhd_nearness,
     radarhd_regression,
 )
-from experiments.tasks import (
-    radarhd,
-    radarhd_methods,
-    radarhd_report,
-    radarhd_scores,
+from experiments.radarhd import (
+    methods as radarhd_methods,
+    report as radarhd_report,
+    scores as radarhd_scores,
 )
-from experiments.tasks.radarhd_occupancy import agreed_occupancy
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItems, open_radarhd
+from experiments.radarhd.occupancy import agreed_occupancy
+from experiments.radarhd.pairs import LIDAR, RADAR, PolarItems, open_radarhd
 from experiments.weights import load_weights
 from jradar.errors import ModelError, UsageError
 

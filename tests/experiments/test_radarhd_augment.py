@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.tasks import radarhd_augment as augmenting
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem
+from experiments.radarhd import augment as augmenting
+from experiments.radarhd.pairs import LIDAR, RADAR, PolarItem
 
 
 def pair_of(row, degrees):
@@ -104,9 +104,9 @@ def test_a_pasted_sector_is_the_same_in_both_images(seed):
 def test_half_of_the_items_change_and_none_without_names():
     item = pair_of(100, 10)
     rng = np.random.default_rng(0)
-    assert augmenting.augment(item, rng, names=(), others=[item]) is item
+    assert augmenting.augmented(item, rng, names=(), others=[item]) is item
     changed = [
-        augmenting.augment(item, rng, names=("gain",), others=[item]) is not item
+        augmenting.augmented(item, rng, names=("gain",), others=[item]) is not item
         for _ in range(100)
     ]
     assert 30 < sum(changed) < 70

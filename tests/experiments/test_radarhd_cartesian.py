@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from experiments.tasks.radarhd_cartesian import cartesian_points, cells, to_cartesian
-from experiments.tasks.radarhd_pairs import LIDAR, polar_to_points
-from experiments.tasks.radarhd_report import building, tables_of
-from experiments.tasks.radarhd_scores import plane_scores
+from experiments.radarhd.cartesian import cartesian_points, cells, to_cartesian
+from experiments.radarhd.pairs import LIDAR, polar_to_points
+from experiments.radarhd.report import building, tables_of
+from experiments.radarhd.scores import plane_scores
 
 
 def slow_points(image):

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from experiments.tasks.radarhd_cartesian import cartesian_points
-from experiments.tasks.radarhd_confidence import (
+from experiments.radarhd.cartesian import cartesian_points
+from experiments.radarhd.confidence import (
     VALUES,
     confidence_table,
     counted,
     drawn_cells,
     fit_confidence,
 )
-from experiments.tasks.radarhd_pairs import LIDAR
+from experiments.radarhd.pairs import LIDAR
 
 
 def wall(row, value):

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from experiments.tasks.radarhd_nearness import (
+from experiments.radarhd.nearness import (
     REACH_M,
     mirrored,
     nearness,
     nearness_loss,
 )
-from experiments.tasks.radarhd_occupancy import OCCUPANCY, prior
-from experiments.tasks.radarhd_pairs import LIDAR, polar_to_points
+from experiments.radarhd.occupancy import OCCUPANCY, prior
+from experiments.radarhd.pairs import LIDAR, polar_to_points
 from jradar.diffusion import NoiseSpec, precondition
 
 KEY = jax.random.key(0)

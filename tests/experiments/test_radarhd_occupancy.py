@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.tasks.radarhd_occupancy import (
+from experiments.radarhd.occupancy import (
     OCCUPANCY,
     agreed_occupancy,
     occupancy_denoising_loss,

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from scipy.spatial import KDTree
 
-from experiments.tasks.radarhd_pairs import (
+from experiments.radarhd.pairs import (
     LIDAR,
     RADAR,
     PolarItems,

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR, open_radarhd
-from experiments.tasks.radarhd_simulated import (
+from experiments.radarhd.pairs import LIDAR, RADAR, open_radarhd
+from experiments.radarhd.simulated import (
     CHIP,
     MOMENTS_S,
     OFFSET_M,

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import build
+from experiments import build, enhance
 from experiments.configs import regression
 from experiments.detectors import detected, detector_methods, seen_points
 from experiments.evaluate import (
@@ -18,7 +18,6 @@ from experiments.evaluate import (
     view_of,
     with_confidence,
 )
-from experiments.tasks import enhance
 from jradar import data
 from jradar.errors import UsageError
 from jradar.model import Model

@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import train
+from experiments import rpdnet, train
 from experiments.build import build_optimizer
 from experiments.configs import rpdnet as default
 from experiments.evaluate import view_of
-from experiments.tasks import rpdnet, rpdnet_labels
-from experiments.tasks.rpdnet_labels import LabelledMaps
-from experiments.tasks.rpdnet_loss import make_rpdnet_step, rpdnet_params
+from experiments.rpdnet import labels as rpdnet_labels
+from experiments.rpdnet.labels import LabelledMaps
+from experiments.rpdnet.loss import make_rpdnet_step, rpdnet_params
 from jradar import data, evaluation, training
 
 

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.tasks.rpdnet_labels import label_cells, sensor_velocities
-from experiments.tasks.rpdnet_loss import focal_loss, rpdnet_loss, rpdnet_params
+from experiments.rpdnet.labels import label_cells, sensor_velocities
+from experiments.rpdnet.loss import focal_loss, rpdnet_loss, rpdnet_params
 from jradar.baselines import RPDNet
 from jradar.radar import Radar, RadarSpec, Scatterers, all_cells, simulate_cube
 

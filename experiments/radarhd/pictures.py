@@ -9,8 +9,8 @@ from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
 from experiments.build import SAMPLE_KEY, random_key
-from experiments.tasks.radarhd_pairs import LIDAR, PolarItems, RadarHD, polar_to_points
-from experiments.tasks.radarhd_scores import CHOSEN_BY, Draw, Limits, Rows
+from experiments.radarhd.pairs import LIDAR, PolarItems, RadarHD, polar_to_points
+from experiments.radarhd.scores import CHOSEN_BY, Draw, Limits, Rows
 
 SHOWN = 4  # frames in a picture
 

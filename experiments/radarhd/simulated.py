@@ -1,6 +1,6 @@
 r"""Pairs as RadarHD's, made by the simulator: thousands of other rooms to train on.
 
-    python -m experiments.tasks.radarhd_simulated pairs.npz --layouts 2000
+    python -m experiments.radarhd.simulated pairs.npz --layouts 2000
 
 Each layout is a scene of its own, seen by a unit of its own (board, height, clutter)
 with RadarHD's chirp, three seconds apart. The packed file has the form that
@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex, Float, UInt8
 
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarSpec
+from experiments.radarhd.pairs import LIDAR, RADAR, PolarSpec
 from jradar.lidar import transform
 from jradar.progress import progress
 from jradar.radar import RadarSpec

@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
-from experiments.tasks.radarhd_occupancy import Image, cross_entropy
-from experiments.tasks.radarhd_pairs import LIDAR
+from experiments.radarhd.occupancy import Image, cross_entropy
+from experiments.radarhd.pairs import LIDAR
 from jradar.diffusion import Denoiser, NoiseSpec, regression_estimate
 
 REACH_M = 0.3

@@ -18,8 +18,8 @@ from ml_collections import ConfigDict
 from experiments import build
 from experiments.detectors import best_choice, seen_points
 from experiments.evaluate import View, mean_scores, spread, view_of, write_results
-from experiments.tasks.rpdnet_labels import LabelledMaps
-from experiments.tasks.rpdnet_loss import make_rpdnet_step, rpdnet_params
+from experiments.rpdnet.labels import LabelledMaps
+from experiments.rpdnet.loss import make_rpdnet_step, rpdnet_params
 from experiments.train import Training
 from experiments.weights import load_weights
 from jradar import data, diffusion, training

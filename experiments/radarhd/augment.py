@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR, PolarItem, turned
+from experiments.radarhd.pairs import LIDAR, RADAR, PolarItem, turned
 
 Radar = Float[np.ndarray, "range radar_azimuth history"]
 Occupied = Float[np.ndarray, "range azimuth 1"]
@@ -88,7 +88,7 @@ AUGMENTATIONS: dict[str, Callable[..., Pair]] = {
 }
 
 
-def augment(
+def augmented(
     item: PolarItem,
     rng: np.random.Generator,
     *,

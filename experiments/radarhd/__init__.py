@@ -13,26 +13,26 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.tasks.radarhd_augment import AUGMENTATIONS, augment
-from experiments.tasks.radarhd_confidence import fit_confidence
-from experiments.tasks.radarhd_methods import (
+from experiments.radarhd.augment import AUGMENTATIONS, augmented
+from experiments.radarhd.confidence import fit_confidence
+from experiments.radarhd.methods import (
     draw_methods,
     fitting_weights,
     networks,
     quickest,
 )
-from experiments.tasks.radarhd_nearness import nearness_loss
-from experiments.tasks.radarhd_occupancy import (
+from experiments.radarhd.nearness import nearness_loss
+from experiments.radarhd.occupancy import (
     occupancy_denoising_loss,
     occupancy_regression_loss,
 )
-from experiments.tasks.radarhd_pairs import (
+from experiments.radarhd.pairs import (
     PolarItems,
     RadarHD,
     open_radarhd,
 )
-from experiments.tasks.radarhd_report import write_results
-from experiments.tasks.radarhd_scores import (
+from experiments.radarhd.report import write_results
+from experiments.radarhd.scores import (
     PROTOCOLS,
     at_limits,
     choose_limits,
@@ -134,7 +134,7 @@ def training_batches(
                 pairs, history=config.data.history, mirror=config.train.mirror
             )
             change = functools.partial(
-                augment, names=config.train.augment, others=items
+                augmented, names=config.train.augment, others=items
             )
             batches += [
                 data.Batches(items, seed=config.seed, batch_size=number, change=change)

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from ml_collections import ConfigDict
 
-from experiments.tables import markdown_table
-from experiments.tasks.radarhd_confidence import confidence_table
-from experiments.tasks.radarhd_pairs import RadarHD
-from experiments.tasks.radarhd_pictures import picture, worst_picture
-from experiments.tasks.radarhd_scores import (
+from experiments.radarhd.confidence import confidence_table
+from experiments.radarhd.pairs import RadarHD
+from experiments.radarhd.pictures import picture, worst_picture
+from experiments.radarhd.scores import (
     CHOSEN_BY,
     PROTOCOLS,
     Draw,
@@ -26,6 +25,7 @@ from experiments.tasks.radarhd_scores import (
     Rows,
     score_pairs,
 )
+from experiments.tables import markdown_table
 from jradar import evaluation, viz
 from jradar.files import write_text
 from jradar.metrics import THRESHOLDS_M

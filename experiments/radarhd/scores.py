@@ -20,10 +20,10 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments.build import SAMPLE_KEY, random_key
+from experiments.radarhd.cartesian import cartesian_points
+from experiments.radarhd.confidence import counted, drawn_cells
+from experiments.radarhd.pairs import PolarItems, RadarHD, polar_to_points
 from experiments.tables import known_mean
-from experiments.tasks.radarhd_cartesian import cartesian_points
-from experiments.tasks.radarhd_confidence import counted, drawn_cells
-from experiments.tasks.radarhd_pairs import PolarItems, RadarHD, polar_to_points
 from jradar.metrics import THRESHOLDS_M, compare_on_host
 
 # Limits of the drawn value to choose from: evenly spaced log-odds.

@@ -10,10 +10,10 @@ from jaxtyping import Array, Float, Key
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.tasks.radarhd_nearness import mirrored
-from experiments.tasks.radarhd_occupancy import OCCUPANCY, agreed_occupancy
-from experiments.tasks.radarhd_pairs import LIDAR, RADAR
-from experiments.tasks.radarhd_scores import Draw
+from experiments.radarhd.nearness import mirrored
+from experiments.radarhd.occupancy import OCCUPANCY, agreed_occupancy
+from experiments.radarhd.pairs import LIDAR, RADAR
+from experiments.radarhd.scores import Draw
 from experiments.weights import load_weights
 from jradar import diffusion
 from jradar.errors import ModelError

@@ -14,8 +14,8 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.detectors import detector_methods
+from experiments.enhance import model_methods
 from experiments.evaluate import View, write_results
-from experiments.tasks.enhance import model_methods
 from jradar import data
 from jradar.evaluation import Method
 from jradar.files import write_text

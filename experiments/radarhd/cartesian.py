@@ -18,7 +18,7 @@ import functools
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from experiments.tasks.radarhd_pairs import LIDAR
+from experiments.radarhd.pairs import LIDAR
 
 FULL, THRESHOLD = 255, 1  # grey values of an occupied pixel, and of the darkest point
 X_GRID = np.linspace(0, LIDAR.max_range_m, LIDAR.num_range)
