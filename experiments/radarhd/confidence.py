@@ -15,13 +15,8 @@ from jaxtyping import Bool, Float
 
 from experiments.radarhd.cartesian import FULL, to_cartesian, to_points
 from experiments.tables import markdown_table
-<<<<<<< HEAD:experiments/tasks/radarhd_confidence.py
 from jradar.evaluation import near_truth, reliability, reliability_error
 from jradar.range_image import ConfidenceTable, fit_confidence as fit_table, frequency
-=======
-from jradar.evaluation import calibration_error, near_truth, reliability
-from jradar.range_image import CalibrationSpec, calibrated, fit_calibration
->>>>>>> experiments:experiments/radarhd/confidence.py
 from jradar.range_image.confidence import KNOTS
 
 VALUES = np.linspace(0, 1, KNOTS)  # that cells are counted by: a calibration's own

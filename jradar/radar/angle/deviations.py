@@ -3,7 +3,8 @@
 They follow from the SNR of the point, the windows, and the positions of the antennas,
 for one target in white noise, to first order in the noise:
 
-    range, velocity    the noise of the three cells that place the peak between bins
+    range, velocity    the noise of the three cells that place the peak between bins,
+                       and the bias of a rectangular window, an eighth of a bin
     direction sines    the Cramer-Rao bound of the array, and what an error of velocity
                        adds through the phase of the transmitters' turns
 
@@ -63,8 +64,13 @@ def point_deviations(
         )
     snr = jnp.maximum(cloud.snr - 1, LEAST_SNR)  # of one antenna, without the noise
     whole = jnp.sqrt(snr * radar.num_virtual)
-    in_range = offset_deviation(points.range_window, radar.num_samples) / whole
-    in_doppler = offset_deviation(points.doppler_window, radar.num_chirps) / whole
+
+    def bins(kind, length):
+        noise = offset_deviation(kind, length) / whole
+        return jnp.sqrt(noise**2 + offset_bias(kind, length) ** 2)
+
+    in_range = bins(points.range_window, radar.num_samples)
+    in_doppler = bins(points.doppler_window, radar.num_chirps)
     covariance = _sine_covariance(radar, snr, in_doppler)
     azimuth, elevation = _angle_deviations(cloud.xyz, covariance, points)
     values = (
@@ -85,9 +91,7 @@ def offset_deviation(kind: str, length: int) -> float:
     """
     if length < 3:
         return np.inf
-    shape = lobe(kind, length, OFFSETS)
-    power = np.maximum(np.abs(shape) ** 2, 1e-6 * np.abs(shape[:, 1:2]) ** 2)
-    vertex, slopes = vertex_and_slopes(np.log(power))
+    shape, power, vertex, slopes = _parabolas(kind, length)
     coefficients = np.array(unbiased_coefficients(kind, length))
     degrees = np.arange(len(coefficients))
     steep = vertex[:, None] ** (2 * degrees) @ ((2 * degrees + 1) * coefficients)
@@ -101,6 +105,29 @@ def offset_deviation(kind: str, length: int) -> float:
     mixed *= 2 * power[:, 1, None, None] / noise[0, 0].real
     variance = np.einsum("ok,okl,ol->o", slopes, mixed, slopes)
     return float(np.sqrt(variance.mean()))
+
+
+@functools.cache
+def offset_bias(kind: str, length: int) -> float:
+    """Return the error of `window_offset` in bins without noise; host.
+
+    It is the root mean square over targets between bins, and next to nothing where the
+    parabola's bias is removed.
+    """
+    if length < 3:
+        return 0.0
+    _, _, vertex, _ = _parabolas(kind, length)
+    coefficients = np.array(unbiased_coefficients(kind, length))
+    powers = vertex[:, None] ** (2 * np.arange(len(coefficients)) + 1)
+    found = np.clip(powers @ coefficients, -0.5, 0.5)
+    return float(np.sqrt(((found - OFFSETS) ** 2).mean()))
+
+
+def _parabolas(kind, length):
+    """Lobes of targets between bins, their powers, vertices and slopes; host."""
+    shape = lobe(kind, length, OFFSETS)
+    power = np.maximum(np.abs(shape) ** 2, 1e-6 * np.abs(shape[:, 1:2]) ** 2)
+    return shape, power, *vertex_and_slopes(np.log(power))
 
 
 def _sine_covariance(radar, snr, in_doppler):

@@ -10,12 +10,13 @@ import pytest
 from jradar.radar import (
     PointSpec,
     Radar,
+    Scatterers,
     point_deviations,
     radar_points,
     simulate_cube,
     window,
 )
-from jradar.radar.angle.deviations import offset_deviation
+from jradar.radar.angle.deviations import offset_bias, offset_deviation
 from jradar.radar.peaks import parabola_offset, window_offset
 from tests.radar.targets import FLAT, SMALL, simulate, spherical, target
 
@@ -111,3 +112,49 @@ def test_padding_and_clouds_without_deviations():
     on_bins = dataclasses.replace(ONE, refine=False)
     with pytest.raises(ValueError, match="refine = False: such points lie on bins"):
         point_deviations(cloud, SMALL, points=on_bins)
+
+
+@jax.jit
+def scattered_trials(key, amplitude):
+    """Errors of range and velocity over their deviations, without any window."""
+    spec = dataclasses.replace(ONE, range_window="none", doppler_window="none")
+
+    def trial(key):
+        place, noise = jax.random.split(key)
+        cells, bins = jax.random.uniform(place, (2,), minval=-0.5, maxval=0.5)
+        distance = (9.0 + cells) * SMALL.range_resolution_m
+        velocity = (2.0 + bins) * SMALL.velocity_resolution_mps
+        truth = Scatterers(
+            jnp.stack([distance, 0.0 * distance, 0.0 * distance])[None],
+            velocity[None],
+            amplitude[None],
+        )
+        cube = simulate_cube(noise, truth, SMALL, noise_power=1.0)
+        cloud = radar_points(cube, SMALL, points=spec)
+        expected = point_deviations(cloud, SMALL, points=spec)
+        errors = jnp.linalg.norm(cloud.xyz[0]) - distance, cloud.velocity[0] - velocity
+        return errors[0] / expected.range_m[0], errors[1] / expected.velocity_mps[0]
+
+    return jax.lax.map(trial, jax.random.split(key, TRIALS), batch_size=16)
+
+
+@pytest.mark.parametrize("snr_db", [10, 20, 30])
+def test_the_bias_without_windows_is_part_of_the_deviations(snr_db):
+    """Targets anywhere between bins: noise alone would be up to 13 times too small."""
+    cells = SMALL.num_chirps * SMALL.num_samples
+    amplitude = np.float32(np.sqrt(10 ** (snr_db / 10) / cells))
+    ratios = np.stack(scattered_trials(jax.random.key(snr_db), amplitude))
+    spread = np.sqrt((ratios**2).mean(1))
+    assert (0.9 < spread).all() and (spread < 1.2).all(), spread
+
+
+@pytest.mark.parametrize(("kind", "bias"), [("none", 0.12), ("hann", 0.0)])
+def test_the_bias_of_a_window_is_the_error_without_noise(kind, bias):
+    place = np.linspace(-0.5, 0.5, 2001)
+    phase = 2j * np.pi * np.outer(place, np.arange(64)) / 64
+    power = abs(np.fft.fft(window(kind, 64) * np.exp(phase))) ** 2
+    neighbours = (jnp.asarray(power[:, k]) for k in (-1, 0, 1))
+    found = window_offset(*neighbours, kind=kind, length=64)
+    error = np.sqrt(((found - place) ** 2).mean())
+    assert offset_bias(kind, 64) == pytest.approx(error, abs=5e-3)
+    assert error == pytest.approx(bias, abs=5e-3)
