@@ -9,6 +9,7 @@ from jradar.cli import main
 from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
 from jradar.model import save_model
 from jradar.motion import following
+from jradar.range_image import ConfidenceTable
 from jradar.recordings import read_cloud
 from jradar.simulation import simulate_sequence
 from tests.models import tiny_model
@@ -20,7 +21,7 @@ MODEL = tiny_model(
         channels=4, multipliers=(1,), blocks=1, attention_levels=(), outputs=14
     ),
     noise=NoiseSpec(sigma_data=0.7, prediction=PREDICTIONS["mixture"]),
-    least_confidence=0.0,
+    confidence=ConfidenceTable.of((0.0, 1.0), least=0.0),
 )
 SEARCH_M = 0.11  # by which `fuse` searches farther than `draw`
 

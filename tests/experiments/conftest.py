@@ -48,7 +48,7 @@ def random_model(config, records: Records) -> Model:
     params = jax.tree.map(
         lambda leaf: 0.1 * rng.normal(size=leaf.shape).astype(np.float32), shapes
     )
-    return Model(params, spec)
+    return Model(params, spec, build.build_card(config, records))
 
 
 class Run(NamedTuple):

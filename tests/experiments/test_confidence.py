@@ -9,8 +9,8 @@ from experiments import confidence
 from experiments.confidence import Judged, least_confidence
 from experiments.configs import default, regression
 from jradar.data import Records
-from jradar.model import Model, load_model, save_model
-from jradar.range_image import CalibrationSpec
+from jradar.model import load_model, save_model
+from jradar.range_image import ConfidenceTable
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
 
@@ -43,8 +43,8 @@ def test_wrong_points_are_cut_off_and_right_ones_kept():
 def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
     config = shrunk(default)
     model = random_model(config, Records(records, "train"))
-    wrong = dataclasses.replace(model.spec, calibration=CalibrationSpec((1.0, 1.0)))
-    save_model(tmp_path / "old", Model(model.params, wrong))
+    wrong = dataclasses.replace(model, confidence=ConfidenceTable.of((1.0, 1.0)))
+    save_model(tmp_path / "old", wrong)
     out = tmp_path / "new"
     command = [str(tmp_path / "old"), str(records), "-o", str(out)]
     assert confidence.main([*command, "--split", "test"]) == 0
@@ -59,12 +59,13 @@ def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
     # Isotonic regression keeps the mean; the 33 knots round it.
     assert 0 < right.mean() < 0.9
     np.testing.assert_allclose(said.mean(), right.mean(), atol=0.02)
-    assert fitted.spec.least_confidence == confidence.least_confidence(found)
+    least = confidence.least_confidence(found)
+    assert float(fitted.confidence.least) == pytest.approx(least)
 
 
 def test_all_splits_are_taken_on_request(records, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(confidence, "with_calibration", lambda _key, model, *sets: (
-        Model(model.params, model.spec)
+    monkeypatch.setattr(confidence, "with_confidence", lambda _key, model, *sets: (
+        dataclasses.replace(model)
     ))  # fmt: skip
     model = random_model(shrunk(regression), Records(records, "train"))
     save_model(tmp_path / "old", model)

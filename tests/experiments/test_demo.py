@@ -8,9 +8,10 @@ from experiments import build, demo
 from experiments.configs import demo as config_file
 from jradar import recordings
 from jradar.data import PrepareSpec, Records, prepare
-from jradar.evaluation import load_clouds, read_scores
+from jradar.evaluation import read_scores
+from jradar.evaluation.report import load_clouds
 from jradar.lidar import LidarSpec
-from jradar.model import Model, folder as models, save_model
+from jradar.model import folder as models, save_model
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
 from tests.recordings.small_sequence import write_sequence, write_splits
@@ -50,7 +51,7 @@ def test_shipped_models_are_scored_beside_the_detectors(
     }
     for name, change in changes.items():
         spec = dataclasses.replace(model.spec, **change)
-        save_model(tmp_path / "weights" / name, Model(model.params, spec))
+        save_model(tmp_path / "weights" / name, dataclasses.replace(model, spec=spec))
     demo.evaluate(config, workdir)
     out, err = capsys.readouterr()
     assert "ships no model" not in out and "other is for another" in err

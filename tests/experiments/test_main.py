@@ -184,7 +184,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
         assert logits.shape == maps.shape
         return
     spec = build.build_spec(config, Records(records, "train"))
-    assert spec.radar.cube_shape == (3, 4, 16, 64)
+    assert spec.points.false_alarm_rate == 1.0
     assert callable(build.build_loss(config.loss, method=config.method))
     image = jnp.zeros((1, *spec.fine.shape, 2))
     condition = jnp.zeros((1, *spec.coarse.shape, 3 * spec.num_slices))

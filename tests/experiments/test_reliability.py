@@ -12,13 +12,13 @@ from experiments.configs import default, regression
 from experiments.studies import reliability
 from jradar import data
 from jradar.errors import UsageError
-from jradar.model import Model, draw, save_model
-from jradar.range_image import CalibrationSpec, unproject
+from jradar.model import draw, save_model
+from jradar.range_image import ConfidenceTable, unproject
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
 
 KEY = jax.random.fold_in(jax.random.key(reliability.KEY), 0)  # of the first frame
-CONSTANT = CalibrationSpec((0.25, 0.25))  # every point has this confidence
+CONSTANT = ConfidenceTable.of((0.25, 0.25), least=0.9)  # every point's confidence
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +28,7 @@ def model(records):
     config.noise.prediction = "edm"
     shrink(config)
     model = random_model(config, data.Records(records, "train"))
-    spec = dataclasses.replace(model.spec, calibration=CONSTANT, least_confidence=0.9)
-    return Model(model.params, spec)
+    return dataclasses.replace(model, confidence=CONSTANT)
 
 
 def points(confidence, right, frames=1):

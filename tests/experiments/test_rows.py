@@ -21,6 +21,7 @@ from experiments.evaluate import (
 from jradar import data
 from jradar.errors import UsageError
 from jradar.model import Model
+from jradar.radar import PointSpec
 from jradar.range_image import encode_range
 from jradar.types import PointCloud
 from tests.experiments.conftest import random_model
@@ -94,7 +95,7 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
     head = "num_tx:3\nnum_rx:4\nnum_range_bins:32\nnum_doppler_bins:16\n"
     path.write_text(f"{head}data:{', '.join(['0'] * 2 * 3 * 4 * 32)}\n")
     rate = 1e-2
-    spec = data.PrepareSpec(detector="so", false_alarm_rate=rate)
+    spec = data.PrepareSpec(points=PointSpec(detector="so", false_alarm_rate=rate))
     data.prepare(source, folder, spec, workers=1)
     records = data.Records(folder)
     assert records.windows_of("a") == ("hann", "blackman")

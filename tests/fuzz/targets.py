@@ -9,9 +9,11 @@ import numpy as np
 
 from jradar.data import PrepareSpec, Records, find_sources
 from jradar.diffusion import read_state
-from jradar.evaluation import load_clouds, read_scores, save_clouds, write_scores
+from jradar.evaluation import read_scores, save_clouds, write_scores
+from jradar.evaluation.report import load_clouds
 from jradar.export import export_function, load_function
 from jradar.model import load_model, save_model
+from jradar.radar import Radar
 from jradar.recordings import describe, open_recording
 from jradar.recordings.bags.bags import bag_topics, open_bag
 from jradar.recordings.clouds.read import read_cloud
@@ -20,7 +22,7 @@ from jradar.recordings.text_files import read_tum
 from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
-from tests.models import tiny_model
+from tests.models import RADAR, tiny_model
 from tests.recordings import (
     bag_writer as bags,
     cube_writer,
@@ -236,7 +238,7 @@ def model(name: str, head: int = 0) -> Callable:
 def exported(folder: Path) -> Target:
     """An exported function."""
     path = folder / "model.jradar"
-    export_function(path, tiny_model(method="regression"))
+    export_function(path, Radar(RADAR), tiny_model(method="regression"))
     return Target(path, lambda: load_function(path), 300)
 
 

@@ -130,7 +130,7 @@ def scattered_trials(key, amplitude):
             amplitude[None],
         )
         cube = simulate_cube(noise, truth, SMALL, noise_power=1.0)
-        cloud = radar_points(cube, SMALL, points=spec)
+        cloud = radar_points(cube, Radar(SMALL), points=spec)
         expected = point_deviations(cloud, SMALL, points=spec)
         errors = jnp.linalg.norm(cloud.xyz[0]) - distance, cloud.velocity[0] - velocity
         return errors[0] / expected.range_m[0], errors[1] / expected.velocity_mps[0]
