@@ -252,11 +252,12 @@ class RadarSpec:
     def from_dict(cls, values: dict[str, Any]) -> "RadarSpec":
         """Return a radar from its fields, or from a `device` and fields that differ.
 
-        Raises ValueError for an unknown device, and for a field that is unknown,
+        `upside_down` mounts it so. Raises ValueError for an unknown device, and for a field that is unknown,
         missing or of the wrong type.
         """
         given = dict(values)
         device = given.pop("device", None)
+        turned = _converted("upside_down", given.pop("upside_down", False), bool)
         complete: dict[str, Any] = {"name": "radar"}
         if device is not None:
             complete = device_fields(_converted("device", device, str))
@@ -272,7 +273,16 @@ class RadarSpec:
                 f"missing radar fields: {', '.join(missing)} "
                 f"(or start from a device: {', '.join(RECORDED)})"
             )
-        return cls(**complete)
+        found = cls(**complete)
+        return found.upside_down() if turned else found
+
+    def upside_down(self) -> "RadarSpec":
+        """Return the radar mounted upside down: left and right, up and down swap."""
+        swapped = {
+            name: tuple((-column, -row) for column, row in getattr(self, name))
+            for name in ("tx_positions", "rx_positions")
+        }
+        return dataclasses.replace(self, **swapped)
 
 
 def _check_antennas(kind: str, positions: Positions) -> None:

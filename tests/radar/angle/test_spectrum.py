@@ -137,6 +137,16 @@ def test_gradient_is_the_slope():
     np.testing.assert_allclose(jax.grad(azimuth)(cell.real)[3], slope, rtol=0.02)
 
 
+def test_a_radar_mounted_upside_down_sees_the_same_directions():
+    """Its antennas are turned by half a circle, so that phases lead the other way."""
+    turned = RadarSpec.from_dict({"device": "awr1843", "upside_down": True})
+    assert turned == RadarSpec.awr1843().upside_down() != RadarSpec.awr1843()
+    cell = plane_wave(turned, 0.4, -0.2)
+    np.testing.assert_allclose(directions(cell, turned), (0.4, -0.2), atol=0.02)
+    swapped = directions(cell, RadarSpec.awr1843())
+    np.testing.assert_allclose(swapped, (-0.4, 0.2), atol=0.02)
+
+
 def test_two_targets_of_a_cell_are_both_found():
     cell = plane_wave(FULL, -0.3, 0.4) + 0.8j * plane_wave(FULL, -0.2, -0.4)
     spectrum = angle_spectrum(cell, FULL)
