@@ -74,7 +74,12 @@ def test_a_failed_prepare_with_wrong_types_leaves_the_folder_free(tmp_path, caps
     write_sequence(tmp_path / "src", frames=1)
     spec = tmp_path / "spec.toml"
     command = ["prepare", tmp_path / "src", "-o", tmp_path / "dst", "--workers", 1]
-    for text in ("[points]\ncapacity = '64'", "block = [2]", "[lidar]\nazimuth = 1", "[points]\ntrain = 1"):
+    for text in (
+        "[points]\ncapacity = '64'",
+        "block = [2]",
+        "[lidar]\nazimuth = 1",
+        "[points]\ntrain = 1",
+    ):
         spec.write_text(text)
         err = refused([*command, "--spec", spec], capsys)
         assert "spec.toml: " in err and "expected" in err
