@@ -155,18 +155,6 @@ def test_any_packet_stream_against_its_bytes(data, tmp_path_factory):
     assert lost_per_frame(index, frame, frames).tolist() == holes
 
 
-def test_long_run_is_one_entry_of_the_index(tmp_path):
-    """Memory follows the faults, not the packets."""
-    path = tmp_path / "a.bin"
-    packets = as_packets(np.random.default_rng(0).bytes(1456 * 9000 + 10))
-    path.write_bytes(with_headers(packets[:5000] + packets[5001:]))
-    index = index_packets(Files.of([path]), 14, allow_partial=False)
-    assert len(index.start) < 20 and index.number.sum() == 9000
-    start = 1456 * 4999 + 7
-    expected = packets[4999][2][7:] + bytes(1456) + packets[5001][2][:9]
-    assert index.read(start, start + len(expected)).tobytes() == expected
-
-
 def test_parts_are_joined_in_the_order_of_their_numbers(write):
     cubes = random_cubes(12)
     stream = as_bytes(cubes)
