@@ -35,6 +35,7 @@ Radars and their calibration:
 
 from jradar.recordings.background import without_background as without_background
 from jradar.recordings.bags.bags import bag_topics as bag_topics, open_bag as open_bag
+from jradar.recordings.bags.imu import open_imu as open_imu
 from jradar.recordings.bags.raw import open_raw_bag as open_raw_bag
 from jradar.recordings.capture import (
     accumulate as accumulate,
@@ -65,7 +66,6 @@ from jradar.recordings.descriptions import (
     Description as Description,
     read_description as read_description,
 )
-from jradar.recordings.imu import open_imu as open_imu
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,

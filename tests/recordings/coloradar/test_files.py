@@ -150,12 +150,18 @@ def test_the_nearest_scan_in_time(sequence):
     assert nearest_scan(recording, 0, tolerance_s=0.31) is not None
 
 
-def test_more_stamps_than_poses(sequence):
+def test_more_stamps_than_lines(sequence):
     write(sequence / "groundtruth/timestamps.txt", stamps_text(20, 10))
+    write(sequence / "imu/timestamps.txt", stamps_text(3, 100))
+    write(sequence / "imu/imu_data.txt", "1 2 9.8 4 5 6\n7 8 9 1 2 3\n")
     recording = open_coloradar(sequence)
     assert len(recording.poses.stamps) == 14
-    note = "20 stamps for 14 lines of groundtruth_poses.txt: only the first 14 are used"
-    assert any(note in text for text in recording.notes)
+    notes = "\n".join(recording.notes)
+    assert "20 stamps for 14 lines of groundtruth_poses.txt: only the first 14" in notes
+    assert "imu: 3 stamps for 2 lines of imu_data.txt: only the first 2 are" in notes
+    np.testing.assert_array_equal(recording.imu.force, [[1, 2, 9.8], [7, 8, 9]])
+    np.testing.assert_array_equal(recording.imu.rate, [[4, 5, 6], [1, 2, 3]])
+    np.testing.assert_allclose(recording.imu.stamps, [START, START + 0.01])
 
 
 def test_poses_come_at_rising_times(sequence):
@@ -223,7 +229,7 @@ def test_unusable_transforms_are_refused(root, sequence, text, message):
 def test_poses_that_are_no_rotations_are_refused(sequence):
     rows = "0 0 0 0 0 0 1\n" * 3 + "0 0 0 1 1 1 1\n" + "0 0 0 0 0 0 1\n" * 10
     write(sequence / "groundtruth/groundtruth_poses.txt", rows)
-    with pytest.raises(ValueError, match="line 4: .* length 2, expected 1"):
+    with pytest.raises(ValueError, match=r"at .*420.550000 s has length 2, exp"):
         open_coloradar(sequence)
 
 
