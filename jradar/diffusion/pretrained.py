@@ -45,6 +45,7 @@ from jradar.errors import parsing
 from jradar.files import atomic_path
 
 MAX_FILE_BYTES = 4 << 30
+MAX_PARTS = 32  # of the name of a parameter; each is a level of nested dictionaries
 ATTENTION_ORDERS = ("legacy", "new")
 OWN, TOWER = "params/", "params/tower/"  # prefixes in files written here
 HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
@@ -245,6 +246,8 @@ def read_state(path: Path | str) -> State:
             else safetensors.numpy.load_file(path)
         )
         for name, array in state.items():
+            if (parts := name.count("/") + 1) > MAX_PARTS:
+                raise ValueError(f"a name of {parts:,} parts, at most {MAX_PARTS}")
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} holds values that are not finite")
         return _whole(state)

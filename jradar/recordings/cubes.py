@@ -75,11 +75,13 @@ def open_npy(
             )
         return cube
 
+    period_s = radar.frame_period_s
+    stamps = np.arange(len(frames)) * period_s if period_s else None
     return Recording(
         name=path.stem,
         path=path,
         radar=capture.radar(radar),
-        cubes=Stream(read, len(frames)),
+        cubes=Stream(read, len(frames), stamps),
         axes=tuple(axes),
         notes=(*notes, WRAPPED) if wrapped else notes,
     )

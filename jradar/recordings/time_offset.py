@@ -11,6 +11,7 @@ speed of the scene, measured by each sensor, rises and falls at the same moments
 import itertools
 
 import numpy as np
+import scipy  # loads `signal` when it is first used
 from jaxtyping import Complex, Float
 
 from jradar.radar import RadarSpec
@@ -149,13 +150,13 @@ def _mean_ranges(cloud):
     """Return the mean range in each direction cell, NaN in empty ones."""
     xyz = cloud[:, :3].astype(float)
     ranges = np.linalg.norm(xyz, axis=1)
-    azimuth = (np.arctan2(xyz[:, 1], xyz[:, 0]) / (2 * np.pi)) % 1 * SECTORS[0]
-    rise = np.arcsin(np.clip(xyz[:, 2] / np.maximum(ranges, 1e-9), -1, 1)) / np.pi + 0.5
-    cell = np.minimum(azimuth.astype(int), SECTORS[0] - 1) * SECTORS[1]
-    cell += np.minimum((rise * SECTORS[1]).astype(int), SECTORS[1] - 1)
-    cells = SECTORS[0] * SECTORS[1]
+    azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
+    elevation = np.arcsin(np.clip(xyz[:, 2] / np.maximum(ranges, 1e-9), -1, 1))
+    cells = {"bins": SECTORS, "range": np.outer([1, 0.5], [-np.pi, np.pi])}
+    sums, *_ = np.histogram2d(azimuth, elevation, weights=ranges, **cells)
+    counts, *_ = np.histogram2d(azimuth, elevation, **cells)
     with np.errstate(invalid="ignore"):
-        return np.bincount(cell, ranges, cells) / np.bincount(cell, minlength=cells)
+        return sums / counts
 
 
 def _correlation(a, b):
@@ -166,11 +167,6 @@ def _correlation(a, b):
 
 
 def _next_peak(correlation, peak):
-    """Return the highest correlation outside the peak's hill, at least 0."""
-    left = right = peak
-    while left > 0 and correlation[left - 1] < correlation[left]:
-        left -= 1
-    while right < len(correlation) - 1 and correlation[right + 1] < correlation[right]:
-        right += 1
-    outside = np.append(correlation[:left], correlation[right + 1 :])
-    return max(outside.max(initial=0.0), 0.0)
+    """Return the highest correlation at another peak, at least 0."""
+    tops = scipy.signal.find_peaks(np.pad(correlation, 1, constant_values=-1))[0] - 1
+    return correlation[tops[tops != peak]].max(initial=0.0)

@@ -47,7 +47,7 @@ def test_fields_of_a_cloud_and_errors_and_names_of_files(tmp_path, capsys):
     path.write_bytes(b"ply\n")
     assert main(["info", str(path)]) == 4
     err = capsys.readouterr().err
-    assert r"\x1b]0;owned\x07a.ply is not a PLY file" in err and "\x1b" not in err
+    assert r"\x1b]0;owned\x07a.ply is damaged" in err and "\x1b" not in err
     with pytest.raises(SystemExit):
         main(["info", str(path), f"--{TITLE}"])
     assert "\x1b" not in capsys.readouterr().err

@@ -2,9 +2,13 @@
 
 import os
 
+import jax
+import numpy as np
 import pytest
+import safetensors.numpy
 
 from jradar.cli import main
+from jradar.diffusion import read_params
 from jradar.errors import ModelError, UsageError
 from jradar.files import open_file, read_json, read_text
 from jradar.model import load_model, save_model
@@ -82,3 +86,13 @@ def test_weights_of_another_size_are_refused_before_their_digest(tmp_path):
         file.truncate(1 << 40)
     with pytest.raises(ModelError, match="weights.safetensors holds 1,099,511,627,776"):
         load_model(tmp_path / "model")
+
+
+def test_names_of_thousands_of_parts_are_refused(tmp_path):
+    path = tmp_path / "weights.safetensors"
+    name = "/".join(["a"] * 3000)
+    safetensors.numpy.save_file({name: np.ones(3, np.float32)}, path)
+    with pytest.raises(
+        ValueError, match="weights.safetensors .* a name of 3,000 parts"
+    ):
+        jax.tree.leaves(read_params(path))

@@ -216,7 +216,7 @@ def bytes_of_frame(radar: RadarSpec) -> int:
 def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
     first, last = packets.holes()
     missing = int((last - first).sum())
-    again = int((packets.payload * packets.number).sum()) - packets.size + missing
+    again = int(packets.sizes.sum()) - packets.size + missing
     late = np.count_nonzero(np.diff(packets.offset) < 0)
     if missing:
         yield (

@@ -1,7 +1,4 @@
-"""Inertial measurements: ColoRadar's text files, and sensor_msgs/Imu in ROS bags.
-
-    imu/timestamps.txt  imu/imu_data.txt      ax ay az gx gy gz a line: m/s^2, rad/s
-    a topic of sensor_msgs/Imu                in ROS 1, or ROS 2's CDR
+"""Inertial measurements: sensor_msgs/Imu in ROS 1 and ROS 2 bags.
 
 An IMU that lies still with z upwards measures a specific force of +9.81 m/s^2 along z.
 """
@@ -14,7 +11,6 @@ import numpy as np
 
 from jradar.recordings.bags.bags import TopicStream, messages, topic_of
 from jradar.recordings.bags.messages import decode_imu
-from jradar.recordings.coloradar.files import read_stamps, read_table
 from jradar.recordings.recording import Imu
 
 KIND = "sensor_msgs/msg/Imu"
@@ -23,25 +19,13 @@ STANDARD_GRAVITY = 9.80665
 MOST_IN_G = 3.0  # a smaller mean of |force| is in units of gravity: Livox's IMUs
 
 
-def read_imu(folder: Path, notes: list[str]) -> Imu:
-    """Return the IMU in a ColoRadar sequence's folder `imu`; repairs go to `notes`."""
-    stamps = read_stamps(folder / "timestamps.txt", notes)
-    rows = read_table(folder / "imu_data.txt", 6)
-    count = min(len(stamps), len(rows))
-    if len(stamps) != len(rows):
-        notes.append(
-            f"{folder.name}: {len(stamps)} stamps for {len(rows)} lines of "
-            f"imu_data.txt: only the first {count} are used"
-        )
-    return _rising(stamps[:count], rows[:count, :3], rows[:count, 3:])
-
-
 def open_imu(
     path: Path | str, *, topic: str | None = None
 ) -> tuple[Imu, tuple[str, ...]]:
     """Return the IMU in a bag, and notes on it.
 
-    `topic` is optional if only one holds sensor_msgs/Imu. Errors as in `open_bag`.
+    `topic` is optional if only one holds sensor_msgs/Imu; of several records at one
+    time the first is kept. Errors as in `open_bag`.
     """
     topic, _ = topic_of(path, topic, KIND.__eq__, KIND)
     path = Path(path)
@@ -60,10 +44,5 @@ def open_imu(
     if np.median(np.linalg.norm(force, axis=1)) < MOST_IN_G:
         force = force * STANDARD_GRAVITY
         notes += (f"{topic}: accelerations are in g, and are converted to m/s^2",)
-    return _rising(stream.stamps, force, rate), notes
-
-
-def _rising(stamps, force, rate):
-    """The records at rising times; of several at one time the first is kept."""
-    times, order = np.unique(stamps, return_index=True)
-    return Imu(times, force[order], rate[order])
+    times, order = np.unique(stream.stamps, return_index=True)
+    return Imu(times, force[order], rate[order]), notes
