@@ -39,7 +39,11 @@ FLOORS = {
     "cli": 8,
 }
 PURE = ("types", "nearest", "radar", "range_image", "lidar", "diffusion", "metrics")
-READERS = ("diffusion/pretrained.py", "diffusion/perceptual.py")
+READERS = (
+    "diffusion/weights/files.py",
+    "diffusion/weights/pretrained.py",
+    "diffusion/perceptual.py",
+)
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 

@@ -24,7 +24,7 @@ from jradar.diffusion import (
     read_params,
     write_params,
 )
-from jradar.diffusion.pretrained import MAX_FILE_BYTES
+from jradar.diffusion.weights.files import MAX_FILE_BYTES
 from jradar.errors import ModelError
 from jradar.files import atomic_folder, open_file, read_json, typed_fields
 from jradar.model.spec import Card, Model, ModelSpec
@@ -165,6 +165,8 @@ def _card_from_json(values: dict[str, Any]) -> Card:
 
 def _network_from_json(values: dict[str, Any]) -> Network:
     """The network from `network_fields`' dictionary."""
+    if values.get("resample_filter") == [1, 1]:  # recorded by older versions
+        values.pop("resample_filter")
     fields = dict(values)
     kind = NETWORKS[fields.pop("kind")]
     typed_fields(kind, fields)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from jradar.diffusion import (
-    EDM,
     NoiseSpec,
     denoising_loss,
-    karras_sigmas,
     precondition,
     scalings,
     training_sigma,
 )
+from jradar.diffusion.noise import karras_sigmas
+from jradar.diffusion.predictions import EDM
 
 NOISE = NoiseSpec()
 

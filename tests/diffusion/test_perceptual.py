@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import LpipsWeights, load_lpips, lpips
-from jradar.diffusion.perceptual import read_arrays
+from jradar.diffusion import load_lpips, lpips
+from jradar.diffusion.perceptual import LpipsWeights, read_arrays
 from tests.diffusion.networks import QUICK
 
 installed = pytest.mark.skipif(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.convert_weights import main
-from jradar.diffusion import read_state
+from jradar.diffusion.weights.files import read_state
 
 torch = pytest.importorskip("torch", reason="needs jradar[bench]")
 

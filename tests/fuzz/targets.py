@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jradar.data import PrepareSpec, Records, find_sources
-from jradar.diffusion import read_state
+from jradar.diffusion.weights.files import read_state
 from jradar.evaluation import read_scores, save_clouds, write_scores
 from jradar.evaluation.report import load_clouds
 from jradar.export import export_function, load_function
