@@ -252,8 +252,8 @@ class RadarSpec:
     def from_dict(cls, values: dict[str, Any]) -> "RadarSpec":
         """Return a radar from its fields, or from a `device` and fields that differ.
 
-        `upside_down` mounts it so. Raises ValueError for an unknown device, and for a field that is unknown,
-        missing or of the wrong type.
+        `upside_down` mounts it so. Raises ValueError for an unknown device, and for a
+        field that is unknown, missing or of the wrong type.
         """
         given = dict(values)
         device = given.pop("device", None)
