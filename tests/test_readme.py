@@ -210,7 +210,6 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_nearness.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_regression.py": "hours of training",
-    "python -m experiments.studies.realism SAMPLES -o runs/realism": "see test_realism",
 }
 
 

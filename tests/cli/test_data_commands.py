@@ -18,7 +18,7 @@ def root(tmp_path_factory):
 @pytest.fixture(scope="module")
 def spec(tmp_path_factory):
     path = tmp_path_factory.mktemp("spec") / "spec.toml"
-    path.write_text("capacity = 64\n[lidar]\nmax_range_m = 7.0\n")
+    path.write_text("[points]\ncapacity = 64\n[lidar]\nmax_range_m = 7.0\n")
     return path
 
 

@@ -74,7 +74,12 @@ def test_a_failed_prepare_with_wrong_types_leaves_the_folder_free(tmp_path, caps
     write_sequence(tmp_path / "src", frames=1)
     spec = tmp_path / "spec.toml"
     command = ["prepare", tmp_path / "src", "-o", tmp_path / "dst", "--workers", 1]
-    for text in ("capacity = '64'", "block = [2]", "[lidar]\nazimuth = 1", "train = 1"):
+    for text in (
+        "[points]\ncapacity = '64'",
+        "block = [2]",
+        "[lidar]\nazimuth = 1",
+        "[points]\ntrain = 1",
+    ):
         spec.write_text(text)
         err = refused([*command, "--spec", spec], capsys)
         assert "spec.toml: " in err and "expected" in err
@@ -88,7 +93,7 @@ def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
 ):
     write_sequence(tmp_path / "src", frames=60)
     spec = tmp_path / "spec.toml"
-    spec.write_text("capacity = 64\nblock = 1\n[lidar]\nmax_range_m = 7.0\n")
+    spec.write_text("block = 1\n[points]\ncapacity = 64\n[lidar]\nmax_range_m = 7.0\n")
     program = [sys.executable, "-m", "jradar.cli", "prepare", str(tmp_path / "src")]
     process = subprocess.Popen(
         [*program, "-o", str(tmp_path / "dst"), "--spec", str(spec)]

@@ -4,6 +4,7 @@ import dataclasses
 
 import jax
 import numpy as np
+import pytest
 
 from experiments import confidence
 from experiments.confidence import Judged, least_confidence

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from experiments import convert_weights, main as command
-from experiments.studies import compare, realism, reliability, robustness
+from experiments.studies import compare, reliability, robustness
 from tests.experiments.conftest import TINY
 
 ROOT = Path(__file__).parents[2]
@@ -35,7 +35,6 @@ def ends(call, capsys, code):
         (compare, ["nowhere", "neither"], 2),
         (compare, ["nowhere", "--reference", "OS-CFAR"], 2),
         (compare, ["nowhere"], 2),
-        (realism, ["nowhere", "-o", "out"], 2),
         (reliability, [*READ, "--model=nowhere", "-o", "out"], 5),
         (robustness, ["--rates=nowhere", "-o", "out"], 2),
         (convert_weights, ["nowhere.pt", "out"], 2),
@@ -69,15 +68,15 @@ def test_a_missing_path_in_a_config_is_named(flags, name, tmp_path, capsys):
 
 def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):
     (tmp_path / "file").write_text(WORK)
-    call = [str(tmp_path), "-o", str(tmp_path / "file" / "out")]
-    assert "file is a file" in ends(lambda: realism.main(call), capsys, 2)
+    call = [*READ, "--model=jradar-sim", "-o", str(tmp_path / "file" / "out")]
+    assert "file is a file" in ends(lambda: reliability.main(call), capsys, 2)
     assert (tmp_path / "file").read_text() == WORK
 
 
 @pytest.mark.parametrize(
     "run",
     [
-        lambda out: realism.main([str(out), "-o", str(out)]),
+        lambda out: reliability.main([*READ, "--model=jradar-sim", "-o", str(out)]),
         lambda out: command.main(["main", SMOKE, f"--workdir={out}"]),
     ],
     ids=["study", "experiment"],

@@ -123,10 +123,10 @@ def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():
 
 def test_models_are_not_trained_on_directions_by_music(trained):
     config, _, frames, _ = trained
-    frames.manifest["options"]["angles"] = "music"
+    frames.manifest["options"]["points"]["angles"] = "music"
     with pytest.raises(UsageError, match="has directions by music"):
         build.build_spec(config, frames)
-    del frames.manifest["options"]["angles"]
+    frames.manifest["options"]["points"]["angles"] = "fft"
 
 
 def test_a_config_for_recordings_asks_for_them(tmp_path):
