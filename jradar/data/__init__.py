@@ -4,6 +4,7 @@ find_sources, Source                  the recordings in a folder, and their spli
 SEQUENCES, scene, paper_split         ColoRadar's sequences as the paper divides them
 match_nearest, matches_of             radar frames and LiDAR scans of the same time
 PrepareSpec, prepare_frame            options, and one prepared frame
+preview, Preview                      one frame with the steps of its preparation
 prepare, Records                      folders of prepared frames: write and read
 PairSource, lidar_image               prepared frames to images
 mirrored, thinned                     changes of a pair at random in training
@@ -25,6 +26,7 @@ from jradar.data.loading import (
     thinned as thinned,
 )
 from jradar.data.prepare import prepare as prepare
+from jradar.data.preview import Preview as Preview, preview as preview
 from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
 from jradar.data.sources import (
     SEQUENCES as SEQUENCES,

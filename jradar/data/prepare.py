@@ -82,6 +82,7 @@ def prepare(
     """
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)
+    _check_contents(folder)  # before a lock is left there
     with lock_folder(folder):
         of_radar = _radars(sources)
         head = _head(sources, of_radar, spec, frames)
@@ -201,18 +202,26 @@ def _other_radars(radars, of_radar):
     return {"other_radars": listed} if listed else {}
 
 
+def _check_contents(folder) -> dict[str, Any]:
+    """Return the manifest, {} in an empty folder; UsageError for other contents."""
+    path = folder / "manifest.json"
+    found = read_json(path) if path.exists() else {}
+    entries = folder.iterdir() if folder.exists() else ()
+    shown = sorted(entry.name for entry in entries if entry.name != ".lock")
+    if shown and not set(COMPARED) <= set(found):
+        raise UsageError(
+            f"{folder} is neither empty nor a folder of records, it holds {shown[0]}: "
+            "choose another -o"
+        )
+    return found
+
+
 def _check_options(folder, head):
     """Raise UsageError for a folder of other options, sources or contents.
 
     A preparation that has not finished a shard loses its claim on the folder.
     """
-    path = folder / "manifest.json"
-    found = read_json(path) if path.exists() else {}
-    shown = [entry for entry in folder.iterdir() if entry.name != ".lock"]
-    if shown and not set(COMPARED) <= set(found):
-        raise UsageError(
-            f"{folder} is neither empty nor a folder of records: choose another -o"
-        )
+    found = _check_contents(folder)
     wanted = json.loads(json.dumps(head))
     keys = (*COMPARED, *OPTIONAL)
     changed = [key for key in keys if found and found.get(key) != wanted.get(key)]

@@ -75,6 +75,7 @@ from jradar.recordings.recording import (
 )
 from jradar.recordings.sample_checks import (
     check_samples as check_samples,
+    sample_doubts as sample_doubts,
     with_sample_doubts as with_sample_doubts,
 )
 from jradar.recordings.text_files import (

@@ -11,6 +11,7 @@
     simulate_set, SETS          named data sets and their versions
     set_sequences               the sequences of a set
     frame_bytes                 size of a frame on disk
+    SimulationPlan              a scene or a set to write, its size and its time
 
 Its modules, and what they model:
 
@@ -35,6 +36,7 @@ Not modelled: diffraction, limbs that swing, wrong stamps (5 ms at walking pace 
 """
 
 from jradar.simulation.capture_writer import simulate_capture as simulate_capture
+from jradar.simulation.plan import SimulationPlan as SimulationPlan
 from jradar.simulation.scenes.layouts import FAMILIES as FAMILIES
 from jradar.simulation.sequence import (
     frame_bytes as frame_bytes,

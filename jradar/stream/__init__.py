@@ -9,7 +9,7 @@
     send_cfg                    `board`: the .cfg over the board's serial port
     Processor, View             `processing`, `views`: a frame to clouds and a picture
     open_writer                 `outputs`: MCAP, ROS 2 bag or folder, by name
-    run_live                    `live`: all of it in one loop
+    run_session, run_live       `live`: all of it; the loop alone
 
 README.md has the wiring, the network's settings and what to check.
 """
@@ -24,8 +24,13 @@ from jradar.stream.emulator import (
     Emulator as Emulator,
     FaultSpec as FaultSpec,
     RecordedFrames as RecordedFrames,
+    replaying as replaying,
 )
-from jradar.stream.live import run_live as run_live, summary as summary
+from jradar.stream.live import (
+    run_live as run_live,
+    run_session as run_session,
+    summary as summary,
+)
 from jradar.stream.outputs import open_writer as open_writer
 from jradar.stream.processing import (
     Processor as Processor,
