@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact
 
 from jradar.radar import PointSpec
-from jradar.recordings import Recording, SampleCheck, check_samples, with_sample_doubts
+from jradar.recordings import Recording, check_samples, with_sample_doubts
+from jradar.recordings.sample_checks import SampleCheck
 from jradar.session.frames import ahead, chosen_frames, stamp_s
 from jradar.session.stages import Stages
 from jradar.session.warnings import no_echoes
