@@ -165,8 +165,6 @@ def _card_from_json(values: dict[str, Any]) -> Card:
 
 def _network_from_json(values: dict[str, Any]) -> Network:
     """The network from `network_fields`' dictionary."""
-    if values.get("resample_filter") == [1, 1]:  # recorded by older versions
-        values.pop("resample_filter")
     fields = dict(values)
     kind = NETWORKS[fields.pop("kind")]
     typed_fields(kind, fields)
