@@ -44,8 +44,8 @@ from experiments.studies.realism_captures import (
     real_captures,
     simulated_captures,
 )
-from experiments.tables import markdown_table
 from jradar.errors import UsageError, parsing
+from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.radar import RadarSpec
 from jradar.simulation import FAMILIES, lidar_scans, make_setting, radar_frames

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-from experiments.tables import markdown_table
 from jradar.errors import UsageError, parsing
+from jradar.evaluation import markdown_table
 from jradar.radar import RadarSpec
 from jradar.radar.spectrum import window
 from jradar.recordings import open_recording

@@ -24,7 +24,7 @@ import numpy as np
 from experiments.command import run_study, study_parser
 from experiments.evaluate import points_of
 from experiments.fusing import Seen, see
-from experiments.tables import markdown_table
+from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.lidar import interpolate_poses
 from jradar.model import Model, draw, fuse, load_model

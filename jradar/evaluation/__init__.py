@@ -1,6 +1,7 @@
 """Scores of methods against LiDAR: tables, intervals, comparisons, reports.
 
 score_frames, Method, Truth      scores of each method on each frame of a sequence
+score_points                     scores of one cloud
 write_scores, read_scores        the file of scores, the source of all that follows
 mean_interval, Estimate          means of correlated frames, with intervals
 compare_paired, compare_methods, Comparison
@@ -9,6 +10,7 @@ near_truth, reliability, calibration_error, precision_over_coverage
                                  whether the confidence of points holds
 summarise, markdown, scenes_table, overview, csv_table, write_tables
                                  tables of all scores, the paper's tables, CSV
+markdown_table                   any table
 read_runs, comparison_table      several runs side by side
 runs_table, frames_csv           one run minus another, frame by frame
 save_clouds, load_clouds         clouds of a few frames
@@ -19,6 +21,7 @@ from jradar.evaluation.methods import (
     Method as Method,
     Truth as Truth,
     score_frames as score_frames,
+    score_points as score_points,
 )
 from jradar.evaluation.reliability import (
     Coverage as Coverage,
@@ -54,6 +57,7 @@ from jradar.evaluation.statistics import (
 from jradar.evaluation.tables import (
     csv_table as csv_table,
     markdown as markdown,
+    markdown_table as markdown_table,
     overview as overview,
     scenes_table as scenes_table,
     summarise as summarise,

@@ -80,11 +80,11 @@ def markdown(
         for name in ("truth", "scene", "method")
         if name == "method" or len({row[name] for row in summary}) > 1
     ]
-    lines = [[*names, *columns.values(), "frames", "empty"]]
+    titles, lines = [*names, *columns.values(), "frames", "empty"], []
     for row in summary:
         cells = [_number(row[c], c, intervals, "markdown") for c in columns]
         lines.append([row[n] for n in names] + cells + [row["frames"], row["empty"]])
-    return _markdown_lines(lines)
+    return markdown_table(titles, lines)
 
 
 def scenes_table(
@@ -129,8 +129,8 @@ def scenes_table(
         return " / ".join(texts) + (MARK[style] if row["empty"] else "")
 
     escape = _latex if style == "latex" else str
-    lines = [["method", *map(escape, scenes)]]
-    lines += [[escape(m), *(cell(m, scene) for scene in scenes)] for m in methods]
+    titles = ["method", *map(escape, scenes)]
+    lines = [[escape(m), *(cell(m, scene) for scene in scenes)] for m in methods]
     notes = [
         f"{method} found nothing in {row['empty']} of {row['frames']} frames of {scene}"
         for (method, scene), row in rows.items()
@@ -141,8 +141,8 @@ def scenes_table(
         notes = escape(f"{'; '.join(notes)}: no distance, F-score 0.")
         caption += f"{MARK[style]} {notes}"
     if style == "latex":
-        return _latex_lines(lines, caption)
-    return f"{_markdown_lines(lines)}\n{caption.strip()}\n"
+        return _latex_lines([titles, *lines], caption)
+    return f"{markdown_table(titles, lines)}\n{caption.strip()}\n"
 
 
 def overview(scores: Sequence[dict[str, Any]]) -> str:
@@ -190,6 +190,15 @@ def csv_table(summary: Summary) -> str:
         numbers = [getattr(row[column], part) for column in COLUMNS for part in parts]
         write([row[n] for n in names] + [f"{x:.6g}" if x == x else "" for x in numbers])
     return text.getvalue()
+
+
+def markdown_table(titles: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return rows of texts or numbers as a Markdown table."""
+    lines = [
+        "| " + " | ".join(str(cell).replace("|", "\\|") for cell in row) + " |"
+        for row in (titles, *rows)
+    ]
+    return "\n".join([lines[0], "|---" * len(titles) + "|", *lines[1:]]) + "\n"
 
 
 def write_tables(path: Path | str) -> list[Path]:
@@ -242,12 +251,6 @@ def _best(rows, score):
     known = [row[score] for row in rows if np.isfinite(row[score].mean)]
     pick = max if score in F_SCORES else min
     return _number(pick(known, key=lambda e: e.mean), score) if known else None
-
-
-def _markdown_lines(lines: list[list[Any]]) -> str:
-    escaped = [[str(cell).replace("|", "\\|") for cell in line] for line in lines]
-    head, *body = ("| " + " | ".join(line) + " |" for line in escaped)
-    return "\n".join([head, "|---" * len(lines[0]) + "|", *body]) + "\n"
 
 
 def _latex_lines(lines: list[list[str]], caption: str) -> str:

@@ -13,22 +13,17 @@ from experiments.evaluate import Frame
 from jradar import data
 from jradar.errors import UsageError
 from jradar.model import Model, draw, fuse
-from tests.experiments.conftest import random_model
-from tests.experiments.tiny_config import shrink
 
 KEY = jax.random.key(0)
 
 
 @pytest.fixture(scope="module")
-def given(records):
+def given(records, made):
     """A random model of one pass, frames that follow each other, and their images."""
-    config = marginal.get_config()
-    shrink(config)
-    frames = data.Records(records, "train")
-    model = random_model(config, frames)
+    _, model = made(marginal)
     spec = dataclasses.replace(model.spec, least_confidence=0.0)
-    model = Model(model.params, spec)
-    return model, frames, build.build_pairs(model.spec, frames)
+    frames = data.Records(records, "train")
+    return Model(model.params, spec), frames, build.build_pairs(spec, frames)
 
 
 def test_frames_are_laid_into_the_newest_by_their_poses(given):
