@@ -13,7 +13,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Key
+from jaxtyping import Array, Float, Key
 
 from jradar.evaluation.scores import COUNTS, DISTANCES, F_SCORES
 from jradar.metrics import compare_on_host
@@ -63,12 +63,18 @@ def score_frames(
                     "method": name,
                     **dict(zip(COUNTS, (len(found), len(truth)), strict=True)),
                     "milliseconds": milliseconds,
-                    **_scores(found, truth),
+                    **score_points(found, truth),
                 }
 
 
-def _scores(found, truth):
-    """Scores by name; an empty cloud has no distances and F-scores of 0."""
+def score_points(
+    found: Float[np.ndarray, "point 3"], truth: Float[np.ndarray, "other 3"]
+) -> dict[str, float]:
+    """Return the distances and F-scores of one cloud, by their names in `scores`.
+
+    A cloud without points has no distances and F-scores of 0; against an empty truth
+    there are no scores.
+    """
     if not len(found) or not len(truth):
         f_score = 0.0 if len(truth) else math.nan
         return dict.fromkeys(DISTANCES, math.nan) | dict.fromkeys(F_SCORES, f_score)

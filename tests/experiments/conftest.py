@@ -1,6 +1,7 @@
 """Records, a random model and a finished run, which several tests share."""
 
 import contextlib
+import functools
 import io
 from pathlib import Path
 from typing import NamedTuple
@@ -15,9 +16,18 @@ from experiments.configs import default
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.lidar import LidarSpec
 from jradar.model import Model
+from tests.experiments.tiny_config import shrink
 from tests.recordings.small_sequence import write_sequence, write_splits
 
 TINY = f"--config={Path(__file__).with_name('tiny_config.py')}"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compile_quickly():
+    """Little of what is compiled here runs more than a few times."""
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="session")
@@ -31,6 +41,21 @@ def records(tmp_path_factory):
     view = build.field_of_view(default.get_config().image)
     prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
     return folder
+
+
+@pytest.fixture(scope="session")
+def made(records):
+    """A function from a config's module to its small config and a random model."""
+    frames = Records(records, "train")
+
+    @functools.cache
+    def make(module):
+        config = shrink(module.get_config())
+        if config.method == "diffusion":
+            config.noise.prediction = "edm"
+        return config, random_model(config, frames)
+
+    return make
 
 
 def random_model(config, records: Records) -> Model:

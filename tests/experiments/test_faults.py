@@ -7,7 +7,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from experiments import convert_weights, main as command
@@ -125,15 +124,7 @@ def test_a_damaged_config_of_a_workdir_is_named(records, tmp_path, capsys, conte
     assert str(path) in ends(lambda: command.main(call), capsys, 4)
 
 
-def test_a_damaged_file_of_weights_to_convert(tmp_path, capsys):
-    pytest.importorskip("torch")
-    for name in ("w.pt", "w.pkl"):
-        (tmp_path / name).write_bytes(np.random.default_rng(0).bytes(300))
-        call = [str(tmp_path / name), str(tmp_path / "out")]
-        err = ends(lambda call=call: convert_weights.main(call), capsys, 4)
-        assert f"{name} is damaged or not a file of weights" in err
-
-
+@pytest.mark.slow
 def test_sigterm_outside_of_training_ends_with_143_and_nothing_half_written(tmp_path):
     pytest.importorskip("embreex")
     flags = [SMOKE, f"--workdir={tmp_path / 'run'}"]

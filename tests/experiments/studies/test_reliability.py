@@ -14,20 +14,15 @@ from jradar import data
 from jradar.errors import UsageError
 from jradar.model import draw, save_model
 from jradar.range_image import ConfidenceTable, unproject
-from tests.experiments.conftest import random_model
-from tests.experiments.tiny_config import shrink
 
 KEY = jax.random.fold_in(jax.random.key(reliability.KEY), 0)  # of the first frame
 CONSTANT = ConfidenceTable.of((0.25, 0.25), least=0.9)  # every point's confidence
 
 
 @pytest.fixture(scope="module")
-def model(records):
+def model(made):
     """A random model that says 25 % of every point, and drops all by default."""
-    config = default.get_config()
-    config.noise.prediction = "edm"
-    shrink(config)
-    model = random_model(config, data.Records(records, "train"))
+    _, model = made(default)
     return dataclasses.replace(model, confidence=CONSTANT)
 
 
@@ -86,10 +81,8 @@ def test_the_command_writes_tables_and_a_figure(records, model, tmp_path, capsys
     assert "--every 0, expected 1 or more" in capsys.readouterr().err
 
 
-def test_a_model_without_confidence_is_refused(records, tmp_path, capsys):
-    config = regression.get_config()
-    shrink(config)
-    save_model(tmp_path / "plain", random_model(config, data.Records(records, "train")))
+def test_a_model_without_confidence_is_refused(records, made, tmp_path, capsys):
+    save_model(tmp_path / "plain", made(regression)[1])
     chosen = ["--records", str(records), "--model", str(tmp_path / "plain")]
     assert reliability.main(["-o", str(tmp_path / "out"), *chosen]) == 2
     assert "draws by regression, without confidence" in capsys.readouterr().err

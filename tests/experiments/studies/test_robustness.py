@@ -34,6 +34,7 @@ def test_the_table_of_shifts_has_means_and_the_area_of_the_warning():
     assert "| 0, 100 / 1.00 / 1.00 |" in table  # warned for its confidence
 
 
+@pytest.mark.slow
 def test_every_shift_is_a_row_of_one_table(records, tmp_path, monkeypatch, capsys):
     pytest.importorskip("embreex", reason="the extra `sim` is not installed")
     one = robustness.set_sequences("jradar-sim-2-robust/clean")[:1]
