@@ -20,6 +20,7 @@ from jradar.recordings.recording import Recording
 MAX_FRAMES, MAX_CLOUDS = 200, 400
 PERIOD_S = 0.1  # shortest time between two measurements of motion
 SECTORS = (72, 18)  # cells of azimuth x elevation whose mean ranges are compared
+MOST_STEPS = 100_000  # of the common clock
 LEAST_OVERLAP = 0.5  # of the shorter signal, at any offset
 
 
@@ -36,7 +37,7 @@ def estimate_time_offset(
     The signals are resampled to half the finer period and cross-correlated; a parabola
     through the peak refines it. The confidence is the correlation at the peak minus
     that at the next peak. Raises ValueError for fewer than 8 samples and for stamps
-    that do not rise.
+    that do not rise, or have gaps of days.
     """
     if min(len(radar_stamps), len(lidar_stamps)) < 8:
         raise ValueError(
@@ -47,6 +48,12 @@ def estimate_time_offset(
     if not (radar_steps > 0).all() or not (lidar_steps > 0).all():
         raise ValueError("stamps fall or repeat, expected rising ones")
     step = 0.5 * float(min(np.median(radar_steps), np.median(lidar_steps)))
+    span = max(np.ptp(lidar_stamps), max_offset_s)
+    if span > MOST_STEPS * step:
+        raise ValueError(
+            f"stamps every {2 * step:g} s span {span:g} s, expected at most "
+            f"{MOST_STEPS:,} half steps: are they in seconds?"
+        )
     least = LEAST_OVERLAP * min(np.ptp(radar_stamps), np.ptp(lidar_stamps)) / step
     clock = np.arange(lidar_stamps[0], lidar_stamps[-1], step)
     lidar = np.interp(clock, lidar_stamps, lidar_motion)

@@ -80,6 +80,14 @@ def test_the_limit_is_checked_before_reading(tmp_path):
             read(path)
 
 
+def test_a_radar_whose_frames_are_too_many(tmp_path):
+    (tmp_path / "radar.cfg").write_text(CFG.replace("0 2 5 0 100", "0 0 1 0 100"))
+    with (tmp_path / "adc_data.bin").open("wb") as file:
+        file.truncate(1 << 36)
+    with pytest.raises(ValueError, match="adc_data.bin holds 429,496,729 frames"):
+        open_recording(tmp_path / "adc_data.bin", allow_partial=True)
+
+
 def test_weights_of_another_size_are_refused_before_their_digest(tmp_path):
     save_model(tmp_path / "model", tiny_model())
     with (tmp_path / "model" / "weights.safetensors").open("r+b") as file:

@@ -24,6 +24,7 @@ from jradar.radar import RadarSpec
 from jradar.recordings.descriptions import (
     Description,
     find_description,
+    frame_stamps,
     read_description,
 )
 from jradar.recordings.recording import Format, Recording, Stream
@@ -140,6 +141,9 @@ def recording_of_samples(
         misfit = _does_not_fit(path, source.size, radar)
         raise ValueError(" ".join([misfit, *doubts]))
 
+    if stamps is None:
+        stamps = frame_stamps(path, count, radar.frame_period_s)
+
     def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
         return cube_of_words(raw.view("<i2"), radar, order)
@@ -159,9 +163,6 @@ def recording_of_samples(
     if advice:
         notes.append(advice)
     notes += card_notes(path, order=order, decided=decided)
-    period = radar.frame_period_s
-    if stamps is None and period:
-        stamps = np.arange(count) * period
     return Recording(
         name=name,
         path=path,
