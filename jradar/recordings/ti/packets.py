@@ -156,7 +156,7 @@ def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Pa
                 break
             raise ValueError(
                 f"{files.paths[-1]} ends within a packet, after {files.size:,} bytes: "
-                "truncated? allow_partial reads the packets before it"
+                "truncated? --allow-partial reads the packets before it"
             )
         window = min(2 * window, PIECE) if found[-1][2] == PAYLOAD else 1
         runs += found
