@@ -51,7 +51,7 @@ class Results:
 
     def __init__(self, folder: Path | str, command: str, *, force: bool = False):
         """Raise UsageError for a folder with the results of another command."""
-        self.folder, self._force = Path(folder), force
+        self.folder, self.force = Path(folder), force
         self._list, self._head = self.folder / LIST, f"{HEAD} {command}"
         self._digests: dict[str, str] = {}
         self._earlier: dict[PurePath, set[str]] = {}  # by folder, of earlier runs
@@ -64,7 +64,7 @@ class Results:
         """
         for name in names:
             path = self.folder / name
-            if os.path.lexists(path) and not (self._force or self._unchanged(name)):
+            if os.path.lexists(path) and not (self.force or self._unchanged(name)):
                 raise _kept(path, "was not written by this command, or changed since")
 
     def put(
@@ -88,7 +88,7 @@ class Results:
     def _read(self) -> bool:
         """Read the list; return whether this command began it."""
         head, *lines = read_text(self._list, limit=MAX_JSON_BYTES).splitlines() or [""]
-        if head != self._head and not self._force:
+        if head != self._head and not self.force:
             raise _kept(self.folder, f"holds what `{head.removeprefix('# ')}` wrote")
         for digest, _, name in (line.partition("  ") for line in lines):
             self._digests[name] = digest
@@ -111,6 +111,8 @@ class Results:
             lines = (f"{digest}  {old}\n" for old, digest in self._digests.items())
             write_text(self._list, "".join([f"{self._head}\n", *lines]))
             self._begun = True
-        self._digests[name] = self._digest(name) or ""
-        with self._list.open("a", encoding="utf-8") as file:
-            file.write(f"{self._digests[name]}  {name}\n")
+        digest = self._digest(name) or ""
+        if self._digests.get(name) != digest:
+            self._digests[name] = digest
+            with self._list.open("a", encoding="utf-8") as file:
+                file.write(f"{digest}  {name}\n")

@@ -18,6 +18,7 @@ FLOORS = {
     "nearest": 1,
     "files": 1,
     "progress": 1,
+    "results": 2,
     "radar": 2,
     "range_image": 2,
     "lidar": 2,

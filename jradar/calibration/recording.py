@@ -1,8 +1,9 @@
 """The channels of a recording's radar from its echoes, as `jradar calibrate` does."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,12 +13,19 @@ from jradar.calibration.level import Tilt, level_tilt, untilted
 from jradar.calibration.self_calibration import SelfCalibration, self_calibrate
 from jradar.calibration.snapshots import strong_snapshots
 from jradar.errors import UsageError
+from jradar.progress import progress
 from jradar.radar import PointSpec, Radar, RadarSpec, radar_points
 from jradar.recordings import Recording, sample_doubts
 
 MOST_FRAMES = 200
 POINTS = PointSpec(capacity=512)  # that show the motion
 LARGEST_UNCERTAINTY_DEG = 2.5  # of the tilt
+
+RESIDUALS = {
+    "phase of the best quarter of the echoes (deg)": "phase_deg",
+    "share of their power not explained": "power_share",
+    "peak to mean of all angle spectra": "peak_to_mean",
+}
 
 
 class Calibration(NamedTuple):
@@ -30,6 +38,41 @@ class Calibration(NamedTuple):
     warnings: tuple[str, ...]
     hidden: tuple[str, ...]  # what the recording does not show, in words
 
+    def describe(self) -> dict[str, Any]:
+        """Return residuals, factors and tilt as tables."""
+        fit, factors = self.fit, np.asarray(self.radar.channels)
+        tables: dict[str, Any] = {
+            "frames used": len(self.frames),
+            "echoes": fit.echoes,
+            "spread of azimuths (deg)": fit.azimuth_spread_deg,
+            "improves": fit.improves,
+            "model": "transmitter x receiver" if fit.separable else "each pair",
+            "uncertainty (deg)": fit.uncertainty_deg,
+            "residuals, echoes left out": [
+                {
+                    "residual": name,
+                    "before": getattr(fit.before, field),
+                    "after": getattr(fit.after, field),
+                }
+                for name, field in RESIDUALS.items()
+            ],
+            "channels": [
+                {
+                    "tx": tx,
+                    "rx": rx,
+                    "gain (dB)": float(20 * np.log10(abs(factor))),
+                    "phase (deg)": float(np.degrees(np.angle(factor))),
+                }
+                for (tx, rx), factor in np.ndenumerate(factors)
+            ],
+            "range bias (m)": float(self.radar.range_bias_m),
+        }
+        if self.tilt is not None:
+            tables["tilt (deg)"] = self.tilt.degrees
+            tables["uncertainty of the tilt (deg)"] = self.tilt.deviation_deg
+            tables["frames that tell the tilt"] = self.tilt.frames
+        return tables | {"not observable": [*self.hidden]}
+
 
 def calibrate_recording(
     recording: Recording,
@@ -37,38 +80,24 @@ def calibrate_recording(
     frames: slice = slice(None),
     reflector: tuple[float, float, float] | None = None,
     level: bool = False,
-    advance: Callable[[int, int], None] = lambda done, total: None,
 ) -> Calibration:
     """Return the radar with the factors that explain its echoes; host.
 
     At most 200 of the `frames` are used, evenly spaced. `reflector` is that of
     `self_calibrate`. With `level`, the radar was carried over level ground, which shows
-    the tilt. `advance` is called with the passes over frames that are done, of how
-    many. Raises UsageError without frames and for both options together.
+    the tilt. Raises UsageError without frames and for both options together.
     """
     if level and reflector:
         raise UsageError("--level and --reflector both fix the tilt: leave one out")
-    chosen = _evenly(recording, frames)
-    radar, total = recording.radar, len(chosen) * (1 + level)
-
-    def of_each(measure, first=0):
-        """Return `measure(cube)` of every frame, stacked."""
-        found = []
-        for done, frame in enumerate(chosen, first + 1):
-            found.append(measure(recording.cube(frame)))
-            advance(done, total)
-        return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
-
-    echoes = of_each(lambda cube: strong_snapshots(cube, radar))
+    chosen, radar = _evenly(recording, frames), recording.radar
+    echoes = _of_each(recording, chosen, "calibrating", strong_snapshots, radar)
     fit = self_calibrate(echoes, radar.spec, reflector=reflector)
     calibrated, tilt = radar.with_factors(fit.factors), None
     if level:
-        walked, points = calibrated, POINTS.fitted(radar.spec)
-        clouds = of_each(
-            lambda cube: radar_points(cube, walked, points=points), first=len(chosen)
-        )
+        detect = functools.partial(radar_points, points=POINTS.fitted(radar.spec))
+        clouds = _of_each(recording, chosen, "measuring the motion", detect, calibrated)
         tilt = level_tilt(clouds, radar.spec, up=_up(recording))
-        calibrated = walked.with_factors(untilted(tilt.sine, radar.spec))
+        calibrated = calibrated.with_factors(untilted(tilt.sine, radar.spec))
     if fit.range_bias_m is not None:
         calibrated = dataclasses.replace(calibrated, range_bias_m=fit.range_bias_m)
     return Calibration(
@@ -88,6 +117,18 @@ def _evenly(recording: Recording, frames: slice) -> range:
     if not chosen:
         raise UsageError(f"--frames: {recording.path} has frames 0 to {count - 1}")
     return chosen[:: -(-len(chosen) // MOST_FRAMES)]
+
+
+def _of_each(
+    recording: Recording, frames: range, what: str, measure: Callable, radar: Radar
+) -> Any:
+    """Return `measure(cube, radar)` of every frame, stacked; show the progress."""
+    found = []
+    with progress(what, len(frames), unit="frames") as show:
+        for done, frame in enumerate(frames, 1):
+            found.append(measure(recording.cube(frame), radar))
+            show(done)
+    return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
 
 
 def _up(recording: Recording) -> tuple[float, float, float]:

@@ -25,7 +25,10 @@ from jradar.data.loading import (
     mirrored as mirrored,
     thinned as thinned,
 )
-from jradar.data.prepare import prepare as prepare
+from jradar.data.prepare import (
+    describe_manifest as describe_manifest,
+    prepare as prepare,
+)
 from jradar.data.preview import Preview as Preview, preview as preview
 from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
 from jradar.data.sources import (

@@ -117,6 +117,25 @@ def prepare(
     return manifest
 
 
+def describe_manifest(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return the frames of each sequence, why others were dropped, and notes."""
+    sequences = manifest["sequences"]
+    return {
+        "frames": sum(s["frames"] for s in sequences),
+        "sequences": [
+            {name: s[name] for name in ("name", "split", "frames")}
+            | {"dropped": sum(s["dropped"].values())}
+            for s in sequences
+        ],
+        "dropped": [
+            {"sequence": s["name"], "frames": count, "reason": reason}
+            for s in sequences
+            for reason, count in s["dropped"].items()
+        ],
+        "notes": [f"{s['name']}: {note}" for s in sequences for note in s["notes"]],
+    }
+
+
 def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, Any]:
     """Write the shard of a job if it is missing, and return its description."""
     path = Path(job.path)

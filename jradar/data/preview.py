@@ -20,6 +20,19 @@ class Preview(NamedTuple):
     trusted: Float[np.ndarray, "echo 3"]  # radar points of the visibility filter
     matched: int  # frames of the recording with a LiDAR scan
 
+    def describe(self) -> dict[str, int]:
+        """Return how many points each step keeps."""
+        steps = self.steps
+        return {
+            "frame": self.frame.frame,
+            "radar points": len(self.trusted),
+            "LiDAR points": len(steps.xyz),
+            "in the radar's view": int(steps.in_view.sum()),
+            "floor and ceiling": int((steps.ground | steps.ceiling).sum()),
+            "kept": len(self.frame.lidar_xyz),
+            "matched frames": self.matched,
+        }
+
 
 def preview(
     recording: Recording, spec: PrepareSpec, *, frames: slice = slice(None)

@@ -10,6 +10,7 @@
     Follower                           the same for the last frames, as they come
     write_tum, to_poses                a trajectory as a file, and as `Poses`
     compare, Comparison                a trajectory against recorded poses
+    describe_trajectory                in words and numbers
     umeyama, position_errors, step_errors    APE and RPE against true poses
 
 The radar's velocity is that of the radar itself, so it is the radar's position that is
@@ -20,6 +21,7 @@ from jradar.motion.attitude import (
     gyro_attitude as gyro_attitude,
     pose_attitude as pose_attitude,
 )
+from jradar.motion.describe import describe_trajectory as describe_trajectory
 from jradar.motion.doppler import (
     EgoVelocity as EgoVelocity,
     ego_velocity as ego_velocity,

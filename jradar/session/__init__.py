@@ -3,6 +3,7 @@
 enhance_recording, Enhancement, Frame    a recording's frames, with warnings and times
 detect_recording, Detection, Detected    their radar points alone
 describe_recording                       what a recording holds, and one frame of it
+FrameFolder                              the files of frames
 Stages, Heard, Stopwatch                 the stages of one frame, compiled and timed
 LastFrames, Seen, see, fused             several frames as one
 of_radar, blind, of_frames               warnings
@@ -35,3 +36,4 @@ from jradar.session.warnings import (
     of_frames as of_frames,
     of_radar as of_radar,
 )
+from jradar.session.writing import FrameFolder as FrameFolder

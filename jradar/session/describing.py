@@ -2,11 +2,10 @@
 
 from typing import Any
 
-from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
+from jradar.radar import PointSpec
 from jradar.recordings import Recording, describe, propose_offset
 from jradar.session.detecting import detect_recording
 from jradar.session.warnings import no_echoes
-from jradar.types import PointCloud
 
 
 def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any]:
@@ -17,27 +16,23 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     radar, one = recording.radar.spec, range(frame, frame + 1)
     detection = detect_recording(recording, frames=one)
     (seen,) = detection
+    shown = seen.describe(radar)
     found: dict[str, Any] = {
         "frame": frame,
         "largest sample": seen.check.largest,
         "share at full scale": seen.check.share,
-        "noise": noise_statistics(seen.power, radar)._asdict(),
-        "echoes": echo_table(seen.points, radar),
+        "noise": shown["noise"],
+        "echoes": shown["echoes"],
     }
     if radar.num_chirps > 1:
         moving = PointSpec(remove_static=True)
-        (seen_moving,) = detect_recording(recording, moving, frames=one)
-        found["moving echoes"] = echo_table(seen_moving.points, radar)
+        (seen_moving,) = detect_recording(recording, points=moving, frames=one)
+        found["moving echoes"] = seen_moving.describe(radar)["echoes"]
     if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
         found["time offset"] = _time_offset(recording)
     described = describe(detection.recording)
     described["notes"] += no_echoes([frame] if seen.empty else [])
     return {**described, **found}
-
-
-def echo_table(cloud: PointCloud, radar: RadarSpec) -> list[dict[str, float]]:
-    """Return the strongest echoes of a cloud as rows of a table."""
-    return [echo._asdict() for echo in strongest_echoes(cloud, radar)]
 
 
 def _time_offset(recording: Recording) -> dict[str, Any]:

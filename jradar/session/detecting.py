@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Inexact
 
-from jradar.radar import PointSpec
+from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
 from jradar.recordings import Recording, check_samples, with_sample_doubts
 from jradar.recordings.sample_checks import SampleCheck
 from jradar.session.frames import ahead, chosen_frames, stamp_s
@@ -36,6 +36,18 @@ class Detected(NamedTuple):
     def empty(self) -> bool:
         """Whether the detector found nothing."""
         return not np.asarray(self.points.valid).any()
+
+    def describe(self, radar: RadarSpec) -> dict[str, Any]:
+        """Return the numbers of points, the noise and the strongest echoes."""
+        return {
+            "frame": self.number,
+            "points": int(np.asarray(self.points.valid).sum()),
+            "detected": self.detected,
+            "dropped": self.dropped,
+            "saturated": self.saturated,
+            "noise": noise_statistics(self.power, radar)._asdict(),
+            "echoes": [e._asdict() for e in strongest_echoes(self.points, radar)],
+        }
 
 
 class Detection(Iterator[Detected]):
@@ -108,8 +120,8 @@ class Detection(Iterator[Detected]):
 
 def detect_recording(
     recording: Recording,
-    points: PointSpec = POINTS,
     *,
+    points: PointSpec = POINTS,
     frames: slice | range = slice(None),
 ) -> Detection:
     """Return an iterator over the radar points of a recording's `frames`; host.

@@ -50,6 +50,20 @@ class Frame(NamedTuple):
         """Whether the detector found nothing."""
         return not np.asarray(self.points.valid).any()
 
+    def describe(self) -> dict[str, float]:
+        """Return the numbers of points, and how far to trust them."""
+        row: dict[str, float] = {
+            "frame": self.number,
+            "detections": self.detections,
+            "radar points": int(np.asarray(self.points.valid).sum()),
+            "enhanced points": int(np.asarray(self.cloud.valid).sum()),
+        }
+        if self.confidence is not None:
+            row["confidence (%)"] = round(100 * self.confidence, 1)
+        if self.unlikeness is not None:
+            row["unlike training (%)"] = round(100 * self.unlikeness, 1)
+        return row
+
 
 class Enhancement(Iterator[Frame]):
     """The frames of a recording as they come, and what is known of all so far."""

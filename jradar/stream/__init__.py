@@ -10,6 +10,7 @@
     Processor, View             `processing`, `views`: a frame to clouds and a picture
     open_writer                 `outputs`: MCAP, ROS 2 bag or folder, by name
     run_session, run_live       `live`: all of it; the loop alone
+    replaying, run_replay       a card that plays a recording, until its end
 
 README.md has the wiring, the network's settings and what to check.
 """
@@ -28,6 +29,7 @@ from jradar.stream.emulator import (
 )
 from jradar.stream.live import (
     run_live as run_live,
+    run_replay as run_replay,
     run_session as run_session,
     summary as summary,
 )
@@ -43,6 +45,7 @@ from jradar.stream.receiver import Receiver as Receiver
 from jradar.stream.sockets import loopback_network as loopback_network
 from jradar.stream.views import (
     View as View,
+    enhanced_view as enhanced_view,
     point_table as point_table,
     range_azimuth as range_azimuth,
 )

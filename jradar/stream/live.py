@@ -17,7 +17,7 @@ from jradar.errors import UsageError
 from jradar.recordings import nearest_scan
 from jradar.stream.board import Board
 from jradar.stream.card import Card
-from jradar.stream.emulator import Emulator
+from jradar.stream.emulator import Emulator, Sent
 from jradar.stream.outputs import Writer
 from jradar.stream.processing import Processor
 from jradar.stream.receiver import Receiver
@@ -228,6 +228,20 @@ def summary(session: Session, receiver: Receiver) -> dict[str, Any]:
         },
         "restarts of the card": counts.restarts,
     }
+
+
+def run_replay(emulator: Emulator) -> Sent:
+    """Wait until a recording is sent, or a signal ends it; return what was sent.
+
+    Raises what ended the sending, such as a damaged frame.
+    """
+    with ended_by_signals() as ending:
+        while not (emulator.finished.is_set() or ending.is_set()):
+            ending.wait(WAKE_S)
+    emulator.stop()
+    if emulator.fault is not None:
+        raise emulator.fault
+    return emulator.sent
 
 
 class FrameRate:

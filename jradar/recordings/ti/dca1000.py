@@ -251,6 +251,6 @@ def _does_not_fit(path: Path, size: int, radar: RadarSpec) -> str:
         f"{path} holds {size:,} bytes, {radar.name} needs a multiple of "
         f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x "
         f"{sample_bytes} bytes): {size // frame_bytes} whole frames. Was the file cut "
-        "off (allow_partial reads the whole frames), or does the description belong to "
-        f"another capture ({others})?"
+        "off (--allow-partial reads the whole frames), or does the description belong "
+        f"to another capture ({others})?"
     )

@@ -153,7 +153,7 @@ def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Pa
                 break
             raise ValueError(
                 f"{files.paths[-1]} ends within a packet, after {files.size:,} bytes: "
-                "truncated? allow_partial reads the packets before it"
+                "truncated? --allow-partial reads the packets before it"
             )
         ends = position + np.cumsum(header_bytes + sizes)
         parts.append(np.stack([counts, ends - sizes, sizes], -1))
