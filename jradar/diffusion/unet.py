@@ -47,10 +47,10 @@ PRESETS: dict[str, dict[str, Any]] = {
         "attention_levels": (2,),
         "stem": (1, 4),
     },
-    "small": {  # half the patch height of "tiny"
+    "small": {  # half the patch height of "tiny", and twice the blocks
         "channels": 128,
         "multipliers": (1, 1),
-        "blocks": 1,
+        "blocks": 2,
         "attention_levels": (1,),
         "stem": (8, 16),
         "condition_stem": (4, 2),
