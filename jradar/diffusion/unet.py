@@ -57,7 +57,8 @@ PRESETS: dict[str, dict[str, Any]] = {
         "attention_levels": (2,),
         "stem": (1, 4),
     },
-    "small": TINY | {"stem": (8, 16), "condition_stem": (4, 2)},  # half as high
+    # Half the patch height of "tiny", and twice the blocks.
+    "small": TINY | {"blocks": 2, "stem": (8, 16), "condition_stem": (4, 2)},
     "tiny": TINY,
 }
 

@@ -15,7 +15,6 @@ from tests.experiments.conftest import TINY
 
 ROOT = Path(__file__).parents[2]
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
-RADARHD = f"--config={ROOT}/experiments/configs/radarhd.py"
 WORK = "years of work"
 READ = ["--records=nowhere"]
 
@@ -46,23 +45,6 @@ def test_a_missing_path_is_named(study, arguments, code, tmp_path, capsys, monke
     err = ends(lambda: study.main(arguments), capsys, code)
     assert "nowhere" in err or "1 runs, expected two" in err
     assert not [*tmp_path.iterdir()]
-
-
-@pytest.mark.parametrize(
-    ("flags", "name"),
-    [
-        ([SMOKE, "--config.data.path=nowhere"], "nowhere"),
-        ([SMOKE, "--config.data.path=nowhere", "--mode=eval"], "no model at"),
-        ([SMOKE, "--config.train.initial=nowhere"], "nowhere"),
-        ([RADARHD, "--config.data.path=nowhere"], "nowhere"),
-        ([RADARHD, "--config.data.path=nowhere", "--mode=eval"], "no weights at"),
-        ([RADARHD, "--config.weights=nowhere", "--mode=eval"], "nowhere"),
-    ],
-)
-def test_a_missing_path_in_a_config_is_named(flags, name, tmp_path, capsys):
-    code = 5 if name.startswith("no ") else 2
-    call = ["main", *flags, f"--workdir={tmp_path / 'new'}"]
-    assert name in ends(lambda: command.main(call), capsys, code)
 
 
 def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):

@@ -23,6 +23,8 @@ from jradar.errors import UsageError
 
 ROOT = Path(__file__).parents[2]
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
+RADARHD = SMOKE.replace("smoke", "radarhd")
+NOWHERE = "--config.data.path=nowhere"
 CONFIGS = sorted((ROOT / "experiments" / "configs").glob("[!_]*.py"))
 
 
@@ -114,7 +116,10 @@ def test_a_workdir_is_for_one_config(finished, change, message, capsys):
         (["--config.noise.prediction=huge"], 2, "noise.prediction = 'huge', expected"),
         (["--config.noise.sigma_min=-1.0"], 2, "config.noise: sigma_min = -1.0"),
         (["--config.sampling.solver=huge"], 2, "sampling.solver = 'huge', expected"),
-        (["--config.data.path=nowhere"], 2, "data.path = nowhere: no such"),
+        ([NOWHERE], 2, "data.path = nowhere: no such"),
+        ([RADARHD, NOWHERE], 2, "data.path = nowhere: no such"),
+        ([RADARHD, NOWHERE, "--mode=eval"], 5, "no weights at"),
+        ([RADARHD, "--config.weights=no", "--mode=eval"], 2, "weights = no: no such"),
         (["--config.data.set=nothing"], 2, "config.data: set 'nothing', expected one"),
         (["--config.train.initial=nowhere"], 2, "no weights at train.initial"),
         (["--config.image.azimuth_deg=(-60.0, 30.0)"], 2, "cannot be mirrored"),
@@ -122,7 +127,8 @@ def test_a_workdir_is_for_one_config(finished, change, message, capsys):
     ],
 )
 def test_fault_is_one_line_with_its_code(tmp_path, capsys, flags, code, message):
-    assert run(tmp_path / "new", SMOKE, *flags) == code
+    config = [] if RADARHD in flags else [SMOKE]
+    assert run(tmp_path / "new", *config, *flags) == code
     out, err = capsys.readouterr()
     assert out == "" and message in err
     assert err.count("\n") == 1 and "Traceback" not in err
