@@ -15,8 +15,9 @@ import shutil
 import stat
 import typing
 from collections.abc import Callable, Iterator, Mapping
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from jradar.errors import UsageError, parsing
 
@@ -202,7 +203,7 @@ def write_text(path: Path | str, text: str) -> None:
         scratch.write_text(text, encoding="utf-8")
 
 
-def open_file(path: Path | str, *, limit: int | None = None) -> BinaryIO:
+def open_file(path: Path | str, *, limit: int | None = None) -> BufferedReader:
     """Open a file for reading bytes.
 
     Raises UsageError for a pipe or a device, which may never answer or never end, and

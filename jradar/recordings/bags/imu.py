@@ -44,5 +44,5 @@ def open_imu(
     if np.median(np.linalg.norm(force, axis=1)) < MOST_IN_G:
         force = force * STANDARD_GRAVITY
         notes += (f"{topic}: accelerations are in g, and are converted to m/s^2",)
-    times, order = np.unique(stream.stamps, return_index=True)
+    times, order = np.unique(np.asarray(stream.stamps), return_index=True)
     return Imu(times, force[order], rate[order]), notes
