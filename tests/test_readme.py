@@ -214,6 +214,7 @@ NOT_RUN = {  # and why
 
 
 @pytest.mark.slow
+@pytest.mark.hours
 @pytest.mark.timeout(3600)
 def test_commands_run_one_after_another(tmp_path):
     """In one folder; those of the experiments first, whose runs the others need."""

@@ -90,6 +90,7 @@ def test_damaged_files_are_read_or_refused(name, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.hours
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", TARGETS)
 def test_damaged_files_are_read_or_refused_for_a_minute(name, tmp_path):
