@@ -212,7 +212,7 @@ def score_records(
         for number, (sequence, index) in enumerate(scored.items()):
             rows = evaluation.score_frames(
                 jax.random.fold_in(key, number),
-                _Frames(records, pairs, index),
+                (Frame(records[i], pairs[i]) for i in index),
                 methods,
                 truths=truths,
                 scene=scene_of(sequence),
@@ -231,19 +231,6 @@ def _scored(records: data.Records, every: int) -> dict[str, list[int]]:
     for i, (sequence, _) in enumerate(records.where):
         found.setdefault(sequence, []).append(i)
     return {sequence: index[::every] for sequence, index in found.items()}
-
-
-class _Frames:
-    """Some frames of one sequence."""
-
-    def __init__(self, records, pairs, index):
-        self._records, self._pairs, self._index = records, pairs, index
-
-    def __len__(self):
-        return len(self._index)
-
-    def __getitem__(self, i):
-        return Frame(self._records[self._index[i]], self._pairs[self._index[i]])
 
 
 def _samples(clouds, view: View):

@@ -125,7 +125,7 @@ class UNet(nn.Module):
             self.condition_stem,
             dtype=self.dtype,
         )
-        shared = set(Trunk.__annotations__) & set(UNet.__annotations__)
+        shared = Trunk.__annotations__.keys() - {"parent", "name"}
         self.trunk = Trunk(**{name: getattr(self, name) for name in shared})
 
     def __call__(

@@ -8,7 +8,7 @@ NumPy arrays: JAX would compile anew for each number of points.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import jax
@@ -25,7 +25,7 @@ Truth = Callable[[Any], np.ndarray]
 
 def score_frames(
     key: Key[Array, ""],
-    frames: Any,
+    frames: Iterable[Any],
     methods: Mapping[str, Method],
     *,
     truths: Mapping[str, Truth],
@@ -44,8 +44,8 @@ def score_frames(
         raise ValueError(
             f"{len(methods)} methods and {len(truths)} truths, expected 1 or more each"
         )
-    for index in range(len(frames)):
-        frame, frame_key = frames[index], jax.random.fold_in(key, index)
+    for index, frame in enumerate(frames):
+        frame_key = jax.random.fold_in(key, index)
         true_points = {name: truth(frame) for name, truth in truths.items()}
         for name, method in methods.items():
             if warm_up and index == 0:

@@ -1,10 +1,11 @@
-"""The numbers of a run: `metrics.jsonl` holds a line for each step.
+"""The numbers of a run: `metrics.jsonl`, and TensorBoard if it is installed.
 
- Lines of steps that run again are dropped,
+`metrics.jsonl` holds a line for each step. Lines of steps that run again are dropped,
 so that a resumed run writes the same lines as an uninterrupted one.
 """
 
 import contextlib
+import importlib
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -28,13 +29,31 @@ def step_log(workdir: Path | str, *, first: int) -> Iterator[Log]:
         return
     path = Path(workdir) / "metrics.jsonl"
     _drop_lines_from(path, first)
-    with path.open("a", buffering=1) as file:
+    with path.open("a", buffering=1) as file, _tensorboard(workdir, first) as show:
 
         def write(step, values):
             shown = {k: v if math.isfinite(v) else None for k, v in values.items()}
             file.write(json.dumps({"step": step, **shown}) + "\n")
+            show(step, values)
 
         yield write
+
+
+@contextlib.contextmanager
+def _tensorboard(workdir, first):
+    """Yield `show(step, values)`; it does nothing without tensorboardX."""
+    try:
+        writer_of = importlib.import_module("tensorboardX").SummaryWriter
+    except ImportError:
+        yield lambda step, values: None
+        return
+    with writer_of(str(Path(workdir) / "tensorboard"), purge_step=first) as writer:
+
+        def show(step, values):
+            for name, value in values.items():
+                writer.add_scalar(name, value, step)
+
+        yield show
 
 
 def _drop_lines_from(path, step):

@@ -2,7 +2,7 @@
 
     pytest tests/fuzz                              0.3 s for each reader
     JRADAR_FUZZ_SECONDS=5 pytest tests/fuzz        more
-    pytest -m slow tests/fuzz                      60 s for each reader
+    pytest -m hours tests/fuzz                     60 s for each reader
 
 A failure names its target and example; `python -m tests.fuzz.test_fuzz NAME EXAMPLE`
 runs that one again.

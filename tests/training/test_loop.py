@@ -4,6 +4,7 @@ import functools
 import json
 import os
 import signal
+import sys
 
 import jax
 import numpy as np
@@ -19,6 +20,12 @@ KEY = jax.random.key(tiny.KEY_SEED)
 @pytest.fixture(scope="module")
 def start():
     return tiny.new_state()
+
+
+@pytest.fixture(autouse=True)
+def no_tensorboard(monkeypatch):
+    """It imports PyTorch where that is installed."""
+    monkeypatch.setitem(sys.modules, "tensorboardX", None)
 
 
 def run(start, workdir, steps, **options):
@@ -206,3 +213,31 @@ def test_evaluation_is_logged(start, tmp_path):
         if "validation/chamfer" in line
     }
     assert found == {**values, 6: None}
+
+
+def test_tensorboard_gets_every_value(start, tmp_path, monkeypatch):
+    written = []
+
+    class Writer:
+        def __init__(self, folder, purge_step):
+            written.append(("open", folder, purge_step))
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            written.append("closed")
+
+        def add_scalar(self, name, value, step):
+            written.append((name, step))
+
+    module = type("Module", (), {"SummaryWriter": Writer})
+    monkeypatch.setitem(sys.modules, "tensorboardX", module)
+    run(start, tmp_path, 1)
+    run(start, tmp_path, 2)
+    folder = str(tmp_path / "tensorboard")
+    names = ("loss", "gradient_norm", "seconds")
+    assert written == [
+        ("open", folder, 0), *((n, 0) for n in names), "closed",
+        ("open", folder, 1), *((n, 1) for n in names), "closed",
+    ]  # fmt: skip
