@@ -310,7 +310,7 @@ def test_options_are_fitted_to_a_radar():
         ({"false_alarm_rate": 1.5}, "false_alarm_rate = 1.5, expected 0 < rate <= 1"),
         ({"capacity": 0}, "capacity = 0, expected 1 to 1,048,576"),
         ({"capacity": 99999999999}, "capacity = 99,999,999,999, expected 1 to 1,0"),
-        ({"guard": (-1, 2)}, r"guard = \(-1, 2\), expected 0 or more cells"),
+        ({"guard": (-1, 2)}, r"guard = \(-1, 2\), expected two whole numbers"),
         ({"range_window": "kaiser"}, "range_window = 'kaiser', expected one of"),
         ({"num_azimuth": 0}, "num_azimuth = 0, expected 1 to 4,096"),
         ({"edge": "mirror"}, "edge = 'mirror', expected one of"),
