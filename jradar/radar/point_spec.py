@@ -5,24 +5,19 @@ import math
 from typing import Any
 
 from jradar.radar.detect.cfar import DETECTORS
-from jradar.radar.detect.cfar_window import (
-    EDGES,
-    cell_pair,
-    check_edge,
-    largest_window,
-)
+from jradar.radar.detect.cfar_window import EDGES, Window, check_window, largest_window
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS
 
 ANGLES = ("fft", "music", "capon")
-LARGEST = {
-    "capacity": 1 << 20,
-    "peaks": 64,
-    "num_azimuth": 4096,
-    "num_elevation": 4096,
+LIMITS = {
+    "capacity": (1, 1 << 20),
+    "peaks": (1, 64),
+    "num_azimuth": (1, 4096),
+    "num_elevation": (1, 4096),
+    "folds": (0, 16),
+    "sources": (0, 64),
 }
-MOST_FOLDS = 16
-MOST_SOURCES = 64
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,7 +76,14 @@ class PointSpec:
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
         for field in ("guard", "train"):
-            object.__setattr__(self, field, cell_pair(field, getattr(self, field)))
+            cells = getattr(self, field)
+            pair = isinstance(cells, tuple | list) and len(cells) == 2
+            if not pair or not all(type(n) is int and n >= 0 for n in cells):
+                raise ValueError(
+                    f"{field} = {cells!r}, expected two whole numbers of 0 or more: "
+                    "cells in Doppler and in range"
+                )
+            object.__setattr__(self, field, tuple(cells))
         for field, choices in (
             ("detector", tuple(DETECTORS)),
             ("angles", ANGLES),
@@ -96,18 +98,11 @@ class PointSpec:
             raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
         if self.factor is not None and not 0 < self.factor < math.inf:
             raise ValueError(f"factor = {self.factor}, expected more than 0 and finite")
-        check_edge(self.edge, self.detector, self.train)
-        for field, most in LARGEST.items():
+        check_window(Window(self.guard, self.train, self.edge), self.detector)
+        for field, (least, most) in LIMITS.items():
             value = getattr(self, field)
-            if value is not None and not 1 <= value <= most:
-                raise ValueError(f"{field} = {value:,}, expected 1 to {most:,}")
-        for field in ("guard", "train"):
-            if min(value := getattr(self, field)) < 0:
-                raise ValueError(f"{field} = {value}, expected 0 or more cells")
-        if not 0 <= self.folds <= MOST_FOLDS:
-            raise ValueError(f"folds = {self.folds}, expected 0 to {MOST_FOLDS}")
-        if not 0 <= self.sources <= MOST_SOURCES:
-            raise ValueError(f"sources = {self.sources}, expected 0 to {MOST_SOURCES}")
+            if value is not None and not least <= value <= most:
+                raise ValueError(f"{field} = {value:,}, expected {least} to {most:,}")
         if self.focus and (self.angles != "fft" or self.peaks > 1):
             raise ValueError(
                 f"focus = True with angles = {self.angles!r}, peaks = {self.peaks}, "

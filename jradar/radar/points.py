@@ -20,7 +20,6 @@ from jaxtyping import Array, Bool, Float, Int
 from jradar.radar.angle.cell_directions import (
     angle_bins,
     cell_directions,
-    fields,
     focused,
     strongest_peaks,
 )
@@ -32,19 +31,11 @@ from jradar.radar.peaks import window_offset
 from jradar.radar.point_spec import POINTS, PointSpec
 from jradar.radar.radar import Radar
 from jradar.radar.ranks import to_rank
-from jradar.radar.samples import (
-    FULL_SCALE,
-    Cube,
-    as_samples,
-    non_finite_samples,
-    saturated_samples,
-)
+from jradar.radar.samples import FULL_SCALE, Cube, as_samples
 from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import range_doppler
+from jradar.radar.spectrum import STATIC, PowerMap, Spectrum, range_doppler
 from jradar.types import PointCloud
 
-SPECTRUM = ("range_window", "doppler_window", "remove_static", "remove_interference")
-FOCUSED = 512  # cells that are focused at a time
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
 
 
@@ -88,53 +79,33 @@ def radar_points(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Poi
     frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
     `points_and_report` also counts what is missing.
     """
-    return _points(cube, radar, points)[0]
+    return points_and_report(cube, radar, points=points)[0]
 
 
-@functools.partial(jax.jit, static_argnames=("points", "full_scale"))
+@functools.partial(jax.jit, static_argnames="points")
 def points_and_report(
-    cube: Cube,
-    radar: Radar,
-    *,
-    points: PointSpec = POINTS,
-    full_scale: float = FULL_SCALE,
+    cube: Cube, radar: Radar, *, points: PointSpec = POINTS
 ) -> tuple[PointCloud, PointReport]:
-    """Return `radar_points` and counts of what the cloud does not show.
-
-    `full_scale` is the largest number of the converter, in the units of the cube.
-    """
-    cloud, candidates = _points(cube, radar, points)
-    detected = (candidates > 0).sum()
-    report = PointReport(
-        detected=detected,
-        dropped=jnp.maximum(detected - points.capacity, 0),
-        saturated=saturated_samples(cube, full_scale=full_scale),
-        non_finite=non_finite_samples(cube),
-    )
-    return cloud, report
-
-
-def _points(cube, radar, points):
-    """The cloud, and the power of each detected cell, 0 for others."""
+    """Return `radar_points` and counts of what the cloud does not show."""
     points, spec = points.subtracting(radar.leakage), radar.spec
-    spectrum, power = _spectra(cube, radar, points)
-    mask = detect(power, spec, points=points)
-    candidates = _candidates(power, mask, radar)
+    spectrum, power = frame_spectra(cube, radar, points)
+    candidates = _candidates(power, detect(power, spec, points=points), radar)
     strongest, cell = _strongest_cells(candidates, points)
-    range_bin, doppler_bin = _bins(power, cell, points)
-    snapshot = spectrum.reshape(spec.num_virtual, -1)[:, cell].T
-    folds, doppler_bin = _folds(snapshot, doppler_bin, spec, points)
-    snapshot = compensate_tdm(snapshot, doppler_bin, spec)
-    if points.focus:
-        direction = focused(spectrum, cell, range_bin, doppler_bin, radar, points)
-    elif points.peaks == 1:
-        direction = cell_directions(snapshot, spec, points)
-    else:
+    snapshot, folds, direction = _located(spectrum, power, cell, radar, points)
+    if points.peaks > 1:
         strongest, direction, of = strongest_peaks(strongest, snapshot, spec, points)
         cell = cell[of]
         folds = jax.tree.map(lambda values: values[of], folds)
-    cloud = _cloud(power, cell, strongest, direction, radar, points)
-    return cloud if folds is None else _unfolded(cloud, folds, spec), candidates
+    cloud = _cloud(power, cell, strongest, direction, folds, radar, points)
+    samples, detected = as_samples(cube), (candidates > 0).sum()
+    largest = jnp.maximum(jnp.abs(samples.real), jnp.abs(samples.imag))
+    report = PointReport(
+        detected=detected,
+        dropped=jnp.maximum(detected - points.capacity, 0),
+        saturated=(largest >= FULL_SCALE).sum(),
+        non_finite=(~jnp.isfinite(samples)).sum(),
+    )
+    return cloud, report
 
 
 @functools.partial(jax.jit, static_argnames="points")
@@ -144,44 +115,12 @@ def all_cells(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Cells:
     `points.peaks` and the options of detection are not used. Raises ValueError for a
     cube that does not fit the radar.
     """
-    points, spec = points.subtracting(radar.leakage), radar.spec
-    spectrum, power = _spectra(cube, radar, points)
-    range_bin, doppler_bin = _bins(power, jnp.arange(power.size), points)
-    snapshot = spectrum.reshape(spec.num_virtual, -1).T
-    folds, doppler_bin = _folds(snapshot, doppler_bin, spec, points)
-    if points.focus:
-        azimuth, elevation = _all_focused(
-            spectrum, range_bin, doppler_bin, radar, points
-        )
-    else:
-        snapshot = compensate_tdm(snapshot, doppler_bin, spec)
-        azimuth, elevation = cell_directions(snapshot, spec, points)
-    columns = azimuth, elevation, *(folds or ())
+    points = points.subtracting(radar.leakage)
+    spectrum, power = frame_spectra(cube, radar, points)
+    cell = jnp.arange(power.size)
+    _, folds, direction = _located(spectrum, power, cell, radar, points)
+    columns = *direction, *(folds or ())
     return Cells(power, *(column.reshape(power.shape) for column in columns))
-
-
-def _folds(snapshot, doppler_bin, radar, points):
-    """The folds of snapshots, None unless asked for, and their true Doppler bins."""
-    if not points.folds:
-        return None, doppler_bin
-    bins = angle_bins(points, radar)
-    folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
-    return folds, doppler_bin + folds.fold * radar.num_chirps
-
-
-def _all_focused(spectrum, range_bin, doppler_bin, radar, points):
-    """Focused azimuth and elevation of every cell, a block of cells at a time."""
-    count = range_bin.size
-    block = min(FOCUSED, count)
-    blocks = -(-count // block)
-    cell = jnp.arange(blocks * block) % count  # the last block begins again
-
-    def focused_block(cell):
-        bins = range_bin[cell], doppler_bin[cell]
-        return focused(spectrum, cell, *bins, radar, points)
-
-    found = jax.lax.map(focused_block, cell.reshape(blocks, block))
-    return [angle.ravel()[:count] for angle in found]
 
 
 @functools.partial(jax.jit, static_argnames="points")
@@ -197,7 +136,6 @@ def cell_points(
     With the mask of `detect`, these are the points of `radar_points`.
     """
     points, spec = points.subtracting(radar.leakage), radar.spec
-    power, azimuth, elevation, fold, margin_db = cells
     expected = spec.num_chirps, spec.num_range_bins
     for name, values in (*cells._asdict().items(), ("mask", mask)):
         if values is not None and values.shape != expected:
@@ -205,14 +143,12 @@ def cell_points(
                 f"{name} has shape {values.shape}, {spec.name} needs [doppler, range] "
                 f"= {expected}: one frame, or another radar?"
             )
-    candidates = _candidates(power, mask, radar)
+    candidates = _candidates(cells.power, mask, radar)
     strongest, cell = _strongest_cells(candidates, points)
-    direction = azimuth.ravel()[cell], elevation.ravel()[cell]
-    cloud = _cloud(power, cell, strongest, direction, radar, points)
-    if fold is None or margin_db is None:
-        return cloud
-    folds = Folds(fold.ravel()[cell], margin_db.ravel()[cell])
-    return _unfolded(cloud, folds, spec)
+    _, azimuth, elevation, *folds = jax.tree.map(lambda part: part.ravel()[cell], cells)
+    folds = None if cells.fold is None else Folds(*folds)
+    direction = azimuth, elevation
+    return _cloud(cells.power, cell, strongest, direction, folds, radar, points)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -221,9 +157,8 @@ def detect(
 ) -> Bool[Array, "*batch doppler range"]:
     """Return the cells that the CFAR detector of `points` marks in the summed power.
 
-    With `group_peaks`, only the peaks among them.
-
-    Raises ValueError where the window does not fit into the map.
+    With `group_peaks`, only the peaks among them. Raises ValueError where the window
+    does not fit into the map.
     """
     mask = DETECTORS[points.detector](
         power,
@@ -238,20 +173,35 @@ def detect(
     return mask & map_peaks(power) if points.group_peaks else mask
 
 
-def _unfolded(cloud, folds, radar):
-    """The cloud with the velocities of its points' folds."""
-    fold = jnp.where(cloud.valid, folds.fold, 0)
-    return cloud._replace(
-        velocity=cloud.velocity + fold * (2 * radar.max_velocity_mps),
-        fold=fold,
-        fold_margin_db=jnp.where(cloud.valid, folds.margin_db, 0.0),
-    )
+def _located(spectrum, power, cell, radar, points):
+    """The array's values in flat cells as if nothing moved, folds, and directions."""
+    spec = radar.spec
+    range_bin, doppler_bin = cell_bins(power, cell, points)
+    snapshot, folds = spectrum.reshape(spec.num_virtual, -1)[:, cell].T, None
+    if points.folds:
+        folds = velocity_folds(
+            jax.lax.stop_gradient(snapshot),  # a fold is a choice
+            jax.lax.stop_gradient(doppler_bin),
+            spec,
+            most=points.folds,
+            **angle_bins(points, spec),
+        )
+        doppler_bin += folds.fold * spec.num_chirps
+    snapshot = compensate_tdm(snapshot, doppler_bin, spec)
+    if points.focus:
+        direction = focused(spectrum, cell, range_bin, doppler_bin, radar, points)
+    else:
+        direction = cell_directions(snapshot, spec, points)
+    return snapshot, folds, direction
 
 
-def _spectra(cube, radar, points):
-    """`range_doppler` of the calibrated cube without its leakage.
+def frame_spectra(
+    cube: Cube, radar: Radar, points: PointSpec
+) -> tuple[Spectrum, PowerMap]:
+    """Return `range_doppler` of one frame's calibrated cube without its leakage.
 
-    `remove_static` removes the leakage too, because it is steady.
+    `remove_static` removes the leakage too, because it is steady. A cube of zeros was
+    never received and holds no leakage.
     """
     cube, spec = as_samples(cube), radar.spec
     if cube.shape != spec.cube_shape:
@@ -264,12 +214,13 @@ def _spectra(cube, radar, points):
         raise ValueError(
             f"the samples are {cube.dtype}, {spec.name} delivers {expected} ones"
         )
-    cube = calibrate(cube, radar)
-    spectrum, power = range_doppler(cube, **fields(points, SPECTRUM))
+    options = {name: getattr(points, name) for name in STATIC}
+    spectrum, power = range_doppler(calibrate(cube, radar), **options)
     if radar.leakage is None or points.remove_static:
         return spectrum, power
+    leakage = jnp.where(power.any(), radar.leakage, 0)
     window = points.doppler_window
-    spectrum = subtract_leakage(spectrum, radar.leakage, doppler_window=window)
+    spectrum = subtract_leakage(spectrum, leakage, doppler_window=window)
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 
 
@@ -295,40 +246,33 @@ def _strongest_cells(candidates, points):
     return jnp.pad(strongest, padding), jnp.pad(cell, padding)
 
 
-def _bins(power, cell, points):
-    """Range bin and signed Doppler bin of flat cells."""
+def cell_bins(
+    power: PowerMap, cell: Int[Array, " cell"], points: PointSpec
+) -> tuple[Float[Array, " cell"], Float[Array, " cell"]]:
+    """Return range bins and signed Doppler bins of flat cells, refined if asked for."""
     num_doppler, num_range = power.shape
     row, column = jnp.divmod(cell, num_range)
     doppler_bin = (row - num_doppler // 2).astype(power.dtype)
     range_bin = column.astype(power.dtype)
+
+    def offset(before, after, kind, length):
+        around = power[before], power[row, column], power[after]
+        return window_offset(*around, kind=kind, length=length)
+
     if points.refine:
         left, right = jnp.maximum(column - 1, 0), jnp.minimum(column + 1, num_range - 1)
-        range_bin += window_offset(
-            power[row, left],
-            power[row, column],
-            power[row, right],
-            kind=points.range_window,
-            length=num_range,
-        )
+        range_bin += offset((row, left), (row, right), points.range_window, num_range)
     if points.refine and num_doppler > 2:
-        below, above = (row - 1) % num_doppler, (row + 1) % num_doppler
-        doppler_bin += window_offset(
-            power[below, column],
-            power[row, column],
-            power[above, column],
-            kind=points.doppler_window,
-            length=num_doppler,
-        )
+        below, above = ((step % num_doppler, column) for step in (row - 1, row + 1))
+        doppler_bin += offset(below, above, points.doppler_window, num_doppler)
     return range_bin, doppler_bin
 
 
-def _cloud(power, cell, strongest, direction, radar, points):
+def _cloud(power, cell, strongest, direction, folds, radar, points):
     """The cloud of the cells; those without power are padding."""
-    azimuth, elevation = direction
-    range_bin, doppler_bin = _bins(power, cell, points)
-    noise = noise_floor(power, guard=points.guard, train=points.train)
-    noise = noise.ravel()[cell]
-    spec = radar.spec
+    (azimuth, elevation), spec = direction, radar.spec
+    range_bin, doppler_bin = cell_bins(power, cell, points)
+    noise = noise_floor(power, guard=points.guard, train=points.train).ravel()[cell]
     distance = range_bin * spec.range_resolution_m - radar.range_bias_m
     ground = distance * jnp.cos(elevation)
     xyz = [
@@ -337,7 +281,7 @@ def _cloud(power, cell, strongest, direction, radar, points):
         distance * jnp.sin(elevation),
     ]
     valid = strongest > 0
-    return PointCloud(
+    cloud = PointCloud(
         xyz=jnp.where(valid[:, None], jnp.stack(xyz, -1), 0.0),
         valid=valid,
         velocity=jnp.where(valid, doppler_bin * spec.velocity_resolution_mps, 0.0),
@@ -345,3 +289,8 @@ def _cloud(power, cell, strongest, direction, radar, points):
         # The inner condition keeps gradients finite where nothing was received.
         snr=strongest / jnp.where(valid, jnp.maximum(noise, 1e-30), 1.0),
     )
+    if folds is None:
+        return cloud
+    fold, margin_db = (jnp.where(valid, part, 0) for part in folds)
+    velocity = cloud.velocity + fold * (2 * spec.max_velocity_mps)
+    return cloud._replace(velocity=velocity, fold=fold, fold_margin_db=margin_db)

@@ -1,41 +1,27 @@
 """Directions of range-Doppler cells, by the method that a `PointSpec` names."""
 
-from collections.abc import Iterable
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.near_field import focused_directions
-from jradar.radar.angle.spectrum import (
-    angle_spectrum,
-    azimuth_bins,
-    spectrum_peaks,
-)
+from jradar.radar.angle.spectrum import angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.angle.subspace import capon_directions, music_directions
 from jradar.radar.angle.subspace_peaks import subspace_peaks
 from jradar.radar.channels import compensate_tdm
-from jradar.radar.point_spec import PointSpec
 
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
 
-def _neighbours(spectrum, cell):
-    """Spectra in the range cells before, at and after, `[cell 3 virtual]`."""
+def focused(spectrum, cell, range_bin, doppler_bin, radar, points):
+    """Azimuth and elevation of each flat cell by `focused_directions`."""
     num_range = spectrum.shape[-1]
     row, column = jnp.divmod(cell, num_range)
     near = jnp.clip(column[:, None] + jnp.array([[-1, 0, 1]]), 0, num_range - 1)
-    return jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)
-
-
-def focused(spectrum, cell, range_bin, doppler_bin, radar, points):
-    """Azimuth and elevation of each cell by `focused_directions`."""
-    near = _neighbours(spectrum, cell)
-    doppler_bin = jnp.broadcast_to(doppler_bin[:, None], near.shape[:2])
-    column = cell % spectrum.shape[-1]
+    cells = jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)  # [cell 3 virtual]
+    doppler_bin = jnp.broadcast_to(doppler_bin[:, None], near.shape)
     return focused_directions(
-        compensate_tdm(near, doppler_bin, radar.spec),
+        compensate_tdm(cells, doppler_bin, radar.spec),
         column,
         range_bin - column,
         radar.spec,
@@ -64,11 +50,6 @@ def angle_bins(points, radar):
     }
 
 
-def fields(points: PointSpec, names: Iterable[str]) -> dict[str, Any]:
-    """Return the fields of these names as keyword arguments."""
-    return {name: getattr(points, name) for name in names}
-
-
 def strongest_peaks(power, snapshot, radar, points):
     """Power, direction and place in `power` of the strongest of all peaks.
 
@@ -86,7 +67,8 @@ def strongest_peaks(power, snapshot, radar, points):
     else:
         options |= {"method": points.angles, "num_sources": points.sources or None}
         peaks = subspace_peaks(snapshot, radar, **options)
-    share = peaks.power / jnp.maximum(peaks.power[:, :1], 1e-30)
+    strongest = peaks.power[:, :1]
+    share = peaks.power / jnp.where(strongest > 1e-30, strongest, 1e-30)
     powers = jnp.where(peaks.valid, power[:, None] * share, 0.0)
     strongest, peak = jax.lax.top_k(powers.ravel(), len(power))
     direction = peaks.azimuth.ravel()[peak], peaks.elevation.ravel()[peak]

@@ -99,7 +99,7 @@ def elevation_sines(
     check_sizes(snapshot.shape, radar, radar.num_virtual, NUM_ELEVATION)
     order, rows = _rows(radar)
     cells = snapshot.reshape(-1, radar.num_virtual)[:, order].T
-    scale = jnp.abs(cells).max(0)
+    scale = jax.lax.stop_gradient(jnp.abs(cells).max(0))
     cells = cells / jnp.where(scale > 0, scale, 1.0)[None]
     w = _elevation_sine(cells, u.ravel(), rows, radar, NUM_ELEVATION, True)
     return w.reshape(u.shape)
