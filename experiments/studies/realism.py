@@ -16,7 +16,7 @@ its chirps and stand in simulated rooms: with the one unit of `jradar-sim-1`, an
 units of `jradar-sim-4`. The exit code is 1 if a number of a real capture is outside the
 range of the second.
 
-The pairs are compared with simulated frames turned into pictures by the same recipe:
+The pairs are compared with simulated frames made into pictures by the same recipe:
 Blackman window, 32 azimuths, power summed over elevation and velocity, divided by its
 30 % quantile, in dB, from 0 to the frame's largest. The authors of the pairs treat
 LiDAR and radar as one place, so simulated LiDAR points are not moved to the radar

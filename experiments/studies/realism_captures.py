@@ -102,7 +102,7 @@ def read_awr1642(path: Path) -> Capture:
 
 
 def read_awr1843(path: Path) -> Capture:
-    """Return a raw frame of three transmitters, without a description beside it."""
+    """Return a raw frame of three transmitters, without a description next to it."""
     radar = RadarSpec.awr1843(**USUAL_CHIRPS)
     tx, rx, chirps, samples = radar.cube_shape
     words = np.fromfile(path, "<i2")
@@ -144,7 +144,7 @@ def many_units(count: int = UNITS) -> list[UnitSpec]:
 
 
 class Comparison(NamedTuple):
-    """A number of a real capture beside those of simulated ones."""
+    """A number of a real capture, and those of simulated ones."""
 
     capture: str
     number: str
@@ -163,7 +163,7 @@ class Comparison(NamedTuple):
 def compared(
     real: dict[str, Capture], made: dict[str, tuple[list[Capture], list[Capture]]]
 ) -> list[Comparison]:
-    """Return the numbers of each real capture beside those of its simulated ones."""
+    """Return the numbers of each real capture, with those of its simulated ones."""
     found = []
     for name, capture in real.items():
         one, many = ([standing_statistics(c.cube) for c in part] for part in made[name])
@@ -250,5 +250,5 @@ def width(level: Float[np.ndarray, " bin"], peak: int) -> int:
 
 def phase_drift(echo: Complex[np.ndarray, "antenna chirp"]) -> float:
     """Return the rms deviation of an echo's phase from its mean over chirps, mrad."""
-    turn = (echo * np.conj(echo.mean(1, keepdims=True))).sum(0)
-    return float(1e3 * np.std(np.unwrap(np.angle(turn))))
+    rotation = (echo * np.conj(echo.mean(1, keepdims=True))).sum(0)
+    return float(1e3 * np.std(np.unwrap(np.angle(rotation))))

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from experiments import build
-from experiments.configs import default, regression
+from experiments.configs import marginal, regression
 from experiments.studies import reliability
 from jradar import data
 from jradar.errors import UsageError
@@ -22,7 +22,7 @@ CONSTANT = CalibrationSpec((0.25, 0.25))  # every point has this confidence
 @pytest.fixture(scope="module")
 def model(made):
     """A random model that says 25 % of every point, and drops all by default."""
-    _, model = made(default)
+    _, model = made(marginal)
     spec = dataclasses.replace(model.spec, calibration=CONSTANT, least_confidence=0.9)
     return Model(model.params, spec)
 
