@@ -166,7 +166,7 @@ def validate(
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
-    """Score the workdir's model beside the detectors: tables, pictures, a report."""
+    """Score the workdir's model and the detectors: tables, pictures, a report."""
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)

@@ -84,10 +84,11 @@ def summary(rows: Rows, field: str = "") -> list[dict[str, Any]]:
 def protocol_tables(rows: Rows, protocol: str, limits: Limits) -> str:
     """Return the tables of a protocol: limits, all frames, buildings, trajectories."""
     rows = [row for row in rows if row["truth"] == protocol]
-    chosen = [f"{method} {limit:.2f}" for method, limit in limits[protocol].items()]
-    parts = [f"## Protocol `{protocol}`\n\nLimits: {', '.join(chosen)}.\n"]
+    chosen = [f"{method}: {limit:.2f}" for method, limit in limits[protocol].items()]
+    parts = [f"## Protocol `{protocol}`\n\nLimits of {'; '.join(chosen)}.\n"]
     for field in ("", "scene", "sequence"):
-        parts += [evaluation.markdown(summary(rows, field), intervals=True)]
+        if not field or len({row[field] for row in rows}) > 1:
+            parts += [evaluation.markdown(summary(rows, field), intervals=True)]
     if left_out := summary(rows)[0]["no_truth"]:
         parts += [f"{left_out} frames with an empty truth are left out.\n"]
     return "\n".join(parts)

@@ -22,15 +22,17 @@ from tests.recordings.small_sequence import write_sequence, write_splits
 TINY = f"--config={Path(__file__).with_name('tiny_config.py')}"
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="package", autouse=True)
 def compile_quickly():
-    """Little of what is compiled here runs more than a few times."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
+    """Little of what is compiled here, or in child processes, runs often."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+        jax.config.update("jax_disable_most_optimizations", True)
+        yield
     jax.config.update("jax_disable_most_optimizations", False)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def records(tmp_path_factory):
     """Prepared frames of a small room, with the field of view of the configs."""
     source, folder = (tmp_path_factory.mktemp(name) for name in ("source", "records"))
@@ -43,7 +45,7 @@ def records(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def made(records):
     """A function from a config's module to its small config and a random model."""
     frames = Records(records, "train")
@@ -84,7 +86,7 @@ class Run(NamedTuple):
     out: str
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def finished(records, tmp_path_factory):
     """A tiny run, from training to the report."""
     workdir = tmp_path_factory.mktemp("finished")
