@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from experiments import build
-from experiments.configs import marginal, regression
+from experiments.configs import regression
 from experiments.studies import reliability
 from jradar import data
 from jradar.errors import UsageError
@@ -22,7 +22,7 @@ CONSTANT = ConfidenceTable.of((0.25, 0.25), least=0.9)  # every point's confiden
 @pytest.fixture(scope="module")
 def model(made):
     """A random model that says 25 % of every point, and drops all by default."""
-    _, model = made(default)
+    _, model = made(marginal)
     return dataclasses.replace(model, confidence=CONSTANT)
 
 
