@@ -11,6 +11,7 @@ processed with its own radar. The manifest's `radar` is that of most sequences, 
 `other_radars` lists the others with the names of their sequences.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -223,8 +224,9 @@ def _other_radars(radars, of_radar):
 
 def _check_contents(folder) -> dict[str, Any]:
     """Return the manifest, {} in an empty folder; UsageError for other contents."""
-    path = folder / "manifest.json"
-    found = read_json(path) if path.exists() else {}
+    found = {}
+    with contextlib.suppress(FileNotFoundError, ValueError):  # somebody else's
+        found = read_json(folder / "manifest.json")
     entries = folder.iterdir() if folder.exists() else ()
     shown = sorted(entry.name for entry in entries if entry.name != ".lock")
     if shown and not set(COMPARED) <= set(found):
