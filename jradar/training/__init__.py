@@ -17,4 +17,8 @@ from jradar.training.loop import (
 )
 from jradar.training.parallel import join_processes as join_processes
 from jradar.training.state import TrainState as TrainState, create_state as create_state
-from jradar.training.step import Batch as Batch, make_train_step as make_train_step
+from jradar.training.step import (
+    Batch as Batch,
+    ema_decay_at as ema_decay_at,
+    make_train_step as make_train_step,
+)

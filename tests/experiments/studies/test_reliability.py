@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from experiments import build
-from experiments.configs import regression
+from experiments.configs import marginal, regression
 from experiments.studies import reliability
 from jradar import data
 from jradar.errors import UsageError
