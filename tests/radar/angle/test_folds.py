@@ -85,6 +85,24 @@ def test_folds_are_right_for_every_direction(radar, num_azimuth, least_db):
     assert found.margin_db.min() > least_db
 
 
+def test_the_margin_is_the_power_of_the_beam_over_that_of_the_next_best_fold():
+    """Of a search over all directions, which may find a little more of a wrong fold."""
+    snapshot, doppler, _ = plane_waves(SMALL, 12, 15)
+    found = velocity_folds(snapshot, doppler, SMALL)
+    columns, rows = SMALL.virtual_positions.T
+    u, w = np.meshgrid(np.linspace(-1, 1, 401), np.linspace(-1, 1, 201))
+    cycles = np.multiply.outer(u, columns * SMALL.spacing_wavelengths)
+    cycles += np.multiply.outer(w, rows * SMALL.row_spacing_wavelengths)
+    beams = np.exp(-2j * np.pi * cycles)
+    lead = np.repeat(SMALL.firing_position, SMALL.num_rx) / SMALL.num_tx
+    turns = np.asarray(doppler)[:, None] / SMALL.num_chirps + np.array([-1, 0, 1])
+    waves = snapshot[:, None] * np.exp(-2j * np.pi * turns[..., None] * lead)
+    power = np.abs(np.einsum("abv,cfv->cfab", beams, waves)) ** 2
+    falling = np.sort(power.max((2, 3)), 1)[:, ::-1]
+    more = found.margin_db - 10 * np.log10(falling[:, 0] / falling[:, 1])
+    assert more.min() > -0.01 and np.median(more) < 0.1 and more.max() < 0.4
+
+
 def test_folds_that_look_alike_give_the_lower_speed():
     # Two transmitters cannot tell fold 1 from fold -1.
     snapshot, doppler, fold = plane_waves(FLAT, 64, 20)

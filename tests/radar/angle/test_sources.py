@@ -35,8 +35,9 @@ def snapshots(radar, sines, count, snr_db=20.0):
 
 def test_mdl_is_its_formula():
     rng = np.random.default_rng(0)
-    values = rng.uniform(0.1, 5.0, (4, 6))
-    counts = mdl_sources(jnp.asarray(values), samples=9)
+    values = 10 ** rng.uniform(-1.0, 1.0, (64, 6))
+    counts = np.asarray(mdl_sources(jnp.asarray(values), samples=9))
+    assert len({*counts.tolist()}) > 3
     for one, found in zip(values, counts, strict=True):
         falling, lengths = np.sort(one)[::-1], []
         for k in range(6):

@@ -166,3 +166,24 @@ def test_what_has_no_peaks_is_refused_or_not_valid():
         subspace_peaks(jnp.zeros((3, 12), complex), SMALL, method="capon", count=0)
     with pytest.raises(ValueError, match="8 values per snapshot, awr1843 has"):
         subspace_peaks(jnp.zeros((3, 8), complex), SMALL, method="capon")
+
+
+@METHODS
+@pytest.mark.parametrize(("weaker_db", "valid"), [(4.0, True), (8.0, False)])
+def test_a_peak_counts_down_to_6_db_below_the_strongest(method, weaker_db, valid):
+    """Two plane waves far apart, without noise: powers are known."""
+    columns, rows = SMALL.virtual_positions.T
+    phases = np.random.default_rng(0).uniform(size=(8, 2))
+    weak = 10 ** (-weaker_db / 20)
+    waves = [
+        amplitude * np.exp(2j * np.pi * (columns * spacing * u + phase[:, None]))
+        for amplitude, u, phase in zip((1.0, weak), (-0.4, 0.5), phases.T, strict=True)
+        for spacing in (SMALL.spacing_wavelengths,)
+    ]
+    snapshot = jnp.asarray(sum(waves), jnp.complex64)
+    found = subspace_peaks(snapshot, SMALL, method=method)
+    u = np.sin(found.azimuth) * np.cos(found.elevation)
+    np.testing.assert_allclose(u[:, 0], -0.4, atol=0.05)
+    if method == "music":  # Capon's spectrum itself is not that of the powers
+        np.testing.assert_array_equal(found.valid[:, 1], valid)
+    assert valid or not found.valid[:, 1].any()
