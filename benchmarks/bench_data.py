@@ -1,6 +1,4 @@
-"""How fast do recordings become training pairs, and pairs batches?
-
-    python -m benchmarks.bench_data [FRAMES]     prints frames per second
+"""How fast do recordings become training pairs, and pairs images?
 
 A frame has the size of ColoRadar's: 786 kB of ADC samples and a scan of 65,536 points,
 from a simulated hallway. The peer of preparation loops over the scan's points in
@@ -9,14 +7,10 @@ loading reads the same arrays from one compressed NumPy file per frame.
 """
 
 import atexit
-import dataclasses
 import functools
 import math
-import os
 import shutil
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -31,12 +25,9 @@ from jradar.data import (
     prepare,
     prepare_frame,
 )
-from jradar.data.frames import radar_side
 from jradar.data.records import to_bytes
-from jradar.lidar import preprocess
 from jradar.range_image import ImageSpec
 from jradar.recordings import open_recording
-from jradar.recordings.recording import calibrated_cube
 from jradar.simulation import simulate_sequence
 
 SPEC = PrepareSpec()
@@ -46,25 +37,16 @@ COARSE, FINE = ImageSpec(64, 64, *VIEW), ImageSpec(128, 512, *VIEW)
 
 
 def cases() -> Iterator[Case]:
-    """Yield the preparation of a frame, its two sides, and loading it as images."""
+    """Yield the preparation of a frame, and loading it as images."""
     root = _temporary()
     recording = open_recording(simulate_sequence("hallways", 0, root, frames=FRAMES))
     assert recording.lidar is not None
     i, j = (int(index[0]) for index in matches_of(recording, SPEC)[:2])
     scan = recording.lidar[j][:, :3]
     loop = {"Python loop over points, image only": lambda: _loop(scan, FINE)}
-    cube = calibrated_cube(recording, i)
-    radar = functools.partial(
-        radar_side, cube, recording.radar, SPEC, coupling=recording.coupling
-    )
-    frame, _, trusted = prepare_frame(recording, i, j, SPEC)
-    lidar = functools.partial(
-        preprocess, scan, trusted, radar_from_lidar=np.eye(4), spec=SPEC.lidar
-    )
+    frame = prepare_frame(recording, i, j, SPEC)[0]
     whole = functools.partial(prepare_frame, recording, i, j, SPEC)
     yield Case("prepare a frame, files to record", lambda: to_bytes(whole()[0]), loop)
-    yield Case("  its radar side, 12 x 128 x 128", radar, loop)
-    yield Case("  its LiDAR side, 65,536 points", lambda: lidar().visible, loop)
 
     prepare(root, root / "records", SPEC, workers=1)
     pairs = PairSource(Records(root / "records"), COARSE, FINE, num_slices=8)
@@ -78,29 +60,6 @@ def cases() -> Iterator[Case]:
         lambda: pairs[1],
         {"compressed npz, no images": lambda: _read_npz(root / "frame.npz")},
     )
-
-
-def main(frames: str = "60") -> None:
-    """Print the frames prepared and the records loaded per second."""
-    root = _temporary()
-    simulate_sequence("hallways", 0, root, frames=int(frames))
-    for workers in (1, os.cpu_count() or 1):
-        folder = root / f"records{workers}"
-        start = time.perf_counter()
-        spec = dataclasses.replace(SPEC, block=10)
-        manifest = prepare(root, folder, spec, workers=workers)
-        seconds = time.perf_counter() - start
-        count = sum(sequence["frames"] for sequence in manifest["sequences"])
-        print(f"prepare, {workers} workers: {count / seconds:.2f} frames/s")
-    records = Records(folder)
-    pairs = PairSource(records, COARSE, FINE, num_slices=8)
-    for what, source in (("records", records), ("records as images", pairs)):
-        _ = source[0]  # warm up
-        start = time.perf_counter()
-        for index in range(500):
-            _ = source[index % len(source)]
-        rate = 500 / (time.perf_counter() - start)
-        print(f"load: {rate:.0f} {what} per second, one thread")
 
 
 def _temporary():
@@ -129,7 +88,3 @@ def _loop(xyz, spec):
 def _read_npz(path):
     with np.load(path, allow_pickle=False) as file:
         return [file[name] for name in file]
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -19,17 +19,12 @@ from jradar.types import PointCloud
 
 
 def cases() -> Iterator[Case]:
-    """Yield nearest neighbours by shape and size, all metrics, and a gradient."""
+    """Yield nearest neighbours by shape and size, and a gradient."""
     for shape in (cube, room):
         for num in (1000, 10_000, 65_536):
             yield nearest_case(shape, num)
     a, b = (random_cloud(room, seed, 10_000) for seed in (0, 1))
     points = valid_points(a), valid_points(b)
-    yield Case(
-        "all metrics 10,000 x 10,000 in a room",
-        lambda: compare(a, b),
-        {"KDTree": lambda: compare_on_host(*points)},
-    )
 
     @jax.jit
     @jax.grad

@@ -1,7 +1,6 @@
 """How fast are spectra, angles and a frame, compared with SciPy, NumPy and PyTorch?
 
-Spectra are also compared with OpenRadar. Before a peer is timed, its result must equal
-ours.
+Before a peer is timed, its result must equal ours.
 """
 
 import functools
@@ -17,8 +16,8 @@ from benchmarks.bench_detectors import footprint
 from benchmarks.harness import Case, available
 from jradar.radar import (
     PointSpec,
+    Radar,
     RadarSpec,
-    all_cells,
     direction_sines,
     directions,
     power_map,
@@ -34,7 +33,7 @@ def cases() -> Iterator[Case]:
         yield from _spectra(radar)
     yield _angles(RadarSpec.awr1843(), 1024, 64, 32)
     yield _angles(RadarSpec.cascade(), 256, 128, 64)
-    yield from _frame()
+    yield _frame()
 
 
 def _random(*shape):
@@ -79,21 +78,6 @@ def _spectra(radar):
 
         return run
 
-    def openradar():
-        from mmwave import dsp
-
-        _, _, chirps, samples = cube.shape
-
-        def run():
-            data = (cube * weight).reshape(-1, chirps, samples).swapaxes(0, 1)
-            ranges = dsp.range_processing(data)
-            options = {"interleaved": False, "accumulate": False}
-            _, spectrum = dsp.doppler_processing(ranges, **options)
-            power = (spectrum.real**2 + spectrum.imag**2).sum(1).T
-            return np.fft.fftshift(power, axes=0)
-
-        return run
-
     two_workers = functools.partial(scipy.fft.fft2, workers=2)
     peers = available(
         {
@@ -101,7 +85,6 @@ def _spectra(radar):
             "SciPy, 2 workers": lambda: on_host(two_workers),
             "NumPy": lambda: on_host(np.fft.fft2),
             "PyTorch": torch_fft,
-            "OpenRadar": openradar,
         }
     )
     for name, ours in (("power map", power_map), ("spectra and power", range_doppler)):
@@ -144,40 +127,30 @@ def _angles(radar, num_cells, num_azimuth, num_elevation):
 
 
 def _frame():
-    """One single-chip frame from int16 samples to 1,024 points, or to all cells."""
+    """One single-chip frame from int16 samples to 1,024 points."""
     radar = RadarSpec.awr1843()
     raw = np.random.default_rng(0).integers(-500, 500, (*radar.cube_shape, 2), np.int16)
     on_device = jnp.asarray(raw)
-
-    def from_samples(function):
-        def run(raw):
-            raw = raw.astype(jnp.float32)
-            return function(jax.lax.complex(raw[..., 0], raw[..., 1]), radar)
-
-        return jax.jit(run)
-
     spec = PointSpec(false_alarm_rate=0.1)
-    points = from_samples(lambda *args: radar_points(*args, points=spec))
-    cells = from_samples(all_cells)
 
-    def spectra(raw=raw):
-        cube = raw[..., 0].astype(np.float32) + 1j * raw[..., 1].astype(np.float32)
-        spectrum = scipy.fft.fft2(cube, workers=1)
-        return (spectrum.real**2 + spectrum.imag**2).sum((0, 1))
+    @jax.jit
+    def points(raw):
+        raw = raw.astype(jnp.float32)
+        return radar_points(
+            jax.lax.complex(raw[..., 0], raw[..., 1]), Radar(radar), points=spec
+        )
 
     def spectra_and_floor():
         """Spectra and the ordered floor by SciPy, without angles."""
+        cube = raw[..., 0].astype(np.float32) + 1j * raw[..., 1].astype(np.float32)
+        spectrum = scipy.fft.fft2(cube, workers=1)
+        power = (spectrum.real**2 + spectrum.imag**2).sum((0, 1))
         cells = footprint(spec.guard, spec.train)
         k = int(np.ceil(0.75 * cells.sum()))
-        return ndimage.rank_filter(spectra(), k - 1, footprint=cells, mode="wrap")
+        return ndimage.rank_filter(power, k - 1, footprint=cells, mode="wrap")
 
-    yield Case(
+    return Case(
         f"int16 frame to 1,024 points, {_size(radar)}",
         lambda: points(on_device),
         {"SciPy, without angles": spectra_and_floor},
-    )
-    yield Case(
-        f"int16 frame to the angles of all cells, {_size(radar)}",
-        lambda: cells(on_device),
-        {"SciPy, spectra alone": spectra},
     )

@@ -23,43 +23,24 @@ from jradar import stream
 from jradar.model import load_model
 from jradar.radar import RadarSpec
 from jradar.recordings import Recording, Stream
-from jradar.stream.outputs import Writer
-from jradar.stream.protocol import BYTES, SEQUENCES
 
 SHAPES = 8  # frames that are played again and again
-MINUTE_S = 60.0
-MEGABYTE = 1 << 20
+PERIOD_S, MINUTE_S = 0.1, 60.0
+PAGE_MIB = 4096 / (1 << 20)
 
 
-def invented_frames(radar: RadarSpec) -> list[bytes]:
-    """Return frames of noise and one echo, as the card sends them."""
-    rng = np.random.default_rng(0)
-    tx, rx, chirps, samples = radar.cube_shape
-    wave = np.exp(2j * np.pi * 0.2 * np.arange(samples))
-    frames = []
-    for _ in range(SHAPES):
-        noise = rng.normal(scale=20, size=(chirps, tx, rx, samples, 2))
-        cube = noise[..., 0] + 1j * noise[..., 1] + 300 * wave
-        pairs = np.stack([cube.real, cube.imag], -1).reshape(chirps, tx, rx, -1, 2, 2)
-        words = np.rint(pairs.swapaxes(-1, -2)).astype("<i2")
-        frames.append(words.tobytes())
-    return frames
-
-
-def play(
-    frames: list[bytes], network: stream.NetworkSpec, ends, faults, period_s, wrap
-):
-    """Run the card until `ends`, a pipe, gets a message; send back what was sent."""
-    size = len(frames[0])
-    counters: dict[str, int] = {}
-    if wrap:  # after three seconds
-        ahead = 30 * size
-        counters["first_byte"] = BYTES // size * size - ahead
-        counters["first_sequence"] = SEQUENCES - ahead // 1456 // 2
-    emulator = stream.Emulator(
-        frames, network, period_s=period_s, faults=faults, repeat=True, **counters
+def noise_frames(radar: RadarSpec) -> list[bytes]:
+    """Return frames of noise, as the card sends them."""
+    noise = np.random.default_rng(0).normal(
+        scale=20, size=(SHAPES, *radar.cube_shape, 2)
     )
-    with emulator:
+    return [frame.astype("<i2").tobytes() for frame in noise]
+
+
+def play(frames: list[bytes], network: stream.NetworkSpec, ends, faults):
+    """Run the card until `ends`, a pipe, gets a message; send back what was sent."""
+    options = {"period_s": PERIOD_S, "faults": faults, "repeat": True}
+    with stream.Emulator(frames, network, **options) as emulator:
         ends.send("ready")
         ends.recv()
         emulator.stop()
@@ -67,67 +48,47 @@ def play(
 
 
 class Checked(stream.Processor):
-    """A processor that compares the bytes of each frame with those that were sent."""
+    """A processor that compares each frame with those that were sent."""
 
     def __init__(self, frames: list[bytes], **options: Any):
         """`options` are those of `Processor`."""
         super().__init__(**options)
         self.digests = {hashlib.sha256(frame).digest() for frame in frames}
-        self.same = 0
+        self.begin(0.0)
+
+    def begin(self, now_s: float) -> None:
+        """Start counting."""
+        self.begin_s, self.same, self.after_a_minute = now_s, 0, memory_mib()
 
     def cube(self, data: np.ndarray) -> np.ndarray:
         """Count frames that are bit-identical to one that was sent."""
         self.same += hashlib.sha256(data).digest() in self.digests
+        if time.monotonic() - self.begin_s < MINUTE_S:
+            self.after_a_minute = memory_mib()
         return super().cube(data)
 
 
-class Memory:
-    """A writer that notes the memory of this process, every second."""
-
-    def __init__(self):
-        self.begin_s, self.seen = time.monotonic(), []
-
-    def write(self, _view: Any) -> None:
-        """Note the memory if it is time."""
-        elapsed = time.monotonic() - self.begin_s
-        if not self.seen or elapsed - self.seen[-1][0] >= 1:
-            status = Path("/proc/self/statm").read_text().split()
-            self.seen.append((elapsed, int(status[1]) * 4096 / MEGABYTE))
-
-    def close(self) -> None:
-        """Nothing is left to do."""
-
-    def at(self, seconds: float) -> float:
-        """Return the megabytes at a time, or at the end."""
-        return next((mb for t, mb in self.seen if t >= seconds), self.seen[-1][1])
+def memory_mib() -> float:
+    """Return the memory of this process."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE_MIB
 
 
 def soak(options: argparse.Namespace) -> dict[str, Any]:
     """Run one session and return its numbers."""
     radar = RadarSpec.awr1843()
-    frames, network = invented_frames(radar), stream.loopback_network()
+    frames, network = noise_frames(radar), stream.loopback_network()
     recording = Recording(
         "soak", Path("soak"), radar, Stream(frames.__getitem__, SHAPES)
     )
     model = None if options.model == "none" else load_model(options.model)
-    drawing = stream.quickest(model, draws=options.draws, steps=options.steps)
+    drawing = stream.quickest(model, draws=None, steps=None)
     processor = Checked(frames, recording=recording, model=model, **drawing)
-    faults = stream.FaultSpec(options.loss, options.reorder, options.duplicate)
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
-    played = frames, network, there, faults, options.period, options.wrap
+    played = frames, network, there, stream.FaultSpec(options.loss, options.reorder)
     card = context.Process(target=play, args=played)
-    memory = Memory()
-    writers: list[Writer] = [memory]
     with contextlib.ExitStack() as stack:
-        if options.output:
-            writers.append(
-                stack.enter_context(
-                    contextlib.closing(stream.open_writer(options.output))
-                )
-            )
         processor.warm_up()
-        processor.same = 0
         receiver = stack.enter_context(
             stream.Receiver(stream.frame_bytes(recording), network)
         )
@@ -137,9 +98,9 @@ def soak(options: argparse.Namespace) -> dict[str, Any]:
             with stream.Card(network, timeout_s=10.0) as commands:
                 commands.set_up()
                 commands.start()
-                memory.begin_s = time.monotonic()
+                processor.begin(time.monotonic())
                 session = stream.run_live(
-                    receiver, processor, writers, seconds=options.seconds, say=print
+                    receiver, processor, [], seconds=options.seconds, say=print
                 )
                 commands.stop()
             here.send("end")
@@ -152,8 +113,8 @@ def soak(options: argparse.Namespace) -> dict[str, Any]:
         "sent": sent,
         **stream.summary(session, receiver),
         "published and bit-identical": processor.same,
-        "memory at a minute (MiB)": round(memory.at(MINUTE_S), 1),
-        "memory at the end (MiB)": round(memory.seen[-1][1], 1),
+        "memory at a minute (MiB)": round(processor.after_a_minute, 1),
+        "memory at the end (MiB)": round(memory_mib(), 1),
         "notes": session.warnings,
     }
 
@@ -162,16 +123,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Parse the options, run a session, print its numbers as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=600.0)
-    text = "seconds from frame to frame; 0.05 are 10,800 packets/s"
-    parser.add_argument("--period", type=float, default=0.1, help=text)
     parser.add_argument("--model", default="none", help="name, folder, or none")
-    parser.add_argument("--draws", type=int)
-    parser.add_argument("--steps", type=int)
-    parser.add_argument("--loss", type=float, default=0.0)
-    parser.add_argument("--reorder", type=int, default=0)
-    parser.add_argument("--duplicate", type=float, default=0.0)
-    parser.add_argument("--wrap", action="store_true", help="let the counters wrap")
-    parser.add_argument("-o", "--output", help="also write an .mcap, .ros2 or folder")
+    parser.add_argument("--loss", type=float, default=0.0, help="share of packets")
+    parser.add_argument("--reorder", type=int, default=0, help="packets")
     print(json.dumps(soak(parser.parse_args(arguments)), indent=2))
 
 

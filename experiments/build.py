@@ -7,7 +7,6 @@ A mistake in a config raises UsageError, which names the section of the config.
 """
 
 import contextlib
-import dataclasses
 import functools
 import itertools
 import math
@@ -24,7 +23,7 @@ from jradar import data, diffusion
 from jradar.errors import UsageError
 from jradar.files import typed_fields
 from jradar.lidar import LidarSpec
-from jradar.model import ModelSpec
+from jradar.model import Card, ModelSpec
 from jradar.progress import progress
 from jradar.radar import PointSpec
 from jradar.range_image import ImageSpec
@@ -92,7 +91,9 @@ def prepare_spec(config: ConfigDict) -> data.PrepareSpec:
     """Return the options of preparation, for the field of view of the images."""
     with section("prepare"):
         return data.PrepareSpec(
-            **config.prepare.to_dict(), lidar=LidarSpec(**field_of_view(config.image))
+            points=PointSpec(**config.points),
+            lidar=LidarSpec(**field_of_view(config.image)),
+            **config.prepare,
         )
 
 
@@ -153,14 +154,12 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             f"config.image has the field of view {view}, the records were prepared for "
             f"{seen}: prepare them again, or change config.image"
         )
-    if options.get("angles", "fft") != "fft":
+    if options["points"]["angles"] != "fft":
         raise UsageError(
-            f"{records.folder} has directions by {options['angles']}, but models are "
-            "used with directions by fft: train on records with angles = 'fft'"
+            f"{records.folder} has directions by {options['points']['angles']}, but "
+            "models are used with directions by fft: train on records with that"
         )
-    names = {field.name for field in dataclasses.fields(PointSpec)}
-    chosen = {name: value for name, value in options.items() if name in names}
-    points = PointSpec(**typed_fields(PointSpec, chosen)).fitted(records.radar)
+    points = PointSpec(**typed_fields(PointSpec, options["points"]))
     coarse, fine = build_images(config.image)
     network, noise = build_network(config), build_noise(config)
     with section("method"):
@@ -170,17 +169,22 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
             noise=noise,
             coarse=coarse,
             fine=fine,
-            radar=records.radar,
-            other_radars=records.other_radars,
-            points=points,
+            points=points.fitted(records.radar),
             num_slices=config.image.num_slices,
             codec=config.image.codec,
-            steps_seen=config.train.steps,
-            trained_on=f"{len(records)} frames {records.digest[:12]}",
-            purpose=config.purpose,
             validity_threshold=config.sampling.validity_threshold,
             temperature=config.sampling.temperature,
         )
+
+
+def build_card(config: ConfigDict, records: data.Records) -> Card:
+    """Return what the model's users are told of its training."""
+    return Card(
+        purpose=config.purpose,
+        steps_seen=config.train.steps,
+        trained_on=f"{len(records)} frames {records.digest[:12]}",
+        radars=(records.radar, *records.other_radars),
+    )
 
 
 def build_pairs(spec: ModelSpec, records: Any) -> data.PairSource:
@@ -200,22 +204,15 @@ def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
     )
 
 
-def build_loss(
-    loss: ConfigDict, *, method: str = "diffusion"
-) -> Callable[..., jax.Array]:
-    """Return the training loss: Eq. 12 with the config's weights.
+def build_loss(loss: ConfigDict, *, method: str) -> Callable[..., jax.Array]:
+    """Return the training loss of a method of answering, with the config's weights."""
+    if method not in LOSSES:
+        raise UsageError(f"{method=}, expected one of {[*LOSSES]}")
+    return LOSSES[method](loss)
 
-    LPIPS is loaded if its weight is not 0. The method "regression" has the squared
-    error alone, "marginal" the likelihood.
-    """
-    if method == "marginal":
-        return diffusion.mixture_loss
-    if method == "regression":
-        return functools.partial(
-            diffusion.regression_loss, range_weight=loss.range_weight
-        )
-    if method != "diffusion":
-        raise UsageError(f"{method=}, expected diffusion, regression or marginal")
+
+def _denoising_loss(loss):
+    """Eq. 12. LPIPS is loaded if its weight is not 0."""
     weights = dict(loss)
     network, masked = weights.pop("perceptual_network"), weights.pop("mask_misses")
     perceptual = None
@@ -238,3 +235,16 @@ def build_loss(
         )
 
     return denoising
+
+
+def _regression_loss(loss):
+    """The squared error alone."""
+    options = {"range_weight": loss.range_weight}
+    return functools.partial(diffusion.regression_loss, **options)
+
+
+LOSSES = {  # of each method of `jradar.model`, from the config's section `loss`
+    "diffusion": _denoising_loss,
+    "regression": _regression_loss,
+    "marginal": lambda loss: diffusion.mixture_loss,
+}

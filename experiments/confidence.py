@@ -2,7 +2,7 @@ r"""The confidence of a model, made to hold on frames that it was not trained on
 
     python -m experiments.confidence jradar-sim RECORDS [RECORDS ...] -o FOLDER
 
-A point is right if the LiDAR has one within 0.2 m. `with_calibration` fits the
+A point is right if the LiDAR has one within 0.2 m. `with_confidence` fits the
 calibration to the points of validation frames, and chooses the least confidence that a
 point must have: the lowest whose mean F-score is within 1.5 points of the best.
 
@@ -27,10 +27,15 @@ from experiments.command import run_study
 from experiments.evaluate import spread
 from jradar import data
 from jradar.errors import UsageError
-from jradar.evaluation import near_truth
-from jradar.metrics import compare_on_host
+from jradar.evaluation import near_truth, score_points
 from jradar.model import Model, draw, load_model, save_model
-from jradar.range_image import calibrated, fit_calibration, unproject
+from jradar.range_image import (
+    IDENTITY,
+    ConfidenceTable,
+    fit_confidence,
+    frequency,
+    unproject,
+)
 
 FRAMES = 96  # of each folder of records
 KEY = 0
@@ -70,7 +75,7 @@ def fit(options: argparse.Namespace) -> None:
     model = load_model(options.model)
     split = None if options.split == "all" else options.split
     sets = [data.Records(folder, split) for folder in options.records]
-    fitted = with_calibration(jax.random.key(KEY), model, *sets)
+    fitted = with_confidence(jax.random.key(KEY), model, *sets)
     if fitted is model:
         raise UsageError(
             f"{options.model} gives no confidence, or none of its points has a truth "
@@ -80,34 +85,28 @@ def fit(options: argparse.Namespace) -> None:
     frames = sum(min(len(records), FRAMES) for records in sets)
     print(
         f"{options.output}: confidence fitted to {frames} frames, points of less than "
-        f"{fitted.spec.least_confidence} are left out"
+        f"{fitted.confidence.least:g} are left out"
     )
 
 
-def with_calibration(key: jax.Array, model: Model, *sets: data.Records) -> Model:
-    """Return the model with a calibration and a least confidence, from these frames.
+def with_confidence(key: jax.Array, model: Model, *sets: data.Records) -> Model:
+    """Return the model with a table of confidence that was fitted to these frames.
 
     A model without confidence, or frames without a point, leave it as it is.
     """
-    plain = dataclasses.replace(model.spec, calibration=None)
-    frames = [
-        frame
-        for records in sets
-        for frame in judged(key, Model(model.params, plain), records)
-    ]
+    plain = dataclasses.replace(model, confidence=IDENTITY)
+    frames = [frame for records in sets for frame in judged(key, plain, records)]
     confidence = np.concatenate([frame.confidence for frame in frames] or [[]])
     if not len(confidence):
         return model
     right = np.concatenate([frame.right for frame in frames])
-    calibration = fit_calibration(confidence, right)
+    table = fit_confidence(confidence, right)
     frames = [
-        frame._replace(confidence=np.asarray(calibrated(frame.confidence, calibration)))
+        frame._replace(confidence=np.asarray(frequency(frame.confidence, table)))
         for frame in frames
     ]
-    spec = dataclasses.replace(
-        plain, calibration=calibration, least_confidence=least_confidence(frames)
-    )
-    return Model(model.params, spec)
+    table = ConfidenceTable.of(table.frequencies, least=least_confidence(frames))
+    return dataclasses.replace(model, confidence=table)
 
 
 def judged(key: jax.Array, model: Model, records: data.Records) -> Iterator[Judged]:
@@ -137,9 +136,7 @@ def least_confidence(frames: Sequence[Judged]) -> float:
 def _f_score(frame: Judged, least: float) -> float:
     """The F-score at 0.2 m of the points of at least this confidence."""
     kept = frame.xyz[frame.confidence >= least]
-    if not len(kept):
-        return 0.0
-    return float(compare_on_host(kept, frame.truth).f_score[1])
+    return score_points(kept, frame.truth)["f_score_0.2"]
 
 
 if __name__ == "__main__":

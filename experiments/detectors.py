@@ -9,10 +9,9 @@ import numpy as np
 
 from experiments.evaluate import Frame, View, points_of, spread
 from jradar import data
-from jradar.evaluation import Method
+from jradar.evaluation import Method, score_points
 from jradar.lidar import shared_field_of_view
-from jradar.metrics import compare_on_host
-from jradar.radar import DETECTORS, cell_points, detect
+from jradar.radar import DETECTORS, Radar, cell_points, detect
 from jradar.types import PointCloud
 
 RATES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # false-alarm rates to choose from
@@ -20,16 +19,10 @@ FRAMES = 48  # that the choice is made on
 Choice = TypeVar("Choice")
 
 
-def detector_methods(
-    view: View, rates: dict[str, float], *, angles: str = "fft"
-) -> dict[str, Method]:
-    """Return a method for each CFAR detector, at its false-alarm rate.
-
-    `angles` is how the records' directions were found; names mention all but "fft".
-    """
-    suffix = "" if angles == "fft" else f", {angles.upper()}"
+def detector_methods(view: View, rates: dict[str, float]) -> dict[str, Method]:
+    """Return a method for each CFAR detector, at its false-alarm rate."""
     return {
-        f"{detector.upper()}-CFAR{suffix}": functools.partial(
+        f"{detector.upper()}-CFAR": functools.partial(
             _method, view=view, detector=detector, rate=rate
         )
         for detector, rate in rates.items()
@@ -53,14 +46,8 @@ def detected(
 
 def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
     """Return the points of the cells in `mask` that lie in the field of view."""
-    radar = view.radar_of(prepared)
-    cloud = cell_points(
-        prepared.cells,
-        mask,
-        radar,
-        points=view.points(prepared),
-        range_bias_m=prepared.range_bias_m,
-    )
+    radar = Radar(view.radar_of(prepared), range_bias_m=prepared.range_bias_m)
+    cloud = cell_points(prepared.cells, mask, radar, points=view.points(prepared))
     seen = shared_field_of_view(
         np.asarray(cloud.xyz),
         azimuth=view.fine.azimuth,
@@ -106,8 +93,6 @@ def best_choice(
 
 
 def f_score(cloud: PointCloud, prepared: data.PreparedFrame) -> float:
-    """Return the F-score at 0.2 m against a frame's LiDAR; 0 if a cloud is empty."""
-    xyz, truth = points_of(cloud), prepared.lidar_xyz
-    if not len(xyz) or not len(truth):
-        return 0.0
-    return float(compare_on_host(xyz, truth).f_score[1])
+    """Return the F-score at 0.2 m against a frame's LiDAR; 0 if one has no points."""
+    scores = score_points(points_of(cloud), prepared.lidar_xyz)
+    return float(np.nan_to_num(scores["f_score_0.2"]))

@@ -1,52 +1,20 @@
-"""Several frames of a recording as one, held together by their recorded poses."""
+"""Several frames of records as one, held together by their recorded poses."""
 
 import functools
-from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
 from jradar import data
-from jradar.diffusion import RangeMixture
 from jradar.evaluation import Method
-from jradar.model import Model, fuse, mixtures, moving_pixels
-from jradar.motion import ego_velocity
-from jradar.radar import RadarSpec
-from jradar.range_image import unproject
-from jradar.types import PointCloud
-
-KEY = 22  # of the samples that find the radar's velocity
+from jradar.model import Model
+from jradar.range_image import image_cloud
+from jradar.session import Seen, fused, see
 
 
-class Seen(NamedTuple):
-    """What one frame tells."""
-
-    mixture: RangeMixture
-    moving: Bool[Array, "row column"]
-    velocity: Float[Array, " 3"]  # of the radar in m/s, NaN where unknown
-
-
-def see(cloud: PointCloud, condition: Any, model: Model, radar: RadarSpec) -> Seen:
-    """Return what one frame tells of surfaces, movers and the radar's velocity."""
-    cloud = jax.tree.map(jnp.asarray, cloud)
-    unambiguous = radar.max_velocity_mps
-    velocity = ego_velocity(
-        jax.random.key(KEY),
-        cloud,
-        elevation=radar.has_elevation,
-        unambiguous_mps=unambiguous,
-        folds=0,
-    ).velocity
-    mixture = mixtures(jnp.asarray(condition), model)
-    moving = moving_pixels(
-        mixture, cloud, velocity, model.spec, unambiguous_mps=unambiguous
-    )
-    return Seen(mixture, moving, velocity)
-
-
-def fused(
+def fused_method(
     model: Model, records: data.Records, pairs: data.PairSource, count: int
 ) -> Method:
     """Return the method that fuses a frame with the `count` - 1 before it.
@@ -59,24 +27,21 @@ def fused(
     @functools.lru_cache(2 * count)
     def seen(i: int) -> tuple[Seen, np.ndarray]:
         frame = records[i]
+        cloud = jax.tree.map(jnp.asarray, frame.radar)
+        condition = jnp.asarray(pairs[i].condition)
         radar = records.radar_of(frame.sequence)
-        told = see(frame.radar, pairs[i].condition, model, radar)
-        return told, frame.world_from_radar
+        return see(cloud, condition, model, radar), frame.world_from_radar
 
     def call(key, frame):
         sequence, number = frame.prepared.sequence, frame.prepared.frame
         found = [index.get((sequence, number - k)) for k in range(count)]
         frames = [seen(found[0] if i is None else i) for i in found]
-        stacked = jax.tree.map(lambda *v: jnp.stack(v), *[seen for seen, _ in frames])
         poses = relative_poses([pose for _, pose in frames])
         poses[[i is None for i in found]] = np.nan
-        image = fuse(
-            stacked.mixture,
-            jnp.asarray(poses, jnp.float32),
-            model.spec,
-            moving=stacked.moving,
+        image = fused(
+            [seen for seen, _ in frames], jnp.asarray(poses, jnp.float32), model
         )
-        return cloud_of(image, model)
+        return image_cloud(image, model.spec.fine)
 
     return call
 
@@ -91,9 +56,3 @@ def relative_poses(
         poses = np.linalg.inv(world_from_radar[0]) @ np.stack(world_from_radar)
     poses[0] = np.eye(4)
     return poses
-
-
-def cloud_of(image: Any, model: Model) -> PointCloud:
-    """Return the points of a range image, with their confidence."""
-    cloud = unproject(image.range_m, model.spec.fine)
-    return cloud._replace(confidence=image.confidence.ravel())

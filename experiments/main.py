@@ -27,7 +27,7 @@ from experiments.command import exit_code_of
 from jradar.errors import UsageError, check_platform
 from jradar.files import lock_folder, use_compilation_cache
 
-TASKS = ("enhance", "demo", "radarhd", "rpdnet", "pretrain")  # of experiments.tasks
+TASKS = ("enhance", "demo", "radarhd", "rpdnet")  # modules of this package
 
 
 def main(argv: list[str]) -> int:
@@ -80,7 +80,7 @@ def _run(config: ConfigDict, workdir: Path, mode: str) -> int:
     check_platform()
     from experiments import train
 
-    task = importlib.import_module(f"experiments.tasks.{config.task}")
+    task = importlib.import_module(f"experiments.{config.task}")
     try:
         with contextlib.nullcontext() if jax.process_index() else lock_folder(workdir):
             if mode == "train":

@@ -1,6 +1,6 @@
 """The training that all tasks share; a task fills in what differs.
 
-A task is a module of `experiments.tasks` with three functions:
+A task is a module of `experiments`, named in `main.TASKS`, with three functions:
 
     check(config)                raises UsageError for a mistake, before anything starts
     setup(config, workdir)       returns a Training, or None to train nothing

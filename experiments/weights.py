@@ -11,7 +11,7 @@ from jradar.errors import ModelError, UsageError
 from jradar.model import shipped_models
 
 # Where a workdir, or the folder of a model, keeps its weights.
-FILES = ("prior.safetensors", "model/weights.safetensors", "weights.safetensors")
+FILES = ("model/weights.safetensors", "weights.safetensors")
 
 
 def initial_weights(train: ConfigDict) -> Path | None:

@@ -1,8 +1,8 @@
 """jradar: dense LiDAR-like point clouds from mmWave radar, in pure JAX functions.
 
-One frame's way through the package, which is also the order of its rooms:
+The way of one frame, which is also the order of the rooms:
 
-    ADC cube [tx, rx, chirp, sample]
+    ADC cube [tx, rx, chirp, sample] and its Radar
       -> radar.range_doppler           [virtual, doppler, range]
       -> radar.os_cfar                 mask [doppler, range]
       -> radar.angle_spectrum          azimuth, elevation of each detection
@@ -13,10 +13,12 @@ One frame's way through the package, which is also the order of its rooms:
       -> metrics, viz
     ground truth: LiDAR scan -> lidar.preprocess -> range_image.project
 
-`load_model` and `enhance` are all of it:
+The front door:
 
+    recording = jradar.open_recording("sim/lab_0")
     model = jradar.load_model("jradar-sim")
-    cloud = jradar.enhance(key, cube, model)
+    cloud = jradar.enhance(key, recording.cube(0), recording.radar, model)
+    for frame in jradar.enhance_recording(recording, model): ...
 
 A room is loaded when it is first named.
 """
@@ -39,24 +41,36 @@ if TYPE_CHECKING:
         radar as radar,
         range_image as range_image,
         recordings as recordings,
+        session as session,
         simulation as simulation,
         stream as stream,
         training as training,
         types as types,
         viz as viz,
     )
-    from jradar.model import enhance as enhance, load_model as load_model
+    from jradar.model import (
+        enhance as enhance,
+        enhance_points as enhance_points,
+        load_model as load_model,
+    )
+    from jradar.radar import Radar as Radar, RadarSpec as RadarSpec
+    from jradar.recordings import open_recording as open_recording
+    from jradar.session import enhance_recording as enhance_recording
     from jradar.types import PointCloud as PointCloud
 
 __version__ = "0.1.0"
 
 __all__ = [
     "PointCloud",
+    "Radar",
+    "RadarSpec",
     "baselines",
     "calibration",
     "data",
     "diffusion",
     "enhance",
+    "enhance_points",
+    "enhance_recording",
     "evaluation",
     "export",
     "lidar",
@@ -64,9 +78,11 @@ __all__ = [
     "metrics",
     "model",
     "motion",
+    "open_recording",
     "radar",
     "range_image",
     "recordings",
+    "session",
     "simulation",
     "stream",
     "training",
@@ -75,8 +91,13 @@ __all__ = [
 ]
 NAMES = {
     "PointCloud": "jradar.types",
+    "Radar": "jradar.radar",
+    "RadarSpec": "jradar.radar",
     "enhance": "jradar.model",
+    "enhance_points": "jradar.model",
+    "enhance_recording": "jradar.session",
     "load_model": "jradar.model",
+    "open_recording": "jradar.recordings",
 }
 
 

@@ -11,10 +11,12 @@
 
 import contextlib
 import errno
+import importlib
 import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 
 class UsageError(ValueError):
@@ -54,6 +56,17 @@ def exit_code(error: BaseException) -> int | None:
     return next((code for kind, code in kinds if isinstance(error, kind)), None)
 
 
+def printable(text: str) -> str:
+    """Return one line of text for a terminal, with control characters escaped.
+
+    Names and messages from files may hold sequences that a terminal obeys, and bytes
+    that are no text.
+    """
+    escaped = (c.encode("unicode_escape").decode("ascii") for c in text)
+    pairs = zip(text, escaped, strict=True)
+    return "".join(c if c.isprintable() else code for c, code in pairs)
+
+
 @contextlib.contextmanager
 def sigterm_raises() -> Iterator[None]:
     """Raise Terminated in the main thread at SIGTERM; a second one ends at once."""
@@ -83,6 +96,17 @@ def check_platform() -> None:
             f"JAX_PLATFORMS={wanted}, but JAX finds no such device: install its "
             "driver and plug-in (jradar[cuda]), or unset the variable"
         ) from error
+
+
+def optional(module: str, *, need: str, extra: str) -> Any:
+    """Return a module of a package that an extra of jradar installs.
+
+    `need` says what for, such as "bags need rosbags", in the ImportError without it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ImportError(f"{need}: pip install 'jradar[{extra}]'") from error
 
 
 @contextlib.contextmanager

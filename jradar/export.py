@@ -24,14 +24,14 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Complex
+from jaxtyping import Array, Inexact
 
 from jradar.errors import parsing
 from jradar.files import atomic_path
 from jradar.model import Model, enhance
+from jradar.radar import Radar
 
-FORMAT = "jradar function 2"
+FORMAT = "jradar function 3"
 MAX_HEADER_BYTES = 1 << 16
 PLATFORMS = ("cpu", "cuda", "tpu")
 
@@ -40,7 +40,7 @@ class ExportedFunction(NamedTuple):
     """An exported function and the header of its file."""
 
     call: Callable[
-        [int, Complex[Array, "tx rx chirp sample"]],
+        [int, Inexact[Array, "tx rx chirp sample"]],
         dict[str, Array],
     ]
     header: dict[str, Any]
@@ -48,54 +48,55 @@ class ExportedFunction(NamedTuple):
 
 def export_function(
     path: Path | str,
+    radar: Radar,
     model: Model,
     *,
-    coupling: Complex[np.ndarray, "tx rx half_range"] | None = None,
     platforms: Sequence[str] = ("cpu",),
-    **drawing: Any,
+    draws: int | None = None,
+    steps: int | None = None,
 ) -> None:
-    """Write `enhance` with a model's weights as one file.
+    """Write `enhance` for one radar, with its calibration and the weights, as one file.
 
-    The radar and the size of its frame are the model's. `coupling` is the calibration
-    of one unit (`read_coupling`); it becomes part of the file. `drawing` are options of
-    `model.draw`. Raises ValueError for the coupling of another array, ImportError
-    without the extra `export`.
+    `draws` and `steps` are those of `model.draw`. Raises ImportError without the extra
+    `export`.
     """
     _check_extra()
     with atomic_path(path) as scratch:  # first: it refuses a folder at once
-        scratch.write_bytes(_serialised(model, coupling, platforms, drawing))
+        drawing = {"draws": draws, "steps": steps}
+        scratch.write_bytes(_serialised(radar, model, platforms, drawing))
 
 
-def _serialised(model, coupling, platforms, drawing) -> bytes:
+def _serialised(radar, model, platforms, drawing) -> bytes:
     """Return the bytes of the file: the header's line and the function."""
     unknown = [name for name in platforms if name not in PLATFORMS]
     if unknown or not platforms:
         raise ValueError(f"platforms {platforms}, expected some of {PLATFORMS}")
-    spec, radar = model.spec, model.spec.radar
-    leakage = None if coupling is None else jnp.asarray(coupling, jnp.complex64)
+    spec, card = radar.spec, model.card
 
     def function(seed, cube):
         key = jax.random.key(seed)
-        cloud = enhance(key, cube, model, coupling=leakage, **drawing)
+        cloud = enhance(key, cube, radar, model, **drawing)
         fields = cloud._asdict().items()
         return {name: value for name, value in fields if value is not None}
 
-    shape = radar.cube_shape
+    shape = spec.cube_shape
+    kind = jnp.float32 if spec.real_samples else jnp.complex64
     exported = jax.export.export(jax.jit(function), platforms=tuple(platforms))(
-        jax.ShapeDtypeStruct((), jnp.uint32), jax.ShapeDtypeStruct(shape, jnp.complex64)
+        jax.ShapeDtypeStruct((), jnp.uint32), jax.ShapeDtypeStruct(shape, kind)
     )
     content = bytes(exported.serialize())
     header = {
         "format": FORMAT,
         "sha256": hashlib.sha256(content).hexdigest(),
         "cube": shape,
-        "radar": radar.name,
-        "coupling": coupling is not None,
+        "radar": spec.name,
+        "calibrated": radar.calibrated,
+        "leakage": radar.leakage is not None,
         "platforms": tuple(platforms),
-        "purpose": spec.purpose,
-        "trained_on": spec.trained_on,
-        "steps_seen": spec.steps_seen,
-        "sampling": {name: _printed(value) for name, value in drawing.items()},
+        "purpose": card.purpose,
+        "trained_on": card.trained_on,
+        "steps_seen": card.steps_seen,
+        "sampling": {name: n for name, n in drawing.items() if n is not None},
     }
     return json.dumps(header).encode() + b"\n" + content
 
@@ -117,23 +118,19 @@ def load_function(path: Path | str) -> ExportedFunction:
     with parsing(path, "an exported function"):
         exported = jax.export.deserialize(bytearray(content))
         seed, cube = exported.in_avals
-        shape = tuple(cube.shape)
-        if (seed.shape, seed.dtype, cube.dtype) != ((), jnp.uint32, jnp.complex64):
+        shape, kind = tuple(cube.shape), cube.dtype
+        kinds = jnp.float32, jnp.complex64
+        if (seed.shape, seed.dtype) != ((), jnp.uint32) or cube.dtype not in kinds:
             raise ValueError(f"it takes {seed} and {cube}")
 
     def call(seed, cube) -> Any:
         if cube.shape != shape:
             raise ValueError(f"cube has shape {cube.shape}, {path} expects {shape}")
-        arguments = jnp.uint32(seed), jnp.asarray(cube, jnp.complex64)
+        arguments = jnp.uint32(seed), jnp.asarray(cube, kind)
         with parsing(path, "an exported function for this machine"):
             return exported.call(*arguments)
 
     return ExportedFunction(call, header)
-
-
-def _printed(value: Any) -> Any:
-    """An option of `draw` as JSON takes it: a solver by its name."""
-    return getattr(value, "name", value)
 
 
 def _check_extra():

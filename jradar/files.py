@@ -1,27 +1,32 @@
-"""Atomic writing, locked folders, values of files, JAX's cache of programs."""
+"""Atomic writing, locked folders, bounded reading, JAX's cache of programs."""
 
 import contextlib
 import dataclasses
 import difflib
 import errno
 import fcntl
+import functools
 import glob
 import json
 import os
 import re
 import secrets
 import shutil
+import stat
 import typing
 from collections.abc import Callable, Iterator, Mapping
+from io import BufferedReader
 from pathlib import Path
 from typing import Any
 
 from jradar.errors import UsageError, parsing
 
+MAX_TEXT_BYTES = 4 << 20  # the largest description, a cascade's coupling, takes 0.5 MB
 MAX_JSON_BYTES = 64 << 20
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text"}
 LOCK, REPLACED = ".lock", ".replaced"  # in a scratch folder: its lock, the old folder
+LIST, HEAD = ".jradar", "# jradar"  # of what was written into a folder
 
 
 class FolderLocked(OSError):
@@ -32,16 +37,20 @@ class FolderLocked(OSError):
 def lock_folder(folder: Path | str) -> Iterator[None]:
     """Lock a folder, created if missing.
 
-    Raises FolderLocked, with the other process's number, if another one has locked it.
+    Raises FolderLocked, with the other process's number, if another one has locked it,
+    and UsageError for a `.lock` that holds anything but a process's number.
     """
     path = Path(folder) / ".lock"
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a+") as lock:
+    with path.open("a+", encoding="utf-8", errors="replace") as lock:
+        lock.seek(0)
+        holder = lock.read(20).strip()
+        if holder and not holder.isdecimal():
+            raise UsageError(f"{path} is not a lock of jradar: choose another folder")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            lock.seek(0)
-            holder = lock.read(20).strip() or "unknown"
+            holder = holder or "unknown"
             raise FolderLocked(
                 f"another process ({holder}) is running in {folder}: wait for it, or "
                 "choose another folder"
@@ -79,7 +88,8 @@ def atomic_folder(folder: Path | str, *, marker: str) -> Iterator[Path]:
 
     `marker` is the file by which folders of this kind are recognised; the caller writes
     it. An empty folder and one with the marker are replaced, missing parents are
-    created. Raises UsageError for a folder with other contents, and for a file.
+    created. Raises UsageError for a folder with other contents, or to which somebody
+    has added a file, and for a file.
     """
     folder = Path(folder)
 
@@ -92,14 +102,28 @@ def atomic_folder(folder: Path | str, *, marker: str) -> Iterator[Path]:
                 f"{folder} holds {', '.join(names[:3])}{' ..' if names[3:] else ''} "
                 f"but no {marker}, so jradar did not write it: choose another name"
             )
+        if (folder / LIST).is_file():
+            known = read_text(folder / LIST, limit=MAX_JSON_BYTES).splitlines()
+            for name in sorted({*_files(folder)} - {*known, LIST}):
+                raise UsageError(
+                    f"{folder / name} was not written by jradar: move it out of this "
+                    "folder, or choose another name"
+                )
 
     with _scratch(folder, refuse_others) as scratch:
         scratch.mkdir()
         yield scratch
+        (scratch / LIST).write_text("\n".join([HEAD, *_files(scratch), ""]))
         refuse_others()
         if folder.exists():
             os.replace(folder, scratch.parent / REPLACED)
         os.replace(scratch, folder)
+
+
+def _files(folder: Path) -> list[str]:
+    """Return the names of all files in a folder and below."""
+    found = (path for path in folder.rglob("*") if path.is_symlink() or path.is_file())
+    return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
 def remove_leftovers(path: Path | str) -> None:
@@ -179,18 +203,53 @@ def write_text(path: Path | str, text: str) -> None:
         scratch.write_text(text, encoding="utf-8")
 
 
+def open_file(path: Path | str, *, limit: int | None = None) -> BufferedReader:
+    """Open a file for reading bytes.
+
+    Raises UsageError for a pipe or a device, which may never answer or never end, and
+    ValueError for a file of more than `limit` bytes.
+    """
+    file = open(path, "rb", opener=_without_waiting)
+    status = os.fstat(file.fileno())
+    if stat.S_ISREG(status.st_mode) and (limit is None or status.st_size <= limit):
+        return file
+    file.close()
+    if stat.S_ISREG(status.st_mode):
+        raise ValueError(
+            f"{path} holds {status.st_size:,} bytes, expected at most {limit:,}"
+        )
+    raise UsageError(f"{path} is a pipe or a device, expected a file")
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)  # for somebody who writes into a pipe
+
+
+def read_text(
+    path: Path | str, *, errors: str = "strict", limit: int = MAX_TEXT_BYTES
+) -> str:
+    """Return the text of a file; ValueError if it is binary or exceeds `limit` bytes.
+
+    `errors="replace"` is for formats whose comments may use another encoding.
+    """
+    with open_file(path, limit=limit) as file:
+        content = file.read(limit)
+    try:
+        return content.decode("utf-8-sig", errors)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not a text file: {error.reason}") from error
+
+
 def read_json(path: Path | str, *, limit: int = MAX_JSON_BYTES) -> dict[str, Any]:
     """Return the JSON object in a file of at most `limit` bytes.
 
-    Raises FileNotFoundError for a missing file, and ValueError for anything else.
+    Raises FileNotFoundError for a missing file, UsageError for a pipe or a device, and
+    ValueError for anything else.
     """
-    path = Path(path)
-    if not path.is_file():
+    if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
-    if (size := path.stat().st_size) > limit:
-        raise ValueError(f"{path} holds {size:,} bytes, expected at most {limit:,}")
-    with parsing(path, "a JSON file"):
-        values = json.loads(path.read_text(encoding="utf-8"))
+    with open_file(path, limit=limit) as file, parsing(path, "a JSON file"):
+        values = json.loads(file.read(limit))
     if not isinstance(values, dict):
         raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
     return values
@@ -199,8 +258,9 @@ def read_json(path: Path | str, *, limit: int = MAX_JSON_BYTES) -> dict[str, Any
 def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return values of a file in the types of the fields of the dataclass `spec`.
 
-    Lists become tuples, tables become specs, whole numbers become floats where floats
-    are expected. Raises ValueError for an unknown field and for another type.
+    Lists become tuples, whole numbers become floats where floats are expected, and
+    tables become specs, which keep the defaults of `spec` for what they leave out.
+    Raises ValueError for an unknown field and for another type.
     """
     kinds = typing.get_type_hints(spec)
     names = [field.name for field in dataclasses.fields(spec)]
@@ -210,7 +270,12 @@ def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
             near = difflib.get_close_matches(str(name), names, 1) or [", ".join(names)]
             raise ValueError(f"unknown field {name!r}, expected {near[0]}")
         if dataclasses.is_dataclass(kinds[name]) and isinstance(value, dict):
-            fields[name] = kinds[name](**typed_fields(kinds[name], value))
+            typed = typed_fields(kinds[name], value)
+            make: Callable[..., Any] = kinds[name]
+            default: Any = getattr(spec, name, None)  # has what the table leaves out
+            if isinstance(default, kinds[name]):
+                make = functools.partial(dataclasses.replace, default)
+            fields[name] = make(**typed)
             continue
         try:
             fields[name] = _converted(value, kinds[name])

@@ -7,6 +7,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 
+from jradar.errors import printable
+
 SECONDS_BETWEEN_LINES = 10.0
 
 Show = Callable[..., None]
@@ -44,7 +46,8 @@ def _bar(what, total, first, unit):
         task = bar.add_task(what, total=total, completed=first, note="")
 
         def show(done, note=""):
-            bar.update(task, completed=done, note=f"{note}  {rate(done)}".strip())
+            text = printable(f"{note}  {rate(done)}".strip())
+            bar.update(task, completed=done, note=text)
 
         yield show
 
@@ -59,7 +62,8 @@ def _lines(what, total, first, unit):
         if ends or now - printed["at"] >= SECONDS_BETWEEN_LINES:
             printed.update(at=now, done=done)
             parts = (f"{what} {done}/{total}", note, speed)
-            print("  ".join(p for p in parts if p), file=sys.stderr, flush=True)
+            text = "  ".join(p for p in parts if p)
+            print(printable(text), file=sys.stderr, flush=True)
 
     return show
 

@@ -1,16 +1,24 @@
-"""Checks the shapes in every signature while tests run; names the real samples."""
+"""Programs compile quickly, and few are kept; names the real samples.
 
+With JRADAR_TYPECHECK set, the shapes in every signature are checked.
+"""
+
+import ctypes
 import gc
 import os
 import subprocess
 from pathlib import Path
 
-import jax
-import jaxtyping
-import pytest
-from jaxtyping import install_import_hook
+# LLVM's optimisations take longer than these small programs run without them.
+QUICK = "--xla_backend_optimization_level=0"
+os.environ["XLA_FLAGS"] = f"{QUICK} {os.environ.get('XLA_FLAGS', '')}"
 
-install_import_hook("jradar", "beartype.beartype")
+import jax  # noqa: E402  (after its flags)
+import jaxtyping  # noqa: E402
+import pytest  # noqa: E402
+
+if os.environ.get("JRADAR_TYPECHECK"):
+    jaxtyping.install_import_hook("jradar", "beartype.beartype")
 
 from jradar.files import use_compilation_cache  # noqa: E402  (after the hook)
 
@@ -21,7 +29,7 @@ for option in ("compilation_cache_dir", "persistent_cache_min_compile_time_secs"
     jax.config.update(f"jax_{option}", float(value) if "secs" in option else value)
 os.environ["JRADAR_CACHE"] = "off"  # the tests of the cache turn it on themselves
 
-MOST_MAPS = 20_000
+MOST_MAPS, MOST_BYTES = 20_000, 1 << 30
 SAMPLES = Path(__file__).parents[2] / "shared" / "samples"
 
 
@@ -33,17 +41,23 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def few_memory_maps():
-    """Forget compiled programs before they fill the process's table of memory maps.
+def little_memory():
+    """Forget compiled programs once they fill 1 GiB, or the table of memory maps.
 
-    Linux allows 65,530 (`vm.max_map_count`); XLA aborts where it gets no other.
+    Linux allows 65,530 maps (`vm.max_map_count`); XLA aborts where it gets no other.
     """
     yield
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
     with open("/proc/self/maps") as maps:
         count = sum(1 for _ in maps)
-    if count > MOST_MAPS:
+    if count > MOST_MAPS or pages * os.sysconf("SC_PAGE_SIZE") > MOST_BYTES:
         jax.clear_caches()
         gc.collect()
+        trim = getattr(
+            ctypes.CDLL(None), "malloc_trim", None
+        )  # glibc keeps it otherwise
+        if trim is not None:
+            trim(0)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""One tiny random model, which the tests of several rooms share."""
+"""Tiny random models and a room's echoes, which the tests of several rooms share."""
 
 import dataclasses
 from typing import Any
@@ -7,28 +7,30 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar.diffusion import NoiseSpec, UNet
-from jradar.model import Model, ModelSpec
-from jradar.radar import PointSpec, RadarSpec
-from jradar.range_image import ImageSpec
+from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
+from jradar.model import Card, Model, ModelSpec
+from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
+from jradar.range_image import IDENTITY, ConfidenceTable, ImageSpec
 
+NETWORK = UNet(channels=8, multipliers=(1,), blocks=1, attention_levels=())
 SPEC = ModelSpec(
     method="diffusion",
-    network=UNet(channels=8, multipliers=(1,), blocks=1, attention_levels=()),
+    network=NETWORK,
     noise=NoiseSpec(sigma_data=0.7),
     coarse=ImageSpec(8, 8),
     fine=ImageSpec(8, 32),
-    radar=RadarSpec.awr1843(num_chirps=32, num_samples=64),
     points=PointSpec(capacity=64, guard=(1, 2)),
     num_slices=4,
     codec="inverse",
-    steps_seen=7,
-    trained_on="a test",
-    purpose="nothing",
 )
+RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
+CARD = Card("nothing", 7, "a test", (RADAR,))
+CONDITION_SHAPE = (8, 8, 12)
 
 
-def tiny_model(**changes: Any) -> Model:
+def tiny_model(
+    *, confidence: ConfidenceTable = IDENTITY, card: Card = CARD, **changes: Any
+) -> Model:
     """A model of random parameters; `changes` replace fields of its spec."""
     spec = dataclasses.replace(SPEC, **changes)
     shapes = jax.eval_shape(
@@ -42,4 +44,23 @@ def tiny_model(**changes: Any) -> Model:
     params = jax.tree.map(
         lambda leaf: jnp.asarray(0.1 * rng.normal(size=leaf.shape), leaf.dtype), shapes
     )
-    return Model(params, spec)
+    return Model(params, spec, card, confidence)
+
+
+def one_pass_model() -> Model:
+    """A model that answers in one pass, with every pixel whatever its confidence."""
+    return tiny_model(
+        method="marginal",
+        network=dataclasses.replace(NETWORK, outputs=14),
+        noise=NoiseSpec(sigma_data=0.7, prediction=PREDICTIONS["mixture"]),
+        confidence=ConfidenceTable.of((0.0, 1.0), least=0.0),
+    )
+
+
+def echoes(seed: int = 0) -> jax.Array:
+    """A cube of 20 targets at rest in front of the radar."""
+    key = jax.random.key(seed)
+    place = jax.random.uniform(key, (20, 3), minval=-1.0, maxval=1.0)
+    ahead = place + jnp.array([3.0, 0.0, 0.0])
+    targets = Scatterers(ahead, jnp.zeros(20), jnp.full(20, 50.0))
+    return simulate_cube(key, targets, RADAR, noise_power=1.0)

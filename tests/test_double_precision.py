@@ -7,6 +7,7 @@ import pytest
 
 from jradar import radar as r, range_image as ri
 from jradar.metrics import compare, compare_on_host, nearest_distances
+from jradar.radar import Radar
 from jradar.radar.peaks import window_offset
 from jradar.types import PointCloud
 
@@ -73,20 +74,15 @@ KERNELS = {
     "range_doppler": lambda: r.range_doppler(cube()),
     "range_doppler, real": lambda: r.range_doppler(cube().real),
     "power_map": lambda: r.power_map(cube(), remove_static=True),
-    "calibrate_channels": lambda: r.calibrate_channels(cube(), waves(12)),
-    "calibrate_channels, real": lambda: r.calibrate_channels(cube().real, waves(12)),
-    "calibrate_frequency_phase": lambda: r.calibrate_frequency_phase(
-        cube(),
-        numbers(3, 4),
-        waves(3, 4),
-        CHIP,
-        calibration_slope_hz_per_s=CHIP.slope_hz_per_s,
-        calibration_rate_hz=CHIP.sample_rate_hz,
+    "calibrate": lambda: r.calibrate(cube(), r.Radar(CHIP).with_factors(waves(12))),
+    "calibrate, real": lambda: r.calibrate(
+        cube().real, r.Radar(CHIP).with_factors(waves(12))
+    ),
+    "calibrate, beats": lambda: r.calibrate(
+        cube(), r.Radar(CHIP, channels=waves(3, 4), beat_bins=numbers(3, 4))
     ),
     "compensate_tdm": lambda: r.compensate_tdm(waves(5, 12), numbers(5), CHIP),
-    "subtract_coupling": lambda: r.subtract_coupling(
-        waves(12, 16, 32), waves(3, 4, 16)
-    ),
+    "subtract_leakage": lambda: r.subtract_leakage(waves(12, 16, 32), waves(3, 4, 16)),
     **{
         f"{kind}_cfar": lambda kind=kind: r.DETECTORS[kind](power(), **WINDOW, **RATE)
         for kind in r.DETECTORS
@@ -99,17 +95,17 @@ KERNELS = {
     },
     **{
         f"radar_points, {name}": lambda spec=spec: r.radar_points(
-            cube(), CHIP, points=spec, coupling=waves(3, 4, 16)
+            cube(), Radar(CHIP, leakage=waves(3, 4, 16)), points=spec
         )
         for name, spec in POINTS.items()
     },
     "points_and_report": lambda: r.points_and_report(
-        cube(), CHIP, points=POINTS["plain"]
+        cube(), Radar(CHIP), points=POINTS["plain"]
     ),
     "all_cells": lambda: r.cell_points(
-        r.all_cells(cube(), CHIP, points=POINTS["plain"]),
+        r.all_cells(cube(), Radar(CHIP), points=POINTS["plain"]),
         power() > 1,
-        CHIP,
+        Radar(CHIP),
         points=POINTS["plain"],
     ),
     "angle_spectrum": lambda: r.strongest_direction(
@@ -156,15 +152,13 @@ KERNELS = {
     "crossing_chirps": lambda: r.crossing_chirps(
         key(), r.draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
     ),
-    "strong_snapshots": lambda: r.strong_snapshots(cube(), CHIP),
+    "strong_snapshots": lambda: r.strong_snapshots(cube(), Radar(CHIP)),
     "explain": lambda: r.explain(waves(4, 12), waves(12), CHIP),
     "project": lambda: ri.unproject(ri.project(cloud(), SPEC), SPEC),
     "project_slices": lambda: ri.project_slices(cloud(), SPEC, num_slices=4),
-    "nearest_points": lambda: ri.nearest_points(cloud(), SPEC),
     "condition_image": lambda: ri.condition_image(cloud(), SPEC, num_slices=4),
     "encode_target": lambda: ri.decode_target(ri.encode_target(image(), SPEC), SPEC),
     "close_gaps": lambda: ri.close_gaps(image()),
-    "fill_misses": lambda: ri.fill_misses(image(), image() > 1),
     "agreed_range": lambda: ri.agreed_range(jnp.abs(numbers(3, 8, 16))),
     "compare": lambda: compare(cloud(30), cloud(20)),
     "compare, many points": lambda: compare(cloud(1100), cloud(1300)),

@@ -1,6 +1,8 @@
-"""House rules: floors, files, keys first, options by keyword, docstrings, laziness."""
+"""House rules: floors, circles, sizes, files, style of functions, laziness."""
 
 import ast
+import collections
+import graphlib
 import importlib
 import inspect
 import subprocess
@@ -12,12 +14,14 @@ import pytest
 import jradar
 
 PACKAGE = Path(jradar.__file__).parent
+ROOT = PACKAGE.parent
 FLOORS = {
     "errors": 0,
     "types": 1,
     "nearest": 1,
     "files": 1,
     "progress": 1,
+    "results": 2,
     "radar": 2,
     "range_image": 2,
     "lidar": 2,
@@ -30,6 +34,7 @@ FLOORS = {
     "viz": 4,
     "baselines": 4,
     "calibration": 5,
+    "session": 5,
     "data": 6,
     "training": 6,
     "evaluation": 6,
@@ -38,7 +43,13 @@ FLOORS = {
     "cli": 8,
 }
 PURE = ("types", "nearest", "radar", "range_image", "lidar", "diffusion", "metrics")
-READERS = ("diffusion/pretrained.py", "diffusion/perceptual.py")
+READERS = (
+    "diffusion/weights/files.py",
+    "diffusion/weights/pretrained.py",
+    "diffusion/perceptual.py",
+)
+MOST_MODULES = 14  # of a folder, next to its `__init__`
+LARGER = {"experiments/configs": 99}  # recipes, not modules
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 
@@ -51,45 +62,69 @@ def imported_names(module):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            yield "." * node.level + f"{node.module}"
-            yield from (
-                "." * node.level + f"{node.module}.{alias.name}" for alias in node.names
-            )
+            home = "." * node.level + f"{node.module}"
+            yield from (home, *(f"{home}.{alias.name}" for alias in node.names))
 
 
 IMPORTS = [(m, name) for m in MODULES for name in imported_names(m)]
 
 
 def public_functions():
-    for room in FLOORS:
-        if room == "cli":
-            continue
-        module = importlib.import_module(f"jradar.{room}")
-        for name, value in vars(module).items():
+    for room in FLOORS.keys() - {"cli"}:
+        for name, value in vars(importlib.import_module(f"jradar.{room}")).items():
             function = inspect.unwrap(value) if callable(value) else None
             home = getattr(function, "__module__", "") or ""
-            if inspect.isfunction(function) and not name.startswith("_"):
-                if home.startswith("jradar."):
-                    yield f"{room}.{name}", function
+            public = not name.startswith("_") and home.startswith("jradar.")
+            if public and inspect.isfunction(function):
+                yield f"{room}.{name}", function
 
 
 def test_imports_come_from_the_own_room_or_a_lower_floor():
     wrong = []
     for module, name in IMPORTS:
-        room = room_of(module)
-        first, *rest = name.split(".")
+        here, (first, *rest) = room_of(module), name.split(".")
+        there = rest[0] if first == "jradar" and rest else here
         outside = ("", "experiments", "tests", "benchmarks", "ml_collections")
-        higher = (
-            first == "jradar"
-            and rest
-            and rest[0] in FLOORS
-            and room in FLOORS
-            and rest[0] != room
-            and FLOORS[rest[0]] >= FLOORS[room]
-        )
+        higher = there != here and FLOORS.get(there, -1) >= FLOORS.get(here, 9)
         if first in outside or higher:
             wrong.append(f"{module.relative_to(PACKAGE)} imports {name}")
     assert not wrong
+
+
+def steps_between_rooms(package):
+    """Imports from room to room, and from folder to folder of one room.
+
+    Each is (where, from, to). A room's own modules belong to all of its folders.
+    """
+    for module in (ROOT / package).rglob("*.py"):
+        here = module.relative_to(ROOT).with_suffix("").parts
+        for name in imported_names(module):
+            first, room, folder, *_ = (*name.split("."), "", "")
+            if first != package or not room:
+                continue
+            if room != here[1]:
+                yield package, here[1], room
+            elif folder and folder != here[2] and len(here) > 3:
+                if (ROOT / package / room / folder).is_dir():
+                    yield room, here[2], folder
+
+
+@pytest.mark.parametrize("package", ["jradar", "experiments"])
+def test_no_circle_of_imports_between_rooms_or_folders_of_a_room(package):
+    graphs = collections.defaultdict(lambda: collections.defaultdict(set))
+    for where, one, other in steps_between_rooms(package):
+        graphs[where][one].add(other)
+    assert len(graphs[package]) > 2
+    for graph in graphs.values():
+        graphlib.TopologicalSorter(graph).prepare()  # CycleError names the circle
+
+
+@pytest.mark.parametrize("package", ["jradar", "experiments"])
+def test_folders_hold_at_most_a_dozen_modules_or_so(package):
+    modules = (m for m in (ROOT / package).rglob("*.py") if m.stem != "__init__")
+    counts = collections.Counter(m.parent.relative_to(ROOT).as_posix() for m in modules)
+    wrong = {k: n for k, n in counts.items() if n > LARGER.get(k, MOST_MODULES)}
+    assert counts and not wrong
 
 
 def test_every_room_has_its_floor():
@@ -122,9 +157,7 @@ def test_public_functions_keep_the_house_style():
             optional = parameter.default is not inspect.Parameter.empty
             by_place = parameter.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD
             if optional and by_place and parameter.name != "description":
-                wrong.append(
-                    f"{name}: {parameter.name} is optional, but not by keyword"
-                )
+                wrong.append(f"{name}: {parameter.name} is optional, but by place")
     assert not wrong
 
 
@@ -144,10 +177,8 @@ def test_every_room_and_name_is_listed_and_loads():
 
 
 def test_top_level_holds_what_was_agreed():
-    root = PACKAGE.parent
-    tracked = subprocess.run(
-        ["git", "ls-files"], cwd=root, capture_output=True, text=True
-    )
+    command = ["git", "ls-files"]
+    tracked = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     if tracked.returncode:
         pytest.skip("not a git checkout")
     top = {line.split("/")[0] for line in tracked.stdout.splitlines()}

@@ -28,11 +28,13 @@ def get_config():
 
     # How recordings are prepared; the field of view is taken from `image`.
     config.prepare = ConfigDict()
-    config.prepare.capacity = 1024
-    config.prepare.detector = "os"  # ca, go, so or os
-    config.prepare.false_alarm_rate = 1.0  # the paper: a threshold approaching zero
     config.prepare.visible_false_alarm_rate = 1e-3
-    config.prepare.remove_interference = False  # crossing chirps of other radars
+    # The condition's points: fields of PointSpec.
+    config.points = ConfigDict()
+    config.points.capacity = 1024
+    config.points.detector = "os"  # ca, go, so or os
+    config.points.false_alarm_rate = 1.0  # the paper: a threshold approaching zero
+    config.points.remove_interference = False  # crossing chirps of other radars
 
     # Images [rows, columns] of the same field of view.
     config.image = ConfigDict()

@@ -5,8 +5,7 @@ r"""The demonstration: detectors and shipped models on simulated rooms, new to a
 
 Simulates one frame of three layouts of each scene family, each with a radar unit of its
 own, and scores the CFAR detectors and the models that the package ships. Nothing is
-trained. The false-alarm rates were
-chosen on a validation split by `experiments.studies.detectors`.
+trained. The false-alarm rates are those of the best F-scores on a validation split.
 """
 
 from experiments.configs import default

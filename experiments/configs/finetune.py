@@ -10,12 +10,12 @@ Regression learns faster where the surfaces are; the diffusion model then learns
 rooms look like. The two take 61 and 6 minutes on two CPU cores.
 """
 
-from experiments.configs import transfer
+from experiments.configs import default
 
 
 def get_config():
-    config = transfer.get_config()
-    config.purpose = "trained on simulated scenes only"
+    config = default.get_config()
+    config.train.initial = ""
     config.train.update(steps=1200, learning_rate=5e-4, warmup_steps=50)
     config.train.ema_decay = 0.99
     config.train.update(checkpoint_every=150, evaluate_every=450)

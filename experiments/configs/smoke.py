@@ -14,7 +14,7 @@ def get_config():
     config = default.get_config()
     config.purpose = "a smoke test: this model is not useful"
     config.data.update(set="jradar-sim-1-mini", frames=2)
-    config.prepare.capacity = 512
+    config.points.capacity = 512
     config.image.update(coarse=(16, 16), fine=(32, 128))
     config.network.update(channels=16, multipliers=(1, 2), attention_levels=(1,))
     config.train.update(steps=120, warmup_steps=20, checkpoint_every=60)

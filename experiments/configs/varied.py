@@ -14,7 +14,7 @@ from experiments.configs import finetune
 def get_config():
     config = finetune.get_config()
     config.data.set = "jradar-sim-2"
-    config.prepare.remove_interference = True
+    config.points.remove_interference = True
     config.train.update(steps=6000, learning_rate=7e-4, warmup_steps=100)
     config.train.update(checkpoint_every=250, evaluate_every=1000, ema_decay=0.995)
     return config

@@ -25,12 +25,11 @@ from jaxtyping import Bool, Float
 
 from experiments.build import build_pairs
 from experiments.command import run_study, study_parser
+from experiments.enhance import drawn
 from experiments.evaluate import Frame, points_of, with_confidence
-from experiments.tables import markdown_table
-from experiments.tasks.enhance import drawn
 from jradar import data, evaluation, viz
 from jradar.errors import UsageError
-from jradar.evaluation import Coverage, Reliability
+from jradar.evaluation import Coverage, Reliability, markdown_table
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.progress import progress
@@ -168,7 +167,7 @@ def summary_table(rows: Sequence[Row]) -> str:
     for row in rows:
         surest = np.interp(SUREST, *row.coverage)
         numbers = [row.points.confidence.mean(dtype=float), row.points.right.mean()]
-        numbers += [evaluation.calibration_error(row.bins), *surest]
+        numbers += [evaluation.reliability_error(row.bins), *surest]
         counts = [f"{row.points.frames:,}", f"{len(row.points.right):,}"]
         lines.append([row.model, row.records, *counts, *map(percent, numbers)])
     return markdown_table(titles, lines)

@@ -35,11 +35,11 @@ from experiments.build import build_pairs, prepare_spec
 from experiments.command import run_study, study_parser
 from experiments.configs import default, varied
 from experiments.detectors import choose_rates, detector_methods
+from experiments.enhance import model_methods
 from experiments.evaluate import score_records, view_of
-from experiments.tables import markdown_table
-from experiments.tasks.enhance import model_methods
 from jradar import data, evaluation
 from jradar.errors import UsageError
+from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.progress import progress
@@ -90,7 +90,7 @@ def study(options: Namespace) -> None:
         seen: Confidences = {}
         rows += score_shift(folder, shift, models, rates, seen, quick=options.quick)
         for name, model in models.items():
-            if model.spec.trust is not None:
+            if model.trust is not None:
                 doubts[name, shift] = warning(folder, model, seen.get(name, {}))
     path = options.output / "evaluation" / "frames.jsonl"
     evaluation.write_scores(path, rows)
@@ -173,7 +173,7 @@ def warning(
 
     The confidence is NaN for a model without one.
     """
-    trust = model.spec.trust
+    trust = model.trust
     assert trust is not None
     records = data.Records(folder, "test")
     conditions = np.stack([p.condition for p in build_pairs(model.spec, records)])

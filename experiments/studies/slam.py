@@ -10,26 +10,20 @@ Beside it stands `jradar odometry`. APE and RPE are rms values, as evo defines t
 the radar's places. `still` is the APE of a trajectory that never moves.
 """
 
-import collections
 import sys
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from experiments.command import run_study, study_parser
 from experiments.evaluate import points_of
-from experiments.fusing import Seen, see
-from experiments.tables import markdown_table
+from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.lidar import interpolate_poses
-from jradar.model import Model, draw, fuse, load_model
+from jradar.model import Model, load_model
 from jradar.motion import (
-    Follower,
     frame_velocities,
     odometry,
     position_errors,
@@ -38,13 +32,12 @@ from jradar.motion import (
 from jradar.motion.velocities import POINTS
 from jradar.progress import progress
 from jradar.radar import radar_points
-from jradar.range_image import condition_image, confident, unproject
 from jradar.recordings import (
     Recording,
-    calibrated_cube,
     nearest_scan,
     open_recording,
 )
+from jradar.session import enhance_recording
 
 SURE, FUSED = 0.5, 3  # confidence and number of frames of the rows that have them
 VOXEL_M, NEAREST_M, FARTHEST_M = 0.3, 0.5, 15.0
@@ -73,7 +66,7 @@ def study(options: Namespace) -> None:
 
 def trajectory_rows(recording: Recording, model: Model) -> list[list[str]]:
     """Return the errors of each trajectory of a recording."""
-    middle = np.asarray(recording.cubes.stamps) + recording.radar.frame_middle_s
+    middle = np.asarray(recording.cubes.stamps) + recording.radar.spec.frame_middle_s
     true = interpolate_poses(recording.poses, middle) @ recording.base_from_radar
     velocities = frame_velocities(recording)
     found = {
@@ -118,11 +111,10 @@ def kiss_icp_poses(clouds: Iterable[np.ndarray]) -> np.ndarray:
 
 def detections(recording: Recording) -> Iterator[np.ndarray]:
     """Yield the OS-CFAR detections of each frame."""
-    spec = POINTS.fitted(recording.radar)
+    radar = recording.radar
     for frame in range(len(recording.cubes)):
-        cube = calibrated_cube(recording, frame)
-        cloud = radar_points(cube, recording.radar, points=spec, **_unit(recording))
-        yield points_of(cloud)
+        cube, points = recording.cube(frame), POINTS.fitted(radar.spec)
+        yield points_of(radar_points(cube, radar, points=points))
 
 
 def enhanced(recording: Recording, model: Model) -> dict[str, list[np.ndarray]]:
@@ -133,37 +125,17 @@ def enhanced(recording: Recording, model: Model) -> dict[str, list[np.ndarray]]:
     """
     names = ("enhanced", f"confidence {SURE}", f"{FUSED} frames fused")
     found: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    follower = Follower(recording._replace(poses=None), frames=FUSED)
-    last = collections.deque[Seen](maxlen=FUSED)
-    view, spec = model.spec.coarse, model.spec.points.fitted(recording.radar)
-    with progress("enhancing", len(recording.cubes), unit="frames") as show:
-        for frame in range(len(recording.cubes)):
-            cube = calibrated_cube(recording, frame)
-            cloud = radar_points(cube, recording.radar, points=spec, **_unit(recording))
-            seen = condition_image(cloud, view, num_slices=model.spec.num_slices)
-            image = draw(jax.random.key(0), seen, model)
-            last.appendleft(see(cloud, seen, model, recording.radar))
-            poses = follower.step(frame, np.asarray(last[0].velocity))
-            together = jax.tree.map(lambda *values: jnp.stack(values), *last)
-            fused = fuse(
-                together.mixture,
-                jnp.asarray(poses, jnp.float32),
-                model.spec,
-                moving=together.moving,
-            )
-            for name, chosen in zip(
-                names, (image, confident(image, SURE), fused), strict=True
-            ):
-                found[name].append(
-                    points_of(unproject(chosen.range_m, model.spec.fine))
-                )
-            show(frame + 1, recording.name)
+    with progress("enhancing", 2 * len(recording.cubes), unit="frames") as show:
+        for frame in enhance_recording(recording, model):
+            sure = np.asarray(frame.cloud.confidence) >= SURE
+            found[names[0]].append(points_of(frame.cloud))
+            found[names[1]].append(np.asarray(frame.cloud.xyz)[sure])
+            show(len(found[names[1]]), recording.name)
+        alone = recording._replace(poses=None)
+        for frame in enhance_recording(alone, model, fuse=FUSED):
+            found[names[2]].append(points_of(frame.cloud))
+            show(len(recording.cubes) + len(found[names[2]]), recording.name)
     return found
-
-
-def _unit(recording: Recording) -> dict[str, Any]:
-    """What belongs to the recording's unit."""
-    return {"coupling": recording.coupling, "range_bias_m": recording.range_bias_m}
 
 
 def scans(recording: Recording) -> Iterator[np.ndarray]:

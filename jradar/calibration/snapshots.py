@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jradar.radar.channels import compensate_tdm, subtract_coupling
+from jradar.radar.channels import calibrate, compensate_tdm, subtract_leakage
 from jradar.radar.peaks import window_offset
+from jradar.radar.radar import Radar
 from jradar.radar.samples import Cube
-from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import range_doppler
 
 MIN_RANGE_M = 0.5  # nearer, the leakage of the antennas is no plane wave
@@ -27,25 +27,18 @@ class Snapshots(NamedTuple):
     power: Float[Array, "*batch echo"]  # ADC counts squared, summed over antennas
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "count"))
-def strong_snapshots(
-    cube: Cube,
-    radar: RadarSpec,
-    *,
-    coupling: Complex[Array, "tx rx half_range"] | None = None,
-    count: int = 64,
-) -> Snapshots:
+@functools.partial(jax.jit, static_argnames="count")
+def strong_snapshots(cube: Cube, radar: Radar, *, count: int = 64) -> Snapshots:
     """Return the `count` strongest echoes of one frame, beyond 0.5 m; `vmap` it.
 
-    An echo is a maximum of the range-Doppler map, 20 dB over the median cell.
-    `coupling` is the leakage for `subtract_coupling`.
+    An echo is a maximum of the range-Doppler map, 20 dB over the median cell. The
+    radar's calibration is applied first.
     """
-    range_window = "hann" if coupling is None else "blackman"
-    if coupling is None:
-        spectrum, power = range_doppler(cube)
-    else:
-        spectrum, _ = range_doppler(cube, range_window=range_window)
-        spectrum = subtract_coupling(spectrum, coupling)
+    spec, cube = radar.spec, calibrate(cube, radar)
+    range_window = "hann" if radar.leakage is None else "blackman"
+    spectrum, power = range_doppler(cube, range_window=range_window)
+    if radar.leakage is not None:
+        spectrum = subtract_leakage(spectrum, radar.leakage)
         power = (spectrum.real**2 + spectrum.imag**2).sum(0)
     num_doppler, num_range = power.shape
     left, right = (jnp.roll(power, shift, -1) for shift in (1, -1))
@@ -54,7 +47,7 @@ def strong_snapshots(
     if num_doppler > 1:
         highest &= (power > below) & (power >= above)
     range_bin = np.arange(num_range)
-    usable = (range_bin * radar.range_resolution_m > MIN_RANGE_M) & (
+    usable = (range_bin * spec.range_resolution_m > MIN_RANGE_M) & (
         range_bin < num_range - 2  # into which the window spreads the leakage
     )
     found, cell = jax.lax.top_k(
@@ -70,11 +63,11 @@ def strong_snapshots(
     if num_doppler > 2:
         doppler_bin += between(below, above, "hann", num_doppler)
     range_bin = column + between(left, right, range_window, num_range)
-    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
+    snapshot = spectrum.reshape(spec.num_virtual, -1)[:, cell].T
+    snapshot = compensate_tdm(snapshot, doppler_bin, spec)
     return Snapshots(
         snapshot=jnp.where(found[:, None] > 0, snapshot, 0.0),
-        range_m=range_bin * radar.range_resolution_m,
-        velocity_mps=doppler_bin * radar.velocity_resolution_mps,
+        range_m=range_bin * spec.range_resolution_m,
+        velocity_mps=doppler_bin * spec.velocity_resolution_mps,
         power=found,
     )

@@ -5,19 +5,19 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Float, Inexact, Int
 
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSteps, interpolate_poses, preprocess
 from jradar.radar import (
     Cells,
-    RadarSpec,
+    Radar,
     all_cells,
     cell_points,
     detect,
 )
-from jradar.recordings.recording import Recording, Stream, calibrated_cube
+from jradar.recordings.recording import Recording, Stream
 from jradar.types import PointCloud
 
 MAX_DROPPED = 0.5  # largest fraction of radar frames that may be dropped
@@ -123,16 +123,10 @@ def prepare_frame(
     """
     stamps, lidar, lidar_stamps = _timed(recording)
     stamp, lidar_stamp = float(stamps[radar_index]), float(lidar_stamps[lidar_index])
-    cube = calibrated_cube(recording, radar_index)
+    cube = recording.cube(radar_index)
     if not np.any(cube):
         raise EmptyFrame(recording.name, radar_index, NO_ECHO)
-    cells, cloud, trusted = radar_side(
-        cube,
-        recording.radar,
-        spec,
-        coupling=recording.coupling,
-        range_bias_m=recording.range_bias_m,
-    )
+    cells, cloud, trusted = radar_side(cube, recording.radar, spec)
     world_from_radar, world_from_lidar = sensor_poses(recording, stamp, lidar_stamp)
     trusted_xyz = np.asarray(trusted.xyz)[np.asarray(trusted.valid)]
     steps = preprocess(
@@ -154,7 +148,7 @@ def prepare_frame(
         cells=jax.tree.map(np.asarray, cells),
         radar=jax.tree.map(np.asarray, cloud),
         lidar_xyz=steps.xyz[steps.visible],
-        range_bias_m=recording.range_bias_m,
+        range_bias_m=float(recording.radar.range_bias_m),
     )
     return frame, steps, trusted_xyz
 
@@ -189,25 +183,24 @@ def sensor_poses(
     return base[0] @ radar, base[1] @ lidar
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "spec", "range_bias_m"))
+@functools.partial(jax.jit, static_argnames="spec")
 def radar_side(
-    cube: Complex[Array | np.ndarray, "tx rx chirp sample"],
-    radar: RadarSpec,
+    cube: Inexact[Array | np.ndarray, "tx rx chirp sample"],
+    radar: Radar,
     spec: PrepareSpec,
-    *,
-    coupling: Complex[Array | np.ndarray, "tx rx half_range"] | None = None,
-    range_bias_m: float = 0.0,
 ) -> tuple[Cells, PointCloud, PointCloud]:
     """Return the cells, the condition's cloud and the visibility filter's cloud."""
-    condition, trusted = spec.points.fitted(radar), spec.visible_points.fitted(radar)
-    cells = all_cells(cube, radar, points=condition, coupling=coupling)
+    condition, trusted = (
+        points.fitted(radar.spec) for points in (spec.points, spec.visible_points)
+    )
+    cells = all_cells(cube, radar, points=condition)
     trusted_cells = cells
     if condition.angles != trusted.angles:
-        trusted_cells = all_cells(cube, radar, points=trusted, coupling=coupling)
+        trusted_cells = all_cells(cube, radar, points=trusted)
 
     def cloud(cells, points):
-        points = points.subtracting(coupling)
-        mask = detect(cells.power, radar, points=points)
-        return cell_points(cells, mask, radar, points=points, range_bias_m=range_bias_m)
+        seen = points.subtracting(radar.leakage)
+        mask = detect(cells.power, radar.spec, points=seen)
+        return cell_points(cells, mask, radar, points=points)
 
     return cells, cloud(cells, condition), cloud(trusted_cells, trusted)

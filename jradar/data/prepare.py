@@ -11,6 +11,7 @@ processed with its own radar. The manifest's `radar` is that of most sequences, 
 `other_radars` lists the others with the names of their sequences.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -38,7 +39,7 @@ from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
 from jradar.files import lock_folder, read_json, remove_leftovers, write_text
 from jradar.progress import progress
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings.recording import Recording
 
 COMPARED = ("radar", "options", "frames", "names")  # fields of the manifest
@@ -82,6 +83,7 @@ def prepare(
     """
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)
+    _check_contents(folder)  # before a lock is left there
     with lock_folder(folder):
         of_radar = _radars(sources)
         head = _head(sources, of_radar, spec, frames)
@@ -116,6 +118,25 @@ def prepare(
     return manifest
 
 
+def describe_manifest(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return the frames of each sequence, why others were dropped, and notes."""
+    sequences = manifest["sequences"]
+    return {
+        "frames": sum(s["frames"] for s in sequences),
+        "sequences": [
+            {name: s[name] for name in ("name", "split", "frames")}
+            | {"dropped": sum(s["dropped"].values())}
+            for s in sequences
+        ],
+        "dropped": [
+            {"sequence": s["name"], "frames": count, "reason": reason}
+            for s in sequences
+            for reason, count in s["dropped"].items()
+        ],
+        "notes": [f"{s['name']}: {note}" for s in sequences for note in s["notes"]],
+    }
+
+
 def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, Any]:
     """Write the shard of a job if it is missing, and return its description."""
     path = Path(job.path)
@@ -147,10 +168,10 @@ def _remove_leftovers(jobs):
 
 def _try_options(radars, spec):
     """Trace the processing of a frame; ValueError for options that do not suit it."""
-    for radar in radars:
-        dtype = np.float32 if radar.real_samples else np.complex64
-        cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
-        jax.eval_shape(functools.partial(radar_side, radar=radar, spec=spec), cube)
+    for radar in map(Radar, radars):
+        dtype = np.float32 if radar.spec.real_samples else np.complex64
+        cube = jax.ShapeDtypeStruct(radar.spec.cube_shape, dtype)
+        jax.eval_shape(functools.partial(radar_side, spec=spec), cube, radar)
 
 
 @functools.lru_cache(maxsize=4)
@@ -165,7 +186,7 @@ def _radars(sources) -> dict[RadarSpec, list[str]]:
     """
     of_radar: dict[RadarSpec, list[str]] = {}
     for source in sources:
-        of_radar.setdefault(source.open().radar, []).append(source.name)
+        of_radar.setdefault(source.open().radar.spec, []).append(source.name)
     radars = sorted(of_radar, key=lambda radar: -len(of_radar[radar]))  # stable
     if len({tuple(getattr(r, name) for name in ARRAY) for r in radars}) > 1:
         names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
@@ -201,18 +222,27 @@ def _other_radars(radars, of_radar):
     return {"other_radars": listed} if listed else {}
 
 
+def _check_contents(folder) -> dict[str, Any]:
+    """Return the manifest, {} in an empty folder; UsageError for other contents."""
+    found = {}
+    with contextlib.suppress(FileNotFoundError, ValueError):  # somebody else's
+        found = read_json(folder / "manifest.json")
+    entries = folder.iterdir() if folder.exists() else ()
+    shown = sorted(entry.name for entry in entries if entry.name != ".lock")
+    if shown and not set(COMPARED) <= set(found):
+        raise UsageError(
+            f"{folder} is neither empty nor a folder of records, it holds {shown[0]}: "
+            "choose another -o"
+        )
+    return found
+
+
 def _check_options(folder, head):
     """Raise UsageError for a folder of other options, sources or contents.
 
     A preparation that has not finished a shard loses its claim on the folder.
     """
-    path = folder / "manifest.json"
-    found = read_json(path) if path.exists() else {}
-    shown = [entry for entry in folder.iterdir() if entry.name != ".lock"]
-    if shown and not set(COMPARED) <= set(found):
-        raise UsageError(
-            f"{folder} is neither empty nor a folder of records: choose another -o"
-        )
+    found = _check_contents(folder)
     wanted = json.loads(json.dumps(head))
     keys = (*COMPARED, *OPTIONAL)
     changed = [key for key in keys if found and found.get(key) != wanted.get(key)]
@@ -230,7 +260,8 @@ def _difference(found, wanted, key):
         return "{} were listed, now {} with other fields".format(*count)
     if isinstance(old, dict) and isinstance(new, dict):
         field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
-        return f"{field} was {old.get(field)}, now {new.get(field)}"
+        inner = _difference(old, new, field)  # of a spec within a spec, its own field
+        return inner if " was " in inner else f"{field} was {inner}"
     if key == "names":
         gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
         return f"{len(gone)} removed {gone[:3]}, {len(added)} added {added[:3]}"
@@ -275,7 +306,7 @@ def _summary(source, jobs, descriptions, spec, frames):
     check_dropped(source.name, count, dropped)
     reasons = [*dropped.values()]
     keys = ("file", "frames", "bytes", "sha256")
-    points = spec.points.subtracting(recording.coupling)
+    points = spec.points.subtracting(recording.radar.leakage)
     return {
         "name": source.name,
         "split": source.split,

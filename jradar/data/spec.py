@@ -17,28 +17,18 @@ class PrepareSpec:
 
     The condition uses nearly every cell (`false_alarm_rate` close to 1, section III-A).
     The visibility filter of the LiDAR trusts only points that are detected at
-    `visible_false_alarm_rate`. `angles` is how directions are found for the condition,
-    as in `PointSpec`; the filter always uses "fft". Raises ValueError for values that
-    cannot be used.
+    `visible_false_alarm_rate`, with directions by "fft". Raises ValueError for values
+    that cannot be used.
     """
 
-    capacity: int = 1024  # points of the radar cloud
-    detector: str = "os"
-    false_alarm_rate: float = 1.0
+    points: PointSpec = PointSpec(false_alarm_rate=1.0)  # of the condition
     visible_false_alarm_rate: float = 1e-3
-    guard: tuple[int, int] = PointSpec.guard  # cells in (doppler, range)
-    train: tuple[int, int] = PointSpec.train
-    angles: str = "fft"
-    flip_azimuth: bool = False
-    flip_elevation: bool = False
-    remove_interference: bool = False  # crossing chirps of other radars
     tolerance_s: float = 0.05  # between a radar frame and its LiDAR scan
     block: int = 32  # frames in a shard
     lidar: LidarSpec = LidarSpec()
 
     def __post_init__(self):
         """Refuse values that cannot be used, naming the field."""
-        _ = self.points  # checks its own fields
         if not 0 < (rate := self.visible_false_alarm_rate) <= 1:
             raise ValueError(
                 f"visible_false_alarm_rate = {rate}, expected 0 < rate <= 1"
@@ -49,21 +39,6 @@ class PrepareSpec:
             raise ValueError(f"block = {self.block}, expected 1 or more frames")
 
     @property
-    def points(self) -> PointSpec:
-        """Options of the condition's points."""
-        return PointSpec(
-            capacity=self.capacity,
-            detector=self.detector,
-            false_alarm_rate=self.false_alarm_rate,
-            guard=self.guard,
-            train=self.train,
-            angles=self.angles,
-            flip_azimuth=self.flip_azimuth,
-            flip_elevation=self.flip_elevation,
-            remove_interference=self.remove_interference,
-        )
-
-    @property
     def visible_points(self) -> PointSpec:
         """Options of the points that the visibility filter trusts."""
         rate = self.visible_false_alarm_rate
@@ -71,7 +46,7 @@ class PrepareSpec:
 
     @classmethod
     def from_toml(cls, path: Path | str) -> "PrepareSpec":
-        """Return the fields in a TOML file; its table [lidar] is the `LidarSpec`.
+        """Return the fields in a TOML file; its tables are [points] and [lidar].
 
         Raises UsageError for unknown fields and for values that cannot be used.
         """

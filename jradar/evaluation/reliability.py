@@ -1,8 +1,9 @@
 """Whether confidence holds: of points with a confidence of 70 %, 70 % should be right.
 
 A point is right if the truth has a point nearby. The reliability of a confidence is the
-share of right points in bins of confidence, and its calibration error is the mean
-distance between the two (Guo et al., "On Calibration of Modern Neural Networks", 2017).
+share of right points in bins of confidence, and its error is the mean distance between
+the two (the expected calibration error of Guo et al., "On Calibration of Modern Neural
+Networks", 2017).
 The precision over the coverage says what a threshold buys: how many of the points are
 right if only the most confident are kept.
 
@@ -77,8 +78,8 @@ def reliability(
         return Reliability(points, sums[0] / points, sums[1] / points)
 
 
-def calibration_error(found: Reliability) -> float:
-    """Return the expected calibration error, 0 to 1: the bins' mean, by points."""
+def reliability_error(found: Reliability) -> float:
+    """Return the mean distance of confidence and share, 0 to 1, weighted by points."""
     gap = np.abs(np.nan_to_num(found.confidence - found.right))
     return float((found.points * gap).sum() / found.points.sum())
 

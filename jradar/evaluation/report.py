@@ -29,7 +29,7 @@ from jradar.errors import parsing
 from jradar.evaluation.scores import Scores, read_scores
 from jradar.evaluation.tables import (
     COLUMNS,
-    format_score,
+    IN_SCENES,
     markdown,
     paper_tables,
     pooled_table,
@@ -46,6 +46,7 @@ from jradar.viz import (
     save_figure,
     write_page,
 )
+from jradar.viz.page import checked_points
 
 MAX_CLOUD_BYTES = 1 << 30
 CLOUDS_NOTE = "clouds.txt"  # marks the folder of clouds as written here
@@ -53,7 +54,6 @@ MAX_REPORT_BYTES = 10_000_000
 SPARSE = 2000  # points; clouds with fewer are drawn with larger dots
 DRAWN = ("curves.png", "clouds.png", "training.png")
 OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
-SHOWN_SCORES = ("chamfer", "modified_hausdorff", "f_score_0.2")
 
 
 def save_clouds(
@@ -88,28 +88,10 @@ def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.nda
                     raise ValueError(f"{entry} is not scene, sequence, frame and name")
                 if inside("", sequence, source=path).parts[1:]:
                     raise ValueError(f"the sequence {sequence!r} is not a plain name")
-                points = arrays[f"cloud_{i}"]
-                _check_points(points, f"{name} of frame {frame}")
+                points = np.asarray(arrays[f"cloud_{i}"], np.float32)
+                points = checked_points(points, f"{name} of frame {frame}")
                 clouds.setdefault((scene, sequence, frame), {})[name] = points
     return clouds
-
-
-def _check_points(points: np.ndarray, name: str) -> None:
-    """Raise ValueError unless the array is a cloud of `save_clouds`."""
-    columns = points.shape[1] if points.ndim == 2 else 0
-    if columns not in (3, 4) or points.dtype != np.float32:
-        raise ValueError(
-            f"{name} is {points.dtype} of shape {points.shape}, expected float32 "
-            "[point, 3] or [point, 4]"
-        )
-    if not np.isfinite(points).all():
-        raise ValueError(f"{name} has infinite points")
-    confidence = points[:, 3:]
-    if ((confidence < 0) | (confidence > 1)).any():
-        raise ValueError(
-            f"{name} has confidences of {confidence.min():g} to {confidence.max():g}, "
-            "expected 0 to 1"
-        )
 
 
 def build_report(run: Path | str) -> Path:
@@ -129,7 +111,7 @@ def build_report(run: Path | str) -> Path:
     for truth in truths:
         parts = paper_tables(summary, truth=truth, intervals=True)
         tables[f"Scenes, against {truth}"] = "\n".join(parts)
-    tables["Every score"] = markdown(summary, milliseconds=True)
+    tables["Every score"] = markdown(summary, columns=COLUMNS)
     errors: dict[str, dict[str, list[float]]] = {}
     for row in first:
         by_method = errors.setdefault(row["scene"], {})
@@ -214,8 +196,8 @@ def _frames(clouds, scores: Scores) -> list[CloudFrame]:
     for row in scores:
         place = (row["scene"], row["sequence"], row["frame"])
         texts.setdefault(place, {})[row["method"]] = {
-            COLUMNS[name]: format_score(row[name], name)
-            for name in SHOWN_SCORES
+            COLUMNS[name].title: COLUMNS[name].text(row[name])
+            for name in IN_SCENES
             if np.isfinite(row[name])
         }
     title = {place: ", ".join(str(p) for p in place if p != "") for place in clouds}

@@ -1,7 +1,6 @@
 """Several runs side by side: merged scores, and tests of their differences."""
 
-import csv
-import io
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,10 +8,16 @@ import jax
 from jaxtyping import Array, Key
 
 from jradar.evaluation.scores import IDENTITY, Scores, read_scores
-from jradar.evaluation.statistics import Comparison, compare_methods
-from jradar.evaluation.tables import COLUMNS, format_score
+from jradar.evaluation.statistics import compare_methods
+from jradar.evaluation.tables import (
+    COLUMNS,
+    IN_SCENES as COMPARED,
+    csv_number,
+    csv_text,
+    markdown_table,
+)
 
-COMPARED = ("chamfer", "modified_hausdorff", "f_score_0.2")
+TITLES = ("95 % interval", "p, t-test", "p, sign flips", "frames", "left out")
 
 
 def read_runs(runs: Sequence[Path | str]) -> Scores:
@@ -47,89 +52,71 @@ def read_runs(runs: Sequence[Path | str]) -> Scores:
 
 
 def comparison_table(
-    key: Key[Array, ""],
-    scores: Scores,
-    *,
-    reference: str,
-    score: str = "chamfer",
-    truth: str | None = None,
+    key: Key[Array, ""], scores: Scores, *, reference: str, score: str = "chamfer"
 ) -> str:
     """Return each method minus `reference` on the same frames, as a Markdown table.
 
-    Scenes are pooled. Columns are the difference, its 95 % interval and both p-values
-    of `compare_paired`. `truth` is by default the first one. Raises ValueError if no
-    method is called `reference`.
+    Scores are against the first truth, and scenes are pooled. Columns are the
+    difference, its 95 % interval and both p-values of `compare_paired`. Raises
+    ValueError if no method is called `reference`.
     """
-    against = truth or str(scores[0]["truth"])
+    against = scores[0]["truth"]
     by_method = _by_method(scores, against)
     if reference not in by_method:
         raise ValueError(
             f"{reference=}, expected one of {[*by_method]} against {against!r}"
         )
     lines = [
-        f"| {COLUMNS[score]}, minus {reference} | difference | 95 % interval "
-        "| p, t-test | p, sign flips | frames | left out |",
-        "|---" * 7 + "|",
+        [method, *_cells(jax.random.fold_in(key, i), rows, by_method[reference], score)]
+        for i, (method, rows) in enumerate(by_method.items())
+        if method != reference
     ]
-    for i, (method, rows) in enumerate(by_method.items()):
-        if method != reference:
-            found = compare_methods(
-                jax.random.fold_in(key, i), rows, by_method[reference], score=score
-            )
-            lines.append(f"| {method} | {_cells(found, score)} |")
-    return "\n".join(lines) + "\n"
+    title = f"{COLUMNS[score].title}, minus {reference}"
+    return markdown_table([title, "difference", *TITLES], lines)
 
 
-def runs_table(
-    key: Key[Array, ""], first: Scores, second: Scores, *, truth: str | None = None
-) -> str:
+def runs_table(key: Key[Array, ""], first: Scores, second: Scores) -> str:
     """Return the second run minus the first, frame by frame, as a Markdown table.
 
     It has a line for each method and score, and the columns of `comparison_table`.
     Methods with equal scores in both runs are only named. Raises ValueError if the runs
     have no method in common.
     """
-    against = truth or str(first[0]["truth"])
+    against = first[0]["truth"]
     sides = [_by_method(scores, against) for scores in (first, second)]
     common = [method for method in sides[0] if method in sides[1]]
     if not common:
         raise ValueError(
             f"no method in common against {against!r}: {[*sides[0]]} and {[*sides[1]]}"
         )
-    lines = [
-        "| method | score | second minus first | 95 % interval | p, t-test "
-        "| p, sign flips | frames | left out |",
-        "|---" * 8 + "|",
-    ]
-    same = []
+    lines, same = [], []
     for i, method in enumerate(common):
-        rows = [side[method] for side in sides]
-        if _results(rows[0], method) == _results(rows[1], method):
+        before, after = (side[method] for side in sides)
+        if _results(before, method) == _results(after, method):
             same.append(method)
             continue
-        for score in COMPARED:
-            found = compare_methods(
-                jax.random.fold_in(key, i), rows[1], rows[0], score=score
-            )
-            lines.append(f"| {method} | {COLUMNS[score]} | {_cells(found, score)} |")
-    text = "\n".join(lines) + "\n"
+        own = jax.random.fold_in(key, i)
+        lines += [
+            [method, COLUMNS[score].title, *_cells(own, after, before, score)]
+            for score in COMPARED
+        ]
+    titles = ["method", "score", "second minus first", *TITLES]
+    text = markdown_table(titles, lines)
     return text + (f"\nThe same in both: {', '.join(same)}.\n" if same else "")
 
 
 def frames_csv(first: Scores, second: Scores) -> str:
     """Return every frame's scores in both runs and their difference, as CSV."""
     found = {tuple(row[f] for f in IDENTITY): row for row in first}
-    text = io.StringIO()
-    write = csv.writer(text, lineterminator="\n").writerow
-    parts = ("first", "second", "difference")
-    write([*IDENTITY, *(f"{score} {part}" for score in COMPARED for part in parts)])
+    rows = []
     for row in second:
-        place = tuple(row[f] for f in IDENTITY)
-        if (before := found.get(place)) is not None:
-            pairs = [(before[score], row[score]) for score in COMPARED]
-            numbers = [x for a, b in pairs for x in (a, b, b - a)]
-            write([*place, *(f"{x:.6g}" if x == x else "" for x in numbers)])
-    return text.getvalue()
+        if (before := found.get(tuple(row[f] for f in IDENTITY))) is not None:
+            rows.append({field: row[field] for field in IDENTITY})
+            for score in COMPARED:
+                a, b = before[score], row[score]
+                parts = {"first": a, "second": b, "difference": b - a}
+                rows[-1] |= {f"{score} {k}": csv_number(v) for k, v in parts.items()}
+    return csv_text(rows)
 
 
 def _by_method(scores: Scores, truth: str) -> dict[str, Scores]:
@@ -140,10 +127,13 @@ def _by_method(scores: Scores, truth: str) -> dict[str, Scores]:
     return found
 
 
-def _cells(found: Comparison, score: str) -> str:
-    mean, low, high = (format_score(x, score, sign="+") for x in found.difference[:3])
+def _cells(key: Key[Array, ""], rows: Scores, other: Scores, score: str) -> list[str]:
+    """Return the difference of two methods' rows, its interval, tests and frames."""
+    found = compare_methods(key, rows, other, score=score)
+    text = functools.partial(COLUMNS[score].text, sign="+")
+    mean, low, high = map(text, found.difference[:3])
     cells = [mean, f"{low} .. {high}", f"{found.t_test:.2g}", f"{found.sign_flip:.2g}"]
-    return " | ".join([*cells, str(found.difference.frames), str(found.left_out)])
+    return [*cells, str(found.difference.frames), str(found.left_out)]
 
 
 def _results(scores, method):

@@ -70,7 +70,6 @@ def compare_paired(
     first: Series,
     second: Series,
     *,
-    confidence: float = 0.95,
     flips: int = 9999,
 ) -> Comparison:
     """Return the mean difference of two methods on the same frames, with two tests.
@@ -85,7 +84,7 @@ def compare_paired(
     if lengths[0] != lengths[1]:
         raise ValueError(f"sequences of {lengths[0]} and of {lengths[1]} frames")
     differences = [a - b for a, b in zip(first, second, strict=True)]
-    difference = mean_interval(differences, confidence=confidence)
+    difference = mean_interval(differences)
     mean, variance, freedom, frames, _, reach = _analyse(differences)
     statistic = np.inf if variance == 0 else abs(mean) / np.sqrt(variance)
     t_test = 1.0 if mean == 0 else float(2 * student.sf(statistic, freedom))

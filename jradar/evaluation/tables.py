@@ -2,51 +2,76 @@
 
 Distances are means over the frames in which the method found points. A frame without
 points has the F-score 0. The number of such frames is printed beside the means.
+
+`summarise` groups rows and `markdown` prints the groups: any rows with a `sequence`, a
+`frame`, `points`, `truth_points` and some of the scores in `COLUMNS`. `markdown_table`
+and `csv_text` write what is a table already.
 """
 
 import csv
 import io
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jradar.evaluation.scores import DISTANCES, F_SCORES, read_scores
-from jradar.evaluation.statistics import Estimate, mean_interval
+from jradar.evaluation.scores import DISTANCES, read_scores
+from jradar.evaluation.statistics import mean_interval
 from jradar.files import write_text
 
 Style = Literal["markdown", "latex"]
 Summary = list[dict[str, Any]]
 
+
+class Column(NamedTuple):
+    """How a score is printed, and whether the least or the most is best."""
+
+    title: str
+    digits: int = 3
+    scale: float = 1.0
+    best: Callable = min
+
+    def text(self, value: float, *, sign: str = "") -> str:
+        """Return a value as printed."""
+        return f"{self.scale * value:{sign}.{self.digits}f}"
+
+
 COLUMNS = {
-    "chamfer": "CD (m)",
-    "modified_hausdorff": "MHD (m)",
-    "f_score_0.1": "F 0.1 m (%)",
-    "f_score_0.2": "F 0.2 m (%)",
-    "f_score_0.5": "F 0.5 m (%)",
-    "points": "points",
+    "chamfer": Column("CD (m)"),
+    "modified_hausdorff": Column("MHD (m)"),
+    "f_score_0.1": Column("F 0.1 m (%)", 1, 100.0, max),
+    "f_score_0.2": Column("F 0.2 m (%)", 1, 100.0, max),
+    "f_score_0.5": Column("F 0.5 m (%)", 1, 100.0, max),
+    "points": Column("points", 0, best=max),
+    "milliseconds": Column("ms", 1),
 }
+REPEATED = tuple(COLUMNS)[:-1]  # of the same clouds, on any machine
+IN_SCENES = (*DISTANCES, "f_score_0.2")  # of the paper's tables
 TABLE_II = ("corridor", "hall")
-TIME = {"milliseconds": "ms"}
 BOLD = {"markdown": ("**", "**"), "latex": (r"\textbf{", "}")}
 PLUS_MINUS = {"markdown": "±", "latex": r"$\pm$"}
 MARK = {"markdown": " †", "latex": r"\textsuperscript{\dag}"}
 
 
-def summarise(scores: Iterable[dict[str, Any]]) -> Summary:
-    """Return an `Estimate` of every score, a row for each truth, scene and method.
+def summarise(
+    scores: Iterable[dict[str, Any]],
+    *,
+    by: tuple[str, ...] = ("truth", "scene", "method"),
+    columns: Sequence[str] = tuple(COLUMNS),
+) -> Summary:
+    """Return an `Estimate` of every column, a row for each combination of `by`.
 
     Rows are in order of appearance. `empty` counts frames in which the method found
     nothing; `no_truth` counts frames with an empty truth, which are left out.
     """
     groups: dict[tuple, dict[str, list]] = {}
     for row in scores:
-        group = (row["truth"], row["scene"], row["method"])
-        groups.setdefault(group, {}).setdefault(row["sequence"], []).append(row)
+        group = groups.setdefault(tuple(row[name] for name in by), {})
+        group.setdefault(row["sequence"], []).append(row)
     summary = []
-    for (truth, scene, method), sequences in groups.items():
+    for group, sequences in groups.items():
         ordered = [
             [r for r in sorted(rows, key=lambda r: r["frame"]) if r["truth_points"]]
             for rows in sequences.values()
@@ -54,95 +79,85 @@ def summarise(scores: Iterable[dict[str, Any]]) -> Summary:
         rows = [row for sequence in ordered for row in sequence]
         estimates = {
             column: mean_interval([[r[column] for r in s] for s in ordered])
-            for column in (*COLUMNS, *TIME)
+            for column in columns
         }
         counts = {
             "frames": len(rows),
             "empty": sum(not row["points"] for row in rows),
             "no_truth": sum(map(len, sequences.values())) - len(rows),
         }
-        names = {"truth": truth, "scene": scene, "method": method}
+        names = dict(zip(by, group, strict=True))
         summary.append({**names, **estimates, **counts})
     return summary
 
 
 def markdown(
-    summary: Summary, *, intervals: bool = False, milliseconds: bool = False
+    summary: Summary,
+    *,
+    columns: Collection[str] = REPEATED,
+    intervals: bool = False,
+    bold: bool = False,
 ) -> str:
     """Return a summary as a Markdown table, F-scores in percent.
 
-    Truth and scene are columns if they vary. `intervals` adds half the width of the
-    95 % interval to each mean.
+    What all rows are grouped by is a column if it varies, and the last of it always.
+    `intervals` adds half the width of the 95 % interval to each mean. `bold` marks the
+    best of each column among the rows that differ only in the last name.
     """
-    columns = COLUMNS | (TIME if milliseconds else {})
-    names = [
-        name
-        for name in ("truth", "scene", "method")
-        if name == "method" or len({row[name] for row in summary}) > 1
-    ]
-    lines = [[*names, *columns.values(), "frames", "empty"]]
+    *others, last = (name for name in summary[0] if isinstance(summary[0][name], str))
+    names = [name for name in others if len({row[name] for row in summary}) > 1]
+    names += [last]
+    lines = []
     for row in summary:
-        cells = [_number(row[c], c, intervals, "markdown") for c in columns]
-        lines.append([row[n] for n in names] + cells + [row["frames"], row["empty"]])
-    return _markdown_lines(lines)
+        alike = [r for r in summary if all(r[name] == row[name] for name in others)]
+        cells = _cells(row, columns, alike if bold else [], intervals=intervals)
+        heads = [row[name] for name in names]
+        lines.append([*heads, *cells, row["frames"], row["empty"]])
+    titles = [COLUMNS[column].title for column in columns]
+    return markdown_table([*names, *titles, "frames", "empty"], lines)
 
 
 def scenes_table(
     summary: Summary,
     *,
-    truth: str | None = None,
-    scenes: Sequence[str] | None = None,
+    truth: str,
+    scenes: Sequence[str],
     style: Style = "markdown",
-    threshold_m: float = 0.2,
     intervals: bool = False,
 ) -> str:
     """Return the paper's table: a row for each method, a column for each scene.
 
-    A cell holds CD (m) / MHD (m) / F-score (%), the best of each scene in bold. `truth`
-    is by default the first one; `intervals` adds half the width of the 95 % interval.
-    A caption counts the frames in which a method found nothing. LaTeX needs booktabs.
-    Raises ValueError for an unknown scene or a threshold that was not scored.
+    A cell holds CD (m) / MHD (m) / F-score at 0.2 m (%), the best of each scene in
+    bold. `intervals` adds half the width of the 95 % interval. A caption counts the
+    frames in which a method found nothing. LaTeX needs booktabs.
     """
-    truth = truth or summary[0]["truth"]
-    rows = {(r["method"], r["scene"]): r for r in summary if r["truth"] == truth}
-    known = [*dict.fromkeys(scene for _, scene in rows)]
-    scenes = known if scenes is None else [*scenes]
-    if not scenes or not set(scenes) <= set(known):
-        raise ValueError(f"{scenes=} against {truth!r}, expected some of {known}")
-    scores = (*DISTANCES, f"f_score_{threshold_m}")
-    if scores[-1] not in F_SCORES:
-        raise ValueError(f"{threshold_m=} was not scored, expected one of {F_SCORES}")
-    methods = [*dict.fromkeys(method for method, scene in rows if scene in scenes)]
-    best = {
-        scene: [_best([r for (_, s), r in rows.items() if s == scene], score)
-                for score in scores]
-        for scene in scenes
-    }  # fmt: skip
+    of_truth = [r for r in summary if r["truth"] == truth and r["scene"] in scenes]
+    rows = {(r["method"], r["scene"]): r for r in of_truth}
 
     def cell(method, scene):
         if (row := rows.get((method, scene))) is None:
             return "–"
-        texts = [_number(row[score], score, intervals, style) for score in scores]
-        for i, score in enumerate(scores):
-            if _number(row[score], score) == best[scene][i]:
-                texts[i] = texts[i].join(BOLD[style])
+        alike = [r for r in of_truth if r["scene"] == scene]
+        texts = _cells(row, IN_SCENES, alike, style=style, intervals=intervals)
         return " / ".join(texts) + (MARK[style] if row["empty"] else "")
 
     escape = _latex if style == "latex" else str
-    lines = [["method", *map(escape, scenes)]]
-    lines += [[escape(m), *(cell(m, scene) for scene in scenes)] for m in methods]
+    titles = ["method", *map(escape, scenes)]
+    methods = dict.fromkeys(row["method"] for row in of_truth)
+    lines = [[escape(m), *(cell(m, scene) for scene in scenes)] for m in methods]
     notes = [
         f"{method} found nothing in {row['empty']} of {row['frames']} frames of {scene}"
         for (method, scene), row in rows.items()
-        if row["empty"] and scene in scenes
+        if row["empty"]
     ]
-    caption = escape(f"{' / '.join(COLUMNS[s] for s in scores)} against {truth}.")
+    scores = " / ".join(COLUMNS[score].title for score in IN_SCENES)
+    caption = escape(f"{scores} against {truth}.")
     if notes:
         notes = escape(f"{'; '.join(notes)}: no distance, F-score 0.")
         caption += f"{MARK[style]} {notes}"
     if style == "latex":
-        return _latex_lines(lines, caption)
-    return f"{_markdown_lines(lines)}\n{caption.strip()}\n"
+        return _latex_table(titles, lines, caption)
+    return f"{markdown_table(titles, lines)}\n{caption.strip()}\n"
 
 
 def overview(scores: Sequence[dict[str, Any]]) -> str:
@@ -158,10 +173,9 @@ def overview(scores: Sequence[dict[str, Any]]) -> str:
 def pooled_table(scores: Sequence[dict[str, Any]]) -> str:
     """Return means over all scenes, with milliseconds, a row for each method."""
     together = [
-        row | {"scene": "all", "sequence": f"{row['scene']} {row['sequence']}"}
-        for row in scores
+        row | {"sequence": f"{row['scene']} {row['sequence']}"} for row in scores
     ]
-    return markdown(summarise(together), milliseconds=True)
+    return markdown(summarise(together, by=("truth", "method")), columns=COLUMNS)
 
 
 def paper_tables(summary: Summary, *, truth: str, **options: Any) -> list[str]:
@@ -183,13 +197,15 @@ def csv_table(summary: Summary) -> str:
     """
     names = ("truth", "scene", "method", "frames", "empty", "no_truth")
     parts = ("mean", "low", "high", "effective")
-    text = io.StringIO()
-    write = csv.writer(text, lineterminator="\n").writerow
-    write([*names, *(f"{column} {part}" for column in COLUMNS for part in parts)])
-    for row in summary:
-        numbers = [getattr(row[column], part) for column in COLUMNS for part in parts]
-        write([row[n] for n in names] + [f"{x:.6g}" if x == x else "" for x in numbers])
-    return text.getvalue()
+    return csv_text(
+        {name: row[name] for name in names}
+        | {
+            f"{column} {part}": csv_number(getattr(row[column], part))
+            for column in REPEATED
+            for part in parts
+        }
+        for row in summary
+    )
 
 
 def write_tables(path: Path | str) -> list[Path]:
@@ -217,47 +233,39 @@ def write_tables(path: Path | str) -> list[Path]:
     return [folder / name for name in tables]
 
 
-def format_score(value: float, column: str, *, sign: str = "") -> str:
-    """Return a score as printed: metres, or F-scores in percent."""
-    if column in F_SCORES:
-        return f"{100 * value:{sign}.1f}"
-    digits = 3 if column in DISTANCES else 0 if column == "points" else 1
-    return f"{value:{sign}.{digits}f}"
+def markdown_table(titles: Sequence[Any], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a Markdown table of any cells."""
+    head, *body = (
+        "| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |"
+        for line in (titles, *rows)
+    )
+    return "\n".join([head, "|---" * len(titles) + "|", *body]) + "\n"
 
 
-def _number(
-    estimate: Estimate, column: str, intervals: bool = False, style: Style = "markdown"
-) -> str:
-    """Return a mean as printed, optionally with half of its interval's width."""
-    if not np.isfinite(estimate.mean):
-        return "–"
-    text = format_score(estimate.mean, column)
-    if intervals and np.isfinite(estimate.half_width):
-        text += f" {PLUS_MINUS[style]} {format_score(estimate.half_width, column)}"
-    return text
+def csv_text(rows: Iterable[dict[str, Any]]) -> str:
+    """Return rows with the same fields as CSV. Raises ValueError without a row."""
+    if not (rows := [*rows]):
+        raise ValueError("no rows to write as CSV, expected one or more")
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [*rows[0]], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
-def _best(rows, score):
-    """Return the best mean of a score as printed: all methods that print it tie."""
-    known = [row[score] for row in rows if np.isfinite(row[score].mean)]
-    pick = max if score in F_SCORES else min
-    return _number(pick(known, key=lambda e: e.mean), score) if known else None
+def csv_number(value: float) -> str:
+    """Return a number with six digits, and nothing for NaN."""
+    return f"{value:.6g}" if value == value else ""
 
 
-def _markdown_lines(lines: list[list[Any]]) -> str:
-    escaped = [[str(cell).replace("|", "\\|") for cell in line] for line in lines]
-    head, *body = ("| " + " | ".join(line) + " |" for line in escaped)
-    return "\n".join([head, "|---" * len(lines[0]) + "|", *body]) + "\n"
-
-
-def _latex_lines(lines: list[list[str]], caption: str) -> str:
-    head, *body = (" & ".join(line) + r" \\" for line in lines)
+def _latex_table(titles: list[str], rows: list[list[str]], caption: str) -> str:
+    head, *body = (" & ".join(line) + r" \\" for line in (titles, *rows))
     return "\n".join(
         [
             r"\begin{table}",
             r"\centering",
             rf"\caption{{{caption}}}",
-            rf"\begin{{tabular}}{{l{'c' * (len(lines[0]) - 1)}}}",
+            rf"\begin{{tabular}}{{l{'c' * (len(titles) - 1)}}}",
             r"\toprule",
             head,
             r"\midrule",
@@ -274,3 +282,27 @@ def _latex(text: str) -> str:
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}"}
     special |= {"^": r"\textasciicircum{}"} | {c: f"\\{c}" for c in "&%$#_{}"}
     return "".join(special.get(character, character) for character in text)
+
+
+def _cells(
+    row: dict[str, Any],
+    columns: Collection[str],
+    alike: Summary,
+    *,
+    style: Style = "markdown",
+    intervals: bool = False,
+) -> list[str]:
+    """Return means as printed; bold where no `alike` row prints a better one."""
+    texts = []
+    for name in columns:
+        estimate, column = row[name], COLUMNS[name]
+        if not np.isfinite(estimate.mean):
+            texts.append("–")
+            continue
+        means = [r[name].mean for r in alike if np.isfinite(r[name].mean)]
+        text = column.text(estimate.mean)
+        best = bool(means) and text == column.text(column.best(means))
+        if intervals and np.isfinite(estimate.half_width):
+            text += f" {PLUS_MINUS[style]} {column.text(estimate.half_width)}"
+        texts.append(text.join(BOLD[style]) if best else text)
+    return texts

@@ -1,17 +1,16 @@
 """The front door: a trained model, and the paper in three functions.
 
-    model = load_model("jradar-sim")       # shipped with the package, or a folder
-    cloud = enhance(key, cube, model)      # ADC cube to a dense PointCloud
+    model = load_model("jradar-sim")            # shipped with the package, or a folder
+    cloud = enhance(key, cube, radar, model)    # ADC cube to a dense PointCloud
 
-`enhance` is `condition`, then `draw`, then `dense_cloud`. A `Model` is a pytree, so all
-of them take it as an argument under `jit`, `vmap` and `grad`: its parameters are the
-leaves, and its `ModelSpec` is static.
+`enhance` is `radar_points`, then `enhance_points`: `draw`, then `dense_cloud`. `Radar`
+and `Model` are pytrees, so all of them take both under `jit`, `vmap` and `grad`.
 
-Model, ModelSpec, METHODS           a trained network, and how models answer
+Model, ModelSpec, Card, METHODS     a trained network, and how models answer
 load_model, save_model, shipped_models
                                     folders of models
-enhance, condition, draw, dense_cloud
-                                    from a cube to a cloud
+enhance, enhance_points, condition, draw, dense_cloud
+                                    from a cube, or its points, to a cloud
 mixtures, moving_pixels, fuse       several frames as one
 compiler_options                    for `jit` around them, quicker on a CPU
 """
@@ -22,6 +21,7 @@ from jradar.model.enhancing import (
     dense_cloud as dense_cloud,
     draw as draw,
     enhance as enhance,
+    enhance_points as enhance_points,
 )
 from jradar.model.folder import (
     load_model as load_model,
@@ -34,4 +34,4 @@ from jradar.model.fusion import (
     moving_pixels as moving_pixels,
 )
 from jradar.model.methods import METHODS as METHODS
-from jradar.model.spec import Model as Model, ModelSpec as ModelSpec
+from jradar.model.spec import Card as Card, Model as Model, ModelSpec as ModelSpec

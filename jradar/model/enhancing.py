@@ -1,75 +1,110 @@
-"""The paper in three functions: condition, draw, and both as enhance."""
+"""The paper in four functions: condition, draw, and both from a cube or from points."""
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Complex, Float, Key, Num
+from jaxtyping import Array, Float, Key, Num
 
 from jradar.diffusion import Solver, conditional_denoiser
 from jradar.model.methods import METHODS
 from jradar.model.spec import Model, ModelSpec
-from jradar.radar import RadarSpec, radar_points
+from jradar.radar import Radar, radar_points
 from jradar.range_image import (
     CHANNELS,
     RangeImage,
-    calibrated,
     condition_image,
     confident,
-    unproject,
+    frequency,
+    image_cloud,
     velocity_image,
 )
 from jradar.types import PointCloud
 
+DRAWING = ("draws", "steps", "solver")
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "range_bias_m", "draws", "steps", "solver")
-)
+
+@functools.partial(jax.jit, static_argnames=DRAWING)
 def enhance(
     key: Key[Array, ""],
     cube: Num[Array, "tx rx chirp sample *pair"],
+    radar: Radar,
     model: Model,
     *,
-    radar: RadarSpec | None = None,
-    coupling: Complex[Array, "tx rx half_range"] | None = None,
-    range_bias_m: float = 0.0,
-    **drawing: Any,
+    draws: int | None = None,
+    steps: int | None = None,
+    solver: Solver | None = None,
+    temperature: float | Float[Array, ""] | None = None,
+    least_confidence: float | Float[Array, ""] | None = None,
 ) -> PointCloud:
     """Return the dense, LiDAR-like cloud of one radar frame (Fig. 3b).
 
-    A frame without a point of `radar_points` in the view of the condition gives an
-    empty cloud. At the false-alarm rate of 1 of the paper's models every cell with
-    power is a point: only a frame of zeros is empty, a frame of noise is not.
-    `drawing` are options of `draw`, the others are those of `condition`. One frame;
-    `vmap` it.
+    The options are those of `draw`. A frame without a point of `radar_points` in the
+    view of the condition gives an empty cloud. At the false-alarm rate of 1 of the
+    paper's models every cell with power is a point: only a frame of zeros is empty, a
+    frame of noise is not. One frame; `vmap` it.
+
+    Gradients are exact with respect to the model's parameters and to the powers and
+    ranges of the radar's points. Which cells become points, the pixel of a point and
+    the component of the mixture that a pixel shows are choices: they have no gradient,
+    so neither has the phase of a channel, which acts through directions alone.
     """
-    sensor = {"radar": radar, "coupling": coupling, "range_bias_m": range_bias_m}
-    points = _points(cube, model.spec, **sensor)
-    image = draw(key, _image(points, model.spec), model, **drawing)
+    return enhance_points(
+        key,
+        _points(cube, radar, model.spec),
+        model,
+        draws=draws,
+        steps=steps,
+        solver=solver,
+        temperature=temperature,
+        least_confidence=least_confidence,
+    )
+
+
+@functools.partial(jax.jit, static_argnames=DRAWING)
+def enhance_points(
+    key: Key[Array, ""],
+    points: PointCloud,
+    model: Model,
+    *,
+    draws: int | None = None,
+    steps: int | None = None,
+    solver: Solver | None = None,
+    temperature: float | Float[Array, ""] | None = None,
+    least_confidence: float | Float[Array, ""] | None = None,
+) -> PointCloud:
+    """Return the dense cloud of a radar's points, whatever detector found them.
+
+    The options are those of `draw`. Points without power count as equally strong; the
+    result has velocities if the points have. A model saw the points of its
+    `spec.points` in training: the more another detector's differ, the less its cloud is
+    to be trusted. One cloud; `vmap` it.
+    """
+    image = draw(
+        key,
+        _image(points, model.spec),
+        model,
+        draws=draws,
+        steps=steps,
+        solver=solver,
+        temperature=temperature,
+        least_confidence=least_confidence,
+    )
     return dense_cloud(image, points, model.spec)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "range_bias_m"))
+@jax.jit
 def condition(
-    cube: Num[Array, "tx rx chirp sample *pair"],
-    model: Model,
-    *,
-    radar: RadarSpec | None = None,
-    coupling: Complex[Array, "tx rx half_range"] | None = None,
-    range_bias_m: float = 0.0,
+    cube: Num[Array, "tx rx chirp sample *pair"], radar: Radar, model: Model
 ) -> Float[Array, "row column channel"]:
     """Return the network's input: the radar points of one frame as range images.
 
-    `radar` is the sensor that recorded the cube, by default the model's own. `coupling`
-    and `range_bias_m` are as in `radar_points`. One frame; `vmap` it. Raises ValueError
-    for a cube that does not fit the radar.
+    One frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
     """
-    sensor = {"radar": radar, "coupling": coupling, "range_bias_m": range_bias_m}
-    return _image(_points(cube, model.spec, **sensor), model.spec)
+    return _image(_points(cube, radar, model.spec), model.spec)
 
 
-@functools.partial(jax.jit, static_argnames=("draws", "steps", "solver"))
+@functools.partial(jax.jit, static_argnames=DRAWING)
 def draw(
     key: Key[Array, ""],
     condition: Float[Array, "row column channel"],
@@ -110,11 +145,10 @@ def draw(
     }
     given = {name: value for name, value in options.items() if value is not None}
     image = METHODS[spec.method](key, denoise(condition[None]), spec, **given)
-    if image.confidence is not None and spec.calibration is not None:
-        image = image._replace(
-            confidence=calibrated(image.confidence, spec.calibration)
-        )
-    least = spec.least_confidence if least_confidence is None else least_confidence
+    table = model.confidence
+    if image.confidence is not None:
+        image = image._replace(confidence=frequency(image.confidence, table))
+    least = table.least if least_confidence is None else least_confidence
     image = confident(image, least)
     return jax.tree.map(lambda value: jnp.where(condition.any(), value, 0.0), image)
 
@@ -122,25 +156,18 @@ def draw(
 @functools.partial(jax.jit, static_argnames="spec")
 def dense_cloud(image: RangeImage, points: PointCloud, spec: ModelSpec) -> PointCloud:
     """Return the cloud of an image, with the velocities of the radar points near it."""
+    cloud = image_cloud(image, spec.fine)
+    if points.velocity is None:
+        return cloud
     velocity = velocity_image(
         image.range_m, points, spec.coarse, num_slices=spec.num_slices
     )
-    cloud = unproject(image.range_m, spec.fine)._replace(velocity=velocity.ravel())
-    if image.confidence is None:
-        return cloud
-    return cloud._replace(confidence=image.confidence.ravel())
+    return cloud._replace(velocity=velocity.ravel())
 
 
-def _points(cube, spec: ModelSpec, *, radar, coupling, range_bias_m) -> PointCloud:
-    """The radar points of one frame."""
-    points = spec.points if radar is None else spec.points.fitted(radar)
-    return radar_points(
-        cube,
-        radar or spec.radar,
-        points=points,
-        coupling=coupling,
-        range_bias_m=range_bias_m,
-    )
+def _points(cube, radar: Radar, spec: ModelSpec) -> PointCloud:
+    """The radar points of one frame, as the model saw them in training."""
+    return radar_points(cube, radar, points=spec.points.fitted(radar.spec))
 
 
 def _image(points: PointCloud, spec: ModelSpec) -> Float[Array, "row column channel"]:

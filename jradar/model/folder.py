@@ -1,7 +1,7 @@
 """A model on disk: a folder with its weights and its description.
 
 weights.safetensors    the network's parameters, named by path
-model.json             the ModelSpec, and the digest of the weights
+model.json             spec, tables and card, and the digest of the weights
 """
 
 import dataclasses
@@ -24,13 +24,14 @@ from jradar.diffusion import (
     read_params,
     write_params,
 )
+from jradar.diffusion.weights.files import MAX_FILE_BYTES
 from jradar.errors import ModelError
-from jradar.files import atomic_folder, read_json, typed_fields
-from jradar.model.spec import Model, ModelSpec
+from jradar.files import atomic_folder, open_file, read_json, typed_fields
+from jradar.model.spec import Card, Model, ModelSpec
 from jradar.radar import RadarSpec
-from jradar.range_image import CHANNELS, CalibrationSpec, TrustSpec
+from jradar.range_image import CHANNELS, ConfidenceTable, TrustTable
 
-FORMAT = 3
+FORMAT = 4
 MAX_JSON_BYTES = 1 << 20
 MAX_PIXELS = 1 << 24
 SHIPPED = Path(__file__).parents[1] / "weights"
@@ -45,16 +46,19 @@ def shipped_models() -> dict[str, Path]:
 def load_model(name: Path | str) -> Model:
     """Load a shipped model by its name, or any model by its folder.
 
+    The folder can also be the workdir of a training, which holds it as `model`.
     Parameters become float32. Raises ModelError, with the reason, for a model that is
     missing, damaged or of another format.
     """
     shipped = shipped_models()
     folder = shipped.get(str(name), Path(name))
+    if not (folder / "model.json").is_file() and (folder / "model").is_dir():
+        folder /= "model"
     path, weights = folder / "model.json", folder / "weights.safetensors"
     if not path.is_file() or not weights.is_file():
         raise ModelError(
             f"no model at {folder}: expected a folder with model.json and "
-            "weights.safetensors, such as `model` in the workdir of a training, or the "
+            "weights.safetensors, the workdir of a training, which holds one, or the "
             f"name of a shipped model: {', '.join(shipped) or 'none is shipped'}"
         )
     try:
@@ -65,23 +69,25 @@ def load_model(name: Path | str) -> Model:
                 f"{path} has format {found}, this version reads {FORMAT}: train again, "
                 "or use the version of jradar that wrote it"
             )
-        spec = _spec_from_json(values)
+        model = _model_from_json(values)
     except ModelError:
         raise
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    if hashlib.sha256(weights.read_bytes()).hexdigest() != digest:
-        raise ModelError(
-            f"{weights} does not match the digest in {path.name}: the file is damaged, "
-            "or from another model"
-        )
     try:
+        with open_file(weights, limit=MAX_FILE_BYTES) as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+        if found != digest:
+            raise ValueError(
+                f"{weights} does not match the digest in {path.name}: the file is "
+                "damaged, or from another model"
+            )
         params = read_params(weights)
     except ValueError as error:
         raise ModelError(str(error)) from error
     if str(name) not in shipped:  # those are checked by the tests
-        _check_shapes(weights, params, spec)
-    return Model(params, spec)
+        _check_shapes(weights, params, model.spec)
+    return dataclasses.replace(model, params=params)
 
 
 def save_model(
@@ -101,22 +107,30 @@ def save_model(
             "format": FORMAT,
             "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
         }
-        text = json.dumps(header | _spec_to_json(model.spec), indent=2)
+        text = json.dumps(header | _model_to_json(model), indent=2)
         (scratch / "model.json").write_text(text + "\n")
 
 
-def _spec_to_json(spec: ModelSpec) -> dict[str, Any]:
-    """The spec as JSON takes it."""
+def _model_to_json(model: Model) -> dict[str, Any]:
+    """Everything but the parameters as JSON takes it."""
+    spec, card, trust = model.spec, model.card, model.trust
     noise = spec.noise
-    plain = {f.name: getattr(spec, f.name) for f in dataclasses.fields(spec)}
-    specs = ("coarse", "fine", "radar", "points", "trust", "calibration")
     return {
-        **plain,
-        **{name: dataclasses.asdict(plain[name]) for name in specs if plain[name]},
-        "other_radars": [dataclasses.asdict(radar) for radar in spec.other_radars],
+        **{f.name: getattr(spec, f.name) for f in dataclasses.fields(spec)},
+        **{n: dataclasses.asdict(getattr(spec, n)) for n in ("coarse", "fine")},
+        "points": dataclasses.asdict(spec.points),
         "network": network_fields(spec.network) | _dtype_of(spec.network),
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
+        "confidence": _table_to_json(model.confidence),
+        "trust": None if trust is None else _table_to_json(trust),
+        "card": dataclasses.asdict(card),
     }
+
+
+def _table_to_json(table: ConfidenceTable | TrustTable) -> dict[str, Any]:
+    """The numbers of a table as they were fitted, without the noise of float32."""
+    parts = {k: np.asarray(v, float).round(6) for k, v in table._asdict().items()}
+    return {name: values.tolist() for name, values in parts.items()}
 
 
 def _dtype_of(network: Network) -> dict[str, str]:
@@ -125,25 +139,31 @@ def _dtype_of(network: Network) -> dict[str, str]:
     return {} if name == "float32" else {"dtype": name}
 
 
-def _spec_from_json(values: dict[str, Any]) -> ModelSpec:
-    """The spec from `_spec_to_json`'s dictionary, with every type checked."""
-    read: dict[str, Any] = {"network": _network_from_json(values.pop("network"))}
+def _model_from_json(values: dict[str, Any]) -> Model:
+    """The model without parameters from `_model_to_json`'s dictionary, checked."""
+    card = _card_from_json(values.pop("card"))
+    confidence = ConfidenceTable.of(**values.pop("confidence"))
+    if (trust := values.pop("trust")) is not None:
+        trust = TrustTable.of(**trust)
+    network = _network_from_json(values.pop("network"))
     noise = values.pop("noise")
     prediction = PREDICTIONS[noise.pop("prediction")]
-    read["noise"] = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
-    read["radar"] = RadarSpec.from_dict(values.pop("radar"))
-    if not isinstance(others := values.pop("other_radars", []), list):
-        raise ValueError(f"other_radars is {others!r}, expected a list of radars")
-    read["other_radars"] = tuple(RadarSpec.from_dict(radar) for radar in others)
-    for name, kind in (("trust", TrustSpec), ("calibration", CalibrationSpec)):
-        if (found := values.pop(name, None)) is not None:
-            read[name] = kind(**typed_fields(kind, found))
-    spec = ModelSpec(**read, **typed_fields(ModelSpec, values))
+    noise = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
+    spec = ModelSpec(network=network, noise=noise, **typed_fields(ModelSpec, values))
     for name, image in (("coarse", spec.coarse), ("fine", spec.fine)):
         if image.height * image.width > MAX_PIXELS:
             size = f"{image.height} x {image.width} pixels"
             raise ValueError(f"{name} has {size}, expected at most {MAX_PIXELS:,}")
-    return spec
+    return Model({}, spec, card, confidence, trust)
+
+
+def _card_from_json(values: dict[str, Any]) -> Card:
+    """The card, with every type checked."""
+    radars = values.pop("radars")
+    if not isinstance(radars, list):
+        raise ValueError(f"radars is {radars!r}, expected a list of radars")
+    radars = tuple(RadarSpec.from_dict(radar) for radar in radars)
+    return Card(**typed_fields(Card, values), radars=radars)
 
 
 def _network_from_json(values: dict[str, Any]) -> Network:

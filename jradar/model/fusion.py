@@ -31,10 +31,10 @@ from jradar.model.methods import SIDE_STEPS, WINDOW_M, likeliest_range
 from jradar.model.spec import Model, ModelSpec
 from jradar.range_image import (
     RangeImage,
-    calibrated,
     confident,
     decode_range,
     encode_range,
+    frequency,
     pixel_directions,
     pixel_of,
     project,
@@ -93,11 +93,11 @@ def moving_pixels(
     return jnp.abs(difference) > MOVING_MPS
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "window_m"))
+@functools.partial(jax.jit, static_argnames="window_m")
 def fuse(
     frames: RangeMixture,
     poses: Float[Array, "frame 4 4"],
-    spec: ModelSpec,
+    model: Model,
     *,
     moving: Bool[Array, "frame row column"] | None = None,
     least_confidence: float | Float[Array, ""] | None = None,
@@ -112,9 +112,9 @@ def fuse(
     `draw`. Raises ValueError for other numbers of poses than of frames.
 
         frames = jax.vmap(mixtures, (0, None))(conditions, model)  # newest first
-        image = fuse(frames, relative_poses(way, [9, 8, 7], 9), model.spec)
+        image = fuse(frames, relative_poses(trajectory, [9, 8, 7], 9), model)
     """
-    count = frames.returned.shape[0]
+    spec, count = model.spec, frames.returned.shape[0]
     if poses.shape != (count, 4, 4):
         raise ValueError(
             f"poses have shape {poses.shape}, expected {(count, 4, 4)}: one for each "
@@ -160,9 +160,8 @@ def fuse(
     best, most = _likeliest(jnp.stack(candidates), probability)
     beside = jnp.stack([best, *(best + step * window_m for step in SIDE_STEPS)])
     best, most = _likeliest(beside, probability)
-    if spec.calibration is not None:
-        most = calibrated(most, spec.calibration)
-    least = spec.least_confidence if least_confidence is None else least_confidence
+    most = frequency(most, model.confidence)
+    least = model.confidence.least if least_confidence is None else least_confidence
     return confident(RangeImage(best, most), least)
 
 

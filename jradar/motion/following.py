@@ -52,7 +52,7 @@ class Follower:
         m/s, along its axes, NaN where unknown. A transform is NaN where the motion is
         unknown. Frames are told one after another.
         """
-        recording, radar = self._recording, self._recording.radar
+        recording, radar = self._recording, self._recording.radar.spec
         stamps = recording.cubes.stamps
         stamp = np.nan if stamps is None else stamps[frame] + radar.frame_middle_s
         if radar.num_chirps < 2 or not radar.has_azimuth:

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jradar.errors import UsageError
-from jradar.motion import ego_velocity
+from jradar.motion.doppler import ego_velocity
 from jradar.radar import PointSpec, radar_points
-from jradar.recordings import Recording, calibrated_cube
+from jradar.recordings import Recording
 
 POINTS = PointSpec(capacity=512)
 
@@ -40,7 +40,7 @@ def frame_velocities(
     is called with the number of frames done. Raises UsageError if the frames have no
     times or the radar has no Doppler.
     """
-    radar, stamps = recording.radar, recording.cubes.stamps
+    radar, stamps = recording.radar.spec, recording.cubes.stamps
     chosen = range(len(recording.cubes)) if frames is None else frames
     if stamps is None or not len(chosen):
         raise UsageError(
@@ -55,13 +55,7 @@ def frame_velocities(
     spec = (points or POINTS).fitted(radar)
     key, rows = jax.random.key(seed), []
     for done, frame in enumerate(chosen, 1):
-        cloud = radar_points(
-            calibrated_cube(recording, frame),
-            radar,
-            points=spec,
-            coupling=recording.coupling,
-            range_bias_m=recording.range_bias_m,
-        )
+        cloud = radar_points(recording.cube(frame), recording.radar, points=spec)
         found = ego_velocity(
             jax.random.fold_in(key, frame),
             cloud,

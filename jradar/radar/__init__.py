@@ -1,11 +1,11 @@
 """Radar cube to spectra to detections to points (section III-A of the paper).
 
-A `RadarSpec` describes the sensor, a `PointSpec` the processing; both are static
-arguments. In the order of processing:
+A `RadarSpec` describes the sensor and a `PointSpec` the processing; both are static
+arguments. A `Radar` is a pytree: the spec and the calibration of one unit. In the order
+of processing:
 
-Sensor       RadarSpec
-Calibration  calibrate_channels, calibrate_frequency_phase, subtract_coupling,
-             compensate_tdm
+Sensor       RadarSpec, Radar                  description; with its calibration
+Channels     calibrate, subtract_leakage, compensate_tdm
 Spectra      range_doppler, power_map, window
 Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
@@ -58,10 +58,9 @@ from jradar.radar.angle.subspace import (
 )
 from jradar.radar.angle.subspace_peaks import subspace_peaks as subspace_peaks
 from jradar.radar.channels import (
-    calibrate_channels as calibrate_channels,
-    calibrate_frequency_phase as calibrate_frequency_phase,
+    calibrate as calibrate,
     compensate_tdm as compensate_tdm,
-    subtract_coupling as subtract_coupling,
+    subtract_leakage as subtract_leakage,
 )
 from jradar.radar.clean.clutter import (
     static_background as static_background,
@@ -105,6 +104,7 @@ from jradar.radar.points import (
     points_and_report as points_and_report,
     radar_points as radar_points,
 )
+from jradar.radar.radar import Radar as Radar
 from jradar.radar.sensor import RadarSpec as RadarSpec
 from jradar.radar.simulate import (
     Scatterers as Scatterers,

@@ -1,9 +1,8 @@
 """Corrections of antennas, on the cube, the spectra or the snapshots.
 
-calibrate_channels          cube        factor of each virtual antenna, from a .cfg
-calibrate_frequency_phase   cube        beat frequency and phase, from ColoRadar
-subtract_coupling           spectrum    leakage from transmitters to receivers
-compensate_tdm              snapshot    phase of moving targets from chirp to chirp
+calibrate         cube        factor and beat frequency of each pair of antennas
+subtract_leakage  spectrum    leakage from transmitters to receivers
+compensate_tdm    snapshot    phase of moving targets from chirp to chirp
 
 The axes tx and rx, or virtual, are in the order of the radar's array.
 """
@@ -15,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
+from jradar.radar.radar import Radar
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
@@ -22,67 +22,38 @@ from jradar.radar.spectrum import WINDOWS, window
 
 
 @jax.jit
-def calibrate_channels(
-    cube: Cube,
-    factors: Complex[Array, "virtual"],
-) -> Inexact[Array, "*batch tx rx chirp sample"]:
-    """Multiply the samples of each virtual antenna by its factor.
+def calibrate(cube: Cube, radar: Radar) -> Inexact[Array, "*batch tx rx chirp sample"]:
+    """Return the samples with the channels of the radar equalised; leakage stays.
 
-    Real samples stay real: the positive half of their spectrum is multiplied. Raises
-    ValueError unless there is one factor for each pair of tx and rx.
+    Each pair of tx and rx is multiplied by its factor, and its beat frequency shifted
+    by the bins that it lies too high, so that all pairs see a far target alike. Real
+    samples stay real: the positive half of their spectrum is multiplied. Raises
+    ValueError for beat frequencies of real samples.
     """
     cube = as_samples(cube)
-    tx, rx = cube.shape[-4:-2]
-    if factors.size != tx * rx:
-        raise ValueError(
-            f"{factors.size} factors, expected {tx * rx}: one for each of {tx} tx x "
-            f"{rx} rx"
-        )
-    factors = to_rank(factors.reshape(tx, rx, 1, 1), cube)
-    if jnp.iscomplexobj(cube):
-        return cube * factors
-    return jnp.fft.irfft(jnp.fft.rfft(cube) * factors, cube.shape[-1])
-
-
-@functools.partial(
-    jax.jit,
-    static_argnames=("radar", "calibration_slope_hz_per_s", "calibration_rate_hz"),
-)
-def calibrate_frequency_phase(
-    cube: Cube,
-    frequency: Float[Array, "tx rx"],
-    phase: Complex[Array, "tx rx"],
-    radar: RadarSpec,
-    *,
-    calibration_slope_hz_per_s: float,
-    calibration_rate_hz: float,
-) -> Complex[Array, "*batch tx rx chirp sample"]:
-    """Equalise the antenna pairs: each then sees a far target as the first one does.
-
-    `frequency` (range bins) and `phase` are the responses of the pairs to one target,
-    measured with the calibration's slope and sampling rate. Raises ValueError where
-    these differ from the radar's by a factor of 1000 or more.
-    """
-    slope = radar.slope_hz_per_s / calibration_slope_hz_per_s
-    rate = calibration_rate_hz / radar.sample_rate_hz
-    for ratio, what in ((slope, "slopes in Hz/s"), (rate, "sampling rates in Hz")):
-        if not 1e-3 < ratio < 1e3:
+    if radar.channels is not None:
+        factors = to_rank(jnp.asarray(radar.channels)[..., None, None], cube)
+        if jnp.iscomplexobj(cube):
+            cube = cube * factors.astype(cube.dtype)
+        else:
+            cube = jnp.fft.irfft(jnp.fft.rfft(cube) * factors, cube.shape[-1])
+    if radar.beat_bins is not None:
+        if not jnp.iscomplexobj(cube):
             raise ValueError(
-                f"radar's and calibration's {what} differ by a factor of {ratio:.3g}, "
-                "expected 0.001 to 1000: another unit?"
+                f"{radar.spec.name} delivers real samples, expected complex ones: beat "
+                "frequencies are those of a cascade"
             )
-    cube = as_samples(cube)
-    bins = (frequency - frequency[0, 0]) * (slope * rate)
-    time = jnp.arange(cube.shape[-1]) / cube.shape[-1]
-    turns = jnp.exp(-2j * jnp.pi * bins[..., None, None] * time[None, None, None])
-    turns *= (phase[0, 0] / phase)[..., None, None]
-    return cube * to_rank(turns, cube)
+        time = jnp.arange(cube.shape[-1]) / cube.shape[-1]
+        bins = jnp.asarray(radar.beat_bins)[..., None, None]
+        turns = jnp.exp(-2j * jnp.pi * bins * to_rank(time, bins))
+        cube = cube * to_rank(turns, cube).astype(cube.dtype)
+    return cube
 
 
 @functools.partial(jax.jit, static_argnames="doppler_window")
-def subtract_coupling(
+def subtract_leakage(
     range_doppler: Complex[Array, "*batch virtual doppler range"],
-    coupling: Complex[Array, "tx rx half_range"],
+    leakage: Complex[Array, "tx rx half_range"],
     *,
     doppler_window: str = "hann",
 ) -> Complex[Array, "*batch virtual doppler range"]:
@@ -95,17 +66,17 @@ def subtract_coupling(
     Doppler window. Raises ValueError for another array or another number of bins.
     """
     virtual, chirps, samples = range_doppler.shape[-3:]
-    tx, rx, half = coupling.shape
+    tx, rx, half = leakage.shape
     if (tx * rx, 2 * half) != (virtual, samples):
         raise ValueError(
-            f"coupling of {tx} tx x {rx} rx x {half} range bins, expected {virtual} "
+            f"leakage of {tx} tx x {rx} rx x {half} range bins, expected {virtual} "
             f"virtual antennas and {samples // 2} bins, half of the spectrum's"
         )
-    steady = np.fft.fftshift(np.fft.fft(window(doppler_window, chirps)).real)
+    shape = np.fft.fftshift(np.fft.fft(window(doppler_window, chirps)).real)
     total = samples * WINDOWS["blackman"][0]  # sum of the window
-    spread = jnp.asarray(steady / total, jnp.float32)
-    leakage = coupling.reshape(virtual, 1, half) * spread[None, :, None]
-    return range_doppler.at[..., 1 : half + 1].add(-to_rank(leakage, range_doppler))
+    spread = jnp.asarray(shape / total, jnp.float32)
+    steady = leakage.reshape(virtual, 1, half) * spread[None, :, None]
+    return range_doppler.at[..., 1 : half + 1].add(-to_rank(steady, range_doppler))
 
 
 @functools.partial(jax.jit, static_argnames="radar")

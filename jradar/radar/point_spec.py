@@ -5,78 +5,85 @@ import math
 from typing import Any
 
 from jradar.radar.detect.cfar import DETECTORS
-from jradar.radar.detect.cfar_window import (
-    EDGES,
-    GUARD,
-    TRAIN,
-    cell_pair,
-    check_edge,
-    largest_window,
-)
+from jradar.radar.detect.cfar_window import EDGES, Window, check_window, largest_window
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS
 
 ANGLES = ("fft", "music", "capon")
-LARGEST = {
-    "capacity": 1 << 20,
-    "peaks": 64,
-    "num_azimuth": 4096,
-    "num_elevation": 4096,
+LIMITS = {
+    "capacity": (1, 1 << 20),
+    "peaks": (1, 64),
+    "num_azimuth": (1, 4096),
+    "num_elevation": (1, 4096),
+    "folds": (0, 16),
+    "sources": (0, 64),
 }
-MOST_FOLDS = 16
-MOST_SOURCES = 64
 
 
 @dataclasses.dataclass(frozen=True)
 class PointSpec:
     """How radar points are detected and located.
 
-    `guard` and `train` are the cells of the CFAR window in (doppler, range). `peaks` is
-    the number of targets that one cell may hold: each becomes a point, with power and
-    SNR in proportion to its peak among the cell's `spectrum_peaks`, or with "capon" and
-    "music" among its `subspace_peaks`, which resolve targets within a beam.
-    `num_azimuth` None is what the array needs: 64 bins, or more if it is wider.
-    `refine` places range, velocity and angles between bins. The windows are those of
-    `range_doppler`; the CFAR multipliers account for the correlation that they cause.
-    `edge` and `factor` are those of `cfar`; a factor replaces the rate. `remove_static`
-    and `remove_interference` are those of `range_doppler`, too. The flips are for a
-    sensor that is mounted upside down. `angles` is "fft", or "music" or "capon" for
-    azimuths by `music_directions` or `capon_directions`, which use their own bins.
-    `sources` is the number of sources for "music", or 0 to count them in each cell.
-
-    `group_peaks` keeps only detected cells that are `map_peaks`: one for each target.
-    With `folds`, velocities up to `2 folds + 1` times the unambiguous one are told
-    apart by `velocity_folds`, and the cloud has fold and margin. `focus` finds
-    directions by `focused_directions`, for arrays as wide as a cascade's.
+    Every field is an option of `jradar points` too, whose help is the line below it.
     """
 
     detector: str = "os"
+    """CFAR detector: ca (cell averaging), go (greatest of), so (smallest of) or os
+    (ordered statistic)"""
     false_alarm_rate: float = 1e-3
-    guard: tuple[int, int] = GUARD
-    train: tuple[int, int] = TRAIN
-    capacity: int = 1024  # points of the cloud, padding included
+    """probability that a cell of pure noise is detected"""
+    guard: tuple[int, int] = (2, 2)
+    """cells around the tested one, in Doppler and in range, that may hold its own
+    signal and do not count as noise"""
+    train: tuple[int, int] = (4, 4)
+    """cells beyond the guard cells that measure the noise"""
+    capacity: int = 1024
+    """largest number of points; the strongest are kept"""
     peaks: int = 1
+    """targets that one cell may hold: each becomes a point, with power and SNR in
+    proportion to its peak in the angle spectrum"""
     num_azimuth: int | None = None
+    """azimuth bins of the angle spectrum; by default 64, or more for a wider array"""
     num_elevation: int = 32
-    flip_azimuth: bool = False
-    flip_elevation: bool = False
+    """elevation bins of the angle spectrum"""
     refine: bool = True
+    """place range, velocity and angles between bins"""
     remove_static: bool = False
+    """keep only echoes that move"""
     remove_interference: bool = False
+    """excise crossing chirps of other radars from the samples"""
     angles: str = "fft"
+    """fft (beamforming), or music or capon for azimuths finer than a beam, which use
+    their own bins"""
     range_window: str = "hann"
+    """window over the samples of a chirp: none, hann, hamming or blackman"""
     doppler_window: str = "hann"
+    """window over the chirps of a frame: none, hann, hamming or blackman"""
     edge: str = "shrink"
+    """CFAR at the ends of the range axis: shrink, one_sided, fill, reflect, wrap or
+    skip"""
     factor: float | None = None
+    """threshold over the noise in place of the false-alarm rate"""
     group_peaks: bool = False
+    """keep one cell of each target: the peaks of the map"""
     folds: int = 0
+    """also resolve velocities up to 2 N + 1 times the unambiguous one"""
     sources: int = 2
+    """targets in a beam for music, or 0 to count them in each cell"""
     focus: bool = False
+    """focus wide arrays, such as a cascade's, on each target: delays, near field"""
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
         for field in ("guard", "train"):
-            object.__setattr__(self, field, cell_pair(field, getattr(self, field)))
+            cells = getattr(self, field)
+            pair = isinstance(cells, tuple | list) and len(cells) == 2
+            if not pair or not all(type(n) is int and n >= 0 for n in cells):
+                raise ValueError(
+                    f"{field} = {cells!r}, expected two whole numbers of 0 or more: "
+                    "cells in Doppler and in range"
+                )
+            object.__setattr__(self, field, tuple(cells))
         for field, choices in (
             ("detector", tuple(DETECTORS)),
             ("angles", ANGLES),
@@ -91,18 +98,11 @@ class PointSpec:
             raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
         if self.factor is not None and not 0 < self.factor < math.inf:
             raise ValueError(f"factor = {self.factor}, expected more than 0 and finite")
-        check_edge(self.edge, self.detector, self.train)
-        for field, most in LARGEST.items():
+        check_window(Window(self.guard, self.train, self.edge), self.detector)
+        for field, (least, most) in LIMITS.items():
             value = getattr(self, field)
-            if value is not None and not 1 <= value <= most:
-                raise ValueError(f"{field} = {value:,}, expected 1 to {most:,}")
-        for field in ("guard", "train"):
-            if min(value := getattr(self, field)) < 0:
-                raise ValueError(f"{field} = {value}, expected 0 or more cells")
-        if not 0 <= self.folds <= MOST_FOLDS:
-            raise ValueError(f"folds = {self.folds}, expected 0 to {MOST_FOLDS}")
-        if not 0 <= self.sources <= MOST_SOURCES:
-            raise ValueError(f"sources = {self.sources}, expected 0 to {MOST_SOURCES}")
+            if value is not None and not least <= value <= most:
+                raise ValueError(f"{field} = {value:,}, expected {least} to {most:,}")
         if self.focus and (self.angles != "fft" or self.peaks > 1):
             raise ValueError(
                 f"focus = True with angles = {self.angles!r}, peaks = {self.peaks}, "

@@ -11,42 +11,32 @@ with a threshold or learned, can be compared. Both take a `PointSpec`.
 """
 
 import functools
-import math
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Complex, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jradar.radar.angle.cell_directions import (
     angle_bins,
     cell_directions,
-    fields,
     focused,
     strongest_peaks,
 )
 from jradar.radar.angle.folds import Folds, velocity_folds
-from jradar.radar.channels import compensate_tdm, subtract_coupling
+from jradar.radar.channels import calibrate, compensate_tdm, subtract_leakage
 from jradar.radar.detect.cfar import DETECTORS, noise_floor
 from jradar.radar.detect.clusters import map_peaks
 from jradar.radar.peaks import window_offset
 from jradar.radar.point_spec import POINTS, PointSpec
-from jradar.radar.samples import (
-    FULL_SCALE,
-    Cube,
-    as_samples,
-    non_finite_samples,
-    saturated_samples,
-)
+from jradar.radar.radar import Radar
+from jradar.radar.ranks import to_rank
+from jradar.radar.samples import FULL_SCALE, Cube, as_samples
 from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import range_doppler
+from jradar.radar.spectrum import STATIC, PowerMap, Spectrum, range_doppler
 from jradar.types import PointCloud
 
-SPECTRUM = ("range_window", "doppler_window", "remove_static", "remove_interference")
-FOCUSED = 512  # cells that are focused at a time
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
-
-Coupling = Complex[Array, "tx rx half_range"]
 
 
 class PointReport(NamedTuple):
@@ -74,166 +64,91 @@ class Cells(NamedTuple):
     fold_margin_db: Float[Array, "*batch doppler range"] | None = None
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
-def radar_points(
-    cube: Cube,
-    radar: RadarSpec,
-    *,
-    points: PointSpec = POINTS,
-    coupling: Coupling | None = None,
-    range_bias_m: float = 0.0,
-) -> PointCloud:
+@functools.partial(jax.jit, static_argnames="points")
+def radar_points(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> PointCloud:
     """Return the strongest detections of one frame, strongest first.
 
-    Positions are those in the middle of the frame, `radar.frame_middle_s` after its
-    first chirp. Velocity is in m/s, power in ADC counts squared; the SNR compares the
-    power with the mean of the training cells. Elevation is 0 for an array with one row,
-    azimuth for one with one column. Bin 0 and the last two range bins, into which a
-    window spreads the leakage of the antennas, never become points.
+    The samples are as recorded; the radar's calibration is applied here. Positions are
+    those in the middle of the frame, `radar.spec.frame_middle_s` after its first chirp.
+    Velocity is in m/s, power in ADC counts squared; the SNR compares the power with the
+    mean of the training cells. Elevation is 0 for an array with one row, azimuth for
+    one with one column. Bin 0 and the last two range bins, into which a window spreads
+    the leakage of the antennas, never become points.
 
-    `coupling` is the leakage for `subtract_coupling`; with it the range window is
-    Blackman, the only one that its file fits. `range_bias_m` is subtracted from ranges;
-    channels are calibrated beforehand, on the cube. One frame; `vmap` it. Raises
-    ValueError for a cube that does not fit. `points_and_report` also counts what is
-    missing.
+    With a leakage the range window is Blackman, the only one that its file fits. One
+    frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
+    `points_and_report` also counts what is missing.
     """
-    return _points(cube, radar, points, coupling, range_bias_m)[0]
+    return points_and_report(cube, radar, points=points)[0]
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "points", "range_bias_m", "full_scale")
-)
+@functools.partial(jax.jit, static_argnames="points")
 def points_and_report(
-    cube: Cube,
-    radar: RadarSpec,
-    *,
-    points: PointSpec = POINTS,
-    coupling: Coupling | None = None,
-    range_bias_m: float = 0.0,
-    full_scale: float = FULL_SCALE,
+    cube: Cube, radar: Radar, *, points: PointSpec = POINTS
 ) -> tuple[PointCloud, PointReport]:
-    """Return `radar_points` and counts of what the cloud does not show.
-
-    `full_scale` is the largest number of the converter, in the units of the cube.
-    """
-    cloud, candidates = _points(cube, radar, points, coupling, range_bias_m)
-    detected = (candidates > 0).sum()
+    """Return `radar_points` and counts of what the cloud does not show."""
+    points, spec = points.subtracting(radar.leakage), radar.spec
+    spectrum, power = frame_spectra(cube, radar, points)
+    candidates = _candidates(power, detect(power, spec, points=points), radar)
+    strongest, cell = _strongest_cells(candidates, points)
+    snapshot, folds, direction = _located(spectrum, power, cell, radar, points)
+    if points.peaks > 1:
+        strongest, direction, of = strongest_peaks(strongest, snapshot, spec, points)
+        cell = cell[of]
+        folds = jax.tree.map(lambda values: values[of], folds)
+    cloud = _cloud(power, cell, strongest, direction, folds, radar, points)
+    samples, detected = as_samples(cube), (candidates > 0).sum()
+    largest = jnp.maximum(jnp.abs(samples.real), jnp.abs(samples.imag))
     report = PointReport(
         detected=detected,
         dropped=jnp.maximum(detected - points.capacity, 0),
-        saturated=saturated_samples(cube, full_scale=full_scale),
-        non_finite=non_finite_samples(cube),
+        saturated=(largest >= FULL_SCALE).sum(),
+        non_finite=(~jnp.isfinite(samples)).sum(),
     )
     return cloud, report
 
 
-def _points(cube, radar, points, coupling, range_bias_m):
-    """The cloud, and the power of each detected cell, 0 for others."""
-    points = points.subtracting(coupling)
-    spectrum, power = _spectra(cube, radar, points, coupling)
-    mask = detect(power, radar, points=points)
-    candidates = _candidates(power, mask, radar, range_bias_m)
-    strongest, cell = _strongest_cells(candidates, points)
-    range_bin, doppler_bin = _bins(power, cell, points)
-    snapshot = spectrum.reshape(radar.num_virtual, -1)[:, cell].T
-    folds, doppler_bin = _folds(snapshot, doppler_bin, radar, points)
-    snapshot = compensate_tdm(snapshot, doppler_bin, radar)
-    place = radar, points, range_bias_m
-    if points.focus:
-        direction = focused(spectrum, cell, range_bin, doppler_bin, *place)
-    elif points.peaks == 1:
-        direction = cell_directions(snapshot, radar, points)
-    else:
-        strongest, direction, of = strongest_peaks(strongest, snapshot, radar, points)
-        cell = cell[of]
-        folds = jax.tree.map(lambda values: values[of], folds)
-    cloud = _cloud(power, cell, strongest, direction, *place)
-    return cloud if folds is None else _unfolded(cloud, folds, radar), candidates
-
-
-@functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
-def all_cells(
-    cube: Cube,
-    radar: RadarSpec,
-    *,
-    points: PointSpec = POINTS,
-    coupling: Coupling | None = None,
-    range_bias_m: float = 0.0,
-) -> Cells:
+@functools.partial(jax.jit, static_argnames="points")
+def all_cells(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Cells:
     """Return the power and direction of every cell of one frame; `vmap` it.
 
-    With `coupling`, give `detect` and `cell_points` the spec `points.subtracting`.
-    `points.peaks` and the options of detection are not used, `range_bias_m` only with
-    `focus`. Raises ValueError for a cube that does not fit the radar.
+    `points.peaks` and the options of detection are not used. Raises ValueError for a
+    cube that does not fit the radar.
     """
-    points = points.subtracting(coupling)
-    spectrum, power = _spectra(cube, radar, points, coupling)
-    range_bin, doppler_bin = _bins(power, jnp.arange(power.size), points)
-    snapshot = spectrum.reshape(radar.num_virtual, -1).T
-    folds, doppler_bin = _folds(snapshot, doppler_bin, radar, points)
-    if points.focus:
-        place = radar, points, range_bias_m
-        azimuth, elevation = _all_focused(spectrum, range_bin, doppler_bin, *place)
-    else:
-        snapshot = compensate_tdm(snapshot, doppler_bin, radar)
-        azimuth, elevation = cell_directions(snapshot, radar, points)
-    columns = azimuth, elevation, *(folds or ())
+    points = points.subtracting(radar.leakage)
+    spectrum, power = frame_spectra(cube, radar, points)
+    cell = jnp.arange(power.size)
+    _, folds, direction = _located(spectrum, power, cell, radar, points)
+    columns = *direction, *(folds or ())
     return Cells(power, *(column.reshape(power.shape) for column in columns))
 
 
-def _folds(snapshot, doppler_bin, radar, points):
-    """The folds of snapshots, None unless asked for, and their true Doppler bins."""
-    if not points.folds:
-        return None, doppler_bin
-    bins = angle_bins(points, radar)
-    folds = velocity_folds(snapshot, doppler_bin, radar, most=points.folds, **bins)
-    return folds, doppler_bin + folds.fold * radar.num_chirps
-
-
-def _all_focused(spectrum, range_bin, doppler_bin, radar, points, range_bias_m):
-    """Focused azimuth and elevation of every cell, a block of cells at a time."""
-    count = range_bin.size
-    block = min(FOCUSED, count)
-    blocks = -(-count // block)
-    cell = jnp.arange(blocks * block) % count  # the last block begins again
-
-    def focused_block(cell):
-        bins = range_bin[cell], doppler_bin[cell]
-        return focused(spectrum, cell, *bins, radar, points, range_bias_m)
-
-    found = jax.lax.map(focused_block, cell.reshape(blocks, block))
-    return [angle.ravel()[:count] for angle in found]
-
-
-@functools.partial(jax.jit, static_argnames=("radar", "points", "range_bias_m"))
+@functools.partial(jax.jit, static_argnames="points")
 def cell_points(
     cells: Cells,
     mask: Bool[Array, "doppler range"],
-    radar: RadarSpec,
+    radar: Radar,
     *,
     points: PointSpec = POINTS,
-    range_bias_m: float = 0.0,
 ) -> PointCloud:
     """Return the points of the cells in `mask`, strongest first; one frame, `vmap` it.
 
     With the mask of `detect`, these are the points of `radar_points`.
     """
-    power, azimuth, elevation, fold, margin_db = cells
-    expected = radar.num_chirps, radar.num_range_bins
+    points, spec = points.subtracting(radar.leakage), radar.spec
+    expected = spec.num_chirps, spec.num_range_bins
     for name, values in (*cells._asdict().items(), ("mask", mask)):
         if values is not None and values.shape != expected:
             raise ValueError(
-                f"{name} has shape {values.shape}, {radar.name} needs [doppler, range] "
+                f"{name} has shape {values.shape}, {spec.name} needs [doppler, range] "
                 f"= {expected}: one frame, or another radar?"
             )
-    candidates = _candidates(power, mask, radar, range_bias_m)
+    candidates = _candidates(cells.power, mask, radar)
     strongest, cell = _strongest_cells(candidates, points)
-    direction = azimuth.ravel()[cell], elevation.ravel()[cell]
-    cloud = _cloud(power, cell, strongest, direction, radar, points, range_bias_m)
-    if fold is None or margin_db is None:
-        return cloud
-    folds = Folds(fold.ravel()[cell], margin_db.ravel()[cell])
-    return _unfolded(cloud, folds, radar)
+    _, azimuth, elevation, *folds = jax.tree.map(lambda part: part.ravel()[cell], cells)
+    folds = None if cells.fold is None else Folds(*folds)
+    direction = azimuth, elevation
+    return _cloud(cells.power, cell, strongest, direction, folds, radar, points)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
@@ -242,9 +157,8 @@ def detect(
 ) -> Bool[Array, "*batch doppler range"]:
     """Return the cells that the CFAR detector of `points` marks in the summed power.
 
-    With `group_peaks`, only the peaks among them.
-
-    Raises ValueError where the window does not fit into the map.
+    With `group_peaks`, only the peaks among them. Raises ValueError where the window
+    does not fit into the map.
     """
     mask = DETECTORS[points.detector](
         power,
@@ -259,50 +173,68 @@ def detect(
     return mask & map_peaks(power) if points.group_peaks else mask
 
 
-def _unfolded(cloud, folds, radar):
-    """The cloud with the velocities of its points' folds."""
-    fold = jnp.where(cloud.valid, folds.fold, 0)
-    return cloud._replace(
-        velocity=cloud.velocity + fold * (2 * radar.max_velocity_mps),
-        fold=fold,
-        fold_margin_db=jnp.where(cloud.valid, folds.margin_db, 0.0),
-    )
+def _located(spectrum, power, cell, radar, points):
+    """The array's values in flat cells as if nothing moved, folds, and directions."""
+    spec = radar.spec
+    range_bin, doppler_bin = cell_bins(power, cell, points)
+    snapshot, folds = spectrum.reshape(spec.num_virtual, -1)[:, cell].T, None
+    if points.folds:
+        folds = velocity_folds(
+            jax.lax.stop_gradient(snapshot),  # a fold is a choice
+            jax.lax.stop_gradient(doppler_bin),
+            spec,
+            most=points.folds,
+            **angle_bins(points, spec),
+        )
+        doppler_bin += folds.fold * spec.num_chirps
+    snapshot = compensate_tdm(snapshot, doppler_bin, spec)
+    if points.focus:
+        direction = focused(spectrum, cell, range_bin, doppler_bin, radar, points)
+    else:
+        direction = cell_directions(snapshot, spec, points)
+    return snapshot, folds, direction
 
 
-def _spectra(cube, radar, points, coupling):
-    """`range_doppler` of the cube without its coupling.
+def frame_spectra(
+    cube: Cube, radar: Radar, points: PointSpec
+) -> tuple[Spectrum, PowerMap]:
+    """Return `range_doppler` of one frame's calibrated cube without its leakage.
 
-    `remove_static` removes the coupling too, because it is steady.
+    `remove_static` removes the leakage too, because it is steady. A cube of zeros was
+    never received and holds no leakage.
     """
-    cube = as_samples(cube)
-    if cube.shape != radar.cube_shape:
+    cube, spec = as_samples(cube), radar.spec
+    if cube.shape != spec.cube_shape:
         raise ValueError(
-            f"cube has shape {cube.shape}, {radar.name} needs [tx, rx, chirp, sample] "
-            f"= {radar.cube_shape}: one frame, or another radar?"
+            f"cube has shape {cube.shape}, {spec.name} needs [tx, rx, chirp, sample] "
+            f"= {spec.cube_shape}: one frame, or another radar?"
         )
-    if jnp.iscomplexobj(cube) == radar.real_samples:
-        expected = "real" if radar.real_samples else "complex"
+    if jnp.iscomplexobj(cube) == spec.real_samples:
+        expected = "real" if spec.real_samples else "complex"
         raise ValueError(
-            f"the samples are {cube.dtype}, {radar.name} delivers {expected} ones"
+            f"the samples are {cube.dtype}, {spec.name} delivers {expected} ones"
         )
-    spectrum, power = range_doppler(cube, **fields(points, SPECTRUM))
-    if coupling is None or points.remove_static:
+    options = {name: getattr(points, name) for name in STATIC}
+    spectrum, power = range_doppler(calibrate(cube, radar), **options)
+    if radar.leakage is None or points.remove_static:
         return spectrum, power
+    leakage = jnp.where(power.any(), radar.leakage, 0)
     window = points.doppler_window
-    spectrum = subtract_coupling(spectrum, coupling, doppler_window=window)
+    spectrum = subtract_leakage(spectrum, leakage, doppler_window=window)
     return spectrum, (spectrum.real**2 + spectrum.imag**2).sum(0)
 
 
-def _candidates(power, mask, radar, range_bias_m):
+def _candidates(power, mask, radar):
     """Power of the cells in `mask` that may become points, 0 elsewhere.
 
     Three kinds of range bins are excluded: bin 0, which is the sensor itself; bins that
     the bias moves to 0 or below; and the last two, into which the window spreads the
     leakage of the antennas.
     """
-    first = max(1, math.floor(range_bias_m / radar.range_resolution_m + 0.5) + 1)
-    candidates = jnp.where(mask, power, 0.0).at[:, :first].set(0.0)
-    return candidates.at[:, -WRAPPED:].set(0.0)
+    bias = jnp.floor(radar.range_bias_m / radar.spec.range_resolution_m + 0.5)
+    usable = jnp.arange(power.shape[-1]) > jnp.maximum(bias, 0)
+    candidates = jnp.where(mask & to_rank(usable, mask), power, 0.0)
+    return candidates.at[..., -WRAPPED:].set(0.0)
 
 
 def _strongest_cells(candidates, points):
@@ -314,40 +246,34 @@ def _strongest_cells(candidates, points):
     return jnp.pad(strongest, padding), jnp.pad(cell, padding)
 
 
-def _bins(power, cell, points):
-    """Range bin and signed Doppler bin of flat cells."""
+def cell_bins(
+    power: PowerMap, cell: Int[Array, " cell"], points: PointSpec
+) -> tuple[Float[Array, " cell"], Float[Array, " cell"]]:
+    """Return range bins and signed Doppler bins of flat cells, refined if asked for."""
     num_doppler, num_range = power.shape
     row, column = jnp.divmod(cell, num_range)
     doppler_bin = (row - num_doppler // 2).astype(power.dtype)
     range_bin = column.astype(power.dtype)
+
+    def offset(before, after, kind, length):
+        around = power[before], power[row, column], power[after]
+        return window_offset(*around, kind=kind, length=length)
+
     if points.refine:
         left, right = jnp.maximum(column - 1, 0), jnp.minimum(column + 1, num_range - 1)
-        range_bin += window_offset(
-            power[row, left],
-            power[row, column],
-            power[row, right],
-            kind=points.range_window,
-            length=num_range,
-        )
+        range_bin += offset((row, left), (row, right), points.range_window, num_range)
     if points.refine and num_doppler > 2:
-        below, above = (row - 1) % num_doppler, (row + 1) % num_doppler
-        doppler_bin += window_offset(
-            power[below, column],
-            power[row, column],
-            power[above, column],
-            kind=points.doppler_window,
-            length=num_doppler,
-        )
+        below, above = ((step % num_doppler, column) for step in (row - 1, row + 1))
+        doppler_bin += offset(below, above, points.doppler_window, num_doppler)
     return range_bin, doppler_bin
 
 
-def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):
+def _cloud(power, cell, strongest, direction, folds, radar, points):
     """The cloud of the cells; those without power are padding."""
-    azimuth, elevation = direction
-    range_bin, doppler_bin = _bins(power, cell, points)
-    noise = noise_floor(power, guard=points.guard, train=points.train)
-    noise = noise.ravel()[cell]
-    distance = range_bin * radar.range_resolution_m - range_bias_m
+    (azimuth, elevation), spec = direction, radar.spec
+    range_bin, doppler_bin = cell_bins(power, cell, points)
+    noise = noise_floor(power, guard=points.guard, train=points.train).ravel()[cell]
+    distance = range_bin * spec.range_resolution_m - radar.range_bias_m
     ground = distance * jnp.cos(elevation)
     xyz = [
         ground * jnp.cos(azimuth),
@@ -355,11 +281,16 @@ def _cloud(power, cell, strongest, direction, radar, points, range_bias_m):
         distance * jnp.sin(elevation),
     ]
     valid = strongest > 0
-    return PointCloud(
+    cloud = PointCloud(
         xyz=jnp.where(valid[:, None], jnp.stack(xyz, -1), 0.0),
         valid=valid,
-        velocity=jnp.where(valid, doppler_bin * radar.velocity_resolution_mps, 0.0),
+        velocity=jnp.where(valid, doppler_bin * spec.velocity_resolution_mps, 0.0),
         power=strongest,
         # The inner condition keeps gradients finite where nothing was received.
         snr=strongest / jnp.where(valid, jnp.maximum(noise, 1e-30), 1.0),
     )
+    if folds is None:
+        return cloud
+    fold, margin_db = (jnp.where(valid, part, 0) for part in folds)
+    velocity = cloud.velocity + fold * (2 * spec.max_velocity_mps)
+    return cloud._replace(velocity=velocity, fold=fold, fold_margin_db=margin_db)

@@ -8,11 +8,9 @@
 A chirp of two samples does not exist, so a last axis of 2 can only be I and Q.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Inexact, Int, Num
+from jaxtyping import Array, Inexact, Num
 
 FULL_SCALE = 2.0**15 - 1  # the largest number of 16 bits
 
@@ -40,16 +38,3 @@ def as_samples(cube: Cube) -> Inexact[Array, "*_batch _tx _rx _chirp _sample"]:
             "axes that are missing, such as cube[None, None] for one antenna"
         )
     return cube
-
-
-@functools.partial(jax.jit, static_argnames="full_scale")
-def saturated_samples(cube: Cube, *, full_scale: float = FULL_SCALE) -> Int[Array, ""]:
-    """Return the number of samples with a part at full scale, before calibration."""
-    cube = as_samples(cube)
-    return jnp.sum(jnp.maximum(jnp.abs(cube.real), jnp.abs(cube.imag)) >= full_scale)
-
-
-@jax.jit
-def non_finite_samples(cube: Cube) -> Int[Array, ""]:
-    """Return the number of samples with a part that is NaN or infinite."""
-    return jnp.sum(~jnp.isfinite(as_samples(cube)))

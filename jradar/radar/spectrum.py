@@ -65,10 +65,8 @@ def range_doppler(
     mean over chirps, which removes everything that stands still. `remove_interference`
     excises crossing chirps of other radars. Raises ValueError for an unknown window.
     """
-    cube = as_samples(cube)
-    if remove_interference:
-        cube, _ = excise_interference(cube)
-    return _transform(cube, range_window, doppler_window, remove_static, keep=True)
+    options = range_window, doppler_window, remove_static, remove_interference
+    return _transform(cube, *options, keep=True)
 
 
 @functools.partial(jax.jit, static_argnames=STATIC)
@@ -81,15 +79,15 @@ def power_map(
     remove_interference: bool = False,
 ) -> PowerMap:
     """Return only the power of `range_doppler`; the spectra are never stored."""
-    cube = as_samples(cube)
-    if remove_interference:
-        cube, _ = excise_interference(cube)
-    _, power = _transform(cube, range_window, doppler_window, remove_static, keep=False)
-    return power
+    options = range_window, doppler_window, remove_static, remove_interference
+    return _transform(cube, *options, keep=False)[1]
 
 
-def _transform(cube, range_window, doppler_window, remove_static, *, keep) -> Any:
+def _transform(cube, range_window, doppler_window, static, crossing, *, keep) -> Any:
     """Spectra, or None unless they are kept, and power, antenna by antenna."""
+    cube = as_samples(cube)
+    if crossing:
+        cube, _ = excise_interference(cube)
     *batch, tx, rx, chirps, samples = cube.shape
     weight = np.outer(window(doppler_window, chirps), window(range_window, samples))
     if chirps % 2 == 0:
@@ -97,7 +95,7 @@ def _transform(cube, range_window, doppler_window, remove_static, *, keep) -> An
     weight = jnp.asarray(weight, cube.real.dtype)
 
     def add(power, antenna):
-        if remove_static:
+        if static:
             antenna = antenna - antenna.mean(-2, keepdims=True)
         if jnp.iscomplexobj(antenna):
             weighted = jax.lax.complex(antenna.real * weight, antenna.imag * weight)

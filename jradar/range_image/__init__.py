@@ -6,26 +6,25 @@ Pixels
 
 Projection
     project, unproject              cloud to image of metres, and back
-    nearest_points                  the points that an image keeps, as they are
-    project_slices, SliceImages     one image for each slice of the range axis
+    RangeImage, image_cloud         ranges with a confidence, and their cloud
+    project_slices                  one image for each slice of the range axis
 
 Values of the network
     condition_image, CHANNELS       cloud to the network's condition
     encode_target, decode_target    image of metres to the network's values, and back
     encode_range, decode_range      the same for the range alone
-    close_gaps, fill_misses         fill pixels between a LiDAR's beams; every pixel
+    close_gaps                      fill pixels between a LiDAR's beams
 
-    RangeImage, agreed_range        the range on which several images agree
+    agreed_range                    the range on which several images agree
     confident                       without pixels of little confidence
-    CalibrationSpec, fit_calibration, calibrated, UNSURE
+    ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
                                     confidence that holds on new frames
     velocity_image                  the radar's velocity at each pixel
-    TrustSpec, fit_trust            what conditions looked like in training
+    TrustTable, fit_trust           what conditions looked like in training
     unlikeness, STRANGE             how unlike them a condition is, 0 to 1; when to warn
 """
 
 from jradar.range_image.agreement import (
-    RangeImage as RangeImage,
     agreed_range as agreed_range,
     confident as confident,
 )
@@ -37,13 +36,13 @@ from jradar.range_image.codec import (
     decode_target as decode_target,
     encode_range as encode_range,
     encode_target as encode_target,
-    fill_misses as fill_misses,
 )
 from jradar.range_image.confidence import (
+    IDENTITY as IDENTITY,
     UNSURE as UNSURE,
-    CalibrationSpec as CalibrationSpec,
-    calibrated as calibrated,
-    fit_calibration as fit_calibration,
+    ConfidenceTable as ConfidenceTable,
+    fit_confidence as fit_confidence,
+    frequency as frequency,
 )
 from jradar.range_image.doppler import velocity_image as velocity_image
 from jradar.range_image.grid import (
@@ -52,15 +51,15 @@ from jradar.range_image.grid import (
     pixel_of as pixel_of,
 )
 from jradar.range_image.projection import (
-    SliceImages as SliceImages,
-    nearest_points as nearest_points,
+    RangeImage as RangeImage,
+    image_cloud as image_cloud,
     project as project,
     project_slices as project_slices,
     unproject as unproject,
 )
 from jradar.range_image.trust import (
     STRANGE as STRANGE,
-    TrustSpec as TrustSpec,
+    TrustTable as TrustTable,
     condition_features as condition_features,
     fit_trust as fit_trust,
     training_distance as training_distance,

@@ -6,39 +6,25 @@ near which most draws lie, if enough of them do. The mean of the draws would han
 between surfaces.
 """
 
-import functools
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jradar.range_image.projection import RangeImage
 
-class RangeImage(NamedTuple):
-    """Ranges in metres, 0 for a miss, and how far to trust each of them, 0 to 1.
-
-    The confidence is the probability that a surface is within a window around the
-    range, as far as the method knows it; None for a method that does not.
-    """
-
-    range_m: Float[Array, "*batch row column"]
-    confidence: Float[Array, "*batch row column"] | None = None
+TOLERANCE_M = 0.2  # of draws from the one that they agree with
 
 
-@functools.partial(jax.jit, static_argnames="tolerance_m")
-def agreed_range(
-    images: Float[Array, "draw row column"], *, tolerance_m: float = 0.2
-) -> RangeImage:
+@jax.jit
+def agreed_range(images: Float[Array, "draw row column"]) -> RangeImage:
     """Return the range near which most draws lie, and their share as confidence.
 
-    The largest group of draws within `tolerance_m` of one of them gives its mean; of
-    equally large groups, the one with the smaller mean. `confident` drops pixels of
-    small groups. Raises ValueError for an impossible tolerance.
+    The largest group of draws within 0.2 m of one of them gives its mean; of equally
+    large groups, the one with the smaller mean. `confident` drops pixels of small
+    groups.
     """
-    if not tolerance_m > 0:
-        raise ValueError(f"{tolerance_m=}, expected more than 0 metres")
     hit = images > 0
-    near = jnp.abs(images[:, None] - images[None]) <= tolerance_m
+    near = jnp.abs(images[:, None] - images[None]) <= TOLERANCE_M
     near &= hit[:, None] & hit[None]
     count = near.sum(1)
     mean = jnp.where(near, images[None], 0.0).sum(1) / jnp.maximum(count, 1)

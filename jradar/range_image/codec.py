@@ -5,7 +5,7 @@ Pixels without a return are marked by their validity alone. Their range is fille
 smoothly from their neighbours, so that smoothing the range channel does not create
 points between surfaces.
 
-The condition has up to three channels per slice: presence, the point's place in the
+The condition has three channels per slice: presence, the point's place in the
 slice (-1 near, 1 far), and its power in decibels relative to the frame's strongest.
 """
 
@@ -24,6 +24,7 @@ from jradar.types import PointCloud
 
 CHANNELS = ("presence", "range", "power")  # of each slice of the condition
 DYNAMIC_RANGE_DB = 60.0  # power further below the strongest point is coded as 0
+ALIKE = 0.05  # share by which two ranges of one surface differ at most
 
 Image = Float[Array, "*batch row column"]
 Target = Float[Array, "*batch row column 2"]
@@ -100,21 +101,14 @@ def decode_target(
     return jnp.where(values[..., 1] > validity_threshold, range_m, 0.0)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "num_slices", "channels"))
+@functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
 def condition_image(
-    cloud: PointCloud,
-    spec: ImageSpec,
-    *,
-    num_slices: int,
-    channels: tuple[str, ...] = CHANNELS,
+    cloud: PointCloud, spec: ImageSpec, *, num_slices: int
 ) -> Float[Array, "row column channel"]:
     """Return the network's input for a radar cloud.
 
-    It has `len(channels) * num_slices` channels. One cloud; `vmap` it. Raises
-    ValueError for a channel that is not in `CHANNELS`.
+    It has the `CHANNELS` of all slices, one after another. One cloud; `vmap` it.
     """
-    if unknown := [name for name in channels if name not in CHANNELS]:
-        raise ValueError(f"channel {unknown[0]!r}, expected some of {CHANNELS}")
     slices = project_slices(cloud, spec, num_slices=num_slices)
     present = slices.range_m > 0
     steps = slices.range_m * (num_slices / spec.max_range_m)
@@ -126,20 +120,17 @@ def condition_image(
     share = slices.power / jnp.where(strongest > 0, strongest, 1.0)
     below_db = 10 * jnp.log10(jnp.maximum(share, 1e-30))
     power = jnp.where(present, jnp.clip(1 + below_db / DYNAMIC_RANGE_DB, 0.0, 1.0), 0.0)
-    values: dict[str, Array] = dict(
-        zip(CHANNELS, (present.astype(offset.dtype), offset, power), strict=True)
-    )
-    return jnp.concatenate([values[name] for name in channels], -1)
+    return jnp.concatenate([present.astype(offset.dtype), offset, power], -1)
 
 
-@functools.partial(jax.jit, static_argnames=("reach", "agreement"))
-def close_gaps(image: Image, *, reach: int = 2, agreement: float = 0.05) -> Image:
+@functools.partial(jax.jit, static_argnames="reach")
+def close_gaps(image: Image, *, reach: int = 2) -> Image:
     """Return `image`, in metres, with the pixels between a LiDAR's beams filled.
 
     An image is finer than a LiDAR's beams, so a wall has a pattern of empty pixels that
     a radar cannot predict. An empty pixel with returns on opposite sides, in its row,
     column or diagonals and at most `reach` pixels away, is interpolated between them.
-    It takes the nearer range if the two differ by more than the fraction `agreement`.
+    It takes the nearer range if the two differ by more than 5 %.
     """
     margin = [(0, 0)] * (image.ndim - 2) + [(reach, reach)] * 2
     padded = jnp.pad(image, margin)
@@ -156,7 +147,7 @@ def close_gaps(image: Image, *, reach: int = 2, agreement: float = 0.05) -> Imag
             one, other = shifted(-a * down, -a * right), shifted(b * down, b * right)
             nearer = jnp.minimum(one, other)
             between = (b * one + a * other) / (a + b)
-            alike = jnp.abs(one - other) <= agreement * nearer
+            alike = jnp.abs(one - other) <= ALIKE * nearer
             found = jnp.where(alike, between, nearer)
             filled = jnp.where((filled == 0) & (nearer > 0), found, filled)
     return filled

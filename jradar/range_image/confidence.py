@@ -5,12 +5,11 @@ regression on frames that it was not trained on turns them into frequencies (Zad
 Elkan 2002): the closest frequencies, in the squared error, that never fall as the
 network's confidence rises.
 
-    confidence and truth of points --fit_calibration--> CalibrationSpec
-    confidence, CalibrationSpec    --calibrated-------> confidence
+    confidence and truth of points --fit_confidence--> ConfidenceTable
+    confidence, ConfidenceTable    --frequency-------> confidence
 """
 
-import dataclasses
-import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,30 +18,42 @@ from jaxtyping import Array, Bool, Float
 from scipy.optimize import isotonic_regression
 
 KNOTS = 33
+LEAST = 0.375  # of a table that was not fitted
 UNSURE = 0.5  # mean confidence of a cloud under which it is not to be trusted
 
 
-@dataclasses.dataclass(frozen=True)
-class CalibrationSpec:
-    """Frequencies at equally spaced confidences from 0 to 1, interpolated between."""
+class ConfidenceTable(NamedTuple):
+    """Frequencies at equally spaced confidences from 0 to 1, interpolated between.
 
-    frequencies: tuple[float, ...]
+    Points of less than `least`, after the table, are dropped.
+    """
 
-    def __post_init__(self):
-        """Refuse frequencies that fall, and those outside 0 to 1."""
-        values = np.asarray(self.frequencies)
-        fits = len(values) > 1 and values.min() >= 0 and values.max() <= 1
+    frequencies: Float[Array | np.ndarray, " knot"]
+    least: Float[Array | np.ndarray, ""]
+
+    @classmethod
+    def of(cls, frequencies: Any, *, least: float = LEAST) -> "ConfidenceTable":
+        """Return the table, or raise ValueError for one that is not a confidence."""
+        values = np.asarray(frequencies, np.float32)
+        fits = values.ndim == 1 and len(values) > 1
+        fits = fits and values.min() >= 0 and values.max() <= 1
         if not (fits and (np.diff(values) >= 0).all()):
             raise ValueError(
-                f"frequencies = {self.frequencies}, expected two or more that rise "
-                "from 0 or more to 1 or less"
+                f"frequencies = {frequencies}, expected two or more that rise from 0 "
+                "or more to 1 or less"
             )
+        if not 0 <= least <= 1:
+            raise ValueError(f"least = {least}, expected 0 to 1")
+        return cls(values, np.asarray(least, np.float32))
 
 
-def fit_calibration(
+IDENTITY = ConfidenceTable.of(np.linspace(0, 1, KNOTS))
+
+
+def fit_confidence(
     confidence: Float[np.ndarray, " point"], right: Bool[np.ndarray, " point"]
-) -> CalibrationSpec:
-    """Return the calibration of points whose confidence and truth are known.
+) -> ConfidenceTable:
+    """Return the table of points whose confidence and truth are known.
 
     A host function. Raises ValueError for confidences outside 0 to 1, or no points.
     """
@@ -57,17 +68,17 @@ def fit_calibration(
     share = np.add.reduceat(np.asarray(right, float)[order], first) / counts
     fitted = isotonic_regression(share, weights=counts).x
     knots = np.interp(np.linspace(0, 1, KNOTS), levels / 1000, fitted)
-    return CalibrationSpec(tuple(np.clip(knots, 0, 1).round(4).tolist()))
+    return ConfidenceTable.of(np.clip(knots, 0, 1).round(4))
 
 
-@functools.partial(jax.jit, static_argnames="calibration")
-def calibrated(
-    confidence: Float[Array, "..."], calibration: CalibrationSpec
+@jax.jit
+def frequency(
+    confidence: Float[Array, "..."], table: ConfidenceTable
 ) -> Float[Array, "..."]:
     """Return the frequency with which points of this confidence are right."""
-    steps = len(calibration.frequencies) - 1
+    steps = table.frequencies.shape[0] - 1
     place = jnp.clip(confidence, 0.0, 1.0) * steps
     below = jnp.minimum(place.astype(jnp.int32), steps - 1)
-    values = jnp.asarray(calibration.frequencies, confidence.dtype)
+    values = jnp.asarray(table.frequencies, confidence.dtype)
     low, high = values[below], values[below + 1]
     return low + (high - low) * (place - below)

@@ -5,10 +5,9 @@ axis, each with an image of its own, so that near points do not hide far ones (s
 IV-B). One cloud at a time; `vmap` it: batches of clouds are refused.
 
 What is differentiable: the ranges and powers in an image, with respect to the point
-that each pixel holds. What is not: which pixel a point falls into. A turn of the cloud
-moves points along pixels but not an image's values, so the gradient with respect to
-angles is 0 through `project` and `unproject`. `nearest_points` keeps the points of an
-image with their own directions, and its gradient is complete but for the choice.
+that each pixel holds. What is not: which pixel a point falls into. A rotation of the
+cloud moves points along pixels but not an image's values, so the gradient with respect
+to angles is 0.
 """
 
 import functools
@@ -21,6 +20,17 @@ from jaxtyping import Array, Float
 
 from jradar.range_image.grid import ImageSpec, pixel_directions, pixel_of
 from jradar.types import PointCloud, check_one_cloud
+
+
+class RangeImage(NamedTuple):
+    """Ranges in metres, 0 for a miss, and how far to trust each of them, 0 to 1.
+
+    The confidence is the probability that a surface is within a window around the
+    range, as far as the method knows it; None for a method that does not.
+    """
+
+    range_m: Float[Array, "*batch row column"]
+    confidence: Float[Array, "*batch row column"] | None = None
 
 
 class SliceImages(NamedTuple):
@@ -44,38 +54,6 @@ def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
     pixel = jnp.where(inside & cloud.valid, row * spec.width + column, size)
     nearest = _scatter_min(distance, pixel, size)
     return _zero_if_empty(nearest).reshape(spec.shape)
-
-
-@functools.partial(jax.jit, static_argnames="spec")
-def nearest_points(cloud: PointCloud, spec: ImageSpec) -> PointCloud:
-    """Return the point that `project` keeps of each pixel, in its own direction.
-
-    Points are in the order of `unproject(project(cloud, spec), spec)`, whose points lie
-    at pixel centres instead; of equally near points the first is kept. Gradients reach
-    all columns of the cloud. One cloud; `vmap` it.
-    """
-    check_one_cloud(cloud, "nearest_points")
-    if not len(cloud.xyz):
-        cloud = jax.tree.map(
-            lambda values: jnp.zeros((1, *values.shape[1:]), values.dtype), cloud
-        )
-    row, column, distance, inside = jax.lax.optimization_barrier(
-        pixel_of(cloud.xyz, spec)
-    )
-    inside &= cloud.valid
-    size, count = spec.height * spec.width, len(distance)
-    pixel = jnp.where(inside, row * spec.width + column, size)
-    nearest = _scatter_min(distance, pixel, size)
-    wins = inside & (distance == nearest[pixel])
-    number = jnp.where(wins, pixel, size)
-    first = jnp.full(size, count).at[number].min(jnp.arange(count), mode="drop")
-    known = first < count
-
-    def kept(values):
-        held = values[jnp.minimum(first, count - 1)]
-        return jnp.where(known.reshape(-1, *[1] * (values.ndim - 1)), held, 0)
-
-    return jax.tree.map(kept, cloud)._replace(valid=known)
 
 
 @functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
@@ -130,6 +108,14 @@ def unproject(image: Float[Array, "*batch row column"], spec: ImageSpec) -> Poin
     return PointCloud(
         xyz=xyz.reshape(*leading, -1, 3), valid=(image > 0).reshape(*leading, -1)
     )
+
+
+def image_cloud(image: RangeImage, spec: ImageSpec) -> PointCloud:
+    """Return `unproject` of the ranges, whose points keep the image's confidence."""
+    cloud = unproject(image.range_m, spec)
+    if image.confidence is None:
+        return cloud
+    return cloud._replace(confidence=image.confidence.reshape(cloud.valid.shape))
 
 
 def _scatter_min(values, index, size):

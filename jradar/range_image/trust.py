@@ -6,12 +6,11 @@ power of these points. Those of a training set are described by a Gaussian, and 
 condition by its distance from it (Mahalanobis 1936), given as the share of training
 frames that lie nearer: above 0.99, hardly any training frame looked like it.
 
-    conditions of training --fit_trust--> TrustSpec
-    condition, TrustSpec   --unlikeness--> 0 .. 1
+    conditions of training --fit_trust--> TrustTable
+    condition, TrustTable   --unlikeness--> 0 .. 1
 """
 
-import dataclasses
-import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,27 +19,30 @@ from jaxtyping import Array, Float
 
 from jradar.range_image.codec import CHANNELS
 
-STEPS = 200  # quantiles that a TrustSpec keeps
+STEPS = 200  # quantiles that a TrustTable keeps
 LEAST_FRAMES = 40
 STRANGE = 0.99  # share of training frames that are more usual than a strange frame
 RIDGE = 0.01  # of the features' variance, added so that no direction is without spread
 
 
-@dataclasses.dataclass(frozen=True)
-class TrustSpec:
+class TrustTable(NamedTuple):
     """A Gaussian of training features, and the distances of other training frames."""
 
-    mean: tuple[float, ...]
-    whitening: tuple[tuple[float, ...], ...]
-    distances: tuple[float, ...]  # rising quantiles, from 0 to 1 in equal steps
+    mean: Float[Array | np.ndarray, " feature"]
+    whitening: Float[Array | np.ndarray, "feature feature"]
+    distances: Float[Array | np.ndarray, " step"]  # rising quantiles, from 0 to 1
 
-    def __post_init__(self):
-        """Refuse a matrix that does not fit the mean."""
-        size = len(self.mean)
-        if {len(self.whitening), *map(len, self.whitening)} != {size}:
+    @classmethod
+    def of(cls, mean: Any, whitening: Any, distances: Any) -> "TrustTable":
+        """Return the table, or raise ValueError for parts that do not fit."""
+        table = cls(*(np.asarray(v, np.float32) for v in (mean, whitening, distances)))
+        size = len(table.mean)
+        if table.whitening.shape != (size, size) or table.distances.ndim != 1:
             raise ValueError(
-                f"whitening has {len(self.whitening)} rows, expected {size} of {size}"
+                f"whitening has shape {table.whitening.shape} and distances "
+                f"{table.distances.shape}, expected {(size, size)} and one axis"
             )
+        return table
 
 
 @jax.jit
@@ -57,7 +59,7 @@ def condition_features(
     return jnp.concatenate([jnp.sqrt(share), mean], -1)
 
 
-def fit_trust(features: Float[np.ndarray, "frame feature"]) -> TrustSpec:
+def fit_trust(features: Float[np.ndarray, "frame feature"]) -> TrustTable:
     """Return the description of a training set, on the host.
 
     Every other frame gives the Gaussian, the rest give the distances. Raises ValueError
@@ -73,26 +75,22 @@ def fit_trust(features: Float[np.ndarray, "frame feature"]) -> TrustSpec:
     whitening = (vectors / np.sqrt(values)).T
     distance = np.linalg.norm((left - mean) @ whitening.T, axis=-1)
     quantiles = np.quantile(distance, np.linspace(0, 1, STEPS + 1))
-    return TrustSpec(
-        tuple(mean.round(6).tolist()),
-        tuple(map(tuple, whitening.round(6).tolist())),
-        tuple(quantiles.round(6).tolist()),
-    )
+    return TrustTable.of(mean.round(6), whitening.round(6), quantiles.round(6))
 
 
-@functools.partial(jax.jit, static_argnames="trust")
+@jax.jit
 def unlikeness(
-    condition: Float[Array, "*batch row column channel"], trust: TrustSpec
+    condition: Float[Array, "*batch row column channel"], trust: TrustTable
 ) -> Float[Array, "*batch"]:
     """Return the share of training frames that are nearer to the mean, 0 to 1."""
     distance = training_distance(condition, trust)
-    steps = jnp.linspace(0.0, 1.0, len(trust.distances))
+    steps = jnp.linspace(0.0, 1.0, trust.distances.shape[0])
     return jnp.interp(distance, jnp.asarray(trust.distances), steps)
 
 
-@functools.partial(jax.jit, static_argnames="trust")
+@jax.jit
 def training_distance(
-    condition: Float[Array, "*batch row column channel"], trust: TrustSpec
+    condition: Float[Array, "*batch row column channel"], trust: TrustTable
 ) -> Float[Array, "*batch"]:
     """Return the distance from the mean of training, in standard deviations."""
     apart = condition_features(condition) - jnp.asarray(trust.mean)

@@ -2,8 +2,6 @@
 
     open_recording, is_recording     the recording at a path, of any format in READERS
     Recording, Stream, Imu           what readers return; frames are read when accessed
-    calibrated_cube                  a frame with its antenna calibration applied
-    with_factors                     the recording with further factors of its channels
     without_background               the recording without what stands still
     nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
     describe, describe_file          what a recording, a bag or a cloud holds
@@ -14,13 +12,13 @@ Formats, each with its layout at the top of its module:
     open_coloradar                   `coloradar`: sequences of the public data set
     open_dca1000                     `dca1000`: samples of TI's capture card
     open_packet_trace                `packet_trace`: the same in a .pcap
-    open_raw_bag                     `raw_bags`: the same in ROS bags
+    open_raw_bag                     `bags.raw`: the same in ROS bags
     open_npy                         `cubes`: complex arrays
     open_capture, read_tum           `capture`: a rig's radar, LiDAR and poses
     open_bag, bag_topics             `bags`: LiDAR clouds in ROS 1 and ROS 2 bags
-    open_imu                         `imu`: IMUs in bags
+    open_imu                         `bags.imu`: IMUs in bags
     read_cloud                       `clouds`: PLY, PCD, KITTI
-    write_ply, _pcd, _csv, _npz      `cloud_writers`: a cloud's valid points
+    CLOUD_WRITERS, write_npz         `clouds.write`: a cloud's valid points
 
 Radars and their calibration:
 
@@ -35,6 +33,7 @@ Radars and their calibration:
 
 from jradar.recordings.background import without_background as without_background
 from jradar.recordings.bags.bags import bag_topics as bag_topics, open_bag as open_bag
+from jradar.recordings.bags.imu import open_imu as open_imu
 from jradar.recordings.bags.raw import open_raw_bag as open_raw_bag
 from jradar.recordings.capture import (
     accumulate as accumulate,
@@ -44,13 +43,10 @@ from jradar.recordings.clouds.read import read_cloud as read_cloud
 from jradar.recordings.clouds.write import (
     CLOUD_WRITERS as CLOUD_WRITERS,
     valid_points as valid_points,
-    write_csv as write_csv,
     write_npz as write_npz,
-    write_pcd as write_pcd,
     write_ply as write_ply,
 )
 from jradar.recordings.coloradar.calib import (
-    FrequencyPhase as FrequencyPhase,
     radar_from_coloradar as radar_from_coloradar,
     read_coupling as read_coupling,
     read_frequency_phase as read_frequency_phase,
@@ -61,11 +57,7 @@ from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,
 )
-from jradar.recordings.descriptions import (
-    Description as Description,
-    read_description as read_description,
-)
-from jradar.recordings.imu import open_imu as open_imu
+from jradar.recordings.descriptions import read_description as read_description
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
@@ -78,25 +70,21 @@ from jradar.recordings.recording import (
     Imu as Imu,
     Recording as Recording,
     Stream as Stream,
-    calibrated_cube as calibrated_cube,
     nearest_scan as nearest_scan,
     radar_from_lidar as radar_from_lidar,
-    with_factors as with_factors,
 )
 from jradar.recordings.sample_checks import (
-    SampleCheck as SampleCheck,
     check_samples as check_samples,
+    sample_doubts as sample_doubts,
     with_sample_doubts as with_sample_doubts,
 )
 from jradar.recordings.text_files import (
     radar_from_toml as radar_from_toml,
     read_tum as read_tum,
 )
-from jradar.recordings.ti.cfg import (
-    CaptureSpec as CaptureSpec,
-    radar_from_cfg as radar_from_cfg,
-)
+from jradar.recordings.ti.cfg import radar_from_cfg as radar_from_cfg
 from jradar.recordings.ti.dca1000 import open_dca1000 as open_dca1000
+from jradar.recordings.ti.frame import CaptureSpec as CaptureSpec
 from jradar.recordings.ti.packet_trace import open_packet_trace as open_packet_trace
 from jradar.recordings.ti.studio_log import (
     radar_from_studio_log as radar_from_studio_log,

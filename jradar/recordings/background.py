@@ -1,5 +1,7 @@
 """A recording without the static background of its own frames."""
 
+import dataclasses
+
 import numpy as np
 
 from jradar.errors import UsageError
@@ -10,7 +12,7 @@ from jradar.recordings.recording import Recording, Stream
 def without_background(recording: Recording, frames: slice) -> Recording:
     """Return the recording of a radar that stands still without what stands still.
 
-    The background is the mean of `frames`; it contains the coupling, which is dropped.
+    The background is the mean of `frames`; it contains the leakage, which is dropped.
     Raises UsageError if the recording has none of the frames.
     """
     cubes, chosen = recording.cubes, range(*frames.indices(len(recording.cubes)))
@@ -27,6 +29,6 @@ def without_background(recording: Recording, frames: slice) -> Recording:
     note = f"the mean of frames {chosen[0]} to {chosen[-1]} is subtracted as background"
     return recording._replace(
         cubes=Stream(read, len(cubes), cubes.stamps, cubes.notes),
-        coupling=None,
+        radar=dataclasses.replace(recording.radar, leakage=None),
         notes=(*recording.notes, note),
     )

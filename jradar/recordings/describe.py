@@ -9,7 +9,7 @@ import scipy  # loads `spatial` when it is first used
 
 from jradar.radar import RadarSpec
 from jradar.recordings.bags.bags import bag_times, bag_topics, open_bag
-from jradar.recordings.bags.cloud_messages import is_cloud_type
+from jradar.recordings.bags.messages import is_cloud_type
 from jradar.recordings.clouds.read import holds_points, read_cloud
 from jradar.recordings.recording import (
     Format,
@@ -44,7 +44,7 @@ def describe(recording: Recording) -> dict[str, Any]:
     return {
         "recording": str(recording.path),
         "frames": len(recording.cubes),
-        "radar": _radar(recording.radar),
+        "radar": _radar(recording.radar.spec),
         "streams": streams,
         **_matches(recording),
         "readable": _readable(recording),
@@ -192,17 +192,17 @@ def _item(stream, item: int) -> str:
 
 
 def _calibration(recording: Recording) -> list[str]:
-    found = []
-    if recording.coupling is not None:
-        shape = " x ".join(map(str, recording.coupling.shape))
-        found.append(f"coupling, {shape} [tx, rx, range bin]")
-    if recording.frequency_phase is not None:
-        shape = " x ".join(map(str, recording.frequency_phase.phase.shape))
-        found.append(f"frequency and phase, {shape} [tx, rx]")
-    if recording.channel_factors is not None:
-        found.append(f"factors of {len(recording.channel_factors)} virtual antennas")
-    if recording.range_bias_m:
-        found.append(f"range bias {recording.range_bias_m:g} m")
+    radar, found = recording.radar, []
+    if radar.leakage is not None:
+        shape = " x ".join(map(str, radar.leakage.shape))
+        found.append(f"leakage, {shape} [tx, rx, range bin]")
+    if radar.beat_bins is not None:
+        shape = " x ".join(map(str, radar.beat_bins.shape))
+        found.append(f"beat frequencies, {shape} [tx, rx]")
+    if radar.channels is not None:
+        found.append(f"factors of {radar.channels.size} virtual antennas")
+    if radar.range_bias_m:
+        found.append(f"range bias {radar.range_bias_m:g} m")
     return found or ["none"]
 
 

@@ -9,13 +9,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
 from jradar.errors import UsageError
+from jradar.files import MAX_TEXT_BYTES
 from jradar.radar import RadarSpec
 from jradar.recordings.coloradar.calib import radar_from_coloradar
 from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, read
-from jradar.recordings.text_files import MAX_BYTES
-from jradar.recordings.ti.cfg import CaptureSpec, radar_from_cfg
+from jradar.recordings.ti.cfg import read_cfg
+from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.mmwave_json import read_mmwave_json
 from jradar.recordings.ti.studio_log import count_configurations, radar_from_studio_log
 
@@ -27,6 +31,7 @@ SIGNS = {
     ".txt": b"API:ProfileConfig",
     ".csv": b"API:ProfileConfig",
 }
+MOST_FRAMES = 10_000_000  # ten days of ten a second
 MOST_SHOWN = 5  # configurations of a log, the last ones
 CAPTURE_TOML = "capture.toml"  # describes a whole rig, and names the radar's file
 
@@ -37,11 +42,6 @@ class Description(NamedTuple):
     radar: RadarSpec
     capture: CaptureSpec = CaptureSpec()
     notes: tuple[str, ...] = ()
-
-
-def _read_cfg(path: Path, device: str = "awr1843") -> Description:
-    radar = radar_from_cfg(path, device=device)
-    return Description(radar, CaptureSpec.from_cfg(path, device=device))
 
 
 def _read_log(path: Path, configuration: int | None = None) -> Description:
@@ -70,10 +70,6 @@ def _size(path: Path, configuration: int) -> str:
     return f"{size}, {radar.range_resolution_m:.3g} m, {radar.frame_period_s:g} s"
 
 
-def _read_json(path: Path, device: str = "awr1843") -> Description:
-    return Description(*read_mmwave_json(path, device=device))
-
-
 DESCRIPTIONS = (
     Format(
         "a .toml with a [radar] table",
@@ -83,7 +79,7 @@ DESCRIPTIONS = (
     Format(
         "a .cfg of TI's mmWave SDK",
         lambda path: path.suffix == ".cfg",
-        _read_cfg,
+        lambda path, **device: Description(*read_cfg(path, **device)),
         ("device",),
     ),
     Format(
@@ -95,7 +91,7 @@ DESCRIPTIONS = (
     Format(
         "an .mmwave.json of mmWave Studio",
         lambda path: path.suffix == ".json",
-        _read_json,
+        lambda path, **device: Description(*read_mmwave_json(path, **device)),
         ("device",),
     ),
     Format(
@@ -120,6 +116,21 @@ def read_description(path: Path | str, *, device: str | None = None) -> Descript
     if not path.exists():
         raise FileNotFoundError(f"no such radar description: {path}")
     return read(path, DESCRIPTIONS, device=device, configuration=number)
+
+
+def frame_stamps(
+    path: Path, count: int, period_s: float
+) -> Float[np.ndarray, " frame"] | None:
+    """Return the times of frames that follow one another; None for an unknown period.
+
+    Raises ValueError for more frames than any recording has.
+    """
+    if count > MOST_FRAMES:
+        raise ValueError(
+            f"{path} holds {count:,} frames, expected at most {MOST_FRAMES:,}: does "
+            "the description belong to another recording?"
+        )
+    return np.arange(count) * period_s if period_s else None
 
 
 def find_description(path: Path, patterns: Sequence[str]) -> Path:
@@ -147,7 +158,7 @@ def find_description(path: Path, patterns: Sequence[str]) -> Path:
 
 def _describes_radar(file: Path) -> bool:
     with file.open("rb") as content:
-        return SIGNS.get(file.suffix, b"") in content.read(MAX_BYTES)
+        return SIGNS.get(file.suffix, b"") in content.read(MAX_TEXT_BYTES)
 
 
 def _of_same_name(path: Path, found: list[Path]) -> list[Path]:

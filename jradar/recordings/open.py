@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jradar.errors import UsageError
+from jradar.files import open_file
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
 from jradar.recordings.coloradar import sequence
@@ -52,7 +53,9 @@ def open_recording(
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no such file or folder: {path}")
-    if path.is_dir() and not is_recording(path):
+    if not path.is_dir():
+        open_file(path).close()  # refuses pipes and devices
+    elif not is_recording(path):
         _refuse_folder(path)
     recording = read(
         path,
@@ -79,7 +82,7 @@ def _refuse_folder(path: Path) -> None:
 
 
 def _frames_as_chirps(recording: Recording) -> Recording:
-    radar, frames, lost = recording.radar, recording.cubes, recording.lost_bytes
+    radar, frames, lost = recording.radar.spec, recording.cubes, recording.lost_bytes
     if radar.num_chirps != 1 or radar.num_tx != 1 or not radar.frame_period_s:
         raise UsageError(
             f"{recording.path}: frames can serve as chirps only if each holds one "
@@ -94,7 +97,7 @@ def _frames_as_chirps(recording: Recording) -> Recording:
         frame_period_s=0.0,
     )
     return recording._replace(
-        radar=slow,
+        radar=dataclasses.replace(recording.radar, spec=slow),
         cubes=Stream(lambda _: np.concatenate([*frames], axis=2), 1),
         lost_bytes=None if lost is None else lost.sum(keepdims=True),
         notes=(*recording.notes, f"{len(frames)} frames were taken as chirps of one"),

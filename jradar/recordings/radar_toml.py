@@ -23,12 +23,12 @@ from typing import Any
 
 import numpy as np
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, printable
 from jradar.files import write_text
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.radar.devices import BOARDS
 from jradar.recordings.text_files import check_names, radar_from_toml, toml
-from jradar.recordings.ti.cfg import CaptureSpec
+from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.iq_order import IQ_ORDERS
 
 FILE_KEYS = ("axes", "iq_order")
@@ -72,27 +72,34 @@ def read_radar_toml(path: Path | str) -> tuple[RadarSpec, CaptureSpec]:
 
 def write_radar_toml(
     path: Path | str,
-    radar: RadarSpec,
-    capture: CaptureSpec,
+    radar: Radar,
     *,
+    iq_order: str = CaptureSpec.iq_order,
     axes: Sequence[str] = (),
     comment: str = "",
 ) -> None:
-    """Write what `read_radar_toml` reads, and the `axes` of a cube.
+    """Write what `read_radar_toml` reads: a radar, its channels and its range bias.
 
-    `comment` is put at the top.
+    The samples have the `axes` of a cube, or else an `iq_order`. `comment` is put at
+    the top.
     """
-    factors = np.array(capture.channel_factors)
-    stored = {"axes": [*axes]} if axes else {"iq_order": capture.iq_order}
-    measured: dict[str, Any] = {"range_bias_m": capture.range_bias_m}
-    if factors.size:
+    stored = {"axes": [*axes]} if axes else {"iq_order": iq_order}
+    measured: dict[str, Any] = {"range_bias_m": float(radar.range_bias_m)}
+    if radar.channels is not None:
+        factors = np.asarray(radar.channels).ravel()
         measured["gain_db"] = (20 * np.log10(abs(factors))).round(4).tolist()
         measured["phase_degrees"] = np.degrees(np.angle(factors)).round(3).tolist()
-    tables = {"radar": asdict(radar), "file": stored, "calibration": measured}
-    lines = [f"# {line}" for line in comment.splitlines()]
+    tables = {"radar": asdict(radar.spec), "file": stored, "calibration": measured}
+    lines = [f"# {printable(line)}" for line in comment.splitlines()]
     for name, table in tables.items():
-        lines += [f"\n[{name}]", *(f"{k} = {json.dumps(v)}" for k, v in table.items())]
+        lines += [f"\n[{name}]", *(f"{k} = {_as_toml(v)}" for k, v in table.items())]
     write_text(path, "\n".join(lines).lstrip() + "\n")
+
+
+def _as_toml(value: Any) -> str:
+    """Return a value as TOML: as JSON, but for texts with DEL, or outside Unicode."""
+    text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return text.encode("utf-8", "replace").decode()
 
 
 def _table(path, tables, name: str, keys) -> dict[str, Any]:

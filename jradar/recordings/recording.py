@@ -17,12 +17,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Complex, Float, Inexact, Int
+from jaxtyping import Float, Inexact, Int
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses, transform
-from jradar.radar import RadarSpec, calibrate_channels, calibrate_frequency_phase
-from jradar.recordings.coloradar.calib import FrequencyPhase
+from jradar.radar import Radar
 
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
 
@@ -73,58 +72,29 @@ class Recording(NamedTuple):
 
     name: str  # of the sequence, also in prepared records
     path: Path
-    radar: RadarSpec
-    cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts
+    radar: Radar
+    cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts as recorded
     lidar: Stream | None = None  # float32 [point, 4]: x y z intensity, LiDAR's frame
     poses: Poses | None = None  # of the base in the world
     imu: Imu | None = None
     base_from_radar: Float[np.ndarray, "4 4"] | None = None
     base_from_lidar: Float[np.ndarray, "4 4"] | None = None
     base_from_imu: Float[np.ndarray, "4 4"] | None = None
-    coupling: Complex[np.ndarray, "tx rx half_range"] | None = None
-    frequency_phase: FrequencyPhase | None = None
-    channel_factors: Complex[np.ndarray, " virtual"] | None = None  # of a .cfg or .toml
-    range_bias_m: float = 0.0  # subtracted from measured ranges
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
     iq_order: str = ""  # of an adc_data.bin
     axes: tuple[str, ...] = ()  # of a .npy
     notes: tuple[str, ...] = ()  # what was repaired or is doubtful
 
+    def cube(self, frame: int) -> Inexact[np.ndarray, "tx rx chirp sample"]:
+        """Return the samples of a frame as recorded; `radar` holds the calibration."""
+        return self.cubes[frame]
 
-def calibrated_cube(
-    recording: Recording, frame: int
-) -> Inexact[Array | np.ndarray, "tx rx chirp sample"]:
-    """Return a frame with the recording's antenna calibration applied.
-
-    The coupling is not removed here: `radar_points` subtracts it from the spectrum.
-    """
-    cube, measured = recording.cubes[frame], recording.frequency_phase
-    if recording.channel_factors is not None:
-        cube = calibrate_channels(cube, recording.channel_factors)
-    if measured is not None:
-        cube = calibrate_frequency_phase(
-            cube,
-            measured.frequency,
-            measured.phase,
-            recording.radar,
-            calibration_slope_hz_per_s=measured.slope_hz_per_s,
-            calibration_rate_hz=measured.sample_rate_hz,
-        )
-    return cube
-
-
-def with_factors(
-    recording: Recording, factors: Complex[np.ndarray, " virtual"]
-) -> Recording:
-    """Return the recording with further factors of its channels, and of its leakage."""
-    before, coupling = recording.channel_factors, recording.coupling
-    if coupling is not None:
-        each = factors.reshape(*coupling.shape[:2], 1)
-        coupling = (coupling * each).astype(coupling.dtype)
-    return recording._replace(
-        channel_factors=factors if before is None else before * factors,
-        coupling=coupling,
-    )
+    def __repr__(self) -> str:
+        """One line: name, frames, radar, and what else was recorded."""
+        others = ("lidar", "poses", "imu")
+        known = [name for name in others if getattr(self, name) is not None]
+        more = f", with {', '.join(known)}" if known else ""
+        return f"Recording({self.name!r}, {len(self.cubes)} frames{more}, {self.radar})"
 
 
 def radar_from_lidar(recording: Recording) -> Float[np.ndarray, "4 4"] | None:

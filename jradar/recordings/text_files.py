@@ -1,4 +1,4 @@
-"""Text files: read with a size limit, as TOML, as a radar, as a trajectory."""
+"""Text files: as TOML, as a radar, as a trajectory."""
 
 import difflib
 import tomllib
@@ -9,27 +9,11 @@ from typing import Any
 import numpy as np
 
 from jradar.errors import UsageError, parsing
+from jradar.files import read_text
 from jradar.lidar import Poses
 from jradar.radar import RadarSpec
 
-MAX_BYTES = 4 << 20  # the largest description, a cascade's coupling, takes 0.5 MB
 MAX_POSES_BYTES = 512 << 20
-
-
-def read_text(
-    path: Path | str, *, errors: str = "strict", limit: int = MAX_BYTES
-) -> str:
-    """Return the text of a file; ValueError if it is binary or exceeds `limit` bytes.
-
-    `errors="replace"` is for formats whose comments may use another encoding.
-    """
-    path = Path(path)
-    if (size := path.stat().st_size) > limit:
-        raise ValueError(f"{path} holds {size:,} bytes, expected at most {limit:,}")
-    try:
-        return path.read_text(encoding="utf-8-sig", errors=errors)
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path} is not a text file: {error.reason}") from error
 
 
 def toml(path: Path | str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from jradar.recordings.text_files import read_text
+from jradar.files import read_text
 from jradar.stream.outputs import load
 
 BAUD = 115_200

@@ -1,24 +1,22 @@
 """A frame's bytes to a view: cube, calibration, radar points, dense cloud, picture."""
 
-import functools
 from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Inexact, Num, UInt8
 
 from jradar.errors import UsageError
-from jradar.model import Model, compiler_options, enhance
-from jradar.radar import PointSpec, radar_points
+from jradar.model import Model
+from jradar.radar import PointSpec
 from jradar.recordings import (
     Recording,
     Stream,
-    calibrated_cube,
 )
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
+from jradar.session import Stages
 from jradar.stream.views import (
     LIDAR_FRAME,
     View,
@@ -42,10 +40,8 @@ def radar_on_the_cable(
     return Recording(
         name=path.stem,
         path=path,
-        radar=radar,
+        radar=capture.radar(radar),
         cubes=Stream(_no_frame, 0),
-        channel_factors=capture.channel_array,
-        range_bias_m=capture.range_bias_m,
         iq_order=capture.iq_order,
         notes=notes,
     )
@@ -57,7 +53,7 @@ def _no_frame(index: int) -> Any:
 
 def frame_bytes(recording: Recording) -> int:
     """Return the bytes of a frame on the cable: 16 bits for each I and Q."""
-    return bytes_of_frame(recording.radar)
+    return bytes_of_frame(recording.radar.spec)
 
 
 class Processor:
@@ -70,29 +66,36 @@ class Processor:
         model: Model | None = None,
         points: PointSpec | None = None,
         seed: int = 0,
-        **drawing: Any,
+        draws: int | None = None,
+        steps: int | None = None,
     ):
         """`recording` describes the radar and its calibration.
 
         Without a model only the `points` are published; with one, its own points are
-        beside the dense cloud. `drawing` are options of `draw`.
+        published next to the dense cloud. `draws` and `steps` are options of `draw`.
         """
-        radar = recording.radar
-        spec = model.spec.points if model is not None else points or PointSpec()
         self.recording, self.model = recording, model
-        self._key, self._drawing = jax.random.key(seed), drawing
-        self._order = recording.iq_order or ("I" if radar.real_samples else "IIQQ")
-        self._points = spec.fitted(radar)
+        self._order = recording.iq_order
+        if not self._order:
+            self._order = "I" if recording.radar.spec.real_samples else "IIQQ"
+        self._stages = Stages(
+            jax.random.key(seed),
+            recording.radar,
+            model,
+            points=points,
+            draws=draws,
+            steps=steps,
+        )
         self._base_from = sensor_places(recording)
 
     def cube(
         self, data: UInt8[np.ndarray, " byte"]
     ) -> Num[np.ndarray, "tx rx chirp sample"]:
         """Return the samples of a frame from its bytes on the cable."""
-        return cube_of_words(data.view("<i2"), self.recording.radar, self._order)
+        return cube_of_words(data.view("<i2"), self.recording.radar.spec, self._order)
 
     def warm_up(self) -> None:
-        """Compile everything that a frame needs."""
+        """Run a frame of zeros through everything."""
         self.view(self.cube(np.zeros(frame_bytes(self.recording), np.uint8)), 0, 0.0)
 
     def view(
@@ -103,53 +106,17 @@ class Processor:
         *,
         lidar: Float[np.ndarray, "point 3"] | None = None,
     ) -> View:
-        """Return the clouds and the picture of a frame; `lidar` is put beside them."""
-        recording = self.recording
-        here = recording._replace(cubes=Stream(lambda _: cube, 1))
-        clouds, picture = _compiled()(
-            self._key,
-            jnp.asarray(calibrated_cube(here, 0)),
-            self.model,
-            recording.coupling,
-            radar=recording.radar,
-            points=self._points,
-            range_bias_m=recording.range_bias_m,
-            drawing=tuple(self._drawing.items()),
-        )
+        """Return the clouds and the picture of a frame, with `lidar` if it is given."""
+        heard = self._stages.hear(cube)
+        clouds = {"radar": heard.points}
+        if self.model is not None:
+            image = self._stages.see(heard)
+            clouds["enhanced"] = self._stages.cloud(image, heard)
+        picture = range_azimuth(heard.samples, self.recording.radar.spec)
         clouds, picture = jax.device_get((clouds, picture))
         if lidar is not None:
             clouds[LIDAR_FRAME] = lidar_cloud(lidar)
         return View(number, stamp_s, clouds, picture, self._base_from)
-
-
-@functools.cache
-def _compiled():
-    """`_process` as XLA compiles it best on this machine."""
-    return jax.jit(
-        _process,
-        static_argnames=("radar", "points", "range_bias_m", "drawing"),
-        compiler_options=compiler_options(),
-    )
-
-
-def _process(key, cube, model, coupling, *, radar, points, range_bias_m, drawing):
-    """Clouds and picture in one program, which shares the spectra between them."""
-    clouds = {
-        "radar": radar_points(
-            cube, radar, points=points, coupling=coupling, range_bias_m=range_bias_m
-        )
-    }
-    if model is not None:
-        clouds["enhanced"] = enhance(
-            key,
-            cube,
-            model,
-            radar=radar,
-            coupling=coupling,
-            range_bias_m=range_bias_m,
-            **dict(drawing),
-        )
-    return clouds, range_azimuth(cube, radar)
 
 
 def quickest(model: Model | None, **drawing: Any) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 capture_figure                   a radar frame: spectrum, clouds, range image
 samples_figure                   range images side by side
-angle_spectra_figure             angle spectra over azimuth
 reliability_figure               the confidence of points: is it right, what it buys
 preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
@@ -12,7 +11,6 @@ write_page, CloudFrame           one HTML file with point clouds that can be tur
 """
 
 from jradar.viz.figures import (
-    angle_spectra_figure as angle_spectra_figure,
     capture_figure as capture_figure,
     reliability_figure as reliability_figure,
     samples_figure as samples_figure,

@@ -4,7 +4,7 @@ Range images are mirrored, so that left in the picture is left of the radar. Col
 range in metres; misses are white.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jradar.files import atomic_path
-from jradar.radar import RadarSpec, direction_sines
+from jradar.radar import RadarSpec
 from jradar.range_image import ImageSpec, project
 from jradar.types import PointCloud
 
@@ -82,35 +82,6 @@ def samples_figure(columns: dict[str, np.ndarray], image: ImageSpec) -> Figure:
             axes[row, column].set(xticks=[], yticks=[], xlabel="", ylabel="")
             if row == column == 0:
                 figure.colorbar(picture, ax=axes, label="range (m)")
-    return figure
-
-
-def angle_spectra_figure(
-    spectra: dict[str, Float[ArrayLike, " azimuth"]],
-    radar: RadarSpec,
-    *,
-    targets_deg: Sequence[float] = (),
-    title: str = "",
-) -> Figure:
-    """Draw spectra over the bins of `direction_sines`, in decibels below their peaks.
-
-    `targets_deg` are the true azimuths of targets.
-    """
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.subplots()
-    for i, azimuth in enumerate(targets_deg):
-        label = "_" if i else "targets"  # once in the legend
-        axes.axvline(azimuth, color="k", linestyle=":", linewidth=1, label=label)
-    for name, power in spectra.items():
-        power = np.asarray(power)
-        u, _ = direction_sines(radar, num_azimuth=len(power))
-        seen = np.abs(u) <= 1
-        level = 10 * np.log10(power[seen] / power[seen].max() + 1e-30)
-        axes.plot(np.degrees(np.arcsin(u[seen])), level, label=name)
-    axes.set(title=title, xlabel="azimuth (degrees), left is positive")
-    axes.set(ylabel="relative to the peak (dB)", xlim=(60, -60), ylim=(-45, 2))
-    axes.grid(alpha=0.3)
-    axes.legend(loc="upper left")
     return figure
 
 

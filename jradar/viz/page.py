@@ -13,7 +13,6 @@ of less than a chosen confidence. The address takes
 
 import base64
 import html
-import io
 import itertools
 import json
 import re
@@ -25,9 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
-from matplotlib.figure import Figure
 
 from jradar.files import write_text
 
@@ -53,7 +50,7 @@ def write_page(
     *,
     title: str,
     tables: Mapping[str, str],
-    figures: Mapping[str, Figure | Path | bytes],
+    figures: Mapping[str, Path],
     frames: Sequence[CloudFrame],
     max_bytes: int = 5_000_000,
 ) -> None:
@@ -136,23 +133,27 @@ def _viewer_data(frames, most):
     }
 
 
-def _points(frame: CloudFrame, name: str) -> np.ndarray:
-    """Return a frame's cloud by name, empty if the frame lacks it."""
-    points = np.asarray(frame.clouds.get(name, np.zeros((0, 3))), np.float64)
-    found = f"{name} of {frame.name}"
+def checked_points(points: np.ndarray, name: str) -> np.ndarray:
+    """Return the points. Raises ValueError unless they are finite `Points`."""
     columns = points.shape[1] if points.ndim == 2 else 0
     if columns not in (3, 4) or not np.isfinite(points).all():
         raise ValueError(
-            f"{found} has shape {points.shape}, expected finite points [point, 3] or "
+            f"{name} has shape {points.shape}, expected finite points [point, 3] or "
             "[point, 4]"
         )
     confidence = points[:, 3:]
     if ((confidence < 0) | (confidence > 1)).any():
         raise ValueError(
-            f"{found} has confidences of {confidence.min():g} to "
+            f"{name} has confidences of {confidence.min():g} to "
             f"{confidence.max():g}, expected 0 to 1"
         )
     return points
+
+
+def _points(frame: CloudFrame, name: str) -> np.ndarray:
+    """Return a frame's cloud by name, empty if the frame lacks it."""
+    points = np.asarray(frame.clouds.get(name, np.zeros((0, 3))), np.float64)
+    return checked_points(points, f"{name} of {frame.name}")
 
 
 def _thin(points, most):
@@ -191,13 +192,8 @@ def _z_order(whole):
     return code
 
 
-def _picture(name: str, figure: Figure | Path | bytes) -> str:
-    if isinstance(figure, Figure):
-        FigureCanvasAgg(figure)
-        buffer = io.BytesIO()
-        figure.savefig(buffer, dpi=100, format="png")
-        figure = buffer.getvalue()
-    png = figure.read_bytes() if isinstance(figure, Path) else figure
+def _picture(name: str, path: Path) -> str:
+    png = path.read_bytes()
     if not png.startswith(b"\x89PNG"):
         raise ValueError(f"{name}: expected a PNG picture, found {png[:4]!r}")
     label, source = html.escape(name), base64.b64encode(png).decode()

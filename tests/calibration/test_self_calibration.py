@@ -13,7 +13,7 @@ from jradar.calibration import (
     without_tilt,
 )
 from jradar.calibration.self_calibration import linear_phases, steering
-from jradar.radar import RadarSpec, Scatterers, calibrate_channels, simulate_cube
+from jradar.radar import Radar, RadarSpec, Scatterers, calibrate, simulate_cube
 
 CHIP = RadarSpec.awr1843(num_chirps=16, num_samples=128)
 FLAT = RadarSpec.awr1642(num_chirps=16, num_samples=128)
@@ -87,10 +87,10 @@ def simulated_echoes(radar, response, *, frames=6, noise_power=100.0, spot=None)
                 scene.amplitude.at[0].set(300.0),
             )
         cube = simulate_cube(jax.random.key(frame), scene, radar)
-        cube = calibrate_channels(cube, jnp.asarray(response, jnp.complex64))
+        cube = calibrate(cube, Radar(radar).with_factors(response))
         noise = np.random.default_rng(frame).standard_normal((2, *radar.cube_shape))
         cube += (noise_power / 2) ** 0.5 * (noise[0] + 1j * noise[1])
-        found.append(strong_snapshots(cube, radar, count=20))
+        found.append(strong_snapshots(cube, Radar(radar), count=20))
     return jax.tree.map(lambda *columns: jnp.stack(columns), *found)
 
 
@@ -201,7 +201,7 @@ def test_a_snapshot_is_the_echo_of_its_cell():
         *(c.at[0].set(e[0]) for c, e in zip(scene[:3], echo[:3], strict=True))
     )
     cube = simulate_cube(jax.random.key(0), scene, CHIP)
-    found = strong_snapshots(cube, CHIP, count=20)
+    found = strong_snapshots(cube, Radar(CHIP), count=20)
     assert found.range_m[0] == pytest.approx(4.0, abs=0.02)
     assert found.velocity_mps[0] == pytest.approx(0.7, abs=0.02)
     wave = steering(jnp.array(0.3), jnp.array(0.0), CHIP)

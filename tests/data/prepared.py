@@ -1,5 +1,6 @@
 """What tests of preparing, of records and of loading share."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -8,15 +9,20 @@ import numpy as np
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSpec
-from jradar.radar import Cells
+from jradar.radar import Cells, PointSpec
 from jradar.types import PointCloud
 
 SPEC = PrepareSpec(
-    capacity=128,
-    train=(2, 4),
+    points=PointSpec(capacity=128, train=(2, 4), false_alarm_rate=1.0),
     block=2,
     lidar=LidarSpec(max_range_m=7.0),
 )
+
+
+def with_points(spec, **changes):
+    """The options with other points of the condition."""
+    points = dataclasses.replace(spec.points, **changes)
+    return dataclasses.replace(spec, points=points)
 
 
 def digests(folder):

@@ -1,6 +1,5 @@
 """Preparation: the same bytes however it is run; dropped frames are counted."""
 
-import dataclasses
 import shutil
 
 import numpy as np
@@ -16,6 +15,7 @@ from jradar.recordings import open_recording
 from tests.data.prepared import (
     SPEC,
     digests,
+    with_points,
 )
 from tests.recordings.small_sequence import (
     SIDE,
@@ -40,7 +40,7 @@ def test_records_hold_both_sensors(prepared):
 
 
 def test_directions_by_music_do_not_change_the_truth(root, prepared, tmp_path):
-    spec = dataclasses.replace(SPEC, angles="music")
+    spec = with_points(SPEC, angles="music")
     prepare(root, tmp_path, spec, frames=slice(0, 1), workers=1)
     plain, music = Records(prepared)[0], Records(tmp_path)[0]
     np.testing.assert_array_equal(music.cells.power, plain.cells.power)
@@ -51,16 +51,16 @@ def test_directions_by_music_do_not_change_the_truth(root, prepared, tmp_path):
 
 
 def test_points_come_from_the_options():
-    spec = dataclasses.replace(SPEC, detector="ca", angles="music", flip_azimuth=True)
-    shared = {"capacity": 128, "train": (2, 4), "detector": "ca", "flip_azimuth": True}
-    assert spec.points == PointSpec(false_alarm_rate=1.0, angles="music", **shared)
+    spec = with_points(SPEC, detector="ca", angles="music")
+    shared = {"capacity": 128, "train": (2, 4), "detector": "ca"}
     assert spec.visible_points == PointSpec(false_alarm_rate=1e-3, **shared)
 
 
 def test_options_are_read_from_toml(tmp_path):
     path = tmp_path / "spec.toml"
     path.write_text(
-        "capacity = 128\ntrain = [2, 4]\nblock = 2\n[lidar]\nmax_range_m = 7\n"
+        "block = 2\n[points]\ncapacity = 128\ntrain = [2, 4]\n"
+        "[lidar]\nmax_range_m = 7\n"
     )
     assert PrepareSpec.from_toml(path) == SPEC
 
@@ -68,21 +68,30 @@ def test_options_are_read_from_toml(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("capacty = 1", "spec.toml: unknown field 'capacty', expected capacity"),
-        ("capacity = 'many'", "capacity = 'many', expected an integer"),
-        ("capacity = true", "capacity = True"),
-        ("capacity = 0", "capacity = 0, expected 1 to 1,048,576"),
-        ("capacity = 99999999999", "capacity = 99,999,999,999, expected 1 to 1,048,"),
-        ("flip_azimuth = 1", "flip_azimuth = 1, expected true or false"),
-        ("guard = [1]", r"guard = \[1\], expected a list of 2 integers"),
-        ("guard = [1.5, 2]", r"guard = \[1.5, 2\]"),
-        ("guard = 2", "guard = 2, expected a list of 2 integers"),
-        ("guard = [-1, 2]", r"guard = \(-1, 2\), expected 0 or more cells"),
-        ("train = [2, -4]", r"train = \(2, -4\), expected 0 or more cells"),
-        ("detector = ['os']", "expected a text"),
-        ("false_alarm_rate = 'low'", "expected a number"),
-        ("detector = 'cfar'", r"detector = 'cfar', expected one of \('ca'"),
-        ("false_alarm_rate = 2", "false_alarm_rate = 2.0, expected 0 < rate <= 1"),
+        (
+            "[points]\ncapacty = 1",
+            "spec.toml: unknown field 'capacty', expected capacity",
+        ),
+        ("[points]\ncapacity = 'many'", "capacity = 'many', expected an integer"),
+        ("[points]\ncapacity = true", "capacity = True"),
+        ("[points]\ncapacity = 0", "capacity = 0, expected 1 to 1,048,576"),
+        (
+            "[points]\ncapacity = 99999999999",
+            "capacity = 99,999,999,999, expected 1 to 1,048,",
+        ),
+        ("[points]\nrefine = 1", "refine = 1, expected true or false"),
+        ("[points]\nguard = [1]", r"guard = \[1\], expected a list of 2 integers"),
+        ("[points]\nguard = [1.5, 2]", r"guard = \[1.5, 2\]"),
+        ("[points]\nguard = 2", "guard = 2, expected a list of 2 integers"),
+        ("[points]\nguard = [-1, 2]", r"guard = \(-1, 2\), expected two whole numbers"),
+        ("[points]\ntrain = [2, -4]", r"train = \(2, -4\), expected two whole numbers"),
+        ("[points]\ndetector = ['os']", "expected a text"),
+        ("[points]\nfalse_alarm_rate = 'low'", "expected a number"),
+        ("[points]\ndetector = 'cfar'", r"detector = 'cfar', expected one of \('ca'"),
+        (
+            "[points]\nfalse_alarm_rate = 2",
+            "false_alarm_rate = 2.0, expected 0 < rate <= 1",
+        ),
         ("visible_false_alarm_rate = 0", "visible_false_alarm_rate = 0"),
         ("block = 0", "block = 0, expected 1 or more"),
         ("block = -3", "block = -3, expected 1 or more"),
@@ -148,7 +157,7 @@ def test_a_second_run_writes_only_missing_shards(root, prepared, tmp_path):
 
 
 def test_other_options_are_refused(root, prepared):
-    other = PrepareSpec(**{**vars(SPEC), "capacity": 64})
+    other = with_points(SPEC, capacity=64)
     with pytest.raises(UsageError, match="other options: capacity was 128, now 64"):
         prepare(root, prepared, other, workers=1)
     with pytest.raises(UsageError, match="other frames"):
@@ -206,7 +215,7 @@ def test_sequences_with_other_chirps_are_processed_with_their_own(tmp_path):
     root, names = tmp_path / "in", [f"12_21_2020_ec_hallways_run{k}" for k in (0, 1, 2)]
     for name in names:
         write_sequence(root, name, frames=2)
-    radar = open_recording(root / names[0]).radar
+    radar = open_recording(root / names[0]).radar.spec
     steep = radar.slope_hz_per_s * 1.25
     with_waveform(root, names[1], "frequency_slope", steep)
     manifest = prepare(root, tmp_path / "out", SPEC, workers=1)

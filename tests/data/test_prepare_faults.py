@@ -1,7 +1,6 @@
 """Preparing what is damaged, on a full disk, after a kill, beside what is not ours."""
 
 import contextlib
-import dataclasses
 import errno
 import os
 import shutil
@@ -20,7 +19,7 @@ from jradar.data.prepare import prepare
 from jradar.data.records import Records, write_shard
 from jradar.errors import UsageError, exit_code
 from jradar.recordings import open_recording
-from tests.data.prepared import SPEC, digests
+from tests.data.prepared import SPEC, digests, with_points
 from tests.recordings.small_sequence import write_sequence, write_stamps
 
 MODULE = sys.modules["jradar.data.prepare"]
@@ -124,10 +123,10 @@ def test_a_folder_without_a_finished_shard_is_free_for_other_options(root, tmp_p
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(MODULE, "write_shard", no_space)
         with pytest.raises(OSError):
-            prepare(root, tmp_path, dataclasses.replace(SPEC, capacity=64), workers=1)
+            prepare(root, tmp_path, with_points(SPEC, capacity=64), workers=1)
     assert (tmp_path / "manifest.json").exists()
     prepare(root, tmp_path, SPEC, workers=1, frames=slice(0, 1))
-    assert Records(tmp_path).manifest["options"]["capacity"] == 128
+    assert Records(tmp_path).manifest["options"]["points"]["capacity"] == 128
 
 
 def test_options_that_do_not_suit_the_radar_leave_the_folder_free(root, tmp_path):

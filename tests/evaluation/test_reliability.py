@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from jradar.evaluation import (
-    calibration_error,
     near_truth,
     precision_over_coverage,
     reliability,
+    reliability_error,
 )
 
 
@@ -32,20 +32,20 @@ def test_bins_count_and_average_the_points_between_their_edges():
 
 def test_calibrated_points_have_no_error():
     points = bins_of((0.25, 40, 10), (0.5, 10, 5), (0.75, 200, 150), (1.0, 3, 3))
-    assert calibration_error(reliability(*points)) == pytest.approx(0, abs=1e-12)
+    assert reliability_error(reliability(*points)) == pytest.approx(0, abs=1e-12)
 
 
 @pytest.mark.parametrize("offset", [0.125, -0.25])
 def test_a_constant_offset_is_the_error(offset):
     groups = [(0.25, 40, 10), (0.5, 10, 5), (0.75, 200, 150)]
     points = bins_of(*((value + offset, n, good) for value, n, good in groups))
-    assert calibration_error(reliability(*points)) == pytest.approx(abs(offset))
+    assert reliability_error(reliability(*points)) == pytest.approx(abs(offset))
 
 
 def test_the_error_weighs_bins_by_their_points():
     points = bins_of((0.95, 30, 0), (0.05, 10, 0))
     expected = (30 * 0.95 + 10 * 0.05) / 40
-    assert calibration_error(reliability(*points)) == pytest.approx(expected)
+    assert reliability_error(reliability(*points)) == pytest.approx(expected)
 
 
 def test_the_diagram_is_scikit_learns():

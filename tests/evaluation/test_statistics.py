@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from scipy.stats import wilcoxon
 
-from jradar.evaluation import compare_methods, compare_paired, mean_interval
+from jradar.evaluation import mean_interval
+from jradar.evaluation.statistics import compare_methods, compare_paired
 from tests.evaluation import invented
 
 KEY = jax.random.key(3)

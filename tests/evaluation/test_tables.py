@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 
 from jradar.evaluation import (
-    csv_table,
+    COLUMNS,
     markdown,
+    markdown_table,
     overview,
-    scenes_table,
     summarise,
     write_scores,
     write_tables,
 )
+from jradar.evaluation.tables import csv_table, scenes_table
 from tests.evaluation import invented
 
 ROWS = invented.scores(truths=("LiDAR", "re-projected"))
@@ -27,6 +28,7 @@ ROWS += [
         ("OS-CFAR", 2.0, 200 * (i > 0)), ("RPDNet", 1.0, 50), ("jradar", 1.0, 900)
     )
 ]  # fmt: skip
+EVERY = {"truth": "LiDAR", "scenes": ("Hallways", "Outdoor", "Hall")}
 
 
 def cells(line):
@@ -34,7 +36,7 @@ def cells(line):
 
 
 def test_rows_are_methods_and_columns_scenes():
-    table = scenes_table(summarise(ROWS)).splitlines()
+    table = scenes_table(summarise(ROWS), **EVERY).splitlines()
     assert cells(table[0]) == ["method", "Hallways", "Outdoor", "Hall"]
     assert [cells(line)[0] for line in table[2:5]] == [*invented.METHODS]
     assert len({line.count("|") for line in table[:5]}) == 1
@@ -51,7 +53,7 @@ def test_rows_are_methods_and_columns_scenes():
 
 
 def test_the_best_of_each_scene_is_bold_and_ties_share_it():
-    table = scenes_table(summarise(ROWS)).splitlines()
+    table = scenes_table(summarise(ROWS), **EVERY).splitlines()
     for column in (1, 2):
         assert cells(table[4])[column].count("**") == 6
         assert "**" not in cells(table[2])[column] + cells(table[3])[column]
@@ -60,31 +62,27 @@ def test_the_best_of_each_scene_is_bold_and_ties_share_it():
 
 
 def test_empty_frames_are_counted_in_the_caption():
-    table = scenes_table(summarise(ROWS))
+    table = scenes_table(summarise(ROWS), **EVERY)
     f_score = 100 * 0.75 * 0.2 / 2.2
     assert f"2.000 / 0.250 / {f_score:.1f} †" in table
     assert "† OS-CFAR found nothing in 1 of 4 frames of Hall" in table
-    only = scenes_table(summarise(ROWS), scenes=["Outdoor"])
+    only = scenes_table(summarise(ROWS), truth="LiDAR", scenes=["Outdoor"])
     assert "†" not in only and "Hall" not in only
 
 
-def test_scenes_thresholds_and_truths_can_be_chosen():
-    summary = summarise(ROWS)
+def test_scenes_and_truths_can_be_chosen():
+    summary, scenes = summarise(ROWS), ("Hallways", "Outdoor")
     table = scenes_table(
-        summary, truth="re-projected", threshold_m=0.5, intervals=True
+        summary, truth="re-projected", scenes=scenes, intervals=True
     ).splitlines()
     assert cells(table[0]) == ["method", "Hallways", "Outdoor"]
-    assert "F 0.5 m" in table[-1] and "re-projected" in table[-1]
+    assert "F 0.2 m" in table[-1] and "re-projected" in table[-1]
     assert re.fullmatch(r"(\d+\.\d+ ± \d+\.\d+( / )?){3}", cells(table[2])[1])
-    with pytest.raises(ValueError, match="Hallway'.*expected some of .*Hallways"):
-        scenes_table(summary, scenes=["Hallway"])
-    with pytest.raises(ValueError, match="threshold_m=0.3 was not scored"):
-        scenes_table(summary, threshold_m=0.3)
 
 
 def test_a_method_that_was_not_run_on_a_scene():
     rows = [r for r in ROWS if (r["scene"], r["method"]) != ("Hall", "RPDNet")]
-    table = scenes_table(summarise(rows)).splitlines()
+    table = scenes_table(summarise(rows), **EVERY).splitlines()
     assert cells(table[3])[3] == "–"
 
 
@@ -93,10 +91,19 @@ def test_listing_of_every_score():
     table = markdown(summary, intervals=True).splitlines()
     assert cells(table[0])[:4] == ["truth", "scene", "method", "CD (m)"]
     assert len(table) == 2 + len(summary) == 2 + 6 + 6 + 3
-    assert "ms" not in table[0] and "ms" in markdown(summary, milliseconds=True)
+    assert "ms" not in table[0] and "ms" in markdown(summary, columns=COLUMNS)
     assert cells(table[-3])[-2:] == ["4", "1"]
     only = [row for row in summary if row["scene"] == "Hall"]
     assert cells(markdown(only).splitlines()[0])[0] == "method"
+
+
+def test_rows_are_grouped_by_any_names_and_the_best_of_a_group_is_bold():
+    summary = summarise(ROWS, by=("scene", "method"), columns=("chamfer",))
+    table = markdown(summary, columns=("chamfer",), bold=True).splitlines()
+    assert cells(table[0]) == ["scene", "method", "CD (m)", "frames", "empty"]
+    assert ["**" in line for line in table[2:]] == [0, 0, 1, 0, 0, 1, 0, 1, 1]
+    line = markdown_table(["a|b", 1], [["x", 0.5]]).splitlines()
+    assert line == [r"| a\|b | 1 |", "|---|---|", "| x | 0.5 |"]
 
 
 def test_csv_holds_every_number():
@@ -110,8 +117,11 @@ def test_csv_holds_every_number():
 
 
 def test_latex_is_escaped_and_balanced():
-    summary = summarise([row | {"scene": "Ec_Hallways & 100%"} for row in ROWS[:80]])
-    table = scenes_table(summary, style="latex", intervals=True)
+    scene = "Ec_Hallways & 100%"
+    summary = summarise([row | {"scene": scene} for row in ROWS[:80]])
+    table = scenes_table(
+        summary, truth="LiDAR", scenes=(scene,), style="latex", intervals=True
+    )
     assert r"Ec\_Hallways \& 100\%" in table and r"F 0.2 m (\%)" in table
     assert r"\textbf{" in table and r"$\pm$" in table and table.count(r"\\") == 4
     assert table.count("{") == table.count("}")
@@ -121,7 +131,7 @@ def test_latex_is_escaped_and_balanced():
 def test_latex_compiles(tmp_path):
     if shutil.which("pdflatex") is None:
         pytest.skip("no pdflatex here")
-    body = scenes_table(summarise(ROWS), style="latex", intervals=True)
+    body = scenes_table(summarise(ROWS), **EVERY, style="latex", intervals=True)
     (tmp_path / "a.tex").write_text(
         rf"\documentclass{{article}}\usepackage{{booktabs}}\begin{{document}}{body}"
         r"\end{document}"
@@ -141,7 +151,7 @@ def test_tables_are_made_again_from_the_file_alone(tmp_path):
     write_scores(path, faster)
     assert {p.name: p.read_bytes() for p in write_tables(path)} == first
     for scenes in (["Hallways", "Outdoor"], ["Hall"]):  # the paper's Tables I and II
-        table = scenes_table(summarise(ROWS), scenes=scenes)
+        table = scenes_table(summarise(ROWS), truth="LiDAR", scenes=scenes)
         assert table in first["table.md"].decode()
     assert "re-projected" in first["table.tex"].decode()
 

@@ -4,14 +4,14 @@ import dataclasses
 
 import pytest
 
-from experiments import build
+from experiments import build, demo
 from experiments.configs import demo as config_file
-from experiments.tasks import demo
 from jradar import recordings
 from jradar.data import PrepareSpec, Records, prepare
-from jradar.evaluation import load_clouds, read_scores
+from jradar.evaluation import read_scores
+from jradar.evaluation.report import load_clouds
 from jradar.lidar import LidarSpec
-from jradar.model import Model, folder as models, save_model
+from jradar.model import folder as models, save_model
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
 from tests.recordings.small_sequence import write_sequence, write_splits
@@ -19,8 +19,7 @@ from tests.recordings.small_sequence import write_sequence, write_splits
 
 @pytest.fixture
 def config():
-    config = config_file.get_config()
-    shrink(config)
+    config = shrink(config_file.get_config())
     config.sampling.update(steps=2, draws=2)
     config.evaluation.detectors = ("os", "ca")
     return config
@@ -37,6 +36,7 @@ def workdir(tmp_path, config):
     return tmp_path / "run"
 
 
+@pytest.mark.slow
 def test_shipped_models_are_scored_beside_the_detectors(
     workdir, config, tmp_path, monkeypatch, capsys
 ):
@@ -51,7 +51,7 @@ def test_shipped_models_are_scored_beside_the_detectors(
     }
     for name, change in changes.items():
         spec = dataclasses.replace(model.spec, **change)
-        save_model(tmp_path / "weights" / name, Model(model.params, spec))
+        save_model(tmp_path / "weights" / name, dataclasses.replace(model, spec=spec))
     demo.evaluate(config, workdir)
     out, err = capsys.readouterr()
     assert "ships no model" not in out and "other is for another" in err

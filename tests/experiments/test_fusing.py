@@ -7,45 +7,42 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import build, fusing
+from experiments import build, enhance, fusing
 from experiments.configs import default, marginal
 from experiments.evaluate import Frame
-from experiments.tasks import enhance
-from jradar import data
+from jradar import data, session
 from jradar.errors import UsageError
-from jradar.model import Model, draw, fuse
-from tests.experiments.conftest import random_model
-from tests.experiments.tiny_config import shrink
+from jradar.model import draw, fuse
 
 KEY = jax.random.key(0)
 
 
 @pytest.fixture(scope="module")
-def given(records):
+def given(records, made):
     """A random model of one pass, frames that follow each other, and their images."""
-    config = marginal.get_config()
-    shrink(config)
+    _, model = made(marginal)
+    all_points = model.confidence._replace(least=np.float32(0.0))
+    model = dataclasses.replace(model, confidence=all_points)
     frames = data.Records(records, "train")
-    model = random_model(config, frames)
-    spec = dataclasses.replace(model.spec, least_confidence=0.0)
-    model = Model(model.params, spec)
     return model, frames, build.build_pairs(model.spec, frames)
 
 
 def test_frames_are_laid_into_the_newest_by_their_poses(given):
     model, frames, pairs = given
     number = [frame for _, frame in frames.where].index(4)
-    method = fusing.fused(model, frames, pairs, 3)
+    method = fusing.fused_method(model, frames, pairs, 3)
     cloud = method(KEY, Frame(frames[number], pairs[number]))
     some = [number, number - 1, number - 2]
     radar = frames.radar_of(frames[number].sequence)
-    seen = [fusing.see(frames[i].radar, pairs[i].condition, model, radar) for i in some]
+    seen = [
+        session.see(frames[i].radar, pairs[i].condition, model, radar) for i in some
+    ]
     poses = [frames[i].world_from_radar for i in some]
     stacked = jax.tree.map(lambda *values: jnp.stack(values), *seen)
     expected = fuse(
         stacked.mixture,
         jnp.asarray(np.linalg.solve(poses[0], poses), jnp.float32),
-        model.spec,
+        model,
         moving=stacked.moving,
     )
     assert np.asarray(cloud.valid).any()
@@ -66,7 +63,9 @@ def test_frames_without_earlier_ones_or_poses_stand_alone(given):
         )
         assert (np.asarray(cloud.valid) == hit).mean() > 0.99
 
-    is_alone(fusing.fused(model, frames, pairs, 3)(KEY, Frame(frames[0], pairs[0])))
+    is_alone(
+        fusing.fused_method(model, frames, pairs, 3)(KEY, Frame(frames[0], pairs[0]))
+    )
     nowhere = np.full((4, 4), np.nan)
     poses = fusing.relative_poses([nowhere, np.eye(4)])
     np.testing.assert_array_equal(poses[0], np.eye(4))

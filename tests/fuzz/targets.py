@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jradar.data import PrepareSpec, Records, find_sources
-from jradar.diffusion import read_state
-from jradar.evaluation import load_clouds, read_scores, save_clouds, write_scores
+from jradar.diffusion.weights.files import read_state
+from jradar.evaluation import read_scores, save_clouds, write_scores
+from jradar.evaluation.report import load_clouds
 from jradar.export import export_function, load_function
 from jradar.model import load_model, save_model
+from jradar.radar import Radar
 from jradar.recordings import describe, open_recording
 from jradar.recordings.bags.bags import bag_topics, open_bag
 from jradar.recordings.clouds.read import read_cloud
@@ -20,7 +22,7 @@ from jradar.recordings.text_files import read_tum
 from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
-from tests.models import tiny_model
+from tests.models import RADAR, tiny_model
 from tests.recordings import (
     bag_writer as bags,
     cube_writer,
@@ -53,7 +55,9 @@ iq_order = "IIQQ"
 file = "poses.txt"
 """
 POSES = "".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(20))
-SPEC = "capacity = 64\nguard = [1, 2]\nblock = 4\n[lidar]\nmax_range_m = 7.0\n"
+SPEC = (
+    "block = 4\n[points]\ncapacity = 64\nguard = [1, 2]\n[lidar]\nmax_range_m = 7.0\n"
+)
 
 
 class Target(NamedTuple):
@@ -144,7 +148,7 @@ def trace(name: str) -> Callable:
 
 def raw_bag(folder: Path) -> Target:
     """Raw samples in a bag."""
-    path = raw_bags.write(folder, raw_bags.IQ, ros1=True)
+    path = raw_bags.write(folder)
     return Target(path, lambda: described(path))
 
 
@@ -194,9 +198,6 @@ def bag(container: str, compressed: str) -> Callable:
         made = bags.point_cloud2(bags.columns(20), bags.START)
         messages.append(("/p", bags.CLOUD, bags.START, made))
         path = bags.write_bag(folder / "bag", container, messages, compressed)
-        files = (
-            [path] if path.is_file() else [*path.glob("*.db3"), *path.glob("*.mcap")]
-        )
 
         def read() -> None:
             for topic in bag_topics(path):
@@ -204,7 +205,7 @@ def bag(container: str, compressed: str) -> Callable:
                 for index in range(len(stream)):
                     assert stream[index].shape[1] == 4
 
-        return Target(files[0], read)
+        return Target(bags.files_of(path)[0], read)
 
     return make
 
@@ -239,7 +240,7 @@ def model(name: str, head: int = 0) -> Callable:
 def exported(folder: Path) -> Target:
     """An exported function."""
     path = folder / "model.jradar"
-    export_function(path, tiny_model(method="regression"))
+    export_function(path, Radar(RADAR), tiny_model(method="regression"))
     return Target(path, lambda: load_function(path), 300)
 
 

@@ -17,7 +17,7 @@ from jradar.motion import (
     write_tum,
 )
 from jradar.motion.attitude import gyro_bias
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Imu, Recording, Stream, read_tum
 
 MOUNT = rigid_transform(
@@ -70,7 +70,12 @@ def true_imu(poses_at, stamps, place=IMU_PLACE, bias=0.0):
 def recording(tmp_path, **fields):
     cubes = Stream(lambda k: None, len(STAMPS), STAMPS)
     return Recording(
-        "r", tmp_path, RadarSpec.awr1843(), cubes, base_from_radar=MOUNT, **fields
+        "r",
+        tmp_path,
+        Radar(RadarSpec.awr1843()),
+        cubes,
+        base_from_radar=MOUNT,
+        **fields,
     )
 
 

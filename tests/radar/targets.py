@@ -1,4 +1,4 @@
-"""Radars, point options and targets that several tests share, so they compile once."""
+"""One geometry, few options and a few targets, so that compiled programs are shared."""
 
 import dataclasses
 
@@ -8,35 +8,45 @@ import numpy as np
 
 from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
 
-CHIP = RadarSpec.awr1843()
-SMALL = RadarSpec.awr1843(num_chirps=32, num_samples=64)
-FLAT = RadarSpec.awr1642(num_chirps=32, num_samples=64)
-ONE = RadarSpec.awr1843(
-    num_chirps=32, num_samples=64, tx_positions=((0, 0),), rx_positions=((0, 0),)
+SMALL = RadarSpec.awr1843(num_chirps=32, num_samples=64)  # two rows
+FLAT = RadarSpec.awr1642(num_chirps=32, num_samples=64)  # one row
+ONE = dataclasses.replace(
+    SMALL, tx_positions=((0, 0),), rx_positions=((0, 0),), tx_firing_order=()
 )
 COLUMN = dataclasses.replace(ONE, rx_positions=((0, 0), (0, 1)))
-CASCADE = RadarSpec.cascade()
+CASCADE = RadarSpec.cascade(num_samples=64)  # four rows, another firing order
 
 CELLS = PointSpec(detector="ca", capacity=3000)  # more than SMALL has cells
-ALL = dataclasses.replace(CELLS, false_alarm_rate=1.0)
 STATIC = dataclasses.replace(CELLS, capacity=100, refine=False, remove_static=True)
-WIDE = PointSpec(guard=(1, 2), train=(2, 4), num_azimuth=128)  # fits the cascade
+WIDE = PointSpec(guard=(1, 2), train=(2, 4))  # fits the cascade's 16 chirps
+
+
+def place(distance, azimuth_deg, elevation_deg):
+    """Position in metres."""
+    az, el = np.radians([azimuth_deg, elevation_deg])
+    direction = np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)
+    return distance * np.array(direction)
 
 
 def target(distance, azimuth_deg, elevation_deg, velocity, amplitude=100.0):
     """One scatterer."""
-    az, el = np.radians(azimuth_deg), np.radians(elevation_deg)
-    direction = [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)]
     return Scatterers(
-        xyz=jnp.asarray(distance * np.array([direction]), jnp.float32),
+        xyz=jnp.asarray([place(distance, azimuth_deg, elevation_deg)], jnp.float32),
         velocity=jnp.array([velocity], jnp.float32),
         amplitude=jnp.array([amplitude], jnp.float32),
     )
 
 
-def simulate(scatterers, radar=SMALL, seed=0):
+def targets(*places, amplitude=100.0):
+    """Several scatterers: distance, azimuth, elevation and velocity of each."""
+    each = (target(*one, amplitude=amplitude)[:3] for one in places)
+    return Scatterers(*map(jnp.concatenate, zip(*each, strict=True)))
+
+
+def simulate(scatterers, radar=SMALL, seed=0, noise_power=1.0):
     """A cube with noise of power 1."""
-    return simulate_cube(jax.random.key(seed), scatterers, radar, noise_power=1.0)
+    key = jax.random.key(seed)
+    return simulate_cube(key, scatterers, radar, noise_power=noise_power)
 
 
 def spherical(xyz):
@@ -44,3 +54,39 @@ def spherical(xyz):
     x, y, z = np.asarray(xyz, np.float64).T
     distance = np.sqrt(x**2 + y**2 + z**2)
     return distance, np.arctan2(y, x), np.arcsin(z / distance)
+
+
+def degrees(cloud, count=1):
+    """Azimuth and elevation of the first points, `[point, 2]`."""
+    return np.degrees(spherical(cloud.xyz[:count])[1:]).T
+
+
+def sines(azimuth, elevation):
+    """Direction sines u and w."""
+    return np.sin(azimuth) * np.cos(elevation), np.sin(elevation)
+
+
+def plane_wave(radar, azimuth, elevation, phase=0.0):
+    """Snapshots of far targets, `[..., virtual]`; angles in radians."""
+    columns, rows = radar.virtual_positions.T
+    u, w = (sine[..., None] for sine in sines(*np.float64([azimuth, elevation])))
+    turns = columns * radar.spacing_wavelengths * u
+    turns = turns + rows * radar.row_spacing_wavelengths * w
+    return np.exp(1j * (2 * np.pi * turns + phase))
+
+
+def noise(*shape, seed=0):
+    """Complex noise of power 2."""
+    return np.random.default_rng(seed).normal(size=(*shape, 2)) @ [1, 1j]
+
+
+def single(values):
+    """The numbers as complex64."""
+    return jnp.asarray(values, jnp.complex64)
+
+
+def close(actual, expected, tolerance=1e-4):
+    """Compare all leaves of two trees."""
+    pairs = zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True)
+    for one, other in pairs:
+        np.testing.assert_allclose(one, other, rtol=tolerance, atol=tolerance)

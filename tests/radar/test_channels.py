@@ -1,35 +1,26 @@
 """Calibration: the documented chains in NumPy, what is undone, batches, errors."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jradar.radar import (
+    Radar,
     RadarSpec,
-    calibrate_channels,
-    calibrate_frequency_phase,
+    calibrate,
+    compensate_tdm,
     range_doppler,
-    subtract_coupling,
+    subtract_leakage,
 )
 from jradar.recordings import radar_from_coloradar, read_coupling
+from tests.radar.targets import CASCADE, noise
 
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=32)
 SHAPE = (3, 4, 8, 32)
-rng = np.random.default_rng(0)
-
-
-def noise(*shape):
-    return rng.normal(size=shape) + 1j * rng.normal(size=shape)
-
-
-CUBE = noise(*SHAPE)
-FREQUENCY, PHASE = rng.uniform(9, 11, size=(3, 4)), noise(3, 4)
-COUPLING = noise(3, 4, 16) * 100
-SAME = {
-    "calibration_slope_hz_per_s": RADAR.slope_hz_per_s,
-    "calibration_rate_hz": RADAR.sample_rate_hz,
-}
+CUBE, CHANNELS = noise(*SHAPE), noise(3, 4, seed=1)
+BINS = np.random.default_rng(0).uniform(-1, 1, size=(3, 4))
+COUPLING = 100 * noise(3, 4, 16, seed=2)
+UNIT = Radar(RADAR, channels=jnp.array(CHANNELS), beat_bins=jnp.array(BINS))
 
 
 def close(actual, expected):
@@ -39,41 +30,35 @@ def close(actual, expected):
 
 def test_channel_factors_act_on_tx_major_pairs():
     factors = noise(12)
-    actual = calibrate_channels(jnp.array(CUBE), jnp.array(factors))
+    unit = Radar(RADAR).with_factors(factors).with_factors(np.full(12, 2.0))
+    actual = calibrate(jnp.array(CUBE), unit)
     for virtual in range(12):
         tx, rx = divmod(virtual, 4)
-        close(actual[tx, rx], CUBE[tx, rx] * factors[virtual])
+        close(actual[tx, rx], 2 * CUBE[tx, rx] * factors[virtual])
 
 
-def test_frequency_and_phase_follow_the_documented_sums():
+def test_channels_and_beat_frequencies_follow_the_documented_sums():
     """One antenna pair and one sample at a time."""
-    slope, rate = 50e12, 8e6
-    actual = calibrate_frequency_phase(
-        jnp.array(CUBE),
-        jnp.array(FREQUENCY),
-        jnp.array(PHASE),
-        RADAR,
-        calibration_slope_hz_per_s=slope,
-        calibration_rate_hz=rate,
-    )
     expected = np.empty(SHAPE, complex)
     for tx, rx, n in np.ndindex(3, 4, 32):
-        bins = FREQUENCY[tx, rx] - FREQUENCY[0, 0]
-        bins *= RADAR.slope_hz_per_s / slope * rate / RADAR.sample_rate_hz
-        turn = np.exp(-2j * np.pi * bins * n / 32)
-        gain = PHASE[0, 0] / PHASE[tx, rx]
-        expected[tx, rx, :, n] = CUBE[tx, rx, :, n] * turn * gain
-    close(actual, expected)
+        turn = np.exp(-2j * np.pi * BINS[tx, rx] * n / 32)
+        expected[tx, rx, :, n] = CUBE[tx, rx, :, n] * turn * CHANNELS[tx, rx]
+    close(calibrate(jnp.array(CUBE), UNIT), expected)
 
 
-def test_measured_target_looks_the_same_to_all_pairs():
-    time = np.arange(32) / 32
-    target = PHASE[..., None] * np.exp(2j * np.pi * FREQUENCY[..., None] * time)
-    cube = np.repeat(target[:, :, None], 8, axis=2)
-    actual = calibrate_frequency_phase(
-        jnp.array(cube), jnp.array(FREQUENCY), jnp.array(PHASE), RADAR, **SAME
-    )
-    close(actual, np.broadcast_to(cube[0, 0], SHAPE))
+def test_an_uncalibrated_radar_leaves_the_samples():
+    cube = jnp.array(CUBE)
+    np.testing.assert_array_equal(calibrate(cube, Radar(RADAR)), cube)
+
+
+@pytest.mark.parametrize("doppler_bin", [0.0, 3.0, -2.6])
+def test_a_transmitters_lead_is_its_place_in_the_firing_order(doppler_bin):
+    wave = noise(CASCADE.num_virtual)
+    found = compensate_tdm(jnp.array(wave), jnp.float32(doppler_bin), CASCADE)
+    for place, tx in enumerate(CASCADE.tx_firing_order):
+        turn = np.exp(-2j * np.pi * doppler_bin * place / 12 / CASCADE.num_chirps)
+        antennas = slice(16 * tx, 16 * tx + 16)
+        close(found[antennas], wave[antennas] * turn)
 
 
 def documented_coupling(cube, coupling, doppler_window):
@@ -93,63 +78,22 @@ def documented_coupling(cube, coupling, doppler_window):
 def test_coupling_follows_the_documented_chain(doppler_window):
     window = {"doppler_window": doppler_window}
     spectrum, _ = range_doppler(jnp.array(CUBE), range_window="blackman", **window)
-    actual = subtract_coupling(spectrum, jnp.array(COUPLING), **window)
+    actual = subtract_leakage(spectrum, jnp.array(COUPLING), **window)
     close(0.42 * 32 * actual, documented_coupling(CUBE, COUPLING, doppler_window))
 
 
-def test_steady_leakage_vanishes_and_a_moving_target_stays():
-    time, chirp = np.arange(32) / 32, np.arange(8)[:, None] / 8
-    leakage = 1e4 * np.exp(2j * np.pi * 1.4 * time) * noise(3, 4, 1, 1)
-    moving = np.exp(2j * np.pi * (9 * time + 3 * chirp))
-    x = 2 * np.pi * time
-    blackman = 0.42 - 0.5 * np.cos(x) + 0.08 * np.cos(2 * x)
-    coupling = np.fft.fft(leakage[:, :, 0] * blackman)[..., 1:17]
-    cube = jnp.array(leakage + moving)
-    spectrum, _ = range_doppler(cube, range_window="blackman")
-    actual = subtract_coupling(spectrum, jnp.array(coupling))
-    assert np.abs(spectrum[:, 4, 1]).min() > 100
-    np.testing.assert_allclose(np.abs(actual[:, 4, 1:17]), 0, atol=0.05)
-    np.testing.assert_allclose(np.abs(actual[:, 7, 9]), 1, atol=0.05)
-
-
-def test_batch_equals_the_loop():
-    cubes = jnp.array(noise(2, *SHAPE))
-    factors, coupling = jnp.array(noise(12)), jnp.array(COUPLING)
-    frequency, phase = jnp.array(FREQUENCY), jnp.array(PHASE)
-    functions = (
-        lambda cube: calibrate_channels(cube, factors),
-        lambda cube: calibrate_frequency_phase(cube, frequency, phase, RADAR, **SAME),
-        lambda cube: subtract_coupling(
-            range_doppler(cube, range_window="blackman")[0], coupling
-        ),
-    )
-    for function in functions:
-        close(function(cubes), np.stack([function(cube) for cube in cubes]))
-        close(jax.vmap(function)(cubes), function(cubes))
-
-
 def test_sizes_that_do_not_fit_are_refused():
-    with pytest.raises(
-        ValueError, match="8 factors, expected 12: one for each of 3 tx"
-    ):
-        calibrate_channels(jnp.array(CUBE), jnp.ones(8, complex))
-    spectrum, _ = range_doppler(jnp.array(CUBE), range_window="blackman")
+    spectrum = jnp.zeros((12, 8, 32), complex)
     with pytest.raises(ValueError, match="3 tx x 4 rx x 15 range bins, expected 12"):
-        subtract_coupling(spectrum, jnp.array(COUPLING[..., 1:]))
+        subtract_leakage(spectrum, jnp.array(COUPLING[..., 1:]))
     with pytest.raises(ValueError, match="2 tx x 4 rx x 16"):
-        subtract_coupling(spectrum, jnp.array(COUPLING[1:]))
+        subtract_leakage(spectrum, jnp.array(COUPLING[1:]))
 
 
-def test_slope_in_another_unit_is_refused():
-    with pytest.raises(ValueError, match="slopes in Hz/s differ by a factor of 1.27e"):
-        calibrate_frequency_phase(
-            jnp.array(CUBE),
-            jnp.array(FREQUENCY),
-            jnp.array(PHASE),
-            RADAR,
-            calibration_slope_hz_per_s=79.0,
-            calibration_rate_hz=8e6,
-        )
+@pytest.mark.usefixtures("as_a_user")
+def test_snapshots_of_another_radar_are_refused():
+    with pytest.raises(ValueError, match="24 values per snapshot, awr1843 has 3 tx x"):
+        compensate_tdm(jnp.ones((5, 24), complex), jnp.zeros(5), RADAR)
 
 
 def test_real_coupling_fits_the_single_chip(samples):
@@ -157,7 +101,7 @@ def test_real_coupling_fits_the_single_chip(samples):
     radar = radar_from_coloradar(calib)
     coupling = read_coupling(calib / "coupling_calib.txt")
     silence, _ = range_doppler(jnp.zeros(radar.cube_shape, complex))
-    actual = np.asarray(subtract_coupling(silence, jnp.array(coupling)))
+    actual = np.asarray(subtract_leakage(silence, jnp.array(coupling)))
     expected = np.zeros((12, 128, 128), complex)
     for doppler, share in ((63, -0.5), (64, 1.0), (65, -0.5)):  # the Hann window's
         expected[:, doppler, 1:65] = -share * coupling.reshape(12, 64) / 0.42 / 128

@@ -1,85 +1,73 @@
 """The forward model: the exact phase within its bound, superposition, noise power."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
+from tests.radar.targets import SMALL, simulate, target
 
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=16, tx_firing_order=(0, 2, 1))
 KEY = jax.random.key(0)
 C = 299_792_458.0
 
 
-def scatterers(xyz, velocity, amplitude):
+def scatterers(xyz, velocity, amplitude, departure=None):
+    values = (xyz, velocity, amplitude, departure)
     return Scatterers(
-        *(jnp.asarray(v, jnp.float32) for v in (xyz, velocity, amplitude))
+        *(None if v is None else jnp.asarray(v, jnp.float32) for v in values)
     )
 
 
-def test_phase_is_the_closed_form_in_float64():
-    xyz, velocity = np.array([4.0, 1.5, -0.7]), 1.3
-    cube = simulate_cube(KEY, scatterers([xyz], [velocity], [2.0]), RADAR)
-    distance = np.linalg.norm(np.float32(xyz).astype(float))
-    _, u, w = xyz / distance
-    for t, r, c, n in [(0, 0, 0, 0), (1, 2, 5, 7), (2, 3, 7, 15), (2, 0, 1, 3)]:
-        place = [0, 2, 1][t]  # when this transmitter fires
-        time_s = (3 * c + place - 3 * 8 / 2) * RADAR.chirp_period_s
-        now = distance + velocity * time_s
-        a, e = np.add(RADAR.tx_positions[t], RADAR.rx_positions[r])
-        sample_s = RADAR.adc_start_time_s + n / RADAR.sample_rate_hz
-        frequency = RADAR.start_frequency_hz + RADAR.slope_hz_per_s * sample_s
-        cycles = 2 * now / C * frequency
-        cycles += RADAR.spacing_wavelengths * (a * u + e * w)
-        # float32 positions carry 5e-7 m, some 1e-4 of the 3.8 mm wavelength.
-        np.testing.assert_allclose(
-            cube[t, r, c, n], 2 * np.exp(2j * np.pi * cycles), atol=1e-2
-        )
+def nth(scene, i):
+    """One of the scatterers."""
+    return jax.tree.map(lambda values: values[i : i + 1], scene)
+
+
+def sweep(radar):
+    """Frequency at each sample."""
+    sample_s = np.arange(radar.num_samples) / radar.sample_rate_hz
+    at_s = radar.adc_start_time_s + sample_s
+    return radar.start_frequency_hz + radar.slope_hz_per_s * at_s
 
 
 def exact(xyz, departure, velocity, radar):
-    """One scatterer of amplitude 1 by the definition, in float64, sample by sample."""
-    legs = [
-        np.linalg.norm(np.asarray(p, np.float32).astype(float))
-        for p in (xyz, departure)
-    ]
+    """One scatterer of amplitude 2 by the definition, in float64, sample by sample."""
+    there, left = (np.asarray(np.float32(p), float) for p in (xyz, departure))
+    legs = np.linalg.norm([there, left], axis=1)
     tx, rx = np.array(radar.tx_positions), np.array(radar.rx_positions)
-    antennas = (tx @ departure[1:] / legs[1])[:, None] + rx @ xyz[1:] / legs[0]
+    antennas = (tx @ left[1:] / legs[1])[:, None] + rx @ there[1:] / legs[0]
     time_s = radar.turn_period_s * np.arange(radar.num_chirps)
     time_s = time_s + radar.chirp_period_s * radar.firing_position[:, None]
     time_s = time_s - radar.turn_period_s * radar.num_chirps / 2
     now = np.mean(legs) + np.float64(np.float32(velocity)) * time_s
-    sample_s = (
-        radar.adc_start_time_s + np.arange(radar.num_samples) / radar.sample_rate_hz
-    )
-    frequency = radar.start_frequency_hz + radar.slope_hz_per_s * sample_s
-    cycles = 2 * now[:, None, :, None] / C * frequency
+    cycles = 2 * now[:, None, :, None] / C * sweep(radar)
     cycles = cycles + radar.spacing_wavelengths * antennas[:, :, None, None]
-    return np.exp(2j * np.pi * cycles)
+    return 2 * np.exp(2j * np.pi * cycles)
 
 
 @pytest.mark.parametrize(
     "radar",
     [
-        RadarSpec.awr1843(num_chirps=16, tx_firing_order=(0, 2, 1)),
+        dataclasses.replace(SMALL, tx_firing_order=(0, 2, 1)),
         RadarSpec.cascade(num_chirps=8),
     ],
-    ids=lambda radar: f"{radar.name}-{radar.num_chirps}",
+    ids=["chip", "cascade"],
 )
 def test_whole_cube_is_the_exact_one_within_the_stated_bound(radar):
+    """Which holds because targets of `max_velocity_mps` drift little in a block."""
     xyz, departure = np.array([3.0, 1.5, -0.7]), np.array([2.0, -6.0, 0.4])
-    moving = scatterers([xyz], [radar.max_velocity_mps], [1.0])
-    moving = moving._replace(departure=jnp.asarray(departure[None], jnp.float32))
-    error = simulate_cube(KEY, moving, radar) - exact(
-        xyz, departure, radar.max_velocity_mps, radar
-    )
-    still = scatterers([xyz], [0.0], [1.0])
-    rounding = np.abs(
-        simulate_cube(KEY, still, radar) - exact(xyz, xyz, 0.0, radar)
-    ).max()
+    speed = radar.max_velocity_mps
+    moving = scatterers([xyz], [speed], [2.0], [departure])
+    error = simulate_cube(KEY, moving, radar) - exact(xyz, departure, speed, radar)
+    still = scatterers([xyz], [0.0], [2.0])
+    rounding = simulate_cube(KEY, still, radar) - exact(xyz, xyz, 0.0, radar)
+    rounding = np.abs(rounding).max() / 2
     assert rounding < 6e-3  # float32 phases of some 5,000 turns, no block at work
-    assert np.abs(error).max() < 6e-3 + rounding
+    assert np.abs(error).max() / 2 < 6e-3 + rounding
 
 
 def test_a_departure_at_the_same_place_changes_nothing():
@@ -91,10 +79,7 @@ def test_a_departure_at_the_same_place_changes_nothing():
 
 def test_scatterers_add_up_and_padding_is_silent():
     both = scatterers([[3, 0, 0], [2, 1, 0], [0, 0, 0]], [0, 1, 0], [1, 2, 0])
-    alone = [
-        simulate_cube(KEY, jax.tree.map(lambda x, i=i: x[i : i + 1], both), RADAR)
-        for i in range(2)
-    ]
+    alone = [simulate_cube(KEY, nth(both, i), RADAR) for i in range(2)]
     total = simulate_cube(KEY, both, RADAR)
     np.testing.assert_allclose(total, alone[0] + alone[1], atol=1e-4)
 
@@ -104,13 +89,9 @@ def test_places_may_be_those_at_the_first_chirp():
     there = scatterers([[3, 1, 0.2], [2, -1, 0]], velocity, [1, 2])
     distance = np.linalg.norm(there.xyz, axis=-1, keepdims=True)
     moved = velocity[:, None] * RADAR.turn_period_s * RADAR.num_chirps / 2
-    at_start = there._replace(
-        xyz=jnp.asarray(there.xyz * (1 - moved / distance), jnp.float32)
-    )
-    middle, start = (
-        simulate_cube(KEY, there, RADAR),
-        simulate_cube(KEY, at_start, RADAR, at="start"),
-    )
+    earlier = jnp.asarray(there.xyz * (1 - moved / distance), jnp.float32)
+    middle = simulate_cube(KEY, there, RADAR)
+    start = simulate_cube(KEY, there._replace(xyz=earlier), RADAR, at="start")
     np.testing.assert_allclose(start, middle, atol=0.02)
     assert np.abs(simulate_cube(KEY, there, RADAR, at="start") - middle).max() > 0.5
     with pytest.raises(ValueError, match="at='end', expected one of"):
@@ -118,19 +99,15 @@ def test_places_may_be_those_at_the_first_chirp():
 
 
 def test_noise_has_the_power_asked_for():
-    silence = scatterers([[1, 0, 0]], [0], [0])
-    noise = simulate_cube(KEY, silence, RadarSpec.awr1843(), noise_power=9.0)
-    np.testing.assert_allclose((jnp.abs(noise) ** 2).mean(), 9.0, rtol=0.02)
+    noise = simulate(target(1, 0, 0, 0, amplitude=0.0), noise_power=9.0)
+    np.testing.assert_allclose((np.abs(noise) ** 2).mean(), 9.0, rtol=0.02)
 
 
 def test_gradient_reaches_the_scatterers():
-    scene = scatterers([[3, 1, 0.2]], [0.5], [1])
-    scene = scene._replace(departure=scene.xyz + 0.5)
-    gradient = jax.grad(lambda s: jnp.abs(simulate_cube(KEY, s, RADAR).sum()) ** 2)(
-        scene
-    )
-    assert all(jnp.isfinite(g).all() for g in gradient)
-    assert all(jnp.abs(g).max() > 0 for g in gradient)
+    scene = scatterers([[3, 1, 0.2]], [0.5], [1], [[3.5, 1.5, 0.7]])
+    power = jax.grad(lambda s: jnp.abs(simulate_cube(KEY, s, RADAR).sum()) ** 2)
+    for slope in power(scene):
+        assert np.isfinite(slope).all() and np.abs(slope).max() > 0
 
 
 @pytest.mark.parametrize("departure", [None, [0.5, -0.6, 0.2]], ids=["direct", "apart"])
@@ -143,25 +120,19 @@ def test_spherical_waves_have_the_path_of_each_antenna(departure):
         for p in (radar.tx_positions, radar.rx_positions)
     )
     middle = (tx.mean(0) + rx.mean(0)) / 2
+    left = xyz if departure is None else np.array(departure)
     legs = [
         np.hypot(place[0], np.linalg.norm(place[1:] - antennas + middle, axis=-1))
-        for place, antennas in (
-            (xyz if departure is None else departure, tx),
-            (xyz, rx),
-        )
+        for place, antennas in ((left, tx), (xyz, rx))
     ]
-    sample_s = radar.adc_start_time_s + np.arange(32) / radar.sample_rate_hz
-    frequency = radar.start_frequency_hz + radar.slope_hz_per_s * sample_s
     delay = (legs[0][:, None] + legs[1]) / C
-    expected = np.exp(2j * np.pi * delay[..., None] * frequency)
-    still = scatterers([xyz], [0.0], [1.0])
-    if departure is not None:
-        still = still._replace(departure=jnp.asarray([departure], jnp.float32))
+    expected = np.exp(2j * np.pi * delay[..., None] * sweep(radar))
+    still = scatterers([xyz], [0.0], [1.0], None if departure is None else [departure])
     cube = simulate_cube(KEY, still, radar, spherical=True)
-    np.testing.assert_allclose(cube[:, :, 0], expected, atol=6e-3)
-    np.testing.assert_allclose(cube[:, :, 1], expected, atol=6e-3)
-    plane = simulate_cube(KEY, still, radar)[:, :, 0]
-    beam = np.abs((np.asarray(plane) * expected.conj()).mean((0, 1)))
+    for chirp in range(2):
+        np.testing.assert_allclose(cube[:, :, chirp], expected, atol=6e-3)
+    plane = np.asarray(simulate_cube(KEY, still, radar))[:, :, 0]
+    beam = np.abs((plane * expected.conj()).mean((0, 1)))
     assert beam.max() < 0.8  # the wave's front is bent
 
 
@@ -169,9 +140,8 @@ def test_far_spherical_waves_are_plane():
     far = scatterers([[40.0, 9.0, -4.0], [30.0, -20.0, 2.0]], [0.4, -0.2], [1.0, 2.0])
     cube = simulate_cube(KEY, far, RADAR, spherical=True)
     for i in range(2):
-        one = jax.tree.map(lambda x, i=i: x[i : i + 1], far)
-        plane = np.asarray(simulate_cube(KEY, one, RADAR))
-        near = np.asarray(simulate_cube(KEY, one, RADAR, spherical=True))
+        plane = np.asarray(simulate_cube(KEY, nth(far, i), RADAR))
+        near = np.asarray(simulate_cube(KEY, nth(far, i), RADAR, spherical=True))
         turn = (near * plane.conj()).mean()  # the origin is another antenna
         turn /= abs(turn)
         np.testing.assert_allclose(near, plane * turn, atol=0.03 * far.amplitude[i])

@@ -13,9 +13,8 @@ from jradar.range_image import (
     decode_target,
     encode_range,
     encode_target,
-    fill_misses,
 )
-from jradar.range_image.codec import CODECS
+from jradar.range_image.codec import CODECS, fill_misses
 from jradar.types import PointCloud
 
 FILL = jax.jit(fill_misses)

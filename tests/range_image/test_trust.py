@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jradar.range_image import CHANNELS, fit_trust, unlikeness
-from jradar.range_image.trust import TrustSpec, condition_features, training_distance
+from jradar.range_image.trust import TrustTable, condition_features, training_distance
 
 SLICES = 4
 
@@ -64,5 +64,5 @@ def test_vmap_equals_the_batch():
 def test_too_few_frames_and_a_torn_matrix_are_refused():
     with pytest.raises(ValueError, match="3 frames, expected 40"):
         fit_trust(np.zeros((3, 8)))
-    with pytest.raises(ValueError, match="1 rows, expected 2 of 2"):
-        TrustSpec((0.0, 0.0), ((1.0, 0.0),), (0.0, 1.0))
+    with pytest.raises(ValueError, match=r"whitening has shape \(1, 2\)"):
+        TrustTable.of((0.0, 0.0), ((1.0, 0.0),), (0.0, 1.0))

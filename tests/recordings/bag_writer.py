@@ -13,42 +13,20 @@ from rosbags.typesys import (  # noqa: E402
     get_typestore,
 )
 
-POINT = "livox_ros_driver2/msg/CustomPoint"
-
-
-LIVOX = "livox_ros_driver2/msg/CustomMsg"
-
-
-CLOUD = "sensor_msgs/msg/PointCloud2"
-
-
+POINT, LIVOX = "livox_ros_driver2/msg/CustomPoint", "livox_ros_driver2/msg/CustomMsg"
+CLOUD, IMU = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Imu"
+IQ, FRAME = "xwr_msgs/msg/IQ", "mmWave/msg/data_frame"
+ARRAY = "std_msgs/msg/Int16MultiArray"
 MESSAGES = {
-    POINT: """
-uint32 offset_time
-float32 x
-float32 y
-float32 z
-uint8 reflectivity
-uint8 tag
-uint8 line
-""",
-    LIVOX: """
-std_msgs/Header header
-uint64 timebase
-uint32 point_num
-uint8 lidar_id
-uint8[3] rsvd
-livox_ros_driver2/CustomPoint[] points
-""",
+    POINT: "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+    "uint8 reflectivity\nuint8 tag\nuint8 line\n",
+    LIVOX: "std_msgs/Header header\nuint64 timebase\nuint32 point_num\n"
+    "uint8 lidar_id\nuint8[3] rsvd\nlivox_ros_driver2/CustomPoint[] points\n",
+    IQ: "std_msgs/Header header\n\nstd_msgs/Int16MultiArray iq # raw\nbool complete\n",
+    FRAME: "int16[] data\n",
 }
-
-
 CONTAINERS = ("bag", "sqlite", "mcap")
-
-
 START = 1_700_000_000 * 10**9  # nanoseconds
-
-
 TENTH = 10**8
 
 
@@ -64,7 +42,7 @@ STORES = {name: typestore(name) for name in CONTAINERS}
 
 
 def write_bag(folder, container, messages, compressed=""):
-    """`messages` are (topic, type, bag time, function of the store: message).
+    """`messages` are (topic, type, bag time, function of the store: message or bytes).
 
     `compressed` is the writer's word: bz2 or lz4 in ROS 1, message or file in ROS 2.
     """
@@ -91,9 +69,15 @@ def write_bag(folder, container, messages, compressed=""):
         for topic, kind, time, make in messages:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            data = serialize(make(store), kind)
+            made = make(store)
+            data = made if isinstance(made, bytes) else serialize(made, kind)
             writer.write(connections[topic], time, data)
     return path
+
+
+def files_of(path):
+    """The file of a bag, or the files with the messages in its folder."""
+    return [path] if path.is_file() else [*path.glob("*.db3"), *path.glob("*.mcap")]
 
 
 def header(store, stamp, frame="livox_frame"):
@@ -177,15 +161,34 @@ def columns(count, seed=0):
     }
 
 
-def write_raw(folder, container, store, *payloads):
-    """A bag whose messages hold the bytes in `payloads`."""
-    if container == "bag":
-        path, writer = folder / "a.bag", rosbag1.Writer(folder / "a.bag")
-    else:
-        path, plugin = folder / "mcap", rosbag2.StoragePlugin.MCAP
-        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
-    with writer:
-        connection = writer.add_connection("/livox/lidar", LIVOX, typestore=store)
-        for i, payload in enumerate(payloads):
-            writer.write(connection, START + i, payload)
-    return path
+def imu(record, stamp):
+    """Force and angular velocity, and other numbers that must not be read."""
+
+    def make(store):
+        vector = store.types["geometry_msgs/msg/Vector3"]
+        return store.types[IMU](
+            header=header(store, stamp, "base"),
+            orientation=store.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
+            orientation_covariance=np.full(9, -1.0),
+            angular_velocity=vector(*record[3:].tolist()),
+            angular_velocity_covariance=np.full(9, -2.0),
+            linear_acceleration=vector(*record[:3].tolist()),
+            linear_acceleration_covariance=np.full(9, -3.0),
+        )
+
+    return make
+
+
+def raw_samples(kind, words, stamp):
+    """A frame of int16 in a message of one of the three types."""
+
+    def make(store):
+        if kind == FRAME:
+            return store.types[kind](data=words)
+        layout = store.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+        array = store.types[ARRAY](layout=layout, data=words)
+        if kind == ARRAY:
+            return array
+        return store.types[kind](header(store, stamp), array, True)
+
+    return make

@@ -85,14 +85,14 @@ def test_logs_of_the_capture_card_describe_nothing(capture, tmp_path):
     (tmp_path / "sensor_start.cfg").write_text("sensorStart\n")
     (tmp_path / "folder.cfg").mkdir()
     (tmp_path / "notes.toml").write_text("[place]\nname = 'hall'\n")
-    assert open_recording(capture).radar.num_chirps == 4
+    assert open_recording(capture).radar.spec.num_chirps == 4
 
 
 def test_a_capture_toml_is_no_second_description(capture, tmp_path):
     (tmp_path / "capture.toml").write_text(
         '[radar]\nfile = "adc_data.bin"\ndescription = "adc_LogFile.txt"\n'
     )
-    assert open_recording(capture).radar.num_chirps == 4
+    assert open_recording(capture).radar.spec.num_chirps == 4
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_a_capture_takes_the_description_of_its_name(
         text = text.replace("3,4,200000", f"3,{4 if number == taken else 5},200000")
         text = "profileCfg" if other.endswith(".cfg") else text
         (tmp_path / other).write_text(text)
-    assert open_recording(path).radar.num_chirps == 4
+    assert open_recording(path).radar.spec.num_chirps == 4
 
 
 def test_several_descriptions_are_listed(capture, tmp_path):
@@ -164,17 +164,13 @@ def test_radar_in_a_json_of_mmwave_studio(studio):
     assert radar.slope_hz_per_s == pytest.approx(29.982e12)
     assert radar.chirp_period_s == pytest.approx(160e-6)
     assert radar.frame_period_s == pytest.approx(0.04)
-    assert capture.iq_order == "IIQQ" and capture.channel_array is None
+    assert capture.iq_order == "IIQQ" and not {*capture.channel_factors} - {1}
     swapped = read_description(studio(changed(*STREAM, "iqSwapSel", to=1)))
     assert swapped.capture.iq_order == "QQII"
     lanes = studio(changed(*STREAM, "chInterleave", to=0))
     assert read_description(lanes).capture.iq_order == "I4Q4"
     three = studio(changed(*RADIO, "rlChanCfg_t", "rxChannelEn", to="0xD"))
     assert read_description(three).radar.rx_positions == ((0, 0), (2, 0), (3, 0))
-    with pytest.raises(UsageError, match="from 60 to 64 GHz: name the board"):
-        read_description(three, device="iwr6843isk")
-    with pytest.raises(UsageError, match="device = 'abc', expected one of awr1443"):
-        read_description(three, device="abc")
 
 
 def test_a_json_beside_its_capture(capture, tmp_path, studio):
@@ -183,7 +179,7 @@ def test_a_json_beside_its_capture(capture, tmp_path, studio):
     two["mmWaveDevices"][0]["rfConfig"]["rlFrameCfg_t"]["chirpEndIdx"] = 1
     studio(two)
     (tmp_path / "cf.json").write_text(json.dumps(CARD))
-    assert open_recording(capture).radar.cube_shape == SHAPE
+    assert open_recording(capture).radar.spec.cube_shape == SHAPE
 
 
 def test_the_card_is_no_radar(tmp_path, samples):
@@ -202,11 +198,9 @@ def test_the_card_is_no_radar(tmp_path, samples):
         ((), [{}] * 4, "4 mmWaveDevices, expected a list of one"),
         ((0,), 3, "mmWaveDevices holds 3"),
         ((0, "rfConfig"), ..., "rfConfig = None, expected a dict"),
-        ((*RADIO, "rlFrameCfg_t"), ..., "rlFrameCfg_t chirpStartIdx = None"),
-        ((*RADIO, "rlFrameCfg_t"), [1], "rlFrameCfg_t chirpStartIdx = None"),
-        ((*RADIO, "rlFrameCfg_t", "chirpEndIdx"), 60_000_000, "60000000|6e"),
+        ((*RADIO, "rlFrameCfg_t"), ..., "rlFrameCfg_t = None, expected a dict"),
+        ((*RADIO, "rlFrameCfg_t"), [1], r"rlFrameCfg_t = \[1\], expected a dict"),
         ((*RADIO, "rlFrameCfg_t", "chirpEndIdx"), 511, "sends chirps 0 to 511"),
-        ((*RADIO, "rlFrameCfg_t", "numLoops"), 2.5, "numLoops = 2.5, expected a whole"),
         ((*RADIO, "rlFrameCfg_t", "numLoops"), True, "numLoops = True"),
         ((*RADIO, "rlFrameCfg_t", "numLoops"), math.nan, "numLoops = nan"),
         pytest.param(
@@ -217,10 +211,10 @@ def test_the_card_is_no_radar(tmp_path, samples):
         ((*RADIO, "rlChirps", 1), chirp(1, "4", startFreqVar_MHz=1), "differ in prof"),
         ((*RADIO, "rlChirps", 1), {}, "rlChirps rlChirpCfg_t = None"),
         ((*RADIO, "rlChirps", 1), chirp(1, "0xZ"), "'0xZ', expected a mask"),
+        ((*RADIO, "rlChirps", 1), chirp(1, "F" * 10**5), "a mask = .*a whole number"),
         ((*RADIO, "rlChirps", 1), chirp(1, 4), "txEnable = 4, expected a str"),
-        ((*RADIO, "rlProfiles"), [], "rlProfiles lacks profile 0"),
-        ((*RADIO, "rlChanCfg_t", "txChannelEn"), "0x1", "enables receivers"),
-        ((*RADIO, "rlChanCfg_t", "rxChannelEn"), "0x0", "at least one receiver"),
+        ((*RADIO, "rlProfiles"), [], "use profile 0"),
+        ((*RADIO, "rlChanCfg_t", "txChannelEn"), "0x1", "are enabled, the frame needs"),
         ((*RADIO, "rlAdcOutCfg_t", "fmt", "b2AdcBits"), 0, "expected 2"),
         ((*RADIO, "rlAdcOutCfg_t", "fmt", "b2AdcOutFmt"), 0, "complex samples"),
         ((*STREAM, "iqSwapSel"), ..., "iqSwapSel = None"),
@@ -246,8 +240,8 @@ def test_a_toml_of_a_board_undoes_the_signs_of_its_receivers(tmp_path):
     found = read_description(path)
     assert found.capture.channel_factors == (1, -1, -1, 1) * 3
     path.write_text(f'[radar]\ndevice = "iwr6843isk"\n{waveform}')
-    assert read_description(path).capture.channel_array is None
+    assert not {*read_description(path).capture.channel_factors} - {1}
     path.write_text(
         f'[radar]\ndevice = "iwr6843ods"\nrx_positions = [[0, 0]]\n{waveform}'
     )
-    assert read_description(path).capture.channel_array is None
+    assert not {*read_description(path).capture.channel_factors} - {1}

@@ -20,7 +20,7 @@ from tests.recordings.cube_writer import (
 def test_studio_file_written_byte_by_byte(tmp_path):
     many = random_cube((3, *SHAPE))
     recording = open_recording(save_studio(tmp_path, many))
-    assert recording.radar.frame_period_s == pytest.approx(1e-3)
+    assert recording.radar.spec.frame_period_s == pytest.approx(1e-3)
     assert len(recording.cubes) == 3
     np.testing.assert_array_equal(np.stack([*recording.cubes]), many)
 
@@ -34,24 +34,10 @@ def test_frames_of_one_chirp_serve_as_slow_time(tmp_path):
     assert "5 frames were taken as chirps" in merged.notes[-1]
     slow_time = many[:, :, :, 0].transpose(1, 2, 0, 3)
     np.testing.assert_array_equal(merged.cubes[0], slow_time)
-    assert merged.radar.turn_period_s == pytest.approx(1e-3)
-    with pytest.raises(ValueError, match="4 chirps of 2 transmitters"):
-        open_recording(
-            save_studio(tmp_path, random_cube((3, *SHAPE))), frames_as_chirps=True
-        )
-
-
-@pytest.mark.parametrize("cut", [1, 2, 100, 1024])
-def test_truncated_studio_file_is_refused(tmp_path, cut):
+    assert merged.radar.spec.turn_period_s == pytest.approx(1e-3)
     path = save_studio(tmp_path, random_cube((3, *SHAPE)))
-    path.write_bytes(path.read_bytes()[:-cut])
-    if cut == 1024:  # a whole frame is missing: two are left
-        assert len(open_recording(path).cubes) == 2
-        return
-    with pytest.raises(
-        ValueError, match=r"holds .* needs a multiple of 1,024 .* 2 whole"
-    ):
-        open_recording(path)
+    with pytest.raises(ValueError, match="4 chirps of 2 transmitters"):
+        open_recording(path, frames_as_chirps=True)
 
 
 def test_missing_files_are_named(tmp_path):
@@ -67,14 +53,6 @@ def test_missing_files_are_named(tmp_path):
         extra.unlink()
     with pytest.raises(UsageError, match="no radar descriptions beside"):
         open_recording(path)
-
-
-def test_real_studio_capture(samples):
-    path = samples / "dca1000" / "adc_data_0.bin"
-    cubes = open_recording(path).cubes
-    assert len(cubes) == 1000 and cubes[0].shape == (1, 4, 1, 256)
-    merged = open_recording(path, frames_as_chirps=True).cubes
-    assert merged[0].shape == (1, 4, 1000, 256)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +128,7 @@ def test_a_description_of_any_kind_serves_any_file(tmp_path):
     cube = random_cube()
     log = save_studio(tmp_path, [cube]).with_name("adc_LogFile.txt")
     path = save(tmp_path, cube)
-    assert open_recording(path, log).radar == read_description(log).radar
+    assert open_recording(path, log).radar.spec == read_description(log).radar
     binary = open_recording(tmp_path / "adc_data.bin", tmp_path / "radar.toml")
     np.testing.assert_array_equal(binary.cubes[0], cube)
     with pytest.raises(UsageError, match="device = 'awr1642' does not apply .*.toml"):
@@ -170,14 +148,6 @@ def test_a_capture_toml_describes_its_folder(tmp_path):
         np.testing.assert_array_equal(open_recording(path).cubes[2], many[2])
     with pytest.raises(ValueError, match="name one inside it: .*run"):
         open_recording(tmp_path)
-
-
-def test_the_whole_frames_of_a_capture_that_was_cut_off(tmp_path):
-    many = random_cube((3, *SHAPE))
-    path = save_studio(tmp_path, many)
-    path.write_bytes(path.read_bytes()[:-5])
-    cubes = open_recording(path, allow_partial=True).cubes
-    np.testing.assert_array_equal(np.stack([*cubes]), many[:2])
 
 
 def test_a_frame_of_a_sequence_is_refused(tmp_path):

@@ -1,13 +1,13 @@
 """A radar's TOML file: what is written is read back, and wrong values are named."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.recordings import (
-    CaptureSpec,
-    calibrated_cube,
     open_recording,
     read_description,
     write_radar_toml,
@@ -23,10 +23,9 @@ FACTORS = tuple(
 @pytest.mark.parametrize("radar", [RADAR, RadarSpec.cascade()], ids=lambda r: r.name)
 def test_what_is_written_is_read_back(tmp_path, radar):
     factors = np.resize(FACTORS, radar.num_virtual).tolist()
-    capture = CaptureSpec(
-        iq_order="Q4I4", range_bias_m=0.0659, channel_factors=tuple(factors)
-    )
-    write_radar_toml(tmp_path / "radar.toml", radar, capture, comment="of a test\nrig")
+    unit = Radar(radar, range_bias_m=0.0659).with_factors(factors)
+    path = tmp_path / "radar.toml"
+    write_radar_toml(path, unit, iq_order="Q4I4", comment="of a test\nrig")
     found = read_description(tmp_path / "radar.toml")
     assert found.radar == radar
     assert (found.capture.iq_order, found.capture.range_bias_m) == ("Q4I4", 0.0659)
@@ -34,17 +33,32 @@ def test_what_is_written_is_read_back(tmp_path, radar):
     assert not found.notes
 
 
+@pytest.mark.parametrize(
+    "name",
+    ["Fahrzeug 📡", "a\x07b\x7fc\x9b", 'quote " and \\', "two\nlines\t", "\u2028"],
+)
+def test_any_name_of_a_radar_is_read_back(tmp_path, name):
+    radar = dataclasses.replace(RADAR, name=name)
+    path = tmp_path / "radar.toml"
+    write_radar_toml(path, Radar(radar), comment=f"of {name}")
+    assert read_description(path).radar == radar
+    nameless = dataclasses.replace(RADAR, name="\udcff")
+    write_radar_toml(path, Radar(nameless))
+    assert read_description(path).radar.name == "?"  # a folder's name that is no text
+
+
 def test_the_factors_of_a_file_are_applied_to_the_cube_and_replace_signs(tmp_path):
     cube = random_cube((3, 2, 4, 4, 8))
     path = save(tmp_path, cube, ["frame", "tx", "rx", "chirp", "sample"])
     before = open_recording(path)
-    capture = CaptureSpec(range_bias_m=0.07, channel_factors=FACTORS[:8])
+    unit = Radar(before.radar.spec, range_bias_m=0.07).with_factors(FACTORS[:8])
     description = tmp_path / "other" / "calibrated.toml"
-    write_radar_toml(description, before.radar, capture, axes=before.axes)
+    write_radar_toml(description, unit, axes=before.axes)
     after = open_recording(path, description)
-    assert (after.radar, after.range_bias_m) == (before.radar, 0.07)
+    assert after.radar.spec == unit.spec and after.radar.range_bias_m == 0.07
     expected = cube[1] * np.reshape(FACTORS[:8], (2, 4, 1, 1))
-    np.testing.assert_allclose(calibrated_cube(after, 1), expected, rtol=1e-3)
+    found = calibrate(after.cube(1), after.radar)
+    np.testing.assert_allclose(found, expected, rtol=1e-3)
     text = '[radar]\ndevice = "iwr6843ods"\n' + WAVEFORM
     (tmp_path / "ods.toml").write_text(text)
     signs = read_description(tmp_path / "ods.toml").capture.channel_factors

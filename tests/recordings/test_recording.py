@@ -7,10 +7,16 @@ import numpy as np
 import pytest
 
 from jradar.lidar import Poses, rigid_transform
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream, describe, describe_file
 
 RADAR = RadarSpec.awr1843(num_samples=8, num_chirps=4)
+UNIT = Radar(
+    RADAR,
+    channels=np.ones((3, 4), complex),
+    leakage=np.ones((3, 4, RADAR.num_samples // 2), complex),
+    range_bias_m=0.07,
+)
 EVERY_100_MS = np.arange(10) / 10
 
 
@@ -26,7 +32,9 @@ def scans(stamps):
 
 
 def recording(tmp_path, stamps, **others):
-    return Recording("run", tmp_path, RADAR, cubes(stamps), **others)
+    return Recording(
+        "run", tmp_path, others.pop("radar", Radar(RADAR)), cubes(stamps), **others
+    )
 
 
 def test_a_stream_reads_what_is_asked_for_and_nothing_else():
@@ -118,9 +126,7 @@ def test_transforms_calibration_and_losses(tmp_path):
             base_from_lidar=rigid_transform(
                 np.array([1.0, 0, 2]), np.array([0, 0, 0, 1.0])
             ),
-            coupling=np.ones((3, 4, 4), complex),
-            channel_factors=np.ones(12, complex),
-            range_bias_m=0.07,
+            radar=UNIT,
             lost_bytes=np.array([0, 5, 0, 7, 0, 0, 0, 0, 0, 0]),
             notes=("mended",),
         )
@@ -131,7 +137,7 @@ def test_transforms_calibration_and_losses(tmp_path):
     np.testing.assert_allclose(between["xyz_m"], [0, -1, 2], atol=1e-12)
     np.testing.assert_allclose(between["yaw_pitch_roll_deg"], [-90, 0, 0], atol=1e-9)
     assert described["calibration"] == [
-        "coupling, 3 x 4 x 4 [tx, rx, range bin]",
+        f"leakage, 3 x 4 x {RADAR.num_samples // 2} [tx, rx, range bin]",
         "factors of 12 virtual antennas",
         "range bias 0.07 m",
     ]

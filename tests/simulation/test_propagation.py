@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import RadarSpec, calibrate_frequency_phase, radar_points
+from jradar.radar import Radar, RadarSpec, calibrate, radar_points
 from jradar.simulation.hardware.hardware import Hardware, make_hardware, sample_frame
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.propagation import radar_paths
@@ -32,7 +32,7 @@ def cloud_of(paths):
     frame = np.asarray(
         sample_frame(jax.random.key(0), paths, PERFECT, RADAR), np.float32
     )
-    cloud = radar_points(jnp.asarray(frame[..., 0] + 1j * frame[..., 1]), RADAR)
+    cloud = radar_points(jnp.asarray(frame[..., 0] + 1j * frame[..., 1]), Radar(RADAR))
     return np.asarray(cloud.xyz)[np.asarray(cloud.valid)], np.asarray(cloud.velocity)
 
 
@@ -205,15 +205,10 @@ def test_the_cascades_calibration_file_undoes_its_channels():
     channels = np.exp(2j * np.pi * hardware.frequency[..., None] * time)
     channels *= hardware.phase[..., None]
     cube = np.broadcast_to(channels[:, :, None], radar.cube_shape).astype(np.complex64)
-    mended = calibrate_frequency_phase(
-        jnp.asarray(cube),
-        jnp.asarray(hardware.frequency, jnp.float32),
-        jnp.asarray(hardware.phase, jnp.complex64),
-        radar,
-        calibration_slope_hz_per_s=radar.slope_hz_per_s,
-        calibration_rate_hz=radar.sample_rate_hz,
+    unit = Radar(
+        radar, channels=1 / hardware.phase, beat_bins=np.asarray(hardware.frequency)
     )
-    np.testing.assert_allclose(mended, 1, atol=1e-4)
+    np.testing.assert_allclose(calibrate(cube, unit), 1, atol=1e-4)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -9,7 +9,7 @@ import pytest
 
 from jradar.errors import UsageError
 from jradar.lidar import rigid_transform, transform
-from jradar.radar import RadarSpec, range_doppler, subtract_coupling
+from jradar.radar import RadarSpec, range_doppler, subtract_leakage
 from jradar.recordings import (
     radar_from_coloradar,
     read_coupling,
@@ -58,9 +58,12 @@ def test_the_calib_folder_describes_what_was_simulated(folder):
             radar.num_samples // 2,
         )
     hardware = make_hardware("cascade", RadarSpec.cascade())
-    measured = read_frequency_phase(calib / "cascade" / "phase_frequency_calib.txt")
-    np.testing.assert_allclose(measured.frequency - 100, hardware.frequency, atol=1e-6)
-    np.testing.assert_allclose(measured.phase, hardware.phase, atol=1e-6)
+    channels, bins = read_frequency_phase(
+        calib / "cascade" / "phase_frequency_calib.txt", RadarSpec.cascade()
+    )
+    shift, phase = hardware.frequency, hardware.phase
+    np.testing.assert_allclose(bins, shift - shift[0, 0], atol=1e-5)
+    np.testing.assert_allclose(channels, phase[0, 0] / phase, rtol=1e-5)
     radar, lidar = (
         rigid_transform(*(np.array(line.split(), float) for line in pose.splitlines()))
         for pose in (
@@ -80,7 +83,7 @@ def test_the_coupling_file_removes_the_leakage(folder):
     spectrum, power = range_doppler(
         jnp.asarray(cube, jnp.complex64), range_window="blackman"
     )
-    left = subtract_coupling(spectrum, jnp.asarray(coupling, jnp.complex64))
+    left = subtract_leakage(spectrum, jnp.asarray(coupling, jnp.complex64))
     left = (np.abs(left[..., 1:65]) ** 2).sum(0)
     assert left.max() < 1e-6 * np.asarray(power)[:, 1:65].max()
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec
+from jradar.radar import RadarSpec, calibrate
 from jradar.recordings import open_recording
-from jradar.recordings.recording import calibrated_cube
 from jradar.simulation import make_setting, simulate_sequence
 from jradar.simulation.hardware.front_end import distort, make_front_end, phase_drift
 from jradar.simulation.hardware.hardware import make_unit_hardware, sample_frame
@@ -85,7 +84,7 @@ def test_a_calibrated_unit_is_calibrated_up_to_the_error_of_its_file(tmp_path):
     assert not (tmp_path / "calib").exists()
     raw, cube = (
         np.asarray(recording.cubes[0]),
-        np.asarray(calibrated_cube(recording, 0)),
+        np.asarray(calibrate(recording.cube(0), recording.radar)),
     )
     factor = make_unit_hardware(unit, RADAR).phase
     ratio = (raw / cube)[..., 0, 40]

@@ -9,7 +9,14 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.radar import PointSpec, RadarSpec, Scatterers, radar_points, simulate_cube
+from jradar.radar import (
+    PointSpec,
+    Radar,
+    RadarSpec,
+    Scatterers,
+    radar_points,
+    simulate_cube,
+)
 from jradar.recordings import Recording, Stream
 from jradar.stream.emulator import Emulator, RecordedFrames
 from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
@@ -33,7 +40,9 @@ def echoes(count):
 
 
 CUBES = [*echoes(6)]
-RECORDING = Recording("test", "test.bin", RADAR, Stream(CUBES.__getitem__, len(CUBES)))
+RECORDING = Recording(
+    "test", "test.bin", Radar(RADAR), Stream(CUBES.__getitem__, len(CUBES))
+)
 
 
 class Kept:
@@ -84,7 +93,7 @@ def test_published_clouds_are_the_librarys(processor):
     assert session.published == len(kept.views) == len(CUBES)
     assert session.latency_ms(50) <= session.latency_ms(95)
     for view, cube in zip(kept.views, CUBES, strict=True):
-        expected = radar_points(cube, RADAR, points=POINTS.fitted(RADAR))
+        expected = radar_points(cube, Radar(RADAR), points=POINTS.fitted(RADAR))
         np.testing.assert_array_equal(view.clouds["radar"].xyz, expected.xyz)
         assert view.clouds["radar"].valid.any()
         assert view.picture.shape == (32, 64) and view.picture.max() == 255

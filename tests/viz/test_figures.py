@@ -4,11 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 from PIL import Image
 
-from jradar.radar import RadarSpec, direction_sines
+from jradar.radar import RadarSpec
 from jradar.range_image import ImageSpec
 from jradar.types import PointCloud
 from jradar.viz import (
-    angle_spectra_figure,
     capture_figure,
     reliability_figure,
     samples_figure,
@@ -60,21 +59,6 @@ def test_left_is_left():
     assert (
         np.isfinite(shown[:, 0]).all() and np.isnan(shown[:, 1:].filled(np.nan)).all()
     )
-
-
-def test_angle_spectra_peak_where_the_target_is_and_left_is_left():
-    u, _ = direction_sines(RADAR, num_azimuth=512)
-    power = 7 * np.exp(-(((u - np.sin(np.radians(20))) / 0.05) ** 2))
-    spectra = {"narrow": power**4, "wide": power}
-    figure = angle_spectra_figure(spectra, RADAR, targets_deg=[20.0])
-    (axes,) = figure.axes
-    truth, *lines = axes.lines
-    assert [*truth.get_xdata()] == [20.0, 20.0]
-    for line in lines:
-        azimuth, level = line.get_data()
-        assert level.max() == 0 and abs(azimuth[level.argmax()] - 20) < 0.5
-    assert [line.get_label() for line in lines] == ["narrow", "wide"]
-    assert axes.xaxis_inverted()
 
 
 def test_reliability_is_drawn_beside_precision_without_empty_bins():

@@ -1,62 +1,45 @@
 """Directions of range-Doppler cells, by the method that a `PointSpec` names."""
 
-from collections.abc import Iterable
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.near_field import focused_directions
-from jradar.radar.angle.spectrum import (
-    FLIPS,
-    angle_spectrum,
-    azimuth_bins,
-    spectrum_peaks,
-)
+from jradar.radar.angle.spectrum import angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.angle.subspace import capon_directions, music_directions
 from jradar.radar.angle.subspace_peaks import subspace_peaks
 from jradar.radar.channels import compensate_tdm
-from jradar.radar.point_spec import PointSpec
 
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
 
-def _neighbours(spectrum, cell):
-    """Spectra in the range cells before, at and after, `[cell 3 virtual]`."""
+def focused(spectrum, cell, range_bin, doppler_bin, radar, points):
+    """Azimuth and elevation of each flat cell by `focused_directions`."""
     num_range = spectrum.shape[-1]
     row, column = jnp.divmod(cell, num_range)
     near = jnp.clip(column[:, None] + jnp.array([[-1, 0, 1]]), 0, num_range - 1)
-    return jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)
-
-
-def focused(spectrum, cell, range_bin, doppler_bin, radar, points, range_bias_m):
-    """Azimuth and elevation of each cell by `focused_directions`."""
-    near = _neighbours(spectrum, cell)
-    doppler_bin = jnp.broadcast_to(doppler_bin[:, None], near.shape[:2])
-    column = cell % spectrum.shape[-1]
+    cells = jnp.moveaxis(spectrum[:, row[:, None], near], 0, -1)  # [cell 3 virtual]
+    doppler_bin = jnp.broadcast_to(doppler_bin[:, None], near.shape)
     return focused_directions(
-        compensate_tdm(near, doppler_bin, radar),
+        compensate_tdm(cells, doppler_bin, radar.spec),
         column,
         range_bin - column,
-        radar,
-        range_bias_m=range_bias_m,
+        radar.spec,
+        range_bias_m=radar.range_bias_m,
         range_window=points.range_window,
-        **angle_bins(points, radar),
-        **fields(points, FLIPS),
+        **angle_bins(points, radar.spec),
     )
 
 
 def cell_directions(snapshot, radar, points):
     """Azimuth and elevation of the strongest direction of each snapshot."""
-    options = fields(points, FLIPS)
     if points.angles == "music":
         sources = points.sources or None
-        return music_directions(snapshot, radar, num_sources=sources, **options)
+        return music_directions(snapshot, radar, num_sources=sources)
     if points.angles == "capon":
-        return capon_directions(snapshot, radar, **options)
-    options |= angle_bins(points, radar)
-    return directions(snapshot, radar, interpolate=points.refine, **options)
+        return capon_directions(snapshot, radar)
+    bins = angle_bins(points, radar)
+    return directions(snapshot, radar, interpolate=points.refine, **bins)
 
 
 def angle_bins(points, radar):
@@ -67,18 +50,13 @@ def angle_bins(points, radar):
     }
 
 
-def fields(points: PointSpec, names: Iterable[str]) -> dict[str, Any]:
-    """Return the fields of these names as keyword arguments."""
-    return {name: getattr(points, name) for name in names}
-
-
 def strongest_peaks(power, snapshot, radar, points):
     """Power, direction and place in `power` of the strongest of all peaks.
 
     A cell's first peak has the power of its cell. The peaks of all cells therefore
     include the strongest ones of the frame.
     """
-    options = {"count": points.peaks, **fields(points, FLIPS)}
+    options = {"count": points.peaks}
 
     def peaks_of(snapshot):
         spectrum = angle_spectrum(snapshot, radar, **angle_bins(points, radar))
@@ -89,7 +67,8 @@ def strongest_peaks(power, snapshot, radar, points):
     else:
         options |= {"method": points.angles, "num_sources": points.sources or None}
         peaks = subspace_peaks(snapshot, radar, **options)
-    share = peaks.power / jnp.maximum(peaks.power[:, :1], 1e-30)
+    strongest = peaks.power[:, :1]
+    share = peaks.power / jnp.where(strongest > 1e-30, strongest, 1e-30)
     powers = jnp.where(peaks.valid, power[:, None] * share, 0.0)
     strongest, peak = jax.lax.top_k(powers.ravel(), len(power))
     direction = peaks.azimuth.ravel()[peak], peaks.elevation.ravel()[peak]

@@ -158,8 +158,6 @@ def _sine_covariance(radar, snr, in_doppler):
 def _angle_deviations(xyz, covariance, points):
     """Deviations of azimuth and elevation in radians at the points."""
     along_u, along_w, both = covariance
-    if points.flip_azimuth != points.flip_elevation:
-        both = -both
     distance = jnp.maximum(jnp.linalg.norm(xyz, axis=-1), 1e-6)
     ground = jnp.maximum(jnp.linalg.norm(xyz[..., :2], axis=-1), 1e-6)
     cosine, w = ground / distance, xyz[..., 2] / distance

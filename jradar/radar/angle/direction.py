@@ -24,7 +24,6 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.radar.angle.spectrum import (
-    FLIPS,
     NEARLY_ONE,
     Angle,
     angles_of_sines,
@@ -51,7 +50,7 @@ class _Row(NamedTuple):
 
 @functools.partial(
     jax.jit,
-    static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate", *FLIPS),
+    static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate"),
 )
 def directions(
     snapshot: Complex[Array, "*batch virtual"],
@@ -60,8 +59,6 @@ def directions(
     num_azimuth: int = 64,
     num_elevation: int = NUM_ELEVATION,
     interpolate: bool = True,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of the strongest direction.
 
@@ -86,9 +83,7 @@ def directions(
 
     block = BLOCK if len(rows) > 2 else 2 * BLOCK
     u, w = _in_blocks(block_sines, cells, block)
-    return angles_of_sines(
-        u.reshape(batch), w.reshape(batch), flip_azimuth, flip_elevation
-    )
+    return angles_of_sines(u.reshape(batch), w.reshape(batch))
 
 
 @functools.partial(jax.jit, static_argnames="radar")
@@ -104,7 +99,7 @@ def elevation_sines(
     check_sizes(snapshot.shape, radar, radar.num_virtual, NUM_ELEVATION)
     order, rows = _rows(radar)
     cells = snapshot.reshape(-1, radar.num_virtual)[:, order].T
-    scale = jnp.abs(cells).max(0)
+    scale = jax.lax.stop_gradient(jnp.abs(cells).max(0))
     cells = cells / jnp.where(scale > 0, scale, 1.0)[None]
     w = _elevation_sine(cells, u.ravel(), rows, radar, NUM_ELEVATION, True)
     return w.reshape(u.shape)

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jradar.radar.angle.direction import directions
-from jradar.radar.angle.spectrum import FLIPS, Angle
+from jradar.radar.angle.spectrum import Angle
 from jradar.radar.paths import antenna_places, extra_paths
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS
@@ -31,25 +31,19 @@ ROUNDS = 4  # of focusing and searching
 CELLS = (-1, 0, 1)
 
 
-STATIC = (
-    *("radar", "range_bias_m", "range_window", "num_azimuth", "num_elevation"),
-    *FLIPS,
+@functools.partial(
+    jax.jit, static_argnames=("radar", "range_window", "num_azimuth", "num_elevation")
 )
-
-
-@functools.partial(jax.jit, static_argnames=STATIC)
 def focused_directions(
     cells: Complex[Array, "*batch 3 virtual"],
     cell: Int[Array, "*batch"],
     offset: Float[Array, "*batch"],
     radar: RadarSpec,
     *,
-    range_bias_m: float = 0.0,
+    range_bias_m: Float[Array, ""] | float = 0.0,
     range_window: str = "hann",
     num_azimuth: int = 64,
     num_elevation: int = 32,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of a target in each snapshot.
 
@@ -71,10 +65,7 @@ def focused_directions(
             range_window=range_window,
         )
         azimuth, elevation = directions(snapshot, radar, **options)
-    return (
-        -azimuth if flip_azimuth else azimuth,
-        -elevation if flip_elevation else elevation,
-    )
+    return azimuth, elevation
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "range_window"))

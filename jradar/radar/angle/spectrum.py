@@ -9,8 +9,7 @@ of the spectrum is the maximum-likelihood direction, also with sparse rows.
 
 An array with one row does not measure elevation: its spectrum has one elevation bin,
 and its elevation is 0. An array with one column does not measure azimuth, likewise.
-Positions grow to the left and upwards as seen from behind; `flip_azimuth` and
-`flip_elevation` are for a sensor that is mounted upside down.
+Positions grow to the left and upwards as seen from behind.
 
 `direction` finds the strongest direction faster, without this spectrum.
 """
@@ -28,7 +27,6 @@ from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
 
 Angle = Float[Array, "*batch"]
-FLIPS = ("flip_azimuth", "flip_elevation")
 NEARLY_ONE = 1 - 1e-6  # the slope of the arcsine is still finite here
 
 
@@ -116,13 +114,10 @@ def angle_spectrum(
     return spectrum.real**2 + spectrum.imag**2
 
 
-@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
+@functools.partial(jax.jit, static_argnames="radar")
 def strongest_direction(
     spectrum: Float[Array, "*batch elevation azimuth"],
     radar: RadarSpec,
-    *,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of the peak of an `angle_spectrum`.
 
@@ -133,11 +128,11 @@ def strongest_direction(
     visible = _visible(spectrum, radar)
     flat = jnp.where(visible, spectrum, -1.0).reshape(*spectrum.shape[:-2], -1)
     u, w = _sines(spectrum, jnp.argmax(flat, -1), radar, True)
-    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    return angles_of_sines(u, w)
 
 
 @functools.partial(
-    jax.jit, static_argnames=("radar", "count", "within_db", "interpolate", *FLIPS)
+    jax.jit, static_argnames=("radar", "count", "within_db", "interpolate")
 )
 def spectrum_peaks(
     spectrum: Float[Array, "*batch elevation azimuth"],
@@ -146,8 +141,6 @@ def spectrum_peaks(
     count: int = 2,
     within_db: float = 6.0,
     interpolate: bool = True,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
 ) -> Peaks:
     """Return the `count` strongest local maxima of an `angle_spectrum`.
 
@@ -174,23 +167,17 @@ def spectrum_peaks(
         left = jnp.where(chosen, -1.0, left)
     sines = (_sines(spectrum, index, radar, interpolate) for index in bins)
     u, w = (jnp.stack(sine, -1) for sine in zip(*sines, strict=True))
-    azimuth, elevation = angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    azimuth, elevation = angles_of_sines(u, w)
     power = jnp.stack(powers, -1)
     valid = (power > 0) & (power >= power[..., :1] * 10 ** (-within_db / 10))
     return Peaks(azimuth, elevation, jnp.maximum(power, 0.0), valid)
 
 
-def angles_of_sines(
-    u: Angle, w: Angle, flip_azimuth: bool, flip_elevation: bool
-) -> tuple[Angle, Angle]:
+def angles_of_sines(u: Angle, w: Angle) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians, with finite gradients."""
     w = jnp.clip(w, -NEARLY_ONE, NEARLY_ONE)
     sine = jnp.clip(u / jnp.sqrt(1 - w**2), -NEARLY_ONE, NEARLY_ONE)
-    azimuth, elevation = jnp.arcsin(sine), jnp.arcsin(w)
-    return (
-        -azimuth if flip_azimuth else azimuth,
-        -elevation if flip_elevation else elevation,
-    )
+    return jnp.arcsin(sine), jnp.arcsin(w)
 
 
 def _visible(spectrum, radar):

@@ -27,7 +27,6 @@ from jaxtyping import Array, Complex, Float, Int
 from jradar.radar.angle.direction import elevation_sines
 from jradar.radar.angle.sources import mdl_sources
 from jradar.radar.angle.spectrum import (
-    FLIPS,
     NEARLY_ONE,
     Angle,
     angles_of_sines,
@@ -146,14 +145,12 @@ def source_count(
     return mdl_sources(jnp.linalg.eigvalsh(covariance), samples=samples)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "num_sources", *FLIPS))
+@functools.partial(jax.jit, static_argnames=("radar", "num_sources"))
 def music_directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
     *,
     num_sources: int | None = SOURCES,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of each snapshot, the azimuth by MUSIC.
 
@@ -169,16 +166,13 @@ def music_directions(
 
     u = _azimuth_sines(snapshot, radar, spectrum)
     w = elevation_sines(snapshot, u, radar)
-    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    return angles_of_sines(u, w)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", *FLIPS))
+@functools.partial(jax.jit, static_argnames="radar")
 def capon_directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
-    *,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of each snapshot, the azimuth by Capon.
 
@@ -191,7 +185,7 @@ def capon_directions(
 
     u = _azimuth_sines(snapshot, radar, spectrum, by_height=True)
     w = elevation_sines(snapshot, u, radar)
-    return angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    return angles_of_sines(u, w)
 
 
 def _azimuth_sines(snapshot, radar, spectrum, *, by_height=False):

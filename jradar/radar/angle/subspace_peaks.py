@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Complex
 
 from jradar.radar.angle.direction import elevation_sines
-from jradar.radar.angle.spectrum import FLIPS, Peaks, angles_of_sines, check_antennas
+from jradar.radar.angle.spectrum import Peaks, angles_of_sines, check_antennas
 from jradar.radar.angle.subspace import (
     NUM_AZIMUTH,
     SOURCES,
@@ -34,9 +34,7 @@ WEAKEST = 10**-0.6  # of a cell's peaks, relative to its strongest
 DAMPING = 1e-4  # of the least squares, relative to a row's number of antennas
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "method", "count", "num_sources", *FLIPS)
-)
+@functools.partial(jax.jit, static_argnames=("radar", "method", "count", "num_sources"))
 def subspace_peaks(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
@@ -44,8 +42,6 @@ def subspace_peaks(
     method: str,
     count: int = 2,
     num_sources: int | None = SOURCES,
-    flip_azimuth: bool = False,
-    flip_elevation: bool = False,
 ) -> Peaks:
     """Return up to `count` targets of each snapshot, strongest first.
 
@@ -80,7 +76,7 @@ def subspace_peaks(
     u, w, power, known = in_blocks(peaks_of, snapshot, radar)
     power, order = jax.lax.top_k(jnp.where(known, power, 0.0), count)
     u, w = (jnp.take_along_axis(sine, order, -1) for sine in (u, w))
-    azimuth, elevation = angles_of_sines(u, w, flip_azimuth, flip_elevation)
+    azimuth, elevation = angles_of_sines(u, w)
     valid = (power > 0) & (power >= WEAKEST * power[..., :1])
     return Peaks(azimuth, elevation, power, valid)
 

@@ -16,6 +16,13 @@ Detectors take linear power summed over `channels` antennas, with trailing axes
 half precision become float32; complex spectra are refused. Leading axes are independent
 maps. Sums never subtract, so a strong target leaves no rounding error beside it.
 
+The kinds of detectors differ in their noise estimate:
+
+    ca    cell averaging: the mean of all training cells
+    go    greatest of the means of two halves: fewer false alarms where clutter begins
+    so    smallest of the two means: finds targets next to other targets
+    os    ordered statistic: the training cell at three quarters of the rank
+
 Doppler wraps around. `edge` says what happens at the ends of the range axis:
 
     shrink      the window loses the cells beyond the map; the multiplier knows
@@ -42,7 +49,6 @@ higher than asked: up to 2.3 times with Hann and 2.9 times with Blackman for SO.
 """
 
 import functools
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -52,9 +58,9 @@ from jaxtyping import Array, Bool, Float, Num
 from jradar.radar.detect.cfar_window import (
     GUARD,
     TRAIN,
-    cell_pair,
+    Window,
     cells_per_range_bin,
-    check_edge,
+    check_window,
     count_below,
     halves_counted,
     inside,
@@ -77,20 +83,6 @@ Map = Float[Array, "*batch doppler range"]
 Mask = Bool[Array, "*batch doppler range"]
 
 
-def _plain_window(function):
-    """Let a jitted function take `guard` and `train` as lists: jit needs tuples."""
-
-    @functools.wraps(function)
-    def call(power, **options):
-        window = {
-            k: cell_pair(k, options[k]) for k in ("guard", "train") if k in options
-        }
-        return function(power, **(options | window))
-
-    return call
-
-
-@_plain_window
 @functools.partial(jax.jit, static_argnames=STATIC)
 def cfar(
     power: Power,
@@ -110,9 +102,8 @@ def cfar(
     ValueError if the window does not fit into the map, and for a map that holds no
     power.
     """
-    power = linear_power(power)
-    check_edge(edge, kind, train)
-    low, high = cells_per_range_bin(power.shape, guard, train, edge)
+    power, window = linear_power(power), Window(guard, train, edge)
+    check_window(window, kind)
     given = factor is not None
     if given == (false_alarm_rate is not None) or (given and not factor > 0):
         raise ValueError(
@@ -123,58 +114,29 @@ def cfar(
     multiplier = [factor] * shape[1]
     if false_alarm_rate is not None:
         multiplier = _multipliers(
-            kind, false_alarm_rate, channels, shape, guard, train, windows, edge
+            kind, false_alarm_rate, channels, shape, window, windows
         )
     multiplier = to_rank(np.asarray(multiplier, power.dtype), power)
     if kind != "os":
-        mask = power > multiplier * _mean_floor(kind, power, guard, train, edge)
+        mask = power > multiplier * _mean_floor(kind, power, window)
     else:
         # No cell is sorted: x exceeds alpha times the k-th smallest cell exactly when
         # at least k cells lie below x / alpha.
-        level = power / multiplier
-        padded = pad(power, guard, train, jnp.inf, edge)
-        counted = halves_counted(low, high, power) if edge == "one_sided" else None
-        count = count_below(level, padded, guard, train, counted)
-        mask = count >= to_rank(_rank(low + high), power)
+        count, rank = _counter(power, jnp.inf, window)
+        mask = count(power / multiplier) >= rank
     if edge == "fill":
-        ends, floor = _filled_ends(kind, power, guard, train)
+        ends, floor = _filled_ends(kind, power, window)
         above = power[..., ends] > multiplier[..., ends] * floor
         return mask.at[..., ends].set(above)
     if edge == "skip":
-        return mask & to_rank(inside(shape[1], guard, train), power)
+        return mask & to_rank(inside(shape[1], window), power)
     return mask
 
 
-def ca_cfar(power: Power, **options: Any) -> Mask:
-    """Cell averaging: `cfar` above the mean of all training cells."""
-    return cfar(power, kind="ca", **options)
+DETECTORS = {kind: functools.partial(cfar, kind=kind) for kind in KINDS}
+ca_cfar, go_cfar, so_cfar, os_cfar = DETECTORS.values()
 
 
-def go_cfar(power: Power, **options: Any) -> Mask:
-    """Greatest of: `cfar` above the greater of the means of two halves.
-
-    It gives fewer false alarms where clutter begins.
-    """
-    return cfar(power, kind="go", **options)
-
-
-def so_cfar(power: Power, **options: Any) -> Mask:
-    """Smallest of: `cfar` above the smaller of the means of two halves.
-
-    It finds targets beside other targets.
-    """
-    return cfar(power, kind="so", **options)
-
-
-def os_cfar(power: Power, **options: Any) -> Mask:
-    """Ordered statistic: `cfar` above the cell at three quarters of the rank."""
-    return cfar(power, kind="os", **options)
-
-
-DETECTORS = {"ca": ca_cfar, "go": go_cfar, "so": so_cfar, "os": os_cfar}
-
-
-@_plain_window
 @functools.partial(jax.jit, static_argnames=("kind", "guard", "train", "edge"))
 def noise_floor(
     power: Power,
@@ -190,35 +152,14 @@ def noise_floor(
     found by bisection over the bits of float32, which are ordered like the numbers, so
     its gradient is 0; those of the other kinds reach the training cells.
     """
-    if kind not in KINDS:
-        raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
-    power = linear_power(power)
-    check_edge(edge, kind, train)
-    floor = _floor(kind, power, guard, train, edge)
+    power, window = linear_power(power), Window(guard, train, edge)
+    check_window(window, kind)
+    estimate = _ordered_floor if kind == "os" else functools.partial(_mean_floor, kind)
+    floor = estimate(power, window)
     if edge == "fill":
-        ends, values = _filled_ends(kind, power, guard, train)
+        ends, values = _filled_ends(kind, power, window)
         floor = floor.at[..., ends].set(values)
     return floor
-
-
-def _floor(kind, power, guard, train, edge):
-    """The noise estimate, apart from the ends of "fill"."""
-    if kind != "os":
-        return _mean_floor(kind, power, guard, train, edge)
-    low, high = cells_per_range_bin(power.shape, guard, train, edge)
-    ranks = to_rank(_rank(low + high), power)
-    keys = jax.lax.bitcast_convert_type(power.astype(jnp.float32), jnp.int32)
-    padded = pad(keys, guard, train, jnp.iinfo(jnp.int32).max, edge)
-    counted = halves_counted(low, high, power) if edge == "one_sided" else None
-
-    def refine(i, found):
-        """Set the next lower bit where fewer than k cells lie below the result."""
-        candidate = found | (jnp.int32(1) << (30 - i))
-        fewer = count_below(candidate, padded, guard, train, counted) < ranks
-        return jnp.where(fewer, candidate, found)
-
-    found = jax.lax.fori_loop(0, 31, refine, jnp.zeros_like(keys))
-    return jax.lax.bitcast_convert_type(found, jnp.float32)
 
 
 def linear_power(power: Power) -> Map:
@@ -240,17 +181,44 @@ def linear_power(power: Power) -> Map:
     return power if power.dtype == jnp.float64 else power.astype(jnp.float32)
 
 
-def _filled_ends(kind, power, guard, train):
+def _counter(values, beyond, window):
+    """The function that counts training cells below a level, and the rank of "os".
+
+    Where no cells exist, their value is `beyond`.
+    """
+    low, high = cells_per_range_bin(values.shape, window)
+    padded = pad(values, window, beyond)
+    counted = halves_counted(low, high, values) if window.edge == "one_sided" else None
+
+    def count(level):
+        return count_below(level, padded, window, counted)
+
+    return count, to_rank(_rank(low + high), values)
+
+
+def _ordered_floor(power, window):
+    """The training cell at the rank, apart from the ends of "fill"."""
+    keys = jax.lax.bitcast_convert_type(power.astype(jnp.float32), jnp.int32)
+    count, rank = _counter(keys, jnp.iinfo(jnp.int32).max, window)
+
+    def refine(i, found):
+        """Set the next lower bit where fewer than k cells lie below the result."""
+        candidate = found | (jnp.int32(1) << (30 - i))
+        return jnp.where(count(candidate) < rank, candidate, found)
+
+    found = jax.lax.fori_loop(0, 31, refine, jnp.zeros_like(keys))
+    return jax.lax.bitcast_convert_type(found, jnp.float32)
+
+
+def _filled_ends(kind, power, window):
     """Range bins at the ends, and their floor from the nearest 2 * train cells."""
-    bins, cells = power.shape[-1], 2 * train[1]
-    ends = np.flatnonzero(~inside(bins, guard, train))
-    number = np.arange(bins)
+    (_, guard), (_, train), _ = window
+    bins, cells = power.shape[-1], 2 * train
+    ends = np.flatnonzero(~inside(bins, window))
     chosen = []
     for end in ends:
-        apart = abs(number - end)
-        beside = number[apart > guard[1]]
-        low, high = beside[beside < end], beside[beside > end]
-        taken = min(len(low), max(train[1], cells - len(high)))
+        low, high = np.arange(end - guard), np.arange(end + guard + 1, bins)
+        taken = min(len(low), max(train, cells - len(high)))
         chosen.append(np.concatenate([low[len(low) - taken :], high[: cells - taken]]))
     near = power[..., np.array(chosen)]
     if kind == "ca":
@@ -258,29 +226,23 @@ def _filled_ends(kind, power, guard, train):
     return ends, jnp.sort(near, -1)[..., _rank(cells) - 1]
 
 
-def _mean_floor(kind, power, guard, train, edge):
+def _mean_floor(kind, power, window):
     """Mean of all training cells, or of the greater or smaller half."""
-    low, high = cells_per_range_bin(power.shape, guard, train, edge)
-    sums = sums_of_halves(power, guard, train, edge)
-    if edge == "one_sided":
-        sums = [
-            jnp.where(counts, half, 0)
-            for counts, half in zip(halves_counted(low, high, power), sums, strict=True)
-        ]
+    both = cells_per_range_bin(power.shape, window)
+    sums = sums_of_halves(power, window)
+
+    def share(cells):
+        return to_rank(np.asarray(1 / np.maximum(cells, 1), power.dtype), power)
+
+    counted = halves_counted(*both, power)
+    if window.edge == "one_sided":
+        sums = [jnp.where(*pair, 0) for pair in zip(counted, sums, strict=True)]
     if kind == "ca":
-        return (sums[0] + sums[1]) * to_rank(
-            np.asarray(1 / (low + high), power.dtype), power
-        )
-    means = [
-        half * to_rank(np.asarray(1 / np.maximum(cells, 1), power.dtype), power)
-        for half, cells in zip(sums, (low, high), strict=True)
-    ]
+        return (sums[0] + sums[1]) * share(sum(both))
+    low, high = (half * share(cells) for half, cells in zip(sums, both, strict=True))
     # At the ends of the range axis one half may be empty: use the other one.
-    means = [
-        jnp.where(to_rank(cells > 0, power), mean, other)
-        for mean, other, cells in zip(means, means[::-1], (low, high), strict=True)
-    ]
-    return jnp.maximum(*means) if kind == "go" else jnp.minimum(*means)
+    low, high = jnp.where(counted[0], low, high), jnp.where(counted[1], high, low)
+    return jnp.maximum(low, high) if kind == "go" else jnp.minimum(low, high)
 
 
 def _rank(cells):
@@ -289,46 +251,39 @@ def _rank(cells):
 
 
 @functools.lru_cache(256)
-def _multipliers(kind, rate, channels, shape, guard, train, windows, edge):
-    """Multiplier of each range bin; host."""
-    low, high = cells_per_range_bin(shape, guard, train, edge)
-    side, known = guard[1] + train[1], {}
-    places = [(min(i, side), min(shape[1] - 1 - i, side)) for i in range(shape[1])]
-    for column, place in enumerate(places):
-        if place in known:
-            continue
+def _multipliers(kind, rate, channels, shape, window, tapers):
+    """Multiplier of each range bin behind `tapers` over chirps and samples; host."""
+    low, high = cells_per_range_bin(shape, window)
+
+    @functools.cache
+    def multiplier(column):
         halves = int(low[column]), int(high[column])
-        effective = halves
-        if windows != NO_WINDOWS:
-            effective = _effective(
-                kind, column, shape, guard, train, windows, edge, halves
-            )
-        number, rank = sum(effective), None
+        cells, count = halves, sum(halves)
+        if tapers != NO_WINDOWS:
+            cells = _effective(kind, column, shape, window, tapers, halves)
+        if kind in ("go", "so"):
+            return false_alarm_multiplier(kind, rate, cells, channels=channels)
+        number, rank = sum(cells), None
         if kind == "os":  # the rank at the same quantile of fewer cells
-            cells = sum(halves)
-            rank = min(int(_rank(cells)) * (number + 1) / (cells + 1), number)
-        known[place] = false_alarm_multiplier(
-            kind,
-            rate,
-            effective if kind in ("go", "so") else number,
-            rank=rank,
-            channels=channels,
-        )
-    return [known[place] for place in places]
+            rank = min(int(_rank(count)) * (number + 1) / (count + 1), number)
+        return false_alarm_multiplier(kind, rate, number, rank=rank, channels=channels)
+
+    # All bins with a whole window are alike.
+    whole, side = inside(shape[1], window), window.sides[1]
+    return [multiplier(side if whole[i] else i) for i in range(shape[1])]
 
 
-def _effective(kind, column, shape, guard, train, windows, edge, halves):
+def _effective(kind, column, shape, window, tapers, halves):
     """Independent cells of both halves; for CA and OS (those of all cells, 0)."""
-    sides = [g + t for g, t in zip(guard, train, strict=True)]
-    offsets = [np.arange(-side, side + 1) for side in sides]
+    (guard_rows, guard_columns), _, edge = window
+    offsets = [np.arange(-side, side + 1) for side in window.sides]
     rows, columns = np.meshgrid(*offsets, indexing="ij")
-    near = (abs(rows) <= guard[0]) & (abs(columns) <= guard[1])
-    cells = ~near
+    cells = (abs(rows) > guard_rows) | (abs(columns) > guard_columns)
     low = (columns < 0) | ((columns == 0) & (rows < 0))
     if edge == "shrink":
         cells &= (column + columns >= 0) & (column + columns < shape[1])
-    cells &= (low & (halves[0] > 0)) | (~low & (halves[1] > 0))
-    count = functools.partial(independent_cells, windows=windows, shape=shape)
+    cells &= np.where(low, *(half > 0 for half in halves))
+    count = functools.partial(independent_cells, windows=tapers, shape=shape)
     if kind in ("go", "so"):
         return count(cells & low), count(cells & ~low)
     return count(cells, quantile=RANK if kind == "os" else None), 0.0

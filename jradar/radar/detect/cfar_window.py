@@ -1,16 +1,16 @@
 """The window of a CFAR detector: which cells it has, their sums and their counts.
 
 The window of a cell, its halves and the rules at the ends of the range axis (`EDGES`)
-are drawn in `cfar`. Functions take `guard` and `train` in (doppler, range).
+are drawn in `cfar`.
 """
 
-import operator
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jradar.radar.detect.multipliers import KINDS
 from jradar.radar.ranks import to_rank
 
 GUARD, TRAIN = (2, 2), (4, 4)  # cells on a side in (doppler, range)
@@ -18,16 +18,17 @@ EDGES = ("shrink", "one_sided", "fill", "reflect", "wrap", "skip")
 MAX_COMPARISONS = 96  # in one fused kernel: XLA stops vectorising beyond about 100
 
 
-def cell_pair(name: str, cells: Any) -> tuple[int, int]:
-    """Return cells in (doppler, range) as a tuple; ValueError if they are not two."""
-    try:
-        doppler, range_ = (operator.index(number) for number in cells)
-    except (TypeError, ValueError) as error:
-        raise ValueError(
-            f"CFAR {name} = {cells!r}, expected two whole numbers: cells in "
-            "(doppler, range)"
-        ) from error
-    return doppler, range_
+class Window(NamedTuple):
+    """Cells on a side in (doppler, range), and the rule at the ends of the range."""
+
+    guard: tuple[int, int]
+    train: tuple[int, int]
+    edge: str
+
+    @property
+    def sides(self) -> tuple[int, int]:
+        """All cells on a side in (doppler, range)."""
+        return self.guard[0] + self.train[0], self.guard[1] + self.train[1]
 
 
 def largest_window(
@@ -40,8 +41,11 @@ def largest_window(
     return guard, train
 
 
-def check_edge(edge: str, kind: str, train: tuple[int, int]) -> None:
-    """Raise ValueError for a rule at the ends that is unknown or does not fit."""
+def check_window(window: Window, kind: str) -> None:
+    """Raise ValueError for a kind or an edge that is unknown or does not fit."""
+    _, train, edge = window
+    if kind not in KINDS:
+        raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
     if edge not in EDGES:
         raise ValueError(f"CFAR {edge=}, expected one of {EDGES}")
     if edge == "fill" and (train[0] or kind in ("go", "so")):
@@ -51,10 +55,10 @@ def check_edge(edge: str, kind: str, train: tuple[int, int]) -> None:
         )
 
 
-def inside(bins, guard, train):
+def inside(bins, window):
     """Whether the whole window of a range bin exists; host."""
-    side, number = guard[1] + train[1], np.arange(bins)
-    return (number >= side) & (number < bins - side)
+    number = np.arange(bins)
+    return np.minimum(number, number[::-1]) >= window.sides[1]
 
 
 def halves_counted(low, high, power):
@@ -62,8 +66,9 @@ def halves_counted(low, high, power):
     return [to_rank(cells > 0, power) for cells in (low, high)]
 
 
-def cells_per_range_bin(shape, guard, train, edge):
+def cells_per_range_bin(shape, window):
     """Number of training cells of each range bin in the two halves; host."""
+    guard, train, edge = window
     for axis, bins, g, t in zip(
         ("Doppler", "range"), shape[-2:], guard, train, strict=True
     ):
@@ -79,44 +84,44 @@ def cells_per_range_bin(shape, guard, train, edge):
         raise ValueError(f"CFAR {train=}: expected training cells along some axis")
     (gd, gr), (td, tr) = guard, train
     before = np.arange(shape[-1])  # number of bins at lower range
-    if edge != "shrink":
-        number = np.full(len(before), (2 * (gd + td) + 1) * tr + 2 * td * gr + td)
-        if edge != "one_sided":
-            return number, number
-        low = np.where(before >= gr + tr, number, 0)
-        return low, low[::-1]
 
     def half(exist):
-        window, guarded = (np.minimum(exist, n) for n in (gr + tr, gr))
-        return (2 * (gd + td) + 1) * window - (2 * gd + 1) * guarded + td
+        columns, guarded = (np.minimum(exist, n) for n in (gr + tr, gr))
+        return (2 * (gd + td) + 1) * columns - (2 * gd + 1) * guarded + td
 
-    return half(before), half(before[::-1])
+    if edge == "shrink":
+        return half(before), half(before[::-1])
+    whole = half(np.full(len(before), gr + tr))
+    if edge != "one_sided":
+        return whole, whole
+    low = np.where(before >= gr + tr, whole, 0)
+    return low, low[::-1]
 
 
-def pad(values, guard, train, fill, edge):
-    """Pad the map by the window: Doppler wraps around, range continues as `edge` says.
+def pad(values, window, fill):
+    """Pad the map by the window: Doppler wraps around, range continues by the rule.
 
     Where no cells exist, it continues with `fill`.
     """
-    doppler, range_ = (g + t for g, t in zip(guard, train, strict=True))
+    doppler, range_ = window.sides
     if doppler:
         ends = values[..., -doppler:, :], values[..., :doppler, :]
         values = jnp.concatenate([ends[0], values, ends[1]], -2)
     sides = [(0, 0)] * (values.ndim - 1) + [(range_, range_)]
-    if edge in ("wrap", "reflect"):
-        return jnp.pad(values, sides, mode=edge)
+    if window.edge in ("wrap", "reflect"):
+        return jnp.pad(values, sides, mode=window.edge)
     return jnp.pad(values, sides, constant_values=fill)
 
 
-def sums_of_halves(power, guard, train, edge):
+def sums_of_halves(power, window):
     """Sums over the training cells at lower range and over those at higher range.
 
     Sums columns first, then along range. `whole` are complete columns of the window,
     `beyond` the parts of columns outside the guard cells.
     """
-    (gd, gr), (td, tr) = guard, train
+    (gd, gr), (td, tr), _ = window
     doppler, bins = power.shape[-2:]
-    padded = pad(power, guard, train, 0.0, edge)
+    padded = pad(power, window, 0.0)
     inner = padded[..., td : padded.shape[-2] - td, :]
     whole, own = _sliding_sum(inner, 2 * gd + 1, -2), gr + tr
     halves: list[Any] = [0.0, 0.0]
@@ -160,12 +165,13 @@ def _sliding_sum(values, size, axis) -> Any:
         width *= 2
 
 
-def count_below(level, padded, guard, train, counted=None):
+def count_below(level, padded, window, counted):
     """Number of training cells below `level`, counted a few window rows at a time.
 
-    `counted` tells for each range bin whether its low and its high half count.
+    `counted` says for each range bin whether its low and its high half count; if it is
+    None, both always do.
     """
-    (gd, gr), (td, tr) = guard, train
+    (gd, gr), (td, tr), _ = window
     doppler, bins = level.shape[-2:]
     own = gr + tr
     width = 2 * own + 1

@@ -8,23 +8,23 @@ Numbers are in the order of the capture card, [chirp][tx][rx][sample]; `iq_order
 describes I and Q. The radar's description is not in the bag.
 """
 
-import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Int16, Num
 
-from jradar.errors import UsageError
+from jradar.errors import parsing
 from jradar.radar import RadarSpec
-from jradar.recordings.bags.bags import TopicStream, bag_definition, bag_topics
-from jradar.recordings.descriptions import find_description
-from jradar.recordings.recording import Format, Recording
-from jradar.recordings.ti.dca1000 import (
-    DESCRIPTION_NAMES,
-    bytes_of_frame,
-    described_samples,
+from jradar.recordings.bags.bags import (
+    TopicStream,
+    bag_definition,
+    bag_topics,
+    topic_of,
 )
+from jradar.recordings.recording import Format, Recording
+from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
 
 SUFFIXES = (".bag", ".db3", ".mcap")
@@ -35,35 +35,6 @@ DEFINITIONS = {  # for bags that do not hold them
     "mmWave/msg/data_frame": "int16[] data\n",
     "std_msgs/msg/Int16MultiArray": "",  # which rosbags knows
 }
-
-
-class RawStream(TopicStream):
-    """The frames of one topic as cubes."""
-
-    def __init__(self, path: Path, topic: str, kind: str, radar: RadarSpec, order: str):
-        """Read the times of all frames; `order` is that of I and Q."""
-        self.radar, self.order = radar, order
-        self._text = bag_definition(path, topic) or DEFINITIONS[kind]
-        header = "Header" in self._text.partition("====")[0]
-        super().__init__(path, topic, kind, sensor="radar", has_header=header)
-
-    def decode(self, index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
-        """Return the cube of frame `index`."""
-        raw, where = self.message(index), f"{self.path}: message {index} of"
-        try:
-            store, is_ros1 = _store(self._text, self.kind, self.is_ros1), self.is_ros1
-            read = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
-            words = _int16_array(read(raw, self.kind))
-        except Exception as error:  # a damaged message can raise anything
-            raise ValueError(f"{where} {self.topic} is damaged: {error}") from error
-        expected = bytes_of_frame(self.radar) // 2
-        if len(words) != expected:
-            raise ValueError(
-                f"{where} {self.topic} holds {len(words):,} numbers, {self.radar.name} "
-                f"needs {expected:,} for {self.radar.cube_shape} [tx, rx, chirp, "
-                "sample]: does the description belong to another recording?"
-            )
-        return cube_of_words(words, self.radar, self.order)
 
 
 def open_raw_bag(
@@ -79,28 +50,26 @@ def open_raw_bag(
     damaged bag and for messages that do not hold a frame of the radar.
     """
     path = Path(path)
-    description = description or find_description(path, DESCRIPTION_NAMES)
-    described = described_samples(path, description, iq_order=iq_order, device=device)
-    topics = _raw_topics(path)
-    if len(topics) != 1:
-        raise UsageError(
-            f"{path}: {len(topics)} topics hold raw samples ({', '.join(topics)}), "
-            "expected one: leave the others out with `ros2 bag convert` or "
-            "`rosbag filter`"
-        )
-    ((topic, kind),) = topics.items()
-    radar, capture, doubts = described
-    cubes = RawStream(path, topic, kind, radar, capture.iq_order)
+    radar, capture, doubts = described_samples(
+        path, description, iq_order=iq_order, device=device
+    )
+    topic, kind = topic_of(path, None, DEFINITIONS.__contains__, "raw samples")
+    text = bag_definition(path, topic) or DEFINITIONS[kind]
+    cubes = TopicStream(
+        path,
+        topic,
+        _decoder(path, kind, text, radar, capture.iq_order),
+        sensor="radar",
+        has_header="Header" in text.partition("====")[0],
+    )
     if not len(cubes):
         raise ValueError(f"{path}: no message is on the topic {topic}")
     cubes[0]
     return Recording(
         name=path.stem,
         path=path,
-        radar=radar,
+        radar=capture.radar(radar),
         cubes=cubes,
-        channel_factors=capture.channel_array,
-        range_bias_m=capture.range_bias_m,
         iq_order=capture.iq_order,
         notes=(*doubts, f"frames are on the topic {topic}", *cubes.notes),
     )
@@ -111,7 +80,7 @@ def holds_samples(path: Path) -> bool:
     if path.suffix not in SUFFIXES and not (path / "metadata.yaml").is_file():
         return False
     try:
-        return bool(_raw_topics(path))
+        return any(kind in DEFINITIONS for kind, _ in bag_topics(path).values())
     except (ImportError, OSError, ValueError):
         return False
 
@@ -124,22 +93,32 @@ READER = Format(
 )
 
 
-def _raw_topics(path: Path) -> dict[str, str]:
-    """Return the type of each topic that holds raw samples."""
-    topics = bag_topics(path).items()
-    return {name: kind for name, (kind, _) in topics if kind in DEFINITIONS}
-
-
-@functools.cache
-def _store(text: str, kind: str, is_ros1: bool) -> Any:
-    """Return rosbags' types with that of a message."""
+def _decoder(
+    path: Path, kind: str, text: str, radar: RadarSpec, order: str
+) -> Callable[[bytes], Num[np.ndarray, "tx rx chirp sample"]]:
+    """Return the function that makes a cube of a message; `text` defines its type."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    is_ros1 = path.suffix == ".bag"
     store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
-    if text and not kind.startswith("std_msgs/"):
-        types = get_types_from_msg(text, kind)
-        store.register({k: v for k, v in types.items() if k not in store.types})
-    return store
+    with parsing(path, f"a bag of {kind}"):
+        if text and not kind.startswith("std_msgs/"):
+            types = get_types_from_msg(text, kind)
+            store.register({k: v for k, v in types.items() if k not in store.types})
+    read = store.deserialize_ros1 if is_ros1 else store.deserialize_cdr
+    expected = bytes_of_frame(radar) // 2
+
+    def decode(raw: bytes) -> Num[np.ndarray, "tx rx chirp sample"]:
+        words = _int16_array(read(raw, kind))
+        if len(words) != expected:
+            raise ValueError(
+                f"it holds {len(words):,} numbers, {radar.name} needs {expected:,} for "
+                f"{radar.cube_shape} [tx, rx, chirp, sample]: does the description "
+                "belong to another recording?"
+            )
+        return cube_of_words(words, radar, order)
+
+    return decode
 
 
 def _int16_array(message: Any) -> Int16[np.ndarray, " word"]:

@@ -10,16 +10,16 @@ import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float
 
 from jradar.errors import UsageError
-from jradar.files import read_json
+from jradar.files import read_json, read_text
 from jradar.radar import RadarSpec
 from jradar.radar.devices import CASCADE
-from jradar.recordings.text_files import radar_of, read_text
+from jradar.recordings.text_files import radar_of
 
 # Keys of the waveform file and fields of the radar, all in SI units.
 FIELDS = {
@@ -33,15 +33,6 @@ FIELDS = {
     "ramp_end_time": "ramp_end_time_s",
 }
 COUNTS = ("num_tx", "num_rx", "num_adc_samples_per_chirp", "num_chirps_per_frame")
-
-
-class FrequencyPhase(NamedTuple):
-    """Response of each of the cascade's antenna pairs to one far target."""
-
-    frequency: Float[np.ndarray, "tx rx"]  # of the beat, in range bins
-    phase: Complex[np.ndarray, "tx rx"]
-    slope_hz_per_s: float  # of the measurement
-    sample_rate_hz: float
 
 
 def radar_from_coloradar(
@@ -81,7 +72,7 @@ def radar_from_coloradar(
 def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
     """Return the leakage between antennas in range bins 1 .. N/2.
 
-    `subtract_coupling` takes it.
+    It is the `leakage` of a `Radar`.
     """
     head, _, data = read_text(path).partition("data:")
     pairs = (line.partition(":") for _, line in _lines(head))
@@ -98,11 +89,19 @@ def read_coupling(path: Path | str) -> Complex[np.ndarray, "tx rx half_range"]:
             f"{path} holds {halves.size:,} numbers, {shape[0]} tx x {shape[1]} rx x "
             f"{shape[2]} complex range bins need {2 * math.prod(shape):,}: truncated?"
         )
-    return halves.view(complex).reshape(shape)
+    return halves.view(complex).reshape(shape).astype(np.complex64)
 
 
-def read_frequency_phase(path: Path | str) -> FrequencyPhase:
-    """Return the frequencies and phases in a `phase_frequency_calib.txt`."""
+def read_frequency_phase(
+    path: Path | str, radar: RadarSpec
+) -> tuple[Complex[np.ndarray, "tx rx"], Float[np.ndarray, "tx rx"]]:
+    """Return a radar's `channels` and `beat_bins` of its `phase_frequency_calib.txt`.
+
+    The file holds the frequencies and phases that the pairs of antennas measured of one
+    far target. Each pair then sees such a target as the first one does. Raises
+    ValueError where slope or sampling rate of the measurement differ from the radar's
+    by a factor of 1000 or more.
+    """
     try:
         values = read_json(path)["antennaCalib"]
         shape = [_count(path, key, values[key]) for key in ("numTx", "numRx")]
@@ -130,7 +129,16 @@ def read_frequency_phase(path: Path | str) -> FrequencyPhase:
     phases = phase.view(complex).reshape(shape)
     if not phases.all():
         raise ValueError(f"{path}: a phase is 0, expected complex numbers other than 0")
-    return FrequencyPhase(frequency.reshape(shape), phases, slope, rate)
+    slopes, rates = radar.slope_hz_per_s / slope, rate / radar.sample_rate_hz
+    for ratio, what in ((slopes, "slopes in Hz/s"), (rates, "sampling rates in Hz")):
+        if not 1e-3 < ratio < 1e3:
+            raise ValueError(
+                f"{path}: the radar's and the calibration's {what} differ by a factor "
+                f"of {ratio:.3g}, expected 0.001 to 1000: another unit?"
+            )
+    bins = frequency.reshape(shape)
+    bins = (bins - bins[0, 0]) * (slopes * rates)
+    return (phases[0, 0] / phases).astype(np.complex64), bins.astype(np.float32)
 
 
 def _waveform(path: Path) -> dict[str, Any]:

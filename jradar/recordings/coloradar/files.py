@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Complex, Float
 
+from jradar.errors import parsing
+from jradar.files import read_text
 from jradar.lidar import rigid_transform
 from jradar.radar import RadarSpec
 from jradar.recordings.recording import Stream
-from jradar.recordings.text_files import read_text
 
 MAX_TEXT_BYTES = 64 << 20
 NANOSECONDS = 1e12  # larger stamps are nanoseconds, not seconds
@@ -124,6 +125,25 @@ def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
     return table
 
 
+def read_stamped(
+    folder: Path, name: str, columns: int, notes: list[str]
+) -> tuple[Float[np.ndarray, " row"], Float[np.ndarray, "row column"]]:
+    """Return the stamps of a folder, rising, and the rows of one of its files.
+
+    Of several rows at one time the first is kept. Repairs go to `notes`.
+    """
+    stamps = read_stamps(folder / "timestamps.txt", notes)
+    rows = read_table(folder / name, columns)
+    count = min(len(stamps), len(rows))
+    if len(stamps) != len(rows):
+        notes.append(
+            f"{folder.name}: {len(stamps)} stamps for {len(rows)} lines of {name}: "
+            f"only the first {count} are used"
+        )
+    times, order = np.unique(stamps[:count], return_index=True)
+    return times, rows[order]
+
+
 def read_cube(
     path: Path, radar: RadarSpec
 ) -> Complex[np.ndarray, "tx rx chirp sample"]:
@@ -142,17 +162,10 @@ def read_cube(
 
 def read_transform(path: Path) -> Float[np.ndarray, "4 4"]:
     """Return the transform from sensor to base in a file: x y z, then qx qy qz qw."""
-    if path.stat().st_size > 4096:
-        raise ValueError(f"{path} is not a transform: expected two lines of numbers")
-    try:
-        numbers = np.array(path.read_text("utf-8-sig").split(), float)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}, expected numbers") from error
-    if numbers.size != 7 or not np.isfinite(numbers).all():
-        raise ValueError(
-            f"{path} holds {numbers.size} numbers, expected 7 finite ones: x y z, then "
-            "qx qy qz qw"
-        )
+    with parsing(path, "a transform: x y z, then qx qy qz qw"):
+        numbers = np.array(read_text(path).split(), float)
+        if numbers.size != 7 or not np.isfinite(numbers).all():
+            raise ValueError(f"{numbers.size} numbers, expected 7 finite ones")
     distance, length = np.linalg.norm(numbers[:3]), np.linalg.norm(numbers[3:])
     if abs(length - 1) > 0.01:
         raise ValueError(

@@ -7,19 +7,23 @@
                      /groundtruth/            timestamps.txt  groundtruth_poses.txt
                      /imu/                    timestamps.txt  imu_data.txt
 
+A line of imu_data.txt is ax ay az gx gy gz, in m/s^2 and rad/s.
+
 <radar> is single_chip (AWR1843) or cascade. Each stream has its own rate and its own
 stamps, in seconds since 1970. Opening a sequence lists folders and reads calibration,
 stamps and poses; frames are read when accessed. Clouds are x forward, y left, z up, in
 their sensor's frame.
 """  # noqa: E501
 
+import dataclasses
 import os
 from pathlib import Path
 
 import numpy as np
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, parsing
 from jradar.lidar import Poses
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings.clouds.read import read_bin
 from jradar.recordings.coloradar.calib import (
     radar_from_coloradar,
@@ -29,14 +33,12 @@ from jradar.recordings.coloradar.calib import (
 from jradar.recordings.coloradar.files import (
     file_stream,
     read_cube,
-    read_stamps,
-    read_table,
+    read_stamped,
     read_transform,
 )
-from jradar.recordings.imu import read_imu
 from jradar.recordings.radar_toml import read_radar_toml
-from jradar.recordings.recording import Format, Recording, with_factors
-from jradar.recordings.ti.cfg import CaptureSpec
+from jradar.recordings.recording import Format, Imu, Recording
+from jradar.recordings.ti.frame import CaptureSpec
 
 SENSORS = ("single_chip", "cascade")
 KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
@@ -88,20 +90,13 @@ def open_coloradar(
         poses = _poses(folder / "groundtruth", notes)
     imu = base_from_imu = None
     if (folder / "imu" / "imu_data.txt").is_file():
-        imu = read_imu(folder / "imu", notes)
+        times, rows = read_stamped(folder / "imu", "imu_data.txt", 6, notes)
+        imu = Imu(times, force=rows[:, :3], rate=rows[:, 3:])
         base_from_imu = _base_from(calib, ("imu",), notes)
-    coupling = frequency_phase = None
-    pairs = (radar.num_tx, radar.num_rx)
-    if (path := calib / sensor / "coupling_calib.txt").is_file():
-        coupling = read_coupling(path)
-        _check_array(path, coupling, (*pairs, radar.num_samples // 2), radar)
-    if (path := calib / sensor / "phase_frequency_calib.txt").is_file():
-        frequency_phase = read_frequency_phase(path)
-        _check_array(path, frequency_phase.phase, pairs, radar)
-    recording = Recording(
+    return Recording(
         name=folder.absolute().name,
         path=folder,
-        radar=radar,
+        radar=_calibrated(radar, capture, calib / sensor),
         cubes=cubes,
         lidar=lidar,
         poses=poses,
@@ -110,13 +105,8 @@ def open_coloradar(
         # ColoRadar+ calls its only radar `radar`.
         base_from_radar=_base_from(calib, (sensor, "radar"), notes),
         base_from_lidar=_base_from(calib, ("lidar",), notes),
-        coupling=coupling,
-        frequency_phase=frequency_phase,
-        range_bias_m=capture.range_bias_m,
         notes=(f"calibration: {calib}", *notes),
     )
-    factors = capture.channel_array
-    return recording if factors is None else with_factors(recording, factors)
 
 
 READER = Format(
@@ -162,12 +152,18 @@ def _sensor(folder: Path, sensor: str | None, notes: list[str]) -> str:
     return here[0]
 
 
-def _check_array(path, measured, expected, radar):
-    if measured.shape != expected:
-        raise ValueError(
-            f"{path} is for an array of {measured.shape}, {radar.name} needs "
-            f"{expected} [tx, rx, range bins]"
-        )
+def _calibrated(spec: RadarSpec, capture: CaptureSpec, folder: Path) -> Radar:
+    """Return the radar with the calibration of its folder, then that of a TOML file."""
+    radar = Radar(spec, range_bias_m=capture.range_bias_m)
+    if (path := folder / "coupling_calib.txt").is_file():
+        with parsing(path, "the leakage of this radar"):
+            radar = dataclasses.replace(radar, leakage=read_coupling(path))
+    if (path := folder / "phase_frequency_calib.txt").is_file():
+        with parsing(path, "a calibration of this radar"):
+            channels, bins = read_frequency_phase(path, spec)
+            radar = dataclasses.replace(radar, channels=channels, beat_bins=bins)
+    factors = capture.radar(spec).channels
+    return radar if factors is None else radar.with_factors(factors.ravel())
 
 
 def _base_from(calib, names, notes):
@@ -180,22 +176,13 @@ def _base_from(calib, names, notes):
 
 
 def _poses(folder: Path, notes: list[str]) -> Poses:
-    """Return poses at rising times; of several at one time the first is kept."""
+    """Return the poses of a sequence; ValueError if one is not a rotation."""
     name = "groundtruth_poses.txt"
-    stamps = read_stamps(folder / "timestamps.txt", notes)
-    rows = read_table(folder / name, 7)
-    count = min(len(stamps), len(rows))
-    if len(stamps) != len(rows):
-        notes.append(
-            f"{folder.name}: {len(stamps)} stamps for {len(rows)} lines of {name}: "
-            f"only the first {count} are used"
-        )
-    rows = rows[:count]
+    times, rows = read_stamped(folder, name, 7, notes)
     length = np.linalg.norm(rows[:, 3:], axis=1)
     if len(bad := np.flatnonzero(abs(length - 1) > 0.01)):
         raise ValueError(
-            f"{folder / name}, line {bad[0] + 1}: the quaternion has length "
+            f"{folder / name}: the quaternion at {times[bad[0]]:.6f} s has length "
             f"{length[bad[0]]:.4g}, expected 1: is the order x y z qx qy qz qw?"
         )
-    times, order = np.unique(stamps[:count], return_index=True)
-    return Poses(times, rows[order, :3], rows[order, 3:] / length[order, None])
+    return Poses(times, rows[:, :3], rows[:, 3:] / length[:, None])

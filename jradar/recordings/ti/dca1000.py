@@ -24,6 +24,7 @@ from jradar.radar import RadarSpec
 from jradar.recordings.descriptions import (
     Description,
     find_description,
+    frame_stamps,
     read_description,
 )
 from jradar.recordings.recording import Format, Recording, Stream
@@ -82,7 +83,6 @@ def open_dca1000(
             f"{path} looks like one frame of ColoRadar: name the folder of its "
             "sequence, and the frame with --frame"
         )
-    description = description or find_description(path, DESCRIPTION_NAMES)
     files, name = _files(path)
     described = described_samples(path, description, iq_order=iq_order, device=device)
     header_bytes = header_size(files)
@@ -96,15 +96,17 @@ def open_dca1000(
 
 def described_samples(
     path: Path,
-    description: Path | str,
+    description: Path | str | None,
     *,
     iq_order: str | None = None,
     device: str | None = None,
 ) -> Description:
     """Return the radar of a stream of samples, checked, with its order of I and Q.
 
-    `path` is the file of samples, which errors name.
+    `path` is the file of samples, which errors name. By default its description is the
+    only one beside it.
     """
+    description = description or find_description(path, DESCRIPTION_NAMES)
     found = read_description(description, device=device)
     if found.capture.has_headers:
         raise ValueError(
@@ -139,6 +141,9 @@ def recording_of_samples(
         misfit = _does_not_fit(path, source.size, radar)
         raise ValueError(" ".join([misfit, *doubts]))
 
+    if stamps is None:
+        stamps = frame_stamps(path, count, radar.frame_period_s)
+
     def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
         return cube_of_words(raw.view("<i2"), radar, order)
@@ -158,16 +163,11 @@ def recording_of_samples(
     if advice:
         notes.append(advice)
     notes += card_notes(path, order=order, decided=decided)
-    period = radar.frame_period_s
-    if stamps is None and period:
-        stamps = np.arange(count) * period
     return Recording(
         name=name,
         path=path,
-        radar=radar,
+        radar=capture.radar(radar),
         cubes=Stream(read, count, None if stamps is None else stamps[:count]),
-        channel_factors=capture.channel_array,
-        range_bias_m=capture.range_bias_m,
         lost_bytes=lost,
         iq_order=order,
         notes=tuple(notes),
@@ -217,7 +217,7 @@ def bytes_of_frame(radar: RadarSpec) -> int:
 def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
     first, last = packets.holes()
     missing = int((last - first).sum())
-    again = int((packets.payload * packets.number).sum()) - packets.size + missing
+    again = int(packets.sizes.sum()) - packets.size + missing
     late = np.count_nonzero(np.diff(packets.offset) < 0)
     if missing:
         yield (
@@ -251,6 +251,6 @@ def _does_not_fit(path: Path, size: int, radar: RadarSpec) -> str:
         f"{path} holds {size:,} bytes, {radar.name} needs a multiple of "
         f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x "
         f"{sample_bytes} bytes): {size // frame_bytes} whole frames. Was the file cut "
-        "off (allow_partial reads the whole frames), or does the description belong to "
-        f"another capture ({others})?"
+        "off (--allow-partial reads the whole frames), or does the description belong "
+        f"to another capture ({others})?"
     )

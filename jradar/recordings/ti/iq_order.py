@@ -13,6 +13,7 @@ of a DCA1000 turns IIQQ into IQIQ.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int16, Num
@@ -58,20 +59,7 @@ def cube_of_words(
     words: Int16[np.ndarray, " word"], radar: RadarSpec, order: str
 ) -> Num[np.ndarray, "tx rx chirp sample"]:
     """Convert one frame of int16 to [tx, rx, chirp, sample]: complex64, or float32."""
-    tx, rx, chirps, samples = radar.cube_shape
-    if order == "I":
-        frame = words.reshape(chirps, tx, rx, samples).transpose(1, 2, 0, 3)
-        return frame.astype(np.float32)
-    cube = np.empty(radar.cube_shape, np.complex64)
-    if order in TWO_LANES:
-        shape = (chirps, tx, rx, samples)
-        cube.real, cube.imag = (
-            half.reshape(shape).transpose(1, 2, 0, 3) for half in _halves(words, order)
-        )
-    else:
-        halves = words.reshape(chirps, tx, samples, 2, rx).transpose(3, 1, 4, 0, 2)
-        cube.real, cube.imag = halves if order == "I4Q4" else halves[::-1]
-    return cube
+    return _cube(words, radar.cube_shape, order)
 
 
 def words_of_cube(
@@ -81,32 +69,49 @@ def words_of_cube(
 
     Samples are rounded; ValueError beyond 16 bits.
     """
-    tx, rx, chirps, samples = radar.cube_shape
-    if order == "I":
-        return _whole(np.asarray(cube).transpose(2, 0, 1, 3)).ravel()
-    parts = _whole(np.stack([np.real(cube), np.imag(cube)]))
-    if order in TWO_LANES:
-        fours = np.empty((chirps, tx, rx, samples // 2, 4), np.int16)
-        for half, part in zip("IQ", parts, strict=True):
-            places = [at for at in range(4) if order[at] == half]
-            fours[..., places] = part.transpose(2, 0, 1, 3).reshape(
-                chirps, tx, rx, samples // 2, 2
-            )
-        return fours.ravel()
-    halves = parts if order == "I4Q4" else parts[::-1]
-    return np.ascontiguousarray(halves.transpose(3, 1, 4, 0, 2)).ravel()
+    return _words(np.reshape(cube, radar.cube_shape), order)
 
 
-def _whole(values: np.ndarray) -> Int16[np.ndarray, "..."]:
-    """Return rounded samples as int16."""
-    rounded = np.rint(values)
-    limits = np.iinfo(np.int16)
+def _words(cube: Any, order: str) -> np.ndarray:
+    shape, axes = _layout(cube.shape, order)
+    parts = [cube.real] if order == "I" else [cube.real, cube.imag]
+    rounded, limits = np.rint(parts[:: _step(order)]), np.iinfo(np.int16)
     if not ((rounded >= limits.min) & (rounded <= limits.max)).all():
         raise ValueError(
-            f"samples reach {np.abs(values).max():.4g}, expected at most {limits.max}: "
-            "a capture card sends 16-bit numbers, scale the recording"
+            f"samples reach {np.abs(rounded).max():.4g}, expected at most "
+            f"{limits.max}: a capture card sends 16-bit numbers, scale the recording"
         )
-    return rounded.astype(np.int16)
+    words = rounded.astype(np.int16).reshape([shape[axis] for axis in axes])
+    return words.transpose(np.argsort(axes)).ravel()
+
+
+def _cube(words: np.ndarray, cube_shape: tuple[int, ...], order: str) -> np.ndarray:
+    shape, axes = _layout(cube_shape, order)
+    parts = words.reshape(shape).transpose(axes)
+    if order == "I":
+        return parts[0].astype(np.float32)
+    cube = np.empty(parts.shape[1:], np.complex64)
+    cube.real, cube.imag = parts[:: _step(order)]
+    return cube.reshape(cube_shape)
+
+
+def _step(order: str) -> int:
+    return -1 if order.startswith("Q") else 1  # through the halves I, Q
+
+
+def _layout(
+    cube_shape: tuple[int, ...], order: str
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the shape of the words, and its axes as [half, tx, rx, chirp, sample ..].
+
+    Of two lanes, IIQQ and QQII store two samples together.
+    """
+    tx, rx, chirps, samples = cube_shape
+    if order in ("I4Q4", "Q4I4"):
+        return (chirps, tx, samples, 2, rx), (3, 1, 4, 0, 2)
+    if order in ("IIQQ", "QQII"):
+        return (chirps, tx, rx, samples // 2, 2, 2), (4, 1, 2, 0, 3, 5)
+    return (chirps, tx, rx, samples, len({*order})), (4, 1, 2, 0, 3)
 
 
 def advise_iq_order(
@@ -124,7 +129,7 @@ def advise_iq_order(
         return None
     best, power = order, _power(cube)
     if other := OTHER_INTERLEAVE.get(order):
-        changed = _power(_reread(cube, order, other))
+        changed = _power(_cube(_words(cube, order), cube.shape, other))
         if _image(changed) * IMAGE_RATIO < _image(power):
             best, power = other, changed
     if _is_reversed(power):
@@ -144,7 +149,7 @@ def confirms_interleave(
     """True if another interleave of two lanes has clearly stronger images."""
     if order not in TWO_LANES or cube.shape[-1] < LEAST_SAMPLES:
         return False
-    changed = _reread(cube, order, OTHER_INTERLEAVE[order])
+    changed = _cube(_words(cube, order), cube.shape, OTHER_INTERLEAVE[order])
     return bool(_image(_power(changed)) > IMAGE_RATIO * _image(_power(cube)))
 
 
@@ -171,21 +176,3 @@ def _is_reversed(power):
     width = max(len(power) // 32, 4)
     near, far = power[2 : 2 + width], power[::-1][1 : 1 + width]
     return bool(far.sum() > LEAKAGE_RATIO * near.sum() and far[0] > far[3])
-
-
-def _reread(cube, order, other):
-    """Return the cube that another order makes of the same words, for two lanes."""
-    shape = (*cube.shape[:-1], -1)
-    pairs = cube.reshape(*shape, 2)
-    words = np.empty((*pairs.shape[:-1], 4), np.float32)
-    for half, part in (("I", pairs.real), ("Q", pairs.imag)):
-        words[..., [at for at in range(4) if order[at] == half]] = part
-    in_phase, quadrature = _halves(words.reshape(shape), other)
-    return in_phase + 1j * quadrature
-
-
-def _halves(words, order):
-    """Return I and Q numbers `[..., sample]` of a two-lane device."""
-    fours = words.reshape(*words.shape[:-1], -1, 4)
-    places = ([at for at in range(4) if order[at] == half] for half in "IQ")
-    return [fours[..., at].reshape(*words.shape[:-1], -1) for at in places]

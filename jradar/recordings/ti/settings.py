@@ -9,10 +9,10 @@
 They describe the stream, not the radar. A `.setup.json` of mmWave Studio holds a part.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
+from jradar.files import read_json
 from jradar.recordings.ti.iq_order import OTHER_INTERLEAVE, TWO_LANES
 
 MAX_BYTES = 1 << 20
@@ -58,11 +58,9 @@ def card_notes(capture: Path, *, order: str, decided: bool) -> list[str]:
 def read_settings(path: Path) -> dict[str, Any]:
     """Return the settings of the card in a JSON file; {} if it holds none."""
     try:
-        small = path.stat().st_size <= MAX_BYTES
-        values = json.loads(path.read_bytes()) if small else None
-    except (OSError, ValueError, RecursionError):
+        settings = read_json(path, limit=MAX_BYTES).get("DCA1000Config")
+    except (OSError, ValueError):
         return {}
-    settings = values.get("DCA1000Config") if isinstance(values, dict) else None
     return settings if isinstance(settings, dict) else {}
 
 

@@ -11,57 +11,36 @@ holds several.
 import itertools
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 from jradar.errors import UsageError
+from jradar.files import read_text
 from jradar.radar import RadarSpec
 from jradar.radar.devices import BOARDS
-from jradar.recordings.text_files import radar_of, read_text
+from jradar.recordings.ti.frame import Chirp, bits, chirp_range, radar_of_frame
 
 # Register units of mmWave Studio (TI mmWave Link interface control document).
-FREQUENCY_HZ = 3.6e9 / 2**26
-SLOPE_HZ_PER_S = 3.6e9 * 900 / 2**26 * 1e6
-TIME_S = 10e-9
+FREQUENCY_GHZ = 3.6 / 2**26
+SLOPE_MHZ_PER_US = 3.6e3 * 900 / 2**26
+TIME_US = 0.01
 FRAME_PERIOD_S = 5e-9
-# The fields that are read of each command, by their places. A log ends every command
-# with its result, 0. ChirpConfig: first, last, profile, 4 variations, transmitters.
-FIELDS = {
-    "ChannelConfig": {"rx_mask": 1},
-    "AdcOutConfig": {"format": 1},
-    "ProfileConfig": {
-        **{"profile": 0, "start": 1, "idle": 2, "adc_start": 3, "ramp_end": 4},
-        **{"slope": 7, "samples": 9, "rate_ksps": 10},
-    },
-    "FrameConfig": {"first": 0, "last": 1, "loops": 3, "period": 4},
+UNITS = (FREQUENCY_GHZ, TIME_US, TIME_US, TIME_US, SLOPE_MHZ_PER_US, 1, 1)
+# The places of the fields that are read; a log ends every command with its result, 0.
+PLACES = {
+    "select_chip_version": [0],
+    "ChannelConfig": [1],  # the mask of receivers
+    "AdcOutConfig": [1],  # 0 for real samples
+    # number; start, idle, ADC start, ramp end, slope, samples, rate
+    "ProfileConfig": [0, 1, 2, 3, 4, 7, 9, 10],
+    # first and last; profile, 4 variations, transmitters as a mask or as flags
+    "ChirpConfig": [*range(8)],
+    "FrameConfig": [0, 1, 3, 4],  # first and last chirp, turns, period
 }
-LEAST_FIELDS = {
-    "select_chip_version": 1,
-    **{name: max(places.values()) + 1 for name, places in FIELDS.items()},
-    "ChirpConfig": 8,
-}
+NUMBERS = {"ProfileConfig": 1, "ChirpConfig": 2}  # leading fields that name the object
 ENDS = ("FrameConfig", "SensorStart")  # of a configuration
-MAX_CHIRPS = 512  # that a chip can store
 LARGEST = 2**32  # a register has at most 32 bits
-CHIPS = {board.studio_chip: board for board in BOARDS.values() if board.studio_chip}
+CHIPS = {board.studio_chip: name for name, board in BOARDS.items() if board.studio_chip}
 
-
-class Configuration(NamedTuple):
-    """The commands in force at a line of the log."""
-
-    chip: list[str]  # the last one selected
-    commands: dict[str, dict[str, int]]  # the last of each: its fields
-    profiles: dict[int, dict[str, int]]  # of each number: the fields
-    chirps: dict[tuple[int, int], list[int]]  # from first to last: the other fields
-
-    @property
-    def missing(self) -> list[str]:
-        """The commands that have not been given."""
-        given = {
-            **self.commands,
-            "select_chip_version": self.chip,
-            "ChirpConfig": self.chirps,
-        }
-        return [name for name in LEAST_FIELDS if not given.get(name)]
+Configuration = dict[str, dict[tuple, tuple]]  # of each command and number: the fields
 
 
 def count_configurations(path: Path | str) -> int:
@@ -85,136 +64,77 @@ def radar_from_studio_log(
     if not 1 <= number <= count:
         raise UsageError(f"{path} has no configuration {number}, expected 1 to {count}")
     chosen = next(itertools.islice(_replay(path), number - 1, None))
-    chip = chosen.chip[-1]
+    (chip,), (rx_mask,), (adc_format,), (*ends, turns, period) = (
+        chosen[name][()]
+        for name in ("select_chip_version", "ChannelConfig", "AdcOutConfig", ENDS[0])
+    )
     if chip not in CHIPS:
         raise ValueError(f"{path}: chip {chip}, expected one of {', '.join(CHIPS)}")
-    board = CHIPS[chip]
-    rx_mask = chosen.commands["ChannelConfig"]["rx_mask"]
-    if chosen.commands["AdcOutConfig"]["format"] <= 0:
+    if adc_format <= 0:
         raise ValueError(f"{path}: real samples were recorded, expected complex ones")
-    profile, tx = _turn(path, chosen)
-    frame = chosen.commands["FrameConfig"]
-    if max(tx) >= len(board.tx_positions):
-        raise ValueError(
-            f"{path}: the chirps fire transmitters {tx}, counted from 0; an {chip} has "
-            f"{len(board.tx_positions)}"
-        )
-    fields = {
-        "name": chip.lower(),
-        "start_frequency_hz": profile["start"] * FREQUENCY_HZ,
-        "slope_hz_per_s": profile["slope"] * SLOPE_HZ_PER_S,
-        "sample_rate_hz": profile["rate_ksps"] * 1e3,
-        "num_samples": profile["samples"],
-        "num_chirps": frame["loops"],
-        "idle_time_s": profile["idle"] * TIME_S,
-        "adc_start_time_s": profile["adc_start"] * TIME_S,
-        "ramp_end_time_s": profile["ramp_end"] * TIME_S,
-        "tx_positions": tuple(board.tx_positions[t] for t in tx),
-        "rx_positions": tuple(
-            place for bit, place in enumerate(board.rx_positions) if rx_mask >> bit & 1
-        ),
-        "design_frequency_hz": board.design_frequency_hz,
-        "frame_period_s": frame["period"] * FRAME_PERIOD_S,
-    }
-    return radar_of(path, fields)
-
-
-def one_tx_each(path: Path | str, fired: list[list[int]]) -> list[int]:
-    """Return the one transmitter of each chirp of a turn, given the lists of all."""
-    order = [tx[0] for tx in fired if len(tx) == 1]
-    if len(order) < len(fired) or len(set(order)) < len(order):
-        raise ValueError(
-            f"{path}: the chirps of a frame fire transmitters {fired}, expected each "
-            "chirp to fire one, and each transmitter to fire once"
-        )
-    return order
+    profiles, chirps = {}, {}
+    for (profile,), registers in chosen["ProfileConfig"].items():
+        profiles[profile] = [r * u for r, u in zip(registers, UNITS, strict=True)]
+    for (first, last), (profile, *others) in chosen["ChirpConfig"].items():
+        chirp = Chirp(profile, others[:4], _transmitters(path, *others[4:]))
+        chirps |= dict.fromkeys(range(first, last + 1), chirp)
+    radar, _, _ = radar_of_frame(
+        path,
+        CHIPS[chip],
+        profiles=profiles,
+        chirps=chirps,
+        ends=ends,
+        turns=turns,
+        period_s=period * FRAME_PERIOD_S,
+        rx_mask=rx_mask,
+    )
+    return radar
 
 
 def _replay(path: Path | str) -> Iterator[Configuration]:
     """Yield each complete configuration; the object changes with the next line."""
-    now, changed, found = Configuration([], {}, {}, {}), False, 0
+    now, changed, found = Configuration(), False, 0
     for number, line in enumerate(read_text(path, errors="replace").splitlines(), 1):
         name, _, rest = line.partition("API:")[2].partition(",")
-        if name in LEAST_FIELDS:
-            words = rest.rstrip(",").split(",")
-            changed |= _apply(now, name, words, f"{path}, line {number}: {line!r:.120}")
-        if name in ENDS and changed and not now.missing:
+        if name in PLACES:
+            place = f"{path}, line {number}: {line!r:.120}"
+            fields = _fields(name, rest.rstrip(",").split(","), place)
+            named, kept = NUMBERS.get(name, 0), now.setdefault(name, {})
+            changed |= kept.pop(fields[:named], None) != fields[named:]
+            kept[fields[:named]] = fields[named:]  # the latest stands last
+        if name in ENDS and changed and PLACES.keys() == now.keys():
             changed, found = False, found + 1
             yield now
-    if now.missing:
-        names = ", ".join(now.missing)
-        raise ValueError(f"{path}: no {names}: is it the log of mmWave Studio?")
+    if missing := ", ".join(name for name in PLACES if name not in now):
+        raise ValueError(f"{path}: no {missing}: is it the log of mmWave Studio?")
     if not found:
         yield now
 
 
-def _apply(now: Configuration, name: str, words: list[str], place: str) -> bool:
-    """Carry out a command; return whether it changed the configuration."""
+def _fields(name: str, words: list[str], place: str) -> tuple:
+    """Return the fields of a command that are read; errors begin with `place`."""
     if name == "select_chip_version":
-        changed = now.chip != words[:1]
-        now.chip[:] = words[:1]
-        return changed
+        return tuple(words[:1])
     try:
         numbers = [int(word) for word in words]
     except ValueError:
         numbers = []
-    if len(numbers) < LEAST_FIELDS[name] or max(map(abs, numbers)) > LARGEST:
+    least = max(PLACES[name]) + 1
+    if len(numbers) < least or max(map(abs, numbers)) > LARGEST:
         raise ValueError(
-            f"{place}, expected {LEAST_FIELDS[name]} or more register values after "
-            f"{name}"
+            f"{place}, expected {least} or more register values after {name}"
         )
     if name == "ChirpConfig":
-        first, last, *others = numbers
-        if not 0 <= first <= last < MAX_CHIRPS:
-            raise ValueError(
-                f"{place}, expected chirps from 0 to {MAX_CHIRPS - 1} in rising order"
-            )
-        changed = now.chirps.pop((first, last), None) != others
-        now.chirps[first, last] = others  # the latest stands last
-        return changed
-    fields = {key: numbers[at] for key, at in FIELDS[name].items()}
-    changed = now.commands.get(name) != fields
-    now.commands[name] = fields
-    if name == "ProfileConfig":
-        changed = now.profiles.get(fields["profile"]) != fields
-        now.profiles[fields["profile"]] = fields
-    return changed
+        chirp_range(place, numbers[:2])
+        return tuple(numbers)
+    return tuple(numbers[at] for at in PLACES[name])
 
 
-def _turn(path, chosen: Configuration) -> tuple[dict[str, int], list[int]]:
-    """Return the profile of the chirps of a frame, and transmitters in firing order."""
-    described = {}
-    for (first, last), others in chosen.chirps.items():
-        described |= dict.fromkeys(range(first, last + 1), others)
-    frame = chosen.commands["FrameConfig"]
-    first, last = frame["first"], frame["last"]
-    wanted = range(first, min(last, MAX_CHIRPS) + 1)
-    if not wanted or not set(wanted) <= set(described):
-        raise ValueError(
-            f"{path}: incomplete configuration: a frame sends chirps {first} to "
-            f"{last}, ChirpConfig describes {sorted(described)[:20]}"
-        )
-    turn = [described[chirp] for chirp in wanted]
-    number = turn[0][0]
-    if any(chirp[0] != number or any(chirp[1:5]) for chirp in turn):
-        raise ValueError(
-            f"{path}: the chirps of a frame differ in profile, frequency, slope or "
-            "times, expected one profile without variations"
-        )
-    if number not in chosen.profiles:
-        raise ValueError(
-            f"{path}: the chirps use profile {number}, ProfileConfig describes "
-            f"{[*chosen.profiles]}"
-        )
-    fired = [_transmitters(*chirp[5:]) for chirp in turn]
-    return chosen.profiles[number], one_tx_each(path, fired)
-
-
-def _transmitters(mask: int, *flags: int) -> list[int]:
+def _transmitters(path: Path | str, mask: int, *flags: int) -> list[int]:
     """Return the transmitters of a chirp, given as a mask, or by a flag of each.
 
     After a mask only the result follows, which is 0.
     """
     if any(flags):
         return [tx for tx, on in enumerate((mask, *flags)) if on]
-    return [bit for bit in range(mask.bit_length()) if mask >> bit & 1]
+    return bits(path, mask)

@@ -9,6 +9,7 @@ import pytest
 
 from jradar.radar import (
     PointSpec,
+    Radar,
     Scatterers,
     point_deviations,
     radar_points,
@@ -17,14 +18,19 @@ from jradar.radar import (
 )
 from jradar.radar.angle.deviations import offset_bias, offset_deviation
 from jradar.radar.peaks import parabola_offset, window_offset
-from tests.radar.targets import FLAT, SMALL, simulate, spherical, target
+from tests.radar.targets import CELLS, FLAT, SMALL, simulate, spherical, target
 
 ONE = PointSpec(detector="ca", capacity=1)
+PLAIN = dataclasses.replace(ONE, range_window="none", doppler_window="none")
 TRIALS = 256
 
 
 def cell_noise(radar):
     return np.prod([(window("hann", n) ** 2).sum() for n in radar.cube_shape[2:]])
+
+
+def in_trials(trial, key):
+    return jax.lax.map(trial, jax.random.split(key, TRIALS), batch_size=16)
 
 
 @jax.jit
@@ -33,10 +39,10 @@ def trials(key, scatterers):
 
     def trial(key):
         cube = simulate_cube(key, scatterers, SMALL, noise_power=1.0)
-        cloud = radar_points(cube, SMALL, points=ONE)
+        cloud = radar_points(cube, Radar(SMALL), points=ONE)
         return cloud, point_deviations(cloud, SMALL, points=ONE)
 
-    return jax.lax.map(trial, jax.random.split(key, TRIALS), batch_size=16)
+    return in_trials(trial, key)
 
 
 @pytest.mark.parametrize("snr_db", [17, 30])
@@ -63,18 +69,61 @@ def test_deviations_are_those_of_monte_carlo(snr_db):
     np.testing.assert_allclose(spread, 1.0, atol=0.15)
 
 
+@jax.jit
+def scattered_trials(key, amplitude):
+    """Errors of range and velocity over their deviations, without any window."""
+
+    def trial(key):
+        where, noise = jax.random.split(key)
+        cells, bins = jax.random.uniform(where, (2,), minval=-0.5, maxval=0.5)
+        distance = (9.0 + cells) * SMALL.range_resolution_m
+        velocity = (2.0 + bins) * SMALL.velocity_resolution_mps
+        ahead = jnp.stack([distance, 0.0 * distance, 0.0 * distance])
+        truth = Scatterers(ahead[None], velocity[None], amplitude[None])
+        cube = simulate_cube(noise, truth, SMALL, noise_power=1.0)
+        cloud = radar_points(cube, Radar(SMALL), points=PLAIN)
+        expected = point_deviations(cloud, SMALL, points=PLAIN)
+        errors = jnp.linalg.norm(cloud.xyz[0]) - distance, cloud.velocity[0] - velocity
+        return errors[0] / expected.range_m[0], errors[1] / expected.velocity_mps[0]
+
+    return in_trials(trial, key)
+
+
+@pytest.mark.parametrize("snr_db", [10, 20, 30])
+def test_the_bias_without_windows_is_part_of_the_deviations(snr_db):
+    """Targets anywhere between bins: noise alone would be up to 13 times too small."""
+    cells = SMALL.num_chirps * SMALL.num_samples
+    amplitude = np.float32(np.sqrt(10 ** (snr_db / 10) / cells))
+    ratios = np.stack(scattered_trials(jax.random.key(snr_db), amplitude))
+    spread = np.sqrt((ratios**2).mean(1))
+    assert (0.9 < spread).all() and (spread < 1.2).all(), spread
+
+
+def powers_between_bins(kind, length, count):
+    """Offsets from -0.5 to 0.5, and powers before, at and after the peak."""
+    offset = np.linspace(-0.5, 0.5, count)
+    phase = 2j * np.pi * np.outer(offset, np.arange(length)) / length
+    power = abs(np.fft.fft(window(kind, length) * np.exp(phase))) ** 2
+    return offset, [jnp.asarray(power[:, k]) for k in (-1, 0, 1)]
+
+
 @pytest.mark.parametrize(("kind", "before"), [("hann", 0.0160), ("blackman", 0.0066)])
 @pytest.mark.parametrize("length", [16, 128])
 def test_a_target_between_bins_is_placed_without_bias(kind, before, length):
-    place = np.linspace(-0.5, 0.5, 41)
-    phase = 2j * np.pi * np.outer(place, np.arange(length)) / length
-    spectrum = np.fft.fft(window(kind, length) * np.exp(phase))
-    powers = (jnp.asarray(abs(spectrum[:, k]) ** 2) for k in (-1, 0, 1))
-    powers = tuple(powers)
+    offset, powers = powers_between_bins(kind, length, 41)
     corrected = window_offset(*powers, kind=kind, length=length)
-    np.testing.assert_allclose(corrected, place, atol=1e-4)
-    bias = np.abs(parabola_offset(*powers) - place).max()
+    np.testing.assert_allclose(corrected, offset, atol=1e-4)
+    bias = np.abs(parabola_offset(*powers) - offset).max()
     assert bias == pytest.approx(before, rel=0.05)
+
+
+@pytest.mark.parametrize(("kind", "bias"), [("none", 0.12), ("hann", 0.0)])
+def test_the_bias_of_a_window_is_the_error_without_noise(kind, bias):
+    offset, powers = powers_between_bins(kind, 64, 2001)
+    found = np.asarray(window_offset(*powers, kind=kind, length=64))
+    error = np.sqrt(((found - offset) ** 2).mean())
+    assert offset_bias(kind, 64) == pytest.approx(error, abs=5e-3)
+    assert error == pytest.approx(bias, abs=5e-3)
 
 
 def test_hanns_deviation_is_little_above_the_bound_of_its_window():
@@ -88,8 +137,9 @@ def test_hanns_deviation_is_little_above_the_bound_of_its_window():
 
 def test_angles_follow_the_arrays_aperture():
     # One row of n: var(u) = 6 / (snr n (n^2 - 1) (2 pi d)^2), here for 8 columns.
-    cloud = radar_points(simulate(target(5, 20, 0, 1), FLAT), FLAT, points=ONE)
-    found = point_deviations(cloud, FLAT, points=ONE)
+    cube = simulate(target(5, 20, 0, 1), FLAT)
+    cloud = radar_points(cube, Radar(FLAT), points=CELLS)
+    found = point_deviations(cloud, FLAT, points=CELLS)
     snr, turn = float(cloud.snr[0]) - 1, 2 * np.pi * FLAT.spacing_wavelengths
     of_sine = np.sqrt(6 / (snr * 8 * 63)) / turn
     expected = of_sine / np.cos(np.radians(20))
@@ -98,60 +148,12 @@ def test_angles_follow_the_arrays_aperture():
 
 
 def test_padding_and_clouds_without_deviations():
-    cube = simulate(target(5, 20, 5, 1))
-    cloud = radar_points(cube, SMALL, points=dataclasses.replace(ONE, capacity=2000))
-    found = point_deviations(cloud, SMALL)
-    for values in found:
-        assert np.isfinite(values[cloud.valid]).all()
-        assert np.isinf(values[~cloud.valid]).all()
+    cloud = radar_points(simulate(target(5, 20, 5, 1)), Radar(SMALL), points=CELLS)
+    valid = np.asarray(cloud.valid)
+    for values in map(np.asarray, point_deviations(cloud, SMALL)):
+        assert np.isfinite(values[valid]).all() and np.isinf(values[~valid]).all()
     with pytest.raises(ValueError, match="the cloud has no snr"):
         point_deviations(cloud._replace(snr=None), SMALL)
     on_bins = dataclasses.replace(ONE, refine=False)
     with pytest.raises(ValueError, match="refine = False: such points lie on bins"):
         point_deviations(cloud, SMALL, points=on_bins)
-
-
-@jax.jit
-def scattered_trials(key, amplitude):
-    """Errors of range and velocity over their deviations, without any window."""
-    spec = dataclasses.replace(ONE, range_window="none", doppler_window="none")
-
-    def trial(key):
-        place, noise = jax.random.split(key)
-        cells, bins = jax.random.uniform(place, (2,), minval=-0.5, maxval=0.5)
-        distance = (9.0 + cells) * SMALL.range_resolution_m
-        velocity = (2.0 + bins) * SMALL.velocity_resolution_mps
-        truth = Scatterers(
-            jnp.stack([distance, 0.0 * distance, 0.0 * distance])[None],
-            velocity[None],
-            amplitude[None],
-        )
-        cube = simulate_cube(noise, truth, SMALL, noise_power=1.0)
-        cloud = radar_points(cube, SMALL, points=spec)
-        expected = point_deviations(cloud, SMALL, points=spec)
-        errors = jnp.linalg.norm(cloud.xyz[0]) - distance, cloud.velocity[0] - velocity
-        return errors[0] / expected.range_m[0], errors[1] / expected.velocity_mps[0]
-
-    return jax.lax.map(trial, jax.random.split(key, TRIALS), batch_size=16)
-
-
-@pytest.mark.parametrize("snr_db", [10, 20, 30])
-def test_the_bias_without_windows_is_part_of_the_deviations(snr_db):
-    """Targets anywhere between bins: noise alone would be up to 13 times too small."""
-    cells = SMALL.num_chirps * SMALL.num_samples
-    amplitude = np.float32(np.sqrt(10 ** (snr_db / 10) / cells))
-    ratios = np.stack(scattered_trials(jax.random.key(snr_db), amplitude))
-    spread = np.sqrt((ratios**2).mean(1))
-    assert (0.9 < spread).all() and (spread < 1.2).all(), spread
-
-
-@pytest.mark.parametrize(("kind", "bias"), [("none", 0.12), ("hann", 0.0)])
-def test_the_bias_of_a_window_is_the_error_without_noise(kind, bias):
-    place = np.linspace(-0.5, 0.5, 2001)
-    phase = 2j * np.pi * np.outer(place, np.arange(64)) / 64
-    power = abs(np.fft.fft(window(kind, 64) * np.exp(phase))) ** 2
-    neighbours = (jnp.asarray(power[:, k]) for k in (-1, 0, 1))
-    found = window_offset(*neighbours, kind=kind, length=64)
-    error = np.sqrt(((found - place) ** 2).mean())
-    assert offset_bias(kind, 64) == pytest.approx(error, abs=5e-3)
-    assert error == pytest.approx(bias, abs=5e-3)

@@ -13,40 +13,71 @@ from jradar.radar import (
     spectrum_peaks,
     strongest_direction,
 )
-
-CHIP = RadarSpec.awr1843()
-NARROW = RadarSpec.awr1843(design_frequency_hz=90e9)  # elements closer than half a wave
-FLAT = RadarSpec.awr1642()
-FULL = RadarSpec.awr1843(tx_positions=[(a, e) for e in range(4) for a in (0, 4)])
-CASCADE = RadarSpec.cascade()
-BINS = {CASCADE: {"num_azimuth": 128, "num_elevation": 64}}
-RADARS = pytest.mark.parametrize(
-    "radar",
-    [CHIP, NARROW, FLAT, FULL, CASCADE],
-    ids=["chip", "narrow", "flat", "full", "cascade"],
+from jradar.radar.angle import direction
+from tests.radar.targets import (
+    CASCADE,
+    FLAT,
+    SMALL,
+    noise,
+    plane_wave,
+    sines,
+    single,
 )
 
-
-def sines_of(azimuth, elevation):
-    return np.sin(azimuth) * np.cos(elevation), np.sin(elevation)
-
-
-def plane_wave(radar, azimuth, elevation):
-    phase = np.stack(sines_of(azimuth, elevation), -1) @ radar.virtual_positions.T
-    wave = np.exp(2j * np.pi * radar.spacing_wavelengths * phase)
-    return jnp.asarray(wave, jnp.complex64)
+NARROW = RadarSpec.awr1843(design_frequency_hz=90e9)  # elements closer than half a wave
+FULL = RadarSpec.awr1843(tx_positions=[(a, e) for e in range(4) for a in (0, 4)])
+ALL = {"chip": SMALL, "narrow": NARROW, "flat": FLAT, "full": FULL, "cascade": CASCADE}
+BINS = {"cascade": {"num_azimuth": 128, "num_elevation": 64}}
+COUNT = 300  # cells, in several blocks
 
 
-def random_directions(radar, count=300, widest=1.2):
+def radars(*names):
+    """Parameters `radar` and its `bins`."""
+    cases = [(ALL[name], BINS.get(name, {})) for name in names]
+    return pytest.mark.parametrize(("radar", "bins"), cases, ids=names)
+
+
+def random_waves(radar):
+    """Azimuth, elevation and the snapshots of far targets there."""
     rng = np.random.default_rng(0)
-    azimuth = rng.uniform(-widest, widest, count)
-    return azimuth, rng.uniform(-0.5, 0.5, count) * radar.has_elevation
+    azimuth = rng.uniform(-1.2, 1.2, COUNT)
+    elevation = rng.uniform(-0.5, 0.5, COUNT) * radar.has_elevation
+    return azimuth, elevation, plane_wave(radar, azimuth, elevation)
 
 
-def noise(radar, count):
-    rng = np.random.default_rng(1)
-    parts = rng.normal(size=(2, count, radar.num_virtual))
-    return jnp.asarray(parts[0] + 1j * parts[1], jnp.complex64)
+def noisy_waves(radar):
+    *_, waves = random_waves(radar)
+    return single(waves + 0.3 * noise(*waves.shape, seed=1))
+
+
+@radars(*ALL)
+def test_plane_wave_comes_back(radar, bins):
+    *angles, waves = random_waves(radar)
+    found = directions(single(waves), radar, **bins)
+    for sine, truth in zip(sines(*found), sines(*angles), strict=True):
+        np.testing.assert_allclose(sine, truth, atol=2e-3)
+
+
+@radars(*ALL)
+def test_agrees_with_the_whole_spectrum(radar, bins):
+    cells = noisy_waves(radar)
+    fast = directions(cells, radar, **bins)
+    oracle = strongest_direction(angle_spectrum(cells, radar, **bins), radar)
+    u, w = direction_sines(radar, **bins)
+    du, dw = (a - b for a, b in zip(sines(*fast), sines(*oracle), strict=True))
+    assert np.mean(np.abs(du) <= u[1] - u[0]) > 0.97  # else two peaks are as high
+    if radar.has_elevation:
+        assert np.mean(np.abs(dw) <= w[1] - w[0]) > 0.95
+
+
+@radars("narrow", "cascade")
+def test_first_peak_is_the_strongest_direction(radar, bins):
+    spectrum = angle_spectrum(noisy_waves(radar), radar, **bins)
+    peaks = spectrum_peaks(spectrum, radar, count=3, within_db=10.0)
+    azimuth, elevation = strongest_direction(spectrum, radar)
+    np.testing.assert_array_equal(peaks.azimuth[:, 0], azimuth)
+    np.testing.assert_array_equal(peaks.elevation[:, 0], elevation)
+    assert np.asarray(peaks.valid)[:, 0].all()
 
 
 def power_towards(snapshots, radar, u, w):
@@ -59,133 +90,82 @@ def power_towards(snapshots, radar, u, w):
     return np.abs(np.asarray(snapshots, np.complex128) @ steering.T) ** 2
 
 
-@RADARS
-def test_plane_wave_comes_back(radar):
-    azimuth, elevation = random_directions(radar)
-    found = directions(
-        plane_wave(radar, azimuth, elevation), radar, **BINS.get(radar, {})
-    )
-    for sine, truth in zip(sines_of(*found), sines_of(azimuth, elevation), strict=True):
-        np.testing.assert_allclose(sine, truth, atol=2e-3)
-
-
-@RADARS
-def test_agrees_with_the_whole_spectrum(radar):
-    options = BINS.get(radar, {})
-    cells = plane_wave(radar, *random_directions(radar)) + 0.3 * noise(radar, 300)
-    fast = directions(cells, radar, **options)
-    oracle = strongest_direction(angle_spectrum(cells, radar, **options), radar)
-    u, w = direction_sines(radar, **options)
-    du, dw = (a - b for a, b in zip(sines_of(*fast), sines_of(*oracle), strict=True))
-    assert np.mean(np.abs(du) <= u[1] - u[0]) > 0.97  # else two peaks are as high
-    if radar.has_elevation:
-        assert np.mean(np.abs(dw) <= w[1] - w[0]) > 0.95
-
-
-@pytest.mark.parametrize("radar", [CHIP, NARROW], ids=["chip", "narrow"])
-def test_two_rows_reach_the_joint_maximum(radar):
+@radars("chip", "narrow")
+def test_two_rows_reach_the_joint_maximum(radar, bins):
     """No visible elevation of any azimuth bin holds more power than what is found."""
-    cells = noise(radar, 200)
-    azimuth, elevation = directions(cells, radar, interpolate=False)
-    azimuth, elevation = np.float64(azimuth), np.float64(elevation)
-    u = np.sin(azimuth) * np.cos(elevation)
-    found = np.diagonal(power_towards(cells, radar, u, np.sin(elevation)))
+    cells = single(noise(200, 12, seed=1))
+    found = np.float64(directions(cells, radar, interpolate=False))
+    u, w = sines(*found)
+    power = np.diagonal(power_towards(cells, radar, u, w))
     grid = np.meshgrid(direction_sines(radar)[0], np.linspace(-1, 1, 401))
-    u, w = (sines.ravel() for sines in grid)
+    u, w = (side.ravel() for side in grid)
     visible = u**2 + w**2 <= 1
     best = power_towards(cells, radar, u[visible], w[visible]).max(1)
-    assert (found >= best * (1 - 1e-4)).all()
+    assert (power >= best * (1 - 1e-4)).all()
 
 
-@pytest.mark.parametrize("radar", [CHIP, CASCADE], ids=["chip", "cascade"])
-def test_directions_do_not_depend_on_scale_or_on_the_batch(radar):
-    options = BINS.get(radar, {})
-    cells = noise(radar, 150)
-    once = directions(cells, radar, **options)
-    loud = directions(1e10 * cells.reshape(3, 50, -1), radar, **options)
-    mapped = jax.vmap(lambda cell: directions(cell, radar, **options))(cells)
-    for a, b, c in zip(once, loud, mapped, strict=True):
-        np.testing.assert_allclose(a.reshape(3, 50), b, atol=2e-3)
-        np.testing.assert_allclose(a, c, atol=2e-3)
+@radars("chip", "cascade")
+def test_directions_do_not_depend_on_scale_batch_or_block(radar, bins, monkeypatch):
+    cells = noisy_waves(radar)
+    once = directions(cells, radar, **bins)
+    loud = directions(1e10 * cells.reshape(3, 100, -1), radar, **bins)
+    monkeypatch.setattr(direction, "BLOCK", 7)  # the number of cells is new here
+    few = directions(cells[:23], radar, **bins)
+    mapped = jax.vmap(lambda cell: directions(cell, radar, **bins))(cells[:23])
+    for a, b, c, d in zip(once, loud, few, mapped, strict=True):
+        np.testing.assert_allclose(a.reshape(3, 100), b, atol=2e-3)
+        np.testing.assert_allclose(a[:23], c, atol=2e-3)
+        np.testing.assert_allclose(a[:23], d, atol=2e-3)
 
 
-@pytest.mark.parametrize(
-    "radar", [CHIP, FLAT, CASCADE], ids=["chip", "flat", "cascade"]
-)
-def test_gradients_are_finite_even_in_empty_cells_and_at_the_edge(radar):
-    options = BINS.get(radar, {})
-    edge = plane_wave(radar, np.array([np.pi / 2, -np.pi / 2]), np.zeros(2))
-    ahead = plane_wave(radar, np.array([0.3]), np.array([0.0]))
-    cells = jnp.concatenate([noise(radar, 130), 0 * ahead, ahead, edge])
+@radars("chip", "cascade")
+def test_gradients_are_slopes_and_finite_even_in_empty_cells_and_at_the_edge(
+    radar, bins
+):
+    angles = np.array([[0.3, 0.3, np.pi / 2, -np.pi / 2], [0.2, 0.0, 0, 0]])
+    waves = plane_wave(radar, *angles)
+    random = noise(130, radar.num_virtual, seed=1)
+    cells = single(np.concatenate([waves, 0 * waves[:1], random]))
+    cells = cells.at[0].add(single(0.1 * random[0]))
 
-    def total(parts):
-        azimuth, elevation = directions(jax.lax.complex(*parts), radar, **options)
-        return azimuth.sum() + elevation.sum()
+    @jax.jit
+    def both(real, imag):
+        return directions(jax.lax.complex(real, imag), radar, **bins)
 
-    for part in jax.jit(jax.grad(total))((cells.real, cells.imag)):
-        assert jnp.isfinite(part).all() and jnp.abs(part).max() > 0
-
-
-def test_gradient_is_the_slope():
-    cell = plane_wave(CHIP, 0.3, 0.2) + 0.1 * noise(CHIP, 1)[0]
-
-    def azimuth(real):
-        return directions(jax.lax.complex(real, cell.imag), CHIP)[0]
-
-    step = jnp.zeros(12).at[3].set(1e-2)
-    slope = (azimuth(cell.real + step) - azimuth(cell.real - step)) / 2e-2
-    np.testing.assert_allclose(jax.grad(azimuth)(cell.real)[3], slope, rtol=0.02)
-
-
-def test_flips_turn_the_angles_around():
-    cell = plane_wave(CHIP, 0.4, -0.2)
-    spectrum = angle_spectrum(cell, CHIP)
-    for find in (
-        lambda **flips: directions(cell, CHIP, **flips),
-        lambda **flips: strongest_direction(spectrum, CHIP, **flips),
-        lambda **flips: spectrum_peaks(spectrum, CHIP, count=1, **flips)[:2],
-    ):
-        azimuth, elevation = find()
-        assert azimuth > 0.3 and elevation < -0.1
-        assert find(flip_azimuth=True) == (-azimuth, elevation)
-        assert find(flip_elevation=True) == (azimuth, -elevation)
+    parts = cells.real, cells.imag
+    slopes = jax.jit(jax.grad(lambda *p: sum(map(jnp.sum, both(*p))), (0, 1)))(*parts)
+    for part in slopes:
+        assert np.isfinite(part).all() and np.abs(part).max() > 0
+    step = 3e-3 * radar.num_virtual**0.5
+    change = jnp.zeros(cells.shape).at[0, 3].set(step)
+    ends = (sum(both(cells.real + k * change, cells.imag))[0] for k in (1, -1))
+    difference = np.subtract(*ends) / (2 * step)
+    np.testing.assert_allclose(slopes[0][0, 3], difference, rtol=0.02)
 
 
 def test_two_targets_of_a_cell_are_both_found():
     cell = plane_wave(FULL, -0.3, 0.4) + 0.8j * plane_wave(FULL, -0.2, -0.4)
-    spectrum = angle_spectrum(cell, FULL)
-    peaks = spectrum_peaks(spectrum, FULL, count=4, within_db=6.0)
+    peaks = spectrum_peaks(angle_spectrum(single(cell), FULL), FULL, count=4)
     np.testing.assert_array_equal(peaks.valid, [True, True, False, False])
     np.testing.assert_allclose(peaks.azimuth[:2], [-0.3, -0.2], atol=0.03)
     np.testing.assert_allclose(peaks.elevation[:2], [0.4, -0.4], atol=0.03)
-    assert (jnp.diff(peaks.power) <= 0).all()
-
-
-@RADARS
-def test_first_peak_is_the_strongest_direction(radar):
-    spectrum = angle_spectrum(noise(radar, 20), radar, **BINS.get(radar, {}))
-    peaks = spectrum_peaks(spectrum, radar, count=3, within_db=10.0)
-    azimuth, elevation = strongest_direction(spectrum, radar)
-    np.testing.assert_array_equal(peaks.azimuth[:, 0], azimuth)
-    np.testing.assert_array_equal(peaks.elevation[:, 0], elevation)
-    assert peaks.valid[:, 0].all()
+    assert (np.diff(peaks.power) <= 0).all()
 
 
 def test_a_cell_without_power_or_peaks_has_no_valid_ones():
-    peaks = spectrum_peaks(jnp.zeros((32, 64)), CHIP, count=2)
-    assert not peaks.valid.any() and jnp.isfinite(peaks.azimuth).all()
-    smooth = angle_spectrum(plane_wave(CHIP, 0.1, 0.0), CHIP)
-    assert spectrum_peaks(smooth, CHIP, count=2).valid.sum() == 1
+    peaks = spectrum_peaks(jnp.zeros((32, 64)), SMALL, count=2)
+    assert not peaks.valid.any() and np.isfinite(peaks.azimuth).all()
+    smooth = angle_spectrum(single(plane_wave(SMALL, 0.1, 0.0)), SMALL)
+    assert spectrum_peaks(smooth, SMALL, count=2).valid.sum() == 1
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(ValueError, match="7 rows and 86 columns: ask for more bins"):
-        directions(jnp.zeros(192, complex), CASCADE)
-    with pytest.raises(
-        ValueError, match="8 values per snapshot, awr1843 has 3 tx x 4 rx"
-    ):
-        directions(jnp.zeros(8, complex), CHIP)
+    for function in (directions, angle_spectrum):
+        with pytest.raises(ValueError, match="7 rows and 86 columns: ask for more bin"):
+            function(jnp.zeros(192, complex), CASCADE)
+        with pytest.raises(ValueError, match="8 values per snapshot, awr1843 has 3 tx"):
+            function(jnp.zeros(8, complex), SMALL)
     with pytest.raises(ValueError, match="count=0, expected 1 to .* 32 x 64 bins"):
-        spectrum_peaks(jnp.zeros((32, 64)), CHIP, count=0)
+        spectrum_peaks(jnp.zeros((32, 64)), SMALL, count=0)
     with pytest.raises(ValueError, match="within_db=-3.0, expected 0 or more"):
-        spectrum_peaks(jnp.zeros((32, 64)), CHIP, within_db=-3.0)
+        spectrum_peaks(jnp.zeros((32, 64)), SMALL, within_db=-3.0)

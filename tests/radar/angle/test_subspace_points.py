@@ -2,39 +2,38 @@
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    PointSpec,
-    Scatterers,
-    radar_points,
-    simulate_cube,
-    subspace_peaks,
+from jradar.radar import PointSpec, Radar, radar_points, subspace_peaks
+from tests.radar.targets import (
+    CASCADE,
+    FLAT,
+    SMALL,
+    degrees,
+    plane_wave,
+    simulate,
+    sines,
+    single,
+    target,
+    targets,
 )
-from tests.radar.targets import CASCADE, FLAT, SMALL, spherical, target
 
 METHODS = pytest.mark.parametrize("method", ["capon", "music"])
 ONE = PointSpec(detector="ca", capacity=1)
+TWO = dataclasses.replace(ONE, peaks=2, group_peaks=True, capacity=2)
 ELEMENTS = 5  # of a subarray: two thirds of the row of 8
 LOADING = 1e-3
-PLACES = [(-55, 4), (-30, -14), (-8, 11), (0, 0), (12, -5), (37, 9), (52, -8)]
-
-
-def direction(azimuth_deg, elevation_deg):
-    az, el = np.radians([azimuth_deg, elevation_deg])
-    return np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
+PLACES = [(-55, 4), (-30, -14), (0, 0), (12, -5), (52, -8)]
 
 
 def snapshot_of(cube, radar):
     """Values of the virtual array in the strongest cell of targets that stand still."""
-    windows = (
+    doppler, sample = (
         0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
         for size in (radar.num_chirps, radar.num_samples)
     )
-    doppler, sample = windows
     weighted = np.asarray(cube, np.complex128) * doppler[:, None] * sample
     spectrum = np.fft.fft2(weighted).reshape(radar.num_virtual, *cube.shape[2:])
     power = (np.abs(spectrum) ** 2).sum(0)
@@ -75,115 +74,82 @@ def reference(cube, radar, method):
 @METHODS
 @pytest.mark.parametrize("place", PLACES, ids=str)
 def test_points_have_the_azimuth_and_elevation_of_the_target(method, place):
-    truth = target(4.0, *place, 0.0)
-    cube = simulate_cube(jax.random.key(0), truth, SMALL, noise_power=1.0)
+    cube = simulate(target(4.0, *place, 0.0))
     points = dataclasses.replace(ONE, angles=method)
-    found = spherical(radar_points(cube, SMALL, points=points).xyz)
-    angles = np.array([found[1][0], found[2][0]])
-    np.testing.assert_allclose(np.degrees(angles), place, atol=0.4)
-    expected = reference(cube, SMALL, method)
-    np.testing.assert_allclose(np.degrees(angles), np.degrees(expected), atol=0.2)
+    [found] = degrees(radar_points(cube, Radar(SMALL), points=points))
+    np.testing.assert_allclose(found, place, atol=0.4)
+    expected = np.degrees(reference(cube, SMALL, method))
+    np.testing.assert_allclose(found, expected, atol=0.2)
 
 
-def two(places, radar, phase):
+def two_in_a_cell(places, phase):
     """A cube of two equal targets in one cell, `phase` radians apart in the middle."""
-    middle = (radar.num_samples - 1) / 2 / radar.sample_rate_hz
-    middle_hz = radar.start_frequency_hz + radar.slope_hz_per_s * (
-        radar.adc_start_time_s + middle
-    )
+    middle_s = SMALL.adc_start_time_s + 63 / 2 / SMALL.sample_rate_hz
+    middle_hz = SMALL.start_frequency_hz + SMALL.slope_hz_per_s * middle_s
     farther = phase / (4 * np.pi) * 299_792_458.0 / middle_hz
-    distances = np.array([4.0, 4.0 + farther])
-    xyz = distances[:, None] * np.stack([direction(*place) for place in places])
-    truth = Scatterers(
-        xyz=jnp.asarray(xyz, jnp.float32),
-        velocity=jnp.zeros(2),
-        amplitude=jnp.full(2, 100.0),
-    )
-    return simulate_cube(jax.random.key(0), truth, radar, noise_power=0.01)
+    truth = targets((4.0, *places[0], 0.0), (4.0 + farther, *places[1], 0.0))
+    return simulate(truth, noise_power=0.01)
+
+
+def found_places(cube, points):
+    """Azimuth and elevation in degrees of two points, the rightmost first."""
+    cloud = radar_points(cube, Radar(SMALL), points=points)
+    found = np.where(np.asarray(cloud.valid)[:, None], degrees(cloud, 2), 90.0)
+    return found[found[:, 0].argsort()]
 
 
 @METHODS
 def test_two_targets_of_a_cell_within_a_beam_are_two_points(method):
     # 8 elements of half a wavelength resolve 0.245 in the sine, 14 degrees.
     places = [(-4.0, -1.0), (4.0, 5.0)]
-    cube = two(places, SMALL, 1.6)
-    by_fft = dataclasses.replace(ONE, peaks=2, group_peaks=True, capacity=2)
-    worst = np.abs(found_places(cube, by_fft) - places).max()
-    assert worst > 4
-    found = found_places(cube, dataclasses.replace(by_fft, angles=method))
+    cube = two_in_a_cell(places, 1.6)
+    assert np.abs(found_places(cube, TWO) - places).max() > 4  # by the FFT
+    found = found_places(cube, dataclasses.replace(TWO, angles=method))
     np.testing.assert_allclose(found, places, atol=0.3)
 
 
-def found_places(cube, points):
-    """Azimuth and elevation in degrees of two points, the rightmost first."""
-    cloud = radar_points(cube, SMALL, points=points)
-    found = np.degrees(spherical(cloud.xyz[:2])[1:]).T
-    found = np.where(np.asarray(cloud.valid)[:, None], found, 90.0)
-    return found[found[:, 0].argsort()]
-
-
-@pytest.mark.parametrize("changes", [{"angles": "capon"}, {"sources": 0}], ids=str)
+@pytest.mark.parametrize(
+    "changes", [{"angles": "capon"}, {"angles": "music", "sources": 0}], ids=str
+)
 def test_one_target_of_a_cell_stays_one_point(changes):
-    cube = simulate_cube(
-        jax.random.key(1), target(4.0, 10, 5, 0.0), SMALL, noise_power=1.0
-    )
-    options = {"angles": "music", "peaks": 2, "group_peaks": True, "capacity": 2}
-    points = dataclasses.replace(ONE, **(options | changes))
-    cloud = radar_points(cube, SMALL, points=points)
+    cube = simulate(target(4.0, 10, 5, 0.0), seed=1)
+    points = dataclasses.replace(TWO, **changes)
+    cloud = radar_points(cube, Radar(SMALL), points=points)
     assert cloud.valid.tolist() == [True, False]
-    azimuth, elevation = spherical(cloud.xyz[:1])[1:]
-    np.testing.assert_allclose(np.degrees([azimuth[0], elevation[0]]), [10, 5], atol=1)
+    np.testing.assert_allclose(degrees(cloud), [[10, 5]], atol=1)
 
 
 @METHODS
 @pytest.mark.parametrize("radar", [FLAT, CASCADE], ids=["one row", "four rows"])
-def test_peaks_are_plane_waves_of_their_power(method, radar):
-    places = np.array([[-0.25, 0.1], [0.3, -0.05]]) * [1, radar.has_elevation]
-    columns, rows = radar.virtual_positions.T
-    turns = places[:, :1] * columns * radar.spacing_wavelengths
-    turns = turns + places[:, 1:] * rows * radar.row_spacing_wavelengths
-    waves = np.exp(2j * np.pi * (turns + [[0.0], [0.2]])) * [[1.0], [0.8]]
-    cells = jnp.asarray(waves.sum(0), jnp.complex64)[None, None]
+def test_peaks_are_plane_waves_of_their_power_down_to_6_db(method, radar):
+    places = np.array([[-0.25, 0.1], [0.28, -0.05]]) * [1, radar.has_elevation]
+    elevation = np.arcsin(places[:, 1])
+    azimuth = np.arcsin(places[:, 0] / np.cos(elevation))
+    waves = plane_wave(radar, azimuth, elevation, [[0.0], [0.4 * np.pi]])
+    weaker = 10 ** (-np.array([1, 5, 8]) / 20)  # amplitudes, 1, 5 and 8 dB down
+    cells = single(waves[0] + weaker[:, None] * waves[1])
     peaks = subspace_peaks(cells, radar, method=method)
-    assert peaks.valid.shape == (1, 1, 2) and peaks.valid.all()
-    w = np.sin(peaks.elevation[0, 0])
-    u = np.sin(peaks.azimuth[0, 0]) * np.cos(peaks.elevation[0, 0])
-    np.testing.assert_allclose(np.stack([u, w], -1), places, atol=0.01)
-    np.testing.assert_allclose(peaks.power[0, 0], [1.0, 0.64], rtol=0.1)
+    power, valid = np.asarray(peaks.power), np.asarray(peaks.valid)
+    assert valid.shape == (3, 2) and valid[:, 0].all()
+    for i in range(2 if method == "music" else 1):  # Capon's heights differ more
+        assert valid[i, 1]
+        found = np.stack(sines(peaks.azimuth[i], peaks.elevation[i]), -1)
+        np.testing.assert_allclose(found, places, atol=0.01)
+        np.testing.assert_allclose(power[i], [1.0, weaker[i] ** 2], rtol=0.1)
+    assert not valid[2, 1]
 
 
 def test_what_has_no_peaks_is_refused_or_not_valid():
-    wave = jnp.exp(0.3j * SMALL.virtual_positions.sum(1))
-    cells = jnp.stack([jnp.zeros(12), wave]).astype("complex64")
-    flips = {"flip_azimuth": True, "flip_elevation": True}
-    peaks = subspace_peaks(cells, SMALL, method="music", num_sources=1, **flips)
+    wave = np.exp(0.3j * SMALL.virtual_positions.sum(1))
+    cells = single(np.stack([0 * wave, wave]))
+    peaks = subspace_peaks(cells, SMALL, method="music", num_sources=1)
     assert peaks.valid.tolist() == [[False, False], [True, False]]
-    assert jnp.isfinite(peaks.azimuth).all()
-    assert peaks.azimuth[1, 0] < -0.05 and peaks.elevation[1, 0] < -0.05
-    with pytest.raises(ValueError, match="method='esprit', expected one of"):
-        subspace_peaks(jnp.zeros((3, 12), complex), SMALL, method="esprit")
-    with pytest.raises(ValueError, match="count=0, expected 1 to 256 targets"):
-        subspace_peaks(jnp.zeros((3, 12), complex), SMALL, method="capon", count=0)
-    with pytest.raises(ValueError, match="8 values per snapshot, awr1843 has"):
-        subspace_peaks(jnp.zeros((3, 8), complex), SMALL, method="capon")
-
-
-@METHODS
-@pytest.mark.parametrize(("weaker_db", "valid"), [(4.0, True), (8.0, False)])
-def test_a_peak_counts_down_to_6_db_below_the_strongest(method, weaker_db, valid):
-    """Two plane waves far apart, without noise: powers are known."""
-    columns, rows = SMALL.virtual_positions.T
-    phases = np.random.default_rng(0).uniform(size=(8, 2))
-    weak = 10 ** (-weaker_db / 20)
-    waves = [
-        amplitude * np.exp(2j * np.pi * (columns * spacing * u + phase[:, None]))
-        for amplitude, u, phase in zip((1.0, weak), (-0.4, 0.5), phases.T, strict=True)
-        for spacing in (SMALL.spacing_wavelengths,)
-    ]
-    snapshot = jnp.asarray(sum(waves), jnp.complex64)
-    found = subspace_peaks(snapshot, SMALL, method=method)
-    u = np.sin(found.azimuth) * np.cos(found.elevation)
-    np.testing.assert_allclose(u[:, 0], -0.4, atol=0.05)
-    if method == "music":  # Capon's spectrum itself is not that of the powers
-        np.testing.assert_array_equal(found.valid[:, 1], valid)
-    assert valid or not found.valid[:, 1].any()
+    assert np.isfinite(peaks.azimuth).all()
+    assert peaks.azimuth[1, 0] > 0.05 and peaks.elevation[1, 0] > 0.05
+    for shape, options, message in (
+        ((3, 12), {"method": "esprit"}, "method='esprit', expected one of"),
+        ((3, 12), {"method": "capon", "count": 0}, "count=0, expected 1 to 256 targ"),
+        ((3, 8), {"method": "capon"}, "8 values per snapshot, awr1843 has"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            subspace_peaks(jnp.zeros(shape, complex), SMALL, **options)

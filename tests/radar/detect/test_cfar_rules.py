@@ -1,6 +1,5 @@
 """CFAR: what maps, windows and rates are taken; rules at the ends of the range axis."""
 
-import functools
 import math
 
 import jax
@@ -8,51 +7,37 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    ca_cfar,
-    go_cfar,
-    noise_floor,
-    os_cfar,
-    so_cfar,
-)
+from jradar.radar import DETECTORS, ca_cfar, noise_floor
 from jradar.radar.detect.cfar import cfar
 from jradar.radar.detect.cfar_window import EDGES, largest_window
 
-CFARS = [ca_cfar, go_cfar, so_cfar, os_cfar]
-KINDS = ["ca", "go", "so", "os"]
-EACH = pytest.mark.parametrize("detector", CFARS)
-POWER = jax.random.exponential(jax.random.key(0), (32, 64))
+EACH = pytest.mark.parametrize("detector", DETECTORS.values(), ids=[*DETECTORS])
+POWER = np.random.default_rng(0).exponential(size=(32, 64)).astype("float32")
 
 
 @EACH
 def test_window_that_does_not_fit_names_the_largest(detector):
     power = jnp.ones((16, 256))
-    with pytest.raises(
-        ValueError, match=r"17 cells .* 16 Doppler .* guard \+ train = 7"
-    ):
+    message = r"17 cells .* 16 Doppler .* guard \+ train = 7"
+    with pytest.raises(ValueError, match=message):
         detector(power, false_alarm_rate=0.01, guard=(2, 2), train=(6, 6))
     guard, train = largest_window((16, 256), (2, 2), (6, 6))
     assert (guard, train) == ((1, 2), (6, 6))
-    fitted = functools.partial(
-        detector, false_alarm_rate=0.01, guard=guard, train=train
-    )
-    assert jax.eval_shape(fitted, power).shape == power.shape
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, 1.5])
-def test_impossible_rate_is_refused(rate):
-    with pytest.raises(ValueError, match="expected 0 < rate <= 1"):
-        ca_cfar(POWER, false_alarm_rate=rate)
+    window = {"guard": guard, "train": train}
+    fitted = jax.eval_shape(lambda p: detector(p, factor=2.0, **window), power)
+    assert fitted.shape == power.shape
 
 
 @EACH
-@pytest.mark.parametrize("kind", ["uint16", "int32", "float16", "bfloat16"])
+@pytest.mark.parametrize("kind", ["uint16", "bfloat16"])
 def test_maps_of_other_numbers_give_the_masks_of_float32(detector, kind):
     """TI's boards deliver uint16. Each kind holds the powers, which are whole."""
     whole = np.random.default_rng(0).integers(1, 60, (32, 64))
     whole[5, 7], whole[20, 40] = 250, 240
-    expected = detector(jnp.asarray(whole, jnp.float32), false_alarm_rate=0.01)
-    found = detector(jnp.asarray(whole, kind), false_alarm_rate=0.01)
+    expected, found = (
+        np.asarray(detector(jnp.asarray(whole, k), false_alarm_rate=0.01))
+        for k in ("float32", kind)
+    )
     assert expected[5, 7] and not expected.all()
     np.testing.assert_array_equal(found, expected)
 
@@ -66,26 +51,16 @@ def test_power_that_half_precision_cannot_add_up_is_added_in_float32():
 @pytest.mark.usefixtures("as_a_user")
 def test_maps_that_hold_no_power_are_refused():
     for wrong, message in (
-        (POWER.astype(complex), r"power is complex64, expected linear power: pass abs"),
+        (
+            POWER.astype("complex64"),
+            r"power is complex64, expected linear power: pass abs",
+        ),
         (POWER > 1, "power is bool, expected linear power"),
         (POWER[0], r"power has shape \(64,\), expected .*: for one profile pass power"),
     ):
         for function in (noise_floor, lambda p: ca_cfar(p, false_alarm_rate=0.1)):
             with pytest.raises(ValueError, match=message):
                 function(wrong)
-
-
-def test_a_window_may_be_a_list_and_must_have_two_numbers():
-    tuples = os_cfar(POWER, false_alarm_rate=0.05, guard=(1, 1), train=(2, 2))
-    lists = os_cfar(POWER, false_alarm_rate=0.05, guard=[1, 1], train=[2, 2])
-    np.testing.assert_array_equal(tuples, lists)
-    np.testing.assert_array_equal(
-        noise_floor(POWER, guard=[1, 1], train=[2, 2]),
-        noise_floor(POWER, guard=(1, 1), train=(2, 2)),
-    )
-    for wrong in (2, (2,), (1, 2, 3), (1.5, 2), "ab"):
-        with pytest.raises(ValueError, match=r"CFAR guard = .*, expected two whole"):
-            ca_cfar(POWER, false_alarm_rate=0.05, guard=wrong)
 
 
 def cells_at(edge, r, g, t, bins):
@@ -112,7 +87,7 @@ def test_ends_of_the_range_axis_follow_the_rule(edge):
     """Floors and masks along range against a loop over cells."""
     power = np.random.default_rng(0).exponential(size=(2, 24)).astype("float32")
     window = {"guard": (0, 2), "train": (0, 4), "edge": edge}
-    kinds = ("ca", "os") if edge == "fill" else KINDS
+    kinds = ("ca", "os") if edge == "fill" else DETECTORS
     floors = jax.jit(lambda p: {k: noise_floor(p, kind=k, **window) for k in kinds})
     masks = jax.jit(lambda p: {k: cfar(p, kind=k, factor=1.5, **window) for k in kinds})
     found, detected = floors(jnp.asarray(power)), masks(jnp.asarray(power))
@@ -162,6 +137,7 @@ def test_impossible_rules_at_the_ends_and_factors_are_refused():
         ({}, "false_alarm_rate=None, factor=None: expected one of them"),
         ({"factor": 2.0, "false_alarm_rate": 0.1}, "expected one of them"),
         ({"factor": 0.0}, "factor=0.0: expected one of them, a factor of more than 0"),
+        *(({"false_alarm_rate": r}, "expected 0 < rate <= 1") for r in (0.0, -1, 1.5)),
     ):
         with pytest.raises(ValueError, match=message):
             ca_cfar(POWER, **options)

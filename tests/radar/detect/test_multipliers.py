@@ -3,10 +3,9 @@
 import math
 
 import pytest
+from scipy import stats
 
-from jradar.radar import (
-    false_alarm_multiplier,
-)
+from jradar.radar import false_alarm_multiplier
 
 
 @pytest.mark.parametrize("rate", [1e-2, 1e-4, 1e-6])
@@ -51,8 +50,6 @@ def test_halves_of_other_sizes_meet_the_known_limits(kind):
 
 @pytest.mark.parametrize("channels", [1, 4, 12])
 def test_ca_multiplier_of_many_channels_is_a_quantile_of_f(channels):
-    from scipy import stats
-
     alpha = false_alarm_multiplier("ca", 1e-4, 36, channels=channels)
     quantile = stats.f.isf(1e-4, 2 * channels, 2 * 36 * channels)
     assert alpha == pytest.approx(quantile, rel=1e-9)

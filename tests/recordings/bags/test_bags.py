@@ -20,11 +20,11 @@ from tests.recordings.bag_writer import (  # noqa: E402
     STORES,
     TENTH,
     columns,
+    files_of,
     livox,
     livox_rows,
     point_cloud2,
     write_bag,
-    write_raw,
 )
 
 
@@ -92,9 +92,8 @@ def test_bytes_of_both_serialisations_written_by_hand(tmp_path):
     cdr = b"\0\1\0\0" + struct.pack("<iII", 20, 30, 4) + b"abc\0" + tail
     cdr += b"\0".join(points)
     for container, raw in (("bag", ros1), ("mcap", cdr)):
-        path = tmp_path / container
-        path.mkdir()
-        stream = open_bag(write_raw(path, container, STORES[container], raw))
+        message = ("/l", LIVOX, START, lambda _, raw=raw: raw)
+        stream = open_bag(write_bag(tmp_path, container, [message]))
         np.testing.assert_array_equal(stream[0], np.array(rows, "f4")[:, 1:5])
         assert stream.stamps.tolist() == [20 + 30e-9]
 
@@ -172,7 +171,7 @@ def test_a_bag_that_unpacks_to_more_than_the_limit(
     for name in ("MOST_BYTES", "LEAST_LIMIT"):
         monkeypatch.setattr(unpacking, name, 10_000)
     monkeypatch.setattr(unpacking, "MOST_RATIO", 0)
-    bags._open_reader.cache_clear()
+    bags._reader.cache_clear()
     with pytest.raises(ValueError, match="not a whole bag .*unpacks to more than 10,0"):
         open_bag(path)[0]
 
@@ -202,9 +201,9 @@ def test_another_clock_is_reported(tmp_path):
 def test_truncated_bags_name_the_repair(tmp_path, container, keep):
     message = ("/l", LIVOX, START, livox(livox_rows(3000), START))
     path = write_bag(tmp_path, container, [message])
-    files = [path] if path.is_file() else [*path.glob("*.db3"), *path.glob("*.mcap")]
-    content = files[0].read_bytes()
-    files[0].write_bytes(content[: int(keep * len(content))])
+    [file] = files_of(path)
+    content = file.read_bytes()
+    file.write_bytes(content[: int(keep * len(content))])
     repair = {"bag": "rosbag reindex", "sqlite": "reindex", "mcap": "mcap recover"}
     with pytest.raises(ValueError, match=f"is not a whole bag.*{repair[container]}"):
         stream = open_bag(path)
@@ -218,47 +217,53 @@ def test_messages_cut_or_lying_are_refused(tmp_path, container):
     whole = bytes(serialize(livox(livox_rows(10), START)(store), LIVOX))
     rows = struct.pack("<I", 10)
     lying = whole.replace(b"\0\0\0" + rows, b"\0\0\0" + struct.pack("<I", 2**32 - 1))
-    cuts = [whole[:n] for n in range(0, len(whole), 5)]
-    stream = open_bag(write_raw(tmp_path, container, store, *cuts, lying))
+    parts = [*(whole[:n] for n in range(0, len(whole), 5)), lying]
+    messages = [
+        ("/livox/lidar", LIVOX, START + i, lambda _, part=part: part)
+        for i, part in enumerate(parts)
+    ]
+    stream = open_bag(write_bag(tmp_path, container, messages))
     for i in range(len(stream)):
         with pytest.raises(ValueError, match=f"message {i} of /livox/lidar"):
             stream[i]
 
 
-def test_point_cloud_larger_than_its_data_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: setattr(m, "width", 2**32 - 1), "1 x 4294967295 points"),
+        (lambda m: setattr(m.fields[0], "datatype", 11), "unknown type 11"),
+        (lambda m: setattr(m.fields[2], "name", "u"), "expected x, y and z"),
+        (lambda m: setattr(m.fields[2], "count", 3), "x holds 3 numbers a point"),
+    ],
+)
+def test_point_clouds_that_lie_are_refused(tmp_path, change, message):
     def lying(store):
-        message = point_cloud2(columns(4), START)(store)
-        message.width = 2**32 - 1
-        return message
+        cloud = point_cloud2(columns(4), START)(store)
+        change(cloud)
+        return cloud
 
-    def unknown(store):
-        message = point_cloud2(columns(4), START)(store)
-        message.fields[0].datatype = 11
-        return message
+    stream = open_bag(write_bag(tmp_path, "sqlite", [("/p", CLOUD, START, lying)]))
+    with pytest.raises(ValueError, match=f"message 0 of /p: .*{message}"):
+        stream[0]
 
-    def nameless(store):
-        message = point_cloud2(columns(4), START)(store)
-        message.fields[2].name = "u"
-        return message
 
-    def wide(store):
-        message = point_cloud2(columns(4), START)(store)
-        message.fields[2].count = 3
-        return message
+@pytest.mark.parametrize("kind", ["[]", "{a: 1}", "3", "null", "&a [*a]"])
+def test_types_of_topics_that_are_no_names_are_refused(tmp_path, kind):
+    cloud = point_cloud2(columns(4), START)
+    path = write_bag(tmp_path, "sqlite", [("/p", CLOUD, START, cloud)])
+    metadata = path / "metadata.yaml"
+    text = metadata.read_text()
+    metadata.write_text(text.replace(f"type: {CLOUD}", f"type: {kind}"))
+    with pytest.raises(ValueError, match="is not a whole bag|0 topics of clouds"):
+        open_bag(path)
 
-    made = enumerate([lying, unknown, nameless, wide])
-    messages = [("/p", CLOUD, START + i, make) for i, make in made]
-    stream = open_bag(write_bag(tmp_path, "sqlite", messages))
-    for i, text in enumerate(
-        [
-            "1 x 4294967295 points",
-            "unknown type 11",
-            "expected x, y and z",
-            "field x holds 3 numbers a point, expected 1",
-        ]
-    ):
-        with pytest.raises(ValueError, match=text):
-            stream[i]
+
+def test_times_that_no_clock_has_are_refused(tmp_path):
+    cloud = point_cloud2(columns(4), START)
+    path = write_bag(tmp_path, "mcap", [("/p", CLOUD, 2**64 - 2, cloud)])
+    with pytest.raises(ValueError, match="is not a whole bag .*has the time 1844"):
+        open_bag(path)
 
 
 def test_other_files_are_refused(tmp_path):

@@ -1,0 +1,110 @@
+"""The task `demo`: score the CFAR detectors and the shipped models on unseen frames.
+
+Frames are simulated. Nothing is trained, and the detectors have the config's
+false-alarm rates. Data that the workdir already holds are used again.
+"""
+
+import itertools
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from ml_collections import ConfigDict
+
+from experiments import build
+from experiments.detectors import detector_methods
+from experiments.enhance import model_methods
+from experiments.evaluate import View, write_results
+from jradar import data
+from jradar.evaluation import Method
+from jradar.files import write_text
+from jradar.model import Model, load_model, shipped_models
+from jradar.progress import progress
+from jradar.simulation import set_sequences, simulate_sequence
+
+SPLIT = "test"
+FIRST = "jradar-sim"  # the model whose rows come first, under their plain names
+
+
+def check(config: ConfigDict) -> None:
+    """Raise UsageError for a mistake in the config."""
+    build.build_images(config.image)
+    build.build_solver(config)
+
+
+def setup(config: ConfigDict, workdir: Path) -> None:
+    """Return None: nothing is trained."""
+
+
+def evaluate(config: ConfigDict, workdir: Path) -> None:
+    """Simulate, prepare, score and report."""
+    folder = build.prepared_data(config, workdir, simulate=simulate_layouts)
+    records = data.Records(folder, SPLIT)
+    coarse, fine = build.build_images(config.image)
+    view = View(records.radar, fine, records)
+    slices = config.image.num_slices
+    rates = {
+        name: config.evaluation.rates[name] for name in config.evaluation.detectors
+    }
+    models = {name: load_model(path) for name, path in shipped_models().items()}
+    usable = {
+        name: model
+        for name, model in models.items()
+        if (model.spec.coarse, model.spec.fine, model.spec.num_slices)
+        == (coarse, fine, slices)
+        and model.card.radar.cube_shape == records.radar.cube_shape
+    }
+    for name in models.keys() - usable.keys():
+        print(f"{name} is for another radar or image: left out", file=sys.stderr)
+    write_results(
+        build.random_key(config, build.SAMPLE_KEY),
+        workdir,
+        view,
+        records,
+        data.PairSource(records, coarse, fine, num_slices=slices),
+        detector_methods(view, rates) | shipped_methods(config, usable),
+    )
+    if not usable:
+        print(
+            "\nThis version ships no model for these images: the table holds the CFAR "
+            "detectors alone."
+        )
+
+
+def shipped_methods(config: ConfigDict, models: dict[str, Model]) -> dict[str, Method]:
+    """Return the methods of each model; names that are taken get the model's before."""
+    methods: dict[str, Method] = {}
+    for name in sorted(models, key=lambda name: (name != FIRST, name)):
+        for method, call in model_methods(config, models[name]).items():
+            methods[f"{name}: {method}" if method in methods else method] = call
+    return methods
+
+
+def simulate_layouts(config: ConfigDict, folder: Path) -> None:
+    """Write the first `config.data.layouts` test layouts of each family of the set."""
+    families: dict[str, list[Any]] = {}
+    with build.section("data"):
+        for item in set_sequences(config.data.set):
+            if item.split == SPLIT:
+                families.setdefault(item.family, []).append(item)
+    layouts = [
+        (item.family, item.seed, item.unit)
+        for items in families.values()
+        for item in items[: config.data.layouts]
+    ]
+    frames, done = config.data.frames, itertools.count(1)
+    with progress("simulating", frames * len(layouts), unit="frames") as show:
+        for family, seed, unit in layouts:
+
+            def advance(family=family):
+                show(next(done), family)
+
+            if (folder / f"{family}_{seed}").is_dir():  # complete, if it exists
+                for _ in range(frames):
+                    advance()
+                continue
+            options = {"frames": frames, "unit": unit, "advance": advance}
+            simulate_sequence(family, seed, folder, **options)
+    splits = {f"{family}_{seed}": SPLIT for family, seed, _ in layouts}
+    write_text(folder / "splits.json", json.dumps(splits, indent=2) + "\n")

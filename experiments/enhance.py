@@ -1,0 +1,226 @@
+"""The task `enhance`: train a model on records, and compare it with CFAR detectors.
+
+The detectors' false-alarm rates are chosen on the validation split; the scores are of
+the config's split.
+"""
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from ml_collections import ConfigDict
+
+from experiments import build
+from experiments.confidence import with_confidence
+from experiments.detectors import choose_rates, detector_methods
+from experiments.evaluate import (
+    Frame,
+    View,
+    mean_scores,
+    points_of,
+    spread,
+    write_results,
+)
+from experiments.fusing import fused_method
+from experiments.train import Training
+from experiments.weights import initial_weights, start_from
+from jradar import data, training, viz
+from jradar.errors import UsageError
+from jradar.evaluation import Method
+from jradar.model import Model, draw, load_model, save_model
+from jradar.range_image import (
+    TrustTable,
+    close_gaps,
+    condition_features,
+    encode_target,
+    fit_trust,
+    image_cloud,
+)
+from jradar.range_image.trust import LEAST_FRAMES
+
+FRAMES_IN_FIGURE = 4
+FRAMES_FOR_TRUST = 1200
+ONE_ANSWER = {  # rows of methods that draw no samples, if not "jradar, METHOD"
+    "regression": "direct regression",
+    "marginal": "jradar, one pass",
+}
+
+
+def check(config: ConfigDict) -> None:
+    """Raise UsageError for a config that cannot be trained."""
+    build.build_network(config)
+    build.build_images(config.image)
+    build.build_solver(config)
+    initial_weights(config.train)
+    fuse = config.evaluation.fuse
+    if fuse < 1 or (fuse > 1 and config.method != "marginal"):
+        raise UsageError(
+            f"evaluation.fuse = {fuse} with the method {config.method!r}: expected 1, "
+            "or more frames with the method 'marginal'"
+        )
+    low, high = config.image.azimuth_deg
+    if config.train.mirror and low != -high:
+        raise UsageError(
+            f"image.azimuth_deg = ({low:g}, {high:g}) cannot be mirrored: expected the "
+            "same angle to both sides, or train.mirror = False"
+        )
+
+
+def setup(config: ConfigDict, workdir: Path) -> Training:
+    """Return the network's training on the records' pairs of images."""
+    records = data.Records(build.prepared_data(config, workdir), "train")
+    checked = data.Records(records.folder, "validation")
+    spec = build.build_spec(config, records)
+    pairs = build.build_pairs(spec, records)
+    card, trust = build.build_card(config, records), trust_of(pairs)
+    batches = data.Batches(
+        pairs,
+        seed=config.seed,
+        batch_size=config.train.batch_size,
+        change=_change(config.train),
+    )
+
+    def batch_at(step):
+        batch = batches[step]
+        closed = close_gaps(batch.lidar, reach=config.image.gap_pixels)
+        target = encode_target(closed, spec.fine, codec=spec.codec)
+        return training.Batch(batch.condition, np.asarray(target))
+
+    optimizer = build.build_optimizer(config.train)
+    state = training.create_state(
+        build.random_key(config, build.INIT_KEY),
+        spec.network,
+        optimizer,
+        image_shape=(*spec.fine.shape, 2),
+        condition_shape=pairs[0].condition.shape,
+    )
+    step = training.make_train_step(
+        spec.network,
+        optimizer,
+        spec.noise,
+        loss=build.build_loss(config.loss, method=config.method),
+        ema_decay=config.train.ema_decay,
+    )
+
+    def validated(state, step):
+        model = Model(state.ema_params, spec, card, trust=trust)
+        path = workdir / "samples" / f"{step:06d}.png"
+        return validate(config, model, checked, picture=path)
+
+    def save(state):
+        model = Model(jax.device_get(state.ema_params), spec, card, trust=trust)
+        key = build.random_key(config, build.SAMPLE_KEY)
+        save_model(workdir / "model", with_confidence(key, model, checked))
+
+    return Training(
+        state=start_from(config.train, spec.network, state),
+        step=step,
+        batch_at=batch_at,
+        validate=validated,
+        save=save,
+        trained_on=f"{len(records)} frames",
+        data_digest=records.digest,
+    )
+
+
+def _change(train: ConfigDict) -> Callable[..., data.Pair]:
+    """Return what alters each drawn pair at random."""
+
+    def change(pair, random):
+        if train.mirror:
+            pair = data.mirrored(pair, random)
+        return data.thinned(pair, random, most=train.thin) if train.thin else pair
+
+    return change
+
+
+def trust_of(pairs: data.PairSource) -> TrustTable | None:
+    """Return what the conditions of training look like; None for too few frames."""
+    if len(pairs) < LEAST_FRAMES:
+        return None
+    chosen = spread(len(pairs), FRAMES_FOR_TRUST)
+    features = [np.asarray(condition_features(pairs[i].condition)) for i in chosen]
+    return fit_trust(np.stack(features))
+
+
+def validate(
+    config: ConfigDict, model: Model, records: data.Records, *, picture: Path
+) -> dict[str, float]:
+    """Return the quickest method's scores on validation frames, and draw a picture."""
+    pairs = build.build_pairs(model.spec, records)
+    index = spread(len(records), config.evaluation.frames_while_training)
+    frames = [Frame(records[i], pairs[i]) for i in index]
+    name, method = next(iter(model_methods(config, model).items()))
+    key = build.random_key(config, build.SAMPLE_KEY)
+    clouds = [method(jax.random.fold_in(key, i), f) for i, f in enumerate(frames)]
+    fine, some = model.spec.fine, range(min(FRAMES_IN_FIGURE, len(frames)))
+    columns = {
+        "LiDAR": np.stack([frames[i].pair.lidar for i in some]),
+        name: np.stack([data.lidar_image(points_of(clouds[i]), fine) for i in some]),
+    }
+    viz.save_figure(viz.samples_figure(columns, fine), picture)
+    return mean_scores(clouds, [frame.prepared for frame in frames])
+
+
+def evaluate(config: ConfigDict, workdir: Path) -> None:
+    """Score the workdir's model and the detectors: tables, pictures, a report."""
+    model = load_model(workdir / "model")
+    folder = build.prepared_data(config, workdir)
+    records = data.Records(folder, config.evaluation.split)
+    view = View(model.card.radar, model.spec.fine, records)
+    rates = choose_rates(
+        view,
+        data.Records(folder, "validation"),
+        detectors=tuple(config.evaluation.detectors),
+        frames=config.evaluation.frames_for_rates,
+    )
+    print(model.card.purpose, end="\n\n")
+    pairs, methods = (
+        build.build_pairs(model.spec, records),
+        model_methods(config, model),
+    )
+    if (count := config.evaluation.fuse) > 1:
+        methods[f"{[*methods][-1]}, {count} frames"] = fused_method(
+            model, records, pairs, count
+        )
+    write_results(
+        build.random_key(config, build.SAMPLE_KEY),
+        workdir,
+        view,
+        records,
+        pairs,
+        {**detector_methods(view, rates), **methods},
+        every=config.evaluation.every,
+    )
+
+
+def model_methods(config: ConfigDict, model: Model) -> dict[str, Method]:
+    """Return the rows of a model in the tables, the quickest first."""
+    if (method := model.spec.method) != "diffusion":
+        return {ONE_ANSWER.get(method, f"jradar, {method}"): drawn(model)}
+    sampling, solver = config.sampling, build.build_solver(config)
+    methods = {
+        "one-step estimate": drawn(model, draws=1, steps=1, temperature=1.0),
+        f"jradar, {sampling.solver.capitalize()} {sampling.steps}": drawn(
+            model, draws=1, steps=sampling.steps, solver=solver
+        ),
+    }
+    if sampling.draws > 1:
+        methods[f"jradar, {sampling.draws} draws"] = drawn(model, draws=sampling.draws)
+    return methods
+
+
+def drawn(model: Model, **drawing: Any) -> Method:
+    """Return the method that draws the model's cloud with options of `draw`."""
+    options = tuple(drawing.items())
+    return lambda key, frame: _cloud(key, frame.pair.condition, model, options)
+
+
+@functools.partial(jax.jit, static_argnames="options")
+def _cloud(key, condition, model, options):
+    """The cloud of one condition; models of the same spec share what is compiled."""
+    image = draw(key, condition, model, **dict(options))
+    return image_cloud(image, model.spec.fine)

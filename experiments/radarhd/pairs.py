@@ -1,0 +1,325 @@
+"""RadarHD's pairs of polar images (Prabhakara et al. 2023), radar and LiDAR in a plane.
+
+    dataset_5/train/radar/R_<trajectory>_<frame>.png     256 ranges x 64 azimuths
+    dataset_5/train/lidar/L_<trajectory>_<frame>.png     256 ranges x 512 azimuths
+    dataset_5/test/...
+
+or a packed .npz with `radar` uint8, `lidar_packed` (bits along the azimuth),
+`trajectory` and `frame`. Row i stands for the i-th of evenly spaced ranges from 0 to
+10.8 m, column j for the j-th of evenly spaced angles from -90 to 90 degrees, both ends
+included.
+
+Training may change pairs in ways that leave them possible (`AUGMENTATIONS`). Such a
+function takes a generator, a radar image [range, radar_azimuth, history] of 0 to 1 and
+an occupancy image [range, azimuth, 1] of 0 or 1, and returns both, changed.
+"""
+
+import functools
+import hashlib
+import math
+import re
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from jradar.errors import parsing
+from jradar.training import Batch
+
+NAME = re.compile(r"R_(\d+)_(\d+)\.png")
+MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
+MAX_RANGE_M = 10.8
+SCALES = (0.8, 1.25)  # of ranges
+MOST_CELLS = 10  # of the radar's azimuth in a rotation to either side, 29 degrees
+GAINS, GAMMAS = (0.7, 1.3), (0.7, 1.4)
+SPECKLE = 0.3  # standard deviation of the factor of each pixel
+MOST_DROPPED = 8  # neighbouring azimuth cells of the radar
+SECTORS = np.deg2rad((30.0, 90.0))  # widths of a pasted sector
+
+Radar = Float[np.ndarray, "range radar_azimuth history"]
+Occupied = Float[np.ndarray, "range azimuth 1"]
+Images = tuple[Radar, Occupied]
+
+
+class PolarGrid(NamedTuple):
+    """The range of each row of an image, and the azimuth of each column."""
+
+    ranges: Float[np.ndarray, " range"]  # m
+    angles: Float[np.ndarray, " azimuth"]  # rad, positive to the left
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """The numbers of rows and columns."""
+        return len(self.ranges), len(self.angles)
+
+    @property
+    def azimuth_step(self) -> float:
+        """The angle between neighbouring columns, in radians."""
+        return math.pi / (len(self.angles) - 1)
+
+
+RADAR, LIDAR = (
+    PolarGrid(
+        np.linspace(0, MAX_RANGE_M, 256),
+        np.linspace(-math.pi / 2, math.pi / 2, columns),
+    )
+    for columns in (64, 512)
+)
+
+
+class PolarPair(NamedTuple):
+    """A radar image and the LiDAR occupancy at the same time."""
+
+    radar: UInt8[np.ndarray, "range radar_azimuth"]
+    lidar: Bool[np.ndarray, "range azimuth"]
+    trajectory: int
+    frame: int
+
+
+class RadarHD(Sequence):
+    """Pairs in the order of trajectories and frames, read on access."""
+
+    def __init__(self, keys: Any, radar: Callable[[int], Any], lidar: Callable):
+        """`keys` are (trajectory, frame); `radar(i)` and `lidar(i)` return images."""
+        self.keys = np.asarray(keys).reshape(-1, 2)
+        self.radar, self.lidar = radar, lidar
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the trajectories and frames of the pairs."""
+        return hashlib.sha256(self.keys.astype("<i8").tobytes()).hexdigest()
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return pair `index`."""
+        trajectory, frame = self.keys[index].tolist()
+        return PolarPair(self.radar(index), self.lidar(index), trajectory, frame)
+
+    def of(self, trajectories: Sequence[int], *, without: bool = False) -> "RadarHD":
+        """Return the pairs of trajectories, or those of all others.
+
+        Raises ValueError for a missing one, unless it is to be left out.
+        """
+        known = set(self.keys[:, 0].tolist())
+        missing = sorted(set(trajectories) - known)
+        if missing and not without:
+            raise ValueError(f"no trajectory {missing[0]}, expected of {sorted(known)}")
+        chosen = np.isin(self.keys[:, 0], list(trajectories), invert=without)
+        index = np.flatnonzero(chosen).tolist()
+        return RadarHD(
+            self.keys[index],
+            lambda i: self.radar(index[i]),
+            lambda i: self.lidar(index[i]),
+        )
+
+    def rotated(self, degrees: float) -> "RadarHD":
+        """Return the pairs with both images rotated to the left by whole radar cells.
+
+        Raises ValueError for more than 90 degrees.
+        """
+        if not abs(degrees) <= 90:
+            raise ValueError(f"{degrees:g} degrees, expected -90 to 90")
+        cells = round(math.radians(degrees) / RADAR.azimuth_step)
+        return RadarHD(
+            self.keys,
+            lambda i: rotated(self.radar(i), RADAR, cells),
+            lambda i: rotated(self.lidar(i), LIDAR, cells),
+        )
+
+
+class PolarItems(Sequence):
+    """Pairs as the network takes them; with `mirror` followed by all mirror images.
+
+    A condition consists of the last `history` radar images, newest first, of 0 to 1. A
+    trajectory's first image also stands for those before it. A target is of 0 and 1.
+    """
+
+    def __init__(self, pairs: RadarHD, *, history: int, mirror: bool = False):
+        self._pairs, self._history, self._mirror = pairs, history, mirror
+
+    def __len__(self) -> int:
+        return len(self._pairs) * (2 if self._mirror else 1)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Return item `index`."""
+        mirrored, i = divmod(int(index), len(self._pairs))
+        trajectories = self._pairs.keys[:, 0]
+        first = np.searchsorted(trajectories, trajectories[i])
+        past = np.maximum(i - np.arange(self._history), first).tolist()
+        radar = {k: self._pairs.radar(k) for k in set(past)}
+        condition = np.stack([radar[k] for k in past], -1).astype(np.float32) / 255
+        target = self._pairs.lidar(i).astype(np.float32)[..., None]
+        if mirrored:
+            condition, target = condition[:, ::-1], target[:, ::-1]
+        return Batch(condition, target)
+
+
+def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
+    """Return the pairs of the public folder's `split`, or of a packed training file.
+
+    Radar images stay in memory once they are read, 16 KB each. Raises FileNotFoundError
+    without `path`, and ValueError for a folder or file of another kind and for images
+    without a partner.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise FileNotFoundError(f"no such file or folder: {path}")
+    if path.is_file():
+        return _packed(path)
+    folder = path / split
+    if not (folder / "radar").is_dir() or not (folder / "lidar").is_dir():
+        raise ValueError(
+            f"{path} does not contain {split}/radar and {split}/lidar: expected "
+            "RadarHD's folder dataset_5, or a packed .npz"
+        )
+    found = (NAME.fullmatch(p.name) for p in (folder / "radar").iterdir())
+    keys = sorted((int(m[1]), int(m[2]), m[0][1:]) for m in found if m)
+    lidar = {p.name[1:] for p in (folder / "lidar").glob("L_*_*.png")}
+    alone = [name for *_, name in keys if name not in lidar]
+    if alone or not keys:
+        what = f"L{alone[0]}" if alone else "R_<trajectory>_<frame>.png"
+        raise ValueError(f"{folder} does not contain {what}: incomplete download?")
+    return RadarHD(
+        [key[:2] for key in keys],
+        # An image is part of many histories.
+        functools.cache(lambda i: _png(folder / "radar" / f"R{keys[i][2]}", RADAR)),
+        lambda i: _png(folder / "lidar" / f"L{keys[i][2]}", LIDAR) > 0,
+    )
+
+
+def _packed(path: Path) -> RadarHD:
+    """Pairs of a packed file, kept in memory."""
+    with parsing(path, "a packed file with radar, lidar_packed, trajectory and frame"):
+        with zipfile.ZipFile(path) as archive:
+            if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
+                raise ValueError(f"it unpacks to {size:,} bytes, limit {MAX_BYTES:,}")
+        with np.load(path, allow_pickle=False) as arrays:
+            radar, packed = arrays["radar"], arrays["lidar_packed"]
+            keys = np.stack([arrays["trajectory"], arrays["frame"]], -1)
+        if not radar.dtype == packed.dtype == np.uint8 or keys.dtype.kind not in "iu":
+            raise ValueError("images are not bytes, or numbers not whole")
+        found = radar.shape, (*packed.shape[:-1], 8 * packed.shape[-1])
+        expected = (len(keys), *RADAR.shape), (len(keys), *LIDAR.shape)
+        if found != expected:
+            raise ValueError(f"images have shapes {found}, expected {expected}")
+    order = np.lexsort(keys.T[::-1])
+    return RadarHD(
+        keys[order],
+        lambda i: radar[order[i]],
+        lambda i: np.unpackbits(packed[order[i]], axis=-1).astype(bool),
+    )
+
+
+def _png(path: Path, grid: PolarGrid) -> np.ndarray:
+    """An 8-bit grey image on a grid."""
+    from PIL import Image
+
+    with parsing(path, "a complete PNG"):
+        with Image.open(path, formats=("PNG",)) as image:
+            if (found := (image.height, image.width)) != grid.shape:
+                raise ValueError(f"{found} rows and columns, expected {grid.shape}")
+            return np.asarray(image.convert("L"))
+
+
+def rotated(image: np.ndarray, grid: PolarGrid, cells: int) -> np.ndarray:
+    """Return a polar image [range, azimuth, ...] rotated to the left by radar cells.
+
+    It moves by whole cells of its own. Beyond an edge, the view goes on as its own
+    mirror image, so that no part of it becomes empty.
+    """
+    last = len(grid.angles) - 1
+    shift = round(cells * RADAR.azimuth_step / grid.azimuth_step)
+    source = np.abs(np.arange(last + 1) - shift)
+    return image[:, last - np.abs(last - source)]
+
+
+def rotate(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Rotate both images about the radar, by whole radar cells."""
+    cells = rng.integers(-MOST_CELLS, MOST_CELLS + 1)
+    return rotated(radar, RADAR, cells), rotated(occupied, LIDAR, cells)
+
+
+def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Move everything nearer or farther by one factor: a smaller or larger room."""
+    factor = np.exp(rng.uniform(*np.log(SCALES)))
+    source = np.rint(np.arange(len(LIDAR.ranges)) / factor).astype(int)
+    outside = source >= len(source)
+
+    def rows(image):
+        moved = image[np.where(outside, 0, source)]
+        moved[outside] = 0
+        return moved
+
+    return rows(radar), rows(occupied)
+
+
+def change_gain(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Change the radar's gain and the curve of its grey values."""
+    gain, gamma = rng.uniform(*GAINS), rng.uniform(*GAMMAS)
+    return np.clip(gain * radar**gamma, 0, 1).astype(radar.dtype), occupied
+
+
+def add_speckle(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Multiply each radar pixel by a random factor around 1."""
+    factor = 1 + SPECKLE * rng.standard_normal(radar.shape)
+    return np.clip(radar * factor, 0, 1).astype(radar.dtype), occupied
+
+
+def drop_azimuths(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Blank a few neighbouring azimuth cells of the radar."""
+    width = rng.integers(1, MOST_DROPPED + 1)
+    first = rng.integers(0, radar.shape[1] - width + 1)
+    changed = radar.copy()
+    changed[:, first : first + width] = 0
+    return changed, occupied
+
+
+def paste_sector(
+    rng: np.random.Generator, radar: Radar, occupied: Occupied, other: Images
+) -> Images:
+    """Replace a sector of both images by that of another item.
+
+    The radar's side lobes end at the sector's borders, which those of a real radar do
+    not.
+    """
+    width = rng.uniform(*SECTORS)
+    first = rng.uniform(-math.pi / 2, math.pi / 2 - width)
+
+    def pasted(image, grid, source):
+        inside = (grid.angles >= first) & (grid.angles < first + width)
+        return np.where(inside[:, None], source, image)
+
+    return pasted(radar, RADAR, other[0]), pasted(occupied, LIDAR, other[1])
+
+
+AUGMENTATIONS: dict[str, Callable[..., Images]] = {
+    "scale": scale_ranges,
+    "turn": rotate,
+    "gain": change_gain,
+    "speckle": add_speckle,
+    "drop": drop_azimuths,
+    "paste": paste_sector,
+}
+
+
+def augmented(
+    item: Batch,
+    rng: np.random.Generator,
+    *,
+    names: Sequence[str],
+    others: Sequence[Batch],
+) -> Batch:
+    """Return an item with each of the named changes, each at a chance of one half.
+
+    Sectors are pasted from `others`.
+    """
+    for name in names:
+        if rng.random() < 0.5:
+            pasted = [others[rng.integers(len(others))]] if name == "paste" else []
+            item = Batch(*AUGMENTATIONS[name](rng, *item, *pasted))
+    return item

@@ -1,1 +1,0 @@
-"""Tasks of `experiments.main`: what each one trains and how it is evaluated."""

@@ -1,0 +1,109 @@
+"""Why a cloud may not be what it looks like, in words."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from jradar.model import Card
+from jradar.radar import Radar, RadarSpec
+from jradar.range_image import STRANGE, UNSURE
+
+if TYPE_CHECKING:
+    from jradar.session.frames import Frame
+
+TOLERANCE = 0.05  # up to which two radars count as alike
+FLAT = (
+    "this radar has one row of antennas and measures no elevation: heights in the "
+    "result are invented by the model"
+)
+NARROW = (
+    "this radar has one column of antennas and measures no azimuth: directions in the "
+    "result are invented by the model"
+)
+UNCALIBRATED = (
+    "The channels of this radar are not calibrated: record a walk over level ground "
+    "for `jradar calibrate --level`"
+)
+
+
+def of_radar(card: Card, radar: RadarSpec) -> Iterator[str]:
+    """Yield why a model may not suit this radar."""
+    if without := blind(radar):
+        yield without
+    trained = [_waveform(seen) for seen in card.radars]
+    differ = [
+        f"{name.format(value)} here, {_span(known)} in training"
+        for name, value in _waveform(radar).items()
+        if (known := [waveform[name] for waveform in trained])
+        and not min(known) * (1 - TOLERANCE) <= value <= max(known) * (1 + TOLERANCE)
+    ]
+    if differ:
+        yield (
+            f"the model was trained on other radars ({card.radar.name}), expect worse "
+            f"clouds: {'; '.join(differ)}"
+        )
+
+
+def blind(radar: RadarSpec) -> str:
+    """Which angle the radar does not measure, in words; "" if it measures both."""
+    if not radar.has_elevation:
+        return FLAT
+    return "" if radar.has_azimuth else NARROW
+
+
+def of_frames(frames: "Sequence[Frame]", radar: Radar) -> Iterator[str]:
+    """Yield what is wrong with some of the frames, one sentence for each fault."""
+    empty = [f.number for f in frames if f.empty]
+    strange = [f.number for f in frames if (f.unlikeness or 0.0) > STRANGE]
+    unsure = [f.number for f in frames if _is_unsure(f)]
+    yield from no_echoes(empty)
+    if strange:
+        yield (
+            f"{_which(strange)} of {len(frames)} {_verb(strange, 'is', 'are')} unlike "
+            f"{100 * STRANGE:.0f} % of the training frames. Is the radar calibrated, "
+            "does it move, does another radar disturb it?"
+        )
+    if unsure:
+        yield (
+            f"do not trust {_which(unsure)} of {len(frames)}: the model expects more "
+            f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
+            "--min-confidence 0.5 keeps the better ones"
+            + ("" if radar.calibrated else f". {UNCALIBRATED}")
+        )
+
+
+def no_echoes(empty: Sequence[int]) -> Iterator[str]:
+    """Yield a warning about the frames in which the detector found nothing."""
+    names = ", ".join(map(str, empty[:5])) + (", .." if empty[5:] else "")
+    which = f"frame {names}" if len(empty) == 1 else f"{len(empty)} frames: {names}"
+    if empty:
+        yield f"no echoes in {which}: the detector found nothing, the clouds are empty"
+
+
+def _is_unsure(frame: "Frame") -> bool:
+    return frame.confidence is not None and frame.confidence < UNSURE
+
+
+def _which(frames: list[int]) -> str:
+    """Name a frame, or count several."""
+    return f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
+
+
+def _verb(frames: list[int], one: str, several: str) -> str:
+    return one if len(frames) == 1 else several
+
+
+def _span(values: list[float]) -> str:
+    """Write the smallest and the largest value, once if they are the same."""
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _waveform(radar: RadarSpec) -> dict[str, float]:
+    """Return what the look of a radar's points depends on, by its words in a note."""
+    return {
+        "range to {:.3g} m": radar.max_range_m,
+        "range bins of {:.3g} m": radar.range_resolution_m,
+        "velocity to {:.3g} m/s": radar.max_velocity_mps,
+        "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
+        "{:.0f} virtual antennas": float(radar.num_virtual),
+    }

@@ -1,0 +1,151 @@
+"""Frames of a recording: those of the library, one by one, lazily, and fused."""
+
+import gc
+import threading
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.errors import UsageError
+from jradar.lidar import Poses
+from jradar.model import condition, enhance, fuse, mixtures
+from jradar.radar import Radar, RadarSpec, calibrate, radar_points
+from jradar.recordings import Recording, Stream
+from jradar.session import enhance_recording, see
+from tests.models import RADAR, echoes, one_pass_model, tiny_model
+
+CUBES = [np.asarray(echoes(seed)) for seed in range(2)]
+MODEL = tiny_model()
+FACTORS = np.exp(1j * np.linspace(0, 3, 12)) * np.linspace(0.5, 1.5, 12)
+UNIT = Radar(RADAR, range_bias_m=0.1).with_factors(FACTORS)
+DRAWING = {"draws": 2, "steps": 2}
+STEP_M = 0.4  # that the radar moves ahead from frame to frame
+
+
+def recording(count, *, radar=UNIT, read=lambda number: CUBES[number % 2]):
+    """Frames at 10 Hz of a radar that moves along x, with its poses."""
+    stamps = 0.1 * np.arange(count)
+    times = np.arange(-1.0, 0.1 * count + 1, 0.1)
+    xyz = np.stack([STEP_M * 10 * times, 0 * times, 0 * times], 1)
+    poses = Poses(times, xyz, np.tile([0.0, 0, 0, 1], (len(times), 1)))
+    cubes = Stream(read, count, stamps)
+    mount = np.eye(4)
+    return Recording(
+        "walk", Path("walk"), radar, cubes, poses=poses, base_from_radar=mount
+    )
+
+
+def workers():
+    """Threads of executors that are alive."""
+    return {t for t in threading.enumerate() if "ThreadPoolExecutor" in t.name}
+
+
+@pytest.fixture(scope="module")
+def stopped():
+    """Two of 40 frames, the numbers that were read, and threads that are left."""
+    before, numbers = workers(), []
+
+    def read(number):
+        numbers.append(number)
+        return CUBES[number % 2]
+
+    walk = recording(40, read=read)
+    frames = enhance_recording(walk, MODEL, seed=3, **DRAWING)
+    taken = [next(frames), next(frames)]
+    times, warnings = frames.times, frames.warnings
+    del frames  # which threads refer to until they have done what was begun
+    end = time.monotonic() + 60
+    while (left := workers() - before) and time.monotonic() < end:
+        gc.collect()
+        time.sleep(0.01)
+    return taken, numbers, left, times, warnings
+
+
+def test_each_frame_is_what_enhance_gives_for_the_same_seed(stopped):
+    for number, frame in enumerate(stopped[0]):
+        cloud, other = (
+            enhance(jax.random.key(seed), CUBES[number], UNIT, MODEL, **DRAWING)
+            for seed in (3, 4)
+        )
+        assert frame.number == number and frame.stamp_s == 0.1 * number
+        np.testing.assert_array_equal(frame.cloud.valid, cloud.valid)
+        np.testing.assert_allclose(frame.cloud.xyz, cloud.xyz, atol=1e-4)
+        np.testing.assert_allclose(frame.cloud.velocity, cloud.velocity, atol=1e-4)
+        assert not np.allclose(cloud.xyz, other.xyz, atol=1e-2)
+
+
+def test_the_channels_and_the_bias_of_a_radar_are_applied_once(stopped):
+    frame = stopped[0][0]
+    np.testing.assert_allclose(
+        frame.samples, calibrate(CUBES[0], UNIT), rtol=1e-5, atol=1e-3
+    )
+    points = MODEL.spec.points.fitted(RADAR)
+    expected = radar_points(CUBES[0], UNIT, points=points)
+    assert expected.valid.any()
+    np.testing.assert_allclose(frame.points.xyz, expected.xyz, atol=1e-3)
+
+
+def test_only_a_few_frames_are_read_ahead(stopped):
+    numbers = stopped[1]
+    assert numbers[0] == 0  # whose samples are checked first
+    assert numbers[1:] == [*range(len(numbers) - 1)]
+    assert 2 <= max(numbers) < 10
+
+
+def test_no_thread_is_left_when_the_caller_stops_early(stopped):
+    assert not stopped[2]
+
+
+def test_every_stage_is_timed_and_warnings_are_about_the_frames_so_far(stopped):
+    _, _, _, times, warnings = stopped
+    assert {"reading", "radar processing", "sampling", "compiling"} <= times.keys()
+    assert min(times.values()) > 0
+    assert not any("frame 2" in warning for warning in warnings)
+
+
+def test_two_frames_are_fused_by_their_poses():
+    model = one_pass_model()
+    frames = enhance_recording(recording(2), model, fuse=2)
+    first, second = frames
+    assert frames.motion == {"poses": 1}
+    points = model.spec.points.fitted(RADAR)
+    conditions = [condition(cube, UNIT, model) for cube in CUBES]
+    newest_first = [
+        (mixtures(image, model), radar_points(cube, UNIT, points=points), image)
+        for image, cube in list(zip(conditions, CUBES, strict=True))[::-1]
+    ]
+    moving = [see(p, image, model, RADAR).moving for _, p, image in newest_first]
+    both = jax.tree.map(lambda *x: jnp.stack(x), *(m for m, *_ in newest_first))
+    poses = np.stack([np.eye(4), np.eye(4)]).astype(np.float32)
+    poses[1, 0, 3] = -STEP_M  # what the older frame saw is nearer now
+    expected = fuse(both, jnp.asarray(poses), model, moving=jnp.stack(moving))
+    np.testing.assert_allclose(second.image.range_m, expected.range_m, atol=1e-3)
+    np.testing.assert_allclose(second.image.confidence, expected.confidence, atol=1e-4)
+    still = fuse(both, jnp.asarray([np.eye(4)] * 2, jnp.float32), model)
+    assert not np.allclose(still.range_m, expected.range_m, atol=1e-2)
+    alone = fuse(jax.tree.map(lambda x: x[1:], both), jnp.eye(4)[None], model)
+    np.testing.assert_allclose(first.image.range_m, alone.range_m, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frames": range(1, 4)}, r"range\(1, 4\): walk has frames 0 to 2"),
+        ({"frames": slice(3, None)}, "walk has frames 0 to 2"),
+        ({"fuse": 2}, "the model answers by diffusion, expected marginal"),
+        ({"least_confidence": 0.5, "draws": 1}, "this model has no confidence"),
+    ],
+)
+def test_what_a_recording_or_a_model_does_not_have_is_refused(options, message):
+    with pytest.raises(UsageError, match=message):
+        enhance_recording(recording(3), MODEL, **options)
+
+
+def test_a_radar_that_measures_one_angle_is_refused_before_anything_is_read():
+    flat = Radar(RadarSpec.awr1642(num_chirps=32, num_samples=64))
+    with pytest.raises(UsageError, match="no elevation.*awr1843.*--anyway"):
+        enhance_recording(recording(3, radar=flat, read=None), MODEL)
