@@ -12,11 +12,17 @@ chirps are disturbed, in all receivers at once:
 
 In the spectrum, such a burst lies over all ranges and velocities, as noise does. Echoes
 fill all samples and few cells. `excise_interference` takes the cells far over the floor
-as the echoes, compares what is left of each sample with its median over chirps, and
-puts the echoes alone where a sample stands out. It repeats this with lower thresholds,
-because the floor falls with each pass. Sources: iteration with an adaptive threshold,
-Bechter, Roos, Rahman & Waldschmidt (2017); median over slow time, Wagner, Sulejmani,
-Melzer, Meissner & Huemer (2018).
+as the echoes, compares what is left of each sample with what is usual, and puts the
+echoes alone where a sample stands out. It repeats this with lower thresholds, because
+the floor falls with each pass.
+
+What is usual is the median over chirps, or over the samples of the chirp if that is
+more: strong echoes are not known well at the edges of the frame, where the windows are
+low, and what is left of them there is not interference. A burst may fill a chirp, but
+seldom also the one as far from the other end, whose median counts if it is less.
+
+Sources: iteration with an adaptive threshold, Bechter, Roos, Rahman & Waldschmidt
+(2017); median over slow time, Wagner, Sulejmani, Melzer, Meissner & Huemer (2018).
 
 A radar whose chirps keep step with the own ones, so that a burst lies in the same
 sample of most chirps, is not found.
@@ -36,7 +42,12 @@ from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 
-PASSES = (16.0, 4.0, 1.0)  # factors on the threshold: the strongest bursts come first
+PASSES = (
+    8.0,
+    2.0,
+    1.0,
+    1.0,
+)  # factors on the threshold: the strongest bursts come first
 ECHO = 6.0  # power over the median cell from which a cell counts as an echo
 SURE = 0.2  # window's weight below which the echoes are not known well
 QUANTISED = 1e-10  # share of the power that is an ADC's rounding, with 16 bits or fewer
@@ -165,8 +176,9 @@ def excise_interference(
     """Replace samples that a crossing chirp disturbs; return also which they are.
 
     A sample is disturbed if its power without the echoes, summed over receivers,
-    exceeds the median over all chirps by a factor that noise exceeds at
-    `false_alarm_rate`; so are its two neighbours. All others are returned bit for bit.
+    exceeds the median over all chirps, and that over the samples of its chirp, by a
+    factor that noise exceeds at `false_alarm_rate`; so are its two neighbours. All
+    others are returned bit for bit.
     A frame of one chirp has no median over chirps, and is returned as it is.
     """
     cube = as_samples(cube)
@@ -182,23 +194,28 @@ def excise_interference(
         echoes = _echoes(cleaned * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight[..., 0, :, :] ** 2
-        usual = _median(power, (-3, -2)) + quantised
+        usual = jnp.maximum(_median(power, (-3, -2)) + quantised, _at_edges(power))
         return echoes, power / (usual * unsure)
 
-    def excise(state, times):
-        echoes, ratio = left_over(state[0])
+    def excise(found, times):
+        echoes, ratio = found
         disturbed = _with_neighbours(ratio > times)
         echoes = echoes / jnp.maximum(weight, SURE / 10)
-        return (jnp.where(disturbed[..., None, :, :], echoes, cube), disturbed), None
+        return jnp.where(disturbed[..., None, :, :], echoes, cube), disturbed
 
+    first = left_over(cube)
     untouched = cube, jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
     times = jnp.asarray(factor * np.array(PASSES), cube.real.dtype)
+
+    def all_passes():
+        def again(state, times):
+            return excise(left_over(state[0]), times), None
+
+        return jax.lax.scan(again, excise(first, times[0]), times[1:])[0]
+
     # Where nothing exceeds the last threshold, the lowest, no pass finds anything.
-    return jax.lax.cond(
-        (left_over(cube)[1] > times[-1]).any(),
-        lambda: jax.lax.scan(excise, untouched, times)[0],
-        lambda: untouched,
-    )
+    found = (first[1] > times[-1]).any()
+    return jax.lax.cond(found, all_passes, lambda: untouched)
 
 
 def _taper(chirps, samples):
@@ -214,6 +231,12 @@ def _echoes(cube):
     floor = _median(power, (-2, -1))
     spectrum = jnp.where(power > ECHO * floor, spectrum, 0)
     return jnp.fft.ifft2(spectrum) if is_complex else jnp.fft.irfft2(spectrum, s=size)
+
+
+def _at_edges(power):
+    """What strong echoes leave in each chirp, alike at both ends of the frame."""
+    each = _median(power, (-3, -1))
+    return jnp.minimum(each, each[..., ::-1, :])
 
 
 def _median(power, axes):
