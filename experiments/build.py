@@ -204,22 +204,15 @@ def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
     )
 
 
-def build_loss(
-    loss: ConfigDict, *, method: str = "diffusion"
-) -> Callable[..., jax.Array]:
-    """Return the training loss: Eq. 12 with the config's weights.
+def build_loss(loss: ConfigDict, *, method: str) -> Callable[..., jax.Array]:
+    """Return the training loss of a method of answering, with the config's weights."""
+    if method not in LOSSES:
+        raise UsageError(f"{method=}, expected one of {[*LOSSES]}")
+    return LOSSES[method](loss)
 
-    LPIPS is loaded if its weight is not 0. The method "regression" has the squared
-    error alone, "marginal" the likelihood.
-    """
-    if method == "marginal":
-        return diffusion.mixture_loss
-    if method == "regression":
-        return functools.partial(
-            diffusion.regression_loss, range_weight=loss.range_weight
-        )
-    if method != "diffusion":
-        raise UsageError(f"{method=}, expected diffusion, regression or marginal")
+
+def _denoising_loss(loss):
+    """Eq. 12. LPIPS is loaded if its weight is not 0."""
     weights = dict(loss)
     network, masked = weights.pop("perceptual_network"), weights.pop("mask_misses")
     perceptual = None
@@ -242,3 +235,16 @@ def build_loss(
         )
 
     return denoising
+
+
+def _regression_loss(loss):
+    """The squared error alone."""
+    options = {"range_weight": loss.range_weight}
+    return functools.partial(diffusion.regression_loss, **options)
+
+
+LOSSES = {  # of each method of `jradar.model`, from the config's section `loss`
+    "diffusion": _denoising_loss,
+    "regression": _regression_loss,
+    "marginal": lambda loss: diffusion.mixture_loss,
+}

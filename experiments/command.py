@@ -9,7 +9,7 @@ from jradar.errors import UsageError, check_platform, exit_code, sigterm_raises
 
 
 def exit_code_of(run: Callable[[], int | None]) -> int:
-    """Run, print an error that the user can mend, and return the exit code."""
+    """Run, print an error that the user can fix, and return the exit code."""
     try:
         with sigterm_raises():
             return run() or 0

@@ -2,7 +2,7 @@ r"""The confidence of a model, made to hold on frames that it was not trained on
 
     python -m experiments.confidence jradar-sim RECORDS [RECORDS ...] -o FOLDER
 
-A point is right if the LiDAR has one within 0.2 m. `with_calibration` fits the
+A point is right if the LiDAR has one within 0.2 m. `with_confidence` fits the
 calibration to the points of validation frames, and chooses the least confidence that a
 point must have: the lowest whose mean F-score is within 1.5 points of the best.
 
@@ -27,8 +27,7 @@ from experiments.command import run_study
 from experiments.evaluate import spread
 from jradar import data
 from jradar.errors import UsageError
-from jradar.evaluation import near_truth
-from jradar.metrics import compare_on_host
+from jradar.evaluation import near_truth, score_points
 from jradar.model import Model, draw, load_model, save_model
 from jradar.range_image import (
     IDENTITY,
@@ -137,9 +136,7 @@ def least_confidence(frames: Sequence[Judged]) -> float:
 def _f_score(frame: Judged, least: float) -> float:
     """The F-score at 0.2 m of the points of at least this confidence."""
     kept = frame.xyz[frame.confidence >= least]
-    if not len(kept):
-        return 0.0
-    return float(compare_on_host(kept, frame.truth).f_score[1])
+    return score_points(kept, frame.truth)["f_score_0.2"]
 
 
 if __name__ == "__main__":

@@ -9,9 +9,8 @@ import numpy as np
 
 from experiments.evaluate import Frame, View, points_of, spread
 from jradar import data
-from jradar.evaluation import Method
+from jradar.evaluation import Method, score_points
 from jradar.lidar import shared_field_of_view
-from jradar.metrics import compare_on_host
 from jradar.radar import DETECTORS, Radar, cell_points, detect
 from jradar.types import PointCloud
 
@@ -94,8 +93,6 @@ def best_choice(
 
 
 def f_score(cloud: PointCloud, prepared: data.PreparedFrame) -> float:
-    """Return the F-score at 0.2 m against a frame's LiDAR; 0 if a cloud is empty."""
-    xyz, truth = points_of(cloud), prepared.lidar_xyz
-    if not len(xyz) or not len(truth):
-        return 0.0
-    return float(compare_on_host(xyz, truth).f_score[1])
+    """Return the F-score at 0.2 m against a frame's LiDAR; 0 if one has no points."""
+    scores = score_points(points_of(cloud), prepared.lidar_xyz)
+    return float(np.nan_to_num(scores["f_score_0.2"]))

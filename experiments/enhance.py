@@ -43,7 +43,10 @@ from jradar.range_image.trust import LEAST_FRAMES
 
 FRAMES_IN_FIGURE = 4
 FRAMES_FOR_TRUST = 1200
-ONE_ANSWER = {"regression": "direct regression", "marginal": "jradar, one pass"}
+ONE_ANSWER = {  # rows of methods that draw no samples, if not "jradar, METHOD"
+    "regression": "direct regression",
+    "marginal": "jradar, one pass",
+}
 
 
 def check(config: ConfigDict) -> None:
@@ -163,7 +166,7 @@ def validate(
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
-    """Score the workdir's model beside the detectors: tables, pictures, a report."""
+    """Score the workdir's model and the detectors: tables, pictures, a report."""
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)
@@ -196,8 +199,8 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
 
 def model_methods(config: ConfigDict, model: Model) -> dict[str, Method]:
     """Return the rows of a model in the tables, the quickest first."""
-    if model.spec.method in ONE_ANSWER:
-        return {ONE_ANSWER[model.spec.method]: drawn(model)}
+    if (method := model.spec.method) != "diffusion":
+        return {ONE_ANSWER.get(method, f"jradar, {method}"): drawn(model)}
     sampling, solver = config.sampling, build.build_solver(config)
     methods = {
         "one-step estimate": drawn(model, draws=1, steps=1, temperature=1.0),

@@ -7,17 +7,16 @@ a dictionary of methods on records, and writes
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from matplotlib.figure import Figure
 
-from experiments.tables import known_mean
 from jradar import data, evaluation, viz
 from jradar.evaluation import Method
-from jradar.metrics import compare_on_host
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
 from jradar.range_image import ImageSpec, unproject
@@ -107,17 +106,20 @@ def mean_scores(
     By the rule of the tables, an empty cloud has no distance and an F-score of 0;
     `empty` is the share of such frames. A frame with an empty truth is left out.
     """
-    rows = [
-        (points_of(cloud), frame.lidar_xyz)
-        for cloud, frame in zip(clouds, frames, strict=True)
-        if len(frame.lidar_xyz)
-    ]
-    scores = [compare_on_host(found, truth) for found, truth in rows]
+    pairs = zip(map(points_of, clouds), frames, strict=True)
+    found = [(xyz, frame.lidar_xyz) for xyz, frame in pairs if len(frame.lidar_xyz)]
+    scores = [evaluation.score_points(xyz, truth) for xyz, truth in found]
     return {
-        "chamfer": known_mean(score.chamfer for score in scores),
-        "f_score_0.2": known_mean(np.nan_to_num(score.f_score[1]) for score in scores),
-        "empty": known_mean(not len(found) for found, _ in rows),
+        "chamfer": known_mean(score["chamfer"] for score in scores),
+        "f_score_0.2": known_mean(score["f_score_0.2"] for score in scores),
+        "empty": known_mean(not len(xyz) for xyz, _ in found),
     }
+
+
+def known_mean(values: Iterable[float]) -> float:
+    """Return the mean of the values that are not NaN, or NaN if there is none."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else np.nan
 
 
 def write_results(
@@ -134,7 +136,6 @@ def write_results(
 
     The report shows the clouds of some frames, spread over all of them.
     """
-    out = workdir / "evaluation"
     scored = [i for index in _scored(records, every).values() for i in index]
     shown = [scored[i] for i in spread(len(scored), CLOUDS_IN_REPORT)]
     drawn: dict[tuple[int, str], PointCloud] = {}
@@ -152,17 +153,8 @@ def write_results(
 
         return call
 
-    rows = score_records(
-        key,
-        view,
-        records,
-        pairs,
-        {name: watched(name, method) for name, method in methods.items()},
-        every=every,
-    )
-    evaluation.write_scores(out / "frames.jsonl", rows)
-    evaluation.write_tables(out / "frames.jsonl")
-
+    calls = {name: watched(name, method) for name, method in methods.items()}
+    rows = [*score_records(key, view, records, pairs, calls, every=every)]
     clouds = {}
     for i in shown:
         sequence, frame = records.where[i]
@@ -172,11 +164,27 @@ def write_results(
             **{name: with_confidence(drawn[i, name]) for name in methods},
             "LiDAR": np.asarray(prepared.lidar_xyz),
         }
+    report = write_report(workdir, rows, clouds, {"samples": _samples(clouds, view)})
+    print(f"{evaluation.overview(rows)}\nreport: {report}")
+
+
+def write_report(
+    workdir: Path,
+    rows: Iterable[dict[str, Any]],
+    clouds: Mapping[tuple[str, str, int], Mapping[str, np.ndarray]],
+    figures: Mapping[str, Figure],
+) -> Path:
+    """Write scores, their tables, clouds and figures, and return the report's path.
+
+    `clouds` are by scene, sequence and frame, and by name.
+    """
+    out = workdir / "evaluation"
+    evaluation.write_scores(out / "frames.jsonl", rows)
+    evaluation.write_tables(out / "frames.jsonl")
     evaluation.save_clouds(out / "clouds.npz", clouds)
-    viz.save_figure(_samples(clouds, view), out / "samples.png")
-    report = evaluation.build_report(workdir)
-    scores = evaluation.read_scores(out / "frames.jsonl")
-    print(f"{evaluation.overview(scores)}\nreport: {report}")
+    for name, figure in figures.items():
+        viz.save_figure(figure, out / f"{name}.png")
+    return evaluation.build_report(workdir)
 
 
 def score_records(
@@ -204,7 +212,7 @@ def score_records(
         for number, (sequence, index) in enumerate(scored.items()):
             rows = evaluation.score_frames(
                 jax.random.fold_in(key, number),
-                _Frames(records, pairs, index),
+                (Frame(records[i], pairs[i]) for i in index),
                 methods,
                 truths=truths,
                 scene=scene_of(sequence),
@@ -223,19 +231,6 @@ def _scored(records: data.Records, every: int) -> dict[str, list[int]]:
     for i, (sequence, _) in enumerate(records.where):
         found.setdefault(sequence, []).append(i)
     return {sequence: index[::every] for sequence, index in found.items()}
-
-
-class _Frames:
-    """Some frames of one sequence."""
-
-    def __init__(self, records, pairs, index):
-        self._records, self._pairs, self._index = records, pairs, index
-
-    def __len__(self):
-        return len(self._index)
-
-    def __getitem__(self, i):
-        return Frame(self._records[self._index[i]], self._pairs[self._index[i]])
 
 
 def _samples(clouds, view: View):

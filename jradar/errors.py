@@ -11,10 +11,12 @@
 
 import contextlib
 import errno
+import importlib
 import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 
 class UsageError(ValueError):
@@ -94,6 +96,17 @@ def check_platform() -> None:
             f"JAX_PLATFORMS={wanted}, but JAX finds no such device: install its "
             "driver and plug-in (jradar[cuda]), or unset the variable"
         ) from error
+
+
+def optional(module: str, *, need: str, extra: str) -> Any:
+    """Return a module of a package that an extra of jradar installs.
+
+    `need` says what for, such as "bags need rosbags", in the ImportError without it.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ImportError(f"{need}: pip install 'jradar[{extra}]'") from error
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ import dataclasses
 import difflib
 import errno
 import fcntl
+import functools
 import glob
 import json
 import os
@@ -14,8 +15,9 @@ import shutil
 import stat
 import typing
 from collections.abc import Callable, Iterator, Mapping
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from jradar.errors import UsageError, parsing
 
@@ -24,6 +26,7 @@ MAX_JSON_BYTES = 64 << 20
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text"}
 LOCK, REPLACED = ".lock", ".replaced"  # in a scratch folder: its lock, the old folder
+LIST, HEAD = ".jradar", "# jradar"  # of what was written into a folder
 
 
 class FolderLocked(OSError):
@@ -34,16 +37,20 @@ class FolderLocked(OSError):
 def lock_folder(folder: Path | str) -> Iterator[None]:
     """Lock a folder, created if missing.
 
-    Raises FolderLocked, with the other process's number, if another one has locked it.
+    Raises FolderLocked, with the other process's number, if another one has locked it,
+    and UsageError for a `.lock` that holds anything but a process's number.
     """
     path = Path(folder) / ".lock"
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a+") as lock:
+    with path.open("a+", encoding="utf-8", errors="replace") as lock:
+        lock.seek(0)
+        holder = lock.read(20).strip()
+        if holder and not holder.isdecimal():
+            raise UsageError(f"{path} is not a lock of jradar: choose another folder")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            lock.seek(0)
-            holder = lock.read(20).strip() or "unknown"
+            holder = holder or "unknown"
             raise FolderLocked(
                 f"another process ({holder}) is running in {folder}: wait for it, or "
                 "choose another folder"
@@ -81,7 +88,8 @@ def atomic_folder(folder: Path | str, *, marker: str) -> Iterator[Path]:
 
     `marker` is the file by which folders of this kind are recognised; the caller writes
     it. An empty folder and one with the marker are replaced, missing parents are
-    created. Raises UsageError for a folder with other contents, and for a file.
+    created. Raises UsageError for a folder with other contents, or to which somebody
+    has added a file, and for a file.
     """
     folder = Path(folder)
 
@@ -94,14 +102,28 @@ def atomic_folder(folder: Path | str, *, marker: str) -> Iterator[Path]:
                 f"{folder} holds {', '.join(names[:3])}{' ..' if names[3:] else ''} "
                 f"but no {marker}, so jradar did not write it: choose another name"
             )
+        if (folder / LIST).is_file():
+            known = read_text(folder / LIST, limit=MAX_JSON_BYTES).splitlines()
+            for name in sorted({*_files(folder)} - {*known, LIST}):
+                raise UsageError(
+                    f"{folder / name} was not written by jradar: move it out of this "
+                    "folder, or choose another name"
+                )
 
     with _scratch(folder, refuse_others) as scratch:
         scratch.mkdir()
         yield scratch
+        (scratch / LIST).write_text("\n".join([HEAD, *_files(scratch), ""]))
         refuse_others()
         if folder.exists():
             os.replace(folder, scratch.parent / REPLACED)
         os.replace(scratch, folder)
+
+
+def _files(folder: Path) -> list[str]:
+    """Return the names of all files in a folder and below."""
+    found = (path for path in folder.rglob("*") if path.is_symlink() or path.is_file())
+    return sorted(path.relative_to(folder).as_posix() for path in found)
 
 
 def remove_leftovers(path: Path | str) -> None:
@@ -181,7 +203,7 @@ def write_text(path: Path | str, text: str) -> None:
         scratch.write_text(text, encoding="utf-8")
 
 
-def open_file(path: Path | str, *, limit: int | None = None) -> BinaryIO:
+def open_file(path: Path | str, *, limit: int | None = None) -> BufferedReader:
     """Open a file for reading bytes.
 
     Raises UsageError for a pipe or a device, which may never answer or never end, and
@@ -249,11 +271,11 @@ def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
             raise ValueError(f"unknown field {name!r}, expected {near[0]}")
         if dataclasses.is_dataclass(kinds[name]) and isinstance(value, dict):
             typed = typed_fields(kinds[name], value)
-            default = getattr(spec, name, None)  # what the table leaves out
-            known = isinstance(default, kinds[name])
-            fields[name] = (
-                dataclasses.replace(default, **typed) if known else kinds[name](**typed)
-            )
+            make: Callable[..., Any] = kinds[name]
+            default: Any = getattr(spec, name, None)  # has what the table leaves out
+            if isinstance(default, kinds[name]):
+                make = functools.partial(dataclasses.replace, default)
+            fields[name] = make(**typed)
             continue
         try:
             fields[name] = _converted(value, kinds[name])

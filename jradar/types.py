@@ -18,8 +18,10 @@ Frames are x forward, y left, z up, in metres. Velocities are positive when the 
 recedes.
 """
 
+import math
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -55,6 +57,28 @@ class PointCloud(NamedTuple):
             )
         valid = jnp.isfinite(xyz).all(-1) & (xyz != 0).any(-1)
         return cls(jnp.where(valid[..., None], xyz, 0.0), valid)
+
+    @jax.jit
+    def within(
+        self,
+        *,
+        min_range_m: float = 0.0,
+        max_range_m: float = math.inf,
+        max_azimuth: float = math.pi,
+        max_elevation: float = math.pi / 2,
+    ) -> "PointCloud":
+        """Return the cloud in which points beyond these limits are not valid.
+
+        Angles are in radians, to either side of straight ahead.
+        """
+        x, y, z = jnp.moveaxis(self.xyz, -1, 0)
+        ground = jnp.hypot(x, y)
+        distance, elevation = jnp.hypot(ground, z), jnp.arctan2(z, ground)
+        kept = (distance >= min_range_m) & (distance <= max_range_m)
+        kept &= (abs(jnp.arctan2(y, x)) <= max_azimuth) & (
+            abs(elevation) <= max_elevation
+        )
+        return self._replace(valid=self.valid & kept)
 
 
 def check_one_cloud(cloud: PointCloud, function: str) -> None:

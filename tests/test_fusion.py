@@ -20,157 +20,129 @@ from jradar.range_image import (
     unproject,
 )
 from jradar.types import PointCloud
+from tests.models import CONDITION_SHAPE, tiny_model
 
 VIEW = {
     "azimuth": (-math.pi / 3, math.pi / 3),
     "elevation": (-math.pi / 9, math.pi / 9),
     "max_range_m": 12.0,
 }
-FINE = ImageSpec(16, 64, **VIEW)
-SPEC = dataclasses.replace(
-    load_model("jradar-sim").spec,
-    fine=FINE,
-    coarse=ImageSpec(8, 8, **VIEW),
-)
+FINE, COARSE = ImageSpec(16, 64, **VIEW), ImageSpec(8, 8, **VIEW)
+SPEC = dataclasses.replace(load_model("jradar-sim").spec, fine=FINE, coarse=COARSE)
 MODEL = Model({}, SPEC, confidence=ConfidenceTable.of((0.0, 1.0), least=0.3))
 STILL = np.eye(4, dtype=np.float32)
+UNIT = np.asarray(unproject(jnp.ones(FINE.shape), FINE).xyz)  # directions of pixels
+AZIMUTH = np.arctan2(UNIT[:, 1], UNIT[:, 0])[: FINE.width]
+WALKER = (slice(4, 12), slice(40, 48))  # pixels
 
 
 def frame_of(range_m, other_m=None, share=0.0, returned=6.0):
     """A frame that is nearly sure of a range, or of two with shares."""
-    ranges = jnp.asarray(range_m, jnp.float32)
-    second = ranges if other_m is None else jnp.asarray(other_m, jnp.float32)
-    code = [encode_range(r, max_range_m=12.0) for r in (ranges, second)]
-    weight = jnp.broadcast_to(jnp.asarray([1 - share, share]), (*ranges.shape, 2))
+    both = np.float32([range_m, range_m if other_m is None else other_m])
+    code = encode_range(jnp.asarray(both), max_range_m=12.0)
+    weight = np.broadcast_to(np.float32([1 - share, share]), (*FINE.shape, 2))
     return RangeMixture(
-        jnp.where(ranges > 0, returned, -30.0),
-        weight,
-        jnp.stack(code, -1),
-        jnp.full((*ranges.shape, 2), 2e-3),
+        jnp.where(both[0] > 0, returned, -30.0),
+        jnp.asarray(weight),
+        jnp.moveaxis(code, 0, -1),
+        jnp.full((*FINE.shape, 2), 2e-3),
     )
 
 
-def stack(*frames):
-    return jax.tree.map(lambda *values: jnp.stack(values), *frames)
+def fused(frames, *poses, **options):
+    """Frames, newest first, of a radar at these places, by default at rest."""
+    poses = np.stack([STILL, *poses, *[STILL] * (len(frames) - 1 - len(poses))])
+    stacked = jax.tree.map(lambda *values: jnp.stack(values), *frames)
+    return fuse(stacked, jnp.asarray(poses), MODEL, **options)
 
 
-def poses(*shifts):
-    found = np.tile(STILL, (len(shifts), 1, 1))
-    found[:, :3, 3] = shifts
-    return jnp.asarray(found)
+def moved(x_m):
+    """The pose of a radar that stood behind the present one, `x_m` < 0."""
+    pose = STILL.copy()
+    pose[0, 3] = x_m
+    return pose
 
 
 def wall(x_m):
     """The range image of a wall across the view, at x."""
-    unit = np.asarray(unproject(jnp.ones(FINE.shape), FINE).xyz)
-    return jnp.asarray((x_m / unit[:, 0]).reshape(FINE.shape), jnp.float32)
+    return (x_m / UNIT[:, 0]).reshape(FINE.shape).astype("float32")
 
 
-def test_one_frame_answers_as_draw_does():
+def test_one_frame_and_three_alike_answer_as_draw_does():
     frame = frame_of(wall(4.0), wall(6.0), share=0.4)
-    one = fuse(stack(frame), poses((0, 0, 0)), MODEL)
-    alone = likeliest_range(frame, SPEC)
+    alone, one = likeliest_range(frame, SPEC), fused([frame])
     np.testing.assert_allclose(one.range_m, alone.range_m, rtol=1e-4)
     np.testing.assert_allclose(one.confidence, alone.confidence, atol=1e-5)
-
-
-def test_a_doubt_of_the_present_frame_is_settled_by_earlier_ones():
-    present = frame_of(wall(6.0), wall(4.0), share=0.45)  # the wall is at 4 m
-    past = [frame_of(wall(4.0 + step)) for step in (0.3, 0.6)]  # farther behind
-    found = fuse(
-        stack(present, *past), poses((0, 0, 0), (-0.3, 0, 0), (-0.6, 0, 0)), MODEL
-    )
-    truth = np.asarray(wall(4.0))
-    middle = np.abs(np.asarray(found.range_m) - truth)[:, 8:-8]
-    assert np.mean(middle < 0.1) > 0.95
-    still = fuse(stack(present, *past), poses(*[(0, 0, 0)] * 3), MODEL)
-    wrong = np.abs(np.asarray(still.range_m) - truth)[:, 8:-8]
-    assert np.mean(wrong < 0.1) < 0.2  # without the motion nothing agrees
-
-
-def test_a_turn_moves_the_view_and_what_left_it_counts_no_frame():
-    turn = np.deg2rad(20)
-    pose = STILL.copy()
-    pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    here = wall(5.0)
-    xyz = np.asarray(unproject(here, FINE).xyz) @ pose[:3, :3]  # in the past frame
-    there = project(PointCloud(jnp.asarray(xyz), jnp.ones(len(xyz), bool)), FINE)
-    past, present = frame_of(there), frame_of(here, returned=0.4)
-    both = jnp.stack([jnp.asarray(STILL), jnp.asarray(pose)])
-    found = fuse(stack(present, past), both, MODEL)
-    alone = fuse(stack(present), poses((0, 0, 0)), MODEL)
-    gained = np.asarray(found.confidence - alone.confidence)
-    seen = np.asarray(pixel_azimuths()) > np.deg2rad(-35)
-    assert np.median(gained[:, seen]) > 0.1
-    unseen = np.asarray(pixel_azimuths()) < np.deg2rad(-42)
-    np.testing.assert_allclose(gained[:, unseen], 0, atol=1e-5)
-
-
-def pixel_azimuths():
-    xyz = np.asarray(unproject(jnp.ones(FINE.shape), FINE).xyz)
-    azimuth = np.arctan2(xyz[:, 1], xyz[:, 0]).reshape(FINE.shape)
-    return azimuth[0]
-
-
-def test_a_mover_is_kept_from_the_present_frame_and_leaves_no_trail():
-    here = np.asarray(wall(5.0)).copy()
-    before = here.copy()
-    here[4:12, 40:48], before[4:12, 20:28] = 3.0, 3.0  # it walked to the right
-    frames = stack(frame_of(here), frame_of(before))
-    moving = np.zeros((2, *FINE.shape), bool)
-    moving[0, 4:12, 40:48] = moving[1, 4:12, 20:28] = True
-    found = fuse(frames, poses(*[(0, 0, 0)] * 2), MODEL, moving=jnp.asarray(moving))
-    np.testing.assert_allclose(found.range_m, here, rtol=1e-3)
-    assert np.asarray(found.confidence)[4:12, 40:48].min() > 0.9
-    blind = fuse(frames, poses(*[(0, 0, 0)] * 2), MODEL)
-    assert np.asarray(blind.confidence)[4:12, 40:48].max() < 0.6
-
-
-def test_three_frames_of_a_radar_that_stands_still_are_as_sure_as_one():
-    frame = frame_of(wall(4.0), wall(6.0), share=0.4)
-    one = fuse(stack(frame), poses((0, 0, 0)), MODEL)
-    three = fuse(stack(frame, frame, frame), poses(*[(0, 0, 0)] * 3), MODEL)
+    three = fused([frame, frame, frame])
     # A pixel's centre lies in its own pixel, also after the way there and back.
     np.testing.assert_allclose(three.confidence, one.confidence, atol=1e-3)
     np.testing.assert_allclose(three.range_m, one.range_m, atol=0.02)
 
 
+def test_a_doubt_of_the_present_frame_is_settled_by_earlier_ones():
+    present = frame_of(wall(6.0), wall(4.0), share=0.45)  # the wall is at 4 m
+    past = [frame_of(wall(4.0 + step)) for step in (0.3, 0.6)]  # farther behind
+    for poses, least, most in (
+        ((moved(-0.3), moved(-0.6)), 0.95, 1.0),
+        ((STILL, STILL), 0.0, 0.2),  # without the motion nothing agrees
+    ):
+        found = np.asarray(fused([present, *past], *poses).range_m)
+        right = np.abs(found - wall(4.0))[:, 8:-8] < 0.1
+        assert least <= right.mean() <= most
+
+
+def test_a_rotation_moves_the_view_and_what_left_it_counts_no_frame():
+    angle = np.deg2rad(20)
+    pose = STILL.copy()
+    pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    here = wall(5.0)
+    xyz = np.asarray(unproject(here, FINE).xyz) @ pose[:3, :3]  # in the past frame
+    there = project(PointCloud(jnp.asarray(xyz), jnp.ones(len(xyz), bool)), FINE)
+    past, present = frame_of(np.asarray(there)), frame_of(here, returned=0.4)
+    both, alone = fused([present, past], pose), fused([present])
+    gained = np.asarray(both.confidence) - np.asarray(alone.confidence)
+    assert np.median(gained[:, np.deg2rad(-35) < AZIMUTH]) > 0.1
+    np.testing.assert_allclose(gained[:, np.deg2rad(-42) > AZIMUTH], 0, atol=1e-5)
+
+
+def test_a_mover_is_kept_from_the_present_frame_and_leaves_no_trail():
+    here, before = wall(5.0), wall(5.0)
+    trail = (WALKER[0], slice(20, 28))  # it walked to the right
+    here[WALKER], before[trail] = 3.0, 3.0
+    frames = [frame_of(here), frame_of(before)]
+    moving = np.zeros((2, *FINE.shape), bool)
+    moving[0][WALKER] = moving[1][trail] = True
+    found = fused(frames, moving=jnp.asarray(moving))
+    np.testing.assert_allclose(found.range_m, here, rtol=1e-3)
+    assert np.asarray(found.confidence)[WALKER].min() > 0.9
+    assert np.asarray(fused(frames).confidence)[WALKER].max() < 0.6
+
+
 def test_a_frame_without_a_pose_is_left_out():
     present, other = frame_of(wall(4.0), returned=0.5), frame_of(wall(7.0))
-    alone = fuse(stack(present), poses((0, 0, 0)), MODEL)
-    unknown = poses((0, 0, 0), (np.nan, 0, 0))
-    for pose in (unknown, unknown.at[1].set(np.nan)):
-        found = fuse(stack(present, other), pose, MODEL)
+    alone = fused([present])
+    for unknown in (moved(np.nan), STILL * np.nan):
+        found = fused([present, other], unknown)
         np.testing.assert_allclose(found.range_m, alone.range_m, rtol=1e-5)
         np.testing.assert_allclose(found.confidence, alone.confidence, rtol=1e-5)
 
 
 def test_pixels_whose_doppler_differs_from_a_world_at_rest_move():
-    frame = frame_of(wall(5.0))
-    cloud = unproject(wall(5.0), FINE)
-    velocity = jnp.array([1.2, 0.3, 0.0])
-    away = cloud.xyz / jnp.linalg.norm(cloud.xyz, axis=1)[:, None]
-    walker = jnp.arange(len(cloud.xyz)).reshape(FINE.shape)[4:12, 40:48].ravel()
-    doppler = (-away @ velocity).at[walker].add(1.5)
+    frame, cloud = frame_of(wall(5.0)), unproject(wall(5.0), FINE)
+    velocity = np.array([1.2, 0.3, 0.0], "float32")
+    marked = np.zeros(FINE.shape, bool)
+    marked[WALKER] = True
+    doppler = -UNIT @ velocity + 1.5 * marked.ravel()
     for unambiguous, speed in ((None, doppler), (2.0, (doppler + 2) % 4 - 2)):
-        moving = moving_pixels(
-            frame,
-            cloud._replace(velocity=speed, power=jnp.ones(len(speed))),
-            velocity,
-            SPEC,
-            unambiguous_mps=unambiguous,
-        )
-        marked = np.zeros(FINE.shape, bool)
-        marked[4:12, 40:48] = True
-        assert np.mean(np.asarray(moving)[marked]) > 0.7
-        assert np.mean(np.asarray(moving)[:, :32]) < 0.02
-    unknown = cloud._replace(velocity=doppler, power=jnp.ones(len(doppler)))
-    assert not moving_pixels(frame, unknown, velocity * jnp.nan, SPEC).any()
+        seen = cloud._replace(velocity=jnp.asarray(speed), power=jnp.ones(len(speed)))
+        options = {"unambiguous_mps": unambiguous}
+        moving = np.asarray(moving_pixels(frame, seen, velocity, SPEC, **options))
+        assert moving[marked].mean() > 0.7 and moving[:, :32].mean() < 0.02
+    assert not moving_pixels(frame, seen, velocity * np.nan, SPEC, **options).any()
 
 
 def test_a_diffusion_model_and_missing_poses_are_refused():
     with pytest.raises(UsageError, match="expected 'marginal'"):
-        mixtures(jnp.zeros((64, 64, 24)), load_model("jradar-sim-diffusion"))
-    frame = frame_of(wall(4.0))
+        mixtures(jnp.zeros(CONDITION_SHAPE), tiny_model())
     with pytest.raises(ValueError, match="one for each frame"):
-        fuse(stack(frame, frame), poses((0, 0, 0)), MODEL)
+        fused([frame_of(wall(4.0))], STILL)

@@ -7,57 +7,46 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import (
-    PREDICTIONS,
-    NoiseSpec,
-    RangeMixture,
-    UNet,
-    mixture_mass,
-)
+from jradar.diffusion import RangeMixture, mixture_mass
 from jradar.model import draw, enhance
 from jradar.model.methods import likeliest_range
-from jradar.radar import Radar, Scatterers, simulate_cube
-from jradar.range_image import ConfidenceTable, ImageSpec, encode_range, frequency
-from tests.models import RADAR, SPEC, tiny_model
+from jradar.radar import Radar
+from jradar.range_image import ConfidenceTable, encode_range, frequency
+from tests.models import CONDITION_SHAPE, RADAR, SPEC, echoes, one_pass_model
 
-MARGINAL = tiny_model(
-    method="marginal",
-    network=UNet(
-        channels=8, multipliers=(1,), blocks=1, attention_levels=(), outputs=14
-    ),
-    noise=NoiseSpec(sigma_data=0.7, prediction=PREDICTIONS["mixture"]),
-    confidence=ConfidenceTable.of((0.0, 1.0), least=0.0),
-)
-SOME = jnp.zeros((8, 8, 12)).at[3, 4, 5].set(1.0)
+MARGINAL = one_pass_model()
+KEY = jax.random.key(0)
+SOME = jnp.zeros(CONDITION_SHAPE).at[3, 4, 5].set(1.0)
 
 
 def mixtures(count):
     """Random mixtures of `count` pixels."""
     rng = np.random.default_rng(0)
-    return RangeMixture(
-        jnp.asarray(rng.normal(size=(1, count)), jnp.float32),
-        jnp.asarray(rng.dirichlet(np.ones(4), (1, count)), jnp.float32),
-        jnp.asarray(rng.uniform(-0.6, 0.9, (1, count, 4)), jnp.float32),
-        jnp.asarray(np.exp(rng.uniform(-5, -1.5, (1, count, 4))), jnp.float32),
+    parts = (
+        rng.normal(size=(1, count)),
+        rng.dirichlet(np.ones(4), (1, count)),
+        rng.uniform(-0.6, 0.9, (1, count, 4)),
+        np.exp(rng.uniform(-5, -1.5, (1, count, 4))),
     )
+    return RangeMixture(*(jnp.asarray(part, jnp.float32) for part in parts))
 
 
 def test_the_window_holds_nearly_as_much_as_the_best_of_all():
     mixture = mixtures(400)
     view = {"max_range_m": SPEC.fine.max_range_m, "codec": SPEC.codec}
 
+    @jax.jit
     def mass(range_m):
         edges = (encode_range(range_m + side, **view) for side in (-0.2, 0.2))
-        return np.asarray(mixture_mass(mixture, *edges))
+        return mixture_mass(mixture, *edges)
 
     image = likeliest_range(mixture, SPEC)
+    found = np.asarray(mass(image.range_m))
     returned = 1 / (1 + np.exp(-np.asarray(mixture.returned)))
-    np.testing.assert_allclose(
-        image.confidence, returned * mass(image.range_m), rtol=1e-4
-    )
-    grid = jnp.linspace(0.01, 12, 1200)
-    best = np.max([mass(jnp.full((1, 400), r)) for r in grid], axis=0)
-    share = mass(image.range_m) / best
+    np.testing.assert_allclose(image.confidence, returned * found, rtol=1e-4)
+    grid = np.linspace(0.01, 12, 1200, dtype="float32")
+    best = np.max([mass(np.full((1, 400), r, "float32")) for r in grid], axis=0)
+    share = found / best
     assert share.min() > 0.6 and share.mean() > 0.98
 
 
@@ -70,40 +59,33 @@ def test_no_point_lies_between_two_surfaces():
         jnp.broadcast_to(jnp.stack([near, far, near, far]), (*shape, 4)),
         jnp.full((*shape, 4), 0.003),
     )
-    log = tiny_model(codec="log").spec
-    image = likeliest_range(mixture, log)
+    image = likeliest_range(mixture, dataclasses.replace(SPEC, codec="log"))
     np.testing.assert_allclose(image.range_m, [[3.0, 6.0]], atol=0.11)
-    assert (abs(image.confidence - 0.6) < 0.05).all()
+    np.testing.assert_allclose(image.confidence, 0.6, atol=0.05)
 
 
 def test_a_model_of_one_pass_needs_no_randomness_and_takes_no_sampling_options():
     one, other = (draw(jax.random.key(seed), SOME, MARGINAL) for seed in (0, 1))
     np.testing.assert_array_equal(one.range_m, other.range_m)
     with pytest.raises(ValueError, match="draws, steps: a model of one pass draws no"):
-        draw(jax.random.key(0), SOME, MARGINAL, draws=2, steps=3)
+        draw(KEY, SOME, MARGINAL, draws=2, steps=3)
 
 
 def test_confidence_is_calibrated_and_cuts_the_image():
-    key = jax.random.key(0)
-    raw = draw(key, SOME, MARGINAL)
+    raw = draw(KEY, SOME, MARGINAL)
     table = ConfidenceTable.of((0.0, 0.1, 1.0), least=0.0)
     model = dataclasses.replace(MARGINAL, confidence=table)
-    found = draw(key, SOME, model)
-    np.testing.assert_allclose(
-        found.confidence, frequency(raw.confidence, table), rtol=1e-6
-    )
+    found = draw(KEY, SOME, model)
+    expected = frequency(raw.confidence, table)
+    np.testing.assert_allclose(found.confidence, expected, rtol=1e-6)
     least = float(np.median(found.confidence))
-    kept = draw(key, SOME, model, least_confidence=least)
+    kept = draw(KEY, SOME, model, least_confidence=least)
     sure = np.asarray(found.confidence) >= least
     np.testing.assert_array_equal(kept.range_m > 0, sure & (found.range_m > 0))
 
 
 def test_the_cloud_carries_confidence_and_velocity():
-    targets = Scatterers(
-        jnp.array([[3.0, 0.5, 0.1], [4.0, -1.0, 0.0]]), jnp.zeros(2), jnp.full(2, 50.0)
-    )
-    cube = simulate_cube(jax.random.key(0), targets, RADAR, noise_power=1.0)
-    cloud = enhance(jax.random.key(1), cube, Radar(RADAR), MARGINAL)
+    cloud = enhance(KEY, echoes(), Radar(RADAR), MARGINAL)
     valid = np.asarray(cloud.valid)
     assert valid.any() and cloud.confidence is not None
     confidence = np.asarray(cloud.confidence)[valid]
@@ -111,4 +93,3 @@ def test_the_cloud_carries_confidence_and_velocity():
     assert cloud.velocity is not None and cloud.velocity.shape == valid.shape
     known = ~np.isnan(np.asarray(cloud.velocity))
     assert known.any() and not known[~valid].any()
-    assert ImageSpec(8, 32).shape == SPEC.fine.shape

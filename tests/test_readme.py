@@ -210,11 +210,11 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_nearness.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_regression.py": "hours of training",
-    "python -m experiments.studies.realism SAMPLES -o runs/realism": "see test_realism",
 }
 
 
 @pytest.mark.slow
+@pytest.mark.hours
 @pytest.mark.timeout(3600)
 def test_commands_run_one_after_another(tmp_path):
     """In one folder; those of the experiments first, whose runs the others need."""

@@ -1,11 +1,17 @@
 """The task `radarhd`: polar radar images to LiDAR occupancy, on real pairs.
 
 The diffusion half of the main model alone: its network, sampler and loop, with another
-prediction and loss. Samples are occupancy images of 0 and 1. A pixel is occupied where
-it exceeds a limit, which is chosen for each method on trajectories kept for that.
+prediction and loss. Samples are occupancy images of 0 and 1.
+
+pairs        RadarHD's images, how the network takes them, and changes of them
+simulated    a command that makes such pairs with the simulator
+model        the prediction, the losses, and the methods that draw images
+scores       two protocols, limits of occupied pixels, confidence
+report       tables and pictures
 """
 
 import functools
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,42 +19,27 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.radarhd.augment import AUGMENTATIONS, augmented
-from experiments.radarhd.confidence import fit_confidence
-from experiments.radarhd.methods import (
-    draw_methods,
-    fitting_weights,
-    networks,
-    quickest,
-)
-from experiments.radarhd.nearness import nearness_loss
-from experiments.radarhd.occupancy import (
-    occupancy_denoising_loss,
-    occupancy_regression_loss,
-)
+from experiments.radarhd import report
+from experiments.radarhd.model import LOSSES, answers, fitting_weights, networks
 from experiments.radarhd.pairs import (
+    AUGMENTATIONS,
     PolarItems,
     RadarHD,
+    augmented,
     open_radarhd,
 )
-from experiments.radarhd.report import write_results
 from experiments.radarhd.scores import (
-    PROTOCOLS,
     at_limits,
     choose_limits,
-    mean_scores,
+    fit_confidences,
     score_pairs,
 )
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, diffusion, training
 from jradar.errors import UsageError
-
-LOSSES = {
-    "diffusion": occupancy_denoising_loss,
-    "nearness": nearness_loss,
-    "regression": occupancy_regression_loss,
-}
+from jradar.evaluation.scores import DISTANCES, F_SCORES
+from jradar.files import write_text
 
 
 def check(config: ConfigDict) -> None:
@@ -76,8 +67,8 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on the pairs of the other trajectories."""
     pairs = open_radarhd(config.data.path)
     kept = (*config.data.threshold_trajectories, *config.data.report_trajectories)
-    train, checked = pairs.without(kept), threshold_pairs(config, pairs)
-    batches, trained_on = training_batches(config, train)
+    train, checked = pairs.of(kept, without=True), threshold_pairs(config, pairs)
+    batch_at, trained_on = training_batches(config, train)
     network, noise = networks(config)
     optimizer = build.build_optimizer(config.train)
     first = PolarItems(train, history=config.data.history)[0]
@@ -88,15 +79,18 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         image_shape=first.target.shape,
         condition_shape=first.condition.shape,
     )
-    state = start_from(config.train, network, state)
 
     def validate(state, step):
-        method = quickest(draw_methods(config, state.ema_params))
-        rows = [*score_pairs(config, checked, method, every=8)]
-        return mean_scores(at_limits(rows, choose_limits(rows)))
+        """Scores of the quickest method, at the best limit for these pairs."""
+        drawn = answers(config, state.ema_params)
+        quick = {"every": 8, "protocols": ("polar",), "methods": 1}
+        rows = [*score_pairs(config, checked, drawn, **quick)]
+        (found,) = report.summary(at_limits(rows, choose_limits(rows)))
+        means = {name: found[name].mean for name in (*DISTANCES, *F_SCORES)}
+        return means | {"empty": found["empty"] / found["frames"]}
 
     return Training(
-        state=state,
+        state=start_from(config.train, network, state),
         step=training.make_train_step(
             network,
             optimizer,
@@ -104,7 +98,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
             loss=LOSSES[config.method],
             ema_decay=config.train.ema_decay,
         ),
-        batch_at=batches,
+        batch_at=batch_at,
         validate=validate,
         save=lambda state: diffusion.write_params(
             workdir / "weights.safetensors", state.ema_params
@@ -112,6 +106,12 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         trained_on=trained_on,
         data_digest=train.digest,
     )
+
+
+def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
+    """Return the pairs on which limits are chosen."""
+    with build.section("data.threshold_trajectories"):
+        return pairs.of(config.data.threshold_trajectories)
 
 
 def training_batches(
@@ -127,39 +127,40 @@ def training_batches(
     if simulated:
         sources += [(open_radarhd(config.data.simulated), simulated)]
         words += f", and {len(sources[1][0])} simulated ones, {simulated} of {size}"
-    batches = []
-    for pairs, number in sources:
-        if number:
-            items = PolarItems(
-                pairs, history=config.data.history, mirror=config.train.mirror
-            )
-            change = functools.partial(
-                augmented, names=config.train.augment, others=items
-            )
-            batches += [
-                data.Batches(items, seed=config.seed, batch_size=number, change=change)
-            ]
+
+    def batches_of(pairs, number):
+        history, mirror = config.data.history, config.train.mirror
+        items = PolarItems(pairs, history=history, mirror=mirror)
+        names = config.train.augment
+        change = functools.partial(augmented, names=names, others=items)
+        return data.Batches(items, seed=config.seed, batch_size=number, change=change)
+
+    parts = [batches_of(*source) for source in sources if source[1]]
 
     def batch_at(step):
-        parts = [part[step] for part in batches]
-        return training.Batch(*map(np.concatenate, zip(*parts, strict=True)))
+        found = zip(*(part[step] for part in parts), strict=True)
+        return training.Batch(*map(np.concatenate, found))
 
     return batch_at, words
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
-    """Choose limits, and score the weights on the test pairs: table and picture."""
+    """Choose limits, and score the weights on the test pairs: tables and a report."""
     for weights in (config.weights, config.nearness.weights):
         if weights and not Path(weights).is_file():
             raise UsageError(f"weights = {weights}: no such file")
     path = Path(config.weights or workdir / "weights.safetensors")
     params = fitting_weights(path, networks(config)[0], config.data.history)
-    draws = draw_methods(config, params)
-    pairs, every = open_radarhd(config.data.path), config.data.every
-    checked = threshold_pairs(config, pairs)
-    rows = [*score_pairs(config, checked, draws, every=every, protocols=PROTOCOLS)]
+    drawn, every = answers(config, params), config.data.every
+    pairs = open_radarhd(config.data.path)
+    rows = [*score_pairs(config, threshold_pairs(config, pairs), drawn, every=every)]
     limits = choose_limits(rows)
-    confidence = fit_confidence(at_limits(rows, limits))
+    confidence = fit_confidences(at_limits(rows, limits))
+    frequencies = {
+        name: table.frequencies.tolist() for name, table in confidence.items()
+    }
+    text = json.dumps(frequencies, indent=2) + "\n"
+    write_text(workdir / "evaluation" / "confidence.json", text)
     if (Path(config.data.path) / "test").is_dir():
         reported = open_radarhd(config.data.path, split="test")
         where = "test trajectories"
@@ -168,13 +169,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         where = f"trajectories {config.data.report_trajectories}, not trained on"
     if config.data.turn:
         with build.section("data.turn"):
-            reported = reported.turned(config.data.turn)
-        where += f", turned by {config.data.turn:g} degrees"
+            reported = reported.rotated(config.data.turn)
+        where += f", rotated by {config.data.turn:g} degrees"
     title = f"{config.purpose}; {where}"
-    write_results(config, workdir, title, reported, draws, limits, confidence)
-
-
-def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
-    """Return the pairs on which limits are chosen."""
-    with build.section("data.threshold_trajectories"):
-        return pairs.of(config.data.threshold_trajectories)
+    report.write_results(config, workdir, title, reported, drawn, limits, confidence)

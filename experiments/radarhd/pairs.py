@@ -8,15 +8,18 @@ or a packed .npz with `radar` uint8, `lidar_packed` (bits along the azimuth),
 `trajectory` and `frame`. Row i stands for the i-th of evenly spaced ranges from 0 to
 10.8 m, column j for the j-th of evenly spaced angles from -90 to 90 degrees, both ends
 included.
+
+Training may change pairs in ways that leave them possible (`AUGMENTATIONS`). Such a
+function takes a generator, a radar image [range, radar_azimuth, history] of 0 to 1 and
+an occupancy image [range, azimuth, 1] of 0 or 1, and returns both, changed.
 """
 
-import dataclasses
 import functools
 import hashlib
 import math
 import re
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,42 +27,47 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from jradar.errors import parsing
+from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
+MAX_RANGE_M = 10.8
+SCALES = (0.8, 1.25)  # of ranges
+MOST_CELLS = 10  # of the radar's azimuth in a rotation to either side, 29 degrees
+GAINS, GAMMAS = (0.7, 1.3), (0.7, 1.4)
+SPECKLE = 0.3  # standard deviation of the factor of each pixel
+MOST_DROPPED = 8  # neighbouring azimuth cells of the radar
+SECTORS = np.deg2rad((30.0, 90.0))  # widths of a pasted sector
+
+Radar = Float[np.ndarray, "range radar_azimuth history"]
+Occupied = Float[np.ndarray, "range azimuth 1"]
+Images = tuple[Radar, Occupied]
 
 
-@dataclasses.dataclass(frozen=True)
-class PolarSpec:
-    """The grid of polar images."""
+class PolarGrid(NamedTuple):
+    """The range of each row of an image, and the azimuth of each column."""
 
-    num_range: int = 256
-    num_azimuth: int = 512
-    max_range_m: float = 10.8
-    azimuth: tuple[float, float] = (-math.pi / 2, math.pi / 2)
+    ranges: Float[np.ndarray, " range"]  # m
+    angles: Float[np.ndarray, " azimuth"]  # rad, positive to the left
 
     @property
     def shape(self) -> tuple[int, int]:
         """The numbers of rows and columns."""
-        return self.num_range, self.num_azimuth
-
-    @functools.cached_property
-    def ranges(self) -> Float[np.ndarray, " range"]:
-        """The range of each row, in metres."""
-        return np.linspace(0, self.max_range_m, self.num_range)
-
-    @functools.cached_property
-    def angles(self) -> Float[np.ndarray, " azimuth"]:
-        """The azimuth of each column in radians, positive to the left."""
-        return np.linspace(*self.azimuth, self.num_azimuth)
+        return len(self.ranges), len(self.angles)
 
     @property
     def azimuth_step(self) -> float:
         """The angle between neighbouring columns, in radians."""
-        return (self.azimuth[1] - self.azimuth[0]) / (self.num_azimuth - 1)
+        return math.pi / (len(self.angles) - 1)
 
 
-RADAR, LIDAR = PolarSpec(num_azimuth=64), PolarSpec()
+RADAR, LIDAR = (
+    PolarGrid(
+        np.linspace(0, MAX_RANGE_M, 256),
+        np.linspace(-math.pi / 2, math.pi / 2, columns),
+    )
+    for columns in (64, 512)
+)
 
 
 class PolarPair(NamedTuple):
@@ -71,36 +79,13 @@ class PolarPair(NamedTuple):
     frame: int
 
 
-def polar_to_points(
-    occupied: Bool[np.ndarray, "range azimuth"],
-) -> Float[np.ndarray, "point 3"]:
-    """Return the points of the occupied pixels in the plane z = 0; on the host."""
-    if occupied.shape != LIDAR.shape:
-        raise ValueError(f"image has shape {occupied.shape}, expected {LIDAR.shape}")
-    row, column = np.nonzero(occupied)
-    distance, azimuth = LIDAR.ranges[row], LIDAR.angles[column]
-    xyz = [distance * np.cos(azimuth), distance * np.sin(azimuth), 0 * distance]
-    return np.stack(xyz, -1)
-
-
-def turned(image: np.ndarray, grid: PolarSpec, angle: float) -> np.ndarray:
-    """Return a polar image [range, azimuth, ...] turned to the left by `angle` (rad).
-
-    It moves by whole cells. Beyond an edge, the view goes on as its own mirror image,
-    so that no part of it becomes empty.
-    """
-    last = grid.num_azimuth - 1
-    source = np.abs(np.arange(grid.num_azimuth) - round(angle / grid.azimuth_step))
-    return image[:, last - np.abs(last - source)]
-
-
 class RadarHD(Sequence):
     """Pairs in the order of trajectories and frames, read on access."""
 
-    def __init__(self, keys, radar, lidar):
+    def __init__(self, keys: Any, radar: Callable[[int], Any], lidar: Callable):
         """`keys` are (trajectory, frame); `radar(i)` and `lidar(i)` return images."""
         self.keys = np.asarray(keys).reshape(-1, 2)
-        self._radar, self._lidar = radar, lidar
+        self.radar, self.lidar = radar, lidar
 
     @property
     def digest(self) -> str:
@@ -110,75 +95,51 @@ class RadarHD(Sequence):
     def __len__(self) -> int:
         return len(self.keys)
 
-    def __getitem__(self, index: int | slice) -> Any:
+    def __getitem__(self, index: Any) -> Any:
         """Return pair `index`."""
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if not -len(self) <= index < len(self):
-            raise IndexError(f"pair {index} of {len(self)}")
         trajectory, frame = self.keys[index].tolist()
-        i = index % len(self)
-        return PolarPair(self._radar(i), self._lidar(i), trajectory, frame)
+        return PolarPair(self.radar(index), self.lidar(index), trajectory, frame)
 
-    def of(self, trajectories: Sequence[int]) -> "RadarHD":
-        """Return the pairs of trajectories. Raises ValueError for a missing one."""
+    def of(self, trajectories: Sequence[int], *, without: bool = False) -> "RadarHD":
+        """Return the pairs of trajectories, or those of all others.
+
+        Raises ValueError for a missing one, unless it is to be left out.
+        """
         known = set(self.keys[:, 0].tolist())
-        if missing := sorted(set(trajectories) - known):
+        missing = sorted(set(trajectories) - known)
+        if missing and not without:
             raise ValueError(f"no trajectory {missing[0]}, expected of {sorted(known)}")
-        return self._select(np.isin(self.keys[:, 0], list(trajectories)))
+        chosen = np.isin(self.keys[:, 0], list(trajectories), invert=without)
+        index = np.flatnonzero(chosen).tolist()
+        return RadarHD(
+            self.keys[index],
+            lambda i: self.radar(index[i]),
+            lambda i: self.lidar(index[i]),
+        )
 
-    def without(self, trajectories: Sequence[int]) -> "RadarHD":
-        """Return the pairs of all other trajectories."""
-        return self._select(~np.isin(self.keys[:, 0], list(trajectories)))
-
-    def turned(self, degrees: float) -> "RadarHD":
-        """Return the pairs with both images turned to the left by whole radar cells.
+    def rotated(self, degrees: float) -> "RadarHD":
+        """Return the pairs with both images rotated to the left by whole radar cells.
 
         Raises ValueError for more than 90 degrees.
         """
         if not abs(degrees) <= 90:
             raise ValueError(f"{degrees:g} degrees, expected -90 to 90")
-        step = RADAR.azimuth_step
-        angle = round(math.radians(degrees) / step) * step
+        cells = round(math.radians(degrees) / RADAR.azimuth_step)
         return RadarHD(
             self.keys,
-            lambda i: turned(self._radar(i), RADAR, angle),
-            lambda i: turned(self._lidar(i), LIDAR, angle),
+            lambda i: rotated(self.radar(i), RADAR, cells),
+            lambda i: rotated(self.lidar(i), LIDAR, cells),
         )
-
-    def history(self, index: int, length: int) -> UInt8[np.ndarray, "..."]:
-        """Return the last `length` radar images up to pair `index`, newest first.
-
-        The axes are [range, radar_azimuth, image]. A trajectory's first image also
-        stands for the images before it.
-        """
-        first = np.searchsorted(self.keys[:, 0], self.keys[index, 0])
-        past = np.maximum(index - np.arange(length), first)
-        images = {i: self._radar(i) for i in set(past.tolist())}
-        return np.stack([images[i] for i in past.tolist()], -1)
-
-    def _select(self, mask):
-        """The pairs where `mask`."""
-        index = np.flatnonzero(mask)
-        return RadarHD(
-            self.keys[index],
-            lambda i: self._radar(int(index[i])),
-            lambda i: self._lidar(int(index[i])),
-        )
-
-
-class PolarItem(NamedTuple):
-    """A pair as the network takes it."""
-
-    condition: Float[np.ndarray, "range radar_azimuth history"]  # 0 to 1
-    target: Float[np.ndarray, "range azimuth 1"]  # 0 or 1
 
 
 class PolarItems(Sequence):
-    """Pairs as items; with `mirror` followed by all their mirror images."""
+    """Pairs as the network takes them; with `mirror` followed by all mirror images.
+
+    A condition consists of the last `history` radar images, newest first, of 0 to 1. A
+    trajectory's first image also stands for those before it. A target is of 0 and 1.
+    """
 
     def __init__(self, pairs: RadarHD, *, history: int, mirror: bool = False):
-        """A condition consists of `history` radar images."""
         self._pairs, self._history, self._mirror = pairs, history, mirror
 
     def __len__(self) -> int:
@@ -187,20 +148,23 @@ class PolarItems(Sequence):
     def __getitem__(self, index: Any) -> Any:
         """Return item `index`."""
         mirrored, i = divmod(int(index), len(self._pairs))
-        condition = self._pairs.history(i, self._history).astype(np.float32) / 255
-        target = self._pairs[i].lidar.astype(np.float32)[..., None]
+        trajectories = self._pairs.keys[:, 0]
+        first = np.searchsorted(trajectories, trajectories[i])
+        past = np.maximum(i - np.arange(self._history), first).tolist()
+        radar = {k: self._pairs.radar(k) for k in set(past)}
+        condition = np.stack([radar[k] for k in past], -1).astype(np.float32) / 255
+        target = self._pairs.lidar(i).astype(np.float32)[..., None]
         if mirrored:
             condition, target = condition[:, ::-1], target[:, ::-1]
-        return PolarItem(condition, target)
+        return Batch(condition, target)
 
 
 def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
     """Return the pairs of the public folder's `split`, or of a packed training file.
 
-    Radar images stay in memory once they are read, 16 KB each.
-
-    Raises FileNotFoundError without `path`, and ValueError for a folder or file of
-    another kind and for images without a partner.
+    Radar images stay in memory once they are read, 16 KB each. Raises FileNotFoundError
+    without `path`, and ValueError for a folder or file of another kind and for images
+    without a partner.
     """
     path = Path(path)
     if not path.exists():
@@ -220,21 +184,17 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
     if alone or not keys:
         what = f"L{alone[0]}" if alone else "R_<trajectory>_<frame>.png"
         raise ValueError(f"{folder} does not contain {what}: incomplete download?")
-
-    @functools.cache  # an image is part of many histories
-    def radar(i):
-        return _read_png(folder / "radar" / f"R{keys[i][2]}", RADAR.shape)
-
-    def lidar(i):
-        return _read_png(folder / "lidar" / f"L{keys[i][2]}", LIDAR.shape) > 0
-
-    return RadarHD([key[:2] for key in keys], radar, lidar)
+    return RadarHD(
+        [key[:2] for key in keys],
+        # An image is part of many histories.
+        functools.cache(lambda i: _png(folder / "radar" / f"R{keys[i][2]}", RADAR)),
+        lambda i: _png(folder / "lidar" / f"L{keys[i][2]}", LIDAR) > 0,
+    )
 
 
 def _packed(path: Path) -> RadarHD:
     """Pairs of a packed file, kept in memory."""
-    what = "a packed file with radar, lidar_packed, trajectory and frame"
-    with parsing(path, what):
+    with parsing(path, "a packed file with radar, lidar_packed, trajectory and frame"):
         with zipfile.ZipFile(path) as archive:
             if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
                 raise ValueError(f"it unpacks to {size:,} bytes, limit {MAX_BYTES:,}")
@@ -243,15 +203,11 @@ def _packed(path: Path) -> RadarHD:
             keys = np.stack([arrays["trajectory"], arrays["frame"]], -1)
         if not radar.dtype == packed.dtype == np.uint8 or keys.dtype.kind not in "iu":
             raise ValueError("images are not bytes, or numbers not whole")
-        shapes = radar.shape[1:], (*packed.shape[1:-1], 8 * packed.shape[-1])
-    if shapes != (RADAR.shape, LIDAR.shape) or not len(radar) == len(packed) == len(
-        keys
-    ):
-        raise ValueError(
-            f"{path} contains images of {shapes}, expected {(RADAR.shape, LIDAR.shape)}"
-        )
+        found = radar.shape, (*packed.shape[:-1], 8 * packed.shape[-1])
+        expected = (len(keys), *RADAR.shape), (len(keys), *LIDAR.shape)
+        if found != expected:
+            raise ValueError(f"images have shapes {found}, expected {expected}")
     order = np.lexsort(keys.T[::-1])
-
     return RadarHD(
         keys[order],
         lambda i: radar[order[i]],
@@ -259,15 +215,111 @@ def _packed(path: Path) -> RadarHD:
     )
 
 
-def _read_png(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """An 8-bit grey image of a known shape."""
+def _png(path: Path, grid: PolarGrid) -> np.ndarray:
+    """An 8-bit grey image on a grid."""
     from PIL import Image
 
     with parsing(path, "a complete PNG"):
         with Image.open(path, formats=("PNG",)) as image:
-            if (image.height, image.width) != shape:
-                raise ValueError(
-                    f"{path} has {image.height} x {image.width} pixels, expected "
-                    f"{shape[0]} x {shape[1]}"
-                )
+            if (found := (image.height, image.width)) != grid.shape:
+                raise ValueError(f"{found} rows and columns, expected {grid.shape}")
             return np.asarray(image.convert("L"))
+
+
+def rotated(image: np.ndarray, grid: PolarGrid, cells: int) -> np.ndarray:
+    """Return a polar image [range, azimuth, ...] rotated to the left by radar cells.
+
+    It moves by whole cells of its own. Beyond an edge, the view goes on as its own
+    mirror image, so that no part of it becomes empty.
+    """
+    last = len(grid.angles) - 1
+    shift = round(cells * RADAR.azimuth_step / grid.azimuth_step)
+    source = np.abs(np.arange(last + 1) - shift)
+    return image[:, last - np.abs(last - source)]
+
+
+def rotate(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Rotate both images about the radar, by whole radar cells."""
+    cells = rng.integers(-MOST_CELLS, MOST_CELLS + 1)
+    return rotated(radar, RADAR, cells), rotated(occupied, LIDAR, cells)
+
+
+def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Move everything nearer or farther by one factor: a smaller or larger room."""
+    factor = np.exp(rng.uniform(*np.log(SCALES)))
+    source = np.rint(np.arange(len(LIDAR.ranges)) / factor).astype(int)
+    outside = source >= len(source)
+
+    def rows(image):
+        moved = image[np.where(outside, 0, source)]
+        moved[outside] = 0
+        return moved
+
+    return rows(radar), rows(occupied)
+
+
+def change_gain(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Change the radar's gain and the curve of its grey values."""
+    gain, gamma = rng.uniform(*GAINS), rng.uniform(*GAMMAS)
+    return np.clip(gain * radar**gamma, 0, 1).astype(radar.dtype), occupied
+
+
+def add_speckle(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Multiply each radar pixel by a random factor around 1."""
+    factor = 1 + SPECKLE * rng.standard_normal(radar.shape)
+    return np.clip(radar * factor, 0, 1).astype(radar.dtype), occupied
+
+
+def drop_azimuths(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
+    """Blank a few neighbouring azimuth cells of the radar."""
+    width = rng.integers(1, MOST_DROPPED + 1)
+    first = rng.integers(0, radar.shape[1] - width + 1)
+    changed = radar.copy()
+    changed[:, first : first + width] = 0
+    return changed, occupied
+
+
+def paste_sector(
+    rng: np.random.Generator, radar: Radar, occupied: Occupied, other: Images
+) -> Images:
+    """Replace a sector of both images by that of another item.
+
+    The radar's side lobes end at the sector's borders, which those of a real radar do
+    not.
+    """
+    width = rng.uniform(*SECTORS)
+    first = rng.uniform(-math.pi / 2, math.pi / 2 - width)
+
+    def pasted(image, grid, source):
+        inside = (grid.angles >= first) & (grid.angles < first + width)
+        return np.where(inside[:, None], source, image)
+
+    return pasted(radar, RADAR, other[0]), pasted(occupied, LIDAR, other[1])
+
+
+AUGMENTATIONS: dict[str, Callable[..., Images]] = {
+    "scale": scale_ranges,
+    "turn": rotate,
+    "gain": change_gain,
+    "speckle": add_speckle,
+    "drop": drop_azimuths,
+    "paste": paste_sector,
+}
+
+
+def augmented(
+    item: Batch,
+    rng: np.random.Generator,
+    *,
+    names: Sequence[str],
+    others: Sequence[Batch],
+) -> Batch:
+    """Return an item with each of the named changes, each at a chance of one half.
+
+    Sectors are pasted from `others`.
+    """
+    for name in names:
+        if rng.random() < 0.5:
+            pasted = [others[rng.integers(len(others))]] if name == "paste" else []
+            item = Batch(*AUGMENTATIONS[name](rng, *item, *pasted))
+    return item

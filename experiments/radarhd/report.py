@@ -1,68 +1,46 @@
-"""What an evaluation on RadarHD's pairs writes: scores, tables, pictures.
+"""What an evaluation on RadarHD's pairs writes: the shared report, tables, pictures.
 
-There is a table for each protocol: over all frames, by building, by trajectory. The
-folder's test trajectories are from three buildings; those up to 140 are from the
-building of the training trajectories.
+`evaluation/protocols.md` has tables for each protocol: over all frames, by building and
+by trajectory. The folder's test trajectories are from three buildings.
 """
 
-import json
-import time
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
-from experiments.radarhd.confidence import confidence_table
-from experiments.radarhd.pairs import RadarHD
-from experiments.radarhd.pictures import picture, worst_picture
+from experiments.evaluate import spread, write_report
+from experiments.radarhd.model import Answers
+from experiments.radarhd.pairs import MAX_RANGE_M, RADAR, PolarPair, RadarHD
 from experiments.radarhd.scores import (
-    CHOSEN_BY,
     PROTOCOLS,
-    Draw,
     Limits,
     Rows,
+    building,
+    confidence_table,
+    drawn_images,
+    polar_points,
     score_pairs,
 )
-from experiments.tables import markdown_table
-from jradar import evaluation, viz
+from jradar import evaluation
+from jradar.evaluation.scores import FIELDS
 from jradar.files import write_text
-from jradar.metrics import THRESHOLDS_M
 from jradar.range_image import ConfidenceTable
 
-COLUMNS = {  # of the tables: score, title, scale, digits
-    "chamfer": ("Chamfer (m)", 1, 3),
-    "modified_hausdorff": ("MHD (m)", 1, 3),
-    **{f"f_score_{limit}": (f"F {limit} m (%)", 100, 1) for limit in THRESHOLDS_M},
-}
-BUILDINGS = {  # trajectories, both ends included
-    (112, 140): "112 to 140, building of the training trajectories",
-    (227, 246): "227 to 246, another building",
-    (247, 250): "247 to 250, another building",
-}
-TITLES = {
-    "polar": "Polar pixels (`polar`)",
-    "cartesian": "RadarHD's Cartesian grid (`cartesian`)",
-}
-NOTES = {
-    "polar": "Distances are means over the frames in which the method found points; "
-    "the `empty` ones count as 0 in the F-scores.",
-    "cartesian": "Empty predictions and truths count as the one point (0, 0, 0).",
-}
-CONFIDENCE_NOTE = (
-    "A cell is right if the LiDAR has one within 0.2 m. The confidence of a value is "
-    "its frequency on the trajectories that the limits are chosen on; the error is the "
-    "mean distance of confidence and frequency, by cells."
-)
+SHOWN = 4  # frames in a picture
+NOTES = """\
+CD is the mean of the two mean distances. Of polar pixels, distances are means over the
+frames in which the method found points; the empty ones count as 0 in the F-scores. On
+the Cartesian grid, empty predictions and truths count as the one point (0, 0, 0).
 
-
-def building(trajectory: int) -> str:
-    """Return the building of a trajectory of the public folder."""
-    for (first, last), name in BUILDINGS.items():
-        if first <= trajectory <= last:
-            return name
-    return "unknown building"
+A cell is right if the LiDAR has one within 0.2 m. The confidence of a value is its
+frequency on the trajectories that the limits are chosen on; the error is the mean
+distance of confidence and frequency, by cells.
+"""
+Drawn = list[tuple[PolarPair, dict[str, np.ndarray]]]  # clouds of pairs, by name
 
 
 def write_results(
@@ -70,100 +48,110 @@ def write_results(
     workdir: Path,
     title: str,
     pairs: RadarHD,
-    draws: dict[str, Draw],
+    answers: Answers,
     limits: Limits,
-    confidence: dict[str, ConfidenceTable],
+    confidence: Mapping[str, ConfidenceTable],
 ) -> None:
-    """Score methods at their limits; write scores, confidence, tables and pictures."""
+    """Score methods at their limits; write and print tables, and write the report."""
     every = config.data.every
-    started = time.perf_counter()
-    rows = [
-        *score_pairs(
-            config, pairs, draws, every=every, limits=limits, protocols=PROTOCOLS
-        )
-    ]
-    seconds = time.perf_counter() - started
-    out = workdir / "evaluation"
-    write_text(out / "frames.jsonl", "".join(json.dumps(row) + "\n" for row in rows))
-    frames = len({(row["trajectory"], row["frame"]) for row in rows})
-    which = "every frame" if every == 1 else f"one frame in {every}"
-    tables = [f"# {title}\n\n{frames} frames: {which}.\n"]
-    tables += [
-        f"## {TITLES[protocol]}\n\n{tables_of(rows, protocol, limits[protocol])}"
-        for protocol in PROTOCOLS
-    ]
-    frequencies = {name: spec.frequencies for name, spec in confidence.items()}
-    write_text(out / "confidence.json", json.dumps(frequencies, indent=2) + "\n")
-    table = confidence_table(rows, confidence, lambda row: building(row["trajectory"]))
-    tables += [f"## Confidence of Cartesian cells\n\n{table}\n{CONFIDENCE_NOTE}\n"]
-    write_text(out / "table.md", text := "\n".join(tables))
-    viz.save_figure(picture(config, pairs, draws, limits), out / "samples.png")
-    worst = worst_picture(config, pairs, draws, limits, rows)
-    viz.save_figure(worst, out / "worst.png")
-    print(f"{text}\nwritten to {out}; drawn and scored in {seconds:.0f} s")
+    rows = [*score_pairs(config, pairs, answers, every=every, limits=limits)]
+    frames = len({(row["sequence"], row["frame"]) for row in rows})
+    parts = [f"# {title}\n\n{frames} frames, one in {every}.\n"]
+    parts += [protocol_tables(rows, protocol, limits) for protocol in PROTOCOLS]
+    parts += ["## Confidence of Cartesian cells\n", confidence_table(rows, confidence)]
+    text = "\n".join([*parts, NOTES])
+    write_text(workdir / "evaluation" / "protocols.md", text)
+    index = {"samples": spread(len(pairs), SHOWN), "worst": worst_frames(pairs, rows)}
+    drawn = {
+        name: draw_clouds(config, pairs, answers, limits, places)
+        for name, places in index.items()
+    }
+    path = write_report(
+        workdir,
+        [{field: row[field] for field in FIELDS} for row in rows],
+        {place_of(pair): clouds for part in drawn.values() for pair, clouds in part},
+        {name: plane_figure(part) for name, part in drawn.items()},
+    )
+    print(f"{text}\nreport: {path}")
 
 
-def tables_of(rows: Rows, protocol: str, limits: Any) -> str:
-    """Return the tables of a protocol: all frames, by building, by trajectory."""
-    rows = [row for row in rows if row["protocol"] == protocol]
-    tables = markdown(rows, limits, note=NOTES[protocol])
-    for name, group in (
-        ("building", lambda row: building(row["trajectory"])),
-        ("trajectory", lambda row: str(row["trajectory"])),
-    ):
-        tables += "\n" + grouped_markdown(rows, limits, name, group)
-    return tables
+def summary(rows: Rows, field: str = "") -> list[dict[str, Any]]:
+    """Return each method's means with intervals, for each value of a row's field."""
+    together = [row | {"scene": row[field] if field else "all"} for row in rows]
+    return evaluation.summarise(together)
 
 
-def markdown(rows: Rows, limits: Any, *, note: str = NOTES["polar"]) -> str:
-    """Return a table of means with 95 % intervals that allow for correlated frames."""
-    titles = ["method", "limit", *score_titles(), "frames", "empty"]
-    lines, left_out = [], 0
-    for method, limit in limits.items():
-        cells, frames, empty, left_out = summary(
-            [row for row in rows if row["method"] == method]
-        )
-        lines.append([method, f"{limit:.2f}", *cells, str(frames), str(empty)])
-    if left_out:
-        note += f" {left_out} frames with an empty truth are left out."
-    return f"{markdown_table(titles, lines)}\n{note}\n"
+def protocol_tables(rows: Rows, protocol: str, limits: Limits) -> str:
+    """Return the tables of a protocol: limits, all frames, buildings, trajectories."""
+    rows = [row for row in rows if row["truth"] == protocol]
+    chosen = [f"{method}: {limit:.2f}" for method, limit in limits[protocol].items()]
+    parts = [f"## Protocol `{protocol}`\n\nLimits of {'; '.join(chosen)}.\n"]
+    for field in ("", "scene", "sequence"):
+        if not field or len({row[field] for row in rows}) > 1:
+            parts += [evaluation.markdown(summary(rows, field), intervals=True)]
+    if left_out := summary(rows)[0]["no_truth"]:
+        parts += [f"{left_out} frames with an empty truth are left out.\n"]
+    return "\n".join(parts)
 
 
-def grouped_markdown(
-    rows: Rows, limits: Any, name: str, group: Callable[[dict], str]
-) -> str:
-    """Return a table with a line for each group of frames and each method."""
-    lines = []
-    for label in dict.fromkeys(map(group, rows)):
-        for method in limits:
-            mine = [r for r in rows if r["method"] == method and group(r) == label]
-            cells, frames, empty, _ = summary(mine)
-            lines.append([label, method, *cells, str(frames), str(empty)])
-    titles = [name, "method", *score_titles(), "frames", "empty"]
-    return markdown_table(titles, lines)
+def worst_frames(pairs: RadarHD, rows: Rows) -> list[int]:
+    """Return the pairs that the last method draws worst, the worst first.
+
+    The score is the F-score at 0.2 m of the Cartesian protocol; one frame is taken from
+    each trajectory, since neighbouring frames are alike.
+    """
+    last = "cartesian", rows[-1]["method"]
+    mine = [row for row in rows if (row["truth"], row["method"]) == last]
+    worst: dict[str, list[int]] = {}
+    for row in sorted(mine, key=lambda row: row["f_score_0.2"]):
+        worst.setdefault(row["sequence"], [int(row["sequence"]), row["frame"]])
+    return [pairs.keys.tolist().index(key) for key in worst.values()][:SHOWN]
 
 
-def score_titles() -> list[str]:
-    """Return the titles of the scores' columns."""
-    return [title for title, _, _ in COLUMNS.values()]
+def place_of(pair: PolarPair) -> tuple[str, str, int]:
+    """Return the scene, the sequence and the frame of a pair."""
+    return building(pair.trajectory), str(pair.trajectory), pair.frame
 
 
-def summary(rows: Rows) -> tuple[list[str], int, int, int]:
-    """Return cells of means with intervals, and the frames scored, empty, left out."""
-    mine = [row for row in rows if not np.isnan(row[CHOSEN_BY])]
-    trajectories = sorted({row["trajectory"] for row in mine})
-    cells = []
-    for name, (_, scale, digits) in COLUMNS.items():
-        estimate = evaluation.mean_interval(
-            [
-                [row[name] for row in mine if row["trajectory"] == trajectory]
-                for trajectory in trajectories
-            ]
-        )
-        mean, low, high = (
-            f"{scale * value:.{digits}f}"
-            for value in (estimate.mean, estimate.low, estimate.high)
-        )
-        cells.append(f"{mean} ({low} to {high})")
-    empty = sum(not row["points"] for row in mine)
-    return cells, len(mine), empty, len(rows) - len(mine)
+def draw_clouds(
+    config: ConfigDict,
+    pairs: RadarHD,
+    answers: Answers,
+    limits: Limits,
+    index: Sequence[int],
+) -> Drawn:
+    """Return the pairs of an index with the points of the LiDAR and of each method."""
+    found: dict[tuple, tuple[PolarPair, dict[str, np.ndarray]]] = {}
+    for pair, name, image in drawn_images(config, pairs, answers, index):
+        start = pair, {"LiDAR": polar_points(pair.lidar)}
+        _, clouds = found.setdefault(place_of(pair), start)
+        clouds[name] = polar_points(image > limits["polar"][name])
+    return [*found.values()]
+
+
+def plane_figure(drawn: Drawn) -> Figure:
+    """Return a figure of radar images and clouds in the plane, from above.
+
+    A row for each pair, a column for each name of clouds; forward is up.
+    """
+    names = ("radar", *drawn[0][1])
+    size = 3.2 * len(names), 1.9 * len(drawn) + 0.4
+    figure = Figure(figsize=size, layout="constrained")
+    shared = {"squeeze": False, "sharex": True, "sharey": True}
+    axes = figure.subplots(len(drawn), len(names), **shared)
+    distance, azimuth = np.meshgrid(RADAR.ranges, RADAR.angles, indexing="ij")
+    left, ahead = distance * np.sin(azimuth), distance * np.cos(azimuth)
+    look = {"cmap": "magma", "shading": "gouraud", "rasterized": True}
+    for row, (pair, clouds) in zip(axes, drawn, strict=True):
+        row[0].pcolormesh(left, ahead, pair.radar, **look)
+        row[0].set_ylabel(f"{pair.trajectory}, frame {pair.frame}", fontsize=8)
+        for axis, points in zip(row[1:], clouds.values(), strict=True):
+            axis.plot(points[:, 1], points[:, 0], ".", ms=1.2, color="black")
+    for axis, name in zip(axes[0], names, strict=True):
+        axis.set_title(name, fontsize=9)
+    for axis in axes.flat:
+        axis.set(aspect="equal", ylim=(0, MAX_RANGE_M))
+        axis.set(xlim=(MAX_RANGE_M, -MAX_RANGE_M))
+    figure.supxlabel("left and right (m)", fontsize=9)
+    figure.supylabel("forward (m)", fontsize=9)
+    return figure

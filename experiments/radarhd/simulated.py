@@ -3,9 +3,9 @@ r"""Pairs as RadarHD's, made by the simulator: thousands of other rooms to train
     python -m experiments.radarhd.simulated pairs.npz --layouts 2000
 
 Each layout is a scene of its own, seen by a unit of its own (board, height, clutter)
-with RadarHD's chirp, three seconds apart. The packed file has the form that
-`radarhd_pairs` reads; a layout is a trajectory. Both images are formed as RadarHD forms
-its own (its folder create_dataset/):
+with RadarHD's chirp, three seconds apart. The packed file has the form that `pairs`
+reads; a layout is a trajectory. Both images are formed as RadarHD forms its own (its
+folder create_dataset/):
 
     radar     one chirp of the 8 antennas in a row, Fourier transforms over samples and
               antennas without a window; amplitudes of at least 5 % of the largest, from
@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Complex, Float, UInt8
 
-from experiments.radarhd.pairs import LIDAR, RADAR, PolarSpec
+from experiments.radarhd.pairs import LIDAR, MAX_RANGE_M, RADAR, PolarGrid
 from jradar.lidar import transform
 from jradar.progress import progress
 from jradar.radar import RadarSpec
@@ -52,8 +52,7 @@ CHIP = RadarSpec.awr1843(
     ramp_end_time_s=63.14e-6,
 )
 RANGE_STEP_M = 21.59 / 511  # of RadarHD's range bins
-NEAREST_BIN = 6
-NUM_BEAMS = 64
+NEAREST_BIN, NUM_BEAMS = 6, 64
 THRESHOLD = 0.05  # of the largest amplitude
 THRESHOLDS, CLUTTER_COUNTS = (0.008, 0.04), (2.0, 24.0)  # of layouts
 VIEW = np.deg2rad(70.0)  # to either side, of the radar
@@ -66,48 +65,34 @@ def radar_image(
     cube: Complex[np.ndarray, "tx rx chirp sample"], *, threshold: float = THRESHOLD
 ) -> UInt8[np.ndarray, "range radar_azimuth"]:
     """Return RadarHD's radar image of the first chirp of a frame of `CHIP`."""
-    amplitude = beams(first_row(cube, CHIP))
+    amplitude = beams(cube)
     strong = amplitude >= threshold * amplitude[:, NEAREST_BIN:].max()
     strong[:, :NEAREST_BIN] = False
     beam, bin_ = np.nonzero(strong)
     # RadarHD spreads its beams over both ends of the sines, and so do its images.
     azimuth = np.arcsin(np.linspace(-1, 1, NUM_BEAMS))[beam]
     range_m = RANGE_STEP_M * bin_
-    x, y = range_m * np.cos(azimuth), range_m * np.sin(azimuth)
-    kept = (x > 0) & (x <= REACH_M) & (np.abs(y) <= REACH_M) & (np.abs(azimuth) <= VIEW)
-    kept &= range_m <= RADAR.max_range_m
+    kept = in_front(range_m * np.cos(azimuth), range_m * np.sin(azimuth))
+    kept &= (np.abs(azimuth) <= VIEW) & (range_m <= MAX_RANGE_M)
     image = np.zeros(RADAR.shape, np.uint8)
-    if not kept.any():
-        return image
-    level = np.log(amplitude[beam, bin_][kept])
-    level -= level.min()
-    grey = (255 * level / max(level.max(), 1e-9)).astype(np.uint8)
-    np.maximum.at(image, cells(range_m[kept], azimuth[kept], RADAR), grey)
+    if kept.any():
+        level = np.log(amplitude[beam, bin_][kept])
+        level -= level.min()
+        grey = (255 * level / max(level.max(), 1e-9)).astype(np.uint8)
+        np.maximum.at(image, cells(range_m[kept], azimuth[kept], RADAR), grey)
     return image
 
 
-def first_row(
-    cube: Complex[np.ndarray, "tx rx chirp sample"], radar: RadarSpec
-) -> Complex[np.ndarray, "antenna sample"]:
-    """Return the first chirp of the antennas of the row z = 0, from left to right.
-
-    Raises ValueError unless these are a row without gaps.
-    """
-    places = {
-        (tx[0] + rx[0]): (i, j)
-        for i, tx in enumerate(radar.tx_positions)
-        for j, rx in enumerate(radar.rx_positions)
-        if tx[1] + rx[1] == 0
-    }
-    if sorted(places) != [*range(len(places))]:
-        raise ValueError(f"antennas at {sorted(places)}, expected a row without gaps")
-    return np.stack([cube[*places[column], 0] for column in sorted(places)])
-
-
 def beams(
-    row: Complex[np.ndarray, "antenna sample"],
+    cube: Complex[np.ndarray, "tx rx chirp sample"],
 ) -> Float[np.ndarray, "beam range"]:
-    """Return amplitudes in RadarHD's range bins and beams, from right to left."""
+    """Return amplitudes in RadarHD's range bins and beams, from right to left.
+
+    They are those of the first chirp, at the antennas of the row z = 0.
+    """
+    column, height = CHIP.virtual_positions.T
+    level = np.flatnonzero(height == 0)
+    row = cube[:, :, 0].reshape(CHIP.num_virtual, -1)[level[np.argsort(column[level])]]
     spectrum = np.fft.fft(np.fft.fft(row), NUM_BEAMS, axis=0)
     return np.abs(np.fft.fftshift(spectrum, axes=0))
 
@@ -117,19 +102,22 @@ def lidar_image(
 ) -> Bool[np.ndarray, "range azimuth"]:
     """Return the occupied cells of the horizontal slice of a scan, x forward."""
     x, y, z = points.T
-    kept = (x > 0) & (x <= REACH_M) & (np.abs(y) <= REACH_M)
-    kept &= np.abs(z) <= HALF_HEIGHT_M
     range_m = np.linalg.norm(points, axis=1)
-    kept &= range_m <= LIDAR.max_range_m
+    kept = in_front(x, y) & (np.abs(z) <= HALF_HEIGHT_M) & (range_m <= MAX_RANGE_M)
     image = np.zeros(LIDAR.shape, bool)
     image[cells(range_m[kept], np.arctan2(y, x)[kept], LIDAR)] = True
     return image
 
 
+def in_front(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Return which places are within reach to the front and the sides."""
+    return (x > 0) & (x <= REACH_M) & (np.abs(y) <= REACH_M)
+
+
 def cells(
     range_m: Float[np.ndarray, " point"],
     azimuth: Float[np.ndarray, " point"],
-    grid: PolarSpec,
+    grid: PolarGrid,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return row and column of the first grid values that are not below a point's."""
     return np.searchsorted(grid.ranges, range_m), np.searchsorted(grid.angles, azimuth)
@@ -159,9 +147,8 @@ def layout(family: str, seed: int) -> Setting:
         tilt_degrees=0.0,
     )
     setting = make_setting(family, seed, unit=unit)
-    return setting._replace(
-        radars={"single_chip": (CHIP, make_unit_hardware(unit, CHIP))}
-    )
+    hardware = make_unit_hardware(unit, CHIP)
+    return setting._replace(radars={"single_chip": (CHIP, hardware)})
 
 
 def pairs_of(setting: Setting) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -185,30 +172,23 @@ def write_pairs(layouts: int, path: Path, *, first: int = 0) -> int:
 
     Returns the number of pairs. Those with an empty image are left out.
     """
-    radar, lidar, keys = [], [], []
+    found = []
     with progress("layouts", layouts) as show:
         for seed in range(first, first + layouts):
             setting = layout(FAMILIES[seed % len(FAMILIES)], seed)
             for moment, (seen, truth) in enumerate(pairs_of(setting)):
                 if seen.any() and truth.any():
-                    radar.append(seen)
-                    lidar.append(np.packbits(truth, axis=-1))
-                    keys.append((seed, moment))
+                    found.append((seen, np.packbits(truth, axis=-1), seed, moment))
             show(seed - first + 1)
-    trajectories, frames = np.array(keys).T
-    np.savez_compressed(
-        path,
-        radar=np.stack(radar),
-        lidar_packed=np.stack(lidar),
-        trajectory=trajectories,
-        frame=frames,
-    )
-    return len(keys)
+    names = ("radar", "lidar_packed", "trajectory", "frame")
+    columns = map(np.stack, zip(*found, strict=True))
+    np.savez_compressed(path, **dict(zip(names, columns, strict=True)))
+    return len(found)
 
 
 def main(arguments: Sequence[str]) -> None:
     """Write the pairs that the command line asks for."""
-    parser = ArgumentParser(prog="radarhd_simulated", description=__doc__)
+    parser = ArgumentParser(prog="experiments.radarhd.simulated", description=__doc__)
     parser.add_argument("out", type=Path)
     parser.add_argument("--layouts", type=int, default=2000)
     parser.add_argument("--first", type=int, default=0, help="seed of the first layout")

@@ -1,4 +1,4 @@
-"""RPDNet's training: focal loss, and a critic that tells masks from labels.
+"""RPDNet's training: focal loss, and a critic that separates masks from labels.
 
 Cheng, Su, Jiang & Liu, "A Novel Radar Point Cloud Generation Method for Robot
 Environment Perception", IEEE Transactions on Robotics 2022. The critic, a stack of

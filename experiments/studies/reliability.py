@@ -27,10 +27,9 @@ from experiments.build import build_pairs
 from experiments.command import run_study, study_parser
 from experiments.enhance import drawn
 from experiments.evaluate import Frame, points_of, with_confidence
-from experiments.tables import markdown_table
 from jradar import data, evaluation, viz
 from jradar.errors import UsageError
-from jradar.evaluation import Coverage, Reliability
+from jradar.evaluation import Coverage, Reliability, markdown_table
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.progress import progress

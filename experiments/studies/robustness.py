@@ -37,9 +37,9 @@ from experiments.configs import default, varied
 from experiments.detectors import choose_rates, detector_methods
 from experiments.enhance import model_methods
 from experiments.evaluate import score_records, view_of
-from experiments.tables import markdown_table
 from jradar import data, evaluation
 from jradar.errors import UsageError
+from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.progress import progress

@@ -19,7 +19,7 @@ import numpy as np
 
 from experiments.command import run_study, study_parser
 from experiments.evaluate import points_of
-from experiments.tables import markdown_table
+from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.lidar import interpolate_poses
 from jradar.model import Model, load_model

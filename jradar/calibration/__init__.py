@@ -1,5 +1,6 @@
 """The channels of an array: their factors and their tilt, from ordinary echoes.
 
+calibrate_recording, Calibration    all of it for one recording
 strong_snapshots, Snapshots         the strongest echoes of frames, per virtual antenna
 self_calibrate, SelfCalibration     channel factors that explain them
 channel_response, explain, Explained    how well factors explain snapshots
@@ -11,6 +12,10 @@ from jradar.calibration.level import (
     Tilt as Tilt,
     level_tilt as level_tilt,
     untilted as untilted,
+)
+from jradar.calibration.recording import (
+    Calibration as Calibration,
+    calibrate_recording as calibrate_recording,
 )
 from jradar.calibration.self_calibration import (
     Explained as Explained,

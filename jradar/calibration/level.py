@@ -41,6 +41,16 @@ class Tilt(NamedTuple):
     deviation: float
     frames: int
 
+    @property
+    def degrees(self) -> float:
+        """The tilt in degrees."""
+        return float(np.degrees(np.arcsin(min(self.sine, 1.0))))
+
+    @property
+    def deviation_deg(self) -> float:
+        """Its standard deviation in degrees."""
+        return float(np.degrees(np.arcsin(min(self.deviation, 1.0))))
+
 
 def level_tilt(
     clouds: PointCloud,

@@ -1,26 +1,32 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command line: info, points, enhance, live, calibrate, prepare and others.
 
-A command imports what it needs when it runs, so `--help`, a wrong option and a wrong
-path answer before JAX loads. `jradar.errors` lists the exit codes.
+A command parses its options, calls one function of the library, and prints the result.
+It loads what it needs when it runs, so `--help`, a wrong option and a wrong path answer
+before JAX loads. `jradar.errors` lists the exit codes.
 """
 
-import json
+import contextlib
+import importlib
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 
-from jradar.cli.listing import lines
-from jradar.cli.one_line import say
 from jradar.cli.options import parser
 from jradar.cli.paths import check_paths
+from jradar.cli.printing import as_json, lines, say
 from jradar.errors import check_platform, exit_code, sigterm_raises
 from jradar.files import DISK_FULL, use_compilation_cache
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command, print its result, and return the exit code."""
-    options = parser().parse_args(argv)
+    commands = parser()
+    if "_ARGCOMPLETE" in os.environ:  # a shell asks for completions
+        with contextlib.suppress(ImportError):
+            importlib.import_module("argcomplete").autocomplete(commands)
+    options = commands.parse_args(argv)
     use_compilation_cache()
     try:
         with warnings.catch_warnings(), sigterm_raises():
@@ -28,9 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             check_paths(options)
             check_platform()
             result = options.command(options)
-        text = (
-            json.dumps(result, indent=2) if options.json else "\n".join(lines(result))
-        )
+        text = as_json(result) if options.json else "\n".join(lines(result))
         print(text, flush=True)
     except BrokenPipeError:  # the reader of stdout has seen enough, such as `head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,7 +1,14 @@
-"""Options that several commands share; `options` builds the commands from them."""
+"""Options that several commands share; `options` builds the commands from them.
 
+The fields of `PointSpec` are read from its source: importing the class would load JAX,
+and `--help` would wait for it.
+"""
+
+import argparse
+import ast
 import functools
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from jradar.cli import values
 
@@ -13,6 +20,14 @@ CLOUD_FORMATS = ("ply", "pcd", "csv")
 MAX_COUNT = 10**9
 CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
 MAX_DRAWS, MAX_STEPS = 64, 1000
+MODEL = "name of a shipped model, or folder of a model or of its training"
+SOURCE = Path(__file__).parents[1] / "radar" / "point_spec.py"
+KINDS: dict[str, dict[str, Any]] = {  # by the annotation of a field
+    "str": {"metavar": "NAME"},
+    "int": {"metavar": "N", "type": functools.partial(values.whole, 0, 1 << 20)},
+    "float": {"metavar": "X", "type": values.positive},
+    "tuple[int, int]": {"metavar": "D,R", "type": values.cells},
+}
 
 
 def flag(sub, name: str, text: str):
@@ -74,10 +89,34 @@ def all_frames(sub, text: str):
     option(sub, "--frames", "A:B", text, type=values.frames, default=slice(None))
 
 
-def output(sub, metavar="DIR", text="output folder, created if missing"):
-    """Add the output: a folder, or a file if `metavar` is not DIR."""
-    sub.add_argument("-o", "--output", metavar=metavar, required=True, help=text)
-    sub.set_defaults(output_is_folder=metavar == "DIR", output_may_stream=False)
+def output(
+    sub,
+    text: str = "output folder, created if missing",
+    *,
+    file_begins: str | None = None,
+    may_stream: bool = False,
+    required: bool = True,
+    force: bool = True,
+):
+    """Add the output, a folder; or a file, which begins so if the command wrote it.
+
+    Where it `may_stream`, it can be one file or bag of all frames. With `force`, the
+    user can have anything replaced.
+    """
+    folder = file_begins is None
+    metavar = "OUT" if may_stream else "DIR" if folder else "FILE"
+    sub.add_argument("-o", "--output", metavar=metavar, required=required, help=text)
+    sub.set_defaults(output_is_folder=folder, output_may_stream=may_stream)
+    sub.set_defaults(output_begins=file_begins)
+    if force:
+        text = "also replace files that another program or command wrote"
+        flag(sub, "--force", text)
+
+
+def model(sub, more: str = ""):
+    """Add which model is used."""
+    text = f"{MODEL}{more} (default: %(default)s)"
+    option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
 
 
 def background(sub):
@@ -95,13 +134,13 @@ def clouds(sub):
         default="ply",
         help="format of the clouds, beside NPZ (default: %(default)s)",
     )
-    for name, metavar, what in (
-        ("--min-range", "M", "nearer than M metres"),
-        ("--max-range", "M", "farther than M metres"),
-        ("--max-azimuth", "DEG", "more than DEG degrees to the left or right"),
-        ("--max-elevation", "DEG", "more than DEG degrees up or down"),
+    for name, metavar, kind, what in (
+        ("--min-range", "M", values.positive, "nearer than M metres"),
+        ("--max-range", "M", values.positive, "farther than M metres"),
+        ("--max-azimuth", "DEG", values.angle, "more than DEG degrees to either side"),
+        ("--max-elevation", "DEG", values.angle, "more than DEG degrees up or down"),
     ):
-        option(sub, name, metavar, f"leave out points {what}", type=values.positive)
+        option(sub, name, metavar, f"leave out points {what}", type=kind)
 
 
 def seed(sub, text: str):
@@ -148,3 +187,52 @@ def playing(sub):
         sub, "--duplicate", "P", "send packets twice with this probability", **CHANCE
     )
     flag(sub, "--repeat", "begin again at the end of the recording")
+
+
+class Field(NamedTuple):
+    """A field of `PointSpec`."""
+
+    name: str
+    kind: str
+    default: Any
+    text: str
+
+
+@functools.cache
+def point_fields() -> tuple[Field, ...]:
+    """Return the fields in their order, each with the help that stands below it."""
+    module = ast.parse(SOURCE.read_text(encoding="utf-8"))
+    (body,) = (n.body for n in module.body if isinstance(n, ast.ClassDef))
+    found = []
+    for field, below in zip(body, body[1:], strict=False):
+        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
+            kind = ast.unparse(field.annotation).removesuffix(" | None")
+            default = ast.literal_eval(ast.unparse(field.value or ast.Constant(None)))
+            text = " ".join(ast.literal_eval(below.value).split())
+            found.append(Field(ast.unparse(field.target), kind, default, text))
+    return tuple(found)
+
+
+def add_point_options(sub: argparse.ArgumentParser, *names: str) -> None:
+    """Add an option for each field of `PointSpec`, or for those of these names."""
+    for name, kind, default, text in point_fields():
+        if names and name not in names:
+            continue
+        flag = "--" + name.replace("_", "-")
+        if kind == "bool" and not default:
+            sub.add_argument(
+                flag, action="store_const", const=True, default=None, help=text
+            )
+        elif kind == "bool":
+            optional = argparse.BooleanOptionalAction
+            sub.add_argument(flag, action=optional, help=f"{text} (default: yes)")
+        else:
+            shown = str(default).strip("()").replace(", ", ",")
+            text = text if default is None else f"{text} (default: {shown})"
+            sub.add_argument(flag, help=text, **KINDS[kind])
+
+
+def given_points(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the fields that the user gave."""
+    found = {field.name: getattr(options, field.name, None) for field in point_fields()}
+    return {name: value for name, value in found.items() if value is not None}

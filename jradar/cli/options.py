@@ -9,9 +9,8 @@ import os
 from collections.abc import Callable
 
 from jradar import __version__
-from jradar.cli import commands, groups, values
-from jradar.cli.one_line import Parser
-from jradar.cli.point_options import add_point_options
+from jradar.cli import commands, frames, groups, streaming, values
+from jradar.cli.printing import Parser
 
 RECORDING_HELP = """\
 PATH is a recording:
@@ -68,18 +67,22 @@ SETS = (
     *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
 )
 MAX_FUSED = 16
+COMPLETION = """\
+Completion of commands and options in a shell: pip install argcomplete, then
+eval "$(register-python-argcomplete jradar)"."""
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
-    top = Parser(prog="jradar", description="Dense point clouds from mmWave radar.")
+    text = "Dense point clouds from mmWave radar."
+    top = Parser(prog="jradar", description=text, epilog=COMPLETION)
     top.add_argument("--version", action="version", version=f"jradar {__version__}")
     kinds = top.add_subparsers(required=True, metavar="COMMAND")
     _info(_command(kinds, commands.info, RECORDING_HELP + FILES_HELP))
-    _points(_command(kinds, commands.points, RECORDING_HELP))
-    _enhance(_command(kinds, commands.enhance, RECORDING_HELP))
-    _live(_command(kinds, commands.live, more=LIVE_HELP))
-    _replay(_command(kinds, commands.replay, RECORDING_HELP + REPLAY_HELP))
+    _points(_command(kinds, frames.points, RECORDING_HELP))
+    _enhance(_command(kinds, frames.enhance, RECORDING_HELP))
+    _live(_command(kinds, streaming.live, more=LIVE_HELP))
+    _replay(_command(kinds, streaming.replay, RECORDING_HELP + REPLAY_HELP))
     _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
     _odometry(_command(kinds, commands.odometry, RECORDING_HELP + ODOMETRY_HELP))
     _prepare(_command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
@@ -117,7 +120,7 @@ def _points(sub):
     groups.recording(sub)
     groups.frame(sub, several=True)
     groups.output(sub)
-    add_point_options(sub)
+    groups.add_point_options(sub)
     text = "also write the standard deviation of each coordinate to the NPZ file"
     groups.flag(sub, "--deviations", text)
     groups.background(sub)
@@ -128,12 +131,10 @@ def _enhance(sub):
     groups.recording(sub)
     groups.frame(sub, several=True)
     text = "output folder, created if missing; or a new .mcap file or .ros2 bag, by "
-    groups.output(sub, text=text + "default of all frames")
-    sub.set_defaults(output_may_stream=True)
-    text = "name of a shipped model, or folder of a model (default: %(default)s)"
-    groups.option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    groups.output(sub, text + "default of all frames", may_stream=True)
+    groups.model(sub)
     groups.anyway(sub)
-    add_point_options(sub, "remove_interference")
+    groups.add_point_options(sub, "remove_interference")
     groups.background(sub)
     groups.drawing(sub)
     text = "fuse each frame with the N - 1 before it, by the recording's poses, or by "
@@ -155,8 +156,7 @@ def _live(sub):
     text = "play this recording through an emulated card on this machine"
     groups.option(sub, "--replay", "RECORDING", text)
     text = "new .mcap file, new .ros2 bag, or folder of clouds to write"
-    groups.option(sub, "-o", "OUT", text, dest="output")
-    sub.set_defaults(output_is_folder=True, output_may_stream=True)
+    groups.output(sub, text, may_stream=True, required=False)
     text = "serve Foxglove over a WebSocket (default port: 8765)"
     groups.option(sub, "--serve", "PORT", text, type=values.port, nargs="?", const=8765)
     text = (
@@ -166,9 +166,7 @@ def _live(sub):
     text = "also serve web pages of this origin, such as https://viewer.example.org "
     text += "(default: this machine's and Foxglove's; repeatable)"
     groups.option(sub, "--allow-origin", "ORIGIN", text, action="append", default=[])
-    text = "name of a shipped model, folder of a model, or none for detections only "
-    text += "(default: %(default)s)"
-    groups.option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    groups.model(sub, ", or none for detections only")
     groups.anyway(sub)
     groups.count(sub, "--draws", "draw N samples (default: 1)", most=groups.MAX_DRAWS)
     groups.count(
@@ -200,7 +198,8 @@ def _calibrate(sub):
     groups.all_frames(
         sub, "frames to use: A to B-1 (default: 200 of them, evenly spaced)"
     )
-    groups.output(sub, "FILE", "description to write, a .toml")
+    text = "description to write, a .toml"
+    groups.output(sub, text, file_begins="# written by jradar calibrate")
     text = (
         "a corner reflector that stands still at M metres, by default straight ahead, "
         "or AZ degrees to the left and EL up: it fixes turn, tilt and range bias"
@@ -213,13 +212,14 @@ def _calibrate(sub):
 def _odometry(sub):
     groups.recording(sub)
     groups.all_frames(sub, "frames A to B-1 (default: all)")
-    groups.output(sub, "FILE", "trajectory to write, such as trajectory.tum")
+    text = "trajectory to write, such as trajectory.tum"
+    groups.output(sub, text, file_begins="# jradar odometry")
     text = (
         "how the rig turns: from the recording's IMU, its poses, matched LiDAR scans, "
         "or not at all (default: imu if there is one, else none)"
     )
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
-    add_point_options(sub, "folds")
+    groups.add_point_options(sub, "folds")
 
 
 def _prepare(sub):
@@ -238,7 +238,7 @@ def _prepare(sub):
 
 
 def _simulate(sub):
-    groups.output(sub)
+    groups.output(sub, force=False)
     what = sub.add_mutually_exclusive_group(required=True)
     text = f"one recording of a scene of this family: {', '.join(FAMILIES)}"
     groups.option(what, "--scene", "FAMILY", text, choices=FAMILIES)
@@ -269,9 +269,8 @@ def _view(sub):
 
 
 def _export(sub):
-    text = "name of a shipped model (jradar-sim), or folder of a model"
-    sub.add_argument("model", metavar="MODEL", help=text)
-    groups.output(sub, "FILE", "file to write")
+    sub.add_argument("model", metavar="MODEL", help=groups.MODEL)
+    groups.output(sub, "file to write", file_begins='{"format": "jradar function')
     groups.drawing(sub)
     text = "description of the radar that will use the file, with its calibration "
     text += "(default: the radar of the model's training, not calibrated)"

@@ -2,10 +2,12 @@
 
 import argparse
 import os
+import re
 from pathlib import Path
 
 from jradar.errors import ModelError, UsageError
 from jradar.files import open_file
+from jradar.results import Results, check_replaceable
 
 INPUTS = ("path", "radar", "replay", "spec", "coupling", "run")  # name a file
 STREAMED = (".mcap", ".ros2")  # outputs that hold all frames in one file or bag
@@ -20,20 +22,19 @@ def check_paths(options: argparse.Namespace) -> None:
     """Raise OSError for an input that is missing or must not be read.
 
     Raises ModelError for a missing model, and UsageError for an input that is a pipe or
-    a device, an output that is a file instead of a folder, or a folder instead of a
-    file.
+    a device, and for an output that is of the wrong kind or must not be replaced.
     """
-    for name in INPUTS:
-        if (path := getattr(options, name, None)) is not None:
-            _check_input(path)
+    named = ((name, getattr(options, name, None)) for name in INPUTS)
+    inputs = {name: path for name, path in named if path is not None}
+    if (radar := inputs.get("radar")) and not os.path.lexists(radar):
+        inputs["radar"] = re.sub(r"#\d+$", "", radar)  # a configuration of a log
+    for path in inputs.values():
+        _check_input(path)
     model = getattr(options, "model", None) or ""
     if os.sep in model and not os.path.exists(model):  # no name of a shipped model
         raise ModelError(f"no model at {model}: no such folder")
-    if (output := getattr(options, "output", None)) is not None:
-        streamed = is_streamed(output) and options.output_may_stream
-        if streamed and os.path.lexists(output):
-            raise UsageError(f"{output} exists and is not overwritten: name another")
-        _check_output(Path(output), folder=options.output_is_folder and not streamed)
+    if getattr(options, "output", None) is not None:
+        _check_output(options, [*inputs.values(), model])
 
 
 def _check_input(path: str) -> None:
@@ -45,10 +46,27 @@ def _check_input(path: str) -> None:
         open_file(path).close()
 
 
-def _check_output(path: Path, *, folder: bool) -> None:
-    if path.exists() and path.is_dir() != folder:
+def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
+    path, force = Path(options.output), getattr(options, "force", False)
+    streamed = options.output_may_stream and is_streamed(options.output)
+    folder = options.output_is_folder and not streamed
+    if path.exists() and not streamed and path.is_dir() != folder:
         found, expected = ("file", "folder") if folder else ("folder", "file")
         raise UsageError(f"{path} is a {found}, expected the name of a {expected}")
     for above in path.parents:
         if above.exists() and not above.is_dir():
             raise UsageError(f"{path}: {above} is a file, expected a folder")
+    for given in inputs:
+        if path.exists() and os.path.exists(given) and path.samefile(given):
+            raise UsageError(
+                f"{path} is an input of this command, which not even --force "
+                "replaces: name another output"
+            )
+    if folder:
+        Results(path, options.command.__name__, force=force)
+    elif not streamed:
+        check_replaceable(path, begins=options.output_begins, force=force)
+    elif os.path.lexists(path) and not force:
+        raise UsageError(
+            f"{path} exists and is not overwritten: name another output, or add --force"
+        )

@@ -1,25 +1,13 @@
-"""From options to a recording, its frames and their radar points."""
+"""From options to a recording and its frames."""
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from jaxtyping import Array, Inexact
-
+import jradar
 from jradar.errors import UsageError
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    radar_points,
-    strongest_echoes,
-)
-from jradar.recordings import (
-    Recording,
-    open_recording,
-    with_sample_doubts,
-    without_background,
-)
-from jradar.types import PointCloud
+
+if TYPE_CHECKING:
+    from jradar.recordings import Recording
 
 
 def given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
@@ -33,13 +21,13 @@ def opening(options: argparse.Namespace) -> dict[str, Any]:
     return named | given(options, "sensor", "iq_order", "allow_partial", "device")
 
 
-def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
+def open_frames(options: argparse.Namespace) -> "tuple[Recording, range]":
     """Open the recording and return it with the frames of `--frame` or `--frames`.
 
     `--background` is subtracted from every frame that is read.
     Raises UsageError for a frame that the recording does not have.
     """
-    recording = open_recording(
+    recording = jradar.open_recording(
         options.path, frames_as_chirps=options.frames_as_chirps, **opening(options)
     )
     count, frame = len(recording.cubes), options.frame or 0
@@ -49,27 +37,12 @@ def open_frames(options: argparse.Namespace) -> tuple[Recording, range]:
     if not frames or frames.start < 0 or frames.stop > count:
         asked = f"--frames from {chosen.start}" if chosen else f"--frame {frames.start}"
         raise UsageError(f"{asked}: {options.path} has frames 0 to {count - 1}")
-    recording = with_sample_doubts(recording, frames[0])
     if background := getattr(options, "background", None):
-        recording = without_background(recording, background)
+        recording = jradar.recordings.without_background(recording, background)
     return recording, frames
 
 
-def frame_points(
-    cube: Inexact[Array | np.ndarray, "tx rx chirp sample"],
-    radar: Radar,
-    points: PointSpec,
-) -> PointCloud:
-    """Return the radar points of a frame; windows and angle bins are fitted to it."""
-    return radar_points(cube, radar, points=points.fitted(radar.spec))
-
-
-def echoes(cloud: PointCloud, radar: Radar) -> list[dict[str, Any]]:
-    """Return the strongest echoes of a cloud as rows of a table."""
-    return [echo._asdict() for echo in strongest_echoes(cloud, radar.spec)]
-
-
-def summary(recording: Recording, notes: tuple[str, ...] = ()) -> dict[str, Any]:
+def summary(recording: "Recording", notes: tuple[str, ...] = ()) -> dict[str, Any]:
     """Return the first lines of a result: which recording was read."""
     return {
         "recording": str(recording.path),

@@ -39,42 +39,43 @@ def cells(text: str) -> tuple[int, int]:
     return whole(0, MAX_CELLS, doppler), whole(0, MAX_CELLS, range_)
 
 
+def number(text: str) -> float:
+    """Parse a number; NaN, which fits no limits, for anything else."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
 def positive(text: str) -> float:
     """Parse a finite number above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value < math.inf:
+    if not 0 < number(text) < math.inf:
         raise argparse.ArgumentTypeError(f"{text!r}, expected a number above 0")
-    return value
+    return number(text)
 
 
-def reflector(text: str) -> tuple[float, float, float]:
-    """Parse a range in metres, and a direction in degrees, into metres and radians."""
-    try:
-        distance, azimuth, elevation = map(float, (text + ",0,0").split(",")[:3])
-    except ValueError:
-        distance = azimuth = elevation = math.nan
-    fields = text.count(",") in (0, 2)
-    if not (
-        fields and 0 < distance < math.inf and max(abs(azimuth), abs(elevation)) < 90
-    ):
-        raise argparse.ArgumentTypeError(
-            f"{text!r}, expected a range above 0, or M,AZ,EL such as 3.2,-10,0"
-        )
-    return distance, math.radians(azimuth), math.radians(elevation)
+def angle(text: str) -> float:
+    """Parse degrees above 0 into radians."""
+    return math.radians(positive(text))
 
 
 def share(text: str) -> float:
     """Parse a number from 0 to 1."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value <= 1:
+    if not 0 <= number(text) <= 1:
         raise argparse.ArgumentTypeError(f"{text!r}, expected 0 to 1")
-    return value
+    return number(text)
+
+
+def reflector(text: str) -> tuple[float, float, float]:
+    """Parse a range in metres, and a direction in degrees, into metres and radians."""
+    distance, *direction = map(number, text.split(","))
+    azimuth, elevation = direction if len(direction) == 2 else (0.0, 0.0)
+    fits = 0 < distance < math.inf and abs(azimuth) < 90 and abs(elevation) < 90
+    if not fits or len(direction) not in (0, 2):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}, expected a range above 0, or M,AZ,EL such as 3.2,-10,0"
+        )
+    return distance, math.radians(azimuth), math.radians(elevation)
 
 
 def port(text: str) -> int:
@@ -85,14 +86,3 @@ def port(text: str) -> int:
 def places(text: str) -> int:
     """Parse the number of places by which a packet may be late."""
     return whole(0, 1000, text)
-
-
-def rate(text: str) -> float:
-    """Parse a probability above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0 < value <= 1:
-        raise argparse.ArgumentTypeError(f"{text!r}, expected more than 0, at most 1")
-    return value

@@ -1,21 +1,17 @@
 """Recordings to records of training pairs, and records to batches.
 
-find_sources, Source                  the recordings in a folder, and their splits
-SEQUENCES, scene, paper_split         ColoRadar's sequences as the paper divides them
-match_nearest, matches_of             radar frames and LiDAR scans of the same time
+find_sources                          the recordings in a folder, and their splits
+SEQUENCES, scene                      ColoRadar's sequences as the paper divides them
+matches_of                            radar frames and LiDAR scans of the same time
 PrepareSpec, prepare_frame            options, and one prepared frame
+preview, Preview                      one frame with the steps of its preparation
 prepare, Records                      folders of prepared frames: write and read
 PairSource, lidar_image               prepared frames to images
 mirrored, thinned                     changes of a pair at random in training
 Batches                               shuffled batches by step
 """
 
-from jradar.data.frames import (
-    Matches as Matches,
-    match_nearest as match_nearest,
-    matches_of as matches_of,
-    prepare_frame as prepare_frame,
-)
+from jradar.data.frames import matches_of as matches_of, prepare_frame as prepare_frame
 from jradar.data.loading import (
     Batches as Batches,
     Pair as Pair,
@@ -24,13 +20,15 @@ from jradar.data.loading import (
     mirrored as mirrored,
     thinned as thinned,
 )
-from jradar.data.prepare import prepare as prepare
+from jradar.data.prepare import (
+    describe_manifest as describe_manifest,
+    prepare as prepare,
+)
+from jradar.data.preview import Preview as Preview, preview as preview
 from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
 from jradar.data.sources import (
     SEQUENCES as SEQUENCES,
-    Source as Source,
     find_sources as find_sources,
-    paper_split as paper_split,
     scene as scene,
 )
 from jradar.data.spec import PrepareSpec as PrepareSpec

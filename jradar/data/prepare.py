@@ -11,6 +11,7 @@ processed with its own radar. The manifest's `radar` is that of most sequences, 
 `other_radars` lists the others with the names of their sequences.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -82,6 +83,7 @@ def prepare(
     """
     folder = Path(folder).absolute()
     sources = find_sources(path, **opening)
+    _check_contents(folder)  # before a lock is left there
     with lock_folder(folder):
         of_radar = _radars(sources)
         head = _head(sources, of_radar, spec, frames)
@@ -114,6 +116,25 @@ def prepare(
         manifest = head | {"complete": True, "sequences": summaries}
         write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
     return manifest
+
+
+def describe_manifest(manifest: dict[str, Any]) -> dict[str, Any]:
+    """Return the frames of each sequence, why others were dropped, and notes."""
+    sequences = manifest["sequences"]
+    return {
+        "frames": sum(s["frames"] for s in sequences),
+        "sequences": [
+            {name: s[name] for name in ("name", "split", "frames")}
+            | {"dropped": sum(s["dropped"].values())}
+            for s in sequences
+        ],
+        "dropped": [
+            {"sequence": s["name"], "frames": count, "reason": reason}
+            for s in sequences
+            for reason, count in s["dropped"].items()
+        ],
+        "notes": [f"{s['name']}: {note}" for s in sequences for note in s["notes"]],
+    }
 
 
 def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, Any]:
@@ -201,18 +222,27 @@ def _other_radars(radars, of_radar):
     return {"other_radars": listed} if listed else {}
 
 
+def _check_contents(folder) -> dict[str, Any]:
+    """Return the manifest, {} in an empty folder; UsageError for other contents."""
+    found = {}
+    with contextlib.suppress(FileNotFoundError, ValueError):  # somebody else's
+        found = read_json(folder / "manifest.json")
+    entries = folder.iterdir() if folder.exists() else ()
+    shown = sorted(entry.name for entry in entries if entry.name != ".lock")
+    if shown and not set(COMPARED) <= set(found):
+        raise UsageError(
+            f"{folder} is neither empty nor a folder of records, it holds {shown[0]}: "
+            "choose another -o"
+        )
+    return found
+
+
 def _check_options(folder, head):
     """Raise UsageError for a folder of other options, sources or contents.
 
     A preparation that has not finished a shard loses its claim on the folder.
     """
-    path = folder / "manifest.json"
-    found = read_json(path) if path.exists() else {}
-    shown = [entry for entry in folder.iterdir() if entry.name != ".lock"]
-    if shown and not set(COMPARED) <= set(found):
-        raise UsageError(
-            f"{folder} is neither empty nor a folder of records: choose another -o"
-        )
+    found = _check_contents(folder)
     wanted = json.loads(json.dumps(head))
     keys = (*COMPARED, *OPTIONAL)
     changed = [key for key in keys if found and found.get(key) != wanted.get(key)]

@@ -2,9 +2,8 @@
 
 Noise, and what a network predicts
     NoiseSpec                       noise levels and prediction, a static argument
-    PREDICTIONS, EDM, Prediction    predictions by name; each carries its rule
+    PREDICTIONS, Prediction         predictions by name; each carries its rule
     training_sigma                  random levels to train at
-    karras_sigmas, log_sigmas       levels to sample at
     scalings                        EDM's factors of input and output
 
 Networks
@@ -12,20 +11,19 @@ Networks
     NETWORKS, Network               all networks by name, and what each provides
     build_network, network_fields, network_from_fields
                                     from configs, to JSON, and back
-    precondition                    network -> D(x; sigma)
+    precondition, Denoiser          network -> D(x; sigma)
     conditional_denoiser            the same for a network that takes a condition
 
 Sampling
     sample                          draws images with a solver
     SOLVERS, HEUN, Solver           solvers by name; each carries its rule
     solver_for                      the solver that suits a number of steps
-    Heun, Multistep, heun_step      their kinds
+    heun_step                       one step of the paper's
 
 Training
     denoising_loss, LossSpec        Eq. 12 and its weights
-    target_mask, channel_weights    which values count, and how much
-    lpips, load_lpips, LpipsWeights
-                                    the perceptual distance
+    target_mask                     which values count
+    lpips, load_lpips               the perceptual distance
     regression_loss, regression_estimate
                                     the same network without diffusion, a baseline
 
@@ -35,16 +33,16 @@ One pass
     mixture_loss                    its negative log-likelihood
 
 Weights
-    load_pretrained, Transfer       weights to start from, published or trained here
+    load_pretrained                 weights to start from, published or trained here
     write_params, read_params       parameters to a file and back
     misfit, parameter_shapes        in what they do not fit a network; their shapes
-    read_state                      any file's arrays by name
 """
 
 from jradar.diffusion.losses import (
     LossSpec as LossSpec,
-    channel_weights as channel_weights,
     denoising_loss as denoising_loss,
+    regression_estimate as regression_estimate,
+    regression_loss as regression_loss,
     target_mask as target_mask,
 )
 from jradar.diffusion.mixture import (
@@ -63,48 +61,34 @@ from jradar.diffusion.network import (
 )
 from jradar.diffusion.noise import (
     NoiseSpec as NoiseSpec,
-    karras_sigmas as karras_sigmas,
-    log_sigmas as log_sigmas,
     training_sigma as training_sigma,
 )
-from jradar.diffusion.perceptual import (
-    LpipsWeights as LpipsWeights,
-    load_lpips as load_lpips,
-    lpips as lpips,
-)
+from jradar.diffusion.perceptual import load_lpips as load_lpips, lpips as lpips
 from jradar.diffusion.precondition import (
-    ConditionalDenoiser as ConditionalDenoiser,
     Denoiser as Denoiser,
     conditional_denoiser as conditional_denoiser,
     precondition as precondition,
 )
 from jradar.diffusion.predictions import (
-    EDM as EDM,
     PREDICTIONS as PREDICTIONS,
     Prediction as Prediction,
     scalings as scalings,
 )
-from jradar.diffusion.pretrained import (
-    Transfer as Transfer,
-    load_pretrained as load_pretrained,
-    misfit as misfit,
-    parameter_shapes as parameter_shapes,
-    read_params as read_params,
-    read_state as read_state,
-    write_params as write_params,
-)
-from jradar.diffusion.regression import (
-    regression_estimate as regression_estimate,
-    regression_loss as regression_loss,
-)
 from jradar.diffusion.solvers import (
     HEUN as HEUN,
     SOLVERS as SOLVERS,
-    Heun as Heun,
-    Multistep as Multistep,
     Solver as Solver,
     heun_step as heun_step,
     sample as sample,
     solver_for as solver_for,
 )
 from jradar.diffusion.unet import PRESETS as PRESETS, UNet as UNet
+from jradar.diffusion.weights.files import (
+    misfit as misfit,
+    parameter_shapes as parameter_shapes,
+    read_params as read_params,
+    write_params as write_params,
+)
+from jradar.diffusion.weights.pretrained import (
+    load_pretrained as load_pretrained,
+)

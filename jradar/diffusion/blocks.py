@@ -31,7 +31,6 @@ class Block(nn.Module):
     head_channels: int = 64
     group_channels: int = 4
     resample: str = ""
-    resample_filter: tuple[int, ...] = (1, 1)
     dtype: Any = jnp.float32
 
     @nn.compact
@@ -40,8 +39,7 @@ class Block(nn.Module):
     ) -> Float[Array, "batch _ _ _"]:
         """Return the output: half or double size for `resample` "down" or "up"."""
         song = self.form == "ddpm++"
-        way, taps = self.resample, self.resample_filter
-        h = resample(nn.silu(self.norm("norm0")(x)), way, taps)
+        h = resample(nn.silu(self.norm("norm0")(x)), self.resample)
         h = conv(self.channels, self.dtype, name="conv0")(h)
         parameters = self.channels * (1 if song else 2)
         level = nn.Dense(parameters, dtype=self.dtype, name="affine")(embedding)
@@ -54,7 +52,7 @@ class Block(nn.Module):
         h = conv(self.channels, self.dtype, zero=True, name="conv1")(h)
 
         project = x.shape[-1] != self.channels or (song and self.resample)
-        x = resample(x, way, taps)
+        x = resample(x, self.resample)
         if project:
             x = nn.Conv(self.channels, (1, 1), dtype=self.dtype, name="skip")(x)
         scale = math.sqrt(0.5) if song else 1.0
@@ -100,49 +98,12 @@ def norm(epsilon, dtype, name=None, *, group_channels=4):
     return apply
 
 
-def resample(x, way, taps=(1, 1)):
-    """Return `x` at half the size ("down"), at double ("up"), or as it is.
-
-    `taps` is the filter along either axis, in proportion: with (1, 1), "down" gives
-    means of 2 x 2 pixels and "up" each pixel four times. Outside the image is 0.
-    """
-    if taps != (1, 1):
-        change = {"down": _halved, "up": _doubled}.get(way)
-        return change(change(x, taps, 1), taps, 2) if change else x
+def resample(x, way):
+    """Return means of 2 x 2 pixels ("down"), each pixel four times ("up"), or `x`."""
     if way == "down":
         batch, rows, columns, channels = x.shape
         return x.reshape(batch, rows // 2, 2, columns // 2, 2, channels).mean((2, 4))
     return x.repeat(2, 1).repeat(2, 2) if way == "up" else x
-
-
-def _halved(x, taps, axis):
-    """Every second value along `axis` of `x`, filtered."""
-    size, around = x.shape[axis], (len(taps) - 1) // 2
-    padded = _padded(x, axis, around, around)
-    parts = [
-        jax.lax.slice_in_dim(padded, i, i + size - 1, 2, axis) for i in range(len(taps))
-    ]
-    return sum(t / sum(taps) * part for t, part in zip(taps, parts, strict=True))
-
-
-def _doubled(x, taps, axis):
-    """Twice as many values along `axis`: zeros in between, filtered."""
-    size, around = 2 * x.shape[axis], len(taps) // 2
-    spread = jnp.stack([x, jnp.zeros_like(x)], axis + 1)
-    spread = spread.reshape(*x.shape[:axis], size, *x.shape[axis + 1 :])
-    padded = _padded(spread, axis, around, around - 1)
-    parts = [
-        jax.lax.slice_in_dim(padded, i, i + size, 1, axis) for i in range(len(taps))
-    ]
-    weights = [2 * t / sum(taps) for t in reversed(taps)]
-    return sum(w * part for w, part in zip(weights, parts, strict=True))
-
-
-def _padded(x, axis, before, after):
-    """`x` with zeros before and after it along `axis`."""
-    widths = [(0, 0)] * x.ndim
-    widths[axis] = (before, after)
-    return jnp.pad(x, widths)
 
 
 def fold(x, stem):

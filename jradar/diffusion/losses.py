@@ -6,6 +6,11 @@ L_c   absolute error |x0 - D| of each pixel (Eq. 11)
 
 L_p and L_c compare images. `LossSpec` can limit them to weak noise, at which the
 denoised image still resembles the clean one.
+
+Regression is the baseline: the same network without the diffusion. It sees only the
+condition, and its estimate is D(0; sigma_max), where the preconditioning passes the
+network's output through. Trained with the squared error, the estimate approaches the
+mean of all images that the condition allows, and is blurred where these differ.
 """
 
 import dataclasses
@@ -108,6 +113,30 @@ def denoising_loss(
         distance = _when(jnp.asarray(step) % every == 0, perceptual, *images)
         loss += weights.perceptual * every * (near * distance).mean()
     return loss
+
+
+def regression_estimate(
+    denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
+) -> Image:
+    """Return images of `shape` [batch, row, column, channel] from one evaluation."""
+    return denoise(jnp.zeros(shape), jnp.asarray(noise.sigma_max))
+
+
+def regression_loss(
+    key: Key[Array, ""],
+    denoise: Denoiser,
+    clean: Image,
+    *,
+    noise: NoiseSpec,
+    range_weight: float = 1.0,
+    step: int | Int[Array, ""] = 0,
+) -> Float[Array, ""]:
+    """Return the mean squared error of the estimate, weighted as by `LossSpec`.
+
+    It is called as `denoising_loss` is; `key` and `step` are not used.
+    """
+    estimate = regression_estimate(denoise, clean.shape, noise=noise)
+    return jnp.mean(channel_weights(clean, range_weight) * (estimate - clean) ** 2)
 
 
 def channel_weights(image: Image, range_weight: float) -> Float[Array, "1 1 1 channel"]:

@@ -50,7 +50,9 @@ def build_network(
 
     Raises ValueError for an unknown kind, preset or field, naming the choices.
     """
-    known = _class_of(kind)
+    if kind not in NETWORKS:
+        raise ValueError(f"network kind = {kind!r}, expected one of {[*NETWORKS]}")
+    known: Any = NETWORKS[kind]
     if preset is not None and preset not in PRESETS:
         raise ValueError(f"preset = {preset!r}, expected one of {[*PRESETS]}")
     values = (PRESETS[preset] if preset else {}) | fields
@@ -82,10 +84,3 @@ def network_from_fields(values: dict[str, Any]) -> Network:
     """Return the network of `network_fields`, with lists as tuples."""
     values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
     return build_network(**values)
-
-
-def _class_of(kind: str) -> Any:
-    """The class of a kind of network."""
-    if kind not in NETWORKS:
-        raise ValueError(f"network kind = {kind!r}, expected one of {[*NETWORKS]}")
-    return NETWORKS[kind]

@@ -38,6 +38,16 @@ from jradar.diffusion.blocks import (
     unfold,
 )
 
+TINY: dict[str, Any] = {
+    "channels": 128,
+    "multipliers": (1, 1),
+    "blocks": 1,
+    "attention_levels": (1,),
+    "stem": (16, 16),
+    "condition_stem": (8, 2),
+    "condition_channels": 64,
+    "detail_channels": 0,
+}
 PRESETS: dict[str, dict[str, Any]] = {
     "paper": {  # the trunk of EDM's FFHQ and AFHQ networks
         "form": "ddpm++",
@@ -47,26 +57,9 @@ PRESETS: dict[str, dict[str, Any]] = {
         "attention_levels": (2,),
         "stem": (1, 4),
     },
-    "small": {  # half the patch height of "tiny"
-        "channels": 128,
-        "multipliers": (1, 1),
-        "blocks": 1,
-        "attention_levels": (1,),
-        "stem": (8, 16),
-        "condition_stem": (4, 2),
-        "condition_channels": 64,
-        "detail_channels": 0,
-    },
-    "tiny": {
-        "channels": 128,
-        "multipliers": (1, 1),
-        "blocks": 1,
-        "attention_levels": (1,),
-        "stem": (16, 16),
-        "condition_stem": (8, 2),
-        "condition_channels": 64,
-        "detail_channels": 0,
-    },
+    # Half the patch height of "tiny", and twice the blocks.
+    "small": TINY | {"blocks": 2, "stem": (8, 16), "condition_stem": (4, 2)},
+    "tiny": TINY,
 }
 
 DTYPES = ("float32", "bfloat16", "float64")
@@ -85,7 +78,6 @@ class UNet(nn.Module):
                          pixels of image and condition in one pixel of their grid
     noise_scale          factor of c_noise (1000 for OpenAI's networks)
     group_channels       fewest channels in a group of a norm (1 for OpenAI's networks)
-    resample_filter      an even number of taps, along rows and columns, between levels
     detail_channels      channels of the full-size path around the trunk; with 0, the
                          head is a linear map of each patch's features
     condition_at_input   resize the condition to the image and append its channels
@@ -110,20 +102,13 @@ class UNet(nn.Module):
     outputs: int = 2
     remat: bool = False
     group_channels: int = 4
-    resample_filter: tuple[int, ...] = (1, 1)
     dtype: Any = jnp.float32
 
     def __post_init__(self):
-        """Refuse an unknown form of block, and groups and filters that cannot be."""
+        """Refuse an unknown form of block or type, and groups that cannot be."""
         if self.group_channels < 1:
             raise ValueError(
                 f"group_channels = {self.group_channels}, expected 1 or more"
-            )
-        taps = self.resample_filter
-        if len(taps) % 2 or sum(taps) <= 0:
-            raise ValueError(
-                f"resample_filter = {taps}, expected an even number of taps with a "
-                "positive sum, such as (1, 1) or (1, 3, 3, 1)"
             )
         if self.form not in FORMS:
             raise ValueError(f"form = {self.form!r}, expected one of {FORMS}")
@@ -140,22 +125,8 @@ class UNet(nn.Module):
             self.condition_stem,
             dtype=self.dtype,
         )
-        self.trunk = Trunk(
-            channels=self.channels,
-            multipliers=self.multipliers,
-            blocks=self.blocks,
-            attention_levels=self.attention_levels,
-            stem=self.stem,
-            form=self.form,
-            head_channels=self.head_channels,
-            noise_scale=self.noise_scale,
-            detail_channels=self.detail_channels,
-            outputs=self.outputs,
-            remat=self.remat,
-            group_channels=self.group_channels,
-            resample_filter=self.resample_filter,
-            dtype=self.dtype,
-        )
+        shared = Trunk.__annotations__.keys() - {"parent", "name"}
+        self.trunk = Trunk(**{name: getattr(self, name) for name in shared})
 
     def __call__(
         self, x: Image, c_noise: Float[Array, " batch"], condition: Condition
@@ -229,7 +200,6 @@ class Trunk(nn.Module):
     outputs: int
     remat: bool
     group_channels: int
-    resample_filter: tuple[int, ...]
     dtype: Any
 
     @nn.compact
@@ -254,7 +224,6 @@ class Trunk(nn.Module):
                 head_channels=self.head_channels,
                 group_channels=self.group_channels,
                 resample=resample,
-                resample_filter=self.resample_filter,
                 dtype=self.dtype,
                 name=name,
             )

@@ -1,6 +1,7 @@
 """Scores of methods against LiDAR: tables, intervals, comparisons, reports.
 
-score_frames, Method             scores of each method on each frame of a sequence
+score_frames, Method, Truth      scores of each method on each frame of a sequence
+score_points                     scores of one cloud
 write_scores, read_scores        the file of scores, the source of all that follows
 mean_interval                    mean of correlated frames, with its interval
 near_truth, reliability, reliability_error, precision_over_coverage
@@ -14,7 +15,12 @@ save_clouds                      clouds of a few frames
 build_report, open_report        tables, curves and clouds of a run in one HTML file
 """
 
-from jradar.evaluation.methods import Method as Method, score_frames as score_frames
+from jradar.evaluation.methods import (
+    Method as Method,
+    Truth as Truth,
+    score_frames as score_frames,
+    score_points as score_points,
+)
 from jradar.evaluation.reliability import (
     Coverage as Coverage,
     Reliability as Reliability,

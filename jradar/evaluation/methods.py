@@ -8,12 +8,12 @@ NumPy arrays: JAX would compile anew for each number of points.
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import jax
 import numpy as np
-from jaxtyping import Array, Key
+from jaxtyping import Array, Float, Key
 
 from jradar.evaluation.scores import COUNTS, DISTANCES, F_SCORES
 from jradar.metrics import compare_on_host
@@ -25,7 +25,7 @@ Truth = Callable[[Any], np.ndarray]
 
 def score_frames(
     key: Key[Array, ""],
-    frames: Any,
+    frames: Iterable[Any],
     methods: Mapping[str, Method],
     *,
     truths: Mapping[str, Truth],
@@ -44,8 +44,8 @@ def score_frames(
         raise ValueError(
             f"{len(methods)} methods and {len(truths)} truths, expected 1 or more each"
         )
-    for index in range(len(frames)):
-        frame, frame_key = frames[index], jax.random.fold_in(key, index)
+    for index, frame in enumerate(frames):
+        frame_key = jax.random.fold_in(key, index)
         true_points = {name: truth(frame) for name, truth in truths.items()}
         for name, method in methods.items():
             if warm_up and index == 0:
@@ -63,12 +63,18 @@ def score_frames(
                     "method": name,
                     **dict(zip(COUNTS, (len(found), len(truth)), strict=True)),
                     "milliseconds": milliseconds,
-                    **_scores(found, truth),
+                    **score_points(found, truth),
                 }
 
 
-def _scores(found, truth):
-    """Scores by name; an empty cloud has no distances and F-scores of 0."""
+def score_points(
+    found: Float[np.ndarray, "point 3"], truth: Float[np.ndarray, "other 3"]
+) -> dict[str, float]:
+    """Return the distances and F-scores of one cloud, by their names in `scores`.
+
+    A cloud without points has no distances and F-scores of 0; against an empty truth
+    there are no scores.
+    """
     if not len(found) or not len(truth):
         f_score = 0.0 if len(truth) else math.nan
         return dict.fromkeys(DISTANCES, math.nan) | dict.fromkeys(F_SCORES, f_score)

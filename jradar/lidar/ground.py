@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jradar.errors import optional
 from jradar.lidar.align import returns, transform
 
 CELL_M, FLAT_M = 0.25, 0.1  # the heights in a flat cell differ by less than FLAT_M
@@ -174,12 +175,8 @@ def _levelling(normal):
 
 def _patchwork(xyz, height_m, max_range_m, thickness_m):
     """Indices of ground points by a new Patchwork++ without memory of other scans."""
-    try:
-        import pypatchworkpp
-    except ImportError as error:
-        raise ImportError(
-            "floor and ceiling need pypatchworkpp: pip install 'jradar[data]'"
-        ) from error
+    need = "floor and ceiling need pypatchworkpp"
+    pypatchworkpp = optional("pypatchworkpp", need=need, extra="data")
     parameters = pypatchworkpp.Parameters()
     parameters.enable_RNR = False  # expects intensities on one maker's scale
     parameters.sensor_height = height_m

@@ -10,6 +10,7 @@ import numpy as np
 import scipy  # loads `spatial` when it is first used
 from jaxtyping import Bool, Float, Int
 
+from jradar.errors import optional
 from jradar.lidar.align import returns
 
 
@@ -71,12 +72,8 @@ def voxel_filter(
 
 def _dbscan(xyz, eps_m, min_points):
     """Cluster of each point, -1 for noise."""
-    try:
-        from sklearn.cluster import DBSCAN
-    except ImportError as error:
-        raise ImportError(
-            "clusters need scikit-learn: pip install 'jradar[data]'"
-        ) from error
+    need = "clusters need scikit-learn"
+    cluster = optional("sklearn.cluster", need=need, extra="data")
     # The ball tree is faster here than the k-d tree that "auto" would choose.
-    method = DBSCAN(eps=eps_m, min_samples=min_points, algorithm="ball_tree")
+    method = cluster.DBSCAN(eps=eps_m, min_samples=min_points, algorithm="ball_tree")
     return method.fit_predict(xyz)

@@ -24,7 +24,7 @@ from jradar.diffusion import (
     read_params,
     write_params,
 )
-from jradar.diffusion.pretrained import MAX_FILE_BYTES
+from jradar.diffusion.weights.files import MAX_FILE_BYTES
 from jradar.errors import ModelError
 from jradar.files import atomic_folder, open_file, read_json, typed_fields
 from jradar.model.spec import Card, Model, ModelSpec
@@ -46,16 +46,19 @@ def shipped_models() -> dict[str, Path]:
 def load_model(name: Path | str) -> Model:
     """Load a shipped model by its name, or any model by its folder.
 
+    The folder can also be the workdir of a training, which holds it as `model`.
     Parameters become float32. Raises ModelError, with the reason, for a model that is
     missing, damaged or of another format.
     """
     shipped = shipped_models()
     folder = shipped.get(str(name), Path(name))
+    if not (folder / "model.json").is_file() and (folder / "model").is_dir():
+        folder /= "model"
     path, weights = folder / "model.json", folder / "weights.safetensors"
     if not path.is_file() or not weights.is_file():
         raise ModelError(
             f"no model at {folder}: expected a folder with model.json and "
-            "weights.safetensors, such as `model` in the workdir of a training, or the "
+            "weights.safetensors, the workdir of a training, which holds one, or the "
             f"name of a shipped model: {', '.join(shipped) or 'none is shipped'}"
         )
     try:

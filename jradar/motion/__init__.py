@@ -9,6 +9,8 @@
     relative_poses                     between the radar's places in two frames
     Follower                           the same for the last frames, as they come
     write_tum, to_poses                a trajectory as a file, and as `Poses`
+    compare, Comparison                a trajectory against recorded poses
+    describe_trajectory                in words and numbers
     umeyama, position_errors, step_errors    APE and RPE against true poses
 
 The radar's velocity is that of the radar itself, so it is the radar's position that is
@@ -19,6 +21,7 @@ from jradar.motion.attitude import (
     gyro_attitude as gyro_attitude,
     pose_attitude as pose_attitude,
 )
+from jradar.motion.describe import describe_trajectory as describe_trajectory
 from jradar.motion.doppler import (
     EgoVelocity as EgoVelocity,
     ego_velocity as ego_velocity,
@@ -33,7 +36,9 @@ from jradar.motion.following import Follower as Follower
 from jradar.motion.scans import scan_poses as scan_poses
 from jradar.motion.trajectory import (
     ROTATIONS as ROTATIONS,
+    Comparison as Comparison,
     Trajectory as Trajectory,
+    compare as compare,
     integrate as integrate,
     odometry as odometry,
     relative_poses as relative_poses,

@@ -3,6 +3,7 @@
 position of the radar  =  integral of world_from_base base_from_radar v_radar dt
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,13 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
 from jradar.files import atomic_path
-from jradar.lidar import Poses
+from jradar.lidar import Poses, interpolate_poses
 from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_attitude
+from jradar.motion.errors import Errors, position_errors, step_errors
 from jradar.motion.scans import scan_poses
 from jradar.motion.velocities import Velocities
 from jradar.recordings import Recording
 
 ROTATIONS = ("imu", "poses", "lidar", "none")
+LEAST_POSES = 3
+COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
 
 
 class Trajectory(NamedTuple):
@@ -41,6 +45,16 @@ class Trajectory(NamedTuple):
         return float(np.linalg.norm(steps, axis=1).sum())
 
 
+class Comparison(NamedTuple):
+    """A trajectory against recorded poses, in the frames that these cover."""
+
+    frames: int
+    distance_m: float  # of the recorded poses
+    positions: Errors  # APE in metres
+    steps: Errors  # RPE in metres
+    turns: Errors  # RPE in degrees
+
+
 def odometry(
     recording: Recording, velocities: Velocities, *, rotation: str = "imu"
 ) -> Trajectory:
@@ -52,7 +66,7 @@ def odometry(
     """
     if rotation not in ROTATIONS:
         raise UsageError(f"{rotation=}, expected one of {', '.join(ROTATIONS)}")
-    stamps, notes = velocities.stamps, []
+    stamps, notes = velocities.stamps, [*_notes(recording, velocities)]
     mount = recording.base_from_radar
     if mount is None:
         mount = np.eye(4)
@@ -69,6 +83,18 @@ def odometry(
         # The LiDAR's first and last scan may lie within the radar's frames.
         turns = pose_attitude(poses, np.clip(stamps, *poses.stamps[[0, -1]]))
     return integrate(velocities, turns, mount)._replace(notes=tuple(notes))
+
+
+def _notes(recording: Recording, velocities: Velocities) -> Iterator[str]:
+    """Yield what the velocities lack."""
+    missing = np.flatnonzero(~np.isfinite(velocities.velocity[:, 0]))
+    if len(missing):
+        yield (
+            f"no velocity in {len(missing)} of {len(velocities.stamps)} frames, which "
+            "are bridged"
+        )
+    if not recording.radar.spec.has_elevation:
+        yield "the array has one row: the radar is taken to move in its own plane"
 
 
 def _from_imu(recording, velocities, mount, notes):
@@ -148,9 +174,25 @@ def to_poses(trajectory: Trajectory) -> Poses:
     return Poses(trajectory.stamps, matrices[:, :3, 3], turns)
 
 
+def compare(trajectory: Trajectory, poses: Poses) -> Comparison | None:
+    """Return the errors of a trajectory, None where fewer than 3 frames have a pose."""
+    true = interpolate_poses(poses, trajectory.stamps)
+    covered = np.isfinite(true).all((1, 2))
+    if covered.sum() < LEAST_POSES:
+        return None
+    estimated, true = trajectory.world_from_base[covered], true[covered]
+    steps = np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1)
+    return Comparison(
+        int(covered.sum()),
+        float(steps.sum()),
+        position_errors(estimated, true),
+        *step_errors(estimated, true),
+    )
+
+
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     """Write the poses of the base as lines `stamp x y z qx qy qz qw`."""
-    lines = []
+    lines = [f"{COMMENT}\n"]
     for stamp, xyz, turn in zip(*to_poses(trajectory), strict=True):
         numbers = " ".join(f"{value:.9f}" for value in (*xyz, *turn))
         lines.append(f"{stamp:.6f} {numbers}\n")

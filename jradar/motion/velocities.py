@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jradar.errors import UsageError
-from jradar.motion import ego_velocity
+from jradar.motion.doppler import ego_velocity
 from jradar.radar import PointSpec, radar_points
 from jradar.recordings import Recording
 

@@ -249,11 +249,48 @@ class RadarSpec:
         return cls.named("cascade", **changes)
 
     @classmethod
+    def simple(
+        cls,
+        *,
+        start_frequency_hz: float,
+        bandwidth_hz: float,
+        chirp_s: float,
+        num_samples: int,
+        num_chirps: int,
+        num_rx: int = 1,
+        num_tx: int = 1,
+        period_s: float | None = None,
+        **others: Any,
+    ) -> "RadarSpec":
+        """Return a radar that samples whole chirps with a row of antennas.
+
+        Receivers are half a wavelength apart at the centre of the band, transmitters
+        `num_rx` half wavelengths. A chirp begins every `period_s`, by default as soon
+        as the one before it has ended. `others` are further fields, such as `name` or
+        `real_samples`. Raises ValueError for a radar that cannot exist.
+        """
+        fields = {
+            "name": "radar",
+            "start_frequency_hz": start_frequency_hz,
+            "slope_hz_per_s": bandwidth_hz / chirp_s,
+            "sample_rate_hz": num_samples / chirp_s,
+            "num_samples": num_samples,
+            "num_chirps": num_chirps,
+            "idle_time_s": 0.0 if period_s is None else period_s - chirp_s,
+            "adc_start_time_s": 0.0,
+            "ramp_end_time_s": chirp_s,
+            "tx_positions": tuple((num_rx * k, 0) for k in range(num_tx)),
+            "rx_positions": tuple((k, 0) for k in range(num_rx)),
+            "design_frequency_hz": start_frequency_hz + bandwidth_hz / 2,
+        }
+        return cls.from_dict(fields | others)
+
+    @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "RadarSpec":
         """Return a radar from its fields, or from a `device` and fields that differ.
 
-        `upside_down` mounts it so. Raises ValueError for an unknown device, and for a field that is unknown,
-        missing or of the wrong type.
+        `upside_down` mounts it so. Raises ValueError for an unknown device, and for a
+        field that is unknown, missing or of the wrong type.
         """
         given = dict(values)
         device = given.pop("device", None)

@@ -12,13 +12,13 @@ Formats, each with its layout at the top of its module:
     open_coloradar                   `coloradar`: sequences of the public data set
     open_dca1000                     `dca1000`: samples of TI's capture card
     open_packet_trace                `packet_trace`: the same in a .pcap
-    open_raw_bag                     `raw_bags`: the same in ROS bags
+    open_raw_bag                     `bags.raw`: the same in ROS bags
     open_npy                         `cubes`: complex arrays
     open_capture, read_tum           `capture`: a rig's radar, LiDAR and poses
     open_bag, bag_topics             `bags`: LiDAR clouds in ROS 1 and ROS 2 bags
-    open_imu                         `imu`: IMUs in bags
+    open_imu                         `bags.imu`: IMUs in bags
     read_cloud                       `clouds`: PLY, PCD, KITTI
-    write_ply, _pcd, _csv, _npz      `cloud_writers`: a cloud's valid points
+    CLOUD_WRITERS, write_npz         `clouds.write`: a cloud's valid points
 
 Radars and their calibration:
 
@@ -33,6 +33,7 @@ Radars and their calibration:
 
 from jradar.recordings.background import without_background as without_background
 from jradar.recordings.bags.bags import bag_topics as bag_topics, open_bag as open_bag
+from jradar.recordings.bags.imu import open_imu as open_imu
 from jradar.recordings.bags.raw import open_raw_bag as open_raw_bag
 from jradar.recordings.capture import (
     accumulate as accumulate,
@@ -42,9 +43,7 @@ from jradar.recordings.clouds.read import read_cloud as read_cloud
 from jradar.recordings.clouds.write import (
     CLOUD_WRITERS as CLOUD_WRITERS,
     valid_points as valid_points,
-    write_csv as write_csv,
     write_npz as write_npz,
-    write_pcd as write_pcd,
     write_ply as write_ply,
 )
 from jradar.recordings.coloradar.calib import (
@@ -58,11 +57,7 @@ from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,
 )
-from jradar.recordings.descriptions import (
-    Description as Description,
-    read_description as read_description,
-)
-from jradar.recordings.imu import open_imu as open_imu
+from jradar.recordings.descriptions import read_description as read_description
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
@@ -79,8 +74,8 @@ from jradar.recordings.recording import (
     radar_from_lidar as radar_from_lidar,
 )
 from jradar.recordings.sample_checks import (
-    SampleCheck as SampleCheck,
     check_samples as check_samples,
+    sample_doubts as sample_doubts,
     with_sample_doubts as with_sample_doubts,
 )
 from jradar.recordings.text_files import (

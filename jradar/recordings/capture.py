@@ -39,13 +39,13 @@ from jradar.errors import UsageError
 from jradar.files import inside
 from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_transform
 from jradar.recordings.bags.bags import open_bag
+from jradar.recordings.bags.imu import open_imu
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME
-from jradar.recordings.imu import open_imu
 from jradar.recordings.recording import Format, Recording, Stream, clocks_apart
 from jradar.recordings.text_files import check_names, read_tum, toml
 from jradar.recordings.ti.dca1000 import open_dca1000
 
-PLACE = {"xyz": list, "rpy_degrees": list, "quaternion": list}
+PLACE = {"xyz": 3, "rpy_degrees": 3, "quaternion": 4}  # lists of so many numbers
 KEYS = {
     "radar": {
         **{"file": str, "description": str, "device": str, "iq_order": str},
@@ -215,36 +215,28 @@ def _read_capture_toml(path: Path) -> dict[str, dict[str, Any]]:
         if missing := [key for key in NEEDED[name] if key not in table]:
             raise UsageError(f"{path}: [{name}] lacks {', '.join(missing)}")
         for key, value in table.items():
-            kind = KEYS[name][key]
-            plain = _is_number(value) if kind is float else type(value) is kind
-            if kind is not list and not plain:  # lists: `_read_place`
+            if not _fits(value, kind := KEYS[name][key]):
+                expected = KINDS.get(kind, f"{kind} numbers")
                 raise UsageError(
-                    f"{path}: [{name}] {key} = {value!r:.80}, expected {KINDS[kind]}"
+                    f"{path}: [{name}] {key} = {value!r:.80}, expected {expected}"
                 )
     return tables
 
 
-def _is_number(value: Any) -> bool:
-    """True for a finite number that a float can hold."""
-    return type(value) in (int, float) and abs(value) <= LARGEST  # False for NaN
+def _fits(value: Any, kind: Any) -> bool:
+    """True for a value of a type, or for a list of `kind` numbers."""
+    if isinstance(kind, int):
+        numbers = isinstance(value, list) and len(value) == kind
+        return numbers and all(_fits(number, float) for number in value)
+    if kind is float:
+        return type(value) in (int, float) and abs(value) <= LARGEST  # False for NaN
+    return type(value) is kind
 
 
 def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
     """Return the transform from the sensor in table `name` to the base."""
-
-    def numbers(key: str, count: int) -> list[float] | None:
-        values = table.get(key)
-        if values is None:
-            return None
-        plain = isinstance(values, list) and len(values) == count
-        if not plain or not all(_is_number(value) for value in values):
-            raise UsageError(
-                f"{path}: [{name}] {key} = {values!r:.80}, expected {count} numbers"
-            )
-        return [float(value) for value in values]
-
-    xyz = numbers("xyz", 3) or [0.0, 0.0, 0.0]
-    angles, quaternion = numbers("rpy_degrees", 3), numbers("quaternion", 4)
+    xyz = table.get("xyz", [0.0, 0.0, 0.0])
+    angles, quaternion = table.get("rpy_degrees"), table.get("quaternion")
     if angles and quaternion:
         raise UsageError(
             f"{path}: [{name}] has rpy_degrees and quaternion: keep one of them"
@@ -254,7 +246,7 @@ def _read_place(path, name, table) -> Float[np.ndarray, "4 4"]:
             f"{path}: [{name}] xyz = {xyz}, expected at most {FARTHEST_M:g} m: are "
             "the numbers millimetres?"
         )
-    turn = np.array(quaternion or [0.0, 0.0, 0.0, 1.0])
+    turn = np.array(quaternion or [0, 0, 0, 1], float)
     if angles:
         rotation = scipy.spatial.transform.Rotation
         turn = rotation.from_euler("xyz", angles, degrees=True).as_quat()

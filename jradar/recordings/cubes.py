@@ -18,7 +18,11 @@ import numpy as np
 
 from jradar.errors import UsageError, parsing
 from jradar.radar import RadarSpec
-from jradar.recordings.descriptions import find_description, read_description
+from jradar.recordings.descriptions import (
+    find_description,
+    frame_stamps,
+    read_description,
+)
 from jradar.recordings.recording import Format, Recording, Stream
 from jradar.recordings.text_files import check_names, toml
 
@@ -75,11 +79,12 @@ def open_npy(
             )
         return cube
 
+    stamps = frame_stamps(path, len(frames), radar.frame_period_s)
     return Recording(
         name=path.stem,
         path=path,
         radar=capture.radar(radar),
-        cubes=Stream(read, len(frames)),
+        cubes=Stream(read, len(frames), stamps),
         axes=tuple(axes),
         notes=(*notes, WRAPPED) if wrapped else notes,
     )

@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
 from jradar.errors import UsageError
 from jradar.files import MAX_TEXT_BYTES
 from jradar.radar import RadarSpec
@@ -28,6 +31,7 @@ SIGNS = {
     ".txt": b"API:ProfileConfig",
     ".csv": b"API:ProfileConfig",
 }
+MOST_FRAMES = 10_000_000  # ten days of ten a second
 MOST_SHOWN = 5  # configurations of a log, the last ones
 CAPTURE_TOML = "capture.toml"  # describes a whole rig, and names the radar's file
 
@@ -112,6 +116,21 @@ def read_description(path: Path | str, *, device: str | None = None) -> Descript
     if not path.exists():
         raise FileNotFoundError(f"no such radar description: {path}")
     return read(path, DESCRIPTIONS, device=device, configuration=number)
+
+
+def frame_stamps(
+    path: Path, count: int, period_s: float
+) -> Float[np.ndarray, " frame"] | None:
+    """Return the times of frames that follow one another; None for an unknown period.
+
+    Raises ValueError for more frames than any recording has.
+    """
+    if count > MOST_FRAMES:
+        raise ValueError(
+            f"{path} holds {count:,} frames, expected at most {MOST_FRAMES:,}: does "
+            "the description belong to another recording?"
+        )
+    return np.arange(count) * period_s if period_s else None
 
 
 def find_description(path: Path, patterns: Sequence[str]) -> Path:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, printable
 from jradar.files import write_text
 from jradar.radar import Radar, RadarSpec
 from jradar.radar.devices import BOARDS
@@ -90,10 +90,16 @@ def write_radar_toml(
         measured["gain_db"] = (20 * np.log10(abs(factors))).round(4).tolist()
         measured["phase_degrees"] = np.degrees(np.angle(factors)).round(3).tolist()
     tables = {"radar": asdict(radar.spec), "file": stored, "calibration": measured}
-    lines = [f"# {line}" for line in comment.splitlines()]
+    lines = [f"# {printable(line)}" for line in comment.splitlines()]
     for name, table in tables.items():
-        lines += [f"\n[{name}]", *(f"{k} = {json.dumps(v)}" for k, v in table.items())]
+        lines += [f"\n[{name}]", *(f"{k} = {_as_toml(v)}" for k, v in table.items())]
     write_text(path, "\n".join(lines).lstrip() + "\n")
+
+
+def _as_toml(value: Any) -> str:
+    """Return a value as TOML: as JSON, but for texts with DEL, or outside Unicode."""
+    text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return text.encode("utf-8", "replace").decode()
 
 
 def _table(path, tables, name: str, keys) -> dict[str, Any]:

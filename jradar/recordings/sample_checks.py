@@ -95,11 +95,16 @@ def _parts(chirps) -> np.ndarray:
     return np.stack([chirps.real, chirps.imag] if np.iscomplexobj(chirps) else [chirps])
 
 
+def sample_doubts(recording: Recording, frame: int) -> tuple[str, ...]:
+    """Return what is doubtful about the samples of a frame."""
+    doubts = check_samples(recording.cubes[frame]).doubts
+    return tuple(f"frame {frame}: {doubt}" for doubt in doubts)
+
+
 def with_sample_doubts(recording: Recording, frame: int) -> Recording:
     """Add to a recording's notes what is doubtful about the samples of a frame."""
-    doubts = check_samples(recording.cubes[frame]).doubts
-    notes = (f"frame {frame}: {doubt}" for doubt in doubts)
-    return recording._replace(notes=(*recording.notes, *notes))
+    doubts = sample_doubts(recording, frame)
+    return recording._replace(notes=(*recording.notes, *doubts))
 
 
 def _clipping(parts) -> tuple[int | None, float]:

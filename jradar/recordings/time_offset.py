@@ -11,6 +11,7 @@ speed of the scene, measured by each sensor, rises and falls at the same moments
 import itertools
 
 import numpy as np
+import scipy  # loads `signal` when it is first used
 from jaxtyping import Complex, Float
 
 from jradar.radar import RadarSpec
@@ -19,6 +20,7 @@ from jradar.recordings.recording import Recording
 MAX_FRAMES, MAX_CLOUDS = 200, 400
 PERIOD_S = 0.1  # shortest time between two measurements of motion
 SECTORS = (72, 18)  # cells of azimuth x elevation whose mean ranges are compared
+MOST_STEPS = 100_000  # of the common clock
 LEAST_OVERLAP = 0.5  # of the shorter signal, at any offset
 
 
@@ -35,7 +37,7 @@ def estimate_time_offset(
     The signals are resampled to half the finer period and cross-correlated; a parabola
     through the peak refines it. The confidence is the correlation at the peak minus
     that at the next peak. Raises ValueError for fewer than 8 samples and for stamps
-    that do not rise.
+    that do not rise, or have gaps of days.
     """
     if min(len(radar_stamps), len(lidar_stamps)) < 8:
         raise ValueError(
@@ -46,6 +48,12 @@ def estimate_time_offset(
     if not (radar_steps > 0).all() or not (lidar_steps > 0).all():
         raise ValueError("stamps fall or repeat, expected rising ones")
     step = 0.5 * float(min(np.median(radar_steps), np.median(lidar_steps)))
+    span = max(np.ptp(lidar_stamps), max_offset_s)
+    if span > MOST_STEPS * step:
+        raise ValueError(
+            f"stamps every {2 * step:g} s span {span:g} s, expected at most "
+            f"{MOST_STEPS:,} half steps: are they in seconds?"
+        )
     least = LEAST_OVERLAP * min(np.ptp(radar_stamps), np.ptp(lidar_stamps)) / step
     clock = np.arange(lidar_stamps[0], lidar_stamps[-1], step)
     lidar = np.interp(clock, lidar_stamps, lidar_motion)
@@ -149,13 +157,13 @@ def _mean_ranges(cloud):
     """Return the mean range in each direction cell, NaN in empty ones."""
     xyz = cloud[:, :3].astype(float)
     ranges = np.linalg.norm(xyz, axis=1)
-    azimuth = (np.arctan2(xyz[:, 1], xyz[:, 0]) / (2 * np.pi)) % 1 * SECTORS[0]
-    rise = np.arcsin(np.clip(xyz[:, 2] / np.maximum(ranges, 1e-9), -1, 1)) / np.pi + 0.5
-    cell = np.minimum(azimuth.astype(int), SECTORS[0] - 1) * SECTORS[1]
-    cell += np.minimum((rise * SECTORS[1]).astype(int), SECTORS[1] - 1)
-    cells = SECTORS[0] * SECTORS[1]
+    azimuth = np.arctan2(xyz[:, 1], xyz[:, 0])
+    elevation = np.arcsin(np.clip(xyz[:, 2] / np.maximum(ranges, 1e-9), -1, 1))
+    cells = {"bins": SECTORS, "range": np.outer([1, 0.5], [-np.pi, np.pi])}
+    sums, *_ = np.histogram2d(azimuth, elevation, weights=ranges, **cells)
+    counts, *_ = np.histogram2d(azimuth, elevation, **cells)
     with np.errstate(invalid="ignore"):
-        return np.bincount(cell, ranges, cells) / np.bincount(cell, minlength=cells)
+        return sums / counts
 
 
 def _correlation(a, b):
@@ -166,11 +174,6 @@ def _correlation(a, b):
 
 
 def _next_peak(correlation, peak):
-    """Return the highest correlation outside the peak's hill, at least 0."""
-    left = right = peak
-    while left > 0 and correlation[left - 1] < correlation[left]:
-        left -= 1
-    while right < len(correlation) - 1 and correlation[right + 1] < correlation[right]:
-        right += 1
-    outside = np.append(correlation[:left], correlation[right + 1 :])
-    return max(outside.max(initial=0.0), 0.0)
+    """Return the highest correlation at another peak, at least 0."""
+    tops = scipy.signal.find_peaks(np.pad(correlation, 1, constant_values=-1))[0] - 1
+    return correlation[tops[tops != peak]].max(initial=0.0)

@@ -50,6 +50,20 @@ class Frame(NamedTuple):
         """Whether the detector found nothing."""
         return not np.asarray(self.points.valid).any()
 
+    def describe(self) -> dict[str, float]:
+        """Return the numbers of points, and how far to trust them."""
+        row: dict[str, float] = {
+            "frame": self.number,
+            "detections": self.detections,
+            "radar points": int(np.asarray(self.points.valid).sum()),
+            "enhanced points": int(np.asarray(self.cloud.valid).sum()),
+        }
+        if self.confidence is not None:
+            row["confidence (%)"] = round(100 * self.confidence, 1)
+        if self.unlikeness is not None:
+            row["unlike training (%)"] = round(100 * self.unlikeness, 1)
+        return row
+
 
 class Enhancement(Iterator[Frame]):
     """The frames of a recording as they come, and what is known of all so far."""
@@ -108,9 +122,9 @@ class Enhancement(Iterator[Frame]):
             ThreadPoolExecutor(1) as processor,
             ThreadPoolExecutor(1) as network,
         ):
-            read = _ahead(reader, self._read, (*lead, *self.frames))
-            heard = _ahead(processor, self._hear, read)
-            for number, *result in _ahead(network, self._see, heard):
+            read = ahead(reader, self._read, (*lead, *self.frames))
+            heard = ahead(processor, self._hear, read)
+            for number, *result in ahead(network, self._see, heard):
                 if number not in lead:
                     yield self._frame(number, *result)
 
@@ -131,7 +145,6 @@ class Enhancement(Iterator[Frame]):
 
     def _frame(self, number: int, heard: Heard, detected, image, cloud) -> Frame:
         power, detections = detected
-        stamps = self.recording.cubes.stamps
         kept = np.asarray(cloud.valid)
         confidence = None
         if cloud.confidence is not None and kept.any():
@@ -139,7 +152,7 @@ class Enhancement(Iterator[Frame]):
         strange = None if heard.unlikeness is None else float(heard.unlikeness)
         frame = Frame(
             number=number,
-            stamp_s=None if stamps is None else float(stamps[number]),
+            stamp_s=stamp_s(self.recording, number),
             samples=heard.samples,
             power=power,
             detections=int(detections),
@@ -177,15 +190,7 @@ def enhance_recording(
     frames that the recording does not have, and for options that the model does not
     take.
     """
-    count = len(recording.cubes)
-    if isinstance(frames, slice):
-        chosen = range(*frames.indices(count))
-    else:
-        chosen = frames
-    if not chosen or chosen.start < 0 or chosen.stop > count:
-        raise UsageError(
-            f"frames = {frames}: {recording.path} has frames 0 to {count - 1}"
-        )
+    chosen = chosen_frames(recording, frames)
     if (without := warnings.blind(recording.radar.spec)) and not anyway:
         trained = model.card.radars[0].name if model.card.radars else "other radars"
         raise UsageError(
@@ -217,7 +222,24 @@ def enhance_recording(
     )
 
 
-def _ahead(threads: ThreadPoolExecutor, call: Callable, items: Iterable) -> Iterator:
+def chosen_frames(recording: Recording, frames: slice | range) -> range:
+    """Return the numbers of `frames`; UsageError for what the recording lacks."""
+    count = len(recording.cubes)
+    chosen = range(*frames.indices(count)) if isinstance(frames, slice) else frames
+    if not chosen or chosen.start < 0 or chosen.stop > count:
+        raise UsageError(
+            f"frames = {frames}: {recording.path} has frames 0 to {count - 1}"
+        )
+    return chosen
+
+
+def stamp_s(recording: Recording, frame: int) -> float | None:
+    """Return the time of a frame, None if the recording has no times."""
+    stamps = recording.cubes.stamps
+    return None if stamps is None else float(stamps[frame])
+
+
+def ahead(threads: ThreadPoolExecutor, call: Callable, items: Iterable) -> Iterator:
     """Yield `call(item)` in order; a thread works on the next items meanwhile."""
     waiting: collections.deque[Future] = collections.deque()
     try:

@@ -25,8 +25,8 @@ from jradar.radar import (
     calibrate,
     detect,
     excise_interference,
+    points_and_report,
     power_map,
-    radar_points,
 )
 from jradar.range_image import RangeImage, condition_image, unlikeness
 from jradar.session import fusion
@@ -40,6 +40,7 @@ class Heard(NamedTuple):
 
     samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
     points: PointCloud
+    detected: Int[Array, ""]  # cells of usable ranges that the detector marked
     condition: Float[Array, "row column channel"] | None  # None without a model
     unlikeness: Float[Array, ""] | None  # share of training frames that are more usual
 
@@ -95,11 +96,11 @@ class Stages:
     def hear(self, cube: Inexact[Any, "tx rx chirp sample"]) -> Heard:
         """Return the radar's side of a frame; `cube` holds the samples as recorded."""
         samples = self._run("cleaning", jnp.asarray(cube))
-        points = self._run("radar processing", samples)
+        points, detected = self._run("radar processing", samples)
         condition = strange = None
         if self._model is not None:
             condition, strange = self._run("condition", points)
-        return Heard(samples, points, condition, strange)
+        return Heard(samples, points, detected, condition, strange)
 
     def detections(
         self, heard: Heard
@@ -147,7 +148,7 @@ class Stages:
         threads = ThreadPoolExecutor()
         cube = jax.ShapeDtypeStruct(spec.cube_shape, kind)
         samples = add("cleaning", self._cleaned, cube)
-        points = add("radar processing", self._found, samples)
+        points, _ = add("radar processing", self._found, samples)
         add("detections", self._detected, samples)
         if self._model is not None:
             condition, _ = add("condition", self._conditioned, points)
@@ -170,7 +171,9 @@ class Stages:
         return excise_interference(samples)[0] if self._clean else samples
 
     def _found(self, _key, radar, _model, samples):
-        return radar_points(samples, radar.once_calibrated(), points=self.points)
+        radar = radar.once_calibrated()
+        cloud, report = points_and_report(samples, radar, points=self.points)
+        return cloud, report.detected
 
     def _conditioned(self, _key, _radar, model, points):
         spec = model.spec
@@ -191,6 +194,6 @@ class Stages:
         return dense_cloud(image, points, model.spec)
 
     def _detected(self, _key, radar, _model, samples):
-        power = power_map(samples)
+        power = power_map(samples, remove_static=self.points.remove_static)
         rate = dataclasses.replace(self.points, false_alarm_rate=DETECTION_RATE)
         return power, detect(power, radar.spec, points=rate).sum()

@@ -8,7 +8,6 @@ FAMILY_SEED/capture.toml      description of the capture, which `jradar` reads
 FAMILY_SEED/timestamps.txt    true start of each radar frame, seconds since 1970
 """
 
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, optional
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
@@ -68,7 +67,10 @@ def simulate_capture(
     """
     if frames < 1:
         raise UsageError(f"frames = {frames}, expected 1 or more")
-    bags = _rosbags()
+    rosbag1, typesys = (
+        optional(f"rosbags.{name}", need="bags need rosbags", extra="ros")
+        for name in ("rosbag1", "typesys")
+    )
     setting = make_setting(family, seed, sensor="single_chip")
     radar, _ = setting.radars["single_chip"]
     seconds = frames * FRAME_PERIOD_S
@@ -88,7 +90,12 @@ def simulate_capture(
             for frame in radar_frames(setting, "single_chip", stamps):
                 samples.write(dca1000_bytes(np.asarray(frame)))
                 advance()
-        _write_bag(scratch / "lidar.bag", bags, setting, seconds)
+        store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+        for name, text in (("CustomPoint", CUSTOM_POINT), ("CustomMsg", CUSTOM_MSG)):
+            kind = f"livox_ros_driver2/msg/{name}"
+            store.register(typesys.get_types_from_msg(text, kind))
+        with rosbag1.Writer(scratch / "lidar.bag") as bag:
+            _write_livox(bag, store, setting, seconds)
     return folder
 
 
@@ -142,26 +149,20 @@ def write_cfg(path: Path, radar: RadarSpec) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def _write_bag(path: Path, bags: Any, setting: Setting, seconds: float) -> None:
+def _write_livox(bag: Any, store: Any, setting: Setting, seconds: float) -> None:
     """Write LiDAR frames and IMU records of the Livox."""
-    store = bags.typesys.get_typestore(bags.typesys.Stores.ROS1_NOETIC)
-    for name, text in (("CustomPoint", CUSTOM_POINT), ("CustomMsg", CUSTOM_MSG)):
-        kind = f"livox_ros_driver2/msg/{name}"
-        store.register(bags.typesys.get_types_from_msg(text, kind))
-    stamps = stream_stamps(setting, "lidar", seconds)
-    with bags.rosbag1.Writer(path) as bag:
-        kind = "livox_ros_driver2/msg/CustomMsg"
-        points = bag.add_connection("/livox/lidar", kind, typestore=store)
-        for frame, time_s in enumerate(stamps):
-            message = _livox_message(store, setting, frame, float(time_s))
-            bag.write(points, message.timebase, store.serialize_ros1(message, kind))
-        kind = "sensor_msgs/msg/Imu"
-        inertial = bag.add_connection("/livox/imu", kind, typestore=store)
-        times = stream_stamps(setting, "imu", seconds)
-        for time_s, record in zip(times, imu_records(setting, times), strict=True):
-            stamp = round((EPOCH_S + time_s) * 1e6) * 1000
-            message = _imu_message(store, stamp, record)
-            bag.write(inertial, stamp, store.serialize_ros1(message, kind))
+    kind = "livox_ros_driver2/msg/CustomMsg"
+    points = bag.add_connection("/livox/lidar", kind, typestore=store)
+    for frame, time_s in enumerate(stream_stamps(setting, "lidar", seconds)):
+        message = _livox_message(store, setting, frame, float(time_s))
+        bag.write(points, message.timebase, store.serialize_ros1(message, kind))
+    kind = "sensor_msgs/msg/Imu"
+    inertial = bag.add_connection("/livox/imu", kind, typestore=store)
+    times = stream_stamps(setting, "imu", seconds)
+    for time_s, record in zip(times, imu_records(setting, times), strict=True):
+        stamp = round((EPOCH_S + time_s) * 1e6) * 1000
+        message = _imu_message(store, stamp, record)
+        bag.write(inertial, stamp, store.serialize_ros1(message, kind))
 
 
 def _livox_message(store: Any, setting: Setting, frame: int, time_s: float) -> Any:
@@ -209,14 +210,3 @@ def _imu_message(store: Any, stamp: int, record: np.ndarray) -> Any:
 def _header(types, stamp_ns):
     time = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
     return types["std_msgs/msg/Header"](seq=0, stamp=time, frame_id="livox_frame")
-
-
-def _rosbags() -> Any:
-    """Return the package rosbags with its modules for writing."""
-    try:
-        package = importlib.import_module("rosbags")
-        for module in ("rosbag1", "typesys"):
-            importlib.import_module(f"rosbags.{module}")
-    except ImportError as error:
-        raise ImportError("bags need rosbags: pip install 'jradar[ros]'") from error
-    return package

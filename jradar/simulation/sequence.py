@@ -28,7 +28,8 @@ from jradar.simulation.hardware.hardware import (
     sample_frame,
 )
 from jradar.simulation.paths.diffuse import diffuse_clutter
-from jradar.simulation.paths.propagation import Paths, radar_paths
+from jradar.simulation.paths.line_of_sight import joined
+from jradar.simulation.paths.propagation import radar_paths
 from jradar.simulation.paths.reflectors import Reflectors, find_reflectors
 from jradar.simulation.rig import base_from, sensor_pose, viewpoint
 from jradar.simulation.scanner import (
@@ -38,10 +39,10 @@ from jradar.simulation.scanner import (
     ouster_rays,
     scan,
 )
-from jradar.simulation.scenes.layouts import make_scene
+from jradar.simulation.scenes.layouts import EYE_M, make_scene
 from jradar.simulation.scenes.scene import Scene
 from jradar.simulation.scenes.trajectory import STEP_S, mounted
-from jradar.simulation.units import EYE_M, UnitSpec
+from jradar.simulation.units import UnitSpec
 
 EPOCH_S = 1_608_552_000.0  # 21 December 2020, when ColoRadar's first runs were made
 LIVOX_POINT_BYTES = 19
@@ -144,18 +145,12 @@ def radar_frames(setting: Setting, sensor: str, stamps: np.ndarray) -> Iterator:
     scene, counts = setting.scene, setting.unit.clutter_counts
     key = jax.random.fold_in(jax.random.key(setting.seed), len(sensor))
     for frame, time_s in enumerate(stamps):
-        paths = radar_paths(
-            scene,
-            setting.reflectors,
-            sensor,
-            float(time_s),
-            radar,
-            unit=setting.unit,
-        )
+        now, unit = float(time_s), setting.unit
+        paths = radar_paths(scene, setting.reflectors, sensor, now, radar, unit=unit)
         if counts:
-            view = viewpoint(scene.platform, sensor, float(time_s))
+            view = viewpoint(scene.platform, sensor, now)
             diffuse = diffuse_clutter(setting.seed, view, radar, counts=counts)
-            paths = Paths(*map(np.concatenate, zip(paths, diffuse, strict=True)))
+            paths = joined([paths, diffuse])
         yield sample_frame(jax.random.fold_in(key, frame), paths, hardware, radar)
 
 

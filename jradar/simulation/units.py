@@ -29,7 +29,6 @@ from jradar.simulation.waveforms import (
     named_waveform,
 )
 
-EYE_M = 1.2  # height at which a rig is carried, of the scenes' own platforms
 FIRST_SHIFT = 1 << 20  # boards of the robustness set; the population's lie below
 
 

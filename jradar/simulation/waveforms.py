@@ -9,74 +9,23 @@ each is compiled once.
 
 from typing import Any
 
-WAVEFORMS: dict[str, tuple[float, dict[str, Any]]] = {  # share of units, fields
-    "coloradar": (0.52, {}),
-    "96-chirps": (
-        0.08,
-        {
-            "num_chirps": 96,
-            "slope_hz_per_s": 80e12,
-            "sample_rate_hz": 5e6,
-            "idle_time_s": 30e-6,
-            "ramp_end_time_s": 40e-6,
-        },
-    ),
-    "255-chirps": (0.06, {"num_chirps": 255, "idle_time_s": 40e-6}),
-    "long-chirps": (
-        0.1,
-        {
-            "slope_hz_per_s": 60e12,
-            "sample_rate_hz": 5e6,
-            "idle_time_s": 60e-6,
-            "ramp_end_time_s": 40e-6,
-        },
-    ),
-    "slow-slope": (
-        0.08,
-        {
-            "slope_hz_per_s": 40e12,
-            "sample_rate_hz": 4e6,
-            "idle_time_s": 20e-6,
-            "ramp_end_time_s": 44e-6,
-        },
-    ),
-    "fine-range": (
-        0.08,
-        {
-            "num_chirps": 64,
-            "num_samples": 256,
-            "slope_hz_per_s": 72e12,
-            "sample_rate_hz": 5.4e6,
-            "idle_time_s": 150e-6,
-            "ramp_end_time_s": 55e-6,
-        },
-    ),
-    "fine-range-quick": (
-        0.08,
-        {
-            "num_chirps": 64,
-            "num_samples": 256,
-            "slope_hz_per_s": 79e12,
-            "sample_rate_hz": 8e6,
-            "idle_time_s": 20e-6,
-            "ramp_end_time_s": 42e-6,
-        },
-    ),
+FIELDS = ("num_chirps", "num_samples", "slope_hz_per_s", "sample_rate_hz",
+          "idle_time_s", "ramp_end_time_s")  # fmt: skip
+# Share of units, and FIELDS; None where they are ColoRadar's.
+WAVEFORMS = {
+    "coloradar": (0.52, None, None, None, None, None, None),
+    "96-chirps": (0.08, 96, None, 80e12, 5e6, 30e-6, 40e-6),
+    "255-chirps": (0.06, 255, None, None, None, 40e-6, None),
+    "long-chirps": (0.1, None, None, 60e12, 5e6, 60e-6, 40e-6),
+    "slow-slope": (0.08, None, None, 40e12, 4e6, 20e-6, 44e-6),
+    "fine-range": (0.08, 64, 256, 72e12, 5.4e6, 150e-6, 55e-6),
+    "fine-range-quick": (0.08, 64, 256, 79e12, 8e6, 20e-6, 42e-6),
 }
 # Of the robustness set: TI's 3-D example for the AWR1843 (`1843_3d.cfg` of its ROS
 # driver), with 16 chirps.
-UNSEEN_WAVEFORMS: dict[str, dict[str, Any]] = {
-    "ti-3d": {
-        "num_chirps": 16,
-        "num_samples": 256,
-        "slope_hz_per_s": 70e12,
-        "sample_rate_hz": 5.209e6,
-        "idle_time_s": 267e-6,
-        "ramp_end_time_s": 57.14e-6,
-    }
-}
+UNSEEN = {"ti-3d": (0.0, 16, 256, 70e12, 5.209e6, 267e-6, 57.14e-6)}
 WAVEFORM_NAMES = tuple(WAVEFORMS)
-WAVEFORM_SHARES = [share for share, _ in WAVEFORMS.values()]
+WAVEFORM_SHARES = [share for share, *_ in WAVEFORMS.values()]
 
 
 def named_waveform(name: str) -> dict[str, Any]:
@@ -84,7 +33,8 @@ def named_waveform(name: str) -> dict[str, Any]:
 
     Raises ValueError for an unknown name.
     """
-    known = {each: fields for each, (_, fields) in WAVEFORMS.items()} | UNSEEN_WAVEFORMS
+    known = WAVEFORMS | UNSEEN
     if name not in known:
         raise ValueError(f"waveform {name!r}, expected one of {', '.join(known)}")
-    return known[name]
+    fields = zip(FIELDS, known[name][1:], strict=True)
+    return {field: value for field, value in fields if value is not None}

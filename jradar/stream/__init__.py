@@ -9,7 +9,8 @@
     send_cfg                    `board`: the .cfg over the board's serial port
     Processor, View             `processing`, `views`: a frame to clouds and a picture
     open_writer                 `outputs`: MCAP, ROS 2 bag or folder, by name
-    run_live                    `live`: all of it in one loop
+    run_session, run_live       `live`: all of it; the loop alone
+    replaying, run_replay       a card that plays a recording, until its end
 
 README.md has the wiring, the network's settings and what to check.
 """
@@ -24,8 +25,14 @@ from jradar.stream.emulator import (
     Emulator as Emulator,
     FaultSpec as FaultSpec,
     RecordedFrames as RecordedFrames,
+    replaying as replaying,
 )
-from jradar.stream.live import run_live as run_live, summary as summary
+from jradar.stream.live import (
+    run_live as run_live,
+    run_replay as run_replay,
+    run_session as run_session,
+    summary as summary,
+)
 from jradar.stream.outputs import open_writer as open_writer
 from jradar.stream.processing import (
     Processor as Processor,
@@ -38,6 +45,7 @@ from jradar.stream.receiver import Receiver as Receiver
 from jradar.stream.sockets import loopback_network as loopback_network
 from jradar.stream.views import (
     View as View,
+    enhanced_view as enhanced_view,
     point_table as point_table,
     range_azimuth as range_azimuth,
 )

@@ -14,6 +14,8 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from jradar.errors import UsageError
 from jradar.recordings import Recording
 from jradar.recordings.ti.iq_order import words_of_cube
@@ -26,6 +28,7 @@ from jradar.stream.protocol import (
     unpack_command,
 )
 from jradar.stream.sockets import not_sent, udp_socket
+from jradar.stream.views import FALLBACK_PERIOD_S
 
 BURST = 16  # packets that are sent together
 ACTIVE = 0.6  # share of the frame period in which the packets are sent
@@ -227,6 +230,30 @@ class Emulator:
                 yield self.frames[index]
             if not self.repeat:
                 return
+
+
+def replaying(
+    recording: Recording,
+    network: NetworkSpec,
+    *,
+    speed: float = 1.0,
+    faults: FaultSpec = FaultSpec(),
+    repeat: bool = False,
+) -> Emulator:
+    """Return a card that sends a recording `speed` times as fast as it was recorded.
+
+    Frames follow one another in the described period, or else in that of their times.
+    """
+    period_s, stamps = recording.radar.spec.frame_period_s, recording.cubes.stamps
+    if not period_s and stamps is not None and len(stamps) > 1:
+        period_s = float(np.median(np.diff(stamps)))
+    return Emulator(
+        RecordedFrames(recording),
+        network,
+        period_s=(period_s or FALLBACK_PERIOD_S) / speed,
+        faults=faults,
+        repeat=repeat,
+    )
 
 
 def spoil(

@@ -1,4 +1,4 @@
-"""The loop of a live radar: newest frame, view, writers, and a line of status."""
+"""A live session: card and board, newest frame, view, writers, a line of status."""
 
 import contextlib
 import dataclasses
@@ -8,10 +8,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from jradar.errors import UsageError
+from jradar.recordings import nearest_scan
+from jradar.stream.board import Board
+from jradar.stream.card import Card
+from jradar.stream.emulator import Emulator, Sent
 from jradar.stream.outputs import Writer
 from jradar.stream.processing import Processor
 from jradar.stream.receiver import Receiver
@@ -22,6 +28,8 @@ SILENCE_S = 5.0
 LINE_S = 10.0  # between lines of status where stderr is no terminal
 RATE_FRAMES, RATE_S = 10, 3.0  # after which the frame rate is compared
 RATE_TOLERANCE = 0.1
+DRAIN_S = 1.0  # after the last packet of a replay
+FOUR_LANES = ("I4Q4", "Q4I4")
 
 
 @dataclasses.dataclass
@@ -55,6 +63,82 @@ class Session:
         if not self.latencies_s:
             return 0.0
         return 1e3 * float(np.percentile([*self.latencies_s], percent))
+
+
+def run_session(
+    receiver: Receiver,
+    processor: Processor,
+    writers: Sequence[Writer],
+    *,
+    emulator: Emulator | None = None,
+    commands: bool = True,
+    packet_delay_us: float = 25.0,
+    board: str | None = None,
+    silence_s: float = SILENCE_S,
+    seconds: float | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Session:
+    """Start the card and the board, publish frames as `run_live`, and stop both.
+
+    An `emulator` plays the processor's recording, whose LiDAR scans are published, too;
+    the session ends with it. `board` is a serial port, to which the .cfg that describes
+    the radar is sent. Without `commands`, another program starts the card.
+    """
+    recording = processor.recording
+
+    def played() -> bool:
+        """True once a replay is over and its packets have had time to arrive."""
+        over = emulator is not None and emulator.finished.is_set()
+        return over and bool(receiver.silence(DRAIN_S))
+
+    def scan(number: int) -> np.ndarray | None:
+        """Return the LiDAR scan that was recorded with a frame that is replayed."""
+        if recording.lidar is None:
+            return None
+        return nearest_scan(recording, number % len(recording.cubes))
+
+    processor.warm_up()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(receiver)
+        if emulator is not None:
+            stack.enter_context(emulator)
+        if commands or emulator is not None:
+            lanes = 4 if recording.iq_order in FOUR_LANES else 2
+            card = stack.enter_context(Card(receiver.network))
+            card.set_up(lanes=lanes, delay_us=packet_delay_us)
+            card.start()
+            stack.callback(_quietly, card.stop)
+        if board is not None:
+            _start_board(stack, board, recording.path)
+        session = run_live(
+            receiver,
+            processor,
+            writers,
+            silence_s=silence_s,
+            seconds=seconds,
+            finished=played,
+            lidar=scan,
+            say=say,
+        )
+        receiver.close()  # what comes while the devices stop does not count
+    if emulator is not None and emulator.fault is not None:
+        raise emulator.fault
+    return session
+
+
+def _start_board(stack: contextlib.ExitStack, port: str, cfg: Path) -> None:
+    """Send the board its .cfg; it is stopped with the stack."""
+    if cfg.suffix != ".cfg":
+        raise UsageError(f"--board sends a .cfg to the board, --radar is {cfg}")
+    device = stack.enter_context(Board(port))
+    stack.callback(_quietly, device.stop)
+    device.configure(cfg)
+
+
+def _quietly(stop: Callable[[], None]) -> None:
+    """Stop a device; one that does not answer any more changes nothing."""
+    with contextlib.suppress(OSError, ValueError):
+        stop()
 
 
 def run_live(
@@ -144,6 +228,20 @@ def summary(session: Session, receiver: Receiver) -> dict[str, Any]:
         },
         "restarts of the card": counts.restarts,
     }
+
+
+def run_replay(emulator: Emulator) -> Sent:
+    """Wait until a recording is sent, or a signal ends it; return what was sent.
+
+    Raises what ended the sending, such as a damaged frame.
+    """
+    with ended_by_signals() as ending:
+        while not (emulator.finished.is_set() or ending.is_set()):
+            ending.wait(WAKE_S)
+    emulator.stop()
+    if emulator.fault is not None:
+        raise emulator.fault
+    return emulator.sent
 
 
 class FrameRate:

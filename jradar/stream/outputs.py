@@ -5,18 +5,22 @@
                   a crash loses its last second
     out           folder with a PLY file of each cloud, frame by frame
 
-All have `write(view)` and `close()`. An MCAP file or a bag is never overwritten.
+All have `write(view)` and `close()`. An MCAP file or a bag is never overwritten unless
+it is asked for, and neither is a file in a folder that was not written there before.
 """
 
 import contextlib
+import functools
 import importlib
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from jradar.errors import UsageError
 from jradar.recordings import valid_points, write_npz, write_ply
-from jradar.stream.views import View
+from jradar.results import Results
+from jradar.stream.views import CLOUDS, View
 
 
 @runtime_checkable
@@ -35,17 +39,23 @@ class Writer(Protocol):
 class FolderWriter:
     """`folder/000012/enhanced.ply` and `.npz`, for each frame and cloud."""
 
-    def __init__(self, path: Path):
-        """`path` may exist."""
-        self.path = path
+    def __init__(self, path: Path, *, force: bool = False):
+        """`path` may exist; UsageError if it holds clouds that are not of a session."""
         path.mkdir(parents=True, exist_ok=True)
+        self._results = Results(path, "live", force=force)
+        names = (f"{name}.{kind}" for name in CLOUDS for kind in ("ply", "npz"))
+        found = (there for name in names for there in path.glob(f"[0-9]*/{name}"))
+        self._results.check(there.relative_to(path).as_posix() for there in found)
 
     def write(self, view: View) -> None:
         """Write the clouds of a frame into a folder of its number."""
-        folder = self.path / f"{view.number:06d}"
+        files = {}
         for name, cloud in view.clouds.items():
-            write_ply(folder / f"{name}.ply", cloud)
-            write_npz(folder / f"{name}.npz", valid_points(cloud))
+            place = f"{view.number:06d}/{name}"
+            points = valid_points(cloud)
+            files[f"{place}.ply"] = functools.partial(write_ply, cloud=cloud)
+            files[f"{place}.npz"] = functools.partial(write_npz, arrays=points)
+        self._results.put(files)
 
     def close(self) -> None:
         """Nothing is left to do."""
@@ -56,13 +66,15 @@ class Output(NamedTuple):
 
     name: str  # in messages
     matches: Callable[[Path], bool]
-    open: Callable[[Path], Writer]
+    open: Callable[..., Writer]
 
 
-def _lazy(module: str, name: str) -> Callable[[Path], Writer]:
+def _lazy(module: str, name: str) -> Callable[..., Writer]:
     """Return a function that opens a writer of a module with optional packages."""
 
-    def open_writer(path: Path) -> Writer:
+    def open_writer(path: Path, *, force: bool) -> Writer:
+        if force:
+            _remove(path)
         return getattr(importlib.import_module(f"jradar.stream.{module}"), name)(path)
 
     return open_writer
@@ -93,8 +105,8 @@ def is_streamed(path: Path | str) -> bool:
     return any(output.matches(Path(path)) for output in STREAMED)
 
 
-def open_writer(path: Path | str) -> Writer:
-    """Return the writer for an output's name.
+def open_writer(path: Path | str, *, force: bool = False) -> Writer:
+    """Return the writer for an output's name; `force` replaces what is there.
 
     Raises UsageError for a name of no known kind, and for a file or a bag that exists;
     ImportError that names the extra if a package is missing.
@@ -104,23 +116,30 @@ def open_writer(path: Path | str) -> Writer:
     if output is None:
         names = ", ".join(kind.name for kind in OUTPUTS)
         raise UsageError(f"{path} cannot be written: expected {names}")
-    check_new(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    return output.open(path)
-
-
-def check_new(path: Path | str) -> None:
-    """Raise UsageError if a file or bag of this name exists."""
-    path = Path(path)
-    if is_streamed(path) and path.exists():
+    if is_streamed(path) and path.exists() and not force:
         raise exists(path)
-    if path.is_file():
+    if not is_streamed(path) and path.is_file():
         raise UsageError(f"{path} is a file, expected the name of a folder")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return output.open(path, force=force)
 
 
 def exists(path: Path) -> UsageError:
     """Return the error for a file or bag that exists."""
-    return UsageError(f"{path} exists and is not overwritten: choose another name")
+    return UsageError(
+        f"{path} exists and is not overwritten: name another output, or add --force"
+    )
+
+
+def _remove(path: Path) -> None:
+    """Remove an MCAP file or a bag; UsageError for a folder with other files."""
+    if not path.is_dir():
+        path.unlink(missing_ok=True)
+        return
+    parts = {"metadata.yaml", f"{path.name}.mcap"}
+    for other in sorted({entry.name for entry in path.iterdir()} - parts):
+        raise UsageError(f"{path / other} is not part of a bag: name another output")
+    shutil.rmtree(path)
 
 
 @contextlib.contextmanager

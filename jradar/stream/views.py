@@ -9,7 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact, UInt8
 
 from jradar.radar import RadarSpec, angle_spectrum, compensate_tdm, range_doppler
-from jradar.recordings import Recording, radar_from_lidar, valid_points
+from jradar.recordings import (
+    Recording,
+    nearest_scan,
+    radar_from_lidar,
+    valid_points,
+)
+from jradar.session import Frame
 from jradar.types import PointCloud
 
 FALLBACK_PERIOD_S = 0.1  # of a recording that does not say how fast it was
@@ -84,6 +90,15 @@ def recorded_view(
     if stamps is not None:
         stamp_s = float(stamps[frame])
     return View(frame, stamp_s, clouds, picture, sensor_places(recording))
+
+
+def enhanced_view(recording: Recording, frame: Frame) -> View:
+    """Return the view of an enhanced frame, with the LiDAR's scan if there is one."""
+    clouds = {"radar": frame.points, "enhanced": frame.cloud}
+    if (lidar := nearest_scan(recording, frame.number)) is not None:
+        clouds[LIDAR_FRAME] = lidar_cloud(lidar)
+    picture = np.asarray(range_azimuth(frame.samples, recording.radar.spec))
+    return recorded_view(recording, frame.number, clouds, picture)
 
 
 def sensor_places(recording: Recording) -> dict[str, np.ndarray]:

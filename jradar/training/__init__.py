@@ -1,8 +1,7 @@
 """The training loop: a pure step, exact resumption, verified checkpoints.
 
 TrainState, create_state         what a checkpoint holds
-Batch, make_train_step, ema_decay_at
-                                 (state, key, batch) -> (state, metrics), pure
+Batch, make_train_step           (state, key, batch) -> (state, metrics), pure
 train, Interrupted               steps, evaluation, metrics.jsonl, checkpoints
 Checkpoints, CheckpointError     Orbax with a digest of every array
 join_processes                   several processes with jax.distributed
@@ -18,8 +17,4 @@ from jradar.training.loop import (
 )
 from jradar.training.parallel import join_processes as join_processes
 from jradar.training.state import TrainState as TrainState, create_state as create_state
-from jradar.training.step import (
-    Batch as Batch,
-    ema_decay_at as ema_decay_at,
-    make_train_step as make_train_step,
-)
+from jradar.training.step import Batch as Batch, make_train_step as make_train_step

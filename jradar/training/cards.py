@@ -1,4 +1,4 @@
-"""The model card: data, config and versions of a run, as Markdown and JSON."""
+"""The model card: data, config and versions of a run, as JSON."""
 
 import json
 import platform
@@ -23,10 +23,7 @@ def write_model_card(
     steps: int,
     purpose: str = "",
 ) -> None:
-    """Write `model_card.md` and `model_card.json` into a run's folder.
-
-    `data_digest` identifies the training data.
-    """
+    """Write `model_card.json` into a run's folder; `data_digest` is of its data."""
     versions = {"jradar": __version__, "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in LIBRARIES}
     card = {
@@ -38,22 +35,4 @@ def write_model_card(
         "devices": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
         "config": config,
     }
-    folder = Path(workdir)
-    write_text(folder / "model_card.json", json.dumps(card, indent=2) + "\n")
-    write_text(folder / "model_card.md", _markdown(card))
-
-
-def _markdown(card):
-    names = ("steps", "seed", "data_digest", "devices")
-    parts = [
-        "# Model card",
-        card["purpose"],
-        _table(("", ""), [(name.replace("_", " "), card[name]) for name in names]),
-        _table(("library", "version"), card["versions"].items()),
-        f"## Config\n\n```json\n{json.dumps(card['config'], indent=2)}\n```",
-    ]
-    return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def _table(head, rows):
-    return "\n".join(f"| {a} | {b} |" for a, b in (head, ("---", "---"), *rows))
+    write_text(Path(workdir) / "model_card.json", json.dumps(card, indent=2) + "\n")

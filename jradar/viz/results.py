@@ -126,8 +126,8 @@ def learning_curve_figure(path: Path | str) -> Figure:
 
     The faint line shows every step. The strong line is the mean of the last 100 steps,
     or of a tenth of all steps if that is fewer. Short curves have markers. A last line
-    that is still being written is left out. Raises ValueError, naming the line, for a
-    damaged file.
+    that is still being written is left out, and so are numbers that are null. Raises
+    ValueError, naming the line, for a damaged file.
     """
     records = _read_metrics(Path(path))
     names = {name for record in records for name in record} - {"step"}
@@ -179,7 +179,8 @@ def _read_metrics(path):
             record = json.loads(line)
             if not isinstance(record["step"], int):
                 raise ValueError(f"step is {record['step']!r}")
-            numbers = {k: float(v) for k, v in record.items() if k != "step"}
+            known = {k: v for k, v in record.items() if k != "step" and v is not None}
+            numbers = {k: float(v) for k, v in known.items()}
         except (ValueError, KeyError, TypeError) as error:
             if number == len(lines):
                 break

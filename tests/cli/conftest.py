@@ -1,4 +1,4 @@
-"""What the tests of the command line share: a tiny model, a small radar, one runner."""
+"""What the tests of the command line share: a tiny model, small recordings, runners."""
 
 import json
 
@@ -10,11 +10,14 @@ from jradar.cli import main
 from jradar.diffusion import UNet
 from jradar.model import save_model
 from jradar.radar import RadarSpec, simulate_cube
+from jradar.simulation import simulate_sequence
+from tests.calibration.test_self_calibration import CHIP, channels, scatterers
 from tests.models import tiny_model
 from tests.recordings.small_sequence import room_echoes
 
 NETWORK = UNet(channels=4, multipliers=(1,), blocks=1, attention_levels=(), stem=(1, 4))
 MODEL = tiny_model(network=NETWORK)
+QUICK = ("--draws", "2", "--steps", "1")  # the same program in every test
 
 
 @pytest.fixture
@@ -24,6 +27,24 @@ def run_json(capsys):
     def run(*arguments):
         assert main([*map(str, arguments), "--json"]) == 0
         return json.loads(capsys.readouterr().out)
+
+    return run
+
+
+@pytest.fixture
+def refused(capsys):
+    """Run a command that fails, and return its one line."""
+
+    def run(*arguments, code=2):
+        try:
+            found = main([*map(str, arguments)])
+        except SystemExit as stop:  # of the parser
+            found = stop.code
+        out, err = capsys.readouterr()
+        shown = [line for line in err.splitlines() if line.startswith("jradar")]
+        assert found == code and not out and len(shown) == 1, err
+        assert "Traceback" not in err
+        return shown[0]
 
     return run
 
@@ -48,12 +69,38 @@ def flat_cube(tmp_path_factory):
     return write_cube(tmp_path_factory.mktemp("flat"), "awr1642")
 
 
-def write_cube(folder, device, **waveform):
+@pytest.fixture(scope="session")
+def walk(tmp_path_factory):
+    """A simulated walk of four frames."""
+    return simulate_sequence("corridor", 5, tmp_path_factory.mktemp("walk"), frames=4)
+
+
+@pytest.fixture(scope="session")
+def uncalibrated(tmp_path_factory):
+    """A few frames of an uncalibrated radar, as cube.npy."""
+    folder = tmp_path_factory.mktemp("uncalibrated")
+    response = channels(CHIP, 25).reshape(3, 4, 1, 1).astype(np.complex64)
+    cubes = [
+        simulate_cube(jax.random.key(frame), scatterers(frame), CHIP) * response
+        for frame in range(6)
+    ]
+    noise = np.random.default_rng(0).standard_normal((2, 6, *CHIP.cube_shape))
+    np.save(folder / "cube.npy", np.stack(cubes) + 5 * (noise[0] + 1j * noise[1]))
+    (folder / "radar.toml").write_text(
+        '[radar]\ndevice = "awr1843"\nnum_chirps = 16\nnum_samples = 128\n'
+        '[file]\naxes = ["frame", "tx", "rx", "chirp", "sample"]\n'
+        "[calibration]\nrange_bias_m = 0.05\n"
+    )
+    return folder / "cube.npy"
+
+
+def write_cube(folder, device, *, silent=False, **waveform):
+    """Write cube.npy with radar.toml; return its path."""
     size = {"num_chirps": 32, "num_samples": 64} | waveform
     radar = RadarSpec.named(device, **size)
     echoes = room_echoes(np.random.default_rng(0))
     cube = simulate_cube(jax.random.key(0), echoes, radar, noise_power=100.0)
-    np.save(folder / "cube.npy", np.asarray(cube))
+    np.save(folder / "cube.npy", np.asarray(cube) * (not silent))
     lines = [f"{name} = {value}" for name, value in size.items()]
     text = "\n".join(["[radar]", f'device = "{device}"', *lines])
     (folder / "radar.toml").write_text(text + "\n")

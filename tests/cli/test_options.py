@@ -2,21 +2,22 @@
 
 import argparse
 import dataclasses
+import os
 import subprocess
 import sys
+from pathlib import Path
 
-import numpy as np
 import pytest
 
 from jradar import motion, simulation
-from jradar.cli import main
 from jradar.cli.groups import CLOUD_FORMATS, DEVICES
 from jradar.cli.options import FAMILIES, ROTATIONS, SETS, parser
-from jradar.cli.simulating import SCENE_FRAMES
+from jradar.cli.paths import STREAMED, is_streamed
 from jradar.radar import DETECTORS, PointSpec
 from jradar.radar.devices import BOARDS
 from jradar.recordings import CLOUD_WRITERS
-from jradar.simulation.sets import FRAMES
+from jradar.simulation.plan import FRAMES, SCENE_FRAMES
+from jradar.stream.outputs import OUTPUTS
 
 BIG = str(10**30)
 
@@ -26,7 +27,7 @@ BIG = str(10**30)
     [
         ([], "required: COMMAND"),
         (["info"], "required: PATH"),
-        (["inform", "x.npy"], "invalid choice: 'inform'"),
+        (["enhnace", "x.npy"], "did you mean enhance?"),
         (["points", "x.npy"], "required: -o"),
         (["points", "x", "-o", "y", "--factor", "0"], "expected a number above 0"),
         (["points", "x", "-o", "y", "--capacity", "-1"], "expected 0 to"),
@@ -41,7 +42,9 @@ BIG = str(10**30)
         (["enhance", "x", "-o", "y", "--steps", "1001"], "expected 1 to 1000"),
         (["points", "x", "-o", "y", "--max-rnage=3"], "did you mean --max-range?"),
         (["view", "x", "--json", "stray"], "unrecognized arguments: stray"),
-        (["points", "x", "-o", "y", "--device", "xwr1642"], "awr1642"),
+        (["points", "x", "-o", "y", "--device", "xwr1642"], "did you mean awr1642?"),
+        (["calibrate", "x", "-o", "y", "--reflector", "3,9"], "or M,AZ,EL such as"),
+        (["replay", "x", "--reorder", "1001"], "expected 0 to 1000"),
         (["prepare", "x", "-o", "y", "--frames", "3"], "expected A:B"),
         (["prepare", "x", "-o", "y", "--frames", "5:2"], "holds no frame"),
         (["prepare", "x", "-o", "y", "--workers", "0"], "expected 1 to"),
@@ -49,23 +52,36 @@ BIG = str(10**30)
         (["simulate", "-o", "y", "--set", SETS[0], "--scene", "lab"], "not allowed"),
     ],
 )
-def test_a_usage_error_is_code_2_and_names_the_mend(arguments, message, capsys):
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    error = capsys.readouterr().err
-    assert stop.value.code == 2 and message in error
-    assert error.startswith("jradar") and error.count("\n") == 1
+def test_a_usage_error_is_code_2_and_names_the_mend(arguments, message, refused):
+    assert message in refused(*arguments)
 
 
-def test_help_names_files_and_answers_without_jax():
-    code = (
-        "import sys; from jradar.cli import main\n"
-        "try: main(['points', '--help'])\n"
-        "finally: print('jax' in sys.modules)"
-    )
+def test_help_and_usage_errors_answer_without_jax():
+    code = """
+import contextlib, sys
+from jradar.cli import main
+for words in ("--help", "points --help", "enhnace x", "points x", "live --drwas 1"):
+    with contextlib.suppress(SystemExit):
+        main(words.split())
+print("jax" in sys.modules, "numpy" in sys.modules)
+"""
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert run.returncode == 0 and "adc_data.bin" in run.stdout
-    assert run.stdout.endswith("False\n")
+    assert run.stdout.endswith("False False\n")
+    assert "did you mean enhance?" in run.stderr and "--draws?" in run.stderr
+
+
+def test_a_shell_completes_commands_and_options(tmp_path):
+    pytest.importorskip("argcomplete")
+    for line, expected in (("jradar enh", "enhance"), ("jradar live --dr", "--draws")):
+        found = tmp_path / "found"
+        subprocess.run(
+            [sys.executable, "-m", "jradar.cli"],
+            env=os.environ
+            | {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line))}
+            | {"_ARGCOMPLETE_STDOUT_FILENAME": str(found)},
+        )
+        assert found.read_text().split() == [expected]
 
 
 def test_choices_are_those_of_the_library():
@@ -74,6 +90,9 @@ def test_choices_are_those_of_the_library():
     assert DEVICES == tuple(BOARDS)
     assert CLOUD_FORMATS == tuple(CLOUD_WRITERS)
     assert ROTATIONS == motion.ROTATIONS
+    for name in (*(f"out{suffix}" for suffix in STREAMED), "out", "out.d"):
+        kind = next(kind for kind in OUTPUTS if kind.matches(Path(name)))
+        assert is_streamed(name) == (kind.name != "a folder")
 
 
 def test_help_shows_the_defaults_of_the_library():
@@ -91,16 +110,18 @@ def test_help_shows_the_defaults_of_the_library():
             assert f"(default: {value})" in action.help
 
 
-def test_an_option_that_no_radar_could_use_is_named(tmp_path, capsys):
-    np.save(tmp_path / "x.npy", np.zeros(3))
-    command = ["points", str(tmp_path / "x.npy"), "-o", str(tmp_path / "y")]
+def test_an_option_that_no_radar_could_use_is_named(small_cube, tmp_path, refused):
     for option, message in (
         (["--false-alarm-rate", "2"], "false_alarm_rate = 2.0, expected 0 < rate"),
         (["--capacity", "0"], "capacity = 0, expected 1 to 1,048,576"),
         (["--detector", "cfar"], "detector = 'cfar', expected one of"),
+        (["--min-range", "5", "--max-range", "5"], "--min-range 5 --max-range 5, expe"),
+        (["--background", "5:9"], "no background in frames 5 and later"),
+        (["--frame", "1"], "has frames 0 to 0"),
+        (["--frame", "-1"], "has frames 0 to 0"),
     ):
-        assert main([*command, *option]) == 2
-        assert message in capsys.readouterr().err
+        assert message in refused("points", small_cube, "-o", tmp_path / "y", *option)
+    assert not (tmp_path / "y").exists()
 
 
 def test_every_option_has_a_help_text_and_a_description():

@@ -8,19 +8,15 @@ import threading
 import numpy as np
 import pytest
 
-from jradar.cli import main
-from jradar.cli.paths import STREAMED, is_streamed
 from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.emulator import Emulator, RecordedFrames
-from jradar.stream.outputs import OUTPUTS
 from jradar.stream.sockets import loopback_network
+from tests.cli.conftest import QUICK
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
 from tests.stream.test_board import demo
 from tests.stream.test_outputs import mcap_messages, table_of, write
-
-QUICK = ("--draws", "2", "--steps", "1")
 
 
 @pytest.fixture(scope="module")
@@ -37,9 +33,9 @@ def test_a_replay_becomes_an_mcap_file(capture, run_json, tmp_path):
     out = tmp_path / "out.mcap"
     command = ["live", "--replay", capture, "--model", "none", "-o", out]
     result = run_json(*command, "--speed", "0.5", "--silence", PATIENCE_S)
-    assert result["frames received"] == 4
-    published = result["frames published"]
-    assert published + result["frames dropped"] == 4 and published
+    assert result["frames_received"] == 4
+    published = result["frames_published"]
+    assert published + result["frames_dropped"] == 4 and published
     assert result["packets"]["lost"] == 0 and result["written"] == [str(out)]
     topics = [topic for topic, *_ in mcap_messages(out)]
     assert topics.count("/radar/points") == published
@@ -51,12 +47,14 @@ def test_the_model_of_a_live_session_is_one_of_ones_own(
     out = tmp_path / "out"
     command = ["live", "--replay", small_cube, "--model", model_folder, "-o", out]
     result = run_json(*command, "--silence", PATIENCE_S, "--seed", 3)
-    assert result["frames published"] == 1
+    assert result["frames_published"] == 1
     with np.load(out / "000000" / "enhanced.npz") as file:
         assert len(file["xyz"])
 
 
-def test_the_lidar_of_a_recording_is_beside_its_frames(sequence, run_json, tmp_path):
+def test_the_lidar_of_a_recording_is_published_with_its_frames(
+    sequence, run_json, tmp_path
+):
     pytest.importorskip("foxglove")
     out = tmp_path / "out.mcap"
     command = ["live", "--replay", sequence, "--model", "none", "-o", out]
@@ -94,22 +92,10 @@ def test_enhanced_frames_become_a_bag(sequence, model_folder, run_json, tmp_path
     assert topics["/enhanced/points"] == topics["/radar/points"] == 2
 
 
-def test_a_file_for_foxglove_is_told_apart_from_a_bag(tmp_path, capsys):
+def test_a_file_for_foxglove_is_told_apart_from_a_bag(tmp_path, refused):
     pytest.importorskip("foxglove")
     path = write(tmp_path / "out.mcap")
-    assert main(["info", str(path)]) == 4
-    assert "without ROS messages" in capsys.readouterr().err
-
-
-def test_what_exists_is_not_overwritten(capture, tmp_path, capsys):
-    (tmp_path / "out.mcap").write_text("precious")
-    for command in (
-        ["live", "--replay", capture, "-o", tmp_path / "out.mcap"],
-        ["enhance", capture, "-o", tmp_path / "out.mcap"],
-    ):
-        assert main([*map(str, command)]) == 2
-        assert "exists and is not overwritten" in capsys.readouterr().err
-    assert (tmp_path / "out.mcap").read_text() == "precious"
+    assert "without ROS messages" in refused("info", path, code=4)
 
 
 @pytest.mark.parametrize(
@@ -119,38 +105,22 @@ def test_what_exists_is_not_overwritten(capture, tmp_path, capsys):
         (["live", "--radar", "{cfg}", "--host", "192.0.2.1"], 3, "has no address"),
         (["live", "--replay", "{bin}", "-o", "out.bag"], 2, "expected a file .mcap"),
         (["live", "--replay", "no.bin"], 2, "no such file"),
-        (["live", "--replay", "{bin}", "--reorder", "-1"], 2, "expected 0 to 1000"),
-        (["replay", "{bin}", "--loss", "2"], 2, "expected 0 to 1"),
+        (["live", "--replay", "{flat}"], 2, "--model none, or add --anyway"),
+        (["enhance", "{bin}", "-o", "a.mcap", "--flat"], 2, "a.mcap is one file"),
+        (["enhance", "{bin}", "-o", "a", "--flat", "--picture"], 2, "leave out --fl"),
         (["replay", "{bin}", "--card", "192.0.2.1"], 3, "has no address 192.0.2.1"),
         (["replay", "{bin}", "--now", "--host", "198.51.100.1"], 3, "both --host and"),
     ],
 )
 def test_a_wrong_call_is_answered_in_one_line(
-    arguments, code, message, capture, capsys, monkeypatch, tmp_path
+    arguments, code, message, capture, flat_cube, refused, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)
-    names = {"bin": capture, "cfg": capture.with_name("profile.cfg")}
+    names = {"bin": capture, "cfg": capture.with_name("profile.cfg"), "flat": flat_cube}
     words = [word.format(**names) for word in arguments]
-    if "--model" not in words and words[0] == "live":
+    if words[0] == "live" and "{flat}" not in arguments:
         words += ["--model", "none"]
-    try:
-        found = main(words)
-    except SystemExit as stop:
-        found = stop.code
-    error = capsys.readouterr().err
-    assert found == code and message in error.splitlines()[-1]
-
-
-def test_a_flat_radar_publishes_detections_only(flat_cube, capsys):
-    assert main(["live", "--replay", flat_cube]) == 2
-    assert "--model none, or add --anyway" in capsys.readouterr().err
-
-
-def test_names_of_outputs_are_those_of_the_library(tmp_path):
-    streamed = [f"out{suffix}" for suffix in STREAMED]
-    for name in (*streamed, "out", "out.d"):
-        kind = next(kind for kind in OUTPUTS if kind.matches(tmp_path / name))
-        assert is_streamed(name) == (kind.name != "a folder")
+    assert message in refused(*words, code=code)
 
 
 def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
@@ -169,7 +139,7 @@ def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
         sent = emulator.sent.packets
         assert sent and not emulator._sending.is_alive()
     received = result["packets"]["received"]
-    assert received <= sent and result["frames received"] > 0
+    assert received <= sent and result["frames_received"] > 0
     lines = [line for line in cfg.read_text().splitlines() if line]
     assert board.heard == [*lines, "sensorStart", "sensorStop"]
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from jradar.data import SEQUENCES, paper_split, scene
+from jradar.data import SEQUENCES, scene
+from jradar.data.sources import paper_split
 
 
 def test_there_are_52_sequences_and_21_train():

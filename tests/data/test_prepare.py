@@ -215,7 +215,7 @@ def test_sequences_with_other_chirps_are_processed_with_their_own(tmp_path):
     root, names = tmp_path / "in", [f"12_21_2020_ec_hallways_run{k}" for k in (0, 1, 2)]
     for name in names:
         write_sequence(root, name, frames=2)
-    radar = open_recording(root / names[0]).radar
+    radar = open_recording(root / names[0]).radar.spec
     steep = radar.slope_hz_per_s * 1.25
     with_waveform(root, names[1], "frequency_slope", steep)
     manifest = prepare(root, tmp_path / "out", SPEC, workers=1)

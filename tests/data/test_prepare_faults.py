@@ -126,7 +126,7 @@ def test_a_folder_without_a_finished_shard_is_free_for_other_options(root, tmp_p
             prepare(root, tmp_path, with_points(SPEC, capacity=64), workers=1)
     assert (tmp_path / "manifest.json").exists()
     prepare(root, tmp_path, SPEC, workers=1, frames=slice(0, 1))
-    assert Records(tmp_path).manifest["options"]["capacity"] == 128
+    assert Records(tmp_path).manifest["options"]["points"]["capacity"] == 128
 
 
 def test_options_that_do_not_suit_the_radar_leave_the_folder_free(root, tmp_path):

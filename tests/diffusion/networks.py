@@ -24,6 +24,12 @@ def build(image=(8, 32), condition=(8, 8), **changes):
     return network, random_params(network, *args), args
 
 
+def shapes_of(network, image, condition):
+    """Shapes of the parameters; image and condition are `(row, column, channel)`."""
+    args = (jnp.zeros((1, *image)), jnp.zeros(1), jnp.zeros((1, *condition)))
+    return jax.eval_shape(network.init, jax.random.key(0), *args)
+
+
 def random_params(network, *args):
     """Parameters of the network's shapes, none of them 0; nothing is compiled."""
     rng = np.random.default_rng(1)
@@ -32,15 +38,11 @@ def random_params(network, *args):
         fan_in = np.prod(leaf.shape[:-1]) if leaf.ndim > 1 else 4
         return jnp.asarray(rng.normal(size=leaf.shape) / np.sqrt(fan_in), leaf.dtype)
 
-    shapes = jax.eval_shape(network.init, jax.random.key(0), *args)
-    return jax.tree.map(fill, shapes)
+    image, condition = args[0].shape[1:], args[2].shape[1:]
+    return jax.tree.map(fill, shapes_of(network, image, condition))
 
 
-# LLVM's optimisations take most of the time to compile a network that runs once.
-QUICK = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
-
-
-@functools.partial(jax.jit, static_argnums=0, compiler_options=QUICK)
+@functools.partial(jax.jit, static_argnums=0)
 def apply(network, params, *args):
     """The network's output."""
     return network.apply(params, *args)

@@ -15,10 +15,8 @@ from jradar.diffusion import (
     training_sigma,
 )
 
-STATIC = ("denoise", "noise", "weights", "perceptual")
-LOSS = jax.jit(denoising_loss, static_argnames=STATIC)
 KEY, NOISE = jax.random.key(1), NoiseSpec()
-CLEAN = 0.5 * jax.random.normal(jax.random.key(0), (64, 4, 4, 2))
+CLEAN = jnp.asarray(np.random.default_rng(0).normal(scale=0.5, size=(64, 4, 4, 2)), "f")
 SHIFT = jnp.array([0.2, -0.1])[None, None, None]
 
 
@@ -31,6 +29,18 @@ def mean_square(a, b):
     return ((a - b) ** 2).mean((1, 2, 3))
 
 
+def loss(weights, denoise=shifted, clean=CLEAN, *, noise=NOISE, **options):
+    """`denoising_loss` with these fields of its `LossSpec`, as a number."""
+    options = {"perceptual": mean_square, "weights": LossSpec(**weights)} | options
+    return float(denoising_loss(KEY, denoise, clean, noise=noise, **options))
+
+
+@pytest.fixture(scope="module")
+def levels():
+    """The noise levels that `loss` draws."""
+    return np.asarray(training_sigma(jax.random.split(KEY)[0], (64,), NOISE))
+
+
 # A mixture's outputs are no image: it has the loss of `jradar.diffusion.mixture`.
 IMAGES = {name: kind for name, kind in PREDICTIONS.items() if name != "mixture"}
 
@@ -38,33 +48,32 @@ IMAGES = {name: kind for name, kind in PREDICTIONS.items() if name != "mixture"}
 @pytest.mark.parametrize("prediction", IMAGES.values(), ids=IMAGES)
 def test_loss_of_a_network_of_zeros_is_1(prediction):
     noise = NoiseSpec(prediction=prediction)
-    clean = 0.5 * jax.random.normal(jax.random.key(0), (4000, 2, 2, 1))
     outputs = prediction.outputs_per_channel
     denoise = precondition(
         lambda x, c_noise: jnp.zeros((*x.shape[:-1], outputs)), noise
     )
-    loss = LOSS(KEY, denoise, clean, noise=noise)
-    np.testing.assert_allclose(loss, 1, rtol=0.03)
+    rng = np.random.default_rng(0)
+    clean = jnp.asarray(rng.normal(scale=0.5, size=(4000, 2, 2, 1)), jnp.float32)
+    assert loss({}, denoise, clean, noise=noise) == pytest.approx(1, rel=0.03)
 
 
 def test_prediction_clean_is_the_network_itself():
     noise = NoiseSpec(prediction=PREDICTIONS["clean"], sigma_data=0.7)
-    x = jax.random.normal(KEY, (2, 3, 4, 2))
-    seen = []
-    denoise = precondition(lambda x, c_noise: seen.append(x) or 2 * jnp.ones_like(x),
-                           noise)  # fmt: skip
+    x, seen = CLEAN[:2], []
+    denoise = precondition(
+        lambda x, c_noise: seen.append(x) or 2 * jnp.ones_like(x), noise
+    )
     np.testing.assert_allclose(denoise(x, 0.3), 1.4, rtol=1e-6)
     np.testing.assert_allclose(seen[0], x / np.hypot(0.3, 0.7), rtol=1e-5)
 
 
 def test_gaussian_is_the_posterior_mean_of_a_pixel_with_that_prior():
     noise = NoiseSpec(prediction=PREDICTIONS["gaussian"], sigma_data=0.5)
-    sigma, clean = 0.3, 0.2
+    sigma, x = 0.3, 0.3
     mean, spread = 0.15, 0.25  # of the prior of this pixel
     output = jnp.array([mean / 0.5, 4 * np.arctanh(np.log(spread / 0.5) / 4)])
     denoise = precondition(lambda x, c_noise: output[None, None, None], noise)
     grid = np.linspace(-3, 3, 20001)  # Bayes' rule, summed
-    x = clean + 0.1
     weight = np.exp(-((grid - mean) ** 2) / (2 * spread**2))
     weight *= np.exp(-((x - grid) ** 2) / (2 * sigma**2))
     expected = (weight * grid).sum() / weight.sum()
@@ -72,54 +81,37 @@ def test_gaussian_is_the_posterior_mean_of_a_pixel_with_that_prior():
     np.testing.assert_allclose(found, expected, rtol=1e-4)
 
 
-def test_terms_are_the_equations():
-    sigma = training_sigma(jax.random.split(KEY)[0], (64,), NOISE)
-    weight = (sigma**2 + 0.25) / (sigma * 0.5) ** 2
-    squared = (weight * (0.2**2 + 0.1**2) / 2).mean()
-    spec = LossSpec(squared=0.3, perceptual=0.5, absolute=0.2)
-    loss = LOSS(KEY, shifted, CLEAN, noise=NOISE, weights=spec, perceptual=mean_square)
+def test_terms_are_the_equations(levels):
+    weight = ((levels**2 + 0.25) / (levels * 0.5) ** 2).mean()
+    squared = weight * (0.2**2 + 0.1**2) / 2
+    found = loss({"squared": 0.3, "perceptual": 0.5, "absolute": 0.2})
     expected = 0.3 * squared + 0.5 * 0.2**2 + 0.2 * 0.15  # first channel only in L_p
-    np.testing.assert_allclose(loss, expected, rtol=1e-5)
-
-
-def test_the_range_has_its_weight():
-    levels = training_sigma(jax.random.split(KEY)[0], (64,), NOISE)
-    scale = jnp.mean((levels**2 + 0.25) / (0.5 * levels) ** 2)
-    weighted = LOSS(
-        KEY, shifted, CLEAN, noise=NOISE, weights=LossSpec(range_weight=4.0)
-    )
+    assert found == pytest.approx(expected, rel=1e-5)
     square = (1.6 * 0.2**2 + 0.4 * 0.1**2) / 2  # 4 to 1, and 1 on average
-    np.testing.assert_allclose(weighted, scale * square, rtol=1e-5)
+    assert loss({"range_weight": 4.0}) == pytest.approx(weight * square, rel=1e-5)
 
 
 def test_masked_values_do_not_count():
     mask = jnp.zeros_like(CLEAN).at[:, :2, :, 0].set(1.0)
-    spec = LossSpec(squared=0.0, absolute=1.0, perceptual=1.0)
-    options = {"noise": NOISE, "weights": spec, "perceptual": mean_square}
-    loss = LOSS(KEY, shifted, CLEAN, mask=mask, **options)
-    np.testing.assert_allclose(loss, 0.2 + 0.2**2 / 2, rtol=1e-5)
+    fields = {"squared": 0.0, "absolute": 1.0, "perceptual": 1.0}
+    expected = pytest.approx(0.2 + 0.2**2 / 2, rel=1e-5)
+    assert loss(fields, mask=mask) == expected
 
     def broken(x, sigma):
         return jnp.where(mask > 0, shifted(x, sigma), 1e6)
 
-    same = LOSS(KEY, broken, CLEAN, mask=mask, **options)
-    np.testing.assert_allclose(same, loss, rtol=1e-5)
-    assert LOSS(KEY, shifted, CLEAN, mask=0 * mask, **options) == 0
+    assert loss(fields, broken, mask=mask) == expected
+    assert loss(fields, mask=0 * mask) == 0
 
 
-def test_extra_terms_stop_at_a_level():
-    sigma = training_sigma(jax.random.split(KEY)[0], (64,), NOISE)
-    spec = LossSpec(squared=0.0, absolute=1.0, below_sigma=0.3)
-    loss = LOSS(KEY, shifted, CLEAN, noise=NOISE, weights=spec)
-    np.testing.assert_allclose(loss, 0.15 * (sigma < 0.3).mean(), rtol=1e-5)
+def test_extra_terms_stop_at_a_level(levels):
+    found = loss({"squared": 0.0, "absolute": 1.0, "below_sigma": 0.3})
+    assert found == pytest.approx(0.15 * (levels < 0.3).mean(), rel=1e-5)
 
 
 def test_perceptual_term_is_computed_every_kth_step():
-    spec = LossSpec(squared=0.0, perceptual=1.0, perceptual_every=3)
-    options = {"noise": NOISE, "weights": spec, "perceptual": mean_square}
-    terms = [
-        float(LOSS(KEY, shifted, CLEAN, step=step, **options)) for step in range(6)
-    ]
+    fields = {"squared": 0.0, "perceptual": 1.0, "perceptual_every": 3}
+    terms = [loss(fields, step=step) for step in range(6)]
     np.testing.assert_allclose(terms, [3 * 0.04, 0, 0] * 2, rtol=1e-5)
 
 
@@ -128,18 +120,20 @@ def test_a_miss_has_a_validity_but_no_range():
     np.testing.assert_array_equal(target_mask(target)[0, 0], [[1, 1], [0, 1]])
 
 
-def test_a_distribution_is_refused_because_it_is_no_image():
-    noise = NoiseSpec(prediction=PREDICTIONS["mixture"])
-    with pytest.raises(ValueError, match="'mixture' gives a dist.*with mixture_loss"):
-        LOSS(KEY, shifted, CLEAN, noise=noise)
-
-
-def test_impossible_weights_are_refused():
-    with pytest.raises(ValueError, match="range_weight = 0.0, expected above 0"):
-        LossSpec(range_weight=0.0)
-    with pytest.raises(ValueError, match="squared = -1.0, expected 0 or more"):
-        LossSpec(squared=-1.0)
-    with pytest.raises(ValueError, match="perceptual_every = 0, expected 1"):
-        LossSpec(perceptual_every=0)
-    with pytest.raises(ValueError, match="perceptual weight 1.0 without"):
-        LOSS(KEY, shifted, CLEAN, noise=NOISE, weights=LossSpec(perceptual=1.0))
+@pytest.mark.parametrize(
+    ("fields", "options", "message"),
+    [
+        ({"range_weight": 0.0}, {}, "range_weight = 0.0, expected above 0"),
+        ({"squared": -1.0}, {}, "squared = -1.0, expected 0 or more"),
+        ({"perceptual_every": 0}, {}, "perceptual_every = 0, expected 1"),
+        ({"perceptual": 1.0}, {"perceptual": None}, "perceptual weight 1.0 without"),
+        (
+            {},
+            {"noise": NoiseSpec(prediction=PREDICTIONS["mixture"])},
+            "'mixture' gives a dist.*with mixture_loss",
+        ),
+    ],
+)
+def test_impossible_losses_are_refused(fields, options, message):
+    with pytest.raises(ValueError, match=message):
+        loss(fields, **options)

@@ -4,12 +4,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import softmax
 from scipy.stats import logistic
 
 from jradar.diffusion import (
     PREDICTIONS,
     NoiseSpec,
-    UNet,
     conditional_denoiser,
     load_pretrained,
     mixture_loss,
@@ -17,11 +17,13 @@ from jradar.diffusion import (
     range_mixture,
     write_params,
 )
-from jradar.diffusion.mixture import LEAST_SCALE, mixture_of
+from jradar.diffusion.mixture import mixture_of
+from tests.diffusion.networks import build
 
 SHAPE = (2, 3, 4)
 VALUES = np.random.default_rng(0).normal(scale=0.3, size=(*SHAPE, 14)).astype("f4")
 NOISE = NoiseSpec(sigma_data=0.75, prediction=PREDICTIONS["mixture"])
+SMALL = {"multipliers": (1,), "attention_levels": ()}
 
 
 def answer(x, sigma):
@@ -29,15 +31,15 @@ def answer(x, sigma):
     return jnp.asarray(VALUES)
 
 
-def test_the_mixture_is_a_distribution():
-    mixture = mixture_of(jnp.asarray(VALUES))
-    np.testing.assert_allclose(mixture.weight.sum(-1), 1, rtol=1e-5)
-    assert (mixture.scale > LEAST_SCALE).all()
-    far = jnp.full(SHAPE, 1e3)
-    np.testing.assert_allclose(mixture_mass(mixture, -far, far), 1, rtol=1e-5)
-    middle = jnp.zeros(SHAPE)
-    parts = mixture_mass(mixture, -far, middle) + mixture_mass(mixture, middle, far)
-    np.testing.assert_allclose(parts, 1, rtol=1e-5)
+def test_outputs_are_centre_return_offsets_scales_and_weights():
+    found = mixture_of(jnp.asarray(VALUES))
+    centre, returned = VALUES[..., :1], VALUES[..., 1]
+    offset, growth, weight = np.split(VALUES[..., 2:], 3, -1)
+    np.testing.assert_allclose(found.returned, 4 * returned, rtol=1e-5)
+    np.testing.assert_allclose(found.weight, softmax(4 * weight, -1), rtol=1e-5)
+    np.testing.assert_allclose(found.centre, centre + offset, atol=1e-6)
+    scale = np.array([0.01, 0.02, 0.05, 0.2]) * np.exp(4 * np.tanh(growth)) + 1e-3
+    np.testing.assert_allclose(found.scale, scale, rtol=1e-4)
 
 
 def test_mass_and_likelihood_equal_scipys():
@@ -54,7 +56,7 @@ def test_mass_and_likelihood_equal_scipys():
     wanted = expected(logistic.cdf, code + 0.1) - expected(logistic.cdf, code - 0.1)
     np.testing.assert_allclose(mass, wanted, atol=1e-5)
 
-    clean = jnp.stack([jnp.asarray(code), jnp.where(jnp.asarray(hit), 1.0, -1.0)], -1)
+    clean = jnp.asarray(np.stack([code, np.where(hit, 1.0, -1.0)], -1), jnp.float32)
     loss = mixture_loss(jax.random.key(0), answer, clean, noise=NOISE)
     returned = 1 / (1 + np.exp(-np.asarray(mixture.returned, float)))
     likelihood = np.where(hit, returned * expected(logistic.pdf, code), 1 - returned)
@@ -62,50 +64,48 @@ def test_mass_and_likelihood_equal_scipys():
 
 
 def test_the_likelihood_has_finite_gradients_far_from_all_components():
-    def loss(values):
+    @jax.jit
+    @jax.grad
+    def slope(values):
         clean = jnp.full((*SHAPE, 2), 1.0)
         return mixture_loss(
             jax.random.key(0), lambda x, sigma: values, clean, noise=NOISE
         )
 
-    slope = jax.grad(loss)(jnp.asarray(100 * VALUES))
-    assert np.isfinite(slope).all() and np.abs(slope).sum() > 0
+    found = np.asarray(slope(100 * VALUES))
+    assert np.isfinite(found).all() and np.abs(found).sum() > 0
 
 
-@pytest.mark.parametrize("detail", [0, 4])
-@pytest.mark.parametrize("before", ["clean", "gaussian"])
+@pytest.mark.parametrize(
+    ("before", "detail"), [("clean", 0), ("gaussian", 0), ("gaussian", 4)]
+)
 def test_weights_of_another_prediction_start_as_the_same_image(
     tmp_path, before, detail
 ):
-    def network(prediction):
-        outputs = 2 * PREDICTIONS[prediction].outputs_per_channel
-        fields = {"channels": 8, "multipliers": (1,), "blocks": 1}
-        return UNet(
-            outputs=outputs, attention_levels=(), detail_channels=detail, **fields
+    (old, params, (*_, condition)), (new, other, _) = (
+        build(
+            outputs=2 * PREDICTIONS[kind].outputs_per_channel,
+            detail_channels=detail,
+            **SMALL,
         )
-
-    rng = np.random.default_rng(2)
-    condition = jnp.asarray(rng.normal(size=(1, 8, 8, 3)), jnp.float32)
-
-    def init(net):
-        image = jnp.zeros((1, 8, 32, 2))
-        shapes = jax.eval_shape(
-            net.init, jax.random.key(0), image, jnp.zeros(1), condition
-        )
-        return jax.tree.map(lambda v: jnp.asarray(rng.normal(size=v.shape) / 9), shapes)
-
-    old, new = network(before), network("mixture")
-    params = init(old)
+        for kind in (before, "mixture")
+    )
+    params = jax.tree.map(lambda leaf: leaf / 3, params)  # spreads like the data's
     write_params(tmp_path / "old.safetensors", params, dtype=np.float32)
-    started, report = load_pretrained(tmp_path / "old.safetensors", new, init(new))
+    started, report = load_pretrained(tmp_path / "old.safetensors", new, other)
     assert not report.new and not report.unused
 
     def image(net, params, prediction):
         noise = NoiseSpec(sigma_data=0.75, prediction=PREDICTIONS[prediction])
-        denoise = conditional_denoiser(net, params, noise)(condition)
-        return denoise(jnp.zeros((1, 8, 32, 2)), jnp.asarray(noise.sigma_max))
 
-    found = image(new, started, "mixture")
+        @jax.jit
+        def denoised(params):
+            denoise = conditional_denoiser(net, params, noise)(condition)
+            return denoise(jnp.zeros((2, 8, 32, 2)), jnp.asarray(noise.sigma_max))
+
+        return denoised(params)
+
+    found = np.asarray(image(new, started, "mixture"))
     expected = image(old, params, before)
     np.testing.assert_allclose(found[..., :2], expected, atol=1e-3)
     np.testing.assert_array_equal(found[..., 2:], 0)
@@ -115,26 +115,18 @@ def test_weights_of_another_prediction_start_as_the_same_image(
     "fields", [{}, {"detail_channels": 0}, {"condition_at_input": True}]
 )
 def test_the_shape_of_an_image_stands_for_zeros(fields):
-    network = UNet(
-        channels=8,
-        multipliers=(1,),
-        blocks=1,
-        attention_levels=(),
-        outputs=14,
-        **fields,
-    )
-    rng = np.random.default_rng(0)
-    condition = jnp.asarray(rng.normal(size=(1, 8, 8, 3)), jnp.float32)
-    level, zeros = jnp.ones(1), jnp.zeros((1, 8, 32, 2))
-    params = network.init(jax.random.key(0), zeros, level, condition)
-    params = jax.tree.map(
-        lambda p: jnp.asarray(rng.normal(size=p.shape), p.dtype), params
-    )
+    network, params, (x, level, condition) = build(outputs=14, **SMALL, **fields)
+    shape = jax.ShapeDtypeStruct(x.shape, x.dtype)
 
-    def output(x):
+    @jax.jit
+    def outputs(params):
         features = network.apply(params, condition, method="encode")
-        return network.apply(params, x, level, features, method="decode")
+        both = (shape, jnp.zeros_like(x))
+        return [
+            network.apply(params, image, level, features, method="decode")
+            for image in both
+        ]
 
-    shape = jax.ShapeDtypeStruct(zeros.shape, zeros.dtype)
-    np.testing.assert_allclose(output(shape), output(zeros), rtol=1e-5, atol=1e-5)
-    assert np.ptp(output(shape)) > 0
+    blank, zeros = outputs(params)
+    np.testing.assert_allclose(blank, zeros, rtol=1e-5, atol=1e-5)
+    assert np.ptp(blank) > 0

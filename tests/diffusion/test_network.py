@@ -16,7 +16,7 @@ from jradar.diffusion import (
     read_params,
     write_params,
 )
-from jradar.model import shipped_models
+from jradar.model import load_model, shipped_models
 
 
 def test_a_presets_fields_can_be_replaced():
@@ -63,7 +63,7 @@ def test_shipped_weights_are_rewritten_byte_for_byte_and_start_a_training(tmp_pa
     assert params["params"]["trunk"]["stem"]["kernel"].dtype == np.float32
     write_params(copy, params, metadata=metadata)
     assert copy.read_bytes() == path.read_bytes()
-    network = network_from_fields(json.loads(metadata["network"]))
+    network = load_model("jradar-sim-diffusion").spec.network
     _, report = load_pretrained(path, network, params)
     assert not report.new and not report.unused
     with pytest.raises(FileNotFoundError):

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from jradar.diffusion import (
-    EDM,
     NoiseSpec,
-    denoising_loss,
-    karras_sigmas,
     precondition,
     scalings,
     training_sigma,
 )
+from jradar.diffusion.noise import karras_sigmas
+from jradar.diffusion.predictions import EDM
 
 NOISE = NoiseSpec()
 
@@ -41,22 +40,13 @@ def test_scalings_keep_unit_variance(sigma):
 
 
 def test_training_levels_are_log_normal():
-    logs = jnp.log(training_sigma(jax.random.key(0), (20_000,), NOISE))
+    logs = np.log(training_sigma(jax.random.key(0), (20_000,), NOISE))
     np.testing.assert_allclose(logs.mean(), -1.2, atol=0.03)
     np.testing.assert_allclose(logs.std(), 1.2, atol=0.03)
 
 
-def test_loss_of_the_perfect_denoiser_is_its_variance():
-    # For N(0, sd^2) images the best D is c_skip x: the silent network is it.
-    clean = jnp.zeros((8, 4, 4, 1))
-    loss = denoising_loss(
-        jax.random.key(0), lambda x, sigma: jnp.zeros_like(x), clean, noise=NOISE
-    )
-    assert loss == 0
-
-
 def test_denoiser_is_the_identity_without_noise():
-    x = jax.random.normal(jax.random.key(0), (2, 3, 4, 2))
+    x = jnp.asarray(np.random.default_rng(0).normal(size=(2, 3, 4, 2)), jnp.float32)
     denoise = precondition(lambda x, c_noise: jnp.ones_like(x), NOISE)
     np.testing.assert_allclose(denoise(x, jnp.full(2, 1e-6)), x, atol=1e-5)
 

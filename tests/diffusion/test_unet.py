@@ -1,6 +1,7 @@
 """U-Net: sizes, levels where the condition enters, start as nothing, encode once."""
 
-import functools
+import collections
+import re
 
 import jax
 import jax.numpy as jnp
@@ -8,21 +9,20 @@ import numpy as np
 import pytest
 
 from jradar.diffusion import PRESETS, NoiseSpec, UNet, blocks, conditional_denoiser
-from tests.diffusion.networks import QUICK, SMALL, apply, build
+from tests.diffusion.networks import SMALL, apply, build, shapes_of
 
 
 def test_output_has_the_size_of_the_image_and_sees_the_condition():
     network, params, args = build()
-    output = apply(network, params, *args)
-    assert output.shape == args[0].shape and jnp.isfinite(output).all()
+    output = np.asarray(apply(network, params, *args))
+    assert output.shape == args[0].shape and np.isfinite(output).all()
     other = apply(network, params, args[0], args[1], args[2] + 1.0)
-    assert jnp.abs(output - other).max() > 1e-3
+    assert np.abs(output - other).max() > 1e-3
 
 
 def test_a_new_network_predicts_nothing_and_ignores_the_condition():
     network, _, args = build((4, 16), (4, 4), multipliers=(1,), attention_levels=())
-    init = jax.jit(network.init, compiler_options=QUICK)
-    params = init(jax.random.key(2, impl="rbg"), *args)
+    params = jax.jit(network.init)(jax.random.key(2, impl="rbg"), *args)
     assert not apply(network, params, *args).any()
     trunk = params["params"]["trunk"]
     assert not trunk["enc0_condition"]["kernel"].any()
@@ -34,14 +34,8 @@ def test_a_new_network_predicts_nothing_and_ignores_the_condition():
 )
 def test_condition_enters_at_every_level_with_its_grid(condition, levels):
     network = UNet(**SMALL | {"multipliers": (1, 2, 2)})
-    shapes = jax.eval_shape(
-        network.init,
-        jax.random.key(0),
-        jnp.zeros((1, 16, 64, 2)),
-        jnp.zeros(1),
-        jnp.zeros((1, *condition, 3)),
-    )
-    names = {name for name in shapes["params"]["trunk"] if "condition" in name}
+    trunk = shapes_of(network, (16, 64, 2), (*condition, 3))["params"]["trunk"]
+    names = {name for name in trunk if "condition" in name}
     assert names == {f"enc{level}_condition" for level in levels}
 
 
@@ -53,17 +47,10 @@ def test_parameters_serve_other_image_sizes():
 
 
 @pytest.mark.parametrize(
-    ("preset", "millions"), [("tiny", 6.60), ("small", 6.16), ("paper", 61.94)]
+    ("preset", "millions"), [("tiny", 6.60), ("small", 8.36), ("paper", 61.94)]
 )
 def test_presets_fit_the_papers_images(preset, millions):
-    network = UNet(**PRESETS[preset])
-    shapes = jax.eval_shape(
-        network.init,
-        jax.random.key(0),
-        jnp.zeros((1, 128, 512, 2)),
-        jnp.zeros(1),
-        jnp.zeros((1, 64, 64, 24)),
-    )
+    shapes = shapes_of(UNet(**PRESETS[preset]), (128, 512, 2), (64, 64, 24))
     count = sum(p.size for p in jax.tree.leaves(shapes))
     assert count / 1e6 == pytest.approx(millions, abs=0.05)
     assert any("condition" in name for name in shapes["params"]["trunk"])
@@ -71,26 +58,24 @@ def test_presets_fit_the_papers_images(preset, millions):
 
 def test_every_pixel_reaches_the_output_on_its_own():
     # Behind a stem of 4 columns, pixels of one patch still come out apart.
-    network, params, (x, c_noise, condition) = build()
-    other = x.at[:, 3, 9, 0].add(1.0)
-    change = apply(network, params, other, c_noise, condition)
-    change = jnp.abs(change - apply(network, params, x, c_noise, condition))[0, 3, :, 0]
-    assert change[9] > 2 * jnp.delete(change[8:12], 1).min() > 0
+    network, params, (x, *rest) = build()
+    both = (np.asarray(apply(network, params, image, *rest))
+            for image in (x, x.at[:, 3, 9, 0].add(1.0)))  # fmt: skip
+    change = np.abs(np.subtract(*both))[0, 3, :, 0]
+    assert change[9] > 2 * np.delete(change[8:12], 1).min() > 0
 
 
 def test_without_the_full_path_an_image_is_drawn_patch_by_patch():
-    network, params, (x, c_noise, condition) = build(detail_channels=0)
+    network, params, args = build(detail_channels=0)
     trunk = params["params"]["trunk"]
     assert trunk["unfold"]["kernel"].shape == (8, 4 * 2)
     assert not {"output", "refine", "detail"} & trunk.keys()
     # The last map alone, of one column of a patch: that column changes everywhere.
     kernel = trunk["unfold"]["kernel"]
-    trunk = {**trunk, "unfold": {**trunk["unfold"], "kernel": kernel.at[:, 4].add(1.0)}}
-    change = apply(
-        network, {"params": {**params["params"], "trunk": trunk}}, x, c_noise, condition
-    )
-    change = np.asarray(change - apply(network, params, x, c_noise, condition))
-    places = np.argwhere(np.abs(change).max((0, 1)) > 1e-6)
+    other = {**trunk, "unfold": {**trunk["unfold"], "kernel": kernel.at[:, 4].add(1)}}
+    both = (params, {"params": {**params["params"], "trunk": other}})
+    found = np.subtract(*(np.asarray(apply(network, p, *args)) for p in both))
+    places = np.argwhere(np.abs(found).max((0, 1)) > 1e-6)
     assert {(column % 4, channel) for column, channel in places.tolist()} == {(2, 0)}
 
 
@@ -104,20 +89,16 @@ def test_remat_in_bfloat16_is_nearly_the_same_function():
 
 
 def test_one_field_makes_the_network_compute_in_bfloat16():
-    network, params, args = build(attention_levels=(0,))
+    network, params, args = build(attention_levels=())
     half = network.clone(dtype="bfloat16")
     assert half == network.clone(dtype=jnp.bfloat16) != network
-    assert {leaf.dtype.name for leaf in jax.tree.leaves(params)} == {"float32"}
-
-    def error(network, params):
-        return (network.apply(params, *args) ** 2).mean()
-
-    expected = jax.grad(functools.partial(error, network))(params)
-    found = jax.grad(functools.partial(error, half))(params)
-    for one, other in zip(*map(jax.tree.leaves, (expected, found)), strict=True):
-        assert other.dtype == jnp.float32 and jnp.isfinite(other).all()
-        size = float(jnp.linalg.norm(one))
-        assert jnp.linalg.norm(one - other) <= 0.1 * size + 1e-3
+    slopes = jax.eval_shape(jax.grad(lambda p: half.apply(p, *args).sum()), params)
+    kinds = {leaf.dtype.name for leaf in jax.tree.leaves((params, slopes))}
+    assert kinds == {"float32"}
+    text = str(jax.make_jaxpr(half.apply)(params, *args))
+    product = r":(\w+)\[\S*\] = (?:conv_general_dilated|dot_general)\["
+    kinds = collections.Counter(re.findall(product, text))
+    assert kinds["bf16"] > 20 and kinds["f32"] == 1  # of the one softmax
     with pytest.raises(ValueError, match="dtype = 'int8', expected one of"):
         network.clone(dtype="int8")
 
@@ -130,22 +111,17 @@ def test_patches_fold_and_unfold():
     np.testing.assert_array_equal(blocks.unfold(folded, (2, 4)), x)
 
 
-def test_patches_that_do_not_fill_an_image_are_refused():
+def test_what_cannot_be_is_refused():
     with pytest.raises(ValueError, match="4 x 6 pixels, expected a multiple .* 2 x 4"):
         blocks.fold(jnp.zeros((1, 4, 6, 1)), (2, 4))
-
-
-def test_unknown_form_is_refused():
     with pytest.raises(ValueError, match="form = 'vit', expected one of"):
         UNet(form="vit")
 
 
 def test_encoding_once_equals_the_whole_network():
     network, params, (x, _, condition) = build()
-    noise = NoiseSpec()
     denoised = jax.jit(
-        lambda p: conditional_denoiser(network, p, noise)(condition)(x, 0.7),
-        compiler_options=QUICK,
+        lambda p: conditional_denoiser(network, p, NoiseSpec())(condition)(x, 0.7)
     )(params)
     total = np.sqrt(0.7**2 + 0.5**2)
     output = apply(network, params, x / total, jnp.full(2, np.log(0.7) / 4), condition)
@@ -160,8 +136,7 @@ def test_one_condition_serves_a_batch(at_input):
         condition_at_input=at_input,
     )  # fmt: skip
     denoise = jax.jit(
-        lambda c: conditional_denoiser(network, params, NoiseSpec())(c)(x, 0.7),
-        compiler_options=QUICK,
+        lambda c: conditional_denoiser(network, params, NoiseSpec())(c)(x, 0.7)
     )
     one, each = denoise(condition[:1]), denoise(jnp.repeat(condition[:1], len(x), 0))
     assert one.shape == x.shape
@@ -174,9 +149,8 @@ def test_gradients_are_finite_and_reach_every_parameter():
     def square(params):
         return (network.apply(params, *args) ** 2).sum()
 
-    gradient = jax.jit(jax.grad(square), compiler_options=QUICK)(params)
-    for leaf in jax.tree.leaves(gradient):
-        assert jnp.isfinite(leaf).all() and leaf.any()
+    for leaf in map(np.asarray, jax.tree.leaves(jax.jit(jax.grad(square))(params))):
+        assert np.isfinite(leaf).all() and leaf.any()
 
 
 @pytest.mark.parametrize(

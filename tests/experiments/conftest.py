@@ -1,6 +1,7 @@
 """Records, a random model and a finished run, which several tests share."""
 
 import contextlib
+import functools
 import io
 from pathlib import Path
 from typing import NamedTuple
@@ -15,12 +16,23 @@ from experiments.configs import default
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.lidar import LidarSpec
 from jradar.model import Model
+from tests.experiments.tiny_config import shrink
 from tests.recordings.small_sequence import write_sequence, write_splits
 
 TINY = f"--config={Path(__file__).with_name('tiny_config.py')}"
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package", autouse=True)
+def compile_quickly():
+    """Little of what is compiled here, or in child processes, runs often."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+        jax.config.update("jax_disable_most_optimizations", True)
+        yield
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
+@pytest.fixture(scope="package")
 def records(tmp_path_factory):
     """Prepared frames of a small room, with the field of view of the configs."""
     source, folder = (tmp_path_factory.mktemp(name) for name in ("source", "records"))
@@ -31,6 +43,21 @@ def records(tmp_path_factory):
     view = build.field_of_view(default.get_config().image)
     prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
     return folder
+
+
+@pytest.fixture(scope="package")
+def made(records):
+    """A function from a config's module to its small config and a random model."""
+    frames = Records(records, "train")
+
+    @functools.cache
+    def make(module):
+        config = shrink(module.get_config())
+        if config.method == "diffusion":
+            config.noise.prediction = "edm"
+        return config, random_model(config, frames)
+
+    return make
 
 
 def random_model(config, records: Records) -> Model:
@@ -59,7 +86,7 @@ class Run(NamedTuple):
     out: str
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def finished(records, tmp_path_factory):
     """A tiny run, from training to the report."""
     workdir = tmp_path_factory.mktemp("finished")

@@ -4,24 +4,14 @@ import dataclasses
 
 import jax
 import numpy as np
+import pytest
 
 from experiments import confidence
 from experiments.confidence import Judged, least_confidence
-from experiments.configs import default, regression
+from experiments.configs import marginal, regression
 from jradar.data import Records
 from jradar.model import load_model, save_model
-from jradar.range_image import ConfidenceTable
-from tests.experiments.conftest import random_model
-from tests.experiments.tiny_config import shrink
-
-
-def shrunk(module):
-    """A config with tiny images and a tiny network."""
-    config = module.get_config()
-    if config.method == "diffusion":
-        config.noise.prediction = "edm"
-    shrink(config)
-    return config
+from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 
 
 def frame(wrong_from):
@@ -40,9 +30,8 @@ def test_wrong_points_are_cut_off_and_right_ones_kept():
     assert 0.2 <= between <= 0.5
 
 
-def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
-    config = shrunk(default)
-    model = random_model(config, Records(records, "train"))
+def test_the_command_fits_the_confidence_to_other_records(records, made, tmp_path):
+    _, model = made(marginal)
     wrong = dataclasses.replace(model, confidence=ConfidenceTable.of((1.0, 1.0)))
     save_model(tmp_path / "old", wrong)
     out = tmp_path / "new"
@@ -50,12 +39,16 @@ def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
     assert confidence.main([*command, "--split", "test"]) == 0
     fitted, old = load_model(out), load_model(tmp_path / "old")
     jax.tree.map(np.testing.assert_array_equal, fitted.params, old.params)
-    frames = Records(records, "test")
-    found = [*confidence.judged(jax.random.key(confidence.KEY), fitted, frames)]
-    said, right = (
-        np.concatenate([getattr(frame, name) for frame in found])
-        for name in ("confidence", "right")
-    )
+    plain = dataclasses.replace(old, confidence=IDENTITY)
+    frames, key = Records(records, "test"), jax.random.key(confidence.KEY)
+    found = [
+        points._replace(
+            confidence=np.asarray(frequency(points.confidence, fitted.confidence))
+        )
+        for points in confidence.judged(key, plain, frames)
+    ]
+    said = np.concatenate([part.confidence for part in found])
+    right = np.concatenate([part.right for part in found])
     # Isotonic regression keeps the mean; the 33 knots round it.
     assert 0 < right.mean() < 0.9
     np.testing.assert_allclose(said.mean(), right.mean(), atol=0.02)
@@ -63,21 +56,17 @@ def test_the_command_fits_the_confidence_to_other_records(records, tmp_path):
     assert float(fitted.confidence.least) == pytest.approx(least)
 
 
-def test_all_splits_are_taken_on_request(records, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(confidence, "with_confidence", lambda _key, model, *sets: (
-        dataclasses.replace(model)
-    ))  # fmt: skip
-    model = random_model(shrunk(regression), Records(records, "train"))
-    save_model(tmp_path / "old", model)
+def test_all_splits_are_taken_and_a_model_without_confidence_is_refused(
+    records, made, tmp_path, monkeypatch, capsys
+):
+    _, plain = made(regression)
+    save_model(tmp_path / "old", plain)
     command = [str(tmp_path / "old"), str(records), str(records), "--split", "all"]
-    assert confidence.main([*command, "-o", str(tmp_path / "new")]) == 0
-    assert "fitted to 24 frames" in capsys.readouterr().out
-
-
-def test_a_model_without_confidence_is_refused(records, tmp_path, capsys):
-    model = random_model(shrunk(regression), Records(records, "train"))
-    save_model(tmp_path / "old", model)
-    command = [str(tmp_path / "old"), str(records), "-o", str(tmp_path / "new")]
+    command += ["-o", str(tmp_path / "new")]
     assert confidence.main(command) == 2
     assert "gives no confidence" in capsys.readouterr().err
     assert not (tmp_path / "new").exists()
+    fitted = dataclasses.replace(plain)
+    monkeypatch.setattr(confidence, "with_confidence", lambda *_: fitted)
+    assert confidence.main(command) == 0
+    assert "fitted to 24 frames" in capsys.readouterr().out

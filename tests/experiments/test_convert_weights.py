@@ -1,4 +1,4 @@
-"""Published files become state dicts; their code is never run."""
+"""Published files become state dicts; their code is never run, and faults are named."""
 
 import pickle
 import sys
@@ -9,9 +9,20 @@ import numpy as np
 import pytest
 
 from experiments.convert_weights import main
-from jradar.diffusion import read_state
+from jradar.diffusion.weights.files import read_state
 
-torch = pytest.importorskip("torch", reason="needs jradar[bench]")
+# What torch.load(weights_only=True) raises for an object of a file.
+ADVICE = (
+    "Weights only load failed. Re-running `torch.load` with `weights_only` set to "
+    "`False` will likely succeed"
+)
+NOISE = np.random.default_rng(0).bytes(300)
+PICKLE = pickle.dumps({"ema": {"weights": [1, 2, 3]}})
+
+
+@pytest.fixture
+def torch():
+    return pytest.importorskip("torch", reason="needs jradar[bench]")
 
 
 class Persistent:
@@ -42,7 +53,7 @@ def persistence(monkeypatch):
     monkeypatch.setitem(sys.modules, module.__name__, module)
 
 
-def test_a_published_pickle_becomes_its_state_dict(tmp_path, persistence):
+def test_a_published_pickle_becomes_its_state_dict(torch, tmp_path, persistence):
     weight = torch.nn.Parameter(torch.arange(6.0).reshape(2, 3))
     source = f"open({str(tmp_path / 'ran')!r}, 'w')"
     conv = Persistent(
@@ -64,7 +75,7 @@ def test_a_published_pickle_becomes_its_state_dict(tmp_path, persistence):
     assert not (tmp_path / "ran").exists()
 
 
-def test_a_state_dict_is_converted(tmp_path):
+def test_a_state_dict_is_converted(torch, tmp_path):
     torch.save({"out.0.weight": torch.ones(3).half()}, tmp_path / "net.pt")
     assert main([str(tmp_path / "net.pt"), str(tmp_path / "net.safetensors")]) == 0
     state = read_state(tmp_path / "net.safetensors")
@@ -85,7 +96,7 @@ class Evil:
     ("name", "message"),
     [("net.pkl", "asks for pathlib"), ("net.pt", "contains more than a state dict")],
 )
-def test_other_code_is_refused(tmp_path, capsys, name, message):
+def test_other_code_is_refused(torch, tmp_path, capsys, name, message):
     sentinel, path = tmp_path / "sentinel", tmp_path / name
     content = {"ema": Evil(sentinel)}
     if name == "net.pt":
@@ -97,9 +108,53 @@ def test_other_code_is_refused(tmp_path, capsys, name, message):
     assert not sentinel.exists() and not (tmp_path / "out.safetensors").exists()
 
 
-def test_usage_and_files_without_a_network(tmp_path, capsys):
-    assert main([]) == 2
-    path = tmp_path / "net.pkl"
-    path.write_bytes(pickle.dumps({"ema": {"a": 1}}))
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("w.pt", NOISE, "w.pt is damaged or not a file of weights"),
+        ("w.pkl", NOISE, "w.pkl is damaged or not a file of weights"),
+        ("w.pkl", PICKLE, "contains no network under `ema`"),
+        *(("w.pkl", PICKLE[:kept], "w.pkl is damaged") for kept in (0, 1, 7, 30)),
+    ],
+)
+def test_a_damaged_file_is_named(torch, tmp_path, capsys, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    assert main([str(tmp_path / name), str(tmp_path / "out.safetensors")]) == 4
+    err = capsys.readouterr().err
+    assert message in err and err.count("\n") == 1
+    assert not (tmp_path / "out.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (pickle.UnpicklingError(ADVICE), "contains more than a state dict"),
+        (RuntimeError("failed finding central directory"), "central directory"),
+        (EOFError("Ran out of input"), "Ran out of input"),
+        (IndexError("pop from an empty list"), "pop from an empty list"),
+    ],
+)
+def test_what_torch_refuses_ends_in_one_line(
+    tmp_path, capsys, monkeypatch, error, message
+):
+    def load(*_, **options):
+        assert options["weights_only"] is True
+        raise error
+
+    stand_in = types.ModuleType("torch")
+    stand_in.load = load
+    monkeypatch.setitem(sys.modules, "torch", stand_in)
+    path = tmp_path / "net.pt"
+    path.write_bytes(b"content")
     assert main([str(path), str(tmp_path / "out.safetensors")]) == 4
-    assert "contains no network under `ema`" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert f"{path} is damaged or not a file of weights" in err and message in err
+    assert err.count("\n") == 1 and "weights_only" not in err
+
+
+@pytest.mark.parametrize("suffix", [".pt", ".pkl"])
+def test_a_missing_file_is_named_before_torch_is_needed(tmp_path, capsys, suffix):
+    path = tmp_path / f"nowhere{suffix}"
+    assert main([str(path), str(tmp_path / "out.safetensors")]) == 2
+    assert capsys.readouterr().err == f"error: no such file: {path}\n"
+    assert main([]) == 2

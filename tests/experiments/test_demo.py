@@ -19,8 +19,7 @@ from tests.recordings.small_sequence import write_sequence, write_splits
 
 @pytest.fixture
 def config():
-    config = config_file.get_config()
-    shrink(config)
+    config = shrink(config_file.get_config())
     config.sampling.update(steps=2, draws=2)
     config.evaluation.detectors = ("os", "ca")
     return config
@@ -37,6 +36,7 @@ def workdir(tmp_path, config):
     return tmp_path / "run"
 
 
+@pytest.mark.slow
 def test_shipped_models_are_scored_beside_the_detectors(
     workdir, config, tmp_path, monkeypatch, capsys
 ):

@@ -7,16 +7,14 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from experiments import convert_weights, main as command
-from experiments.studies import compare, realism, reliability, robustness
+from experiments.studies import compare, reliability, robustness
 from tests.experiments.conftest import TINY
 
 ROOT = Path(__file__).parents[2]
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
-RADARHD = f"--config={ROOT}/experiments/configs/radarhd.py"
 WORK = "years of work"
 READ = ["--records=nowhere"]
 
@@ -35,7 +33,6 @@ def ends(call, capsys, code):
         (compare, ["nowhere", "neither"], 2),
         (compare, ["nowhere", "--reference", "OS-CFAR"], 2),
         (compare, ["nowhere"], 2),
-        (realism, ["nowhere", "-o", "out"], 2),
         (reliability, [*READ, "--model=nowhere", "-o", "out"], 5),
         (robustness, ["--rates=nowhere", "-o", "out"], 2),
         (convert_weights, ["nowhere.pt", "out"], 2),
@@ -50,34 +47,17 @@ def test_a_missing_path_is_named(study, arguments, code, tmp_path, capsys, monke
     assert not [*tmp_path.iterdir()]
 
 
-@pytest.mark.parametrize(
-    ("flags", "name"),
-    [
-        ([SMOKE, "--config.data.path=nowhere"], "nowhere"),
-        ([SMOKE, "--config.data.path=nowhere", "--mode=eval"], "no model at"),
-        ([SMOKE, "--config.train.initial=nowhere"], "nowhere"),
-        ([RADARHD, "--config.data.path=nowhere"], "nowhere"),
-        ([RADARHD, "--config.data.path=nowhere", "--mode=eval"], "no weights at"),
-        ([RADARHD, "--config.weights=nowhere", "--mode=eval"], "nowhere"),
-    ],
-)
-def test_a_missing_path_in_a_config_is_named(flags, name, tmp_path, capsys):
-    code = 5 if name.startswith("no ") else 2
-    call = ["main", *flags, f"--workdir={tmp_path / 'new'}"]
-    assert name in ends(lambda: command.main(call), capsys, code)
-
-
 def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):
     (tmp_path / "file").write_text(WORK)
-    call = [str(tmp_path), "-o", str(tmp_path / "file" / "out")]
-    assert "file is a file" in ends(lambda: realism.main(call), capsys, 2)
+    call = [*READ, "--model=jradar-sim", "-o", str(tmp_path / "file" / "out")]
+    assert "file is a file" in ends(lambda: reliability.main(call), capsys, 2)
     assert (tmp_path / "file").read_text() == WORK
 
 
 @pytest.mark.parametrize(
     "run",
     [
-        lambda out: realism.main([str(out), "-o", str(out)]),
+        lambda out: reliability.main([*READ, "--model=jradar-sim", "-o", str(out)]),
         lambda out: command.main(["main", SMOKE, f"--workdir={out}"]),
     ],
     ids=["study", "experiment"],
@@ -126,15 +106,7 @@ def test_a_damaged_config_of_a_workdir_is_named(records, tmp_path, capsys, conte
     assert str(path) in ends(lambda: command.main(call), capsys, 4)
 
 
-def test_a_damaged_file_of_weights_to_convert(tmp_path, capsys):
-    pytest.importorskip("torch")
-    for name in ("w.pt", "w.pkl"):
-        (tmp_path / name).write_bytes(np.random.default_rng(0).bytes(300))
-        call = [str(tmp_path / name), str(tmp_path / "out")]
-        err = ends(lambda call=call: convert_weights.main(call), capsys, 4)
-        assert f"{name} is damaged or not a file of weights" in err
-
-
+@pytest.mark.slow
 def test_sigterm_outside_of_training_ends_with_143_and_nothing_half_written(tmp_path):
     pytest.importorskip("embreex")
     flags = [SMOKE, f"--workdir={tmp_path / 'run'}"]

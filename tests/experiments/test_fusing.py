@@ -13,21 +13,17 @@ from experiments.evaluate import Frame
 from jradar import data, session
 from jradar.errors import UsageError
 from jradar.model import draw, fuse
-from tests.experiments.conftest import random_model
-from tests.experiments.tiny_config import shrink
 
 KEY = jax.random.key(0)
 
 
 @pytest.fixture(scope="module")
-def given(records):
+def given(records, made):
     """A random model of one pass, frames that follow each other, and their images."""
-    config = marginal.get_config()
-    shrink(config)
-    frames = data.Records(records, "train")
-    model = random_model(config, frames)
+    _, model = made(marginal)
     all_points = model.confidence._replace(least=np.float32(0.0))
     model = dataclasses.replace(model, confidence=all_points)
+    frames = data.Records(records, "train")
     return model, frames, build.build_pairs(model.spec, frames)
 
 

@@ -1,5 +1,6 @@
-"""RPDNet's task: it resumes from its checkpoint, learns, and writes its row."""
+"""RPDNet: labels by hand and by the simulator, losses, the critic, a whole run."""
 
+import functools
 import json
 
 import jax
@@ -11,23 +12,35 @@ from experiments import rpdnet, train
 from experiments.build import build_optimizer
 from experiments.configs import rpdnet as default
 from experiments.evaluate import view_of
-from experiments.rpdnet import labels as rpdnet_labels
-from experiments.rpdnet.labels import LabelledMaps
-from experiments.rpdnet.loss import make_rpdnet_step, rpdnet_params
+from experiments.rpdnet import labels as module, loss
+from experiments.rpdnet.labels import LabelledMaps, label_cells, sensor_velocities
+from experiments.rpdnet.loss import (
+    focal_loss,
+    make_rpdnet_step,
+    rpdnet_loss,
+    rpdnet_params,
+)
 from jradar import data, evaluation, training
+from jradar.baselines import RPDNet
+from jradar.radar import Radar, RadarSpec, Scatterers, all_cells, simulate_cube
+
+KEY = jax.random.key(0)
+RADAR = RadarSpec.awr1843(num_chirps=32, num_samples=64)
+SMALL = RPDNet(channels=4, levels=2)
 
 
 @pytest.fixture
 def config(records):
     config = default.get_config()
     config.data.path = str(records)
-    config.network.update(channels=4, levels=3)
+    config.network.update(channels=4, levels=2)
     config.train.update(steps=6, batch_size=4, warmup_steps=1, ema_decay=0.5)
     config.train.update(checkpoint_every=2, evaluate_every=6)
     config.evaluation.update(frames_for_limit=2, frames_while_training=2, every=1)
     return config
 
 
+@pytest.mark.slow
 def test_a_run_ends_with_its_row_and_resumes_from_its_checkpoint(
     config, tmp_path, capsys
 ):
@@ -48,6 +61,7 @@ def test_a_run_ends_with_its_row_and_resumes_from_its_checkpoint(
     assert weights.read_bytes() == before and table.read_text() == first
 
 
+@pytest.mark.slow
 def test_it_learns_a_mask_that_a_threshold_cannot_give(config):
     # Valid cells are in the left half of the map and no stronger than the others.
     rng = np.random.default_rng(0)
@@ -90,8 +104,106 @@ def test_frames_without_a_trajectory_are_left_out(records, monkeypatch):
     assert 0 < items[0].target.mean() < 0.5
     velocities = np.full((len(frames), 3), np.nan)
     velocities[3] = 0.0
-    monkeypatch.setattr(rpdnet_labels, "record_velocities", lambda _: velocities)
+    monkeypatch.setattr(module, "record_velocities", lambda _: velocities)
     assert len(LabelledMaps(frames, min_snr_db=3.0)) == 1
     velocities[:] = np.nan
     with pytest.raises(ValueError, match="no frame with a known velocity"):
         LabelledMaps(frames, min_snr_db=3.0)
+
+
+def test_the_label_lies_where_the_radar_sees_a_static_point():
+    velocity = np.array([0.6, 0.2, 0.0])
+    points = np.array([[3.0, 0.4, 0.1], [1.5, -1.0, 0.0], [2.0, 2.0, 0.3]])
+    for point in points:
+        receding = -(point @ velocity) / np.linalg.norm(point)
+        scatterer = Scatterers(
+            jnp.asarray(point[None], jnp.float32),
+            jnp.asarray(receding[None], jnp.float32),
+            jnp.ones(1),
+        )
+        cube = simulate_cube(KEY, scatterer, RADAR, noise_power=1e-4)
+        power = np.asarray(all_cells(cube, Radar(RADAR)).power)
+        label = label_cells(point[None], velocity, power, RADAR)
+        strongest = np.unravel_index(power.argmax(), power.shape)
+        assert label[strongest] and 1 <= label.sum() <= 9
+
+
+def test_labels_need_power_and_wrap_around_in_velocity():
+    power, step = np.ones((16, 32)), RADAR.velocity_resolution_mps
+    ahead = np.array([[10 * RADAR.range_resolution_m, 0, 0]])
+    assert not label_cells(ahead, np.zeros(3), power, RADAR).any()
+    power[8, 10] = power[7, 10] = 10.0
+    expected = np.zeros(power.shape, bool)
+    expected[[7, 8], 10] = True
+    for cells in (0, 16, -32):
+        velocity = np.array([cells * step, 0, 0])
+        found = label_cells(ahead, velocity, power, RADAR)
+        np.testing.assert_array_equal(found, expected)
+    bias = 3 * RADAR.range_resolution_m
+    nearer = ahead - np.array([[bias, 0, 0]])
+    biased = label_cells(nearer, np.zeros(3), power, RADAR, range_bias_m=bias)
+    np.testing.assert_array_equal(biased, expected)
+    beyond = np.array([[40 * RADAR.range_resolution_m, 0, 0], [0, 0, 0]])
+    assert not label_cells(beyond, np.zeros(3), power, RADAR).any()
+
+
+def test_velocity_is_in_the_sensors_own_frame():
+    stamps = np.array([0.0, 0.1, 0.21, 0.3, 9.0])
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, :3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]  # x of the sensor is y
+    poses[:, 1, 3] = 1.5 * stamps
+    found = sensor_velocities(stamps, poses)
+    np.testing.assert_allclose(found[:4], np.tile([1.5, 0, 0], (4, 1)), atol=1e-9)
+    assert np.isnan(found[4]).all()
+    poses[1] = np.nan
+    found = sensor_velocities(stamps, poses)
+    assert np.isfinite(found).all(-1).tolist() == [False, False, True, True, False]
+
+
+def test_focal_loss_is_cross_entropy_for_gamma_0_and_the_formula_otherwise():
+    logits, labels = jnp.array([2.0, -1.0, 0.5]), jnp.array([1.0, 0.0, 0.0])
+    right = jax.nn.sigmoid(jnp.where(labels > 0, logits, -logits))
+    for gamma in (0.0, 2.0):
+        expected = (-((1 - right) ** gamma) * np.log(right)).mean()
+        found = focal_loss(logits, labels, gamma=gamma)
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@functools.cache
+def gradient_of(weight):
+    """The loss, its parts and their gradient; compiled once for each weight."""
+    value = functools.partial(rpdnet_loss, SMALL, weight=weight)
+    return jax.jit(jax.value_and_grad(value, has_aux=True))
+
+
+@pytest.fixture(scope="module")
+def params():
+    """Parameters of a small detector and a critic of two layers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loss, "Critic", functools.partial(loss.Critic, widths=(4, 4)))
+        yield rpdnet_params(jax.random.key(0, impl="rbg"), SMALL, (16, 16))
+
+
+def test_detector_descends_the_distance_that_the_critic_climbs(params):
+    maps = jax.random.uniform(KEY, (2, 16, 16, 1))
+    labels = (maps > 0.9).astype(jnp.float32)
+    (plain, _), without = gradient_of(0.0)(params, maps, labels)
+    (value, parts), both = gradient_of(0.5)(params, maps, labels)
+    np.testing.assert_allclose(value, plain + 0.5 * parts["distance"], rtol=1e-5)
+    assert all((leaf == 0).all() for leaf in jax.tree.leaves(without["critic"]))
+    pull = jax.tree.map(np.subtract, both["detector"], without["detector"])
+    assert max(abs(leaf).max() for leaf in jax.tree.leaves(pull)) > 1e-5
+    moved = jax.tree.map(lambda p, g: p - 1e-2 * g, params["critic"], both["critic"])
+    (_, after), _ = gradient_of(0.5)({**params, "critic": moved}, maps, labels)
+    assert after["distance"] > parts["distance"]
+
+
+def test_a_perfect_mask_is_at_no_distance(params):
+    maps = jnp.ones((2, 16, 16, 1))
+    nothing = jax.tree.map(jnp.zeros_like, params["detector"])
+    for bias, distance in ((20.0, 0.0), (-20.0, 0.1)):
+        nothing["params"]["logits"]["bias"] = jnp.array([bias])
+        changed = {**params, "detector": nothing}
+        (_, parts), _ = gradient_of(0.5)(changed, maps, maps)
+        assert (parts["distance"] == 0) == (distance == 0)
+        assert parts["distance"] >= distance

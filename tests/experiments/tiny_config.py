@@ -7,10 +7,9 @@ from experiments.configs import smoke
 
 
 def get_config():
-    config = smoke.get_config()
-    shrink(config)
+    config = shrink(smoke.get_config())
     config.train.update(steps=12, batch_size=4, checkpoint_every=4)
-    config.sampling.update(steps=3, draws=2)
+    config.sampling.update(steps=3, draws=1)
     config.evaluation.detectors = ("os",)
     return config
 
@@ -20,3 +19,4 @@ def shrink(config):
     config.image.update(coarse=(8, 8), fine=(16, 64))
     config.network.update(channels=8, multipliers=(1,), attention_levels=(), blocks=1)
     config.network.update(stem=(2, 8), condition_stem=(1, 1), condition_channels=8)
+    return config

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jradar.data import PrepareSpec, Records, find_sources
-from jradar.diffusion import read_state
+from jradar.diffusion.weights.files import read_state
 from jradar.evaluation import read_scores, save_clouds, write_scores
 from jradar.evaluation.report import load_clouds
 from jradar.export import export_function, load_function
@@ -55,7 +55,9 @@ iq_order = "IIQQ"
 file = "poses.txt"
 """
 POSES = "".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(20))
-SPEC = "capacity = 64\nguard = [1, 2]\nblock = 4\n[lidar]\nmax_range_m = 7.0\n"
+SPEC = (
+    "block = 4\n[points]\ncapacity = 64\nguard = [1, 2]\n[lidar]\nmax_range_m = 7.0\n"
+)
 
 
 class Target(NamedTuple):

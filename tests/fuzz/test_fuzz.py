@@ -2,7 +2,7 @@
 
     pytest tests/fuzz                              0.3 s for each reader
     JRADAR_FUZZ_SECONDS=5 pytest tests/fuzz        more
-    pytest -m slow tests/fuzz                      60 s for each reader
+    pytest -m hours tests/fuzz                     60 s for each reader
 
 A failure names its target and example; `python -m tests.fuzz.test_fuzz NAME EXAMPLE`
 runs that one again.
@@ -90,6 +90,7 @@ def test_damaged_files_are_read_or_refused(name, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.hours
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("name", TARGETS)
 def test_damaged_files_are_read_or_refused_for_a_minute(name, tmp_path):

@@ -7,7 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from jradar.lidar import ceiling_mask, floor_plane, ground_mask, shared_field_of_view
+from jradar.lidar import shared_field_of_view
+from jradar.lidar.ground import ceiling_mask, floor_plane, ground_mask
 from tests.lidar.rooms import BOX, CEILING, FLOOR, WALL, scan_room
 
 pytest.importorskip("pypatchworkpp")

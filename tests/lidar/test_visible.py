@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from jradar.lidar import visible_mask, voxel_filter
+from jradar.lidar.visible import visible_mask, voxel_filter
 
 pytest.importorskip("sklearn")
 

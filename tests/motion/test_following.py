@@ -5,7 +5,7 @@ import pytest
 
 from jradar.lidar import Poses
 from jradar.motion import Follower
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Stream
 from tests.motion.test_trajectory import (
     IMU_PLACE,
@@ -105,7 +105,7 @@ def test_motion_that_cannot_be_known_is_nan(tmp_path, change):
     found = recording(tmp_path)
     stamps = {"no stamps": None, "a long gap": STAMPS * 30}.get(change, STAMPS)
     if change == "one chirp":
-        found = found._replace(radar=RadarSpec.awr1843(num_chirps=1))
+        found = found._replace(radar=Radar(RadarSpec.awr1843(num_chirps=1)))
     follower = Follower(
         found._replace(cubes=Stream(lambda k: None, len(STAMPS), stamps)), frames=2
     )

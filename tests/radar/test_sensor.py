@@ -72,6 +72,33 @@ def test_a_board_and_a_waveform_make_a_radar():
     assert RadarSpec.named("awr1843", tx_positions=in_mask_order) == other
 
 
+def test_a_simple_radar_has_the_textbooks_resolutions():
+    """A 24 GHz board: 250 MHz in 0.5 ms, four receivers, one transmitter."""
+    radar = RadarSpec.simple(
+        start_frequency_hz=24.0e9,
+        bandwidth_hz=250e6,
+        chirp_s=0.5e-3,
+        num_samples=256,
+        num_chirps=32,
+        num_rx=4,
+        period_s=1e-3,
+        name="24 GHz",
+    )
+    assert radar.range_resolution_m == pytest.approx(299_792_458 / (2 * 250e6))
+    assert radar.max_velocity_mps == pytest.approx(299_792_458 / 24.125e9 / 4e-3)
+    assert radar.spacing_wavelengths == pytest.approx(0.5)
+    assert (radar.name, radar.cube_shape) == ("24 GHz", (1, 4, 32, 256))
+    with pytest.raises(ValueError, match="idle_time_s = -0.0004"):
+        RadarSpec.simple(
+            start_frequency_hz=24e9,
+            bandwidth_hz=250e6,
+            chirp_s=0.5e-3,
+            num_samples=256,
+            num_chirps=32,
+            period_s=1e-4,
+        )
+
+
 def test_spec_is_hashable_and_equal_by_value():
     assert hash(RadarSpec.awr1843()) == hash(RadarSpec.awr1843())
     assert RadarSpec.awr1843() != RadarSpec.awr1843(num_chirps=64)

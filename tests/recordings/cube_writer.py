@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from tests.recordings.dca1000_writer import as_bytes
+
 RADAR = """
 [radar]
 device = "awr1642"
@@ -35,14 +37,6 @@ def save(folder, array, axes=None):
 def save_studio(folder, cubes, log=LOG):
     """Frames [frame, tx, rx, chirp, sample] as I0 I1 Q0 Q1, chirp by chirp."""
     folder.mkdir(exist_ok=True)
-    with (folder / "adc_data.bin").open("wb") as file:
-        for frame in cubes:
-            for chirp in range(frame.shape[2]):
-                for tx, rx in np.ndindex(frame.shape[:2]):
-                    samples = frame[tx, rx, chirp]
-                    for n in range(0, len(samples), 2):
-                        a, b = samples[n : n + 2]
-                        words = [a.real, b.real, a.imag, b.imag]
-                        file.write(np.array(words, "<i2").tobytes())
+    (folder / "adc_data.bin").write_bytes(as_bytes(cubes))
     (folder / "adc_LogFile.txt").write_text(log)
     return folder / "adc_data.bin"

@@ -1,7 +1,6 @@
 """Captures with a capture.toml: places, times, poses, wrong descriptions."""
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,15 +17,13 @@ from jradar.recordings.recording import Stream
 
 pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
 from tests.recordings.bag_writer import LIVOX, livox, write_bag  # noqa: E402
+from tests.recordings.dca1000_writer import (  # noqa: E402
+    CFG,
+    SHAPE,
+    as_bytes,
+    random_cubes,
+)
 
-CFG = """\
-channelCfg 15 1 0
-adcCfg 2 1
-adcbufCfg -1 0 0 1 1
-profileCfg 0 77 267 7 57.14 0 0 70 1 8 5209 0 0 30
-chirpCfg 0 0 0 0 0 0 0 1
-frameCfg 0 0 4 0 100 1 0
-"""
 CAPTURE = """\
 [radar]
 file = "adc_data.bin"
@@ -59,8 +56,7 @@ def clouds():
 def written(tmp_path_factory):
     """The files of a capture: five frames, six clouds, a trajectory."""
     folder = tmp_path_factory.mktemp("written")
-    words = np.arange(FRAMES * 4 * 4 * 8 * 2, dtype="<i2")
-    (folder / "adc_data.bin").write_bytes(words.tobytes())
+    (folder / "adc_data.bin").write_bytes(as_bytes(random_cubes(FRAMES)))
     (folder / "radar.cfg").write_text(CFG)
     poses = ["# t x y z qx qy qz qw"]
     poses += [f"{1000 + 0.1 * i} {SPEED * 0.1 * i} 0 0 0 0 0 1" for i in range(-1, 8)]
@@ -87,7 +83,7 @@ def folder(tmp_path, written):
 def describe(folder, *replacements, text=CAPTURE):
     for old, new in replacements:
         assert old in text
-        text = text.replace(old, new)
+        text = text.replace(old, new, 1)
     (folder / "capture.toml").write_text(text)
     return folder
 
@@ -95,7 +91,7 @@ def describe(folder, *replacements, text=CAPTURE):
 def test_everything_lies_where_the_description_says(folder):
     recording = open_capture(describe(folder))
     assert recording.name == folder.name and len(recording.cubes) == FRAMES
-    assert recording.cubes[1].shape == (1, 4, 4, 8)
+    assert recording.cubes[1].shape == SHAPE
     np.testing.assert_allclose(recording.cubes.stamps, 1000.5 + 0.1 * np.arange(5))
     np.testing.assert_allclose(recording.lidar.stamps, 1000 + 0.1 * np.arange(6))
     assert len(recording.poses.stamps) == 9
@@ -157,11 +153,7 @@ def test_neighbours_without_a_pose_are_left_out(folder):
         ("offset_s = 0.25", 1000.25, None),
         ("offset_s = -0.2", 999.8, None),
         ("", 1000.0, "the radar is assumed to start with the LiDAR"),
-        (
-            "start_time_s = 2000",
-            2000.0,
-            "clocks of radar and LiDAR do not match: 2000.",
-        ),
+        ("start_time_s = 2000", 2000.0, "radar and LiDAR do not match: 2000."),
         ("start_time_s = 0", 0.0, "0.000 to 0.400 s against 1000.000 to 1000.500 s"),
     ],
 )
@@ -173,7 +165,7 @@ def test_start_of_the_radar(folder, time, start, note):
 
 def test_radar_alone(folder):
     text = '[radar]\nfile = "adc_data.bin"\ndescription = "radar.cfg"\n'
-    recording = open_capture(describe(folder, text=text))
+    recording = open_recording(describe(folder, text=text))
     assert recording.lidar is None and recording.poses is None
     assert recording.cubes.stamps[0] == 0 and recording.notes == ()
     np.testing.assert_array_equal(recording.base_from_radar, np.eye(4))
@@ -184,64 +176,35 @@ def test_radar_alone(folder):
     [
         ("description =", "descripton =", "'descripton', expected description"),
         ("[lidar]", "[lidr]", "unknown table 'lidr', expected lidar"),
-        ("rpy_degrees", "rpy_degree", "'rpy_degree', expected rpy_degrees"),
+        (CAPTURE, "", r"no \[radar\] table"),
+        (CAPTURE, "radar = 3", "radar = 3, expected a table"),
         ('file = "adc_data.bin"', "", r"\[radar\] lacks file"),
         ('file = "adc_data.bin"', "file = 3", r"file = 3, expected a text"),
         ("accumulate = 3", "accumulate = 2.5", "2.5, expected an integer"),
         ("accumulate = 3", "accumulate = 0", "accumulate = 0 clouds"),
         ("1000.5", "true", "start_time_s = True, expected a number"),
-        ("1000.5", "1000.5\noffset_s = 1", "start_time_s and offset_s: keep one of"),
+        ("1000.5", "nan", "start_time_s = nan, expected a number"),
+        ("1000.5", "1" + "0" * 400, "start_time_s = 10000.*, expected a number"),
         ("1000.5", "1.7e18", "milliseconds or nanoseconds"),
+        ("1000.5", "1000.5\noffset_s = 1", "start_time_s and offset_s: keep one of"),
         ("1000.5", "1\nframe_period_s = 0.0", "frame_period_s"),
         ("[0.1, 0.2, 0.3]", "[100, 0, 0]", "are the numbers millimetres"),
         ("[0.1, 0.2, 0.3]", "[1, 0]", r"xyz = \[1, 0\], expected 3 numbers"),
         ("[0.1, 0.2, 0.3]", '["1", 0, 0]', "expected 3 numbers"),
+        ("[0.1, 0.2, 0.3]", "[nan, 0, 0]", "expected 3 numbers"),
         ("xyz = [0, 0, 1]", "quaternion = [0, 0, 0, 1]", "keep one"),
-        ("rpy_degrees = [0, 0, 90]", "quaternion = [0, 0, 0, 2]", "of length 1"),
+        ("rpy_degrees = [0, 0, 90]", "quaternion = [1e90, 0, 0, 1]", "of length 1"),
         ("livox.bag", "other.bag", "no such bag"),
         ("poses.txt", "other.txt", "no such file of poses"),
         ("[poses]", "[poses", "not a TOML file"),
-        ("1000.5", "nan", "start_time_s = nan, expected a number"),
-        ("1000.5", "inf", "start_time_s = inf, expected a number"),
-        ("1000.5", "1" + "0" * 400, "start_time_s = 10000.*, expected a number"),
-        ("1000.5", "-1.7e18", "start_time_s = -1.7e.18, expected seconds"),
-        (
-            "start_time_s = 1000.5",
-            "offset_s = nan",
-            "offset_s = nan, expected a number",
-        ),
-        ("start_time_s = 1000.5", "offset_s = 1e12", "offset_s = 1e.12, expected sec"),
-        ("1000.5", "1\nframe_period_s = nan", "frame_period_s = nan, expected a num"),
-        ("1000.5", "1\nframe_period_s = 1e12", "frame_period_s = 1e.12, expected"),
-        ("1000.5", "1\nframe_period_s = -1.0", "frame_period_s"),
-        ("[0.1, 0.2, 0.3]", "[nan, 0, 0]", "expected 3 numbers"),
-        ("rpy_degrees = [0, 0, 90]", "quaternion = [inf, 0, 0, 1]", "4 numbers"),
-        ("rpy_degrees = [0, 0, 90]", "quaternion = [1e90, 0, 0, 1]", "of length 1"),
-        (
-            '"adc_data.bin"',
-            '"../adc_data.bin"',
-            r"'../adc_data.bin', .*the file of .rad",
-        ),
-        ('"adc_data.bin"', '"/etc/passwd"', "'/etc/passwd', expected a path inside"),
-        ('"radar.cfg"', '"a/../../radar.cfg"', "copy or link the description of .rada"),
-        ('"livox.bag"', '"../livox.bag"', r"copy or link the file of \[lidar\]"),
-        ('"poses.txt"', '"/poses.txt"', r"copy or link the file of \[poses\]"),
-        ("[radar]", "radar = 3\n[rad]", "radar = 3, expected a table"),
+        ('"adc_data.bin"', '"../adc_data.bin"', r"copy or link the file of \[radar"),
+        ('"radar.cfg"', '"a/../../radar.cfg"', "copy or link the description of"),
+        ('"poses.txt"', '"/etc/passwd"', "'/etc/passwd', expected a path inside"),
     ],
 )
 def test_wrong_descriptions_are_named(folder, old, new, message):
-    text = CAPTURE.replace(old, new, 1)
-    if new.startswith("radar"):
-        text = "radar = 3\n"
     with pytest.raises((ValueError, FileNotFoundError), match=message):
-        open_capture(describe(folder, text=text))
-
-
-def test_capture_is_a_recording_like_others(folder):
-    recording = open_recording(describe(folder))
-    assert recording.lidar is not None and recording.cubes.stamps[0] == 1000.5
-    with pytest.raises(ValueError, match="description = .*radar.cfg.* does not apply"):
-        open_recording(folder, folder / "radar.cfg")
+        open_capture(describe(folder, (old, new)))
 
 
 def test_files_below_the_folder_and_links_are_read(folder, tmp_path_factory):
@@ -266,8 +229,6 @@ def test_clocks_that_do_not_match_are_described(folder):
 def test_no_description(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such description of a capture"):
         open_capture(tmp_path)
-    with pytest.raises(ValueError, match=r"no \[radar\] table"):
-        open_capture(describe(tmp_path, text=""))
 
 
 @pytest.mark.parametrize(
@@ -283,7 +244,6 @@ def test_no_description(tmp_path):
     ],
 )
 def test_wrong_poses_are_named(tmp_path, lines, message):
-    path = Path(tmp_path) / "poses.txt"
-    path.write_text(lines)
+    (tmp_path / "poses.txt").write_text(lines)
     with pytest.raises(ValueError, match=message):
-        read_tum(path)
+        read_tum(tmp_path / "poses.txt")

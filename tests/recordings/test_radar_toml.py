@@ -1,5 +1,7 @@
 """A radar's TOML file: what is written is read back, and wrong values are named."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -29,6 +31,20 @@ def test_what_is_written_is_read_back(tmp_path, radar):
     assert (found.capture.iq_order, found.capture.range_bias_m) == ("Q4I4", 0.0659)
     np.testing.assert_allclose(found.capture.channel_factors, factors, rtol=1e-4)
     assert not found.notes
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Fahrzeug 📡", "a\x07b\x7fc\x9b", 'quote " and \\', "two\nlines\t", "\u2028"],
+)
+def test_any_name_of_a_radar_is_read_back(tmp_path, name):
+    radar = dataclasses.replace(RADAR, name=name)
+    path = tmp_path / "radar.toml"
+    write_radar_toml(path, Radar(radar), comment=f"of {name}")
+    assert read_description(path).radar == radar
+    nameless = dataclasses.replace(RADAR, name="\udcff")
+    write_radar_toml(path, Radar(nameless))
+    assert read_description(path).radar.name == "?"  # a folder's name that is no text
 
 
 def test_the_factors_of_a_file_are_applied_to_the_cube_and_replace_signs(tmp_path):

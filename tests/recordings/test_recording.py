@@ -32,7 +32,9 @@ def scans(stamps):
 
 
 def recording(tmp_path, stamps, **others):
-    return Recording("run", tmp_path, UNIT, cubes(stamps), **others)
+    return Recording(
+        "run", tmp_path, others.pop("radar", Radar(RADAR)), cubes(stamps), **others
+    )
 
 
 def test_a_stream_reads_what_is_asked_for_and_nothing_else():
@@ -124,6 +126,7 @@ def test_transforms_calibration_and_losses(tmp_path):
             base_from_lidar=rigid_transform(
                 np.array([1.0, 0, 2]), np.array([0, 0, 0, 1.0])
             ),
+            radar=UNIT,
             lost_bytes=np.array([0, 5, 0, 7, 0, 0, 0, 0, 0, 0]),
             notes=("mended",),
         )

@@ -2,9 +2,13 @@
 
 import os
 
+import jax
+import numpy as np
 import pytest
+import safetensors.numpy
 
 from jradar.cli import main
+from jradar.diffusion import read_params
 from jradar.errors import ModelError, UsageError
 from jradar.files import open_file, read_json, read_text
 from jradar.model import load_model, save_model
@@ -76,9 +80,27 @@ def test_the_limit_is_checked_before_reading(tmp_path):
             read(path)
 
 
+def test_a_radar_whose_frames_are_too_many(tmp_path):
+    (tmp_path / "radar.cfg").write_text(CFG.replace("0 2 5 0 100", "0 0 1 0 100"))
+    with (tmp_path / "adc_data.bin").open("wb") as file:
+        file.truncate(1 << 36)
+    with pytest.raises(ValueError, match="adc_data.bin holds 429,496,729 frames"):
+        open_recording(tmp_path / "adc_data.bin", allow_partial=True)
+
+
 def test_weights_of_another_size_are_refused_before_their_digest(tmp_path):
     save_model(tmp_path / "model", tiny_model())
     with (tmp_path / "model" / "weights.safetensors").open("r+b") as file:
         file.truncate(1 << 40)
     with pytest.raises(ModelError, match="weights.safetensors holds 1,099,511,627,776"):
         load_model(tmp_path / "model")
+
+
+def test_names_of_thousands_of_parts_are_refused(tmp_path):
+    path = tmp_path / "weights.safetensors"
+    name = "/".join(["a"] * 3000)
+    safetensors.numpy.save_file({name: np.ones(3, np.float32)}, path)
+    with pytest.raises(
+        ValueError, match="weights.safetensors .* a name of 3,000 parts"
+    ):
+        jax.tree.leaves(read_params(path))

@@ -69,16 +69,17 @@ def test_unrelated_signals_are_not_trusted():
     assert estimate_time_offset(times, still, times, motion(times))[1] == 0
 
 
-def test_too_little_is_refused():
-    times = np.arange(7.0)
-    with pytest.raises(ValueError, match="7 radar frames and 7 clouds, expected 8"):
-        estimate_time_offset(times, times, times, times)
-
-
-def test_stamps_that_do_not_rise_are_refused():
-    times = np.arange(20.0)
-    with pytest.raises(ValueError, match="stamps fall or repeat"):
-        estimate_time_offset(times, times, np.minimum(times, 9), times)
+@pytest.mark.parametrize(
+    ("stamps", "message"),
+    [
+        (np.arange(7.0), "7 radar frames and 7 clouds, expected 8"),
+        (np.minimum(np.arange(20.0), 9), "stamps fall or repeat"),
+        (np.append(np.arange(20.0), 1e12), "stamps every 1 s span 1e.12 s, expected"),
+    ],
+)
+def test_stamps_of_no_use_are_refused(stamps, message):
+    with pytest.raises(ValueError, match=message):
+        estimate_time_offset(stamps, stamps, stamps, stamps)
 
 
 def cube(speed, radar=RADAR):

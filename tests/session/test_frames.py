@@ -57,10 +57,10 @@ def stopped():
     frames = enhance_recording(walk, MODEL, seed=3, **DRAWING)
     taken = [next(frames), next(frames)]
     times, warnings = frames.times, frames.warnings
-    del frames
-    gc.collect()
+    del frames  # which threads refer to until they have done what was begun
     end = time.monotonic() + 60
     while (left := workers() - before) and time.monotonic() < end:
+        gc.collect()
         time.sleep(0.01)
     return taken, numbers, left, times, warnings
 

@@ -10,9 +10,9 @@ from jradar.simulation.paths.bounces import (
     floor_share,
     is_floor,
 )
-from jradar.simulation.paths.line_of_sight import surface_tables
+from jradar.simulation.paths.line_of_sight import Paths, Sight, surface_tables
 from jradar.simulation.paths.link import LINK
-from jradar.simulation.paths.propagation import Paths, radar_paths
+from jradar.simulation.paths.propagation import radar_paths
 from jradar.simulation.paths.wind import beta, foliage_velocity, standing_ratio
 from jradar.simulation.rig import Viewpoint
 from jradar.simulation.scenes.scene import placements
@@ -47,7 +47,7 @@ def test_floor_bounces_follow_the_two_ray_law():
     heights = np.linspace(0.3, 1.6, 131)
     scattered, spots = targets(heights)
     view = seen_from((0, 0, HEIGHT))
-    args = (scene, placements(scene, 0.0), view, RADAR, scattered, spots)
+    args = (Sight(scene, placements(scene, 0.0), view, RADAR), scattered, spots)
     found = floor_paths(*args, roughness_m=0.0)
     assert len(found.power) == 3 * len(heights)
     total = phasors(scattered) + phasors(found).reshape(3, -1).sum(0)
@@ -75,7 +75,7 @@ def test_no_bounce_where_the_floor_is_hidden():
     scene, _ = world([FLOOR, hidden])
     scattered, spots = targets(np.array([1.1]))
     view = seen_from((0, 0, HEIGHT))
-    args = (scene, placements(scene, 0.0), view, RADAR, scattered, spots)
+    args = (Sight(scene, placements(scene, 0.0), view, RADAR), scattered, spots)
     assert not floor_paths(*args, roughness_m=0.0).power.size
 
 
@@ -101,8 +101,8 @@ def test_echoes_between_walls_have_the_power_of_friis():
     a, b, speed = 3.0, 2.0, 0.7
     scene, reflectors = world([upright(a), upright(-b)])
     view = seen_from((0, 0, HEIGHT), (speed, 0, 0))
-    args = (scene, placements(scene, 0.0), view, RADAR, reflectors.facets[0])
-    paths = echoes_between_walls(*args)
+    sight = Sight(scene, placements(scene, 0.0), view, RADAR)
+    paths = echoes_between_walls(sight, reflectors.facets[0])
     length = np.linalg.norm(paths.xyz, axis=-1)
     np.testing.assert_allclose(np.sort(length), [a + b, a + b, a + 2 * b, 2 * a + b])
     best = int(np.argmax(paths.power))  # twice the wall ahead, once that behind
@@ -121,8 +121,8 @@ def test_walls_that_are_not_parallel_pass_no_echoes():
     aside = sheet([(-6, 3, 0), (6, 3, 0), (6, 3, 4), (-6, 3, 4)], "metal")
     scene, reflectors = world([upright(3.0), aside])
     view = seen_from((0, 0, HEIGHT))
-    args = (scene, placements(scene, 0.0), view, RADAR, reflectors.facets[0])
-    assert not echoes_between_walls(*args).power.size
+    sight = Sight(scene, placements(scene, 0.0), view, RADAR)
+    assert not echoes_between_walls(sight, reflectors.facets[0]).power.size
 
 
 def test_leaves_have_billingsleys_spectrum():

@@ -40,7 +40,9 @@ def echoes(count):
 
 
 CUBES = [*echoes(6)]
-RECORDING = Recording("test", "test.bin", RADAR, Stream(CUBES.__getitem__, len(CUBES)))
+RECORDING = Recording(
+    "test", "test.bin", Radar(RADAR), Stream(CUBES.__getitem__, len(CUBES))
+)
 
 
 class Kept:

@@ -1,4 +1,4 @@
-"""The model card records data, config and versions, as Markdown and JSON."""
+"""The model card records data, config and versions."""
 
 import json
 
@@ -8,7 +8,7 @@ import jradar
 from jradar.training import write_model_card
 
 
-def test_card_as_markdown_and_as_json(tmp_path):
+def test_the_card_holds_config_data_and_versions(tmp_path):
     config = {"train": {"steps": 7}, "image": {"coarse": (8, 8)}}
     write_model_card(
         tmp_path, config=config, data_digest="rooms 12ab", seed=3, steps=7,
@@ -19,7 +19,4 @@ def test_card_as_markdown_and_as_json(tmp_path):
     assert card["versions"]["jax"] == jax.__version__
     assert card["versions"]["jradar"] == jradar.__version__
     assert card["data_digest"] == "rooms 12ab"
-    text = (tmp_path / "model_card.md").read_text()
-    for line in ("a test", "| seed | 3 |", '"steps": 7'):
-        assert line in text
-    assert f"| jax | {jax.__version__} |" in text
+    assert (card["purpose"], card["seed"], card["steps"]) == ("a test", 3, 7)

@@ -13,11 +13,11 @@ from jradar.training import CheckpointError, Checkpoints, TrainState
 from jradar.training.checkpoints import tree_digest
 
 
-def state_of(step, *, size=2000, dtype=jnp.float32):
+def state_of(step, *, size=2000, dtype=np.float32):
     """Return a state whose numbers depend on its step."""
-    params = {"w": jax.random.normal(jax.random.key(step), (size,), dtype)}
-    opt_state = (jnp.asarray(step), {"mean": params["w"] / 2})
-    return TrainState(jnp.asarray(step, jnp.int32), params, params, opt_state)
+    weights = np.random.default_rng(step).normal(size=size).astype(dtype)
+    params, opt_state = {"w": weights}, (np.asarray(step), {"mean": weights / 2})
+    return TrainState(np.asarray(step, np.int32), params, params, opt_state)
 
 
 @pytest.fixture
@@ -45,10 +45,10 @@ def restored_step(folder, like=None):
     return int(state.step)
 
 
-def flip(path, place=0.5):
-    """Flip a bit of a file."""
+def flip(path):
+    """Flip a bit in the middle of a file."""
     content = bytearray(path.read_bytes())
-    content[int(place * (len(content) - 1))] ^= 1
+    content[len(content) // 2] ^= 1
     path.write_bytes(content)
 
 
@@ -58,9 +58,8 @@ def data_file(folder):
     return max(files, key=lambda path: path.stat().st_size)
 
 
-@pytest.mark.parametrize("place", [0.1, 0.5, 0.9])
-def test_flipped_bit_is_found_and_the_older_step_is_restored(folder, caplog, place):
-    flip(data_file(folder / "4"), place)
+def test_flipped_bit_is_found_and_the_older_step_is_restored(folder, caplog):
+    flip(data_file(folder / "4"))
     assert restored_step(folder) == 2
     assert "checkpoint of step 4 is not usable: its data does not match its digest" in (
         caplog.text
@@ -121,19 +120,16 @@ def test_only_damaged_checkpoints_is_an_error_and_nothing_moves(folder):
     assert sorted(folder.rglob("*")) == before
 
 
-def test_state_of_another_network_is_refused_with_the_difference(folder):
-    with pytest.raises(
-        CheckpointError, match=r"\['w'\] was float32\[2000\], now float32\[5\]"
+def test_state_of_another_network_or_run_is_refused_with_the_difference(folder):
+    for other, message in (
+        (state_of(0, size=5), r"\['w'\] was float32\[2000\], now float32\[5\]"),
+        (state_of(0, dtype=jnp.bfloat16), r"now bfloat16\[2000\] \(3 differ\)"),
     ):
-        restored_step(folder, state_of(0, size=5))
-    with pytest.raises(CheckpointError, match=r"now bfloat16\[2000\] \(3 differ\)"):
-        restored_step(folder, state_of(0, dtype=jnp.bfloat16))
+        with pytest.raises(CheckpointError, match=message):
+            restored_step(folder, other)
     assert restored_step(folder) == 4
-
-
-def test_other_run_is_refused(tmp_path):
-    save(tmp_path, 1, run={"key": [0, 3]})
-    checkpoints = Checkpoints(tmp_path, run={"key": [0, 4]})
+    save(folder.parent / "other", 1, run={"key": [0, 3]})
+    checkpoints = Checkpoints(folder.parent / "other", run={"key": [0, 4]})
     with pytest.raises(CheckpointError, match=r"key was \[0, 3\], now \[0, 4\]"):
         checkpoints.restore(state_of(0))
     checkpoints.close()
@@ -153,7 +149,7 @@ def test_full_disk_leaves_the_older_checkpoints(small_disk):
     weights = {"w": rng.normal(size=30_000).astype(np.float32)}  # 360 kB a step
 
     def state(step):
-        return TrainState(jnp.asarray(step), weights, weights, weights)
+        return TrainState(np.asarray(step), weights, weights, weights)
 
     with pytest.raises(OSError, match=r"no space left to save step \d") as error:
         for step in range(1, 9):

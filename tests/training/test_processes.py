@@ -48,7 +48,7 @@ def launch():
 
 
 def finish(process, *, code=0):
-    """Wait for the end with the expected code, and return what was printed."""
+    """Wait for the end with the expected code; return what was printed."""
     _, err = process.communicate(timeout=120)
     assert process.returncode == code, err
     return err
@@ -132,11 +132,12 @@ def same(found, expected):
     )
 
 
+@pytest.mark.slow
 def test_four_devices_stop_at_sigterm_and_give_the_losses_of_one(
     launch, whole, tmp_path
 ):
-    four = {"XLA_FLAGS": "--xla_force_host_platform_device_count=4"}
-    process = launch(tmp_path, 12, "--seconds=0.1", **four)
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=4"
+    process = launch(tmp_path, 12, "--seconds=0.1", XLA_FLAGS=flags)
     wait_for_step(process, tmp_path, 5)
     process.send_signal(signal.SIGTERM)
     assert "run again to resume" in finish(process, code=143)
@@ -160,6 +161,7 @@ def together(launch, workdir, steps, *flags):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_losses_of_one_and_stop_together(
     launch, whole, tmp_path
 ):

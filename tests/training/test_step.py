@@ -4,7 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.training import TrainState, ema_decay_at, make_train_step
+from jradar.training import TrainState, make_train_step
+from jradar.training.step import ema_decay_at
 from tests.training import tiny
 from tests.training.tiny import STEP
 

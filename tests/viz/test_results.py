@@ -94,6 +94,17 @@ def test_learning_curve(tmp_path):
     assert len(alone.get_xdata()) == 1 and alone.get_marker() == "o"
 
 
+def test_a_number_that_is_null_is_left_out_of_its_curve(tmp_path):
+    records = [
+        {"step": k, "loss": 1.0 - k, "chamfer": 2.0 if k else None} for k in (0, 1)
+    ]
+    text = "".join(json.dumps(record) + "\n" for record in records)
+    (tmp_path / "metrics.jsonl").write_text(text)
+    loss, chamfer = learning_curve_figure(tmp_path / "metrics.jsonl").axes
+    assert [*loss.lines[0].get_xdata()] == [0, 1]
+    assert [*chamfer.lines[0].get_xdata()] == [1]
+
+
 @pytest.mark.parametrize(
     "text, message",
     [

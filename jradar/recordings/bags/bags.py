@@ -11,7 +11,7 @@ import functools
 import itertools
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -194,7 +194,7 @@ def messages(
     topic: str | None = None,
     start: int | None = None,
     stop: int | None = None,
-) -> Iterator[tuple[str, int, bytes]]:
+) -> Generator[tuple[str, int, bytes]]:
     """Yield topic, time in nanoseconds and bytes of messages, of one topic or of all.
 
     The bag is locked until the last one.

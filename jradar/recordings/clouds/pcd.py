@@ -2,11 +2,11 @@
 
 A text header lists the fields with their types and sizes. A compressed file stores one
 field after the other. `POINTS` is the number of points: some writers leave WIDTH and
-HEIGHT at 0.
+HEIGHT at 0. Errors are ValueError or KeyError; `read_cloud` adds the file's name.
 """
 
 import struct
-from pathlib import Path
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -16,37 +16,28 @@ LEAST_TEXT = 2  # bytes of a number in text: a digit and a space
 LONGEST_TEXT = 64  # bytes of a number in text; a table takes this for each
 
 
-def read_pcd(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of a PCD file; ValueError if they do not fit its header."""
-    with path.open("rb") as file:
-        fields, start = _header(path, file.read(MAX_HEADER))
-    try:
-        point = np.dtype([*_fields(fields)])
-        if "POINTS" in fields:
-            (count,) = map(int, fields["POINTS"])
-        else:
-            (width,), (height,) = fields["WIDTH"], fields["HEIGHT"]
-            count = int(width) * int(height)
-        (encoding,) = fields["DATA"]
-        read = {"ascii": _text, "binary": _plain, "binary_compressed": _packed}
-        if count < 0 or encoding not in read:
-            raise ValueError(f"POINTS {count}, DATA {encoding}")
-    except (KeyError, ValueError, TypeError) as error:
-        raise ValueError(f"{path}: damaged PCD header: {error}") from error
-    columns = read[encoding](path, start, point, count)
+def read_pcd(content: bytes) -> dict[str, np.ndarray]:
+    """Return the columns of a PCD file."""
+    fields, start = _header(content)
+    point = np.dtype([*_fields(fields)])
+    if "POINTS" in fields:
+        (count,) = map(int, fields["POINTS"])
+    else:
+        (width,), (height,) = fields["WIDTH"], fields["HEIGHT"]
+        count = int(width) * int(height)
+    (encoding,) = fields["DATA"]
+    read = {"ascii": _text, "binary": _plain, "binary_compressed": _packed}[encoding]
+    columns = read(content, start, point, count)
     return {name: column for name, column in columns.items() if name[0] != "_"}
 
 
-def columns_of_words(
-    path: Path, words: list[bytes], point: np.dtype
-) -> dict[str, np.ndarray]:
-    """Return the columns of points written as words; ValueError for other words."""
+def columns_of_words(words: list[bytes], point: np.dtype) -> dict[str, np.ndarray]:
+    """Return the columns of points written as words."""
     if (longest := max(map(len, words), default=0)) > LONGEST_TEXT:
         raise ValueError(
-            f"{path} holds a number of {longest:,} characters, expected at most "
-            f"{LONGEST_TEXT}: damaged?"
+            f"a number of {longest:,} characters, expected at most {LONGEST_TEXT}"
         )
-    table = np.array(words, "S").reshape(-1, max(point.itemsize and _width(point), 1))
+    table = np.array(words, "S").reshape(-1, max(_width(point), 1))
     columns, at = {}, 0
     for name in point.names or ():
         kind = point[name]
@@ -54,40 +45,44 @@ def columns_of_words(
         try:
             column = table[:, at : at + width].astype(kind.base)
         except (ValueError, OverflowError) as error:
-            raise ValueError(f"{path}: {name}: {error}") from error
+            raise ValueError(f"{name}: {error}") from error
         columns[name] = column if kind.shape else column[:, 0]
         at += width
     return columns
 
 
-def need(path: Path, start: int, count: int, size: int) -> None:
+def need(content: bytes, start: int, count: int, size: int) -> None:
     """Raise ValueError if a file ends before `count` points of `size` bytes."""
-    if (left := path.stat().st_size - start) < count * size:
+    left = len(content) - start
+    if count < 0 or left < count * size:
         raise ValueError(
-            f"{path} holds {left:,} bytes of points, its header claims {count:,} "
-            f"points of {size} bytes: truncated or damaged"
+            f"it holds {left:,} bytes of points, its header claims {count:,} points of "
+            f"{size} bytes: truncated?"
         )
 
 
-def _width(point):
-    return sum(point[name].shape[0] if point[name].shape else 1 for name in point.names)
+def _width(point: np.dtype) -> int:
+    shapes = [point[name].shape for name in point.names or ()]
+    return sum(shape[0] if shape else 1 for shape in shapes)
 
 
-def _header(path, begin):
+def _header(content: bytes) -> tuple[dict[str, list[str]], int]:
     """Return the header's lines, words by first word, and its length in bytes."""
     fields, start = {}, 0
     while "DATA" not in fields:
-        end = begin.find(b"\n", start)
+        end = content.find(b"\n", start, MAX_HEADER)
         if end < 0:
-            raise ValueError(f"{path}: no DATA line, expected a PCD file's header")
-        words = begin[start:end].decode("ascii", "replace").split("#")[0].split()
+            raise ValueError("no DATA line")
+        words = content[start:end].decode("ascii", "replace").split("#")[0].split()
         start = end + 1
         if words:
             fields[words[0].upper()] = words[1:]
+    if missing := {"FIELDS", "TYPE", "SIZE"} - fields.keys():
+        raise ValueError(f"its header lacks {', '.join(sorted(missing))}")
     return fields, start
 
 
-def _fields(fields):
+def _fields(fields: dict[str, list[str]]) -> Iterator[tuple[str, str, tuple[int, ...]]]:
     """Yield name, format and shape of each field; padding gets names with `_`."""
     names = fields["FIELDS"]
     counts = fields.get("COUNT", ["1"] * len(names))
@@ -100,42 +95,36 @@ def _fields(fields):
         yield f"_{at}" if name == "_" else name, form, shape
 
 
-def _plain(path, start, point, count):
-    need(path, start, count, point.itemsize)
-    table = np.fromfile(path, point, count, offset=start)
+def _plain(content, start, point, count):
+    need(content, start, count, point.itemsize)
+    table = np.frombuffer(content, point, count, start)
     return {name: table[name] for name in point.names}
 
 
-def _text(path, start, point, count):
+def _text(content, start, point, count):
     width = _width(point)
-    need(path, start, count, LEAST_TEXT * width - 1)
-    words = path.read_bytes()[start:].split()
+    need(content, start, count, LEAST_TEXT * width - 1)
+    words = content[start:].split()
     if len(words) != count * width:
         raise ValueError(
-            f"{path} holds {len(words):,} numbers, {count:,} points of {width} need "
+            f"it holds {len(words):,} numbers, {count:,} points of {width} need "
             f"{count * width:,}: truncated?"
         )
-    return columns_of_words(path, words, point)
+    return columns_of_words(words, point)
 
 
-def _packed(path, start, point, count):
-    data = path.read_bytes()[start:]
+def _packed(content, start, point, count):
     size = count * point.itemsize
     if not count:
         return {name: np.zeros(0, point)[name] for name in point.names}
-    if len(data) < 8:
-        raise ValueError(f"{path} ends before its points: truncated?")
-    packed, unpacked = struct.unpack_from("<II", data)
-    if unpacked != size or packed > len(data) - 8:
+    packed, unpacked = struct.unpack_from("<II", content, start)
+    data = content[start + 8 : start + 8 + packed]
+    if unpacked != size or len(data) < packed:
         raise ValueError(
-            f"{path}: {packed:,} packed bytes of {len(data) - 8:,} in the file become "
-            f"{unpacked:,}, {count:,} points need {size:,}: truncated or damaged"
+            f"{packed:,} packed bytes of {len(data):,} in the file become "
+            f"{unpacked:,}, {count:,} points need {size:,}: truncated?"
         )
-    try:
-        raw = lzf_decompress(data[8 : 8 + packed], size)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
-    columns = {}
+    raw, columns = lzf_decompress(data, size), {}
     for name in point.names:
         kind, at = point[name], point.fields[name][1] * count
         columns[name] = np.ndarray((count, *kind.shape), kind.base, raw, at)

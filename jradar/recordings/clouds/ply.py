@@ -1,11 +1,11 @@
 """Stanford's PLY files: the vertices with all their properties, in any encoding.
 
 A text header lists elements (vertex, face, ..) and their properties; the rows follow in
-the same order. A list property is a count followed by its values.
+the same order. A list property is a count followed by its values. Errors are ValueError
+or KeyError; `read_cloud` adds the file's name.
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -37,36 +37,27 @@ class Element(NamedTuple):
     properties: list[Property]
 
 
-def read_ply(path: Path) -> dict[str, np.ndarray]:
-    """Return the columns of the vertices, without lists; ValueError if damaged."""
-    with path.open("rb") as file:
-        begin = file.read(MAX_HEADER)
-    end = begin.find(b"end_header")
-    start = begin.find(b"\n", end) + 1
-    if not begin.startswith(b"ply") or end < 0 or not start:
-        raise ValueError(
-            f"{path} is not a PLY file: no header from `ply` to `end_header`"
-        )
-    try:
-        order, elements = _header(begin[:end].decode("ascii", "replace"))
-        names = [element.name for element in elements]
-        before = elements[: names.index("vertex") + 1]
-        for element in before:
-            np.dtype([(p.name, p.type) for p in element.properties])  # unique names
-    except (KeyError, IndexError, ValueError) as error:
-        raise ValueError(f"{path}: damaged PLY header: {error}") from error
+def read_ply(content: bytes) -> dict[str, np.ndarray]:
+    """Return the columns of the vertices, without lists."""
+    end = content.find(b"end_header", 0, MAX_HEADER)
+    start = content.find(b"\n", end) + 1
+    if not content.startswith(b"ply") or end < 0 or not start:
+        raise ValueError("no header from `ply` to `end_header`")
+    order, elements = _header(content[:end].decode("ascii", "replace"))
+    names = [element.name for element in elements]
+    before = elements[: names.index("vertex") + 1]
     for element in before:  # each row takes at least `least` bytes
         least = LEAST_TEXT * len(element.properties) - 1
         if order:
             least = sum(
                 np.dtype(p.length or p.type).itemsize for p in element.properties
             )
-        need(path, start, element.rows, max(least, 1))
+        need(content, start, element.rows, max(least, 1))
     if not order:
-        return _text(path, path.read_bytes()[start:].split(), before)
+        return _text(content[start:].split(), before)
     columns = {}
     for element in before:
-        columns, start = _rows(path, start, element, order)
+        columns, start = _rows(content, start, element, order)
     return columns
 
 
@@ -78,8 +69,6 @@ def _header(text):
         if words[:1] == ["format"]:
             order = ORDERS[words[1]]
         elif words[:1] == ["element"]:
-            if int(words[2]) < 0:
-                raise ValueError(line)
             elements.append(Element(words[1], int(words[2]), []))
         elif words[:2] == ["property", "list"]:
             _, _, length, kind, name = words
@@ -92,34 +81,34 @@ def _header(text):
     return order, elements
 
 
-def _rows(path, start, element, order):
+def _rows(content, start, element, order):
     """Return the columns of a binary element, and the start of the next element."""
     numbers = [p for p in element.properties if not p.length]
     row = np.dtype([(p.name, order + p.type) for p in numbers])
     if len(numbers) == len(element.properties):
-        need(path, start, element.rows, row.itemsize)
-        table = np.fromfile(path, row, element.rows, offset=start)
+        need(content, start, element.rows, row.itemsize)
+        table = np.frombuffer(content, row, element.rows, start)
         start += element.rows * row.itemsize
     else:
-        data, kept = path.read_bytes(), bytearray()
+        kept = bytearray()
         for entry in _entries(element):
             size = np.dtype(entry.type).itemsize
             if entry.length:
                 form = np.dtype(order + entry.length)
-                length = np.frombuffer(data[start : start + form.itemsize], form)
+                length = np.frombuffer(content[start : start + form.itemsize], form)
                 start += form.itemsize
                 size *= int(length.sum())  # 0 at the end of a truncated file
             else:
-                kept += data[start : start + size]
-            if size < 0 or start + size > len(data):
-                raise ValueError(_cut(path, element))
+                kept += content[start : start + size]
+            if size < 0 or start + size > len(content):
+                raise ValueError(_cut(element))
             start += size
         table = np.frombuffer(bytes(kept), row) if numbers else np.zeros(0, row)
     table = table.astype(row.newbyteorder("="))
     return {name: table[name] for name in row.names or ()}, start
 
 
-def _text(path, words, elements):
+def _text(words, elements):
     """Return the columns of the last of `elements`, whose rows are words."""
     at, kept = 0, list[bytes]()
     for element in elements:
@@ -131,15 +120,15 @@ def _text(path, words, elements):
             if entry.length and at <= len(words) and words[at - 1].isdigit():
                 at += int(words[at - 1])
             elif entry.length or at > len(words):
-                raise ValueError(_cut(path, element))
+                raise ValueError(_cut(element))
     numbers = [p for p in elements[-1].properties if not p.length]
     row = np.dtype([(p.name, p.type) for p in numbers])
-    return columns_of_words(path, kept, row)
+    return columns_of_words(kept, row)
 
 
 def _entries(element: Element) -> Iterator[Property]:
     return (entry for _ in range(element.rows) for entry in element.properties)
 
 
-def _cut(path: Path, element: Element) -> str:
-    return f"{path}: the rows of {element.name} are damaged or truncated"
+def _cut(element: Element) -> str:
+    return f"the rows of {element.name} are damaged or truncated"

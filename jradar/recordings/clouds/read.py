@@ -1,16 +1,16 @@
-"""Point clouds in files: PCD, PLY and KITTI. `cloud_writers` writes them."""
+"""Point clouds in files: PCD, PLY and KITTI. `write` writes them."""
 
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, parsing
 from jradar.files import open_file
 from jradar.recordings.clouds.pcd import read_pcd
 from jradar.recordings.clouds.ply import read_ply
 
-MAX_BIN_BYTES = 1 << 30
+MAX_BYTES = 4 << 30
 KITTI = ("x", "y", "z", "intensity")
 NUSCENES = (*KITTI, "ring")
 MOST_RINGS = 256  # lasers of a LiDAR
@@ -30,34 +30,43 @@ def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
     readers = {".pcd": read_pcd, ".ply": read_ply, ".bin": _read_bin_columns}
     if path.suffix not in readers:
         raise UsageError(f"{path} is not a cloud, expected {', '.join(readers)}")
-    columns = readers[path.suffix](path)
-    if not {"x", "y", "z"} <= columns.keys():
-        raise ValueError(f"{path} holds {[*columns]}, expected x, y and z")
+    with (
+        open_file(path, limit=MAX_BYTES) as file,
+        parsing(path, f"a {path.suffix} file of points"),
+    ):
+        columns = readers[path.suffix](file.read())
+        if not {"x", "y", "z"} <= columns.keys():
+            raise ValueError(f"it holds {[*columns]}, expected x, y and z")
     return columns
 
 
 def read_bin(path: Path) -> Float[np.ndarray, "point 4"]:
     """Return the points of a .bin file, x y z intensity; an empty file holds none."""
-    with open_file(path, limit=MAX_BIN_BYTES) as file:
-        numbers = np.frombuffer(file.read(), "u1")
-    if numbers.size % 16:
+    with (
+        open_file(path, limit=MAX_BYTES) as file,
+        parsing(path, "a .bin file of points"),
+    ):
+        return _table(file.read(), 4)
+
+
+def _table(content: bytes, columns: int) -> Float[np.ndarray, "point column"]:
+    if len(content) % (4 * columns):
         raise ValueError(
-            f"{path} holds {numbers.size:,} bytes, expected a multiple of 16 (float32 "
-            "x y z intensity): truncated?"
+            f"it holds {len(content):,} bytes, expected a multiple of {4 * columns} "
+            "(float32 x y z intensity): truncated?"
         )
-    return numbers.view("<f4").reshape(-1, 4).astype(np.float32)
+    return np.frombuffer(content, "<f4").reshape(-1, columns).astype(np.float32)
 
 
-def _read_bin_columns(path):
+def _read_bin_columns(content: bytes) -> dict[str, np.ndarray]:
     """Return four columns, or five if the fifth holds the numbers of lasers."""
-    size = path.stat().st_size
-    if size and size % (4 * len(NUSCENES)) == 0 and size <= MAX_BIN_BYTES:
-        table = np.fromfile(path, "<f4").reshape(-1, len(NUSCENES)).astype(np.float32)
+    if content and len(content) % (4 * len(NUSCENES)) == 0:
+        table = _table(content, len(NUSCENES))
         ring = table[:, -1]
         whole = (ring >= 0) & (ring < MOST_RINGS) & (ring == np.floor(ring))
         if whole.all() and ring.any():
             return dict(zip(NUSCENES, table.T, strict=True))
-    return dict(zip(KITTI, read_bin(path).T, strict=True))
+    return dict(zip(KITTI, _table(content, len(KITTI)).T, strict=True))
 
 
 def holds_points(path: Path) -> bool:

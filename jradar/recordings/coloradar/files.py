@@ -125,6 +125,25 @@ def read_table(path: Path, columns: int) -> Float[np.ndarray, "row column"]:
     return table
 
 
+def read_stamped(
+    folder: Path, name: str, columns: int, notes: list[str]
+) -> tuple[Float[np.ndarray, " row"], Float[np.ndarray, "row column"]]:
+    """Return the stamps of a folder, rising, and the rows of one of its files.
+
+    Of several rows at one time the first is kept. Repairs go to `notes`.
+    """
+    stamps = read_stamps(folder / "timestamps.txt", notes)
+    rows = read_table(folder / name, columns)
+    count = min(len(stamps), len(rows))
+    if len(stamps) != len(rows):
+        notes.append(
+            f"{folder.name}: {len(stamps)} stamps for {len(rows)} lines of {name}: "
+            f"only the first {count} are used"
+        )
+    times, order = np.unique(stamps[:count], return_index=True)
+    return times, rows[order]
+
+
 def read_cube(
     path: Path, radar: RadarSpec
 ) -> Complex[np.ndarray, "tx rx chirp sample"]:

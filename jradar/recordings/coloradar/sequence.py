@@ -7,6 +7,8 @@
                      /groundtruth/            timestamps.txt  groundtruth_poses.txt
                      /imu/                    timestamps.txt  imu_data.txt
 
+A line of imu_data.txt is ax ay az gx gy gz, in m/s^2 and rad/s.
+
 <radar> is single_chip (AWR1843) or cascade. Each stream has its own rate and its own
 stamps, in seconds since 1970. Opening a sequence lists folders and reads calibration,
 stamps and poses; frames are read when accessed. Clouds are x forward, y left, z up, in
@@ -31,13 +33,11 @@ from jradar.recordings.coloradar.calib import (
 from jradar.recordings.coloradar.files import (
     file_stream,
     read_cube,
-    read_stamps,
-    read_table,
+    read_stamped,
     read_transform,
 )
-from jradar.recordings.imu import read_imu
 from jradar.recordings.radar_toml import read_radar_toml
-from jradar.recordings.recording import Format, Recording
+from jradar.recordings.recording import Format, Imu, Recording
 from jradar.recordings.ti.frame import CaptureSpec
 
 SENSORS = ("single_chip", "cascade")
@@ -90,7 +90,8 @@ def open_coloradar(
         poses = _poses(folder / "groundtruth", notes)
     imu = base_from_imu = None
     if (folder / "imu" / "imu_data.txt").is_file():
-        imu = read_imu(folder / "imu", notes)
+        times, rows = read_stamped(folder / "imu", "imu_data.txt", 6, notes)
+        imu = Imu(times, force=rows[:, :3], rate=rows[:, 3:])
         base_from_imu = _base_from(calib, ("imu",), notes)
     return Recording(
         name=folder.absolute().name,
@@ -175,22 +176,13 @@ def _base_from(calib, names, notes):
 
 
 def _poses(folder: Path, notes: list[str]) -> Poses:
-    """Return poses at rising times; of several at one time the first is kept."""
+    """Return the poses of a sequence; ValueError if one is not a rotation."""
     name = "groundtruth_poses.txt"
-    stamps = read_stamps(folder / "timestamps.txt", notes)
-    rows = read_table(folder / name, 7)
-    count = min(len(stamps), len(rows))
-    if len(stamps) != len(rows):
-        notes.append(
-            f"{folder.name}: {len(stamps)} stamps for {len(rows)} lines of {name}: "
-            f"only the first {count} are used"
-        )
-    rows = rows[:count]
+    times, rows = read_stamped(folder, name, 7, notes)
     length = np.linalg.norm(rows[:, 3:], axis=1)
     if len(bad := np.flatnonzero(abs(length - 1) > 0.01)):
         raise ValueError(
-            f"{folder / name}, line {bad[0] + 1}: the quaternion has length "
+            f"{folder / name}: the quaternion at {times[bad[0]]:.6f} s has length "
             f"{length[bad[0]]:.4g}, expected 1: is the order x y z qx qy qz qw?"
         )
-    times, order = np.unique(stamps[:count], return_index=True)
-    return Poses(times, rows[order, :3], rows[order, 3:] / length[order, None])
+    return Poses(times, rows[:, :3], rows[:, 3:] / length[:, None])

@@ -24,6 +24,7 @@ from jradar.radar import RadarSpec
 from jradar.recordings.descriptions import (
     Description,
     find_description,
+    frame_stamps,
     read_description,
 )
 from jradar.recordings.recording import Format, Recording, Stream
@@ -140,6 +141,9 @@ def recording_of_samples(
         misfit = _does_not_fit(path, source.size, radar)
         raise ValueError(" ".join([misfit, *doubts]))
 
+    if stamps is None:
+        stamps = frame_stamps(path, count, radar.frame_period_s)
+
     def read(index: int) -> Num[np.ndarray, "tx rx chirp sample"]:
         raw = source.read(index * frame_bytes, (index + 1) * frame_bytes)
         return cube_of_words(raw.view("<i2"), radar, order)
@@ -159,9 +163,6 @@ def recording_of_samples(
     if advice:
         notes.append(advice)
     notes += card_notes(path, order=order, decided=decided)
-    period = radar.frame_period_s
-    if stamps is None and period:
-        stamps = np.arange(count) * period
     return Recording(
         name=name,
         path=path,
@@ -216,7 +217,7 @@ def bytes_of_frame(radar: RadarSpec) -> int:
 def _losses(packets: Packets, lost: np.ndarray) -> Iterator[str]:
     first, last = packets.holes()
     missing = int((last - first).sum())
-    again = int((packets.payload * packets.number).sum()) - packets.size + missing
+    again = int(packets.sizes.sum()) - packets.size + missing
     late = np.count_nonzero(np.diff(packets.offset) < 0)
     if missing:
         yield (
@@ -250,6 +251,6 @@ def _does_not_fit(path: Path, size: int, radar: RadarSpec) -> str:
         f"{path} holds {size:,} bytes, {radar.name} needs a multiple of "
         f"{frame_bytes:,} ({chirps} chirps x {tx} tx x {rx} rx x {samples} samples x "
         f"{sample_bytes} bytes): {size // frame_bytes} whole frames. Was the file cut "
-        "off (allow_partial reads the whole frames), or does the description belong to "
-        f"another capture ({others})?"
+        "off (--allow-partial reads the whole frames), or does the description belong "
+        f"to another capture ({others})?"
     )

@@ -98,7 +98,8 @@ def _packets(
         low, high = struct.unpack_from("<IH", datagram.header, 4)
         payload = datagram.size - HEADER_BYTES
         if 0 < payload <= PAYLOAD:
-            rows.append((high << 32 | low, datagram.offset, payload, datagram.time_s))
+            place = datagram.offset + HEADER_BYTES
+            rows.append((high << 32 | low, place, payload, datagram.time_s))
     if not rows:
         raise ValueError(f"{path} holds no data packets of a DCA1000")
     columns = zip(*rows, strict=True)
@@ -106,20 +107,8 @@ def _packets(
     start = _unwrapped(path, counted.astype(np.int64), times)
     frame = bytes_of_frame(radar)
     start -= start.min() // frame * frame
-    highest, received = int((start + payload).max()), int(payload.sum())
-    if highest > 2 * received + REORDERED:
-        raise ValueError(
-            f"{path}: the packets hold {received:,} bytes of the {highest:,} that "
-            "their headers count: a header is damaged, or most packets were lost"
-        )
-    order = np.argsort(start, kind="stable")
-    start, offset, payload, times = (
-        column[order] for column in (start, offset, payload, times)
-    )
-    ones = np.ones(len(start), np.int64)
-    files = Files.of([path])
-    found = Packets(files, HEADER_BYTES, start, offset, payload, ones)
-    return found, times.astype(float), notes
+    found = Packets.of(Files.of([path]), start, offset, payload)
+    return found, times[np.argsort(start, kind="stable")].astype(float), notes
 
 
 def _unwrapped(
@@ -173,11 +162,24 @@ def _datagrams(path: Path) -> tuple[list[Datagram], tuple[str, ...]]:
             )
         try:
             for time_s, raw in reader:
+                if (udp := _place_of_udp(raw, link)) is None:
+                    continue
                 end = _end_of_data(file, len(raw)) if is_ng else file.tell()
-                if end >= size and _missing(raw, link):
-                    return found, (CUT_OFF,)
-                if (datagram := _datagram(path, time_s, raw, end, link)) is not None:
-                    found.append(datagram)
+                _, port, length = struct.unpack_from("!HHH", raw, udp)
+                if (missing := udp + length - len(raw)) > 0:
+                    if end >= size:
+                        return found, (CUT_OFF,)
+                    if port == DATA_PORT:
+                        raise ValueError(
+                            f"{path} holds only the first {len(raw)} bytes of a packet "
+                            f"of {len(raw) + missing}: capture again with `tcpdump -s "
+                            "0`"
+                        )
+                header = raw[udp + 8 : udp + 8 + HEADER_BYTES]
+                sender, offset = raw[udp - 8 : udp - 4], end - len(raw) + udp + 8
+                found.append(
+                    Datagram(float(time_s), sender, port, offset, length - 8, header)
+                )
         except dpkt.dpkt.NeedData:
             return found, (CUT_OFF,)
     return found, ()
@@ -189,38 +191,6 @@ def _end_of_data(file: Any, size: int) -> int:
     (total,) = struct.unpack("<I", os.pread(file.fileno(), 4, end - 4))
     (kind,) = struct.unpack("<I", os.pread(file.fileno(), 4, end - total))
     return end - total + (28 if kind == 6 else 12) + size
-
-
-def _datagram(
-    path: Path, time_s: float, raw: bytes, end: int, link: int
-) -> Datagram | None:
-    """Return the UDP packet in a frame of the network; None for anything else.
-
-    Raises ValueError if the trace holds only the beginning of it.
-    """
-    udp = _place_of_udp(raw, link)
-    if udp is None:
-        return None
-    _, port, length = struct.unpack_from("!HHH", raw, udp)
-    if port == DATA_PORT and (missing := _missing(raw, link)):
-        raise ValueError(
-            f"{path} holds only the first {len(raw)} bytes of a packet of "
-            f"{len(raw) + missing}: capture again with `tcpdump -s 0`"
-        )
-    payload = udp + 8
-    header = raw[payload : payload + HEADER_BYTES]
-    sender = raw[udp - 8 : udp - 4]
-    offset = end - len(raw) + payload
-    return Datagram(float(time_s), sender, port, offset, length - 8, header)
-
-
-def _missing(raw: bytes, link: int) -> int:
-    """Return the bytes by which a frame of the network is shorter than its packet."""
-    udp = _place_of_udp(raw, link)
-    if udp is None:
-        return 0
-    (length,) = struct.unpack_from("!H", raw, udp + 4)
-    return max(udp + length - len(raw), 0)
 
 
 def _place_of_udp(raw: bytes, link: int) -> int | None:

@@ -54,22 +54,32 @@ class Files(NamedTuple):
 
 
 class Packets(NamedTuple):
-    """Runs of packets that are consecutive both in the files and in the stream.
-
-    All packets of a run hold the same number of bytes. Runs are sorted by `start`.
-    """
+    """Where the samples of each packet lie, sorted by their places in the stream."""
 
     files: Files
-    header_bytes: int
-    start: Int[np.ndarray, " run"]  # in the stream
-    offset: Int[np.ndarray, " run"]  # in the files, of the first header
-    payload: Int[np.ndarray, " run"]  # bytes of samples in each packet
-    number: Int[np.ndarray, " run"]  # of packets
+    start: Int[np.ndarray, " packet"]  # in the stream
+    offset: Int[np.ndarray, " packet"]  # in the files
+    sizes: Int[np.ndarray, " packet"]  # bytes of samples
+
+    @classmethod
+    def of(
+        cls, files: Files, start: np.ndarray, offset: np.ndarray, sizes: np.ndarray
+    ) -> "Packets":
+        """Return packets in any order; ValueError if most of the stream is missing."""
+        highest, received = int((start + sizes).max(initial=0)), int(sizes.sum())
+        if not received or highest > 2 * received + REORDERED:
+            raise ValueError(
+                f"{files.paths[0]}: the packets hold {received:,} bytes of the "
+                f"{highest:,} that their headers count: a header is damaged, or most "
+                "packets were lost"
+            )
+        order = np.argsort(start, kind="stable")
+        return cls(files, start[order], offset[order], sizes[order])
 
     @property
-    def end(self) -> Int[np.ndarray, " run"]:
-        """The largest end of each run and those before it, in the stream."""
-        return np.maximum.accumulate(self.start + self.payload * self.number)
+    def end(self) -> Int[np.ndarray, " packet"]:
+        """The largest end of each packet and those before it, in the stream."""
+        return np.maximum.accumulate(self.start + self.sizes)
 
     @property
     def size(self) -> int:
@@ -87,18 +97,14 @@ class Packets(NamedTuple):
         stream = np.zeros(stop - start, np.uint8)
         first = np.searchsorted(self.end, start, "right")
         last = np.searchsorted(self.start, stop)
-        runs = np.stack([column[first:last] for column in self[2:]], -1)
-        for begin, offset, payload, count in runs.tolist():
-            record = self.header_bytes + payload
-            low = max(start - begin, 0) // payload
-            high = min(-((begin - stop) // payload), count)
-            if low < high:
-                raw = self.files.read(offset + low * record, offset + high * record)
-                samples = raw.reshape(-1, record)[:, self.header_bytes :].ravel()
-                skip = max(start - begin - low * payload, 0)
-                at = max(begin - start, 0)
-                samples = samples[skip : skip + len(stream) - at]
-                stream[at : at + len(samples)] = samples
+        table = np.stack([column[first:last] for column in self[1:]], -1)
+        if not len(table):
+            return stream
+        low = int(table[:, 1].min())
+        raw = self.files.read(low, int((table[:, 1] + table[:, 2]).max()))
+        for place, offset, size in (table - [start, low, 0]).tolist():
+            begin, end = max(place, 0), min(place + size, len(stream))
+            stream[begin:end] = raw[offset + begin - place : offset + end - place]
         return stream
 
 
@@ -139,40 +145,36 @@ def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Pa
     Raises ValueError for a damaged header, for a stream that restarts, for a stream
     that is mostly lost, and for a truncated last packet unless `allow_partial` is set.
     """
-    runs, position, highest, received, window = [], 0, 0, 0, 1
+    parts, position, window = [np.zeros((0, 3), np.int64)], 0, 1
     while position < files.size:
-        found = _runs_at(files, position, header_bytes, window)
-        for start, offset, payload, count in found:
-            if start < highest - REORDERED:
-                raise ValueError(
-                    f"{_place(files, offset)}: the byte count falls from {highest:,} "
-                    f"to {start:,}: if the file holds two captures, split it"
-                )
-            highest = max(highest, start + payload * count)
-            received += payload * count
-            position = offset + (header_bytes + payload) * count
-        if not found:
+        counts, sizes = _packets_at(files, position, header_bytes, window)
+        if not len(sizes):
             if allow_partial:
                 break
             raise ValueError(
                 f"{files.paths[-1]} ends within a packet, after {files.size:,} bytes: "
-                "truncated? allow_partial reads the packets before it"
+                "truncated? --allow-partial reads the packets before it"
             )
-        window = min(2 * window, PIECE) if found[-1][2] == PAYLOAD else 1
-        runs += found
-    if not runs or highest > 2 * received + REORDERED:
+        ends = position + np.cumsum(header_bytes + sizes)
+        parts.append(np.stack([counts, ends - sizes, sizes], -1))
+        position = int(ends[-1])
+        window = min(2 * window, PIECE) if sizes[-1] == PAYLOAD else 1
+    start, offset, sizes = np.concatenate(parts).T
+    highest = np.maximum.accumulate(start + sizes)
+    if len(again := np.flatnonzero(start[1:] < highest[:-1] - REORDERED)):
+        at = int(again[0])
+        place = _place(files, int(offset[at + 1]) - header_bytes)
         raise ValueError(
-            f"{files.paths[0]}: the packets hold {received:,} bytes of the {highest:,} "
-            "that their headers count: a header is damaged, or most packets were lost"
+            f"{place}: the byte count falls from {highest[at]:,} to {start[at + 1]:,}: "
+            "if the file holds two captures, split it"
         )
-    start, offset, payload, count = np.array(sorted(runs), np.int64).T
-    return Packets(files, header_bytes, start, offset, payload, count)
+    return Packets.of(files, start, offset, sizes)
 
 
-def _runs_at(files, position, header_bytes, window):
-    """Return runs `(start, offset, payload, count)` of the packets at `position`.
+def _packets_at(files, position, header_bytes, window):
+    """Return the byte counts and the sizes of the packets at `position`.
 
-    Reads up to `window` full packets, or one shorter packet. Returns no runs if that
+    Reads up to `window` full packets, or one shorter packet. Returns none if that
     packet is truncated.
     """
     record = header_bytes + PAYLOAD
@@ -180,25 +182,19 @@ def _runs_at(files, position, header_bytes, window):
     whole = piece[: len(piece) // record * record].reshape(-1, record)
     sequence, length, count = _fields(whole[:, :header_bytes])
     fits = _plausible(sequence, length, count) & (length == PAYLOAD)
-    full = len(whole) if fits.all() else int(fits.argmin())
-    if not full:
-        if len(piece) < header_bytes + 1:
-            return []
-        sequence, length, count = _header(files, position, header_bytes)
-        if not _plausible(sequence, length, count):
-            hint = ", or the packet before not full" if header_bytes == 10 else ""
-            raise ValueError(
-                f"{_place(files, position)}: expected the header of a packet, found "
-                f"number {sequence} with {length} bytes after {count:,}: damaged{hint}?"
-            )
-        cut = position + header_bytes + length > files.size
-        return [] if cut else [(count, position, length, 1)]
-    breaks = np.flatnonzero(np.diff(count[:full]) != PAYLOAD) + 1
-    edges = [0, *breaks.tolist(), full]
-    return [
-        (int(count[low]), position + low * record, PAYLOAD, high - low)
-        for low, high in zip(edges, edges[1:], strict=False)
-    ]
+    if full := len(whole) if fits.all() else int(fits.argmin()):
+        return count[:full], length[:full]
+    if len(piece) < header_bytes + 1:
+        return count[:0], length[:0]
+    sequence, length, count = _header(files, position, header_bytes)
+    if not _plausible(sequence, length, count):
+        hint = ", or the packet before not full" if header_bytes == 10 else ""
+        raise ValueError(
+            f"{_place(files, position)}: expected the header of a packet, found "
+            f"number {sequence} with {length} bytes after {count:,}: damaged{hint}?"
+        )
+    found = int(position + header_bytes + length <= files.size)
+    return np.array([count] * found, np.int64), np.array([length] * found, np.int64)
 
 
 def _header(files, position, header_bytes):

@@ -32,8 +32,9 @@ from jradar.radar.clean.interference import (
 from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation.hardware.front_end import FrontEnd, distort, make_front_end
 from jradar.simulation.hardware.synthesiser import SynthesiserSpec, sampling_errors
+from jradar.simulation.paths.line_of_sight import Paths
 from jradar.simulation.paths.link import FULL_SCALE, LINK
-from jradar.simulation.paths.propagation import CAPACITY, Paths
+from jradar.simulation.paths.propagation import CAPACITY
 from jradar.simulation.units import UnitSpec
 
 LEAKS = 3  # echoes of the leakage, in the first range bins

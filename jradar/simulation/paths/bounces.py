@@ -18,24 +18,23 @@ and at a + 2b.
 """
 
 import functools
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jradar.radar import RadarSpec
 from jradar.simulation.paths.line_of_sight import (
     COSINES,
+    NO_PATHS,
     TOUCH_M,
+    Paths,
+    Sight,
     column_of,
     line_of_sight,
-    surface_tables,
 )
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.reflectors import Facets
-from jradar.simulation.rig import Viewpoint
 from jradar.simulation.scenes.materials import MATERIALS, slab_shares
-from jradar.simulation.scenes.scene import NUDGE_M, Placement, Scene, cast
+from jradar.simulation.scenes.scene import NUDGE_M, cast
 
 FLOOR_M = 0.0  # height of the scenes' floors
 LEAST_HEIGHT_M = 0.05  # of a target above the floor
@@ -43,17 +42,7 @@ PARALLEL = 0.999  # cosine from which two walls count as parallel
 WALLS = 8  # nearest and largest, between which echoes pass
 
 
-class Paths(NamedTuple):
-    """Paths in the radar's frame; `power` is received, in mW at the antenna."""
-
-    xyz: Float[np.ndarray, "path 3"]  # where the receivers see the echo
-    departure: Float[np.ndarray, "path 3"]  # where the transmitters see it
-    velocity: Float[np.ndarray, " path"]
-    power: Float[np.ndarray, " path"]
-
-
 ROUGHNESS_M = np.array([material.roughness_m for material in MATERIALS])
-EMPTY = Paths(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
 
 def is_floor(facets: Facets) -> Bool[np.ndarray, " facet"]:
@@ -74,10 +63,7 @@ def floor_share(
 
 
 def floor_paths(
-    scene: Scene,
-    places: list[Placement],
-    view: Viewpoint,
-    radar: RadarSpec,
+    sight: Sight,
     scattered: Paths,
     spots: tuple[Float[np.ndarray, "path 3"], Float[np.ndarray, "path 3"]],
     *,
@@ -88,34 +74,32 @@ def floor_paths(
     `spots` are the places and velocities of the `scattered` paths in the world. The
     floor is at least as rough as its material.
     """
-    xyz, moving = spots
+    (xyz, moving), view, radar = spots, sight.view, sight.radar
     high, above = view.xyz[2] - FLOOR_M, xyz[:, 2] - FLOOR_M
     image = xyz * [1, 1, -1] + [0, 0, 2 * FLOOR_M]
     offset = image - view.xyz
     distance = np.linalg.norm(offset, axis=-1)
     keep = np.flatnonzero((above > LEAST_HEIGHT_M) & (distance < LINK.reach_m(radar)))
     if high < LEAST_HEIGHT_M or not keep.size:
-        return EMPTY
+        return NO_PATHS
     share = high / (high + above[keep])
     bounce = view.xyz + offset[keep] * share[:, None]
     along = offset[keep] / distance[keep, None]
     start = np.broadcast_to(view.xyz, bounce.shape)
-    hits = cast(scene, places, start, along)
+    hits = cast(sight.scene, sight.places, start, along)
     lands = np.abs(hits.distance - share * distance[keep]) < TOUCH_M
     keep, bounce, along = keep[lands], bounce[lands], along[lands]
     material = hits.material[lands]
-    frequency = radar.center_frequency_hz
-    start = bounce + [0, 0, NUDGE_M]
-    through, _ = line_of_sight(scene, places, start, xyz[keep], frequency)
+    through, _ = line_of_sight(sight, bounce + [0, 0, NUDGE_M], xyz[keep])
     keep, along, material, through = (
         column[through > 0] for column in (keep, along, material, through)
     )
     if not keep.size:
-        return EMPTY
+        return NO_PATHS
     cosine = np.abs(along[:, 2])
     mirrored = floor_share(
         cosine,
-        _reflected(frequency)[material, column_of(cosine)],
+        _reflected(radar.center_frequency_hz)[material, column_of(cosine)],
         roughness_m=np.maximum(ROUGHNESS_M[material], roughness_m),
         wavelength_m=radar.wavelength_m,
     )
@@ -152,18 +136,12 @@ def _reflected(frequency_hz):
     return np.array(shares)
 
 
-def echoes_between_walls(
-    scene: Scene,
-    places: list[Placement],
-    view: Viewpoint,
-    radar: RadarSpec,
-    facets: Facets,
-) -> Paths:
+def echoes_between_walls(sight: Sight, facets: Facets) -> Paths:
     """Return the radar's own echoes that pass between two parallel walls.
 
     The walls stand on both sides of the radar, and each is in sight at its foot.
     """
-    mirror = surface_tables(radar.center_frequency_hz).mirrored[:, -1]
+    view, radar, mirror = sight.view, sight.radar, sight.tables.mirrored[:, -1]
     height = ((view.xyz - facets.centre) * facets.normal).sum(-1)
     foot = view.xyz - height[:, None] * facets.normal
     near = ((foot - facets.centre) ** 2).sum(-1) < facets.area_m2
@@ -172,17 +150,15 @@ def echoes_between_walls(
     best = np.argsort(-weight / np.maximum(np.abs(height), 0.1), kind="stable")[:WALLS]
     best = best[weight[best] > 0]
     if best.size < 2:
-        return EMPTY
-    start = np.broadcast_to(view.xyz, (len(best), 3))
-    frequency = radar.center_frequency_hz
-    through, lands = line_of_sight(scene, places, start, foot[best], frequency)
+        return NO_PATHS
+    through, lands = line_of_sight(sight, view.xyz, foot[best])
     best, through = (column[lands & (through > 0)] for column in (best, through))
     offset = foot[best] - view.xyz
     apart = np.linalg.norm(offset, axis=-1)
     towards = offset / apart[:, None]
     first, second = np.nonzero(towards @ towards.T < -PARALLEL)
     if not first.size:
-        return EMPTY
+        return NO_PATHS
     a, b = apart[first], apart[second]
     there, back = towards[first], towards[second]
     kept = mirror[facets.material[best]] * through**2

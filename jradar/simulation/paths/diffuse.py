@@ -11,8 +11,8 @@ the paths are others.
 import numpy as np
 
 from jradar.radar import RadarSpec
+from jradar.simulation.paths.line_of_sight import Paths
 from jradar.simulation.paths.link import FULL_SCALE, LINK
-from jradar.simulation.paths.propagation import Paths
 from jradar.simulation.rig import Viewpoint
 
 POINTS = 1024  # scatterers of a frame

@@ -1,11 +1,14 @@
-"""Power that passes through surfaces on the way between two points."""
+"""What a radar sees: paths, and the power that passes through surfaces on the way."""
 
 import functools
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jradar.radar import RadarSpec
+from jradar.simulation.rig import Viewpoint
 from jradar.simulation.scenes.materials import (
     MATERIALS,
     backscatter,
@@ -18,6 +21,41 @@ MAX_SURFACES = 3  # that a path passes through
 LEAST_TRANSMISSION = 1e-3
 TOUCH_M = 0.02  # a ray that ends this near to its target reaches it
 COSINES = 256  # entries of the tables over the angle to the normal
+
+
+class Paths(NamedTuple):
+    """Paths in the radar's frame; `power` is received, in mW at the antenna."""
+
+    xyz: Float[np.ndarray, "path 3"]  # where the receivers see the echo
+    departure: Float[np.ndarray, "path 3"]  # where the transmitters see it
+    velocity: Float[np.ndarray, " path"]
+    power: Float[np.ndarray, " path"]
+
+    def chosen(self, index: np.ndarray) -> "Paths":
+        """Return some of the paths."""
+        return Paths(*(column[index] for column in self))
+
+
+NO_PATHS = Paths(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+
+
+def joined(parts: Iterable[Paths]) -> Paths:
+    """Return the paths of all parts."""
+    return Paths(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+class Sight(NamedTuple):
+    """A radar in a scene at one time."""
+
+    scene: Scene
+    places: list[Placement]
+    view: Viewpoint
+    radar: RadarSpec
+
+    @property
+    def tables(self) -> "SurfaceTables":
+        """Return the tables of the surfaces at the radar's frequency."""
+        return surface_tables(self.radar.center_frequency_hz)
 
 
 class SurfaceTables(NamedTuple):
@@ -47,16 +85,16 @@ def column_of(cosine: Float[np.ndarray, "*batch"]) -> Int[np.ndarray, "*batch"]:
 
 
 def line_of_sight(
-    scene: Scene,
-    places: list[Placement],
-    start: Float[np.ndarray, "ray 3"],
+    sight: Sight,
+    start: Float[np.ndarray, "*ray 3"],
     end: Float[np.ndarray, "ray 3"],
-    frequency_hz: float,
 ) -> tuple[Float[np.ndarray, " ray"], Bool[np.ndarray, " ray"]]:
     """Return the share of the power that reaches `end`, and whether a surface is there.
 
-    The share is 0 behind more than `MAX_SURFACES` surfaces.
+    `start` is one place, or one for each ray. The share is 0 behind more than
+    `MAX_SURFACES` surfaces.
     """
+    start = np.broadcast_to(start, end.shape)
     span = end - start
     length = np.linalg.norm(span, axis=-1)
     along = span / np.maximum(length, 1e-9)[:, None]
@@ -64,18 +102,17 @@ def line_of_sight(
     lands = np.zeros(len(start), bool)
     begin = np.zeros(len(start))
     live = np.arange(len(start))
-    transmitted = surface_tables(frequency_hz).transmitted
     for _ in range(MAX_SURFACES + 1):
         if not live.size:
             break
         origin = start[live] + begin[live, None] * along[live]
-        hits = cast(scene, places, origin, along[live])
+        hits = cast(sight.scene, sight.places, origin, along[live])
         at = begin[live] + hits.distance
         lands[live] = np.abs(at - length[live]) < TOUCH_M
         blocked = at < length[live] - TOUCH_M
         live, at = live[blocked], at[blocked]
         column = column_of(hits.cosine[blocked])
-        through[live] *= transmitted[hits.material[blocked], column]
+        through[live] *= sight.tables.transmitted[hits.material[blocked], column]
         begin[live] = at + NUDGE_M
         live = live[through[live] > LEAST_TRANSMISSION]
     through[live] = 0.0  # still behind a surface

@@ -16,17 +16,19 @@ import numpy as np
 
 from jradar.radar import RadarSpec
 from jradar.simulation.paths.bounces import (
-    Paths as Paths,
     echoes_between_walls,
     floor_paths,
     is_floor,
 )
 from jradar.simulation.paths.line_of_sight import (
     COSINES,
+    NO_PATHS,
     TOUCH_M,
+    Paths,
+    Sight,
     column_of,
+    joined,
     line_of_sight,
-    surface_tables,
 )
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.reflectors import Reflectors
@@ -39,8 +41,6 @@ from jradar.simulation.units import UnitSpec
 FOLIAGE = MATERIAL_IDS["foliage"]
 CAPACITY = 1024  # paths of a frame
 MIRRORS, GHOSTED = 5, 120  # strongest mirrors and scatterers, which make ghosts
-
-
 DEFAULT = UnitSpec()
 
 
@@ -59,52 +59,39 @@ def radar_paths(
     Paths below the noise are left out. Of the others the strongest `CAPACITY` stay,
     where strength is power times distance squared: far echoes are kept, too.
     """
-    places = placements(scene, time_s)
     view = viewpoint(scene.platform, sensor, time_s)
+    sight = Sight(scene, placements(scene, time_s), view, radar)
+    facets = reflectors.facets[0]
     wind = foliage_velocity(unit.wind_mph, radar, time_s)
-    scattered, spots = _scattered(scene, places, view, radar, wind)
-    images = _images(scene, reflectors, places, view, radar)
-    mirrors = _mirrors(reflectors.facets[0], view, radar, floor=not unit.floor_bounces)
-    parts = [
-        scattered,
-        images,
-        _ghosts(scene, reflectors, places, view, radar, scattered, spots, mirrors),
-    ]
+    scattered, spots = _scattered(sight, wind)
+    images = _images(sight, reflectors)
+    strong = np.argsort(-scattered.power, kind="stable")[:GHOSTED]
+    strongest = scattered.chosen(strong), (spots[0][strong], spots[1][strong])
+    mirrors = _mirrors(sight, facets, floor=not unit.floor_bounces)
+    ghosts = _ghosts(sight, facets, mirrors, *strongest)
     if unit.ghost_db:
-        louder = parts[-1].power * 10 ** (unit.ghost_db / 10)
-        parts[-1] = parts[-1]._replace(power=louder)
+        ghosts = ghosts._replace(power=ghosts.power * 10 ** (unit.ghost_db / 10))
+    parts = [scattered, images, ghosts]
     if unit.floor_bounces:
-        strong = _strongest(scattered)
-        parts.append(
-            floor_paths(
-                scene,
-                places,
-                view,
-                radar,
-                Paths(*(column[strong] for column in scattered)),
-                (spots[0][strong], spots[1][strong]),
-                roughness_m=unit.floor_roughness_m,
-            )
-        )
+        roughness_m = unit.floor_roughness_m
+        parts.append(floor_paths(sight, *strongest, roughness_m=roughness_m))
     if unit.wall_echoes:
-        facets = reflectors.facets[0]
-        parts.append(echoes_between_walls(scene, places, view, radar, facets))
-    columns = zip(*parts, strict=True)
-    paths = Paths(*map(np.concatenate, columns))
+        parts.append(echoes_between_walls(sight, facets))
+    paths = joined(parts)
     distance = np.linalg.norm(paths.xyz, axis=-1)
     audible = paths.power > LINK.noise_mw(radar) / radar.num_chirps / radar.num_samples
     weight = np.where(audible, paths.power * distance**2, 0.0)
     best = np.argsort(-weight, kind="stable")[:CAPACITY]
-    return Paths(*(column[np.sort(best[weight[best] > 0])] for column in paths))
+    return paths.chosen(np.sort(best[weight[best] > 0]))
 
 
-def _scattered(scene, places, view, radar, wind):
+def _scattered(sight, wind):
     """Return paths to points on surfaces, and their places and velocities.
 
     `wind` returns the speeds of a number of leaves, or is None.
     """
-    frequency, reach = radar.center_frequency_hz, LINK.reach_m(radar)
-    backscatter = surface_tables(frequency).backscatter
+    scene, places, view, radar = sight
+    reach, backscatter = LINK.reach_m(radar), sight.tables.backscatter
     columns = []
     for body, place in zip(scene.bodies, places, strict=True):
         if np.linalg.norm(place.xyz - view.xyz) > reach + body.radius_m:
@@ -128,8 +115,7 @@ def _scattered(scene, places, view, radar, wind):
     seen = (xyz - view.xyz) @ view.turn
     power = LINK.received_mw(radar, seen, distance, section)
     best = np.argsort(-power * distance**2, kind="stable")[: 3 * CAPACITY]
-    start = np.broadcast_to(view.xyz, (len(best), 3))
-    through, _ = line_of_sight(scene, places, start, xyz[best], frequency)
+    through, _ = line_of_sight(sight, view.xyz, xyz[best])
     best, through = best[through > 0], through[through > 0]
     towards = (xyz[best] - view.xyz) / distance[best, None]
     moving = moving[best]
@@ -140,18 +126,17 @@ def _scattered(scene, places, view, radar, wind):
     return paths, (xyz[best], moving)
 
 
-def _images(scene, reflectors, places, view, radar):
+def _images(sight, reflectors):
     """Return paths to the radar's images in flat faces, edges and corners."""
-    frequency, wavelength = radar.center_frequency_hz, radar.wavelength_m
-    mirror = surface_tables(frequency).mirrored
-    found = []
+    view, wavelength = sight.view, sight.radar.wavelength_m
+    mirror, found = sight.tables.mirrored, []
 
     def add(xyz, cap, share, *, velocity=0.0, aside=0.0):
         """Add images; `aside` is added to the point that a ray must reach."""
         velocity, aside = (np.broadcast_to(v, xyz.shape) for v in (velocity, aside))
         found.append((xyz, cap, share, velocity, aside))
 
-    for facets, place in zip(reflectors.facets, places, strict=True):
+    for facets, place in zip(reflectors.facets, sight.places, strict=True):
         normal = facets.normal @ place.turn.T
         centre = facets.centre @ place.turn.T + place.xyz
         height = ((view.xyz - centre) * normal).sum(-1)
@@ -181,7 +166,7 @@ def _images(scene, reflectors, places, view, radar):
     add(corners.xyz[on], cap[on], share[on], aside=aside[on])
 
     columns = map(np.concatenate, zip(*found, strict=True))
-    return _image_paths(scene, places, view, radar, *columns)
+    return _image_paths(sight, *columns)
 
 
 def _towards(offset, joints, mirror):
@@ -192,17 +177,16 @@ def _towards(offset, joints, mirror):
     return (cosine > 0).all(1), share
 
 
-def _image_paths(scene, places, view, radar, xyz, cap, share, moving, aside):
+def _image_paths(sight, xyz, cap, share, moving, aside):
     """Return paths to the images in sight; an image at 2d has an area of pi d^2."""
+    view, radar = sight.view, sight.radar
     seen = (xyz - view.xyz) @ view.turn
     distance = np.linalg.norm(seen, axis=-1)
     keep = (distance < LINK.reach_m(radar)) & (distance > 0.1) & (share > 1e-4)
     xyz, cap, share, moving, aside, seen, distance = (
         column[keep] for column in (xyz, cap, share, moving, aside, seen, distance)
     )
-    start = np.broadcast_to(view.xyz, xyz.shape)
-    frequency = radar.center_frequency_hz
-    through, landed = line_of_sight(scene, places, start, xyz + aside, frequency)
+    through, landed = line_of_sight(sight, view.xyz, xyz + aside)
     through = np.where(landed | aside.any(-1), through, 0.0)
     section = np.minimum(np.pi * distance**2, cap) * share * through**2
     power = LINK.received_mw(radar, seen, distance, section)
@@ -211,10 +195,10 @@ def _image_paths(scene, places, view, radar, xyz, cap, share, moving, aside):
     return Paths(seen, seen, velocity, power)
 
 
-def _mirrors(facets, view, radar, *, floor):
+def _mirrors(sight, facets, *, floor):
     """Return the indices of the largest mirrors nearby; `floor` is one of them."""
-    mirror = surface_tables(radar.center_frequency_hz).mirrored
-    apart = ((view.xyz - facets.centre) ** 2).sum(-1)
+    apart = ((sight.view.xyz - facets.centre) ** 2).sum(-1)
+    mirror = sight.tables.mirrored
     weight = facets.area_m2 * mirror[facets.material, COSINES // 2] / (1 + apart)
     if not floor:
         weight = np.where(is_floor(facets), 0.0, weight)
@@ -222,19 +206,13 @@ def _mirrors(facets, view, radar, *, floor):
     return best if floor else best[weight[best] > 0]
 
 
-def _strongest(scattered):
-    return np.argsort(-scattered.power, kind="stable")[:GHOSTED]
-
-
-def _ghosts(scene, reflectors, places, view, radar, scattered, spots, chosen):
+def _ghosts(sight, facets, chosen, scattered, spots):
     """Return paths to strong scatterers by way of the `chosen` mirrors."""
-    facets, frequency = reflectors.facets[0], radar.center_frequency_hz
-    mirror = surface_tables(frequency).mirrored
+    view, radar, mirror = sight.view, sight.radar, sight.tables.mirrored
     height = ((view.xyz - facets.centre) * facets.normal).sum(-1)
-    strong = _strongest(scattered)
-    empty = Paths(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+    strong = np.arange(len(scattered.power))
     if not chosen.size or not strong.size:
-        return empty
+        return NO_PATHS
     m, p = (pair.ravel() for pair in np.meshgrid(chosen, strong, indexing="ij"))
     normal, xyz, moving = facets.normal[m], spots[0][p], spots[1][p]
     beyond = ((xyz - facets.centre[m]) * normal).sum(-1)
@@ -245,15 +223,13 @@ def _ghosts(scene, reflectors, places, view, radar, scattered, spots, chosen):
     bounce = view.xyz + offset * (height[m] / (height[m] + beyond + 1e-9))[:, None]
     keep = np.flatnonzero(same_side & (distance < 2 * LINK.reach_m(radar)))
 
-    start = np.broadcast_to(view.xyz, (len(keep), 3))
-    first, lands = line_of_sight(scene, places, start, bounce[keep], frequency)
+    first, lands = line_of_sight(sight, view.xyz, bounce[keep])
     keep, first = keep[lands & (first > 0)], first[lands & (first > 0)]
     side = np.sign(beyond[keep])[:, None] * normal[keep]
-    start = bounce[keep] + NUDGE_M * side
-    second, _ = line_of_sight(scene, places, start, xyz[keep], frequency)
+    second, _ = line_of_sight(sight, bounce[keep] + NUDGE_M * side, xyz[keep])
     keep, one_way = keep[second > 0], (first * second)[second > 0]
     if not keep.size:
-        return empty
+        return NO_PATHS
 
     m, p, distance, offset, moving, normal = (
         column[keep] for column in (m, p, distance, offset, moving, normal)

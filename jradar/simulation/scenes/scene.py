@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from jradar.errors import optional
 from jradar.simulation.scenes.materials import MATERIALS
 from jradar.simulation.scenes.solids import Solid
 from jradar.simulation.scenes.trajectory import Trajectory, pose_at, velocity_at
@@ -145,13 +146,10 @@ def _near(body, place, origins, directions, reach_m):
 
 
 def _tree(solid):
-    try:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-    except ImportError as error:
-        raise ImportError(
-            "simulation needs embreex: pip install 'jradar[sim]'"
-        ) from error
-    tree = EmbreeScene()
-    TriangleMesh(tree, solid.vertices.astype("f4"), solid.faces.astype("i4"))
+    core, meshes = (
+        optional(f"embreex.{name}", need="simulation needs embreex", extra="sim")
+        for name in ("rtcore_scene", "mesh_construction")
+    )
+    tree = core.EmbreeScene()
+    meshes.TriangleMesh(tree, solid.vertices.astype("f4"), solid.faces.astype("i4"))
     return tree

@@ -1,4 +1,4 @@
-"""IMUs: ColoRadar's text files, messages in ROS 1 and ROS 2 bags, units, places."""
+"""IMUs: messages in ROS 1 and ROS 2 bags, units, places."""
 
 import numpy as np
 import pytest
@@ -8,8 +8,6 @@ pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
 from jradar.errors import UsageError  # noqa: E402
 from jradar.recordings import open_imu  # noqa: E402
 from jradar.recordings.capture import open_capture  # noqa: E402
-from jradar.recordings.imu import read_imu  # noqa: E402
-from jradar.simulation.coloradar_writer import write_rows, write_stamps  # noqa: E402
 from tests.recordings.bag_writer import IMU, START, imu, write_bag  # noqa: E402
 from tests.recordings.test_capture import (  # noqa: E402
     CAPTURE,
@@ -29,16 +27,6 @@ def write(folder, container="bag", records=RECORDS):
         for stamp, record in zip(stamps, records, strict=True)
     ]
     return write_bag(folder, container, messages)
-
-
-def test_coloradars_files(tmp_path):
-    notes = []
-    write_stamps(tmp_path / "imu", STAMPS)
-    write_rows(tmp_path / "imu" / "imu_data.txt", RECORDS[:9])
-    imu = read_imu(tmp_path / "imu", notes)
-    np.testing.assert_allclose(imu.stamps, STAMPS[:9])
-    np.testing.assert_allclose(np.hstack([imu.force, imu.rate]), RECORDS[:9])
-    assert "10 stamps for 9 lines" in notes[0]
 
 
 @pytest.mark.parametrize("container", ["bag", "sqlite"])

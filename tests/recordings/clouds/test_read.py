@@ -10,8 +10,6 @@ from hypothesis import given, settings, strategies as st
 
 from jradar.recordings.clouds.pcd import lzf_decompress
 from jradar.recordings.clouds.read import holds_points, read_cloud
-from jradar.recordings.clouds.write import write_ply
-from jradar.types import PointCloud
 
 ROWS = [  # x y z timestamp intensity ring tags[2]
     (1.5, -2.25, 0.125, 1700000000.25, 200, 40000, -3, 7),
@@ -113,7 +111,6 @@ def test_pcd_of_mixed_types(tmp_path, data):
 @pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
 def test_pcd_cut_anywhere_or_lying_is_refused(tmp_path, data):
     whole = pcd(data)
-    start = whole.index(b"DATA")
     shortest = len(whole) - (3 if data == "ascii" else 1)  # "127" cut is a number too
     for cut in range(0, shortest, 5):
         with pytest.raises(ValueError, match=r"a\.pcd"):
@@ -121,15 +118,6 @@ def test_pcd_cut_anywhere_or_lying_is_refused(tmp_path, data):
     for points in (10**12, 2**62, -1, "many", "3 3"):
         with pytest.raises(ValueError, match="a.pcd.*(claims|need|damaged)"):
             read_cloud(save(tmp_path, "a.pcd", pcd(data, points=points)))
-    rng = np.random.default_rng(0)
-    for _ in range(30):  # noise in the header: refused, or read, but nothing else
-        noisy = bytearray(whole)
-        for place in rng.integers(0, start + 4, 3):
-            noisy[place] = rng.integers(32, 127)
-        try:
-            read_cloud(save(tmp_path, "a.pcd", bytes(noisy)))
-        except ValueError:
-            pass
 
 
 @pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
@@ -144,7 +132,7 @@ def test_pcd_without_points_line_counts_width_times_height(tmp_path):
     assert len(read_cloud(save(tmp_path, "a.pcd", content))["x"]) == 3
     for line in (b"HEIGHT", b"HEIGHT 1 1"):
         bad = content.replace(b"HEIGHT 1", line)
-        with pytest.raises(ValueError, match="a.pcd: damaged PCD header"):
+        with pytest.raises(ValueError, match="a.pcd is damaged or not"):
             read_cloud(save(tmp_path, "a.pcd", bad))
 
 
@@ -207,6 +195,15 @@ def ply(form, lists=False, before=False, count=None):
     return "\n".join(head).encode() + (rows + body if before else body + rows)
 
 
+EMPTY = b"FIELDS\nSIZE\nTYPE\nPOINTS 5\nDATA %s\n"
+FACES = b"""ply
+format binary_little_endian 1.0
+element face 1
+property list int int i
+element vertex 0
+property float x
+end_header
+"""
 FORMS = ["ascii", "binary_little_endian", "binary_big_endian"]
 
 
@@ -236,35 +233,50 @@ def test_ply_cut_anywhere_or_lying_is_refused(tmp_path, form, lists):
         with pytest.raises(ValueError, match="a.ply.*(claims|damaged)"):
             read_cloud(save(tmp_path, "a.ply", ply(form, lists, count=count)))
     twice = whole.replace(b"float y", b"float x")
-    with pytest.raises(ValueError, match="a.ply: damaged PLY header"):
+    with pytest.raises(ValueError, match="a.ply is damaged .*more than once"):
         read_cloud(save(tmp_path, "a.ply", twice))
 
 
-def test_number_that_its_type_cannot_hold_is_refused(tmp_path):
-    for word in (b"70000", b"-1", b"1.5", b"word"):
-        content = ply("ascii").replace(b"40000", word)
-        with pytest.raises(ValueError, match="a.ply: ring"):
-            read_cloud(save(tmp_path, "a.ply", content))
+def with_first(content, word):
+    """An ascii file with another word as its first number."""
+    end = content.index(b"DATA ascii\n" if b"DATA" in content else b"end_header\n") + 11
+    first = content[end:].split()[0]
+    return content[:end] + content[end:].replace(first, word, 1)
 
 
-def test_list_that_claims_more_than_the_file_is_refused(tmp_path):
-    head = b"ply\nformat binary_little_endian 1.0\nelement face 1\n"
-    head += b"property list int int i\nelement vertex 0\nproperty float x\nend_header\n"
-    for length in (2**31 - 1, -1):
-        content = head + struct.pack("<i", length)
-        with pytest.raises(ValueError, match="rows of face are damaged"):
-            read_cloud(save(tmp_path, "a.ply", content))
-
-
-def test_what_is_written_is_read(tmp_path):
-    xyz = np.random.default_rng(0).normal(size=(20, 3)).astype(np.float32)
-    for count in (20, 0):
-        cloud = PointCloud(xyz, np.arange(20) < count, power=np.arange(20.0))
-        write_ply(tmp_path / "a.ply", cloud)
-        columns = read_cloud(tmp_path / "a.ply")
-        read = np.stack([columns[name] for name in "xyz"], -1)
-        np.testing.assert_array_equal(read, xyz[:count])
-        np.testing.assert_array_equal(columns["power"], np.arange(count))
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        *(
+            ("a.ply", ply("ascii").replace(b"40000", word), "a.ply is .*: ring: ")
+            for word in (b"70000", b"-1", b"1.5", b"word")
+        ),
+        ("a.pcd", pcd("ascii").replace(b"40000", b"70000"), "a.pcd is .*: ring: "),
+        *(
+            (f"a.{kind}", with_first(made("ascii"), word), f"of {len(word):,} charac")
+            for kind, made in (("pcd", pcd), ("ply", ply))
+            for word in (b"1" * 60_000, b"0." + b"1" * 100)
+        ),  # before a table of such widths is made
+        *(
+            ("a.ply", FACES + struct.pack("<i", length), "rows of face are damaged")
+            for length in (2**31 - 1, -1)
+        ),
+        ("a.pcd", pcd("binary").replace(b"SIZE", b"SIZES"), "its header lacks SIZE"),
+        *(
+            ("a.pcd", EMPTY % data, r"a\.pcd is damaged or not")
+            for data in (b"ascii", b"binary", b"binary_compressed")
+        ),  # points without fields
+        ("a.ply", FACES.replace(b"property list int int i", b"") + b"0", "a.ply is"),
+        ("a.txt", b"", "not a cloud, expected .pcd, .ply, .bin"),
+        ("a.pcd", pcd("binary").replace(b"x y z", b"u v w"), "expected x, y and z"),
+    ],
+    ids=lambda value: str(value)[:20],
+)
+def test_numbers_lists_and_files_that_do_not_fit_are_refused(
+    tmp_path, name, content, message
+):
+    with pytest.raises(ValueError, match=message):
+        read_cloud(save(tmp_path, name, content))
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
@@ -308,28 +320,9 @@ def test_a_bin_is_known_by_its_numbers(tmp_path, samples):
     assert not holds_points(save(tmp_path, "a.bin", b""))
 
 
-@pytest.mark.parametrize("word", [b"1" * 60_000, b"0." + b"1" * 100])
-@pytest.mark.parametrize("kind", ["pcd", "ply"])
-def test_a_number_of_many_digits_is_refused_before_a_table_is_made(
-    tmp_path, kind, word
-):
-    content = pcd("ascii") if kind == "pcd" else ply("ascii")
-    start = content.index(b"ascii\n") + 6 if kind == "pcd" else 0
-    start = start or content.index(b"end_header\n") + 11
-    first = content[start:].split()[0]
-    content = content[:start] + content[start:].replace(first, word, 1)
-    with pytest.raises(ValueError, match=f"number of {len(word):,} characters"):
-        read_cloud(save(tmp_path, f"a.{kind}", content))
-
-
-def test_other_files_are_refused(tmp_path):
+def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such cloud"):
         read_cloud(tmp_path / "a.ply")
-    with pytest.raises(ValueError, match="not a cloud, expected .pcd, .ply, .bin"):
-        read_cloud(save(tmp_path, "a.txt", b""))
-    flat = pcd("binary").replace(b"FIELDS x y z", b"FIELDS u v w")
-    with pytest.raises(ValueError, match="expected x, y and z"):
-        read_cloud(save(tmp_path, "a.pcd", flat))
 
 
 @pytest.mark.parametrize(

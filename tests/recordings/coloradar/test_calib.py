@@ -10,74 +10,23 @@ import pytest
 
 from jradar.radar import RadarSpec
 from jradar.recordings import radar_from_coloradar, read_coupling, read_frequency_phase
-
-WAVEFORM = """\
-num_rx 4
-num_tx 3
-num_adc_samples_per_chirp 128
-num_chirps_per_frame 128
-adc_sample_frequency 10666000.0
-start_frequency 76999999488.0
-idle_time 0.00011
-adc_start_time 7.00000009601e-06
-ramp_end_time 1.99999994948e-05
-frequency_slope 1.00000000377e+14
-"""
-ANTENNAS = """\
-# half wavelengths
-num_rx 4
-num_tx 3
-F_design 76.8
-
-rx 0 0 0
-rx 1 1 0
-rx 2 2 0
-rx 3 3 0   # the last
-tx 0 0 0
-tx 2 2 1
-tx 1 4 0
-"""
-CASCADE_TX = [0, 4, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32]
-CASCADE_ELEVATION = {9: 1, 10: 4, 11: 6}
-CASCADE_RX = [0, 1, 2, 3, 11, 12, 13, 14, 46, 47, 48, 49, 50, 51, 52, 53]
+from tests.recordings.coloradar_writer import ANTENNAS, WAVEFORM
 
 
 @pytest.fixture
 def write(tmp_path):
-    """A function that writes a folder, with one replacement, and returns its path."""
+    """A function that writes a folder, with replacements, and returns its path."""
 
-    def write(old="", new="", waveform=WAVEFORM, antennas=ANTENNAS):
-        assert old in waveform + antennas
-        (tmp_path / "waveform_cfg.txt").write_text(waveform.replace(old, new))
-        (tmp_path / "antenna_cfg.txt").write_text(antennas.replace(old, new))
+    def write(*replacements):
+        waveform, antennas = WAVEFORM, f"# half wavelengths\n\n{ANTENNAS}"
+        for old, new in replacements:
+            assert old in waveform + antennas
+            waveform, antennas = (t.replace(old, new) for t in (waveform, antennas))
+        (tmp_path / "waveform_cfg.txt").write_text(waveform)
+        (tmp_path / "antenna_cfg.txt").write_text(antennas)
         return tmp_path
 
     return write
-
-
-@pytest.fixture
-def cascade(write):
-    """A function that writes the cascade's folder with the times that are shipped."""
-
-    def cascade(adc_start="5.0", ramp_end="4e-11"):
-        waveform = (
-            "num_rx 16\nnum_tx 12\nnum_adc_samples_per_chirp 256\n"
-            "num_chirps_per_frame 16\nadc_sample_frequency 8000000.0\n"
-            "start_frequency 76999999488.0\nidle_time 5e-06\n"
-            f"adc_start_time {adc_start}\nramp_end_time {ramp_end}\n"
-            "frequency_slope 79000001052672.0\n"
-        )
-        tx = [(a, CASCADE_ELEVATION.get(a, 0)) for a in CASCADE_TX]
-        rows = [f"tx {i} {a} {e}" for i, (a, e) in enumerate(tx)]
-        rows += [f"rx {i} {a} 0" for i, a in enumerate(CASCADE_RX)]
-        return write(waveform=waveform, antennas="\n".join(["F_design 76.8", *rows]))
-
-    return cascade
-
-
-def test_a_claimed_number_of_antennas_takes_no_memory(write):
-    with pytest.raises(ValueError, match="rx antennas .0, 1, 2, 3., expected each of"):
-        radar_from_coloradar(write("num_rx 4", "num_rx 300000000"))
 
 
 def assert_same_radar(radar, other):
@@ -89,57 +38,65 @@ def assert_same_radar(radar, other):
         assert getattr(radar, field) == pytest.approx(getattr(other, field), rel=1e-6)
 
 
-def test_single_chip_is_the_awr1843(write):
-    radar = radar_from_coloradar(write())
-    assert_same_radar(radar, RadarSpec.awr1843())
-    assert radar.frame_period_s == 0
+@pytest.mark.filterwarnings("error")
+def test_fields_are_in_si_units(write):
+    radar = radar_from_coloradar(write(("tx 1 2 1", "tx 1 2 1   # the last")))
+    assert radar.cube_shape == (2, 2, 4, 8)
+    assert (radar.tx_positions, radar.rx_positions) == (
+        ((0, 0), (2, 1)),
+        ((0, 0), (1, 0)),
+    )
+    assert (radar.sample_rate_hz, radar.idle_time_s) == (10666000.0, 110e-6)
+    assert radar.start_frequency_hz == 76999999488.0
+    assert radar.slope_hz_per_s == 1.00000000377e14
+    assert radar.adc_start_time_s == 7.00000009601e-06
+    assert radar.ramp_end_time_s == 1.99999994948e-05
+    assert (radar.design_frequency_hz, radar.frame_period_s) == (76.8e9, 0)
+    assert radar.tx_firing_order == (0, 1)
+    folder = write(("tx 0 0 0\ntx 1 2 1", "tx 1 2 1\ntx 0 0 0"))
+    assert radar_from_coloradar(folder) == radar
+    assert radar_from_coloradar(folder, tx_firing_order=(1, 0)).tx_firing_order == (
+        1,
+        0,
+    )
 
 
-def test_cascade_times_are_repaired_with_warnings(cascade):
+def test_times_as_they_are_shipped_are_repaired_with_warnings(write):
+    folder = write(("7.00000009601e-06", "5.0"), ("1.99999994948e-05", "4e-11"))
     with pytest.warns(UserWarning) as warned:
-        radar = radar_from_coloradar(cascade())
+        radar = radar_from_coloradar(folder)
     assert ["adc_start_time = 5 s", "ramp_end_time = 4e-11 s"] == [
         str(w.message).split(": ")[1].split(" is impossible")[0] for w in warned
     ]
-    assert_same_radar(radar, RadarSpec.cascade())
     assert radar.adc_start_time_s == pytest.approx(5e-6)
     assert radar.ramp_end_time_s == pytest.approx(40e-6)
-
-
-@pytest.mark.filterwarnings("error")
-def test_sane_times_are_left_alone(cascade, write):
-    folder = cascade("5e-06", "4e-05")
-    assert_same_radar(radar_from_coloradar(folder), RadarSpec.cascade())
-
-
-@pytest.mark.filterwarnings("error")
-def test_firing_order_may_be_given(cascade):
-    order = tuple(range(12))
-    folder = cascade("5e-06", "4e-05")
-    radar = radar_from_coloradar(folder, tx_firing_order=order)
-    assert radar.tx_firing_order == order
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("num_rx 4\n", "num_rx 5\n", "rx antennas .* expected each of 0 to 4 once"),
-        ("num_tx 3\nnum_adc", "num_tx 2\nnum_adc", "places 3 tx antennas, waveform"),
+        ("F_design", "num_rx 5\nF_design", "rx antennas .* expected each of 0 to 4 o"),
+        ("F_design", "num_rx 300000000\nF_design", "rx antennas .0, 1., expected each"),
+        (
+            "num_tx 2",
+            "num_tx 3",
+            "places 2 tx antennas, waveform_cfg.txt has num_tx = 3",
+        ),
         ("frequency_slope", "slope", "no frequency_slope"),
-        ("128", "128.5", "num_adc_samples_per_chirp = 128.5, expected a whole"),
+        ("chirp 8", "chirp 8.5", "num_adc_samples_per_chirp = 8.5, expected a whole"),
         ("idle_time", "idle_time 3", "line 7: 'idle_time 3 0.00011', expected 'key"),
         ("0.00011", "soon", "could not convert .*, expected numbers"),
         ("0.00011", "nan", "expected a list of finite numbers"),
-        ("chirp 128", "chirp 256", "sampling ends 31.00 us into the chirp"),
-        ("tx 2", "tx 3", r"tx antennas \[0, 1, 3\], expected each of 0 to 2 once"),
-        ("tx 2 2 1", "tx 2 2.5 1", "expected whole half wavelengths"),
-        ("tx 2 2 1", "tx 2 2", "line 11: 'tx 2 2', expected 'tx index azimuth"),
+        ("chirp 8", "chirp 256", "sampling ends 31.00 us into the chirp"),
+        ("tx 1 2 1", "tx 3 2 1", r"tx antennas \[0, 3\], expected each of 0 to 1 once"),
+        ("tx 1 2 1", "tx 1 2.5 1", "expected whole half wavelengths"),
+        ("tx 1 2 1", "tx 1 2", "line 7: 'tx 1 2', expected 'tx index azimuth"),
         ("F_design 76.8", "", "no F_design, the design frequency in GHz"),
     ],
 )
 def test_unusable_folder_is_refused(write, old, new, message):
     with pytest.raises(ValueError, match=message):
-        radar_from_coloradar(write(old, new))
+        radar_from_coloradar(write((old, new)))
 
 
 def test_another_folder_is_refused(tmp_path):

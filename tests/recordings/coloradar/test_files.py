@@ -24,49 +24,40 @@ from tests.recordings.coloradar_writer import (
 # Numbers and stamps
 
 
-def test_a_gap_in_the_numbers_keeps_each_file_at_its_own_stamp(sequence):
-    for missing in (4, 5, 9):
-        (sequence / "single_chip/adc_samples/data" / f"frame_{missing}.bin").unlink()
-    recording = open_coloradar(sequence)
-    assert "3 of the numbers 0 to 11 are missing, first 4" in recording.notes[1]
-    kept = [0, 1, 2, 3, 6, 7, 8, 10, 11]
-    np.testing.assert_allclose(recording.cubes.stamps, START + np.array(kept) / 10)
-    np.testing.assert_array_equal(recording.cubes[4], expected_cube(6))
-
-
-def test_a_few_frames_of_a_sequence_with_all_stamps(sequence):
-    for missing in (0, 1, 2, 3, 4, 10, 11):
-        (sequence / "single_chip/adc_samples/data" / f"frame_{missing}.bin").unlink()
-    recording = open_coloradar(sequence)
-    notes = "\n".join(recording.notes)
-    assert "first number is 5, taken as line 6" in notes
-    assert "the last 2 of 12 stamps have no file" in notes
-    np.testing.assert_allclose(recording.cubes.stamps, START + np.arange(5, 10) / 10)
-
-
-def test_stamps_cut_with_the_frames_belong_to_the_first_number(sequence):
-    data = sequence / "single_chip/adc_samples"
-    for missing in range(7):
-        (data / "data" / f"frame_{missing}.bin").unlink()
-    write(data / "timestamps.txt", stamps_text(5, 10))
-    recording = open_coloradar(sequence)
-    assert "first number is 7, taken as line 1" in "\n".join(recording.notes)
-    np.testing.assert_allclose(recording.cubes.stamps, START + np.arange(5) / 10)
-
-
 @pytest.mark.parametrize(
-    ("count", "items", "note"),
+    ("missing", "stamps", "kept", "times", "notes"),
     [
-        (10, 10, "10 stamps for 12 files: 2 files without a stamp are left out"),
-        (15, 12, "the last 3 of 15 stamps have no file"),
+        (
+            (4, 5, 9),
+            12,
+            [0, 1, 2, 3, 6, 7, 8, 10, 11],
+            [0, 1, 2, 3, 6, 7, 8, 10, 11],
+            ["3 of the numbers 0 to 11 are missing, first 4"],
+        ),
+        (
+            (0, 1, 2, 3, 4, 10, 11),
+            12,
+            range(5, 10),
+            range(5, 10),
+            ["number is 5, taken as line 6", "the last 2 of 12 stamps have no file"],
+        ),
+        (range(7), 5, range(7, 12), range(5), ["number is 7, taken as line 1"]),
+        ((), 10, range(10), range(10), ["10 stamps for 12 files: 2 files without"]),
+        ((), 15, range(12), range(12), ["the last 3 of 15 stamps have no file"]),
     ],
 )
-def test_other_numbers_of_stamps_than_files(sequence, count, items, note):
-    at = sequence / "single_chip/adc_samples/timestamps.txt"
-    write(at, stamps_text(count, 10))
+def test_each_file_has_its_own_stamp(sequence, missing, stamps, kept, times, notes):
+    at = sequence / "single_chip/adc_samples"
+    for number in missing:
+        (at / "data" / f"frame_{number}.bin").unlink()
+    write(at / "timestamps.txt", stamps_text(stamps, 10))
     recording = open_coloradar(sequence)
-    assert len(recording.cubes) == items
-    assert any(note in text for text in recording.notes)
+    np.testing.assert_allclose(recording.cubes.stamps, START + np.array(times) / 10)
+    for cube, number in zip(recording.cubes, kept, strict=True):
+        np.testing.assert_array_equal(cube, expected_cube(number))
+    found = "\n".join(recording.notes)
+    assert all(note in found for note in notes)
+    assert found.count("\n") == len(notes)  # the first one names the calibration
 
 
 def test_frames_without_stamps(sequence):
@@ -117,7 +108,7 @@ def test_a_folder_without_frames(sequence):
 def test_frames_of_another_size_are_refused(sequence):
     path = sequence / "single_chip/adc_samples/data/frame_2.bin"
     recording = open_coloradar(sequence)
-    for size in (0, 1, 2, 3, 4, FRAME_BYTES - 1, FRAME_BYTES + 4):
+    for size in (0, 3, FRAME_BYTES - 1, FRAME_BYTES + 4):
         path.write_bytes((frame_bytes(2) + b"1234")[:size])
         needed = (
             rf"frame_2.bin holds {size:,} bytes, 2 tx x 2 rx x 4 chirps x 8 samples x "
@@ -131,11 +122,11 @@ def test_frames_of_another_size_are_refused(sequence):
 def test_lidar_of_any_length(sequence):
     path = sequence / "lidar/pointclouds/lidar_pointcloud_0.bin"
     lidar, whole = open_coloradar(sequence).lidar, path.read_bytes()
-    for size in range(33):
+    for size in (0, 16, 32):
         path.write_bytes(whole[:size])
-        if size % 16 == 0:  # whole points
-            assert lidar[0].shape == (size // 16, 4)
-            continue
+        assert lidar[0].shape == (size // 16, 4)
+    for size in (1, 15, 31):
+        path.write_bytes(whole[:size])
         with pytest.raises(ValueError, match=f"holds {size} bytes, .* multiple of 16"):
             _ = lidar[0]
 
@@ -143,8 +134,7 @@ def test_lidar_of_any_length(sequence):
 def test_an_empty_scan_is_no_points(sequence):
     for path in (sequence / "lidar/pointclouds").iterdir():
         path.write_bytes(b"")
-    seen = nearest_scan(open_coloradar(sequence), 0)
-    assert seen is not None and seen.shape == (0, 3)
+    assert nearest_scan(open_coloradar(sequence), 0).shape == (0, 3)
 
 
 def test_the_nearest_scan_in_time(sequence):
@@ -160,12 +150,18 @@ def test_the_nearest_scan_in_time(sequence):
     assert nearest_scan(recording, 0, tolerance_s=0.31) is not None
 
 
-def test_more_stamps_than_poses(sequence):
+def test_more_stamps_than_lines(sequence):
     write(sequence / "groundtruth/timestamps.txt", stamps_text(20, 10))
+    write(sequence / "imu/timestamps.txt", stamps_text(3, 100))
+    write(sequence / "imu/imu_data.txt", "1 2 9.8 4 5 6\n7 8 9 1 2 3\n")
     recording = open_coloradar(sequence)
     assert len(recording.poses.stamps) == 14
-    note = "20 stamps for 14 lines of groundtruth_poses.txt: only the first 14 are used"
-    assert any(note in text for text in recording.notes)
+    notes = "\n".join(recording.notes)
+    assert "20 stamps for 14 lines of groundtruth_poses.txt: only the first 14" in notes
+    assert "imu: 3 stamps for 2 lines of imu_data.txt: only the first 2 are" in notes
+    np.testing.assert_array_equal(recording.imu.force, [[1, 2, 9.8], [7, 8, 9]])
+    np.testing.assert_array_equal(recording.imu.rate, [[4, 5, 6], [1, 2, 3]])
+    np.testing.assert_allclose(recording.imu.stamps, [START, START + 0.01])
 
 
 def test_poses_come_at_rising_times(sequence):
@@ -187,15 +183,11 @@ def test_poses_come_at_rising_times(sequence):
     ("content", "message"),
     [
         (b"", "is empty, expected 1 numbers per line"),
-        (b"\n \n", "is empty"),
         (b"# only a comment\n", "expected 1 numbers"),
         (b"\x80\xff\x00\x01" * 9, "is not a text file|expected 1 numbers"),
         (b"1608568420.25\nNaN\n", "1 lines contain NaN .* number 2"),
-        (b"1608568420.25\ninf\n", "1 lines contain NaN or infinite"),
         (b"1608568420.25 1\n", "has 2 numbers per line, expected 1"),
-        (b"1608568420.25\n1 2\n", "expected 1 numbers per line"),
         (b"1608568420,25\n", "expected 1 numbers per line"),
-        (b"yesterday\n", "expected 1 numbers per line"),
     ],
 )
 def test_unusable_stamps_are_refused(sequence, content, message):
@@ -237,7 +229,7 @@ def test_unusable_transforms_are_refused(root, sequence, text, message):
 def test_poses_that_are_no_rotations_are_refused(sequence):
     rows = "0 0 0 0 0 0 1\n" * 3 + "0 0 0 1 1 1 1\n" + "0 0 0 0 0 0 1\n" * 10
     write(sequence / "groundtruth/groundtruth_poses.txt", rows)
-    with pytest.raises(ValueError, match="line 4: .* length 2, expected 1"):
+    with pytest.raises(ValueError, match=r"at .*420.550000 s has length 2, exp"):
         open_coloradar(sequence)
 
 

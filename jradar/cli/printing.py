@@ -1,0 +1,115 @@
+"""What commands print: results as lines or JSON, errors as one line."""
+
+import argparse
+import difflib
+import json
+import math
+import re
+import sys
+from collections.abc import Iterator
+from typing import Any, NoReturn
+
+from jradar.errors import printable
+
+SECONDS_SINCE_1970 = 1e8  # larger numbers are times
+SYMBOLS = {"m/s": "mps", "/": " per ", "%": " percent ", "'": ""}  # in keys of JSON
+
+
+def say(text: str) -> None:
+    """Print a line on stderr, with control characters escaped."""
+    line = " ".join(text.split())
+    print(f"jradar: {printable(line)}", file=sys.stderr, flush=True)
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, with the nearest known word."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and end with code 2."""
+        wrong = message.removeprefix("unrecognized arguments: ").split()[0]
+        known: list[str] = []
+        if wrong.startswith("-"):
+            wrong, known = wrong.partition("=")[0], [*self.known_options()]
+        elif found := re.search(
+            r"invalid choice: '(.*)' \(choose from (.*)\)", message
+        ):
+            wrong, known = found[1], re.findall(r"[\w-]+", found[2])
+        near = difflib.get_close_matches(wrong, known, 1)
+        message += "".join(f", did you mean {name}?" for name in near)
+        line = printable(f"{self.prog}: {message} (see {self.prog} --help)")
+        self.exit(2, f"{line}\n")
+
+    def known_options(self) -> set[str]:
+        """Return the options of this parser and of its commands."""
+        known = {*self._option_string_actions}
+        for action in self._actions:
+            if isinstance(action.choices, dict):  # the commands
+                known |= {o for p in action.choices.values() for o in p.known_options()}
+        return known
+
+
+def as_json(result: dict[str, Any]) -> str:
+    """Return a result as JSON; numbers that are not finite become null.
+
+    The names of the printed table become identifiers: `frames/s` is `frames_per_s`.
+    """
+    return json.dumps(_plain(result), indent=2, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {identifier(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def identifier(name: str) -> str:
+    """Return a name in small letters, digits and underscores."""
+    for symbol, word in SYMBOLS.items():
+        name = name.replace(symbol, word)
+    return "_".join(re.findall("[a-z0-9]+", name.lower()))
+
+
+def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
+    """Yield a result as indented lines; empty and missing values are left out.
+
+    Values can be nested dictionaries, lists, and lists of dictionaries with equal keys,
+    which become tables. Control characters in texts are escaped.
+    """
+    for key, item in value.items():
+        if isinstance(item, dict) and item:
+            yield f"{indent}{key}"
+            yield from lines(item, indent=indent + "  ")
+        elif isinstance(item, list) and item and isinstance(item[0], dict):
+            yield f"{indent}{key}"
+            yield from (f"{indent}  {line}" for line in _table(item))
+        elif isinstance(item, list) and item and isinstance(item[0], str):
+            yield f"{indent}{key}"
+            yield from (f"{indent}  {_short(text)}" for text in item)
+        elif item or item == 0:
+            yield f"{indent}{key:<27} {_short(item)}"
+
+
+def _table(rows):
+    """Yield the lines of a table, from dictionaries with the same keys."""
+    cells = [[*rows[0]], *([_short(v) for v in row.values()] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    for row in cells:
+        yield "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True))
+
+
+def _short(value):
+    """Return a value as text, numbers with about four digits, times with ms."""
+    if isinstance(value, float) and abs(value) > SECONDS_SINCE_1970:
+        return f"{value:.3f}"
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1 else f"{value:.2f}"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list) and value and isinstance(value[0], float):
+        return "  ".join(f"{number:.4g}" for number in value)
+    if value is None:
+        return "-"
+    items = value if isinstance(value, list) else [value]
+    return printable(" x ".join(map(str, items)))

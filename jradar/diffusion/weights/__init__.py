@@ -1,0 +1,1 @@
+"""Files of parameters, and published weights to start from."""

@@ -1,0 +1,133 @@
+"""Frames of a recording to radar points, one after another, as `jradar points` does."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Inexact
+
+from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
+from jradar.recordings import Recording, check_samples, with_sample_doubts
+from jradar.recordings.sample_checks import SampleCheck
+from jradar.session.frames import ahead, chosen_frames, stamp_s
+from jradar.session.stages import Stages
+from jradar.session.warnings import no_echoes
+from jradar.types import PointCloud
+
+POINTS = PointSpec()
+
+
+class Detected(NamedTuple):
+    """One frame of a recording, and what the detector found in it."""
+
+    number: int
+    stamp_s: float | None  # None if the recording has no times
+    samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
+    power: Float[Array, "doppler range"]
+    points: PointCloud
+    detected: int  # cells that the detector marked
+    dropped: int  # of them, the weakest, for which the cloud has no room
+    check: SampleCheck  # of the samples as they were recorded
+    saturated: int  # numbers at the end of the converter's scale
+
+    @property
+    def empty(self) -> bool:
+        """Whether the detector found nothing."""
+        return not np.asarray(self.points.valid).any()
+
+    def describe(self, radar: RadarSpec) -> dict[str, Any]:
+        """Return the numbers of points, the noise and the strongest echoes."""
+        return {
+            "frame": self.number,
+            "points": int(np.asarray(self.points.valid).sum()),
+            "detected": self.detected,
+            "dropped": self.dropped,
+            "saturated": self.saturated,
+            "noise": noise_statistics(self.power, radar)._asdict(),
+            "echoes": [e._asdict() for e in strongest_echoes(self.points, radar)],
+        }
+
+
+class Detection(Iterator[Detected]):
+    """The frames of a recording as they come, and what is known of all so far."""
+
+    def __init__(self, recording: Recording, points: PointSpec, frames: range):
+        """Compile; `detect_recording` describes the options."""
+        self.recording, self.points, self.frames = recording, points, frames
+        self._stages = Stages(jax.random.key(0), recording.radar, None, points=points)
+        self._dropped, self._empty = 0, list[int]()
+        self._iterator = self._run()
+
+    def __next__(self) -> Detected:
+        """Return the next frame."""
+        frame = next(self._iterator)
+        self._dropped += frame.dropped
+        if frame.empty:
+            self._empty.append(frame.number)
+        return frame
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the options, and about the frames so far."""
+        return (*self._shrunk(), *self._left_out(), *no_echoes(self._empty))
+
+    def _run(self) -> Iterator[Detected]:
+        with ThreadPoolExecutor(1) as reader:
+            for number, cube in ahead(reader, self._read, self.frames):
+                heard = self._stages.hear(cube)
+                power, _ = self._stages.detections(heard)
+                check, detected = check_samples(cube), int(heard.detected)
+                numbers = cube.size * (1 + np.iscomplexobj(cube))
+                yield Detected(
+                    number=number,
+                    stamp_s=stamp_s(self.recording, number),
+                    samples=heard.samples,
+                    power=power,
+                    points=heard.points,
+                    detected=detected,
+                    dropped=max(detected - self.points.capacity, 0),
+                    check=check,
+                    saturated=round(check.share * numbers),
+                )
+
+    def _read(self, number: int):
+        return number, self.recording.cube(number)
+
+    def _shrunk(self) -> Iterator[str]:
+        """Yield a warning if a CFAR window that is not the usual one had to shrink."""
+        asked, usual, fitted = (
+            (points.guard, points.train)
+            for points in (self.points, POINTS, self._stages.points)
+        )
+        radar = self.recording.radar.spec
+        if asked not in (usual, fitted):
+            yield (
+                f"the CFAR window was shrunk to guard {fitted[0]}, train {fitted[1]}: "
+                "a larger one does not fit into the map of "
+                f"{radar.num_chirps} x {radar.num_range_bins} cells"
+            )
+
+    def _left_out(self) -> Iterator[str]:
+        """Yield a warning if there were more detections than points."""
+        if self._dropped:
+            yield (
+                f"{self._dropped:,} detections were dropped, the weakest of frames "
+                f"with more than {self.points.capacity:,}: --capacity N keeps more"
+            )
+
+
+def detect_recording(
+    recording: Recording,
+    *,
+    points: PointSpec = POINTS,
+    frames: slice | range = slice(None),
+) -> Detection:
+    """Return an iterator over the radar points of a recording's `frames`; host.
+
+    Windows and angle bins of `points` are fitted to the radar. Raises UsageError for
+    frames that the recording does not have.
+    """
+    chosen = chosen_frames(recording, frames)
+    return Detection(with_sample_doubts(recording, chosen[0]), points, chosen)

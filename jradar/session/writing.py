@@ -1,0 +1,154 @@
+"""The files of frames: clouds, arrays and pictures, as `jradar enhance` writes them.
+
+DIR/radar.ply  enhanced.ply  enhanced.npz  capture.png             one frame
+DIR/000012/radar.ply ..                                            several
+DIR/radar/000012.ply ..  DIR/enhanced/000012.ply ..                several, flat
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jradar.errors import UsageError
+from jradar.model import Model
+from jradar.radar import PointSpec, point_deviations
+from jradar.range_image import ImageSpec
+from jradar.recordings import (
+    CLOUD_WRITERS,
+    Recording,
+    nearest_scan,
+    valid_points,
+    write_npz,
+)
+from jradar.results import Results
+from jradar.session.detecting import Detected
+from jradar.session.frames import Frame
+from jradar.types import PointCloud
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # which takes half a second to load
+
+PICTURE = "capture.png"
+PIXELS = 64  # on a side of the image of radar points
+
+
+class FrameFolder:
+    """A folder of frames: where the files of each lie, and which are written.
+
+    The last of the `clouds` is also written as NPZ. A `flat` folder holds clouds alone,
+    for tools that read all files of a folder.
+    """
+
+    def __init__(
+        self,
+        results: Results,
+        clouds: Sequence[str],
+        frames: range,
+        *,
+        kind: str = "ply",
+        several: bool = False,
+        flat: bool = False,
+        pictured: bool = True,
+    ):
+        """Raise UsageError if files of these frames must not be replaced."""
+        self._results, self._clouds, self._kind = results, clouds, kind
+        self._several, self._flat, self._pictured = several, flat, pictured
+        results.check(name for frame in frames for name in self._names(frame))
+        for folder in (results.folder / name for name in clouds if flat):
+            if folder.is_dir() and any(folder.iterdir()) and not results.force:
+                raise UsageError(
+                    f"{folder} is not empty, and tools read all clouds in a folder: "
+                    "name another output, or add --force"
+                )
+
+    def write_detected(
+        self,
+        frame: Detected,
+        recording: Recording,
+        *,
+        deviations: PointSpec | None = None,
+    ) -> list[str]:
+        """Write the radar points of a frame; returns the paths.
+
+        With `deviations`, the options of the detector, also the standard deviation of
+        each coordinate.
+        """
+        radar, arrays = recording.radar, {}
+        if deviations is not None:
+            spec, valid = deviations.subtracting(radar.leakage), frame.points.valid
+            found = point_deviations(frame.points, radar.spec, points=spec)
+            named = found._asdict().items()
+            arrays = {f"deviation_{name}": values[valid] for name, values in named}
+        view = ImageSpec(PIXELS, PIXELS, max_range_m=radar.spec.max_range_m)
+        figure = functools.partial(_figure, frame, recording, view)
+        return self._write(frame.number, (frame.points,), arrays, figure)
+
+    def write_enhanced(
+        self, frame: Frame, recording: Recording, model: Model
+    ) -> list[str]:
+        """Write the clouds of a frame, and its range image; returns the paths."""
+        image, view = frame.image.range_m, model.spec.fine
+        kept = np.asarray(frame.cloud.valid).reshape(image.shape)
+        figure = functools.partial(
+            _figure,
+            frame,
+            recording,
+            view,
+            dense=frame.cloud,
+            more=f"; model: {model.card.purpose}",
+        )
+        arrays = {"range_image": np.where(kept, image, 0)}
+        return self._write(frame.number, (frame.points, frame.cloud), arrays, figure)
+
+    def _names(self, frame: int) -> list[str]:
+        """Return the names of a frame's clouds, then of its arrays and picture."""
+        if self._flat:
+            return [f"{name}/{frame:06d}.{self._kind}" for name in self._clouds]
+        names = [f"{name}.{self._kind}" for name in self._clouds]
+        names += [f"{self._clouds[-1]}.npz", *([PICTURE] if self._pictured else [])]
+        return [f"{frame:06d}/{name}" if self._several else name for name in names]
+
+    def _write(
+        self,
+        frame: int,
+        clouds: tuple[PointCloud, ...],
+        arrays: dict[str, Any],
+        figure: "Callable[[], Figure]",
+    ) -> list[str]:
+        from jradar.viz import save_figure
+
+        def cloud_writer(cloud: PointCloud) -> Callable[[Path], None]:
+            return lambda path: CLOUD_WRITERS[self._kind](path, cloud)
+
+        writers: list[Callable[[Path], None]] = [
+            *map(cloud_writer, clouds),
+            lambda path: write_npz(path, valid_points(clouds[-1]) | arrays),
+            lambda path: save_figure(figure(), path),
+        ]
+        files = dict(zip(self._names(frame), writers, strict=False))
+        return self._results.put(files, keep=self._flat)
+
+
+def _figure(
+    frame: Detected | Frame,
+    recording: Recording,
+    view: ImageSpec,
+    *,
+    dense: PointCloud | None = None,
+    more: str = "",
+) -> "Figure":
+    """Draw the range-Doppler map and the clouds, with the LiDAR's if there is one."""
+    from jradar.viz import capture_figure
+
+    return capture_figure(
+        frame.power,
+        recording.radar.spec,
+        frame.points,
+        view,
+        dense=dense,
+        lidar=nearest_scan(recording, frame.number),
+        title=f"{recording.name}, frame {frame.number}{more}",
+    )

@@ -1,0 +1,171 @@
+"""Commands replace only what they wrote themselves; all else stays as it is."""
+
+import hashlib
+import shutil
+
+import pytest
+
+from tests.cli.conftest import QUICK
+from tests.recordings.small_sequence import write_sequence
+
+WORK = b"years of work\n"
+KINDS = ("ply", "pcd", "csv", "npz")
+OWN = (  # the names of all that commands write, and others
+    *(f"{cloud}.{kind}" for cloud in ("radar", "enhanced") for kind in KINDS),
+    *("000000/radar.ply", "000001/enhanced.npz", "radar/000000.ply", "capture.png"),
+    *("preparation.png", "manifest.json", "run0/0000.array_record", ".lock"),
+    *("splits.json", "calib/notes.txt", "lab_0/notes.txt", "thesis.txt"),
+    *("walk.tum", "my.toml", "function.jax", "out.mcap", "out.ros2/metadata.yaml"),
+)
+
+
+def hashes(folder):
+    """The digest of every file, by its name."""
+    found = [path for path in folder.rglob("*") if path.is_file()]
+    return {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in found}
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A folder of somebody's own files."""
+    for name in OWN:
+        path = tmp_path / "own" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(WORK)
+    return tmp_path / "own"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A recording with LiDAR and poses."""
+    return write_sequence(tmp_path_factory.mktemp("recordings"), frames=2)
+
+
+@pytest.fixture(scope="module")
+def commands(run, uncalibrated, model_folder):
+    """Every command that writes, with every kind of output: its words, and a name."""
+    enhance = ["enhance", run, "--model", model_folder, *QUICK]
+    live = ["live", "--replay", run, "--model", "none", "--silence", 60, "--speed", 2]
+    prepare = ["prepare", run, "--workers", 1, "--frames", "0:1"]
+    lab = ["simulate", "--scene", "lab", "--frames", 1]
+    return {
+        "points": ["points", run],
+        "points csv": ["points", run, "--format", "csv", "--deviations"],
+        "points frames": ["points", run, "--frames", ":"],
+        "points flat": ["points", run, "--frames", ":", "--flat", "--format", "pcd"],
+        "enhance": enhance,
+        "enhance frames": [*enhance, "--frames", ":", "--picture"],
+        "enhance flat": [*enhance, "--flat"],
+        "out.mcap": enhance,
+        "out.ros2": enhance,
+        "live": live,
+        "live.mcap": live,
+        "my.toml": ["calibrate", uncalibrated],
+        "walk.tum": ["odometry", run],
+        "prepare": prepare,
+        "preview": [*prepare, "--preview"],
+        "lab": lab,
+        "capture": [*lab, "--format", "capture"],
+        "function.jax": ["export", model_folder, "--draws", 1, "--steps", 1],
+    }
+
+
+def test_files_of_somebody_else_are_never_touched(own, commands, refused):
+    before = hashes(own)
+    commands = commands | {"set": ["simulate", "--set", "jradar-sim-1-mini"]}
+    for name, words in commands.items():
+        if name == "live.mcap":
+            name = "out.mcap"
+        output = own / name if "." in name else own
+        found = refused(*words, "-o", output, code=4 if name == "set" else 2)
+        assert str(own) in found, name
+        assert "--force" in found or words[0] in ("prepare", "simulate"), found
+        assert hashes(own) == before, name
+
+
+def test_a_second_run_replaces_the_first_and_nothing_else(
+    own, commands, run_json, refused
+):
+    pytest.importorskip("foxglove")
+    pytest.importorskip("flatbuffers")
+    before, new = hashes(own), own / "new"
+    for name, words in commands.items():
+        run_json(*words, "-o", new / name)
+    (new / "notes.txt").write_bytes(WORK)
+    first = hashes(own)
+    assert before.items() < first.items()
+    for name, words in commands.items():
+        if name.endswith((".mcap", ".ros2", "flat")):
+            found = refused(*words, "-o", new / name)
+            assert str(new / name) in found and "--force" in found
+        else:
+            run_json(*words, "-o", new / name)
+    assert hashes(own).keys() == first.keys()
+    assert before.items() < hashes(own).items()
+
+
+def test_results_of_another_command_or_changed_since_are_kept(
+    own, commands, run_json, refused
+):
+    out, words = own / "new", commands["enhance"]
+    run_json(*words, "-o", out)
+    results = hashes(own)
+    for other in ("points csv", "points flat", "live", "preview"):
+        found = refused(*commands[other], "-o", out)
+        assert f"{out} holds what `jradar enhance` wrote" in found
+        assert "--force" in found and hashes(own) == results
+    (out / "radar.ply").write_bytes(WORK)
+    found = refused(*words, "-o", out)
+    assert f"{out / 'radar.ply'} was not written by this command" in found
+    assert "--force" in found
+    # What is forced replaces the files of its names, and the other command's results.
+    run_json(*commands["points csv"], "-o", out, "--force")
+    names = {path.name for path in out.iterdir()}
+    assert names == {".jradar", "capture.png", "radar.csv", "radar.npz", "radar.ply"}
+    assert (out / "radar.ply").read_bytes() == WORK
+    run_json(*commands["points"], "-o", out, "--force")
+    names = {path.name for path in out.iterdir()}
+    assert names == {".jradar", "capture.png", "radar.npz", "radar.ply"}
+    assert (out / "radar.ply").read_bytes() != WORK
+
+
+def test_force_replaces_single_files_and_bags(own, commands, run_json, refused):
+    pytest.importorskip("foxglove")
+    pytest.importorskip("rosbags")
+    for name in ("walk.tum", "out.mcap", "out.ros2"):
+        path = own / name
+        run_json(*commands[name], "-o", path, "--force")
+        written = [path] if path.is_file() else [*path.iterdir()]
+        assert written and all(WORK not in file.read_bytes() for file in written)
+    (own / "out.ros2" / "thesis.txt").write_bytes(WORK)
+    found = refused(*commands["out.ros2"], "-o", own / "out.ros2", "--force")
+    assert "thesis.txt is not part of a bag" in found
+    assert (own / "out.ros2" / "thesis.txt").read_bytes() == WORK
+
+
+def test_an_input_is_never_replaced(small_cube, run, model_folder, tmp_path, refused):
+    shutil.copytree(small_cube.removesuffix("/cube.npy"), tmp_path / "cube")
+    cube, toml = tmp_path / "cube" / "cube.npy", tmp_path / "cube" / "radar.toml"
+    link = tmp_path / "link.toml"
+    link.symlink_to(toml)
+    before = hashes(tmp_path)
+    for words, output in (
+        (["odometry", cube], cube),
+        (["calibrate", cube, "--radar", toml], toml),
+        (["calibrate", cube, "--radar", toml], link),
+        (["export", model_folder, "--coupling", toml], toml),
+        (["points", run], run),
+        (["prepare", run.parent], run.parent),
+    ):
+        found = refused(*words, "-o", output, *["--force"] * (words[0] != "prepare"))
+        assert f"{output} is an input of this command" in found and "--force" in found
+    assert hashes(tmp_path) == before
+
+
+def test_folders_of_another_kind_are_refused_as_outputs(own, commands, refused):
+    found = refused(*commands["function.jax"], "-o", own)
+    assert "own is a folder, expected the name of a file" in found
+    found = refused(*commands["lab"], "-o", own)
+    assert "calib holds notes.txt but no simulated.txt" in found
+    found = refused(*commands["prepare"], "-o", own)
+    assert "own is neither empty nor a folder of records, it holds " in found

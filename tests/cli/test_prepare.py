@@ -1,0 +1,172 @@
+"""`jradar prepare` and `jradar simulate`: what is written, planned and refused."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from jradar.data import Records
+from jradar.simulation import plan
+from tests.recordings.small_sequence import write_sequence, write_stamps
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    root = tmp_path_factory.mktemp("sequences")
+    write_sequence(root, "run0", frames=3)
+    write_sequence(root, "run1", frames=2, lidar_delay=0.02, seed=1)
+    return root
+
+
+@pytest.fixture(scope="module")
+def spec(tmp_path_factory):
+    path = tmp_path_factory.mktemp("spec") / "spec.toml"
+    text = "block = 1\n[points]\ncapacity = 64\n[lidar]\nmax_range_m = 7.0\n"
+    path.write_text(text)
+    return path
+
+
+def test_what_was_written_and_dropped_is_printed(root, spec, tmp_path, run_json):
+    command = ("prepare", root, "--spec", spec, "--workers", 1, "-o", tmp_path / "dst")
+    result = run_json(*command)
+    assert result["frames"] == 5 and len(result["sequences"]) == 2
+    assert result["dropped"] == []
+    records = Records(tmp_path / "dst")
+    assert len(records) == 5 and records[0].radar.xyz.shape == (64, 3)
+    assert records.manifest["options"]["lidar"]["max_range_m"] == 7.0
+
+    command = ("prepare", root, "-o", tmp_path / "look", "--spec", spec, "--preview")
+    result = run_json(*command, "--frames", "1:2")
+    assert result["frame"] == 1 and result["kept"] <= result["in_the_radars_view"]
+    (picture,) = (tmp_path / "look").glob("[!.]*")
+    assert result["written"] == [str(picture)] and picture.name == "preparation.png"
+
+
+def test_clocks_that_disagree_are_bad_data(root, spec, tmp_path, refused, run_json):
+    def command(name, *lidar_stamps):
+        shutil.copytree(root / "calib", tmp_path / name / "calib")
+        shutil.copytree(root / "run0", tmp_path / name / "run0")
+        write_stamps(tmp_path / name / "run0" / "lidar", lidar_stamps)
+        out = tmp_path / f"records {name}"
+        return "prepare", tmp_path / name, "-o", out, "--spec", spec, "--workers", 1
+
+    (dropped,) = run_json(*command("one late", 1000.0, 1000.1, 5000.0))["dropped"]
+    assert dropped["sequence"] == "run0" and dropped["frames"] == 1
+    assert dropped["reason"] == "no LiDAR scan within 50 ms"
+    found = refused(*command("all late", 5000.0, 5000.1, 5000.2), code=4)
+    assert "do the two clocks agree" in found
+
+
+def test_wrong_fields_of_the_spec_leave_the_folder_free(root, tmp_path, refused):
+    spec = tmp_path / "spec.toml"
+    command = ("prepare", root, "-o", tmp_path / "dst", "--spec", spec)
+    for text, expected in (
+        ("[points]\ncapacity = '64'", "expected an integer"),
+        ("block = [2]", "expected an integer"),
+        ("[lidar]\nazimuth = 1", "expected a list of 2 numbers"),
+        ("[points]\ntrain = 1", "expected a list of 2 integers"),
+        ("[lidar]\nmax_range = 7.0", "'max_range', expected max_range_m"),
+    ):
+        spec.write_text(text)
+        err = refused(*command)
+        assert "spec.toml: " in err and expected in err
+        assert not (tmp_path / "dst").exists()
+
+
+@pytest.mark.parametrize("number, workers", [(signal.SIGINT, 2), (signal.SIGTERM, 1)])
+def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
+    spec, tmp_path, number, workers
+):
+    write_sequence(tmp_path / "src", frames=60)
+    program = [sys.executable, "-m", "jradar.cli", "prepare", str(tmp_path / "src")]
+    process = subprocess.Popen(
+        [*program, "-o", str(tmp_path / "dst"), "--spec", str(spec)]
+        + ["--workers", str(workers)],
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        start_new_session=True,
+        # A test in the background of a shell would hand down that SIGINT is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    while not [*tmp_path.rglob("000*.json")]:
+        assert process.poll() is None
+        time.sleep(0.01)
+    os.killpg(process.pid, number)  # as a terminal does
+    begin = time.monotonic()
+    _, err = process.communicate(timeout=60)
+    took = time.monotonic() - begin
+    shown = [line for line in err.splitlines() if not line.startswith("preparing")]
+    assert process.returncode == 128 + number and len(shown) == 1, err
+    assert took < 10  # 0.7 s on a machine that does nothing else
+    hidden = [p for p in (tmp_path / "dst").rglob(".*") if p.name != ".lock"]
+    assert not hidden
+
+
+def test_simulated_frames_go_the_whole_way(tmp_path, run_json):
+    pytest.importorskip("embreex")
+    out = tmp_path / "sim"
+    simulated = run_json("simulate", "--scene", "lab", "--frames", 2, "-o", out)
+    assert simulated["frames_per_recording"] == 2
+    info = run_json("info", out / "lab_0")
+    assert info["frames_with_a_lidar_scan"] == info["frames_with_a_pose"] == 2
+    assert 12 < info["radar"]["max_range_m"] < 16
+    prepared = run_json("prepare", out, "-o", tmp_path / "dst", "--workers", 1)
+    assert prepared["frames"] == 2 and prepared["dropped"] == []
+    frame = Records(tmp_path / "dst")[1]
+    assert len(frame.lidar_xyz) > 1000 and frame.cells.power.shape == (128, 128)
+
+
+@pytest.fixture
+def roots(monkeypatch):
+    """Folders to which sequences were written, by a stand-in that writes none."""
+    found = []
+
+    def write(family, seed, root, *, frames, advance, sensor="single_chip"):
+        found.append(Path(root))
+        for _ in range(frames):
+            advance()
+        return Path(root) / f"{family}_{seed}"
+
+    for name in ("simulate_sequence", "simulate_capture"):
+        monkeypatch.setattr(plan, name, write)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("options", "megabytes"), [([], 55), (["--format", "capture"], 35)]
+)
+def test_a_dry_run_writes_nothing_to_the_output(
+    tmp_path, run_json, roots, options, megabytes
+):
+    command = ["simulate", "--scene", "lab", "--frames", 30, "-o", tmp_path, *options]
+    planned = run_json(*command, "--dry-run")
+    assert planned["size"] == f"{megabytes} MB"
+    assert planned["frames_per_recording"] == 30
+    assert planned["written"].startswith("nothing")
+    assert len(roots) == 1 and roots[0] != tmp_path
+    done = run_json(*command)
+    assert done["written"] == str(tmp_path / "lab_0") and roots[1] == tmp_path
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "messages"),
+    [
+        ("--scene lab --frames 999999999", 3, ("1,835,007,998 MB, but its disk has",)),
+        ("--set jradar-sim", 2, ("jradar-sim-1-mini", "standing-still")),
+        ("--scene lab --sensor both --format capture", 2, ("--format capture needs",)),
+        ("--set jradar-sim-1-mini --format capture", 2, ("--format capture needs",)),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_before_the_first_frame(
+    options, code, messages, tmp_path, refused, roots
+):
+    out = tmp_path / "new" / "out"
+    found = refused("simulate", "-o", out, *options.split(), code=code)
+    assert all(message in found for message in messages)
+    assert not roots and not out.parent.exists()

@@ -1,0 +1,238 @@
+"""RadarHD: folder and packed file give the same pairs; what training may change."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial import KDTree
+
+from experiments.radarhd import pairs as module
+from experiments.radarhd.pairs import LIDAR, RADAR, PolarItems, open_radarhd
+from experiments.radarhd.scores import polar_points
+from jradar.training import Batch
+
+KEYS = [(7, 2), (7, 10), (12, 0)]  # in numeric, not alphabetic order
+
+
+@pytest.fixture(scope="module")
+def images():
+    rng = np.random.default_rng(0)
+    radar = rng.integers(0, 256, (3, *RADAR.shape), np.uint8)
+    return radar, rng.random((3, *LIDAR.shape)) < 0.01
+
+
+@pytest.fixture(scope="module")
+def folder(images, tmp_path_factory):
+    root = tmp_path_factory.mktemp("dataset_5")
+    for kind, pictures in zip(("radar", "lidar"), images, strict=True):
+        (root / "train" / kind).mkdir(parents=True)
+        for (trajectory, frame), picture in zip(KEYS, pictures, strict=True):
+            grey = picture if kind == "radar" else (picture * 77).astype(np.uint8)
+            name = f"{kind[0].upper()}_{trajectory:03d}_{frame}.png"
+            Image.fromarray(grey).save(root / "train" / kind / name)
+    return root
+
+
+@pytest.fixture(scope="module")
+def packed(images, tmp_path_factory):
+    path = tmp_path_factory.mktemp("packed") / "train.npz"
+    order = [2, 0, 1]
+    arrays = {"radar": images[0][order]}
+    arrays["lidar_packed"] = np.packbits(images[1][order], axis=-1)
+    arrays["trajectory"], arrays["frame"] = np.array(KEYS)[order].T
+    np.savez(path, **arrays)
+    return path
+
+
+def test_both_ways_give_the_same_pairs_in_order(folder, packed, images):
+    for path in (folder, packed):
+        pairs = open_radarhd(path)
+        assert pairs.keys.tolist() == [[*key] for key in KEYS]
+        for i, pair in enumerate(pairs):
+            np.testing.assert_array_equal(pair.radar, images[0][i])
+            np.testing.assert_array_equal(pair.lidar, images[1][i])
+            assert (pair.trajectory, pair.frame) == KEYS[i]
+    assert pairs.digest == open_radarhd(folder).digest != pairs.of([7]).digest
+
+
+def test_trajectories_are_taken_apart(packed):
+    pairs = open_radarhd(packed)
+    assert pairs.of([12]).keys.tolist() == [[12, 0]]
+    assert pairs.of([12, 3], without=True)[1].frame == 10
+    with pytest.raises(ValueError, match=r"no trajectory 8, expected of \[7, 12\]"):
+        pairs.of([7, 8])
+
+
+def test_history_stays_within_its_trajectory_and_mirror_images_follow(packed, images):
+    pairs = open_radarhd(packed)
+    items = PolarItems(pairs, history=3, mirror=True)
+    assert len(items) == 2 * len(pairs)
+    past = np.stack([images[0][1], images[0][0], images[0][0]], -1)
+    np.testing.assert_allclose(items[1].condition, past / 255, atol=1e-7)
+    np.testing.assert_array_equal(items[1].target[..., 0], images[1][1])
+    for plain, mirrored in zip(items[1], items[1 + len(pairs)], strict=True):
+        np.testing.assert_array_equal(mirrored, plain[:, ::-1])
+    later = PolarItems(pairs.of([7], without=True), history=2)[0].condition
+    np.testing.assert_array_equal(later[..., 0], later[..., 1])
+
+
+@pytest.mark.parametrize("degrees", [20, -20])
+def test_rotated_pairs_hold_the_same_walls_at_another_angle(packed, degrees):
+    pairs = open_radarhd(packed)
+    cells = 7 if degrees > 0 else -7  # whole radar cells
+    angle = np.deg2rad(cells * 180 / 63)
+    whole, rotated = polar_points(pairs[1].lidar), pairs.rotated(degrees)
+    cos, sin = np.cos(angle), np.sin(angle)
+    expected = whole @ np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+    seen = expected[expected[:, 0] > 0.05]
+    distance, _ = KDTree(polar_points(rotated[1].lidar)).query(seen)
+    assert len(seen) > 100 and distance.max() < 10.8 * np.deg2rad(0.2)
+    moved = np.roll(pairs[1].radar, cells, 1)[:, 7:-7]
+    np.testing.assert_array_equal(rotated[1].radar[:, 7:-7], moved)
+    with pytest.raises(ValueError, match="100 degrees, expected -90 to 90"):
+        pairs.rotated(100)
+
+
+def test_what_is_missing_or_broken_is_named(folder, packed, tmp_path):
+    with pytest.raises(ValueError, match="does not contain test/radar and test/lidar"):
+        open_radarhd(folder, split="test")
+    with pytest.raises(FileNotFoundError, match="nowhere"):
+        open_radarhd(tmp_path / "nowhere")
+    torn = tmp_path / "torn.npz"
+    torn.write_bytes(packed.read_bytes()[:-50])
+    with pytest.raises(ValueError, match="not a packed file"):
+        open_radarhd(torn)
+    with np.load(packed) as arrays:
+        np.savez(torn, **{**arrays, "frame": arrays["frame"][:1]})
+    with pytest.raises(ValueError, match="torn.npz is damaged or not a packed file"):
+        open_radarhd(torn)
+    with np.load(packed) as arrays:
+        np.savez(torn, **{**arrays, "radar": arrays["radar"][:, 1:]})
+    with pytest.raises(ValueError, match=r"shapes \(\(3, 255, 64\)"):
+        open_radarhd(torn)
+
+
+@pytest.mark.parametrize("damage", ["remove", "truncate", "resize", "text"])
+def test_a_damaged_image_is_named(damage, tmp_path):
+    for kind, shape in (("radar", RADAR.shape), ("lidar", LIDAR.shape)):
+        path = tmp_path / "train" / kind / f"{kind[0].upper()}_1_1.png"
+        path.parent.mkdir(parents=True)
+        Image.fromarray(np.zeros(shape, np.uint8)).save(path)
+    if damage == "remove":
+        path.unlink()
+    elif damage == "truncate":
+        path.write_bytes(path.read_bytes()[:60])
+    elif damage == "resize":
+        Image.fromarray(np.zeros((5, 5), np.uint8)).save(path)
+    else:
+        path.write_text("not an image")
+    with pytest.raises(ValueError, match="L_1_1.png"):
+        _ = open_radarhd(tmp_path)[0]
+
+
+def test_the_shared_pairs(samples):
+    pairs = open_radarhd(samples / "radarhd" / "train_every4.npz")
+    assert len(pairs) == 5696
+    assert np.unique(pairs.keys[:, 0]).size == 25
+    pair = pairs.of([136])[10]
+    assert pair.lidar.any() and pair.radar.any()
+    assert np.linalg.norm(polar_points(pair.lidar), axis=1).max() <= 10.8 + 1e-9
+
+
+def item_of(row, degrees):
+    """One echo and one occupied pixel at a range row and an azimuth."""
+    images = [np.zeros((*grid.shape, 1), np.float32) for grid in (RADAR, LIDAR)]
+    for image, grid, value in zip(images, (RADAR, LIDAR), (0.5, 1.0), strict=True):
+        column = int(np.argmin(np.abs(grid.angles - np.deg2rad(degrees))))
+        image[row - 3 : row + 4, column] = value
+    return Batch(*images)
+
+
+def place(image, grid):
+    row, column = np.nonzero(image[..., 0])
+    return row.mean(), np.rad2deg(grid.angles[column].mean())
+
+
+def changed(name, seed, item, *other):
+    return module.AUGMENTATIONS[name](np.random.default_rng(seed), *item, *other)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scaled_ranges_move_both_images_by_one_factor(seed):
+    item = item_of(100, 20)
+    radar, occupied = changed("scale", seed, item)
+    rows = place(radar, RADAR)[0], place(occupied, LIDAR)[0]
+    assert rows[0] == rows[1] and 79 <= rows[0] <= 126 and rows[0] != 100
+    assert place(radar, RADAR)[1] == pytest.approx(place(item.condition, RADAR)[1])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rotation_moves_both_images_by_one_angle_and_empties_no_part(seed):
+    item = item_of(100, 10)
+    turns = [
+        place(after, grid)[1] - place(before, grid)[1]
+        for before, after, grid in zip(
+            item, changed("turn", seed, item), (RADAR, LIDAR), strict=True
+        )
+    ]
+    assert turns[0] == pytest.approx(turns[1], abs=0.2)  # half a LiDAR cell
+    assert 2.6 < abs(turns[1]) < 29
+    full = [np.ones((*grid.shape, 1), np.float32) for grid in (RADAR, LIDAR)]
+    assert all(image.all() for image in changed("turn", seed, full))
+
+
+@pytest.mark.parametrize("seed", [3, 4, 7])  # 20, 14 and 26 degrees to the left
+def test_what_a_rotation_uncovers_is_the_mirror_image_of_the_view(seed):
+    edges = []
+    images = changed("turn", seed, item_of(100, -80))
+    for image, grid in zip(images, (RADAR, LIDAR), strict=True):
+        columns = np.flatnonzero(image.any((0, 2)))
+        assert len(columns) == 2
+        edges.append(np.rad2deg(grid.angles[columns].mean()))
+    assert edges[0] == pytest.approx(edges[1], abs=0.3) and -80 < edges[1] < -60
+
+
+@pytest.mark.parametrize("name", ["gain", "speckle"])
+def test_grey_values_change_and_stay_between_0_and_1(name):
+    item = item_of(100, 10)
+    radar, occupied = changed(name, 0, item)
+    np.testing.assert_array_equal(occupied, item.target)
+    np.testing.assert_array_equal(radar > 0, item.condition > 0)
+    assert radar.max() <= 1 and np.abs(radar - item.condition).max() > 0.01
+
+
+def test_dropped_azimuths_are_neighbours():
+    full = np.ones((*RADAR.shape, 1), np.float32)
+    radar, _ = changed("drop", 0, (full, item_of(100, 10).target))
+    dropped = np.flatnonzero(~radar.any((0, 2)))
+    assert 1 <= len(dropped) <= module.MOST_DROPPED and full.all()
+    assert (np.diff(dropped) == 1).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_pasted_sector_is_the_same_in_both_images(seed):
+    """Of another pair, which has a wall at row 200, in place of one at row 100."""
+    here, there = (
+        Batch(*(np.zeros((*grid.shape, 1)) for grid in (RADAR, LIDAR)))
+        for _ in range(2)
+    )
+    for item, row in ((here, 100), (there, 200)):
+        for image in item:
+            image[row] = 1
+    ends, images = [], changed("paste", seed, here, there)
+    for image, grid in zip(images, (RADAR, LIDAR), strict=True):
+        pasted = image[200, :, 0] == 1
+        np.testing.assert_array_equal(image[100, :, 0] == 0, pasted)
+        ends.append(np.rad2deg(grid.angles[np.flatnonzero(pasted)[[0, -1]]]))
+        assert 27 < np.ptp(ends[-1]) < 90
+    np.testing.assert_allclose(*ends, atol=3)
+    assert here.condition[200].max() == 0
+
+
+def test_half_of_the_items_change_and_none_without_names():
+    item, rng = item_of(100, 10), np.random.default_rng(0)
+    assert module.augmented(item, rng, names=(), others=[item]) is item
+    found = [
+        module.augmented(item, rng, names=("gain",), others=[item]) is not item
+        for _ in range(100)
+    ]
+    assert 30 < sum(found) < 70

@@ -1,0 +1,127 @@
+"""RadarHD's task on invented rooms: training, limits, the report, wrong fields."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from experiments import radarhd as task, train
+from experiments.configs import (
+    radarhd as default,
+    radarhd_history,
+    radarhd_nearness,
+    radarhd_regression,
+)
+from experiments.radarhd import scores
+from experiments.radarhd.pairs import RADAR
+from jradar.errors import ModelError, UsageError
+from jradar.evaluation import read_scores
+from tests.experiments.radarhd.conftest import shrink
+
+DRAWN = ["one-step estimate", "one pass from zero", "diffusion, iPNDM 2", "2 draws"]
+METHODS = {
+    default: DRAWN,
+    radarhd_history: DRAWN,
+    radarhd_nearness: ["one pass", "one pass and its mirror image"],
+    radarhd_regression: ["direct regression"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("module", METHODS)
+def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
+    module, walls, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(scores, "LIMITS", scores.LIMITS[4::10])
+    config = shrink(module.get_config(), walls)
+    train.run(task, config, tmp_path)
+    out = tmp_path / "evaluation"
+    tables = (out / "protocols.md").read_text()
+    assert "138, 140" in tables and tables in capsys.readouterr().out
+    rows = read_scores(out / "frames.jsonl")
+    assert [*dict.fromkeys(row["method"] for row in rows)] == METHODS[module]
+    assert {row["truth"] for row in rows} == {"polar", "cartesian"}
+    confidence = json.loads((out / "confidence.json").read_text())
+    assert [*confidence] == METHODS[module]
+    for name in ("samples.png", "worst.png", "report.html"):
+        assert (out / name).stat().st_size > 5000
+    assert (tmp_path / "weights.safetensors").stat().st_size < 2e6
+    lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
+    assert 0 <= json.loads(lines[-1])["validation/f_score_0.2"] <= 1
+    elsewhere = tmp_path / "elsewhere"
+    config.weights = str(tmp_path / "weights.safetensors")
+    task.evaluate(config, elsewhere)
+    assert (elsewhere / "evaluation" / "protocols.md").read_text() == tables
+    config.data.turn = 20.0
+    task.evaluate(config, elsewhere)
+    tables = (elsewhere / "evaluation" / "protocols.md").read_text()
+    assert "not trained on, rotated by 20 degrees" in tables
+
+
+@pytest.fixture(scope="module")
+def started(walls, tmp_path_factory):
+    """A small config, its training before the first step, and its weights."""
+    workdir = tmp_path_factory.mktemp("started")
+    config = shrink(default.get_config(), walls)
+    training = task.setup(config, workdir)
+    training.save(training.state)
+    return training, workdir
+
+
+def test_a_run_starts_from_weights_with_changed_and_simulated_pairs(walls, started):
+    start, workdir = started
+    config = shrink(default.get_config(), walls)
+    config.train.initial = str(workdir / "weights.safetensors")
+    config.train.augment = ("scale", "turn", "gain", "speckle", "drop", "paste")
+    config.data.update(simulated=str(walls), simulated_share=0.5)
+    config.seed = 1
+    training = task.setup(config, workdir)
+    for wanted, found in zip(
+        *map(jax.tree.leaves, (start.state.params, training.state.params)), strict=True
+    ):
+        np.testing.assert_allclose(found, wanted, rtol=2e-3, atol=1e-3)  # float16
+    assert "and 10 simulated ones, 1 of 2" in training.trained_on
+    batch = training.batch_at(0)
+    assert batch.condition.shape == (2, *RADAR.shape, 1)
+    assert set(np.unique(batch.target)) <= {0.0, 1.0}
+    again = training.batch_at(0)
+    np.testing.assert_array_equal(batch.condition, again.condition)
+
+
+def test_wrong_weights_are_named(walls, started, tmp_path):
+    config = shrink(default.get_config(), walls)
+    with pytest.raises(ModelError, match="no weights at"):
+        task.evaluate(config, tmp_path)
+    config.data.history = 3
+    with pytest.raises(ModelError, match="does not fit .* data.history = 3: .*differ"):
+        task.evaluate(config, started[1])
+    config.nearness.weights = "nowhere"
+    with pytest.raises(UsageError, match="weights = nowhere: no such file"):
+        task.evaluate(config, started[1])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("method", "guess", "method = 'guess', expected one of"),
+        ("data.path", "", "no pairs: pass RadarHD's folder"),
+        ("train.augment", ("gain", "bend"), "without 'bend': expected names of"),
+        ("data.simulated_share", 1.5, "data.simulated_share = 1.5, expected 0 to 1"),
+        ("data.simulated_share", 0.5, "no simulated pairs: pass them as"),
+        ("noise.sigma_data", 0.6, "config.noise: sigma_data = 0.6, expected"),
+        (
+            "data.threshold_trajectories",
+            (136, 9),
+            "config.data.threshold_traj.*: no tr",
+        ),
+        ("data.turn", 120.0, "config.data.turn: 120 degrees, expected -90"),
+    ],
+)
+def test_wrong_fields_are_named(walls, started, field, value, message, monkeypatch):
+    config = shrink(default.get_config(), walls)
+    config.update_from_flattened_dict({field: value})
+    monkeypatch.setattr(task, "score_pairs", lambda *_, **__: [])
+    with pytest.raises(UsageError, match=message):
+        task.check(config)
+        task.evaluate(config, started[1])
