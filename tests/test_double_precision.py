@@ -8,6 +8,18 @@ import pytest
 from jradar import calibration, motion, radar as r, range_image as ri
 from jradar.metrics import compare, compare_on_host, nearest_distances
 from jradar.radar import Radar
+from jradar.radar.angle.near_field import focused_directions
+from jradar.radar.angle.sources import mdl_sources
+from jradar.radar.angle.spectrum import spectrum_peaks
+from jradar.radar.angle.subspace import (
+    capon_spectrum,
+    music_spectrum,
+    smoothed_covariance,
+    source_count,
+    subspace_directions,
+)
+from jradar.radar.angle.subspace_peaks import subspace_peaks
+from jradar.radar.detect.clusters import map_peaks
 from jradar.radar.peaks import window_offset
 from jradar.types import PointCloud
 
@@ -108,31 +120,27 @@ KERNELS = {
         Radar(CHIP),
         points=POINTS["plain"],
     ),
-    "angle_spectrum": lambda: r.strongest_direction(
-        r.angle_spectrum(waves(3, 12), CHIP), CHIP
-    ),
-    "spectrum_peaks": lambda: r.spectrum_peaks(numbers(3, 32, 64), CHIP),
+    "angle_spectrum": lambda: r.angle_spectrum(waves(3, 12), CHIP),
+    "spectrum_peaks": lambda: spectrum_peaks(numbers(3, 32, 64), CHIP),
     "directions": lambda: r.directions(waves(300, 12), CHIP),
     "directions, four rows": lambda: r.directions(
         waves(3, 192), CASCADE, num_azimuth=128
     ),
-    "capon_spectrum": lambda: r.capon_spectrum(waves(2, 1, 12), CHIP),
-    "music_spectrum": lambda: r.music_spectrum(waves(2, 1, 12), CHIP, num_sources=2),
-    "music_directions": lambda: r.music_directions(waves(2, 12), CHIP),
-    "music_directions, counted": lambda: r.music_directions(
-        waves(2, 12), CHIP, num_sources=None
-    ),
-    "capon_directions": lambda: r.capon_directions(waves(2, 12), CHIP),
-    "subspace_peaks": lambda: r.subspace_peaks(
+    "capon_spectrum": lambda: capon_spectrum(waves(2, 1, 12), CHIP),
+    "music_spectrum": lambda: music_spectrum(waves(2, 1, 12), CHIP, num_sources=2),
+    "subspace_directions": lambda: subspace_directions(
         waves(2, 12), CHIP, method="music", num_sources=None
     ),
-    "source_count": lambda: r.source_count(waves(2, 1, 12), CHIP),
-    "mdl_sources": lambda: r.mdl_sources(jnp.abs(numbers(2, 5)), samples=8),
+    "subspace_peaks": lambda: subspace_peaks(
+        waves(2, 12), CHIP, method="music", num_sources=None
+    ),
+    "source_count": lambda: source_count(waves(2, 1, 12), CHIP),
+    "mdl_sources": lambda: mdl_sources(jnp.abs(numbers(2, 5)), samples=8),
     "velocity_folds": lambda: r.velocity_folds(waves(2, 12), numbers(2), CHIP, most=2),
-    "focused_directions": lambda: r.focused_directions(
+    "focused_directions": lambda: focused_directions(
         waves(2, 3, 12), jnp.array([5, 9]), numbers(2) / 8, CHIP
     ),
-    "map_peaks": lambda: r.map_peaks(power()),
+    "map_peaks": lambda: map_peaks(power()),
     "window_offset": lambda: window_offset(
         *jnp.abs(numbers(3, 7)), kind="hann", length=32
     ),
@@ -193,8 +201,8 @@ def test_distances_of_many_points_are_exact_in_double_precision():
 def test_capon_is_the_inverse_of_the_covariance_in_double_precision():
     with jax.enable_x64(True):
         snapshot = waves(1, 12)
-        found = r.capon_spectrum(snapshot, CHIP)
-        covariance = np.asarray(r.smoothed_covariance(snapshot, CHIP))
+        found = capon_spectrum(snapshot, CHIP)
+        covariance = np.asarray(smoothed_covariance(snapshot, CHIP))
         size = len(covariance)
         level = np.trace(covariance).real / size
         inverse = np.linalg.inv(covariance / level + 1e-3 * np.eye(size))

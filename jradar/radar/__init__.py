@@ -10,53 +10,30 @@ Spectra      range_doppler, power_map, window
 Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
 Angles       directions                        strongest direction of each cell
-             angle_spectrum, direction_sines, strongest_direction, spectrum_peaks
-             focused_directions, focus         of wide arrays, near targets
-             capon_spectrum, capon_directions, music_spectrum, music_directions,
-             smoothed_covariance, source_count, mdl_sources
-             subspace_peaks                    several targets of a cell, within a beam
-             velocity_folds, Folds             velocities beyond the unambiguous one
+             angle_spectrum, direction_sines
+             velocity_folds                    velocities beyond the unambiguous one
 Points       PointSpec, radar_points           cube to points of the detected cells
-             points_and_report, PointReport    the same, with counts of what is missing
+             points_and_report                 the same, with counts of what is missing
              Cells, all_cells, cell_points     all directions first, any mask later
-             point_deviations, Deviations      standard deviation of each coordinate
-             map_peaks                         one cell for each target
-             cluster, Cluster                  one cluster for each object, on the host
-             strongest_echoes, Echo            summary of a cloud, on the host
-             noise_statistics, NoiseStatistics     and of a power map
+             point_deviations                  standard deviation of each coordinate
+             cluster                           one cluster for each object, on the host
+             strongest_echoes                  summary of a cloud, on the host
+             noise_statistics                  and of a power map
 Clutter      static_background, subtract_background     of a radar that stands still
 Other radars excise_interference               crossing chirps, out of the samples
-             Interferers, draw_interferers, crossing_chirps     and into them
+             draw_interferers, crossing_chirps     and into them
 Simulation   Scatterers, simulate_cube         the way back: scatterers to a cube
+
+Capon, MUSIC, near fields and several targets in a cell are options of `PointSpec`.
 """
 
-from jradar.radar.angle.deviations import (
-    Deviations as Deviations,
-    point_deviations as point_deviations,
-)
+from jradar.radar.angle.deviations import point_deviations as point_deviations
 from jradar.radar.angle.direction import directions as directions
-from jradar.radar.angle.folds import Folds as Folds, velocity_folds as velocity_folds
-from jradar.radar.angle.near_field import (
-    focus as focus,
-    focused_directions as focused_directions,
-)
-from jradar.radar.angle.sources import mdl_sources as mdl_sources
+from jradar.radar.angle.folds import velocity_folds as velocity_folds
 from jradar.radar.angle.spectrum import (
-    Peaks as Peaks,
     angle_spectrum as angle_spectrum,
     direction_sines as direction_sines,
-    spectrum_peaks as spectrum_peaks,
-    strongest_direction as strongest_direction,
 )
-from jradar.radar.angle.subspace import (
-    capon_directions as capon_directions,
-    capon_spectrum as capon_spectrum,
-    music_directions as music_directions,
-    music_spectrum as music_spectrum,
-    smoothed_covariance as smoothed_covariance,
-    source_count as source_count,
-)
-from jradar.radar.angle.subspace_peaks import subspace_peaks as subspace_peaks
 from jradar.radar.channels import (
     calibrate as calibrate,
     compensate_tdm as compensate_tdm,
@@ -67,7 +44,6 @@ from jradar.radar.clean.clutter import (
     subtract_background as subtract_background,
 )
 from jradar.radar.clean.interference import (
-    Interferers as Interferers,
     crossing_chirps as crossing_chirps,
     draw_interferers as draw_interferers,
     excise_interference as excise_interference,
@@ -80,24 +56,17 @@ from jradar.radar.detect.cfar import (
     os_cfar as os_cfar,
     so_cfar as so_cfar,
 )
-from jradar.radar.detect.clusters import (
-    Cluster as Cluster,
-    cluster as cluster,
-    map_peaks as map_peaks,
-)
+from jradar.radar.detect.clusters import cluster as cluster
 from jradar.radar.detect.multipliers import (
     false_alarm_multiplier as false_alarm_multiplier,
 )
 from jradar.radar.echoes import (
-    Echo as Echo,
-    NoiseStatistics as NoiseStatistics,
     noise_statistics as noise_statistics,
     strongest_echoes as strongest_echoes,
 )
 from jradar.radar.point_spec import PointSpec as PointSpec
 from jradar.radar.points import (
     Cells as Cells,
-    PointReport as PointReport,
     all_cells as all_cells,
     cell_points as cell_points,
     detect as detect,

@@ -1,10 +1,10 @@
-"""The position of a peak between bins."""
+"""The peaks of a map, and the position of a peak between bins."""
 
 import functools
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jradar.radar.spectrum import window
 
@@ -12,6 +12,22 @@ Power = Float[Array, "*batch"]
 
 SHORTEST = 8  # window for which the parabola's bias is known
 DEGREES = (1, 3, 5, 7)  # of the polynomial that removes it
+
+
+def local_maxima(
+    power: Float[Array, "*batch row column"],
+) -> Bool[Array, "*batch row column"]:
+    """Return the cells that exceed their eight neighbours; of equal ones, one does.
+
+    Both axes wrap around.
+    """
+    rows, columns = ((-1, 0, 1) if n > 2 else (0,) for n in power.shape[-2:])
+    highest = jnp.ones(power.shape, bool)
+    for shift in ((row, column) for row in rows for column in columns):
+        near = jnp.roll(power, shift, (-2, -1))
+        if shift != (0, 0):
+            highest &= power > near if shift > (0, 0) else power >= near
+    return highest
 
 
 def parabola_offset(before: Power, peak: Power, after: Power) -> Power:

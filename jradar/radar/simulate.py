@@ -12,9 +12,6 @@ chirp. After a reflection the wave may return on another path: then R is the mea
 both legs, and transmitters and receivers see different directions. Waves are plane,
 antennas isotropic, and the amplitudes include the whole radar equation.
 
-With `spherical`, R is the mean of the exact distances to transmitter and receiver, as
-they are in the middle of the frame, and the phase between antennas follows from it.
-
 The signal is a phasor per chirp times a phasor per sample, apart from one term: the
 change of range times the sample's frequency. Over a block of a few chirps this term is
 linearised about the middle of the block, which takes one matrix product. The error is
@@ -31,7 +28,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact, Key
 
-from jradar.radar.paths import antenna_places, extra_paths
 from jradar.radar.sensor import SPEED_OF_LIGHT, RadarSpec
 
 TIMES = ("middle", "start")  # of a frame
@@ -47,7 +43,7 @@ class Scatterers(NamedTuple):
     departure: Float[Array, "point 3"] | None = None  # as seen by the transmitters
 
 
-@partial(jax.jit, static_argnames=("radar", "noise_power", "at", "spherical"))
+@partial(jax.jit, static_argnames=("radar", "noise_power", "at"))
 def simulate_cube(
     key: Key[Array, ""],
     scatterers: Scatterers,
@@ -55,7 +51,6 @@ def simulate_cube(
     *,
     noise_power: float = 0.0,
     at: str = "middle",
-    spherical: bool = False,
 ) -> Inexact[Array, "tx rx chirp sample"]:
     """Return the ADC samples of one frame, complex or real; `vmap` it.
 
@@ -63,18 +58,14 @@ def simulate_cube(
     `departure`, `xyz` is the position as seen by the receivers. Ranges are those in
     the middle of the frame, as `radar_points` measures them, or with `at="start"` those
     at its first chirp.
-
-    `spherical` computes the exact path of each antenna, which wide arrays and near
-    targets need (`focused_directions`). It takes a multiple of the time, and distances
-    then refer to the mean antenna; without it, ranges are the same for all antennas.
     """
     if at not in TIMES:
         raise ValueError(f"{at=}, expected one of {TIMES}")
-    distance, receive = _seen(scatterers.xyz, radar.rx_positions, radar)
-    transmit = _steer(scatterers.xyz, distance, radar.tx_positions, radar)
-    if scatterers.departure is not None:
-        leg, transmit = _seen(scatterers.departure, radar.tx_positions, radar)
-        distance = (distance + leg) / 2
+    back, receive = _seen(scatterers.xyz, radar.rx_positions, radar)
+    there = scatterers.departure
+    there = scatterers.xyz if there is None else there
+    away, transmit = _seen(there, radar.tx_positions, radar)
+    distance = (away + back) / 2
 
     # Cycles that are constant within the frame, reduced mod 1 to keep small changes.
     middle = (radar.num_samples - 1) / 2
@@ -85,18 +76,6 @@ def simulate_cube(
     sample = jnp.arange(radar.num_samples) - middle
     cycles_per_m_sample = 2 * radar.slope_hz_per_s / SPEED_OF_LIGHT
     cycles_per_m_sample /= radar.sample_rate_hz
-
-    apart = []  # beats `[antenna point sample]` of the ways beyond the middle's
-    if spherical:
-        there = scatterers.xyz
-        left = there if scatterers.departure is None else scatterers.departure
-        tx, rx = antenna_places(radar)
-        extra = _extra(left, tx), _extra(there, rx)
-        transmit, receive = (_turn(cycles_per_m / 2 * metres) for metres in extra)
-        apart = [
-            _turn(cycles_per_m_sample / 2 * metres[..., None] * sample[None, None])
-            for metres in extra
-        ]
 
     block = _block(radar)
     firing_s = radar.chirp_period_s * jnp.array(radar.firing_position)
@@ -129,24 +108,11 @@ def simulate_cube(
         product = both @ jnp.concatenate([columns.real, columns.imag])
         return beats * step, jax.lax.complex(*jnp.split(product, 2))
 
-    def samples_of_pairs(beats, _):
-        """The same, where each pair of antennas has beats of its own."""
-
-        def samples_of_tx(transmitter):
-            weights, turn = transmitter
-            each = (beats * turn)[None] * apart[1]  # [rx point sample]
-            columns = jnp.concatenate([each, each * sample[None, None]], 1)
-            return jnp.einsum("crp,rps->crs", weights, columns)
-
-        by_tx = jax.lax.map(samples_of_tx, (jnp.moveaxis(pairs, 1, 0), apart[0]))
-        return beats * step, jnp.moveaxis(by_tx, 0, 1)
-
     moved = scatterers.velocity * radar.turn_period_s * block
     step = beat(moved, moved)
     moved = scatterers.velocity * first_s
     first, count = beat(distance + moved, moved), radar.num_chirps // block
-    of_block = samples_of_pairs if spherical else samples_of
-    _, blocks = jax.lax.scan(of_block, first, None, length=count)
+    _, blocks = jax.lax.scan(samples_of, first, None, length=count)
     shape = (radar.num_chirps, radar.num_tx, radar.num_rx, radar.num_samples)
     cube = jnp.moveaxis(blocks.reshape(shape), 0, 2)
     if radar.real_samples:
@@ -168,23 +134,11 @@ def _block(radar):
 
 
 def _seen(xyz, positions, radar):
-    """Distances, and phasors `[antenna point]` of the antennas at `positions`."""
+    """Distances, and phasors `[antenna point]` of plane waves at the antennas."""
     distance = jnp.linalg.norm(xyz, axis=-1)
-    return distance, _steer(xyz, distance, positions, radar)
-
-
-def _extra(xyz, places):
-    """Distances `[antenna point]` to antennas beyond those to the mean antenna."""
-    distance = jnp.maximum(jnp.linalg.norm(xyz, axis=-1), 1e-6)
-    extra, _ = extra_paths(xyz / distance[:, None], distance, places)
-    return extra.T
-
-
-def _steer(xyz, distance, positions, radar):
-    """Phasors `[antenna point]` of plane waves at the antennas."""
     direction = xyz[:, 1:] / jnp.maximum(distance, 1e-6)[:, None]
     columns = jnp.array(np.array(positions) * [1.0, radar.row_spacing])
-    return _turn(radar.spacing_wavelengths * columns @ direction.T)
+    return distance, _turn(radar.spacing_wavelengths * columns @ direction.T)
 
 
 def _turn(cycles):

@@ -12,16 +12,15 @@ from jradar.radar import (
     Radar,
     all_cells,
     calibrate,
-    capon_spectrum,
     cell_points,
     crossing_chirps,
     draw_interferers,
     excise_interference,
-    music_spectrum,
     radar_points,
     range_doppler,
     subtract_leakage,
 )
+from jradar.radar.angle.subspace import capon_spectrum, music_spectrum
 from tests.radar.targets import (
     CELLS,
     FLAT,

@@ -16,11 +16,10 @@ from jradar.radar import (
     power_map,
     radar_points,
     range_doppler,
-    strongest_direction,
     strongest_echoes,
     window,
 )
-from jradar.radar.angle.spectrum import azimuth_bins
+from jradar.radar.angle.spectrum import azimuth_bins, spectrum_peaks
 from tests.radar.targets import (
     CASCADE,
     CELLS,
@@ -127,8 +126,8 @@ def test_axes_that_an_array_does_not_measure_are_zero(radar, peaks, place, blind
 def test_one_antenna_has_one_direction_and_no_subspace():
     spectrum = angle_spectrum(jnp.ones((3, 1), complex), ONE)
     assert spectrum.shape == (3, 1, 1)
-    for angles in strongest_direction(spectrum, ONE):
-        assert angles.tolist() == [0, 0, 0]
+    for angles in spectrum_peaks(spectrum, ONE, count=1)[:2]:
+        assert angles.tolist() == [[0], [0], [0]]
     music = dataclasses.replace(CELLS, angles="music")
     with pytest.raises(ValueError, match="need neighbouring elements in a row"):
         radar_points(jnp.zeros(ONE.cube_shape, complex), Radar(ONE), points=music)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.near_field import focused_directions
 from jradar.radar.angle.spectrum import angle_spectrum, azimuth_bins, spectrum_peaks
-from jradar.radar.angle.subspace import capon_directions, music_directions
+from jradar.radar.angle.subspace import subspace_directions
 from jradar.radar.angle.subspace_peaks import subspace_peaks
 from jradar.radar.channels import compensate_tdm
 
@@ -33,13 +33,11 @@ def focused(spectrum, cell, range_bin, doppler_bin, radar, points):
 
 def cell_directions(snapshot, radar, points):
     """Azimuth and elevation of the strongest direction of each snapshot."""
-    if points.angles == "music":
-        sources = points.sources or None
-        return music_directions(snapshot, radar, num_sources=sources)
-    if points.angles == "capon":
-        return capon_directions(snapshot, radar)
-    bins = angle_bins(points, radar)
-    return directions(snapshot, radar, interpolate=points.refine, **bins)
+    if points.angles == "fft":
+        bins = angle_bins(points, radar)
+        return directions(snapshot, radar, interpolate=points.refine, **bins)
+    sources = {"num_sources": points.sources or None}
+    return subspace_directions(snapshot, radar, method=points.angles, **sources)
 
 
 def angle_bins(points, radar):

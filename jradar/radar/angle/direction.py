@@ -62,7 +62,7 @@ def directions(
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of the strongest direction.
 
-    The result is `strongest_direction` of the `angle_spectrum`, but much faster. For
+    The result is the first of `spectrum_peaks` of the `angle_spectrum`, but faster. For
     arrays of two rows the elevation follows from the phase between them, independently
     of `num_elevation`; if several fit, it is the smallest. `interpolate` places angles
     between bins and makes them differentiable. Raises ValueError as `angle_spectrum`.

@@ -23,7 +23,6 @@ from jaxtyping import Array, Complex, Float, Int
 
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.spectrum import Angle
-from jradar.radar.paths import antenna_places, extra_paths
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS
 
@@ -55,20 +54,12 @@ def focused_directions(
     distance = (cell + offset) * radar.range_resolution_m - range_bias_m
     azimuth, elevation = directions(cells[..., 1, :], radar, **options)
     for _ in range(ROUNDS):
-        snapshot = focus(
-            cells,
-            offset,
-            distance,
-            azimuth,
-            elevation,
-            radar,
-            range_window=range_window,
-        )
+        place = offset, distance, azimuth, elevation
+        snapshot = focus(cells, *place, radar, range_window=range_window)
         azimuth, elevation = directions(snapshot, radar, **options)
     return azimuth, elevation
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "range_window"))
 def focus(
     cells: Complex[Array, "*batch 3 virtual"],
     offset: Float[Array, "*batch"],
@@ -104,12 +95,32 @@ def _paths(distance, azimuth, elevation, radar):
         ],
         -1,
     )
-    far = jnp.maximum(distance, radar.range_resolution_m)
+    far = jnp.maximum(distance, radar.range_resolution_m)[..., None]
+    # Columns count in the direction in which the path to a target on the left grows.
+    spacing = radar.spacing_wavelengths, radar.row_spacing_wavelengths
+    scale = -radar.wavelength_m * np.array(spacing)
+    places = [np.array(p) * scale for p in (radar.tx_positions, radar.rx_positions)]
+    middle = (places[0].mean(0) + places[1].mean(0)) / 2
     (tx, tx_curve), (rx, rx_curve) = (
-        extra_paths(direction, far, places) for places in antenna_places(radar)
+        _extra(direction, far, np.pad(antennas - middle, ((0, 0), (1, 0))))
+        for antennas in places
     )
     extra = _pairs(tx, rx)
     return extra - extra.mean(-1, keepdims=True), _pairs(tx_curve, rx_curve)
+
+
+def _extra(direction, far, places):
+    """Distances to antennas beyond the origin's, and beyond a plane wave's.
+
+    The difference of two nearly equal distances is taken without subtracting them.
+    """
+    antennas = jnp.asarray(places, jnp.float32)
+    plane = -jnp.matmul(direction, antennas.T, precision="highest")
+    square = jnp.broadcast_to((antennas**2).sum(-1), plane.shape)
+    change = 2 * far * plane + square
+    extra = change / (jnp.sqrt(far**2 + change) + far)
+    # sqrt(far^2 + change) = far + extra, hence the rest after the plane wave's.
+    return extra, (square - extra**2) / (2 * far)
 
 
 def _pairs(tx, rx):

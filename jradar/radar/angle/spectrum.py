@@ -22,12 +22,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from jradar.radar.peaks import parabola_offset
+from jradar.radar.peaks import local_maxima, parabola_offset
 from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
 
 Angle = Float[Array, "*batch"]
 NEARLY_ONE = 1 - 1e-6  # the slope of the arcsine is still finite here
+WEAKEST = 10**-0.6  # of a cell's peaks, relative to its strongest
 
 
 class Peaks(NamedTuple):
@@ -114,40 +115,21 @@ def angle_spectrum(
     return spectrum.real**2 + spectrum.imag**2
 
 
-@functools.partial(jax.jit, static_argnames="radar")
-def strongest_direction(
-    spectrum: Float[Array, "*batch elevation azimuth"],
-    radar: RadarSpec,
-) -> tuple[Angle, Angle]:
-    """Return azimuth and elevation in radians of the peak of an `angle_spectrum`.
-
-    A parabola through the logarithms of its neighbours places the peak between bins and
-    makes it differentiable. Bins with u^2 + w^2 > 1, which are no directions, are
-    ignored.
-    """
-    visible = _visible(spectrum, radar)
-    flat = jnp.where(visible, spectrum, -1.0).reshape(*spectrum.shape[:-2], -1)
-    u, w = _sines(spectrum, jnp.argmax(flat, -1), radar, True)
-    return angles_of_sines(u, w)
-
-
-@functools.partial(
-    jax.jit, static_argnames=("radar", "count", "within_db", "interpolate")
-)
+@functools.partial(jax.jit, static_argnames=("radar", "count", "interpolate"))
 def spectrum_peaks(
     spectrum: Float[Array, "*batch elevation azimuth"],
     radar: RadarSpec,
     *,
     count: int = 2,
-    within_db: float = 6.0,
     interpolate: bool = True,
 ) -> Peaks:
     """Return the `count` strongest local maxima of an `angle_spectrum`.
 
-    For cells that contain several targets. A maximum exceeds its eight neighbours among
-    the visible bins. It is `valid` if it lies at most `within_db` below the strongest:
-    uniform rows have side lobes 13 dB down, sparse rows higher ones. The first peak is
-    `strongest_direction`. A spectrum over azimuth only has one row.
+    A maximum exceeds its eight neighbours among the bins with u^2 + w^2 <= 1; others
+    are no directions. It is `valid` if it lies at most 6 dB below the strongest:
+    uniform rows have side lobes 13 dB down, sparse rows higher ones. `interpolate`
+    places it between bins by parabolas and makes it differentiable. A spectrum over
+    azimuth only has one row.
     """
     *batch, num_elevation, num_azimuth = spectrum.shape
     if not 1 <= count <= num_elevation * num_azimuth:
@@ -155,21 +137,21 @@ def spectrum_peaks(
             f"{count=}, expected 1 to the spectrum's {num_elevation} x {num_azimuth} "
             "bins"
         )
-    if within_db < 0:
-        raise ValueError(f"{within_db=}, expected 0 or more decibels: drop the sign?")
-    seen = jnp.where(_visible(spectrum, radar), spectrum, -1.0)
-    left = jnp.where(_is_local_maximum(seen), seen, -1.0).reshape(*batch, -1)
+    u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
+    seen = jnp.where(u**2 + w[:, None] ** 2 <= 1, spectrum, -1.0)
+    left = jnp.where(local_maxima(seen), seen, -1.0).reshape(*batch, -1)
     bins, powers = [], []
     for _ in range(count):  # faster than a sort for a few peaks
         bins.append(jnp.argmax(left, -1))
         powers.append(jnp.take_along_axis(left, bins[-1][..., None], -1)[..., 0])
         chosen = to_rank(jnp.arange(left.shape[-1]), left) == bins[-1][..., None]
         left = jnp.where(chosen, -1.0, left)
-    sines = (_sines(spectrum, index, radar, interpolate) for index in bins)
-    u, w = (jnp.stack(sine, -1) for sine in zip(*sines, strict=True))
-    azimuth, elevation = angles_of_sines(u, w)
+    sines = (_sines(spectrum, index, u, w, interpolate) for index in bins)
+    azimuth, elevation = angles_of_sines(
+        *(jnp.stack(sine, -1) for sine in zip(*sines, strict=True))
+    )
     power = jnp.stack(powers, -1)
-    valid = (power > 0) & (power >= power[..., :1] * 10 ** (-within_db / 10))
+    valid = (power > 0) & (power >= WEAKEST * power[..., :1])
     return Peaks(azimuth, elevation, jnp.maximum(power, 0.0), valid)
 
 
@@ -180,28 +162,9 @@ def angles_of_sines(u: Angle, w: Angle) -> tuple[Angle, Angle]:
     return jnp.arcsin(sine), jnp.arcsin(w)
 
 
-def _visible(spectrum, radar):
-    """Bins that are directions, `[elevation, azimuth]`, on the host."""
-    num_elevation, num_azimuth = spectrum.shape[-2:]
-    u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
-    return u**2 + w[:, None] ** 2 <= 1
-
-
-def _is_local_maximum(power):
-    """Whether a bin exceeds its eight neighbours; of equal bins, the first does."""
-    rows, columns = ((-1, 0, 1) if n > 1 else (0,) for n in power.shape[-2:])
-    highest = jnp.ones(power.shape, bool)
-    for shift in ((row, column) for row in rows for column in columns):
-        neighbour = jnp.roll(power, shift, (-2, -1))
-        if shift != (0, 0):
-            highest &= power > neighbour if shift > (0, 0) else power >= neighbour
-    return highest
-
-
-def _sines(spectrum, index, radar, interpolate):
-    """Direction sines u and w of the peak in the flat bin `index`."""
+def _sines(spectrum, index, u, w, interpolate):
+    """Direction sines of the peak in the flat bin `index`; `u`, `w` are the bins'."""
     *batch, num_elevation, num_azimuth = spectrum.shape
-    u, w = direction_sines(radar, num_azimuth=num_azimuth, num_elevation=num_elevation)
     row, column = jnp.divmod(index, num_azimuth)
     flat = spectrum.reshape(*batch, -1)
 

@@ -39,29 +39,22 @@ from jradar.radar.sensor import RadarSpec
 
 BLOCK = 512  # cells whose spectra are held in memory at a time
 SOURCES, NUM_AZIMUTH = 2, 256  # of the directions
-LOADING = 1e-6  # of `music_spectrum`
-OPTIONS = ("radar", "num_azimuth", "subarray", "loading")
+LOADING = 1e-3  # of the diagonal of R in Capon's spectrum, in units of its mean
+NOISE = 1e-6  # is added to the share in the noise subspace, and limits MUSIC's peaks
 
 
-@functools.partial(jax.jit, static_argnames=OPTIONS)
+@functools.partial(jax.jit, static_argnames=("radar", "num_azimuth"))
 def capon_spectrum(
     snapshot: Complex[Array, "*batch snapshot virtual"],
     radar: RadarSpec,
     *,
-    num_azimuth: int = 256,
-    subarray: int | None = None,
-    loading: float = 1e-3,
+    num_azimuth: int = NUM_AZIMUTH,
 ) -> Float[Array, "*batch azimuth"]:
-    """Return 1 / (a^H R^-1 a): the power of the minimum-variance beam (Capon 1969).
-
-    `subarray` is the number of elements, by default two thirds of the row; `loading` is
-    added to the diagonal of R, in units of its mean. Raises ValueError if the subarray
-    does not fit into the row.
-    """
-    covariance = smoothed_covariance(snapshot, radar, subarray=subarray)
+    """Return 1 / (a^H R^-1 a): the power of the minimum-variance beam (Capon 1969)."""
+    covariance = smoothed_covariance(snapshot, radar)
     size = covariance.shape[-1]
     level = _mean_power(covariance)
-    loaded = covariance / level + to_rank(loading * np.eye(size), covariance)
+    loaded = covariance / level + to_rank(LOADING * np.eye(size), covariance)
     factor = jnp.linalg.cholesky(loaded)
     steering = _steering(radar, size, num_azimuth)
     steering = steering.astype(factor.dtype)
@@ -73,33 +66,30 @@ def capon_spectrum(
     return level[..., 0] / inverse
 
 
-@functools.partial(jax.jit, static_argnames=(*OPTIONS, "num_sources"))
+@functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_sources"))
 def music_spectrum(
     snapshot: Complex[Array, "*batch snapshot virtual"],
     radar: RadarSpec,
     *,
     num_sources: int,
-    num_azimuth: int = 256,
-    subarray: int | None = None,
-    loading: float = LOADING,
+    num_azimuth: int = NUM_AZIMUTH,
 ) -> Float[Array, "*batch azimuth"]:
     """Return 1 / (share of the steering vector in the noise subspace) (Schmidt 1986).
 
-    The share is 1 away from targets; `loading` is added to it and limits the peaks.
-    Raises ValueError if the subarray does not fit into the row, or is not longer than
-    `num_sources`.
+    The share is 1 away from targets. Raises ValueError unless the subarray is longer
+    than `num_sources`.
     """
-    covariance = smoothed_covariance(snapshot, radar, subarray=subarray)
+    covariance = smoothed_covariance(snapshot, radar)
     size = covariance.shape[-1]
     if not 1 <= num_sources <= size - 1:
         raise ValueError(
             f"{num_sources=}, expected 1 to {size - 1}: a subarray of {size} elements "
             "needs one more than there are sources"
         )
-    return _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading)
+    return _pseudo_spectrum(covariance, num_sources, radar, num_azimuth)
 
 
-def _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading):
+def _pseudo_spectrum(covariance, num_sources, radar, num_azimuth):
     """`music_spectrum` of covariances, for a number of sources that may be traced."""
     size = covariance.shape[-1]
     normal = covariance / _mean_power(covariance)
@@ -108,7 +98,7 @@ def _pseudo_spectrum(covariance, num_sources, radar, num_azimuth, loading):
     steering = to_rank(steering, projector)
     noise = steering - projector @ steering
     share = (noise.real**2 + noise.imag**2).sum(-2) / size
-    return 1 / (share + loading)
+    return 1 / (share + NOISE)
 
 
 def music_pseudo_spectrum(
@@ -116,13 +106,10 @@ def music_pseudo_spectrum(
 ) -> tuple[Float[Array, " azimuth"], Int[Array, ""] | int]:
     """Return one snapshot's `music_spectrum` and its number of sources, None counts."""
     if num_sources is not None:
-        options = {"num_sources": num_sources, "num_azimuth": NUM_AZIMUTH}
-        return music_spectrum(cell[None], radar, **options), num_sources
+        return music_spectrum(cell[None], radar, num_sources=num_sources), num_sources
     covariance = smoothed_covariance(cell[None], radar)
-    most = covariance.shape[-1] - 1
-    count = jnp.clip(source_count(cell[None], radar), 1, most)
-    spectrum = _pseudo_spectrum(covariance, count, radar, NUM_AZIMUTH, LOADING)
-    return spectrum, count
+    count = jnp.clip(source_count(cell[None], radar), 1, covariance.shape[-1] - 1)
+    return _pseudo_spectrum(covariance, count, radar, NUM_AZIMUTH), count
 
 
 @functools.partial(jax.jit, static_argnames="radar")
@@ -145,61 +132,34 @@ def source_count(
     return mdl_sources(jnp.linalg.eigvalsh(covariance), samples=samples)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "num_sources"))
-def music_directions(
+@functools.partial(jax.jit, static_argnames=("radar", "method", "num_sources"))
+def subspace_directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
     *,
+    method: str,
     num_sources: int | None = SOURCES,
 ) -> tuple[Angle, Angle]:
-    """Return azimuth and elevation in radians of each snapshot, the azimuth by MUSIC.
+    """Return azimuth and elevation in radians of each snapshot by "capon" or "music".
 
-    Among the maxima of `music_spectrum`, whose heights are not powers, it takes the one
-    at which the conventional beam is strongest. The elevation is found afterwards, not
-    jointly: each row forms a beam towards that azimuth, and the phases between the rows
-    tell the elevation. A second target within that beam bends it: `subspace_peaks`
-    separates both. `num_sources=None` counts the sources (`source_count`).
+    The azimuth is the highest maximum of `capon_spectrum`; or among the maxima of
+    `music_spectrum`, whose heights are not powers, the one at which the conventional
+    beam is strongest. `num_sources=None` counts the sources (`source_count`). The
+    elevation is found afterwards, from the phases between beams of the rows towards
+    that azimuth. A second target within such a beam bends it: `subspace_peaks`
+    separates both.
     """
-
-    def spectrum(cell):
-        return music_pseudo_spectrum(cell, radar, num_sources)[0]
-
-    u = _azimuth_sines(snapshot, radar, spectrum)
-    w = elevation_sines(snapshot, u, radar)
-    return angles_of_sines(u, w)
-
-
-@functools.partial(jax.jit, static_argnames="radar")
-def capon_directions(
-    snapshot: Complex[Array, "*batch virtual"],
-    radar: RadarSpec,
-) -> tuple[Angle, Angle]:
-    """Return azimuth and elevation in radians of each snapshot, the azimuth by Capon.
-
-    It takes the highest maximum of `capon_spectrum`, and the elevation afterwards as
-    `music_directions`.
-    """
-
-    def spectrum(cell):
-        return capon_spectrum(cell[None], radar, num_azimuth=NUM_AZIMUTH)
-
-    u = _azimuth_sines(snapshot, radar, spectrum, by_height=True)
-    w = elevation_sines(snapshot, u, radar)
-    return angles_of_sines(u, w)
-
-
-def _azimuth_sines(snapshot, radar, spectrum, *, by_height=False):
-    """Azimuth sine of each snapshot, from the maxima of its `spectrum`."""
 
     def strongest(cell):
-        values = spectrum(cell)
-        if by_height:
-            return spectrum_maxima(values, radar, 1)[0][0]
+        if method == "capon":
+            return spectrum_maxima(capon_spectrum(cell[None], radar), radar, 1)[0][0]
+        spectrum, _ = music_pseudo_spectrum(cell, radar, num_sources)
         row = jnp.asarray(_longest_row(radar)) @ cell
         beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
-        return spectrum_maxima(values, radar, 1, rank=beam)[0][0]
+        return spectrum_maxima(spectrum, radar, 1, rank=beam)[0][0]
 
-    return in_blocks(strongest, snapshot, radar)
+    u = in_blocks(strongest, snapshot, radar)
+    return angles_of_sines(u, elevation_sines(snapshot, u, radar))
 
 
 def in_blocks(function: Callable, snapshot: Array, radar: RadarSpec) -> Any:
@@ -240,7 +200,11 @@ def smoothed_covariance(
     *,
     subarray: int | None = None,
 ) -> Complex[Array, "*batch element element"]:
-    """Return a subarray's covariance: mean over snapshots, places, both directions."""
+    """Return a subarray's covariance: mean over snapshots, places, both directions.
+
+    `subarray` is the number of elements, by default two thirds of the row. Raises
+    ValueError if it does not fit into the row.
+    """
     check_antennas(snapshot.shape, radar)
     average = _longest_row(radar)
     length = len(average)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jradar.radar.peaks import local_maxima
 from jradar.types import PointCloud
 
 
@@ -34,13 +35,7 @@ def map_peaks(
     The Doppler axis wraps around, the range axis ends.
     """
     padded = jnp.pad(power, [(0, 0)] * (power.ndim - 1) + [(1, 1)], constant_values=-1)
-    highest = jnp.ones(power.shape, bool)
-    doppler = (-1, 0, 1) if power.shape[-2] > 2 else (0,)
-    for shift in ((row, column) for row in doppler for column in (-1, 0, 1)):
-        if shift != (0, 0):
-            near = jnp.roll(padded, shift, (-2, -1))[..., 1:-1]
-            highest &= power > near if shift > (0, 0) else power >= near
-    return highest
+    return local_maxima(padded)[..., 1:-1]
 
 
 def cluster(
@@ -67,6 +62,12 @@ def cluster(
             f"{radius_m=}, {radius_mps=}, {min_points=}, expected radii above 0 and 1 "
             "point or more"
         )
+    try:
+        from sklearn.cluster import DBSCAN
+    except ImportError as error:
+        raise ImportError(
+            "clusters need scikit-learn: pip install 'jradar[data]'"
+        ) from error
     index = np.flatnonzero(np.asarray(cloud.valid))
     if not len(index):
         return []
@@ -78,7 +79,7 @@ def cluster(
     if cloud.velocity is not None:
         velocity = np.asarray(cloud.velocity, np.float64)[index]
         features = np.column_stack([features, velocity / radius_mps])
-    labels = _dbscan(features, min_points)
+    labels = DBSCAN(eps=1.0, min_samples=min_points).fit_predict(features)
     found = []
     for label in range(labels.max() + 1):
         member = labels == label
@@ -93,14 +94,3 @@ def cluster(
             )
         )
     return sorted(found, key=lambda one: -one.power)
-
-
-def _dbscan(features, min_points):
-    """Cluster of each point, -1 for none."""
-    try:
-        from sklearn.cluster import DBSCAN
-    except ImportError as error:
-        raise ImportError(
-            "clusters need scikit-learn: pip install 'jradar[data]'"
-        ) from error
-    return DBSCAN(eps=1.0, min_samples=min_points).fit_predict(features)

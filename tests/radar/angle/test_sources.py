@@ -7,20 +7,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    capon_directions,
-    directions,
-    mdl_sources,
-    music_directions,
-    source_count,
-)
+from jradar.radar import directions
 from jradar.radar.angle import subspace
+from jradar.radar.angle.sources import mdl_sources
+from jradar.radar.angle.subspace import source_count, subspace_directions
 from tests.radar.targets import CASCADE, SMALL, noise, plane_wave, single
 
+CAPON, MUSIC = (
+    functools.partial(subspace_directions, method=name) for name in ("capon", "music")
+)
 FINDERS = {
-    "capon": capon_directions,
-    "music": music_directions,
-    "music, counted": functools.partial(music_directions, num_sources=None),
+    "capon": functools.partial(subspace_directions, method="capon"),
+    "music": functools.partial(subspace_directions, method="music"),
+    "music, counted": functools.partial(
+        subspace_directions, method="music", num_sources=None
+    ),
 }
 
 
@@ -101,7 +102,7 @@ def test_of_two_targets_in_a_beam_one_is_found_that_the_spectrum_merges():
         u = np.sin(np.asarray(find(cells, SMALL)[0]))
         return np.median(np.abs(u[:, None] - true).min(1))
 
-    errors = [median_error(f) for f in (capon_directions, music_directions)]
+    errors = [median_error(find) for find in (CAPON, MUSIC)]
     assert max(errors) < 0.02 < 0.04 < median_error(directions)
 
 

@@ -7,13 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    angle_spectrum,
+from jradar.radar import angle_spectrum, direction_sines
+from jradar.radar.angle.spectrum import spectrum_peaks
+from jradar.radar.angle.subspace import (
     capon_spectrum,
-    direction_sines,
     music_spectrum,
     smoothed_covariance,
-    spectrum_peaks,
 )
 from tests.radar.targets import CASCADE, FLAT, SMALL, noise, single
 
@@ -37,8 +36,9 @@ def two_targets(radar, sines, *, snapshots, grain=0.03):
 
 def peak_sines(power, radar, *, within_db=6.0):
     """Sines u of a spectrum's one or two strongest maxima."""
-    peaks = spectrum_peaks(power[None], radar, count=2, within_db=within_db)
-    return np.sort(np.sin(np.asarray(peaks.azimuth)[np.asarray(peaks.valid)]))
+    peaks = spectrum_peaks(power[None], radar, count=2)
+    shown = peaks.power >= peaks.power[0] * 10 ** (-within_db / 10)
+    return np.sort(np.sin(np.asarray(peaks.azimuth)[np.asarray(shown)]))
 
 
 @METHODS
@@ -56,24 +56,24 @@ def test_targets_within_a_beam_are_separated(method, snapshots):
 def test_both_are_their_formulas():
     """Forward-backward smoothing of full rows by its definition, in float64."""
     cells = two_targets(FLAT, [-0.2, 0.3], snapshots=20)
-    parts = np.stack([np.complex128(cells)[:, k : k + 6] for k in range(3)], 1)
+    parts = np.stack([np.complex128(cells)[:, k : k + 5] for k in range(4)], 1)
     mean = np.einsum("nki,nkj->ij", parts, parts.conj()) / parts[..., 0].size
     covariance = (mean + mean[::-1, ::-1].conj()) / 2
-    smoothed = smoothed_covariance(cells, FLAT, subarray=6)
+    smoothed = smoothed_covariance(cells, FLAT)
     np.testing.assert_allclose(smoothed, covariance, atol=1e-5)
 
     u, _ = direction_sines(FLAT, num_azimuth=128)
     turn = 2j * np.pi * FLAT.spacing_wavelengths
-    a = np.exp(turn * np.outer(np.arange(6), u))
-    load = 0.01 * np.trace(covariance).real / 6
-    inverse = np.linalg.inv(covariance + load * np.eye(6))
+    a = np.exp(turn * np.outer(np.arange(5), u))
+    load = 1e-3 * np.trace(covariance).real / 5
+    inverse = np.linalg.inv(covariance + load * np.eye(5))
     expected = 1 / np.einsum("iu,ij,ju->u", a.conj(), inverse, a).real
-    found = capon_spectrum(cells, FLAT, num_azimuth=128, subarray=6, loading=0.01)
+    found = capon_spectrum(cells, FLAT, num_azimuth=128)
     np.testing.assert_allclose(found, expected, rtol=1e-3)
 
     _, vectors = np.linalg.eigh(covariance)
-    share = (np.abs(vectors[:, :-2].conj().T @ a) ** 2).sum(0) / 6
-    found = music_spectrum(cells, FLAT, num_sources=2, num_azimuth=128, subarray=6)
+    share = (np.abs(vectors[:, :-2].conj().T @ a) ** 2).sum(0) / 5
+    found = music_spectrum(cells, FLAT, num_sources=2, num_azimuth=128)
     np.testing.assert_allclose(found, 1 / (share + 1e-6), rtol=5e-3)
 
 
@@ -108,9 +108,9 @@ def test_gradients_are_slopes_and_finite_without_noise_and_without_signal(method
 def test_what_cannot_be_resolved_is_refused():
     cells = jnp.ones((3, 12), complex)
     with pytest.raises(ValueError, match="subarray=9, expected 2 to 8, .* awr1843"):
-        capon_spectrum(cells, SMALL, subarray=9)
+        smoothed_covariance(cells, SMALL, subarray=9)
     with pytest.raises(ValueError, match="num_sources=5, expected 1 to 4: a subarray"):
-        music_spectrum(cells, SMALL, num_sources=5, subarray=5)
+        music_spectrum(cells, SMALL, num_sources=5)
     with pytest.raises(ValueError, match="num_sources=0, expected 1 to 4"):
         music_spectrum(cells, SMALL, num_sources=0)
     with pytest.raises(ValueError, match="8 values per snapshot, awr1843 has 3 tx"):

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import PointSpec, Radar, radar_points, subspace_peaks
+from jradar.radar import PointSpec, Radar, radar_points
+from jradar.radar.angle.subspace_peaks import subspace_peaks
 from tests.radar.targets import (
     CASCADE,
     FLAT,

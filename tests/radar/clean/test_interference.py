@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from jradar.radar import (
-    Interferers,
     Radar,
     crossing_chirps,
     draw_interferers,
@@ -16,7 +15,7 @@ from jradar.radar import (
     power_map,
     radar_points,
 )
-from jradar.radar.clean.interference import EDGE, _median, _taper
+from jradar.radar.clean.interference import EDGE, Interferers, _median, _taper
 from tests.radar.targets import CELLS, SMALL, simulate, target
 
 KEY = jax.random.key(0)

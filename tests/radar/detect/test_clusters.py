@@ -6,15 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    cluster,
-    detect,
-    map_peaks,
-    power_map,
-    radar_points,
-)
+from jradar.radar import PointSpec, Radar, cluster, detect, power_map, radar_points
+from jradar.radar.detect.clusters import map_peaks
 from jradar.types import PointCloud
 from tests.radar.targets import SMALL, simulate, spherical, targets
 
