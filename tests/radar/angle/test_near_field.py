@@ -72,14 +72,20 @@ def beam_power(snapshot, azimuth, elevation):
 
 
 @pytest.mark.parametrize(
-    "truth", [(0.8, 0, 0), (1.5, 30, 5), (3.0, -55, 10), (12.0, 50, -4)]
+    ("truth", "most"),
+    [
+        ((0.5, 0, 0), 0.001),  # whose wave bends most
+        ((1.5, 30, 5), 0.03),
+        ((3.0, -55, 10), 0.03),
+        ((12.0, 50, -4), 0.03),
+    ],
 )
-def test_focused_targets_are_where_they_are_with_all_their_power(truth):
+def test_focused_targets_are_where_they_are_with_all_their_power(truth, most):
     cells, cell, offset = cells_of(truth)
     plain = directions(cells[1], CASCADE, num_azimuth=NUM_AZIMUTH)
     found = focused_directions(cells, cell, offset, CASCADE, num_azimuth=NUM_AZIMUTH)
     error, before = (np.abs(np.degrees(v) - truth[1:]).max() for v in (found, plain))
-    assert error < 0.03 and error < before
+    assert error < most and error < before
     snapshot = focus(cells, offset, jnp.float32(truth[0]), *found, CASCADE)
     assert beam_power(snapshot, *found) > 0.99
     assert beam_power(cells[1], *plain) < 0.83
