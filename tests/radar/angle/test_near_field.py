@@ -16,11 +16,11 @@ from jradar.radar import (
     focus,
     focused_directions,
     points as points_module,
-    radar_points,
     window,
 )
 from tests.radar.targets import (
     close,
+    cloud_of,
     degrees,
     noise,
     place,
@@ -100,7 +100,7 @@ def test_points_of_a_near_target_are_focused():
     plain = PointSpec(detector="ca", capacity=2, **window)
     error = []
     for points in (plain, dataclasses.replace(plain, focus=True)):
-        cloud = radar_points(cube, Radar(CASCADE), points=points)
+        cloud = cloud_of(cube, CASCADE, points)
         assert spherical(cloud.xyz[:1])[0] == pytest.approx(truth[0], abs=2e-3)
         error.append(np.abs(degrees(cloud)[0] - truth[1:]).max())
     assert error[1] < 0.05 < 0.2 < error[0]
@@ -115,6 +115,6 @@ def test_focused_cells_are_the_focused_points_whatever_the_block(monkeypatch):
     points = PointSpec(detector="ca", capacity=128, focus=True, **options)
     unit = Radar(radar, range_bias_m=0.1)
     cells = all_cells(cube, unit, points=points)
-    expected = radar_points(cube, unit, points=points)
+    expected = cloud_of(cube, unit, points)
     assert expected.valid.sum() == 4 * 29
     close(cell_points(cells, cells.power > 0, unit, points=points), expected, 1e-3)
