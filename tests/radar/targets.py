@@ -6,7 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
+from jradar.radar import (
+    PointSpec,
+    Radar,
+    RadarSpec,
+    Scatterers,
+    radar_points,
+    simulate_cube,
+)
 
 SMALL = RadarSpec.awr1843(num_chirps=32, num_samples=64)  # two rows
 FLAT = RadarSpec.awr1642(num_chirps=32, num_samples=64)  # one row
@@ -47,6 +54,12 @@ def simulate(scatterers, radar=SMALL, seed=0, noise_power=1.0):
     """A cube with noise of power 1."""
     key = jax.random.key(seed)
     return simulate_cube(key, scatterers, radar, noise_power=noise_power)
+
+
+def cloud_of(cube, radar=SMALL, points=CELLS):
+    """The radar points of a cube, on the host."""
+    unit = radar if isinstance(radar, Radar) else Radar(radar)
+    return jax.tree.map(np.asarray, radar_points(cube, unit, points=points))
 
 
 def spherical(xyz):

@@ -17,7 +17,7 @@ from jradar.radar import (
     radar_points,
 )
 from jradar.radar.devices import BOARDS, board
-from tests.radar.targets import simulate, spherical, target
+from tests.radar.targets import cloud_of, simulate, spherical, target
 
 CORNER = 3.13, 15.0, 7.0  # metres, degrees to the left and up
 WAVEFORM = {  # of TI's indoor demonstrations, at either band
@@ -82,12 +82,12 @@ def test_a_moving_corner_is_found_after_its_signs_are_undone(name):
     signs = np.tile(made.rx_signs, radar.num_tx)
     unit = Radar(radar).with_factors(signs)
     recorded = calibrate(corner(radar, velocity=0.4), unit)
-    cloud = radar_points(recorded, unit, points=POINTS)
+    cloud = cloud_of(recorded, unit, POINTS)
     assert_found(cloud)
     assert cloud.velocity[0] == pytest.approx(0.4, abs=0.05)
     if set(made.rx_signs) != {1}:  # inverted receivers show another direction
         plain = Radar(radar).with_factors(np.ones(radar.num_virtual))
-        wrong = radar_points(recorded, plain, points=POINTS)
+        wrong = cloud_of(recorded, plain, POINTS)
         assert np.linalg.norm(wrong.xyz[0] - cloud.xyz[0]) > 0.5
 
 
@@ -141,7 +141,7 @@ def test_a_factor_turns_the_phase_of_real_samples():
     unit = Radar(REAL).with_factors(factors.conj())
     back = calibrate(turned, unit)
     np.testing.assert_allclose(back[..., 8:-8], cube[..., 8:-8], atol=20.0)
-    assert_found(radar_points(turned, unit, points=POINTS))
+    assert_found(cloud_of(turned, unit, POINTS))
 
 
 def test_samples_of_the_wrong_kind_are_refused():

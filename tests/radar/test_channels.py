@@ -12,7 +12,6 @@ from jradar.radar import (
     range_doppler,
     subtract_leakage,
 )
-from jradar.recordings import radar_from_coloradar, read_coupling
 from tests.radar.targets import CASCADE, noise
 
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=32)
@@ -28,15 +27,6 @@ def close(actual, expected):
     np.testing.assert_allclose(actual, expected, atol=1e-5 * scale)
 
 
-def test_channel_factors_act_on_tx_major_pairs():
-    factors = noise(12)
-    unit = Radar(RADAR).with_factors(factors).with_factors(np.full(12, 2.0))
-    actual = calibrate(jnp.array(CUBE), unit)
-    for virtual in range(12):
-        tx, rx = divmod(virtual, 4)
-        close(actual[tx, rx], 2 * CUBE[tx, rx] * factors[virtual])
-
-
 def test_channels_and_beat_frequencies_follow_the_documented_sums():
     """One antenna pair and one sample at a time."""
     expected = np.empty(SHAPE, complex)
@@ -44,11 +34,6 @@ def test_channels_and_beat_frequencies_follow_the_documented_sums():
         turn = np.exp(-2j * np.pi * BINS[tx, rx] * n / 32)
         expected[tx, rx, :, n] = CUBE[tx, rx, :, n] * turn * CHANNELS[tx, rx]
     close(calibrate(jnp.array(CUBE), UNIT), expected)
-
-
-def test_an_uncalibrated_radar_leaves_the_samples():
-    cube = jnp.array(CUBE)
-    np.testing.assert_array_equal(calibrate(cube, Radar(RADAR)), cube)
 
 
 @pytest.mark.parametrize("doppler_bin", [0.0, 3.0, -2.6])
@@ -94,15 +79,3 @@ def test_sizes_that_do_not_fit_are_refused():
 def test_snapshots_of_another_radar_are_refused():
     with pytest.raises(ValueError, match="24 values per snapshot, awr1843 has 3 tx x"):
         compensate_tdm(jnp.ones((5, 24), complex), jnp.zeros(5), RADAR)
-
-
-def test_real_coupling_fits_the_single_chip(samples):
-    calib = samples / "coloradar_calib_reconstructed" / "single_chip"
-    radar = radar_from_coloradar(calib)
-    coupling = read_coupling(calib / "coupling_calib.txt")
-    silence, _ = range_doppler(jnp.zeros(radar.cube_shape, complex))
-    actual = np.asarray(subtract_leakage(silence, jnp.array(coupling)))
-    expected = np.zeros((12, 128, 128), complex)
-    for doppler, share in ((63, -0.5), (64, 1.0), (65, -0.5)):  # the Hann window's
-        expected[:, doppler, 1:65] = -share * coupling.reshape(12, 64) / 0.42 / 128
-    close(actual, expected)

@@ -14,7 +14,7 @@ from jradar.radar import (
     static_background,
     subtract_background,
 )
-from tests.radar.targets import CELLS, SMALL, close, simulate, target
+from tests.radar.targets import SMALL, close, cloud_of, simulate, target
 
 COUNTS = np.random.default_rng(0).integers(-100, 100, (2, 2, 8, 16, 2))
 PAIRS = COUNTS.astype(np.int16)
@@ -57,9 +57,7 @@ def test_every_function_of_a_cube_takes_integer_pairs():
 def test_points_of_integer_pairs_are_those_of_complex_samples():
     cube = np.round(simulate(target(5, 20, 5, 1)))
     pairs = np.stack([cube.real, cube.imag], -1).astype(np.int16)
-    found, expected = (
-        radar_points(c, Radar(SMALL), points=CELLS) for c in (pairs, cube)
-    )
+    found, expected = (cloud_of(c) for c in (pairs, cube))
     assert expected.valid.any()
     close(found, expected)
 

@@ -15,8 +15,8 @@ from jradar.lidar import Poses
 from jradar.model import condition, enhance, fuse, mixtures
 from jradar.radar import Radar, RadarSpec, calibrate, radar_points
 from jradar.recordings import Recording, Stream
-from jradar.session import enhance_recording, see
-from tests.models import RADAR, echoes, one_pass_model, tiny_model
+from jradar.session import enhance_recording, fusion
+from tests.models import RADAR, SPEC, echoes, one_pass_model, tiny_model
 
 CUBES = [np.asarray(echoes(seed)) for seed in range(2)]
 MODEL = tiny_model()
@@ -107,27 +107,29 @@ def test_every_stage_is_timed_and_warnings_are_about_the_frames_so_far(stopped):
     assert not any("frame 2" in warning for warning in warnings)
 
 
-def test_two_frames_are_fused_by_their_poses():
-    model = one_pass_model()
+def test_two_frames_are_fused_by_their_poses_without_what_moves(monkeypatch):
+    model, moving = one_pass_model(), np.zeros(SPEC.fine.shape, bool)
+    moving[:, 20:] = True
+    monkeypatch.setattr(fusion, "moving_pixels", lambda *_, **__: jnp.array(moving))
     frames = enhance_recording(recording(2), model, fuse=2)
     first, second = frames
     assert frames.motion == {"poses": 1}
-    points = model.spec.points.fitted(RADAR)
-    conditions = [condition(cube, UNIT, model) for cube in CUBES]
-    newest_first = [
-        (mixtures(image, model), radar_points(cube, UNIT, points=points), image)
-        for image, cube in list(zip(conditions, CUBES, strict=True))[::-1]
-    ]
-    moving = [see(p, image, model, RADAR).moving for _, p, image in newest_first]
-    both = jax.tree.map(lambda *x: jnp.stack(x), *(m for m, *_ in newest_first))
-    poses = np.stack([np.eye(4), np.eye(4)]).astype(np.float32)
-    poses[1, 0, 3] = -STEP_M  # what the older frame saw is nearer now
-    expected = fuse(both, jnp.asarray(poses), model, moving=jnp.stack(moving))
+    each = [mixtures(condition(cube, UNIT, model), model) for cube in CUBES[::-1]]
+
+    def fused(count, step_m, **options):
+        poses = np.stack([np.eye(4)] * count).astype("float32")
+        poses[1:, 0, 3] = -step_m  # what the older frame saw is nearer now
+        newest_first = jax.tree.map(lambda *x: jnp.stack(x), *each[-count:])
+        return fuse(newest_first, jnp.array(poses), model, **options)
+
+    both = jnp.array([moving, moving])
+    expected = fused(2, STEP_M, moving=both)
     np.testing.assert_allclose(second.image.range_m, expected.range_m, atol=1e-3)
-    np.testing.assert_allclose(second.image.confidence, expected.confidence, atol=1e-4)
-    still = fuse(both, jnp.asarray([np.eye(4)] * 2, jnp.float32), model)
-    assert not np.allclose(still.range_m, expected.range_m, atol=1e-2)
-    alone = fuse(jax.tree.map(lambda x: x[1:], both), jnp.eye(4)[None], model)
+    confidence = second.image.confidence
+    np.testing.assert_allclose(confidence, expected.confidence, atol=1e-4)
+    for other in (fused(2, 0.0, moving=both), fused(2, STEP_M)):
+        assert not np.allclose(other.confidence, confidence, atol=1e-3)
+    alone = fused(1, 0.0)
     np.testing.assert_allclose(first.image.range_m, alone.range_m, atol=1e-3)
 
 

@@ -18,7 +18,15 @@ from jradar.radar import (
 )
 from jradar.radar.angle.deviations import offset_bias, offset_deviation
 from jradar.radar.peaks import parabola_offset, window_offset
-from tests.radar.targets import CELLS, FLAT, SMALL, simulate, spherical, target
+from tests.radar.targets import (
+    CELLS,
+    FLAT,
+    SMALL,
+    cloud_of,
+    simulate,
+    spherical,
+    target,
+)
 
 ONE = PointSpec(detector="ca", capacity=1)
 PLAIN = dataclasses.replace(ONE, range_window="none", doppler_window="none")
@@ -138,7 +146,7 @@ def test_hanns_deviation_is_little_above_the_bound_of_its_window():
 def test_angles_follow_the_arrays_aperture():
     # One row of n: var(u) = 6 / (snr n (n^2 - 1) (2 pi d)^2), here for 8 columns.
     cube = simulate(target(5, 20, 0, 1), FLAT)
-    cloud = radar_points(cube, Radar(FLAT), points=CELLS)
+    cloud = cloud_of(cube, FLAT)
     found = point_deviations(cloud, FLAT, points=CELLS)
     snr, turn = float(cloud.snr[0]) - 1, 2 * np.pi * FLAT.spacing_wavelengths
     of_sine = np.sqrt(6 / (snr * 8 * 63)) / turn
@@ -148,10 +156,10 @@ def test_angles_follow_the_arrays_aperture():
 
 
 def test_padding_and_clouds_without_deviations():
-    cloud = radar_points(simulate(target(5, 20, 5, 1)), Radar(SMALL), points=CELLS)
-    valid = np.asarray(cloud.valid)
+    cloud = cloud_of(simulate(target(5, 20, 5, 1)))
     for values in map(np.asarray, point_deviations(cloud, SMALL)):
-        assert np.isfinite(values[valid]).all() and np.isinf(values[~valid]).all()
+        assert np.isfinite(values[cloud.valid]).all()
+        assert np.isinf(values[~cloud.valid]).all()
     with pytest.raises(ValueError, match="the cloud has no snr"):
         point_deviations(cloud._replace(snr=None), SMALL)
     on_bins = dataclasses.replace(ONE, refine=False)

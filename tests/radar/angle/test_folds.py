@@ -7,11 +7,6 @@ import numpy as np
 import pytest
 
 from jradar.radar import (
-    Radar,
-    all_cells,
-    cell_points,
-    detect,
-    radar_points,
     velocity_folds,
 )
 from tests.radar.targets import (
@@ -19,7 +14,7 @@ from tests.radar.targets import (
     CELLS,
     FLAT,
     SMALL,
-    close,
+    cloud_of,
     degrees,
     noise,
     plane_wave,
@@ -35,25 +30,13 @@ SHORT_CASCADE = dataclasses.replace(CASCADE, num_samples=32)
 @pytest.mark.parametrize("velocity", [2.6, -3.1, 6.0, 1.0])
 def test_a_fast_target_has_its_velocity_and_direction(velocity):
     cube = simulate(target(4.0, 15, 3, velocity))
-    cloud, folded = (
-        radar_points(cube, Radar(SMALL), points=p) for p in (FOLDED, CELLS)
-    )
+    cloud, folded = (cloud_of(cube, points=p) for p in (FOLDED, CELLS))
     fold = round(velocity / (2 * SMALL.max_velocity_mps))
     assert cloud.fold[0] == fold and cloud.fold_margin_db[0] > 0.5
     assert cloud.velocity[0] == pytest.approx(velocity, abs=0.02)
     np.testing.assert_allclose(degrees(cloud), [[15, 3]], atol=1)
     assert folded.fold is None and folded.fold_margin_db is None
     assert (abs(degrees(folded)[0, 0] - 15) > 5) == bool(fold)
-
-
-def test_cells_have_the_folds_of_points():
-    velocity = 1.3 * SMALL.max_velocity_mps
-    cube = simulate(target(4.0, 15, 3, velocity))
-    cells = all_cells(cube, Radar(SMALL), points=FOLDED)
-    mask = detect(cells.power, SMALL, points=FOLDED)
-    found = cell_points(cells, mask, Radar(SMALL), points=FOLDED)
-    assert found.fold[0] == 1
-    close(found, radar_points(cube, Radar(SMALL), points=FOLDED), 1e-3)
 
 
 def lead(radar):

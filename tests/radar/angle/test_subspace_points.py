@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import PointSpec, Radar, radar_points
+from jradar.radar import PointSpec
 from jradar.radar.angle.subspace_peaks import subspace_peaks
 from tests.radar.targets import (
     CASCADE,
     FLAT,
     SMALL,
+    cloud_of,
     degrees,
     plane_wave,
     simulate,
@@ -77,7 +78,7 @@ def reference(cube, radar, method):
 def test_points_have_the_azimuth_and_elevation_of_the_target(method, place):
     cube = simulate(target(4.0, *place, 0.0))
     points = dataclasses.replace(ONE, angles=method)
-    [found] = degrees(radar_points(cube, Radar(SMALL), points=points))
+    [found] = degrees(cloud_of(cube, points=points))
     np.testing.assert_allclose(found, place, atol=0.4)
     expected = np.degrees(reference(cube, SMALL, method))
     np.testing.assert_allclose(found, expected, atol=0.2)
@@ -94,8 +95,8 @@ def two_in_a_cell(places, phase):
 
 def found_places(cube, points):
     """Azimuth and elevation in degrees of two points, the rightmost first."""
-    cloud = radar_points(cube, Radar(SMALL), points=points)
-    found = np.where(np.asarray(cloud.valid)[:, None], degrees(cloud, 2), 90.0)
+    cloud = cloud_of(cube, points=points)
+    found = np.where(cloud.valid[:, None], degrees(cloud, 2), 90.0)
     return found[found[:, 0].argsort()]
 
 
@@ -115,7 +116,7 @@ def test_two_targets_of_a_cell_within_a_beam_are_two_points(method):
 def test_one_target_of_a_cell_stays_one_point(changes):
     cube = simulate(target(4.0, 10, 5, 0.0), seed=1)
     points = dataclasses.replace(TWO, **changes)
-    cloud = radar_points(cube, Radar(SMALL), points=points)
+    cloud = cloud_of(cube, points=points)
     assert cloud.valid.tolist() == [True, False]
     np.testing.assert_allclose(degrees(cloud), [[10, 5]], atol=1)
 

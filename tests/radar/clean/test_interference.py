@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from jradar.radar import (
-    Radar,
     crossing_chirps,
     draw_interferers,
     excise_interference,
     power_map,
-    radar_points,
 )
 from jradar.radar.clean.interference import EDGE, Interferers, _median, _taper
-from tests.radar.targets import CELLS, SMALL, simulate, target
+from tests.radar.targets import CELLS, SMALL, cloud_of, simulate, target
 
 KEY = jax.random.key(0)
 REAL = dataclasses.replace(SMALL, real_samples=True)
@@ -154,10 +152,8 @@ def test_points_are_those_of_the_frame_without_interference():
     clean = simulate(target(5, 20, 5, 1, amplitude=10.0))
     disturbed = clean + strong_and_often()
     excising = dataclasses.replace(CELLS, remove_interference=True)
-    expected, lost = (
-        radar_points(cube, Radar(SMALL), points=CELLS) for cube in (clean, disturbed)
-    )
-    cloud = radar_points(disturbed, Radar(SMALL), points=excising)
+    expected, lost = (cloud_of(cube) for cube in (clean, disturbed))
+    cloud = cloud_of(disturbed, points=excising)
     assert cloud.valid[0] and np.linalg.norm(cloud.xyz[0] - expected.xyz[0]) < 0.1
     assert cloud.snr[0] > 0.8 * expected.snr[0] > 8 * lost.snr[0]
     assert CELLS.remove_interference is False

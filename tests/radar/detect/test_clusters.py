@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import PointSpec, Radar, cluster, detect, power_map, radar_points
+from jradar.radar import PointSpec, cluster, detect, power_map
 from jradar.radar.detect.clusters import map_peaks
 from jradar.types import PointCloud
-from tests.radar.targets import SMALL, simulate, spherical, targets
+from tests.radar.targets import SMALL, cloud_of, simulate, spherical, targets
 
 STRICT = PointSpec(false_alarm_rate=1e-6, capacity=64)
 GROUPED = dataclasses.replace(STRICT, group_peaks=True)
@@ -19,8 +19,8 @@ PLACES = [(3.3, 10, 0, 0.5), (5.1, -20, 3, -1.0), (7.2, 30, -4, 0.0)]
 @pytest.mark.parametrize("amplitude", [5.0, 100.0])
 def test_three_targets_give_three_points(amplitude):
     cube = simulate(targets(*PLACES, amplitude=amplitude))
-    assert radar_points(cube, Radar(SMALL), points=STRICT).valid.sum() > 20
-    cloud = radar_points(cube, Radar(SMALL), points=GROUPED)
+    assert cloud_of(cube, points=STRICT).valid.sum() > 20
+    cloud = cloud_of(cube, points=GROUPED)
     assert cloud.valid.sum() == 3
     found = sorted(spherical(cloud.xyz[:3])[0])
     expected = [place[0] for place in PLACES]
