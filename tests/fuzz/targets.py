@@ -33,7 +33,6 @@ from tests.recordings.dca1000_writer import (
     as_bytes,
     as_packets,
     random_cubes,
-    settings_json,
     with_headers,
 )
 from tests.recordings.test_descriptions import STUDIO
@@ -294,7 +293,6 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "radar.cfg": text("radar.cfg", CFG, read_description),
     "studio log": text("LogFile.txt", cube_writer.LOG + SECOND, read_description),
     "mmwave.json": text("a.mmwave.json", json.dumps(STUDIO), read_description),
-    "cf.json": studio("cf.json", settings_json()),
     "capture.toml": studio("capture.toml", CAPTURE),
     "samples": studio("adc_data.bin"),
     "packets": packets,

@@ -11,7 +11,7 @@ import functools
 import itertools
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,8 @@ READING = threading.Lock()  # all streams of a bag share its file position
 
 class TopicStream(Stream):
     """The messages of one topic, decoded when they are accessed."""
+
+    stamps: np.ndarray
 
     def __init__(
         self,
@@ -194,7 +196,7 @@ def messages(
     topic: str | None = None,
     start: int | None = None,
     stop: int | None = None,
-) -> Iterator[tuple[str, int, bytes]]:
+) -> Generator[tuple[str, int, bytes], None, None]:
     """Yield topic, time in nanoseconds and bytes of messages, of one topic or of all.
 
     The bag is locked until the last one.

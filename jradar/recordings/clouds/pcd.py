@@ -53,7 +53,8 @@ def columns_of_words(words: list[bytes], point: np.dtype) -> dict[str, np.ndarra
 
 def need(content: bytes, start: int, count: int, size: int) -> None:
     """Raise ValueError if a file ends before `count` points of `size` bytes."""
-    if count < 0 or (left := len(content) - start) < count * size:
+    left = len(content) - start
+    if count < 0 or left < count * size:
         raise ValueError(
             f"it holds {left:,} bytes of points, its header claims {count:,} points of "
             f"{size} bytes: truncated?"

@@ -13,6 +13,7 @@ of a DCA1000 turns IIQQ into IQIQ.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int16, Num
@@ -71,7 +72,7 @@ def words_of_cube(
     return _words(np.reshape(cube, radar.cube_shape), order)
 
 
-def _words(cube: np.ndarray, order: str) -> np.ndarray:
+def _words(cube: Any, order: str) -> np.ndarray:
     shape, axes = _layout(cube.shape, order)
     parts = [cube.real] if order == "I" else [cube.real, cube.imag]
     rounded, limits = np.rint(parts[:: _step(order)]), np.iinfo(np.int16)
@@ -140,16 +141,6 @@ def advise_iq_order(
         f"check whether iq_order='{best}' (--iq-order {best}) puts the echoes where "
         "they belong"
     )
-
-
-def confirms_interleave(
-    cube: Num[np.ndarray, "tx rx chirp sample"], *, order: str
-) -> bool:
-    """True if another interleave of two lanes has clearly stronger images."""
-    if order not in TWO_LANES or cube.shape[-1] < LEAST_SAMPLES:
-        return False
-    changed = _cube(_words(cube, order), cube.shape, OTHER_INTERLEAVE[order])
-    return bool(_image(_power(changed)) > IMAGE_RATIO * _image(_power(cube)))
 
 
 def _power(cube):

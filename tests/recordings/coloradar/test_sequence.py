@@ -154,21 +154,14 @@ def test_a_radar_without_raw_samples(root, sequence):
 
 def test_only_a_radar(tmp_path):
     write_radar(tmp_path / "run", count=2)
+    for part in ("lidar", "groundtruth"):  # unpacked in part
+        write(tmp_path / "run" / part / "timestamps.txt", stamps_text(2, 10))
     write_calib(tmp_path / "calib", transforms={})
     recording = open_coloradar(tmp_path / "run")
     assert recording.lidar is None and recording.poses is None
     assert recording.base_from_radar is None and radar_from_lidar(recording) is None
     assert nearest_scan(recording, 0) is None
     assert any("base_to_single_chip.txt" in note for note in recording.notes)
-
-
-def test_a_sequence_that_was_unpacked_in_part(root):
-    folder = root / "12_21_2020_ec_hallways_run1"
-    write_radar(folder, count=2)
-    write(folder / "lidar/timestamps.txt", stamps_text(2, 10))
-    write(folder / "groundtruth/timestamps.txt", stamps_text(2, 10))
-    recording = open_coloradar(folder)
-    assert recording.lidar is None and recording.poses is None
 
 
 def test_coloradar_plus_numbers_from_1_and_has_one_radar(tmp_path):
@@ -231,14 +224,6 @@ def test_coupling_and_frequency_phase_are_read_and_applied(root, sequence):
             expected[pair, :, n] *= turn / phase[pair]
     cube = np.asarray(calibrated_cube(recording, 1)).reshape(expected.shape)
     np.testing.assert_allclose(cube, expected, rtol=2e-5, atol=1e-2)
-
-
-def test_factors_of_channels_are_applied(sequence):
-    factors = np.array([1, 1j, -1, 0.5], np.complex64)
-    recording = open_coloradar(sequence)._replace(channel_factors=factors)
-    cube = np.asarray(calibrated_cube(recording, 0))
-    expected = expected_cube(0) * factors.reshape(TX, RX, 1, 1)
-    np.testing.assert_allclose(cube, expected, rtol=1e-6)
 
 
 def test_the_leakage_takes_the_factors_of_its_channels(root, sequence, tmp_path):
