@@ -181,8 +181,8 @@ def splits(folder: Path) -> Target:
     return Target(folder / "splits.json", lambda: find_sources(folder))
 
 
-def bag(container: str, compressed: str) -> Callable:
-    """Return a maker of a bag with clouds of two kinds."""
+def bag(container: str, compressed: str, name: str = "") -> Callable:
+    """Return a maker of a bag with clouds of two kinds; `name` is a file beside it."""
 
     def make(folder: Path) -> Target:
         rows = bags.livox_rows(20)
@@ -200,7 +200,7 @@ def bag(container: str, compressed: str) -> Callable:
                 for index in range(len(stream)):
                     assert stream[index].shape[1] == 4
 
-        return Target(bags.files_of(path)[0], read)
+        return Target(path / name if name else bags.files_of(path)[0], read)
 
     return make
 
@@ -323,6 +323,7 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "bag bz2": bag("bag", "bz2"),
     "bag lz4": bag("bag", "lz4"),
     "sqlite": bag("sqlite", ""),
+    "bag's metadata": bag("sqlite", "", "metadata.yaml"),
     "sqlite zstd": bag("sqlite", "message"),
     "mcap": bag("mcap", ""),
     "mcap zstd": bag("mcap", "storage"),
