@@ -21,7 +21,7 @@ from jradar.recordings.recording import Format, read
 from jradar.recordings.ti.cfg import read_cfg
 from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.mmwave_json import read_mmwave_json
-from jradar.recordings.ti.studio_log import count_configurations, radar_from_studio_log
+from jradar.recordings.ti.studio_log import read_studio_log
 
 # What only the files of each kind contain that describe a radar.
 SIGNS = {
@@ -32,7 +32,6 @@ SIGNS = {
     ".csv": b"API:ProfileConfig",
 }
 MOST_FRAMES = 10_000_000  # ten days of ten a second
-MOST_SHOWN = 5  # configurations of a log, the last ones
 CAPTURE_TOML = "capture.toml"  # describes a whole rig, and names the radar's file
 
 
@@ -44,32 +43,6 @@ class Description(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def _read_log(path: Path, configuration: int | None = None) -> Description:
-    radar = radar_from_studio_log(path, configuration=configuration)
-    count = count_configurations(path)
-    if count == 1:
-        return Description(radar)
-    taken = configuration or count
-    shown = [*range(max(count - MOST_SHOWN, 0) + 1, count + 1)]
-    sizes = "; ".join(f"#{number} {_size(path, number)}" for number in shown)
-    note = (
-        f"{path.name} holds {count} configurations (tx x rx x chirps x samples, "
-        f"range bin, frame period: {sizes}); #{taken} was taken, --radar {path}#1 "
-        "names another"
-    )
-    return Description(radar, notes=(note,))
-
-
-def _size(path: Path, configuration: int) -> str:
-    """Return size of a frame, range bin and period of one configuration of a log."""
-    try:
-        radar = radar_from_studio_log(path, configuration=configuration)
-    except ValueError:
-        return "unusable"
-    size = " x ".join(map(str, radar.cube_shape))
-    return f"{size}, {radar.range_resolution_m:.3g} m, {radar.frame_period_s:g} s"
-
-
 DESCRIPTIONS = (
     Format(
         "a .toml with a [radar] table",
@@ -79,19 +52,19 @@ DESCRIPTIONS = (
     Format(
         "a .cfg of TI's mmWave SDK",
         lambda path: path.suffix == ".cfg",
-        lambda path, **device: Description(*read_cfg(path, **device)),
+        lambda path, **options: Description(*read_cfg(path, **options)),
         ("device",),
     ),
     Format(
         "a log of mmWave Studio (.txt or .csv)",
         lambda path: path.suffix in (".txt", ".csv"),
-        _read_log,
+        lambda path, **options: Description(*read_studio_log(path, **options)),
         ("configuration",),
     ),
     Format(
         "an .mmwave.json of mmWave Studio",
         lambda path: path.suffix == ".json",
-        lambda path, **device: Description(*read_mmwave_json(path, **device)),
+        lambda path, **options: Description(*read_mmwave_json(path, **options)),
         ("device",),
     ),
     Format(

@@ -35,7 +35,6 @@ from tests.recordings.dca1000_writer import (
     as_bytes,
     as_packets,
     random_cubes,
-    settings_json,
     with_headers,
 )
 from tests.recordings.test_descriptions import STUDIO
@@ -186,8 +185,8 @@ def splits(folder: Path) -> Target:
     return Target(folder / "splits.json", lambda: find_sources(folder))
 
 
-def bag(container: str, compressed: str) -> Callable:
-    """Return a maker of a bag with clouds of two kinds."""
+def bag(container: str, compressed: str, name: str = "") -> Callable:
+    """Return a maker of a bag with clouds of two kinds; `name` is a file beside it."""
 
     def make(folder: Path) -> Target:
         rows = bags.livox_rows(20)
@@ -205,7 +204,7 @@ def bag(container: str, compressed: str) -> Callable:
                 for index in range(len(stream)):
                     assert stream[index].shape[1] == 4
 
-        return Target(bags.files_of(path)[0], read)
+        return Target(path / name if name else bags.files_of(path)[0], read)
 
     return make
 
@@ -298,7 +297,6 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "radar.cfg": text("radar.cfg", CFG, read_description),
     "studio log": text("LogFile.txt", cube_writer.LOG + SECOND, read_description),
     "mmwave.json": text("a.mmwave.json", json.dumps(STUDIO), read_description),
-    "cf.json": studio("cf.json", settings_json()),
     "capture.toml": studio("capture.toml", CAPTURE),
     "samples": studio("adc_data.bin"),
     "packets": packets,
@@ -329,6 +327,7 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "bag bz2": bag("bag", "bz2"),
     "bag lz4": bag("bag", "lz4"),
     "sqlite": bag("sqlite", ""),
+    "bag's metadata": bag("sqlite", "", "metadata.yaml"),
     "sqlite zstd": bag("sqlite", "message"),
     "mcap": bag("mcap", ""),
     "mcap zstd": bag("mcap", "storage"),

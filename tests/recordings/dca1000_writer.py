@@ -1,6 +1,5 @@
 """DCA1000 captures written byte by byte, for tests."""
 
-import json
 import struct
 
 import numpy as np
@@ -69,9 +68,3 @@ def with_headers(packets, header=14):
         struct.pack("<I", sequence) + length(data) + struct.pack("<Q", at)[:6] + data
         for sequence, at, data in packets
     )
-
-
-def settings_json(**changes):
-    settings = {"dataLoggingMode": "raw", "lvdsMode": 2, "dataFormatMode": 3}
-    settings |= {"dataFormatConfig": {"reorderEnable": 0}}
-    return json.dumps({"DCA1000Config": settings | changes})

@@ -9,31 +9,23 @@ import numpy as np
 
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.recordings import radar_from_coloradar
+from jradar.simulation.coloradar_writer import write_rows, write_stamps as write_stamps
+from tests.recordings.coloradar_writer import write
 
-WAVEFORM = {
-    "num_rx": 4,
-    "num_tx": 3,
-    "num_adc_samples_per_chirp": 64,
-    "num_chirps_per_frame": 16,
-    "adc_sample_frequency": 10.666e6,
-    "start_frequency": 77e9,
-    "idle_time": 110e-6,
-    "adc_start_time": 7e-6,
-    "ramp_end_time": 20e-6,
-    "frequency_slope": 1e14,
-}
-ANTENNAS = """\
+WAVEFORM = """\
 num_rx 4
 num_tx 3
-F_design 76.8
-rx 0 0 0
-rx 1 1 0
-rx 2 2 0
-rx 3 3 0
-tx 0 0 0
-tx 1 4 0
-tx 2 2 1
+num_adc_samples_per_chirp 64
+num_chirps_per_frame 16
+adc_sample_frequency 10.666e6
+start_frequency 77e9
+idle_time 110e-6
+adc_start_time 7e-6
+ramp_end_time 20e-6
+frequency_slope 1e14
 """
+ANTENNAS = "F_design 76.8\nrx 0 0 0\nrx 1 1 0\nrx 2 2 0\nrx 3 3 0\n"
+ANTENNAS += "tx 0 0 0\ntx 1 4 0\ntx 2 2 1\n"
 SIDE = 5.0  # metres from the radar to each wall
 PILLAR = np.array([3.0, 0.8])
 
@@ -41,14 +33,11 @@ PILLAR = np.array([3.0, 0.8])
 def write_calib(root: Path) -> RadarSpec:
     """The calib folder with radar and LiDAR where the base is; returns the radar."""
     folder = root / "calib" / "single_chip"
-    folder.mkdir(parents=True)
-    lines = [f"{key} {value}" for key, value in WAVEFORM.items()]
-    (folder / "waveform_cfg.txt").write_text("\n".join(lines) + "\n")
-    (folder / "antenna_cfg.txt").write_text(ANTENNAS)
-    (root / "calib" / "transforms").mkdir()
+    write(folder / "waveform_cfg.txt", WAVEFORM)
+    write(folder / "antenna_cfg.txt", ANTENNAS)
     for name in ("single_chip", "lidar"):
         path = root / "calib" / "transforms" / f"base_to_{name}.txt"
-        path.write_text("0 0 0\n0 0 0 1\n")
+        write(path, "0 0 0\n0 0 0 1\n")
     return radar_from_coloradar(folder)
 
 
@@ -93,8 +82,6 @@ def write_sequence(root: Path, name="run0", frames=6, lidar_delay=0.01, seed=0) 
     folder = root / name
     stamps = 1000.0 + 0.1 * np.arange(frames)
     adc, lidar = folder / "single_chip" / "adc_samples", folder / "lidar"
-    for data in (adc / "data", lidar / "pointclouds", folder / "groundtruth"):
-        data.mkdir(parents=True)
     for i in range(frames):
         cube = np.asarray(
             simulate_cube(
@@ -105,22 +92,16 @@ def write_sequence(root: Path, name="run0", frames=6, lidar_delay=0.01, seed=0) 
             )
         )
         samples = np.stack([cube.real, cube.imag], -1).round().astype("<i2")
-        (adc / "data" / f"frame_{i}.bin").write_bytes(samples.tobytes())
+        write(adc / "data" / f"frame_{i}.bin", samples.tobytes())
         scan = room_scan(rng).tobytes()
-        (lidar / "pointclouds" / f"lidar_pointcloud_{i}.bin").write_bytes(scan)
+        write(lidar / "pointclouds" / f"lidar_pointcloud_{i}.bin", scan)
     write_stamps(adc, stamps)
     write_stamps(lidar, stamps + lidar_delay)
     poses = 1000.0 - 0.5 + 0.05 * np.arange(20 + 2 * frames)
     write_stamps(folder / "groundtruth", poses)
-    lines = [f"{0.5 * (t - 1000)} 0 0 0 0 0 1" for t in poses]
-    path = folder / "groundtruth" / "groundtruth_poses.txt"
-    path.write_text("\n".join(lines) + "\n")
+    rows = np.array([[0.5 * (t - 1000), 0, 0, 0, 0, 0, 1] for t in poses])
+    write_rows(folder / "groundtruth" / "groundtruth_poses.txt", rows)
     return folder
-
-
-def write_stamps(folder: Path, stamps) -> None:
-    """A `timestamps.txt`, with microseconds as in ColoRadar."""
-    (folder / "timestamps.txt").write_text("".join(f"{t:6f}\n" for t in stamps))
 
 
 def write_splits(root: Path, splits: dict[str, str]) -> None:

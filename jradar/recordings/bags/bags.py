@@ -33,6 +33,8 @@ READING = threading.Lock()  # all streams of a bag share its file position
 class TopicStream(Stream):
     """The messages of one topic, decoded when they are accessed."""
 
+    stamps: np.ndarray
+
     def __init__(
         self,
         path: Path,
@@ -194,7 +196,7 @@ def messages(
     topic: str | None = None,
     start: int | None = None,
     stop: int | None = None,
-) -> Generator[tuple[str, int, bytes]]:
+) -> Generator[tuple[str, int, bytes], None, None]:
     """Yield topic, time in nanoseconds and bytes of messages, of one topic or of all.
 
     The bag is locked until the last one.

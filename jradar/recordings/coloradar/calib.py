@@ -35,9 +35,7 @@ FIELDS = {
 COUNTS = ("num_tx", "num_rx", "num_adc_samples_per_chirp", "num_chirps_per_frame")
 
 
-def radar_from_coloradar(
-    folder: Path | str, *, tx_firing_order: tuple[int, ...] | None = None
-) -> RadarSpec:
+def radar_from_coloradar(folder: Path | str) -> RadarSpec:
     """Return the radar in ColoRadar's `calib/single_chip` or `calib/cascade`.
 
     The files contain neither the frame period, which is 0 here, nor the firing order:
@@ -55,17 +53,15 @@ def radar_from_coloradar(
                 f"{folder}: antenna_cfg.txt places {len(antennas[kind])} {kind} "
                 f"antennas, waveform_cfg.txt has num_{kind} = {waveform[f'num_{kind}']}"
             )
-    order = tx_firing_order
-    if order is None and antennas["tx"] == CASCADE["tx_positions"]:
-        order = CASCADE["tx_firing_order"]
     fields = {
         "name": f"coloradar {folder.name}",
         **{field: waveform[key] for key, field in FIELDS.items()},
         "tx_positions": antennas["tx"],
         "rx_positions": antennas["rx"],
         "design_frequency_hz": antennas["F_design"] * 1e9,
-        **({"tx_firing_order": tuple(order)} if order else {}),
     }
+    if antennas["tx"] == CASCADE["tx_positions"]:
+        fields["tx_firing_order"] = CASCADE["tx_firing_order"]
     return radar_of(folder, fields)
 
 

@@ -50,15 +50,14 @@ def open_coloradar(
     description: Path | str | None = None,
     *,
     sensor: str | None = None,
-    tx_firing_order: tuple[int, ...] | None = None,
 ) -> Recording:
     """Open a sequence with one radar, LiDAR, IMU, poses, transforms, calibration.
 
     `description` is the `calib` folder; by default the one inside, beside or above the
     sequence. It can also be a TOML file with the radar and its channels' factors, which
-    replaces the radar of that folder. `sensor` is the radar; by default the single chip
-    if it was recorded. The files do not contain the order in which the cascade fires:
-    TI's default is assumed unless `tx_firing_order` is given.
+    replaces the radar of that folder, such as a cascade that fires in another order
+    than TI's default. `sensor` is the radar; by default the single chip if it was
+    recorded.
 
     Raises UsageError if the radar's samples or its calibration are not found, and
     ValueError for damaged files.
@@ -71,7 +70,7 @@ def open_coloradar(
         radar, capture = read_radar_toml(calib)
         calib = _find_calib(folder, sensor)
     else:
-        radar = radar_from_coloradar(calib / sensor, tx_firing_order=tx_firing_order)
+        radar = radar_from_coloradar(calib / sensor)
         capture = CaptureSpec()
     at = folder / sensor / "adc_samples"
     cubes = file_stream(

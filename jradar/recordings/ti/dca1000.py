@@ -31,7 +31,6 @@ from jradar.recordings.recording import Format, Recording, Stream
 from jradar.recordings.ti.iq_order import (
     advise_iq_order,
     check_iq_order,
-    confirms_interleave,
     cube_of_words,
 )
 from jradar.recordings.ti.packets import (
@@ -42,7 +41,6 @@ from jradar.recordings.ti.packets import (
     index_packets,
     lost_per_frame,
 )
-from jradar.recordings.ti.settings import card_notes
 
 DESCRIPTION_NAMES = ("*LogFile*.txt", "*LogFile*.csv", "*.cfg", "*.json", "*.toml")
 USUAL = {  # sizes of a frame, suggested where a description does not fit
@@ -90,7 +88,7 @@ def open_dca1000(
     if header_bytes:
         source = index_packets(files, header_bytes, allow_partial=allow_partial)
     return recording_of_samples(
-        path, name, source, described, iq_order=iq_order, allow_partial=allow_partial
+        path, name, source, described, allow_partial=allow_partial
     )
 
 
@@ -125,14 +123,13 @@ def recording_of_samples(
     source: Files | Packets,
     described: Description,
     *,
-    iq_order: str | None = None,
     allow_partial: bool = False,
     stamps: Float[np.ndarray, " frame"] | None = None,
 ) -> Recording:
     """Return the recording whose samples `source` holds, frame after frame.
 
-    `iq_order` is the order that the user named. Without `stamps`, frames follow one
-    another in the radar's frame period. Errors as in `open_dca1000`.
+    Without `stamps`, frames follow one another in the radar's frame period. Errors as
+    in `open_dca1000`.
     """
     radar, capture, doubts = described
     order, frame_bytes = capture.iq_order, bytes_of_frame(radar)
@@ -157,12 +154,8 @@ def recording_of_samples(
         lost = lost_per_frame(source, frame_bytes, count)
         notes += _losses(source, lost)
         whole = int(lost.argmin())
-    frame = read(whole)
-    advice = advise_iq_order(frame, order=order)
-    decided = bool(advice or iq_order) or confirms_interleave(frame, order=order)
-    if advice:
+    if advice := advise_iq_order(read(whole), order=order):
         notes.append(advice)
-    notes += card_notes(path, order=order, decided=decided)
     return Recording(
         name=name,
         path=path,

@@ -143,16 +143,6 @@ def advise_iq_order(
     )
 
 
-def confirms_interleave(
-    cube: Num[np.ndarray, "tx rx chirp sample"], *, order: str
-) -> bool:
-    """True if another interleave of two lanes has clearly stronger images."""
-    if order not in TWO_LANES or cube.shape[-1] < LEAST_SAMPLES:
-        return False
-    changed = _cube(_words(cube, order), cube.shape, OTHER_INTERLEAVE[order])
-    return bool(_image(_power(changed)) > IMAGE_RATIO * _image(_power(cube)))
-
-
 def _power(cube):
     """Return the power over range of what stands still, antennas averaged."""
     still = cube.mean(2)

@@ -73,7 +73,6 @@ def open_packet_trace(
         path.stem,
         packets,
         described,
-        iq_order=iq_order,
         allow_partial=True,
         stamps=times[first],
     )

@@ -8,7 +8,6 @@ force at a FrameConfig or a SensorStart is one configuration; a log of several c
 holds several.
 """
 
-import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +15,13 @@ from jradar.errors import UsageError
 from jradar.files import read_text
 from jradar.radar import RadarSpec
 from jradar.radar.devices import BOARDS
-from jradar.recordings.ti.frame import Chirp, bits, chirp_range, radar_of_frame
+from jradar.recordings.ti.frame import (
+    CaptureSpec,
+    Chirp,
+    bits,
+    chirp_range,
+    radar_of_frame,
+)
 
 # Register units of mmWave Studio (TI mmWave Link interface control document).
 FREQUENCY_GHZ = 3.6 / 2**26
@@ -37,33 +42,62 @@ PLACES = {
 }
 NUMBERS = {"ProfileConfig": 1, "ChirpConfig": 2}  # leading fields that name the object
 ENDS = ("FrameConfig", "SensorStart")  # of a configuration
+MOST_SHOWN = 5  # configurations in a note
 LARGEST = 2**32  # a register has at most 32 bits
 CHIPS = {board.studio_chip: name for name, board in BOARDS.items() if board.studio_chip}
 
 Configuration = dict[str, dict[tuple, tuple]]  # of each command and number: the fields
 
 
-def count_configurations(path: Path | str) -> int:
-    """Return the number of complete configurations in a log, at least 1.
-
-    Raises ValueError for a file of another kind and for a malformed line.
-    """
-    return sum(1 for _ in _replay(path))
+def radar_from_studio_log(path: Path | str) -> RadarSpec:
+    """Return the radar that `read_studio_log` reads."""
+    return read_studio_log(path)[0]
 
 
-def radar_from_studio_log(
+def read_studio_log(
     path: Path | str, *, configuration: int | None = None
-) -> RadarSpec:
+) -> tuple[RadarSpec, CaptureSpec, tuple[str, ...]]:
     """Return the radar in the log that mmWave Studio writes beside `adc_data.bin`.
 
-    Of several configurations, counted from 1, the last is taken by default.
-    Transmitters are in firing order, which is also their order in the recorded file.
+    Of several configurations, counted from 1, the last is taken by default, and a note
+    lists the last ones. Raises UsageError for a number that the log does not hold, and
+    errors as `radar_of_frame`.
     """
-    count = count_configurations(path)
-    number = count if configuration is None else configuration
-    if not 1 <= number <= count:
-        raise UsageError(f"{path} has no configuration {number}, expected 1 to {count}")
-    chosen = next(itertools.islice(_replay(path), number - 1, None))
+    count = sum(1 for _ in _replay(path))
+    taken = count if configuration is None else configuration
+    if not 1 <= taken <= count:
+        raise UsageError(f"{path} has no configuration {taken}, expected 1 to {count}")
+    radars: dict[int, RadarSpec | ValueError] = {}
+    for number, now in enumerate(_replay(path), 1):
+        if number == taken or number > count - MOST_SHOWN:
+            try:
+                radars[number] = _radar(path, now)
+            except ValueError as error:
+                radars[number] = error
+    if isinstance(radar := radars[taken], ValueError):
+        raise radar
+    if count == 1:
+        return radar, CaptureSpec(), ()
+    shown = (n for n in sorted(radars) if n > count - MOST_SHOWN)
+    sizes = "; ".join(f"#{number} {_size(radars[number])}" for number in shown)
+    note = (
+        f"{Path(path).name} holds {count} configurations (tx x rx x chirps x samples, "
+        f"range bin, frame period: {sizes}); #{taken} was taken, --radar {path}#1 "
+        "names another"
+    )
+    return radar, CaptureSpec(), (note,)
+
+
+def _size(radar: RadarSpec | ValueError) -> str:
+    """Return size of a frame, range bin and period of one configuration."""
+    if isinstance(radar, ValueError):
+        return "unusable"
+    size = " x ".join(map(str, radar.cube_shape))
+    return f"{size}, {radar.range_resolution_m:.3g} m, {radar.frame_period_s:g} s"
+
+
+def _radar(path: Path | str, chosen: Configuration) -> RadarSpec:
+    """Return the radar of one configuration."""
     (chip,), (rx_mask,), (adc_format,), (*ends, turns, period) = (
         chosen[name][()]
         for name in ("select_chip_version", "ChannelConfig", "AdcOutConfig", ENDS[0])

@@ -55,39 +55,24 @@ def pcd(data, rows=ROWS, points=None):
 
 
 def lzf_compress(raw):
-    """A slow, greedy LZF: the longest match of all places behind, else a literal."""
+    """Greedy LZF: the longest match of all places behind, else a literal."""
     out, literals, at = bytearray(), bytearray(), 0
-
-    def flush():
-        for start in range(0, len(literals), 32):
-            part = literals[start : start + 32]
-            out.append(len(part) - 1)
-            out.extend(part)
-        literals.clear()
-
     while at < len(raw):
-        best, where = 0, 0
-        for back in range(1, min(at, 8192) + 1):
-            length = 0
-            while at + length < len(raw) and length < 264:
-                if raw[at - back + length] != raw[at + length]:
-                    break
-                length += 1
-            if length > best:
-                best, where = length, back
-        if best < 3:
-            literals.append(raw[at])
-            at += 1
-            continue
-        flush()
-        high, low = divmod(where - 1, 256)
-        length = best - 2
-        if length < 7:
-            out += bytes([length << 5 | high, low])
+        for length in range(min(264, len(raw) - at), 2, -1):
+            part = raw[at : at + length]
+            if (place := raw.rfind(part, max(at - 8192, 0), at + length - 1)) >= 0:
+                break
         else:
-            out += bytes([7 << 5 | high, length - 7, low])
-        at += best
-    flush()
+            length, place = 1, -1
+            literals.append(raw[at])
+        at += length
+        if literals and (place >= 0 or len(literals) == 32 or at == len(raw)):
+            out += bytes([len(literals) - 1]) + literals
+            literals.clear()
+        if place >= 0:
+            high, low = divmod(at - length - place - 1, 256)
+            more = [min(length - 2, 7) << 5 | high, length - 9][: 1 + (length > 8)]
+            out += bytes([*more, low])
     return bytes(out)
 
 

@@ -55,10 +55,6 @@ def test_fields_are_in_si_units(write):
     assert radar.tx_firing_order == (0, 1)
     folder = write(("tx 0 0 0\ntx 1 2 1", "tx 1 2 1\ntx 0 0 0"))
     assert radar_from_coloradar(folder) == radar
-    assert radar_from_coloradar(folder, tx_firing_order=(1, 0)).tx_firing_order == (
-        1,
-        0,
-    )
 
 
 def test_times_as_they_are_shipped_are_repaired_with_warnings(write):

@@ -1,6 +1,5 @@
 """DCA1000 captures written byte by byte: orders, packets, parts, faults; a real one."""
 
-import shutil
 import struct
 
 import numpy as np
@@ -21,7 +20,6 @@ from tests.recordings.dca1000_writer import (
     as_bytes,
     as_packets,
     random_cubes,
-    settings_json,
     with_headers,
 )
 
@@ -281,49 +279,6 @@ def test_real_samples(write, order):
         open_dca1000(path, cfg, device="awr2944")
     with pytest.raises(ValueError, match="'I', but awr1843 has complex samples"):
         open_dca1000(*write(b"1234"), iq_order="I")
-
-
-@pytest.mark.parametrize(
-    ("changes", "note"),
-    [
-        ({}, None),
-        ({"dataLoggingMode": "multi"}, "dataLoggingMode is multi, expected raw"),
-        ({"dataFormatMode": 1}, "the samples have 12 bits"),
-        ({"dataFormatConfig": {"reorderEnable": 1}}, "suggests the order IQIQ"),
-        ({"lvdsMode": 1}, "lvdsMode 1 suggests the order I4Q4"),
-        ({"lvdsMode": [1], "dataFormatMode": {}, "dataFormatConfig": 3}, None),
-    ],
-)
-def test_settings_of_the_card_beside_a_capture(write, changes, note):
-    path, cfg = write(as_bytes(random_cubes()))
-    settings = path.with_name("cf.json")
-    settings.write_text(settings_json(**changes))
-    notes = open_dca1000(path, cfg).notes
-    assert [text.startswith("cf.json: ") and note in text for text in notes] == (
-        [True] if note else []
-    )
-    named = open_dca1000(path, cfg, iq_order="IIQQ").notes
-    assert named == (notes if note and "order" not in note else ())
-    (path.parent / "other.json").write_text(settings_json(dataFormatMode=2))
-    assert open_dca1000(path, cfg).notes == ()  # whose settings?
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[1]", "{", "[" * 100_000, '{"DCA1000Config": 3}']
-)
-def test_other_json_beside_a_capture_is_ignored(write, text):
-    path, cfg = write(as_bytes(random_cubes()))
-    path.with_name("cf.json").write_text(text)
-    path.with_name("folder.json").mkdir()
-    assert open_dca1000(path, cfg).notes == ()
-
-
-def test_spectra_decide_over_the_settings_of_the_card(simulated, samples, tmp_path):
-    """The usual cf.json claims reordered samples; this capture has others."""
-    for name in ("adc_data.bin", "awr1843.cfg"):
-        shutil.copy(simulated.path / name, tmp_path)
-    shutil.copy(samples / "cfg" / "EsonJohn__dca1000_cf.json", tmp_path / "cf.json")
-    assert open_dca1000(tmp_path / "adc_data.bin").notes == ()
 
 
 def test_real_capture(samples):

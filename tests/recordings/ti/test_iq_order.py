@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec
-from jradar.recordings.ti.dca1000 import open_dca1000
 from jradar.recordings.ti.iq_order import advise_iq_order, cube_of_words, words_of_cube
 from tests.recordings.dca1000_writer import TWO_LANES, as_bytes, random_cubes
 
@@ -75,14 +74,6 @@ def test_advice_on_simulated_captures(simulated, true, read):
     words = np.frombuffer(as_bytes(cube[None, :1, :1], true), "<i2")
     advice = advise_iq_order(one_antenna(words, *cube.shape[2:], read), order=read)
     assert (advice is None) if true == read else (f"in the order {true}" in advice)
-
-
-def test_the_wrong_order_of_a_simulated_capture_is_named(simulated):
-    paths = simulated.path / "adc_data.bin", simulated.path / "awr1843.cfg"
-    assert open_dca1000(*paths).notes == ()
-    for order in ("QQII", "IQIQ", "QIQI"):
-        advice = open_dca1000(*paths, iq_order=order).notes
-        assert "in the order IIQQ" in advice[0]
 
 
 def test_advice_on_another_real_radar(samples):

@@ -4,6 +4,7 @@ import pytest
 
 from jradar.errors import UsageError
 from jradar.recordings import open_recording, radar_from_studio_log, read_description
+from jradar.recordings.ti.studio_log import read_studio_log
 from tests.recordings.cube_writer import LOG, SHAPE, random_cube, save_studio
 
 SECOND = """\
@@ -25,7 +26,7 @@ def log(tmp_path):
 
 
 def chirps(path, configuration=None):
-    return radar_from_studio_log(path, configuration=configuration).num_chirps
+    return read_studio_log(path, configuration=configuration)[0].num_chirps
 
 
 def test_an_unusable_configuration_among_several(log):
