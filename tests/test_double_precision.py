@@ -111,7 +111,7 @@ KERNELS = {
         )
         for name, spec in POINTS.items()
     },
-    "points_and_report": lambda: r.points_and_report(
+    "points_and_count": lambda: r.points_and_count(
         cube(), Radar(CHIP), points=POINTS["plain"]
     ),
     "all_cells": lambda: r.cell_points(
