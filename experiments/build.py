@@ -21,7 +21,7 @@ from ml_collections import ConfigDict
 
 from jradar import data, diffusion
 from jradar.errors import UsageError
-from jradar.files import typed_fields
+from jradar.fields import typed_fields
 from jradar.lidar import LidarSpec
 from jradar.model import Card, ModelSpec
 from jradar.progress import progress

@@ -5,8 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar import calibration, motion, radar as r, range_image as ri
+from jradar import radar as r, range_image as ri
+from jradar.calibration.self_calibration import explain
+from jradar.calibration.snapshots import strong_snapshots
 from jradar.metrics import compare, compare_on_host, nearest_distances
+from jradar.motion import ego_velocity
 from jradar.radar import Radar
 from jradar.radar.angle.near_field import focused_directions
 from jradar.radar.angle.sources import mdl_sources
@@ -111,7 +114,7 @@ KERNELS = {
         )
         for name, spec in POINTS.items()
     },
-    "points_and_report": lambda: r.points_and_report(
+    "points_and_count": lambda: r.points_and_count(
         cube(), Radar(CHIP), points=POINTS["plain"]
     ),
     "all_cells": lambda: r.cell_points(
@@ -147,10 +150,10 @@ KERNELS = {
     "point_deviations": lambda: r.point_deviations(
         cloud()._replace(snr=jnp.abs(numbers(40)) + 2), CHIP
     ),
-    "ego_velocity": lambda: motion.ego_velocity(
+    "ego_velocity": lambda: ego_velocity(
         key(), cloud()._replace(velocity=numbers(40)), unambiguous_mps=2.0
     ),
-    "ego_velocity, one row": lambda: motion.ego_velocity(
+    "ego_velocity, one row": lambda: ego_velocity(
         key(), cloud()._replace(velocity=numbers(40)), elevation=False
     ),
     "subtract_background": lambda: r.subtract_background(
@@ -160,8 +163,8 @@ KERNELS = {
     "crossing_chirps": lambda: r.crossing_chirps(
         key(), r.draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
     ),
-    "strong_snapshots": lambda: calibration.strong_snapshots(cube(), Radar(CHIP)),
-    "explain": lambda: calibration.explain(waves(4, 12), waves(12), CHIP),
+    "strong_snapshots": lambda: strong_snapshots(cube(), Radar(CHIP)),
+    "explain": lambda: explain(waves(4, 12), waves(12), CHIP),
     "project": lambda: ri.unproject(ri.project(cloud(), SPEC), SPEC),
     "project_slices": lambda: ri.project_slices(cloud(), SPEC, num_slices=4),
     "condition_image": lambda: ri.condition_image(cloud(), SPEC, num_slices=4),

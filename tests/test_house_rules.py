@@ -19,6 +19,7 @@ FLOORS = {
     "errors": 0,
     "types": 1,
     "nearest": 1,
+    "fields": 1,
     "files": 1,
     "progress": 1,
     "results": 2,

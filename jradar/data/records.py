@@ -24,12 +24,12 @@ import safetensors.numpy
 from jaxtyping import Float
 
 from jradar.errors import parsing
+from jradar.fields import typed_fields
 from jradar.files import (
     DISK_FULL,
     atomic_path,
     inside,
     read_json,
-    typed_fields,
     write_text,
 )
 from jradar.lidar import LidarSpec

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 
 from jradar.errors import UsageError
-from jradar.files import typed_fields
+from jradar.fields import typed_fields
 from jradar.lidar import LidarSpec
 from jradar.radar import PointSpec
 from jradar.recordings.text_files import toml

@@ -26,7 +26,8 @@ from jradar.diffusion import (
 )
 from jradar.diffusion.weights.files import MAX_FILE_BYTES
 from jradar.errors import ModelError
-from jradar.files import atomic_folder, open_file, read_json, typed_fields
+from jradar.fields import typed_fields
+from jradar.files import atomic_folder, open_file, read_json
 from jradar.model.spec import Card, Model, ModelSpec
 from jradar.radar import RadarSpec
 from jradar.range_image import CHANNELS, ConfidenceTable, TrustTable

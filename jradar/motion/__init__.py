@@ -1,48 +1,32 @@
 """Motion: where the radar went, from its Doppler and a sensor of orientation.
 
-    ego_velocity, EgoVelocity          the radar's own velocity in one frame, and movers
+    ego_velocity                       the radar's own velocity in one frame, and movers
     frame_velocities, Velocities       the radar's own velocity in each frame
-    gyro_attitude, pose_attitude       its orientation from an IMU, or from poses
-    scan_poses                         poses from LiDAR scans, by KISS-ICP
     integrate, Trajectory              velocities and orientation to a trajectory
     odometry                           all of it for one recording
     relative_poses                     between the radar's places in two frames
     Follower                           the same for the last frames, as they come
-    write_tum, to_poses                a trajectory as a file, and as `Poses`
-    compare, Comparison                a trajectory against recorded poses
+    write_tum                          a trajectory as a file
     describe_trajectory                in words and numbers
-    umeyama, position_errors, step_errors    APE and RPE against true poses
+    position_errors, step_errors       APE and RPE against true poses
 
 The radar's velocity is that of the radar itself, so it is the radar's position that is
 integrated. The lever arm to the base enters once, when its pose becomes the base's.
 """
 
-from jradar.motion.attitude import (
-    gyro_attitude as gyro_attitude,
-    pose_attitude as pose_attitude,
-)
 from jradar.motion.describe import describe_trajectory as describe_trajectory
-from jradar.motion.doppler import (
-    EgoVelocity as EgoVelocity,
-    ego_velocity as ego_velocity,
-)
+from jradar.motion.doppler import ego_velocity as ego_velocity
 from jradar.motion.errors import (
-    Errors as Errors,
     position_errors as position_errors,
     step_errors as step_errors,
-    umeyama as umeyama,
 )
 from jradar.motion.following import Follower as Follower
-from jradar.motion.scans import scan_poses as scan_poses
 from jradar.motion.trajectory import (
     ROTATIONS as ROTATIONS,
-    Comparison as Comparison,
     Trajectory as Trajectory,
-    compare as compare,
     integrate as integrate,
     odometry as odometry,
     relative_poses as relative_poses,
-    to_poses as to_poses,
     write_tum as write_tum,
 )
 from jradar.motion.velocities import (

@@ -27,7 +27,7 @@ def gyro_attitude(
     stamps: Float[np.ndarray, " stamp"],
     base_from_imu: Float[np.ndarray, "4 4"],
     *,
-    bias: Float[np.ndarray, " 3"] | None = None,
+    bias: Float[np.ndarray, " 3"] | float = 0.0,
 ) -> Matrices:
     """Return world_from_base at rising `stamps`, the world being the first base.
 
@@ -35,17 +35,14 @@ def gyro_attitude(
     ValueError if the IMU does not cover the stamps.
     """
     times = imu.stamps
-    if (
-        len(times) < 2
-        or stamps[0] < times[0] - OUTSIDE_S
-        or stamps[-1] > times[-1] + OUTSIDE_S
-    ):
+    before, after = stamps[0] + OUTSIDE_S, stamps[-1] - OUTSIDE_S
+    if len(times) < 2 or before < times[0] or after > times[-1]:
         raise ValueError(
             f"the IMU's {len(times)} records do not cover the frames from "
             f"{stamps[0]:.3f} to {stamps[-1]:.3f} s: are its times on another clock?"
         )
     mount = base_from_imu[:3, :3]
-    rate = (imu.rate - (0.0 if bias is None else bias)) @ mount.T
+    rate = (imu.rate - bias) @ mount.T
     steps = (rate[1:] + rate[:-1]) / 2 * np.diff(times)[:, None]
     turned = np.empty((len(times), 3, 3))
     turned[0] = np.eye(3)

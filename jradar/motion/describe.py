@@ -4,9 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from jradar.lidar import Poses
-from jradar.motion.trajectory import Trajectory, compare
+from jradar.lidar import Poses, interpolate_poses
+from jradar.motion.errors import position_errors, step_errors
+from jradar.motion.trajectory import Trajectory
 from jradar.motion.velocities import Velocities
+
+LEAST_POSES = 3  # to compare
 
 
 def describe_trajectory(
@@ -29,13 +32,19 @@ def describe_trajectory(
         },
         "distance (m)": trajectory.distance_m,
     }
-    errors = None if poses is None else compare(trajectory, poses)
-    if errors is not None:
-        found |= {
-            "frames with a pose": errors.frames,
-            "true distance (m)": errors.distance_m,
-            "APE (m)": errors.positions._asdict(),
-            "RPE (m)": errors.steps._asdict(),
-            "RPE (deg)": errors.turns._asdict(),
-        }
-    return found
+    if poses is None:
+        return found
+    true = interpolate_poses(poses, trajectory.stamps)
+    covered = np.isfinite(true).all((1, 2))
+    if covered.sum() < LEAST_POSES:
+        return found
+    estimated, true = trajectory.world_from_base[covered], true[covered]
+    steps = np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1)
+    metres, degrees = step_errors(estimated, true)
+    return found | {
+        "frames with a pose": int(covered.sum()),
+        "true distance (m)": float(steps.sum()),
+        "APE (m)": position_errors(estimated, true)._asdict(),
+        "RPE (m)": metres._asdict(),
+        "RPE (deg)": degrees._asdict(),
+    }

@@ -3,7 +3,7 @@
     APE   distances of positions, after the rigid motion that fits them best (Umeyama
           1991, without scale)
     RPE   translation and rotation of inv(inv(Q_i) Q_j) inv(P_i) P_j, for estimates P
-          and true poses Q `delta` poses apart
+          and true poses Q that follow one another
 
 References: Sturm et al. 2012; github.com/MichaelGrupp/evo.
 """
@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 
 class Errors(NamedTuple):
@@ -39,40 +40,27 @@ def umeyama(
 def position_errors(
     estimated: Float[np.ndarray, "pose 4 4"],
     true: Float[np.ndarray, "pose 4 4"],
-    *,
-    align: bool = True,
 ) -> Errors:
     """Return the APE of positions in metres. Raises ValueError for fewer than 3."""
     _check(estimated, true, 3)
     moved, fixed = estimated[:, :3, 3], true[:, :3, 3]
-    if align:
-        motion = umeyama(moved, fixed)
-        moved = moved @ motion[:3, :3].T + motion[:3, 3]
+    motion = umeyama(moved, fixed)
+    moved = moved @ motion[:3, :3].T + motion[:3, 3]
     return _statistics(np.linalg.norm(moved - fixed, axis=1))
 
 
 def step_errors(
     estimated: Float[np.ndarray, "pose 4 4"],
     true: Float[np.ndarray, "pose 4 4"],
-    *,
-    delta: int = 1,
 ) -> tuple[Errors, Errors]:
-    """Return the RPE of pairs of poses `delta` apart: in metres, and in degrees.
+    """Return the RPE from pose to pose: in metres, and in degrees.
 
-    Pairs do not overlap, as evo counts them. Raises ValueError without a pair.
+    Raises ValueError for fewer than 2 poses.
     """
-    if delta < 1:
-        raise ValueError(f"{delta=}, expected 1 or more poses")
-    _check(estimated, true, delta + 1)
-    steps = [
-        np.linalg.solve(poses[:-delta:delta], poses[delta::delta])
-        for poses in (estimated, true)
-    ]
+    _check(estimated, true, 2)
+    steps = [np.linalg.solve(poses[:-1], poses[1:]) for poses in (estimated, true)]
     error = np.linalg.solve(steps[1], steps[0])
-    trace = np.trace(error[:, :3, :3], axis1=1, axis2=2)
-    skew = error[:, :3, :3] - error[:, :3, :3].swapaxes(1, 2)
-    twice_sine = np.linalg.norm(skew, axis=(1, 2)) / np.sqrt(2)
-    angle = np.degrees(np.arctan2(twice_sine, trace - 1))
+    angle = np.degrees(Rotation.from_matrix(error[:, :3, :3]).magnitude())
     return _statistics(np.linalg.norm(error[:, :3, 3], axis=1)), _statistics(angle)
 
 

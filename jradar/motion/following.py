@@ -25,6 +25,7 @@ REMEMBERED = 100  # frames, in which the gyroscope's bias is looked for
 MARGIN_S = 0.05  # of the IMU's records around a step
 
 Matrix = Float[np.ndarray, "4 4"]
+UNKNOWN = np.full((4, 4), np.nan)
 
 
 class Follower:
@@ -68,59 +69,52 @@ class Follower:
     def _newest_step(self) -> Matrix:
         """The transform from the frame before to the newest; NaN if it is unknown."""
         stamps = np.array([*self._stamps][-2:])
-        found = self._by_poses(stamps)
-        if found is None:
-            found = self._by_velocity(stamps)
-        kind, step = ("none", np.full((4, 4), np.nan)) if found is None else found
-        self.steps[kind] += 1
-        return step
+        for kind, step in (self._by_poses(stamps), self._by_velocity(stamps)):
+            if np.isfinite(step).all():
+                self.steps[kind] += 1
+                return step
+        self.steps["none"] += 1
+        return UNKNOWN
 
     def _by_poses(self, stamps):
         poses = self._recording.poses
         if poses is None or self._mount is None or not np.isfinite(stamps).all():
-            return None
+            return "poses", UNKNOWN
         older, newer = interpolate_poses(poses, stamps) @ self._mount
-        if not np.isfinite([older, newer]).all():
-            return None
         return "poses", np.linalg.solve(newer, older)
 
     def _by_velocity(self, stamps):
         seconds = stamps[1] - stamps[0]
-        if not 0 < seconds <= LONGEST_STEP_S:  # NaN, too
-            return None
-        kind, turn = "velocity", np.eye(3)
-        if (turned := self._turn(stamps)) is not None:
-            kind, turn = "imu", turned
-        older, newer = [*self._velocities][-2:]
-        both = np.stack([older, turn @ newer])  # along the older frame's axes
-        both = both[np.isfinite(both).all(1)]
-        if not len(both):
-            return None
+        both = np.stack([*self._velocities][-2:])
+        known = np.isfinite(both).all(1)
+        if not 0 < seconds <= LONGEST_STEP_S or not known.any():  # NaN, too
+            return "velocity", UNKNOWN
+        kind, turn = self._turn(stamps)
         step = np.eye(4)
-        step[:3, :3], step[:3, 3] = turn, seconds * both.mean(0)
+        along_older = [both[0], turn @ both[1]]
+        step[:3, :3] = turn
+        step[:3, 3] = seconds * np.stack(along_older)[known].mean(0)
         return kind, np.linalg.inv(step)
 
     def _turn(self, stamps):
-        """The orientation of the newer radar along the older one's axes."""
-        recording, imu = self._recording, self._recording.imu
-        if imu is None or recording.base_from_imu is None or self._mount is None:
-            return None
-        near = slice(*np.searchsorted(imu.stamps, stamps + [-MARGIN_S, MARGIN_S]))
-        records = Imu(*(column[near] for column in imu))
-        if len(records.stamps) < 2 or not (
-            records.stamps[0] <= stamps[0] and stamps[1] <= records.stamps[-1]
-        ):
-            return None
-        place = recording.base_from_imu
-        turn = gyro_attitude(records, stamps, place, bias=self._bias)[1]
-        mount = self._mount[:3, :3]
-        return mount.T @ turn @ mount
+        """What gives the newer radar's orientation along the older one's axes, and it.
+
+        It is the IMU where its records cover the step, else the rig does not turn.
+        """
+        imu, place = self._recording.imu, self._recording.base_from_imu
+        if imu is not None and place is not None and self._mount is not None:
+            near = slice(*np.searchsorted(imu.stamps, stamps + [-MARGIN_S, MARGIN_S]))
+            records = Imu(*(column[near] for column in imu))
+            times = records.stamps
+            if len(times) > 1 and times[0] <= stamps[0] and stamps[1] <= times[-1]:
+                turn = gyro_attitude(records, stamps, place, bias=self._bias)[1]
+                mount = self._mount[:3, :3]
+                return "imu", mount.T @ turn @ mount
+        return "velocity", np.eye(3)
 
     def _learn_bias(self):
         """The gyroscope's bias, from the time that the rig stood still."""
-        imu, (*_, velocity) = self._recording.imu, self._velocities
-        speeds = np.linalg.norm(np.stack([*self._velocities]), axis=1)
-        if imu is None or not np.linalg.norm(velocity) < STILL_MPS:
-            return
-        bias = gyro_bias(imu, np.array(self._stamps), speeds)
-        self._bias = self._bias if bias is None else bias
+        imu, speeds = self._recording.imu, np.linalg.norm([*self._velocities], axis=1)
+        if imu is not None and speeds[-1] < STILL_MPS:
+            bias = gyro_bias(imu, np.array(self._stamps), speeds)
+            self._bias = self._bias if bias is None else bias

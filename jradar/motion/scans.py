@@ -4,17 +4,18 @@ Scans are matched as they are, without undoing the motion within them: their rea
 return no times of points.
 """
 
-from typing import Any
-
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, optional
 from jradar.lidar import Poses, returns
 from jradar.recordings import Recording
 
+MAX_RANGE_M = 50.0
 
-def scan_poses(recording: Recording, *, max_range_m: float = 50.0) -> Poses:
+
+def scan_poses(recording: Recording) -> Poses:
     """Return poses of the base, the first as origin, at the times of the LiDAR's scans.
 
     Raises UsageError without scans, their times or the LiDAR's place, and ImportError
@@ -26,25 +27,21 @@ def scan_poses(recording: Recording, *, max_range_m: float = 50.0) -> Poses:
             f"{recording.path}: scan matching needs LiDAR scans, their times and the "
             "LiDAR's place on the base"
         )
-    odometry, poses = _kiss_icp(max_range_m), []
+    options = {"need": "scan matching needs kiss-icp", "extra": "odometry"}
+    config = optional("kiss_icp.config", **options).KISSConfig()
+    config.data.max_range, config.data.deskew = MAX_RANGE_M, False
+    config.mapping.voxel_size = MAX_RANGE_M / 100
+    odometry, poses = optional("kiss_icp.kiss_icp", **options).KissICP(config), []
     for k in range(len(lidar)):
         xyz = lidar[k][:, :3]
         odometry.register_frame(np.float64(xyz[returns(xyz)]), np.zeros(0))
         poses.append(mount @ odometry.last_pose @ np.linalg.inv(mount))
-    matrices = np.array(poses)
+    return to_poses(np.asarray(lidar.stamps), np.array(poses))
+
+
+def to_poses(
+    stamps: Float[np.ndarray, " stamp"], matrices: Float[np.ndarray, "stamp 4 4"]
+) -> Poses:
+    """Return transforms as `Poses`."""
     turns = Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
-    return Poses(np.asarray(lidar.stamps), matrices[:, :3, 3], turns)
-
-
-def _kiss_icp(max_range_m) -> Any:
-    try:
-        from kiss_icp.config import KISSConfig
-        from kiss_icp.kiss_icp import KissICP
-    except ImportError as error:
-        raise ImportError(
-            "scan matching needs kiss-icp: pip install 'jradar[odometry]'"
-        ) from error
-    config = KISSConfig()
-    config.data.max_range, config.data.deskew = max_range_m, False
-    config.mapping.voxel_size = max_range_m / 100
-    return KissICP(config)
+    return Poses(stamps, matrices[:, :3, 3], turns)

@@ -9,19 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
 from jradar.files import atomic_path
-from jradar.lidar import Poses, interpolate_poses
 from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_attitude
-from jradar.motion.errors import Errors, position_errors, step_errors
-from jradar.motion.scans import scan_poses
+from jradar.motion.scans import scan_poses, to_poses
 from jradar.motion.velocities import Velocities
 from jradar.recordings import Recording
 
 ROTATIONS = ("imu", "poses", "lidar", "none")
-LEAST_POSES = 3
 COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
 
 
@@ -43,16 +39,6 @@ class Trajectory(NamedTuple):
         """Length of the base's way."""
         steps = np.diff(self.world_from_base[:, :3, 3], axis=0)
         return float(np.linalg.norm(steps, axis=1).sum())
-
-
-class Comparison(NamedTuple):
-    """A trajectory against recorded poses, in the frames that these cover."""
-
-    frames: int
-    distance_m: float  # of the recorded poses
-    positions: Errors  # APE in metres
-    steps: Errors  # RPE in metres
-    turns: Errors  # RPE in degrees
 
 
 def odometry(
@@ -108,12 +94,13 @@ def _from_imu(recording, velocities, mount, notes):
     speed = np.linalg.norm(velocities.velocity, axis=1)
     bias = gyro_bias(imu, stamps, speed)
     if bias is None:
+        bias = np.zeros(3)
         notes.append(
             "the rig never stands still: the gyroscope's bias is unknown, taken as 0"
         )
     turns = gyro_attitude(imu, stamps, place, bias=bias)
     rates = [np.interp(stamps, imu.stamps, axis) for axis in imu.rate.T]
-    rate = (np.stack(rates, -1) - (0.0 if bias is None else bias)) @ place[:3, :3].T
+    rate = (np.stack(rates, -1) - bias) @ place[:3, :3].T
     # The radar's velocity less that of turning about the IMU.
     arm = np.einsum("tij,tj->ti", turns, np.cross(rate, mount[:3, 3] - place[:3, 3]))
     world = _in_world(velocities, turns, mount) - arm
@@ -167,33 +154,11 @@ def relative_poses(
     return np.linalg.solve(poses[target], poses[source])
 
 
-def to_poses(trajectory: Trajectory) -> Poses:
-    """Return the poses of the base."""
-    matrices = trajectory.world_from_base
-    turns = Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
-    return Poses(trajectory.stamps, matrices[:, :3, 3], turns)
-
-
-def compare(trajectory: Trajectory, poses: Poses) -> Comparison | None:
-    """Return the errors of a trajectory, None where fewer than 3 frames have a pose."""
-    true = interpolate_poses(poses, trajectory.stamps)
-    covered = np.isfinite(true).all((1, 2))
-    if covered.sum() < LEAST_POSES:
-        return None
-    estimated, true = trajectory.world_from_base[covered], true[covered]
-    steps = np.linalg.norm(np.diff(true[:, :3, 3], axis=0), axis=1)
-    return Comparison(
-        int(covered.sum()),
-        float(steps.sum()),
-        position_errors(estimated, true),
-        *step_errors(estimated, true),
-    )
-
-
 def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     """Write the poses of the base as lines `stamp x y z qx qy qz qw`."""
+    poses = to_poses(trajectory.stamps, trajectory.world_from_base)
     lines = [f"{COMMENT}\n"]
-    for stamp, xyz, turn in zip(*to_poses(trajectory), strict=True):
+    for stamp, xyz, turn in zip(*poses, strict=True):
         numbers = " ".join(f"{value:.9f}" for value in (*xyz, *turn))
         lines.append(f"{stamp:.6f} {numbers}\n")
     with atomic_path(path) as scratch:

@@ -13,7 +13,7 @@ Angles       directions                        strongest direction of each cell
              angle_spectrum, direction_sines
              velocity_folds                    velocities beyond the unambiguous one
 Points       PointSpec, radar_points           cube to points of the detected cells
-             points_and_report                 the same, with counts of what is missing
+             points_and_count                  and the number of detected cells
              Cells, all_cells, cell_points     all directions first, any mask later
              point_deviations                  standard deviation of each coordinate
              cluster                           one cluster for each object, on the host
@@ -70,7 +70,7 @@ from jradar.radar.points import (
     all_cells as all_cells,
     cell_points as cell_points,
     detect as detect,
-    points_and_report as points_and_report,
+    points_and_count as points_and_count,
     radar_points as radar_points,
 )
 from jradar.radar.radar import Radar as Radar

@@ -106,29 +106,18 @@ RECORDED: dict[str, dict[str, Any]] = {
 }
 
 
-def board(name: str) -> Board:
-    """Return the board of that name; ValueError if it is unknown."""
-    _check_known(name, BOARDS)
-    return BOARDS[name]
-
-
 def device_fields(name: str) -> dict[str, Any]:
     """Return what is fixed in the `RadarSpec` of a device; ValueError if it is unknown.
 
     A board that no data set was recorded with has antennas but no waveform.
     """
-    _check_known(name, BOARDS | RECORDED)
+    if name not in (names := BOARDS | RECORDED):
+        near = difflib.get_close_matches(name, names, 1)
+        hint = f": did you mean {near[0]!r}?" if near else ""
+        raise ValueError(f"device = {name!r}, expected one of {[*names]}{hint}")
     antennas = {}
     if name in BOARDS:
         keys = ("tx_positions", "rx_positions", "design_frequency_hz", "row_spacing")
         keys = (*keys, "real_samples")
         antennas = {key: getattr(BOARDS[name], key) for key in keys}
     return {"name": name, **antennas, **RECORDED.get(name, {})}
-
-
-def _check_known(name: str, names: dict[str, Any]) -> None:
-    """Raise ValueError for an unknown name, with the names and the nearest one."""
-    if name not in names:
-        near = difflib.get_close_matches(name, names, 1)
-        hint = f": did you mean {near[0]!r}?" if near else ""
-        raise ValueError(f"device = {name!r}, expected one of {[*names]}{hint}")

@@ -31,24 +31,12 @@ from jradar.radar.peaks import window_offset
 from jradar.radar.point_spec import POINTS, PointSpec
 from jradar.radar.radar import Radar
 from jradar.radar.ranks import to_rank
-from jradar.radar.samples import FULL_SCALE, Cube, as_samples
+from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import STATIC, PowerMap, Spectrum, range_doppler
 from jradar.types import PointCloud
 
 WRAPPED = 2  # range bins behind bin 0 that a window's main lobe reaches
-
-
-class PointReport(NamedTuple):
-    """What a cloud of `radar_points` does not show.
-
-    A sample that is not finite makes the whole spectrum so: the cloud is empty then.
-    """
-
-    detected: Int[Array, "*batch"]  # cells that the detector marked, of usable ranges
-    dropped: Int[Array, "*batch"]  # of them, the weakest, which exceed the capacity
-    saturated: Int[Array, "*batch"]  # samples with a part at full scale
-    non_finite: Int[Array, "*batch"]  # samples with a part that is NaN or infinite
 
 
 class Cells(NamedTuple):
@@ -77,16 +65,19 @@ def radar_points(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Poi
 
     With a leakage the range window is Blackman, the only one that its file fits. One
     frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
-    `points_and_report` also counts what is missing.
     """
-    return points_and_report(cube, radar, points=points)[0]
+    return points_and_count(cube, radar, points=points)[0]
 
 
 @functools.partial(jax.jit, static_argnames="points")
-def points_and_report(
+def points_and_count(
     cube: Cube, radar: Radar, *, points: PointSpec = POINTS
-) -> tuple[PointCloud, PointReport]:
-    """Return `radar_points` and counts of what the cloud does not show."""
+) -> tuple[PointCloud, Int[Array, ""]]:
+    """Return `radar_points`, and the number of cells of usable ranges detected.
+
+    The weakest of those that exceed the capacity are not in the cloud. A sample that is
+    not finite makes the whole spectrum so: the cloud is empty then.
+    """
     points, spec = points.subtracting(radar.leakage), radar.spec
     spectrum, power = frame_spectra(cube, radar, points)
     candidates = _candidates(power, detect(power, spec, points=points), radar)
@@ -97,15 +88,7 @@ def points_and_report(
         cell = cell[of]
         folds = jax.tree.map(lambda values: values[of], folds)
     cloud = _cloud(power, cell, strongest, direction, folds, radar, points)
-    samples, detected = as_samples(cube), (candidates > 0).sum()
-    largest = jnp.maximum(jnp.abs(samples.real), jnp.abs(samples.imag))
-    report = PointReport(
-        detected=detected,
-        dropped=jnp.maximum(detected - points.capacity, 0),
-        saturated=(largest >= FULL_SCALE).sum(),
-        non_finite=(~jnp.isfinite(samples)).sum(),
-    )
-    return cloud, report
+    return cloud, (candidates > 0).sum()
 
 
 @functools.partial(jax.jit, static_argnames="points")

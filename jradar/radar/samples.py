@@ -12,8 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Inexact, Num
 
-FULL_SCALE = 2.0**15 - 1  # the largest number of 16 bits
-
 Cube = Num[Array, "*_batch _tx _rx _chirp _sample"]
 
 

@@ -20,12 +20,12 @@ only half of it is range: N real samples have N / 2 range bins.
 """
 
 import dataclasses
-import difflib
 import math
 from typing import Any
 
 import numpy as np
 
+from jradar.fields import typed_fields
 from jradar.radar.devices import RECORDED, device_fields
 
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
@@ -93,8 +93,15 @@ class RadarSpec:
                     f"{name} = {value!s:.40}, expected {low:g} to {high:g}: is it in "
                     "another unit?"
                 )
-        _check_antennas("tx", self.tx_positions)
-        _check_antennas("rx", self.rx_positions)
+        for name in ("tx_positions", "rx_positions"):
+            places = getattr(self, name)
+            if not 1 <= len(places) <= MOST_ANTENNAS:
+                raise ValueError(f"{len(places)} {name}, expected 1 to {MOST_ANTENNAS}")
+            if far := [place for place in places if max(map(abs, place)) > FARTHEST]:
+                raise ValueError(
+                    f"{name} contains {far[0]}, expected columns and rows from "
+                    f"{-FARTHEST} to {FARTHEST}"
+                )
         if (count := math.prod(self.cube_shape)) > MOST_IN_FRAME:
             raise ValueError(
                 f"a frame of {self.cube_shape} [tx, rx, chirp, sample] holds "
@@ -292,26 +299,23 @@ class RadarSpec:
         `upside_down` mounts it so. Raises ValueError for an unknown device, and for a
         field that is unknown, missing or of the wrong type.
         """
-        given = dict(values)
-        device = given.pop("device", None)
-        turned = _converted("upside_down", given.pop("upside_down", False), bool)
+        given, names = dict(values), ("device", "upside_down")
+        start = {name: given.pop(name) for name in names if name in given}
+        start = _Start(**typed_fields(_Start, start))
         complete: dict[str, Any] = {"name": "radar"}
-        if device is not None:
-            complete = device_fields(_converted("device", device, str))
-        fields = {field.name: field for field in dataclasses.fields(cls)}
-        for key, value in given.items():
-            if key not in fields:
-                near = difflib.get_close_matches(key, fields, 1) or [", ".join(fields)]
-                raise ValueError(f"unknown radar field {key!r}, expected {near[0]}")
-            complete[key] = _converted(key, value, fields[key].type)
-        required = [f.name for f in fields.values() if f.default is dataclasses.MISSING]
-        if missing := [key for key in required if key not in complete]:
+        if start.device is not None:
+            complete = device_fields(start.device)
+        complete |= typed_fields(cls, given)
+        required = (
+            f for f in dataclasses.fields(cls) if f.default is dataclasses.MISSING
+        )
+        if missing := [f.name for f in required if f.name not in complete]:
             raise ValueError(
                 f"missing radar fields: {', '.join(missing)} "
                 f"(or start from a device: {', '.join(RECORDED)})"
             )
         found = cls(**complete)
-        return found.upside_down() if turned else found
+        return found.upside_down() if start.upside_down else found
 
     def upside_down(self) -> "RadarSpec":
         """Return the radar mounted upside down: left and right, up and down swap."""
@@ -322,35 +326,9 @@ class RadarSpec:
         return dataclasses.replace(self, **swapped)
 
 
-def _check_antennas(kind: str, positions: Positions) -> None:
-    """Refuse positions that no array has."""
-    if not 1 <= len(positions) <= MOST_ANTENNAS:
-        raise ValueError(
-            f"{len(positions)} {kind}_positions, expected 1 to {MOST_ANTENNAS}"
-        )
-    if far := [place for place in positions if max(map(abs, place)) > FARTHEST]:
-        raise ValueError(
-            f"{kind}_positions contains {far[0]}, expected columns and rows from "
-            f"{-FARTHEST} to {FARTHEST}"
-        )
+@dataclasses.dataclass(frozen=True)
+class _Start:
+    """What a description may name apart from the fields of a `RadarSpec`."""
 
-
-def _converted(key: str, value: Any, kind: Any) -> Any:
-    """The value of a file or a caller as the type `kind` of the field `key`."""
-    names = {int: "an integer", float: "a number", str: "a text", bool: "true or false"}
-    allowed = {int: int, float: (int, float), str: str, bool: bool}
-    right = isinstance(value, allowed.get(kind, (list, tuple)))
-    if not right or isinstance(value, bool) != (kind is bool):
-        raise ValueError(f"{key} = {value!r}, expected {names.get(kind, 'a list')}")
-    if kind in names:
-        try:
-            return kind(value)
-        except OverflowError as error:
-            raise ValueError(f"{key} = {value}, which is too large") from error
-    array = np.array(value)
-    if array.dtype != int or (kind == Positions and array.shape[1:] != (2,)):
-        raise ValueError(
-            f"{key} = {value!r}, expected a list of whole numbers, or of pairs of them "
-            "for positions: (column, row)"
-        )
-    return tuple(map(tuple, array.tolist())) if kind == Positions else tuple(value)
+    device: str | None = None
+    upside_down: bool = False

@@ -25,7 +25,7 @@ from jradar.radar import (
     calibrate,
     detect,
     excise_interference,
-    points_and_report,
+    points_and_count,
     power_map,
 )
 from jradar.range_image import RangeImage, condition_image, unlikeness
@@ -172,8 +172,7 @@ class Stages:
 
     def _found(self, _key, radar, _model, samples):
         radar = radar.once_calibrated()
-        cloud, report = points_and_report(samples, radar, points=self.points)
-        return cloud, report.detected
+        return points_and_count(samples, radar, points=self.points)
 
     def _conditioned(self, _key, _radar, model, points):
         spec = model.spec

@@ -4,7 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.calibration import channel_response, self_calibrate
+from jradar.calibration import self_calibrate
+from jradar.calibration.self_calibration import channel_response
 from tests.calibration.test_self_calibration import CHIP, channels, echoes_of
 
 TRUE = channels(CHIP, 20.0, seed=1)

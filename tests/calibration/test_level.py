@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.calibration import level_tilt, untilted
+from jradar.calibration import level_tilt
+from jradar.calibration.level import untilted
 from jradar.radar import RadarSpec
 from jradar.types import PointCloud
 

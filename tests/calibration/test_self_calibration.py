@@ -5,14 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.calibration import (
-    Snapshots,
+from jradar.calibration import self_calibrate
+from jradar.calibration.self_calibration import (
     channel_response,
-    self_calibrate,
-    strong_snapshots,
+    linear_phases,
+    steering,
     without_tilt,
 )
-from jradar.calibration.self_calibration import linear_phases, steering
+from jradar.calibration.snapshots import Snapshots, strong_snapshots
 from jradar.radar import Radar, RadarSpec, Scatterers, calibrate, simulate_cube
 
 CHIP = RadarSpec.awr1843(num_chirps=16, num_samples=128)

@@ -16,7 +16,7 @@ from jradar.radar import (
     power_map,
     radar_points,
 )
-from jradar.radar.devices import BOARDS, board
+from jradar.radar.devices import BOARDS
 from tests.radar.targets import cloud_of, simulate, spherical, target
 
 CORNER = 3.13, 15.0, 7.0  # metres, degrees to the left and up
@@ -56,7 +56,7 @@ TI_TABLES = {
 
 
 def radar_of(name):
-    start_hz = board(name).band_hz[0] + 1e9
+    start_hz = BOARDS[name].band_hz[0] + 1e9
     return RadarSpec.named(name, start_frequency_hz=start_hz, **WAVEFORM)
 
 
@@ -78,7 +78,7 @@ def assert_found(cloud):
 @pytest.mark.parametrize("name", ["awr2944", "iwr6843ods", "iwr6843aop"])
 def test_a_moving_corner_is_found_after_its_signs_are_undone(name):
     """Boards of arrays that no other test simulates."""
-    radar, made = radar_of(name), board(name)
+    radar, made = radar_of(name), BOARDS[name]
     signs = np.tile(made.rx_signs, radar.num_tx)
     unit = Radar(radar).with_factors(signs)
     recorded = calibrate(corner(radar, velocity=0.4), unit)
@@ -98,7 +98,7 @@ def test_positions_and_signs_are_those_of_ti(name):
     np.testing.assert_array_equal(
         radar_of(name).virtual_positions, positions - positions.min(0)
     )
-    found = np.tile(board(name).rx_signs, radar_of(name).num_tx)
+    found = np.tile(BOARDS[name].rx_signs, radar_of(name).num_tx)
     np.testing.assert_array_equal(found, signs)
 
 

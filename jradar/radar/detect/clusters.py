@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jradar.errors import optional
 from jradar.radar.peaks import local_maxima
 from jradar.types import PointCloud
 
@@ -62,12 +63,9 @@ def cluster(
             f"{radius_m=}, {radius_mps=}, {min_points=}, expected radii above 0 and 1 "
             "point or more"
         )
-    try:
-        from sklearn.cluster import DBSCAN
-    except ImportError as error:
-        raise ImportError(
-            "clusters need scikit-learn: pip install 'jradar[data]'"
-        ) from error
+    clusters = optional(
+        "sklearn.cluster", need="clusters need scikit-learn", extra="data"
+    )
     index = np.flatnonzero(np.asarray(cloud.valid))
     if not len(index):
         return []
@@ -79,7 +77,7 @@ def cluster(
     if cloud.velocity is not None:
         velocity = np.asarray(cloud.velocity, np.float64)[index]
         features = np.column_stack([features, velocity / radius_mps])
-    labels = DBSCAN(eps=1.0, min_samples=min_points).fit_predict(features)
+    labels = clusters.DBSCAN(eps=1.0, min_samples=min_points).fit_predict(features)
     found = []
     for label in range(labels.max() + 1):
         member = labels == label
