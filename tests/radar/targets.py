@@ -22,6 +22,7 @@ ONE = dataclasses.replace(
 )
 COLUMN = dataclasses.replace(ONE, rx_positions=((0, 0), (0, 1)))
 CASCADE = RadarSpec.cascade(num_samples=64)  # four rows, another firing order
+LIGHT = 299_792_458.0
 
 CELLS = PointSpec(detector="ca", capacity=3000)  # more than SMALL has cells
 STATIC = dataclasses.replace(CELLS, capacity=100, refine=False, remove_static=True)
@@ -74,18 +75,47 @@ def degrees(cloud, count=1):
     return np.degrees(spherical(cloud.xyz[:count])[1:]).T
 
 
+def exact_chirp(radar, xyz, departure=None):
+    """Samples [tx, rx, sample] of a target at rest, from its distance to each antenna.
+
+    The wave may leave in another direction than it comes back from.
+    """
+    spacings = [radar.spacing_wavelengths, radar.row_spacing_wavelengths]
+    metres = radar.wavelength_m * np.array(spacings)
+    tx, rx = (-np.array(p) * metres for p in (radar.tx_positions, radar.rx_positions))
+    middle = (tx.mean(0) + rx.mean(0)) / 2
+    left = xyz if departure is None else departure
+    legs = [
+        np.hypot(place[0], np.linalg.norm(place[1:] - antennas + middle, axis=1))
+        for place, antennas in ((np.array(left), tx), (np.array(xyz), rx))
+    ]
+    delay = (legs[0][:, None] + legs[1]) / LIGHT
+    return np.exp(2j * np.pi * delay[..., None] * sweep(radar))
+
+
+def sweep(radar):
+    """Frequency at each sample."""
+    sample_s = np.arange(radar.num_samples) / radar.sample_rate_hz
+    at_s = radar.adc_start_time_s + sample_s
+    return radar.start_frequency_hz + radar.slope_hz_per_s * at_s
+
+
 def sines(azimuth, elevation):
     """Direction sines u and w."""
     return np.sin(azimuth) * np.cos(elevation), np.sin(elevation)
 
 
-def plane_wave(radar, azimuth, elevation, phase=0.0):
-    """Snapshots of far targets, `[..., virtual]`; angles in radians."""
+def waves_towards(radar, u, w, phase=0.0):
+    """Snapshots of far targets at these direction sines, `[..., virtual]`."""
     columns, rows = radar.virtual_positions.T
-    u, w = (sine[..., None] for sine in sines(*np.float64([azimuth, elevation])))
-    turns = columns * radar.spacing_wavelengths * u
-    turns = turns + rows * radar.row_spacing_wavelengths * w
+    turns = np.multiply.outer(u, columns * radar.spacing_wavelengths)
+    turns = turns + np.multiply.outer(w, rows * radar.row_spacing_wavelengths)
     return np.exp(1j * (2 * np.pi * turns + phase))
+
+
+def plane_wave(radar, azimuth, elevation):
+    """The same at these angles in radians."""
+    return waves_towards(radar, *sines(*np.float64([azimuth, elevation])))
 
 
 def noise(*shape, seed=0):

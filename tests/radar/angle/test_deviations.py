@@ -1,6 +1,7 @@
 """Standard deviations of points, against Monte Carlo and closed forms."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -23,6 +24,7 @@ from tests.radar.targets import (
     FLAT,
     SMALL,
     cloud_of,
+    place,
     simulate,
     spherical,
     target,
@@ -31,78 +33,63 @@ from tests.radar.targets import (
 ONE = PointSpec(detector="ca", capacity=1)
 PLAIN = dataclasses.replace(ONE, range_window="none", doppler_window="none")
 TRIALS = 256
+CELL_NOISE = np.prod([(window("hann", n) ** 2).sum() for n in (32, 64)])  # of SMALL
 
 
-def cell_noise(radar):
-    return np.prod([(window("hann", n) ** 2).sum() for n in radar.cube_shape[2:]])
+@functools.partial(jax.jit, static_argnames="points")
+def trials(key, scatterers, points):
+    """The strongest point of each trial with its own scatterer, and its deviations."""
+
+    def trial(each):
+        cube = simulate_cube(*each, SMALL, noise_power=1.0)
+        cloud = radar_points(cube, Radar(SMALL), points=points)
+        return cloud, point_deviations(cloud, SMALL, points=points)
+
+    each = jax.random.split(key, TRIALS), scatterers
+    return jax.lax.map(trial, each, batch_size=16)
 
 
-def in_trials(trial, key):
-    return jax.lax.map(trial, jax.random.split(key, TRIALS), batch_size=16)
-
-
-@jax.jit
-def trials(key, scatterers):
-    """The strongest point of each trial, and its deviations."""
-
-    def trial(key):
-        cube = simulate_cube(key, scatterers, SMALL, noise_power=1.0)
-        cloud = radar_points(cube, Radar(SMALL), points=ONE)
-        return cloud, point_deviations(cloud, SMALL, points=ONE)
-
-    return in_trials(trial, key)
+def errors_over_deviations(seed, cells, bins, angles, amplitude, points):
+    """Those of range, velocity, azimuth and elevation, `[4, trial]`."""
+    distance = cells * SMALL.range_resolution_m * np.ones(TRIALS)
+    velocity = bins * SMALL.velocity_resolution_mps * np.ones(TRIALS)
+    xyz = distance[:, None, None] * place(1.0, *angles)
+    truth = xyz, velocity[:, None], np.full((TRIALS, 1), amplitude)
+    truth = Scatterers(*(jnp.asarray(values, jnp.float32) for values in truth))
+    cloud, deviations = trials(jax.random.key(seed), truth, points)
+    found = *spherical(cloud.xyz[:, 0]), np.asarray(cloud.velocity[:, 0])
+    errors = np.stack(
+        [
+            found[0] - distance,
+            found[3] - velocity,
+            found[1] - np.radians(angles[0]),
+            found[2] - np.radians(angles[1]),
+        ]
+    )
+    return errors / np.stack([values[:, 0] for values in deviations])
 
 
 @pytest.mark.parametrize("snr_db", [17, 30])
 def test_deviations_are_those_of_monte_carlo(snr_db):
-    amplitude = np.sqrt(10 ** (snr_db / 10) * cell_noise(SMALL))
-    errors = []
-    for i, (cells, bins, azimuth, elevation) in enumerate(
-        [(9.3, 1.2, 5, 3), (8.0, 3.4, -31, -9), (9.8, -2.7, 24, 8)]
-    ):
-        distance = cells * SMALL.range_resolution_m
-        velocity = bins * SMALL.velocity_resolution_mps
-        truth = target(distance, azimuth, elevation, velocity, amplitude)
-        cloud, deviations = trials(jax.random.key(i), truth)
-        found = spherical(cloud.xyz[:, 0])
-        error = [
-            found[0] - distance,
-            np.asarray(cloud.velocity[:, 0]) - velocity,
-            found[1] - np.radians(azimuth),
-            found[2] - np.radians(elevation),
-        ]
-        errors.append(np.array(error) / np.stack([d[:, 0] for d in deviations]))
+    amplitude = np.sqrt(10 ** (snr_db / 10) * CELL_NOISE)
+    ratios = [
+        errors_over_deviations(i, *truth, amplitude, ONE)
+        for i, truth in enumerate(
+            [(9.3, 1.2, (5, 3)), (8.0, 3.4, (-31, -9)), (9.8, -2.7, (24, 8))]
+        )
+    ]
     # 768 trials know a deviation to 3 %; the trials' noise adds second-order terms.
-    spread = np.sqrt((np.stack(errors) ** 2).mean((0, 2)))
+    spread = np.sqrt((np.stack(ratios) ** 2).mean((0, 2)))
     np.testing.assert_allclose(spread, 1.0, atol=0.15)
-
-
-@jax.jit
-def scattered_trials(key, amplitude):
-    """Errors of range and velocity over their deviations, without any window."""
-
-    def trial(key):
-        where, noise = jax.random.split(key)
-        cells, bins = jax.random.uniform(where, (2,), minval=-0.5, maxval=0.5)
-        distance = (9.0 + cells) * SMALL.range_resolution_m
-        velocity = (2.0 + bins) * SMALL.velocity_resolution_mps
-        ahead = jnp.stack([distance, 0.0 * distance, 0.0 * distance])
-        truth = Scatterers(ahead[None], velocity[None], amplitude[None])
-        cube = simulate_cube(noise, truth, SMALL, noise_power=1.0)
-        cloud = radar_points(cube, Radar(SMALL), points=PLAIN)
-        expected = point_deviations(cloud, SMALL, points=PLAIN)
-        errors = jnp.linalg.norm(cloud.xyz[0]) - distance, cloud.velocity[0] - velocity
-        return errors[0] / expected.range_m[0], errors[1] / expected.velocity_mps[0]
-
-    return in_trials(trial, key)
 
 
 @pytest.mark.parametrize("snr_db", [10, 20, 30])
 def test_the_bias_without_windows_is_part_of_the_deviations(snr_db):
     """Targets anywhere between bins: noise alone would be up to 13 times too small."""
-    cells = SMALL.num_chirps * SMALL.num_samples
-    amplitude = np.float32(np.sqrt(10 ** (snr_db / 10) / cells))
-    ratios = np.stack(scattered_trials(jax.random.key(snr_db), amplitude))
+    amplitude = np.sqrt(10 ** (snr_db / 10) / (32 * 64))
+    between = np.random.default_rng(snr_db).uniform(-0.5, 0.5, (2, TRIALS))
+    where = 9.0 + between[0], 2.0 + between[1], (0, 0)
+    ratios = errors_over_deviations(snr_db, *where, amplitude, PLAIN)[:2]
     spread = np.sqrt((ratios**2).mean(1))
     assert (0.9 < spread).all() and (spread < 1.2).all(), spread
 

@@ -17,10 +17,10 @@ from tests.radar.targets import (
     cloud_of,
     degrees,
     noise,
-    plane_wave,
     simulate,
     single,
     target,
+    waves_towards,
 )
 
 FOLDED = dataclasses.replace(CELLS, folds=1)
@@ -48,8 +48,7 @@ def plane_waves(radar, count, snr_db):
     """Snapshots of folded plane waves in noise, their Doppler bins and folds."""
     rng = np.random.default_rng(0)
     u, w = rng.uniform(-0.8, 0.8, count), rng.uniform(-0.3, 0.3, count)
-    elevation = np.arcsin(w * radar.has_elevation)
-    wave = plane_wave(radar, np.arcsin(u / np.cos(elevation)), elevation)
+    wave = waves_towards(radar, u, w * radar.has_elevation)
     fold, half = rng.integers(-1, 2, count), radar.num_chirps / 2
     doppler = rng.uniform(-half, half, count)
     cycles = np.outer(doppler / radar.num_chirps + fold, lead(radar))
@@ -72,14 +71,11 @@ def test_folds_are_right_for_every_direction(radar, num_azimuth, least_db):
 
 def test_the_margin_is_that_of_the_beams_of_all_directions():
     """Searched on a grid, in float64, for the two folds that are wrong."""
-    angles = np.radians([[20, -35, 5, 60], [5, -10, 15, 0]])
-    waves = plane_wave(SMALL, *angles)
+    waves = waves_towards(SMALL, [0.3, -0.6, 0.1, 0.9], [0.1, -0.2, 0.3, 0.0])
     found = velocity_folds(single(np.tile(waves, (16, 1))), jnp.zeros(64), SMALL)
     grid = np.meshgrid(np.linspace(-1, 1, 201), np.linspace(-1, 1, 201))
-    u, w = (sine[np.hypot(*grid) <= 1] for sine in grid)
-    elevation = np.arcsin(w)
-    azimuth = np.arcsin(np.clip(u / np.maximum(np.cos(elevation), 1e-9), -1, 1))
-    beams = plane_wave(SMALL, azimuth, elevation).conj()
+    visible = np.hypot(*grid) <= 1
+    beams = waves_towards(SMALL, *(sine[visible] for sine in grid)).conj()
     wrong = [
         abs((waves * np.exp(2j * np.pi * fold * lead(SMALL))) @ beams.T).max(1) ** 2
         for fold in (-1, 1)

@@ -21,6 +21,7 @@ from tests.radar.targets import (
     close,
     cloud_of,
     degrees,
+    exact_chirp,
     noise,
     place,
     plane_wave,
@@ -29,35 +30,18 @@ from tests.radar.targets import (
 )
 
 CASCADE = RadarSpec.cascade(num_chirps=4, idle_time_s=5e-6)
-LIGHT = 299_792_458.0
 NUM_AZIMUTH = 256
-
-
-def exact_chirp(point, radar=CASCADE):
-    """Samples [tx, rx, sample] of a target that stands still, from its distances."""
-    spacings = [radar.spacing_wavelengths, radar.row_spacing_wavelengths]
-    metres = radar.wavelength_m * np.array(spacings)
-    tx, rx = (-np.array(p) * metres for p in (radar.tx_positions, radar.rx_positions))
-    middle = (tx.mean(0) + rx.mean(0)) / 2
-    legs = [
-        np.hypot(point[0], np.linalg.norm(point[1:] - a + middle, axis=1))
-        for a in (tx, rx)
-    ]
-    delay = (legs[0][:, None] + legs[1]) / LIGHT
-    time = radar.adc_start_time_s + np.arange(radar.num_samples) / radar.sample_rate_hz
-    frequency = radar.start_frequency_hz + radar.slope_hz_per_s * time
-    return np.exp(2j * np.pi * delay[..., None] * frequency)
 
 
 def in_noise(point, radar):
     """A cube of the target."""
-    chirp = exact_chirp(point, radar)[:, :, None]
+    chirp = exact_chirp(radar, point)[:, :, None]
     return single(chirp + noise(*radar.cube_shape) / 10)
 
 
 def cells_of(truth):
     """Three cells [3, virtual], the middle cell and the target's offset from it."""
-    chirp = exact_chirp(place(*truth)).reshape(CASCADE.num_virtual, -1)
+    chirp = exact_chirp(CASCADE, place(*truth)).reshape(CASCADE.num_virtual, -1)
     spectrum = np.fft.fft(chirp * window("hann", CASCADE.num_samples))
     exact = truth[0] / CASCADE.range_resolution_m
     cell = round(exact)

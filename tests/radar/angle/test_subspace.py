@@ -14,7 +14,7 @@ from jradar.radar.angle.subspace import (
     music_spectrum,
     smoothed_covariance,
 )
-from tests.radar.targets import CASCADE, FLAT, SMALL, noise, single
+from tests.radar.targets import CASCADE, FLAT, SMALL, noise, single, waves_towards
 
 METHODS = pytest.mark.parametrize(
     "method",
@@ -25,9 +25,8 @@ METHODS = pytest.mark.parametrize(
 
 def two_targets(radar, sines, *, snapshots, grain=0.03):
     """Equal targets at elevation 0; a single snapshot holds them 45 degrees apart."""
-    columns = radar.virtual_positions[:, 0]
-    turn = 2j * np.pi * radar.spacing_wavelengths
-    waves = np.exp(turn * np.outer(sines, columns - columns.mean()))
+    middle = radar.virtual_positions[:, 0].mean() * radar.spacing_wavelengths
+    waves = waves_towards(radar, sines, [0, 0], -2 * np.pi * middle * np.c_[sines])
     phase = np.random.default_rng(3).uniform(0, 2 * np.pi, (snapshots, 2))
     phase = phase if snapshots > 1 else np.array([[0, np.pi / 4]])
     cells = np.exp(1j * phase) @ waves

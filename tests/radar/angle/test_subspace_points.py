@@ -11,66 +11,22 @@ from jradar.radar.angle.subspace_peaks import subspace_peaks
 from tests.radar.targets import (
     CASCADE,
     FLAT,
+    LIGHT,
     SMALL,
     cloud_of,
     degrees,
-    plane_wave,
     simulate,
     sines,
     single,
     target,
     targets,
+    waves_towards,
 )
 
 METHODS = pytest.mark.parametrize("method", ["capon", "music"])
 ONE = PointSpec(detector="ca", capacity=1)
 TWO = dataclasses.replace(ONE, peaks=2, group_peaks=True, capacity=2)
-ELEMENTS = 5  # of a subarray: two thirds of the row of 8
-LOADING = 1e-3
 PLACES = [(-55, 4), (-30, -14), (0, 0), (12, -5), (52, -8)]
-
-
-def snapshot_of(cube, radar):
-    """Values of the virtual array in the strongest cell of targets that stand still."""
-    doppler, sample = (
-        0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
-        for size in (radar.num_chirps, radar.num_samples)
-    )
-    weighted = np.asarray(cube, np.complex128) * doppler[:, None] * sample
-    spectrum = np.fft.fft2(weighted).reshape(radar.num_virtual, *cube.shape[2:])
-    power = (np.abs(spectrum) ** 2).sum(0)
-    return spectrum[:, *np.unravel_index(power.argmax(), power.shape)]
-
-
-def reference(cube, radar, method):
-    """Azimuth and elevation in radians from the textbook's formulas, in float64."""
-    values, columns = snapshot_of(cube, radar), radar.virtual_positions[:, 0]
-    rows = [radar.virtual_positions[:, 1] == row for row in (0, 1)]
-    row = values[rows[0]][np.argsort(columns[rows[0]])]
-    covariance = np.zeros((ELEMENTS, ELEMENTS), complex)
-    for start in range(len(row) - ELEMENTS + 1):
-        part = row[start : start + ELEMENTS]
-        for x in (part, part[::-1].conj()):
-            covariance += np.outer(x, x.conj())
-    covariance *= ELEMENTS / np.trace(covariance).real
-    u = np.linspace(-0.95, 0.95, 20001)
-    spacing = 2j * np.pi * radar.spacing_wavelengths
-    a = np.exp(spacing * np.outer(np.arange(ELEMENTS), u))
-    if method == "capon":
-        inverse = np.linalg.inv(covariance + LOADING * np.eye(ELEMENTS))
-        height = -np.einsum("iu,ij,ju->u", a.conj(), inverse, a).real
-    else:
-        noise = np.linalg.eigh(covariance)[1][:, :-2]
-        height = -(np.abs(noise.conj().T @ a) ** 2).sum(0)
-    inner = np.flatnonzero((height[1:-1] > height[:-2]) & (height[1:-1] > height[2:]))
-    peaks = u[1 + inner]
-    beams = np.abs(row @ np.exp(-spacing * np.outer(np.arange(len(row)), peaks)))
-    score = height[1 + inner] if method == "capon" else beams
-    u = peaks[score.argmax()]
-    lower, upper = (values[row] @ np.exp(-spacing * columns[row] * u) for row in rows)
-    turn = 2 * np.pi * radar.row_spacing_wavelengths
-    elevation = np.arcsin(np.angle(upper * lower.conj()) / turn)
-    return np.arcsin(u / np.cos(elevation)), elevation
 
 
 @METHODS
@@ -78,17 +34,15 @@ def reference(cube, radar, method):
 def test_points_have_the_azimuth_and_elevation_of_the_target(method, place):
     cube = simulate(target(4.0, *place, 0.0))
     points = dataclasses.replace(ONE, angles=method)
-    [found] = degrees(cloud_of(cube, points=points))
-    np.testing.assert_allclose(found, place, atol=0.4)
-    expected = np.degrees(reference(cube, SMALL, method))
-    np.testing.assert_allclose(found, expected, atol=0.2)
+    found = degrees(cloud_of(cube, points=points))
+    np.testing.assert_allclose(found, [place], atol=0.4)
 
 
 def two_in_a_cell(places, phase):
     """A cube of two equal targets in one cell, `phase` radians apart in the middle."""
     middle_s = SMALL.adc_start_time_s + 63 / 2 / SMALL.sample_rate_hz
     middle_hz = SMALL.start_frequency_hz + SMALL.slope_hz_per_s * middle_s
-    farther = phase / (4 * np.pi) * 299_792_458.0 / middle_hz
+    farther = phase / (4 * np.pi) * LIGHT / middle_hz
     truth = targets((4.0, *places[0], 0.0), (4.0 + farther, *places[1], 0.0))
     return simulate(truth, noise_power=0.01)
 
@@ -125,9 +79,7 @@ def test_one_target_of_a_cell_stays_one_point(changes):
 @pytest.mark.parametrize("radar", [FLAT, CASCADE], ids=["one row", "four rows"])
 def test_peaks_are_plane_waves_of_their_power_down_to_6_db(method, radar):
     places = np.array([[-0.25, 0.1], [0.28, -0.05]]) * [1, radar.has_elevation]
-    elevation = np.arcsin(places[:, 1])
-    azimuth = np.arcsin(places[:, 0] / np.cos(elevation))
-    waves = plane_wave(radar, azimuth, elevation, [[0.0], [0.4 * np.pi]])
+    waves = waves_towards(radar, *places.T, [[0.0], [0.4 * np.pi]])
     weaker = 10 ** (-np.array([1, 5, 8]) / 20)  # amplitudes, 1, 5 and 8 dB down
     cells = single(waves[0] + weaker[:, None] * waves[1])
     peaks = subspace_peaks(cells, radar, method=method)

@@ -13,7 +13,6 @@ from jradar.radar import (
     DETECTORS,
     PointSpec,
     detect,
-    false_alarm_multiplier,
     noise_floor,
     power_map,
 )
@@ -22,7 +21,6 @@ from tests.radar.targets import SMALL
 
 KINDS = [*DETECTORS]
 EACH = pytest.mark.parametrize("detector", DETECTORS.values(), ids=KINDS)
-WINDOWS = [((2, 1), (3, 4)), ((0, 2), (0, 6)), ((1, 0), (5, 0))]
 POWER = jnp.asarray(np.random.default_rng(0).exponential(size=(32, 64)), jnp.float32)
 
 
@@ -51,52 +49,6 @@ def test_false_alarm_rate_is_what_was_asked():
         # Cells of a map share their noise estimates: only whole maps are independent.
         error = parts.std(1) / math.sqrt(shape[0])
         assert (abs(parts.mean(1) - case[1][1]) < 4 * error).all(), case
-
-
-def cells_around(d, r, shape, guard, train):
-    """Training cells at lower range, and the other ones, of a map that wraps in d."""
-    sides = [g + t for g, t in zip(guard, train, strict=True)]
-    low, high = [], []
-    for i, j in itertools.product(*(range(-side, side + 1) for side in sides)):
-        if 0 <= r + j < shape[1] and (abs(i) > guard[0] or abs(j) > guard[1]):
-            half = low if (j, i) < (0, 0) else high
-            half.append(((d + i) % shape[0], r + j))
-    return low, high
-
-
-@pytest.mark.parametrize(("guard", "train"), WINDOWS)
-def test_floors_and_masks_match_a_loop_over_cells(guard, train):
-    power = np.random.default_rng(0).exponential(size=(24, 20))
-    floors = {kind: np.zeros(power.shape) for kind in KINDS}
-    multipliers = {kind: np.zeros(20) for kind in KINDS}
-    for d, r in np.ndindex(power.shape):
-        halves = cells_around(d, r, power.shape, guard, train)
-        low, high = ([power[cell] for cell in half] for half in halves)
-        means = [np.mean(half) for half in (low, high) if half]
-        everything, n = sorted(low + high), len(low + high)
-        rank = math.ceil(0.75 * n)
-        values = {"ca": np.mean(everything), "go": max(means), "so": min(means)}
-        values["os"] = everything[rank - 1]
-        for kind, floor in values.items():
-            floors[kind][d, r] = floor
-            cells = (len(low), len(high)) if kind in ("go", "so") else n
-            ranked = {"rank": rank} if kind == "os" else {}
-            multipliers[kind][r] = false_alarm_multiplier(kind, 0.1, cells, **ranked)
-    window = {"guard": guard, "train": train}
-
-    @jax.jit
-    def floor_and_mask(power):
-        return {
-            kind: (
-                noise_floor(power, kind=kind, **window),
-                detector(power, false_alarm_rate=0.1, **window),
-            )
-            for kind, detector in DETECTORS.items()
-        }
-
-    for kind, (floor, mask) in floor_and_mask(jnp.asarray(power, "float32")).items():
-        np.testing.assert_allclose(floor, floors[kind], rtol=2e-6)
-        np.testing.assert_array_equal(mask, power > multipliers[kind] * floors[kind])
 
 
 @pytest.mark.parametrize("train", [(0, 6), (7, 7)])

@@ -1,5 +1,6 @@
 """CFAR: what maps, windows and rates are taken; rules at the ends of the range axis."""
 
+import itertools
 import math
 
 import jax
@@ -7,7 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import DETECTORS, ca_cfar, noise_floor
+from jradar.radar import (
+    DETECTORS,
+    ca_cfar,
+    false_alarm_multiplier,
+    noise_floor,
+    os_cfar,
+)
 from jradar.radar.detect.cfar import cfar
 from jradar.radar.detect.cfar_window import EDGES, largest_window
 
@@ -63,71 +70,91 @@ def test_maps_that_hold_no_power_are_refused():
                 function(wrong)
 
 
-def cells_at(edge, r, g, t, bins):
-    """Range bins of the low and the high half of a window along range."""
-    low, high = [*range(r - g - t, r - g)], [*range(r + g + 1, r + g + t + 1)]
-    if edge == "wrap":
-        low, high = ([i % bins for i in half] for half in (low, high))
-    elif edge == "reflect":
-        low = [abs(i) for i in low]
-        high = [i if i < bins else 2 * (bins - 1) - i for i in high]
-    elif edge == "one_sided":
-        low = low if low[0] >= 0 else []
-        high = high if high[-1] < bins else []
-    elif edge == "fill":
-        lost_low, lost_high = sum(i < 0 for i in low), sum(i >= bins for i in high)
-        low = [*range(r - g - t - lost_high, r - g)]
-        high = [*range(r + g + 1, r + g + t + 1 + lost_low)]
-    halves = [[i for i in half if 0 <= i < bins] for half in (low, high)]
-    return halves if edge != "skip" or len(sum(halves, [])) == 2 * t else None
+def test_a_window_may_be_a_list_and_must_have_two_numbers():
+    tuples = os_cfar(POWER, false_alarm_rate=0.05, guard=(1, 1), train=(2, 2))
+    lists = os_cfar(POWER, false_alarm_rate=0.05, guard=[1, 1], train=[2, 2])
+    np.testing.assert_array_equal(tuples, lists)
+    np.testing.assert_array_equal(
+        noise_floor(POWER, guard=[1, 1], train=[2, 2]),
+        noise_floor(POWER, guard=(1, 1), train=(2, 2)),
+    )
+    for wrong in (2, (2,), (1, 2, 3), (1.5, 2), "ab"):
+        with pytest.raises(ValueError, match=r"CFAR guard = .*, expected two whole"):
+            ca_cfar(POWER, false_alarm_rate=0.05, guard=wrong)
 
 
-@pytest.mark.parametrize("edge", EDGES)
-def test_ends_of_the_range_axis_follow_the_rule(edge):
-    """Floors and masks along range against a loop over cells."""
-    power = np.random.default_rng(0).exponential(size=(2, 24)).astype("float32")
-    window = {"guard": (0, 2), "train": (0, 4), "edge": edge}
-    kinds = ("ca", "os") if edge == "fill" else DETECTORS
-    floors = jax.jit(lambda p: {k: noise_floor(p, kind=k, **window) for k in kinds})
-    masks = jax.jit(lambda p: {k: cfar(p, kind=k, factor=1.5, **window) for k in kinds})
-    found, detected = floors(jnp.asarray(power)), masks(jnp.asarray(power))
-    for row, r in np.ndindex(power.shape):
-        halves = cells_at(edge, r, 2, 4, 24)
-        if halves is None:
-            assert not any(mask[row, r] for mask in detected.values())
+def halves_at(edge, d, r, shape, guard, train):
+    """Training cells at lower range and the other ones, by the rule; None: no test."""
+    sides, halves, lost = np.add(guard, train), ([], []), [0, 0]
+    for i, j in itertools.product(*(range(-side, side + 1) for side in sides)):
+        if abs(i) <= guard[0] and abs(j) <= guard[1]:
             continue
-        sides = [power[row, half].mean() for half in halves if half]
-        every = sorted(power[row, sum(halves, [])])
-        values = {"ca": np.mean(every), "go": max(sides), "so": min(sides)}
-        values["os"] = every[math.ceil(0.75 * len(every)) - 1]
-        for kind in kinds:
-            assert found[kind][row, r] == pytest.approx(values[kind], rel=1e-5)
-            if abs(power[row, r] / values[kind] / 1.5 - 1) > 1e-4:
-                assert detected[kind][row, r] == (power[row, r] > 1.5 * values[kind])
+        half, column = int((j, i) > (0, 0)), r + j
+        if edge == "wrap":
+            column %= shape[1]
+        elif edge == "reflect":
+            column = shape[1] - 1 - abs(shape[1] - 1 - abs(column))
+        if 0 <= column < shape[1]:
+            halves[half].append(((d + i) % shape[0], column))
+        else:
+            lost[half] += 1
+    if edge == "skip" and any(lost):
+        return None
+    if edge == "one_sided":
+        halves = [
+            [] if missing else half for half, missing in zip(halves, lost, strict=True)
+        ]
+    if edge == "fill":
+        halves[0].extend((d, r - sides[1] - k) for k in range(1, lost[1] + 1))
+        halves[1].extend((d, r + sides[1] + k) for k in range(1, lost[0] + 1))
+    return halves
 
 
-def test_one_sided_windows_in_two_dimensions_leave_out_the_incomplete_half():
+RANGE_ONLY = (0, 2), (0, 4)
+CASES = [(edge, *RANGE_ONLY) for edge in EDGES]
+CASES += [("shrink", (2, 1), (3, 4)), ("shrink", (1, 0), (5, 0))]
+CASES += [("one_sided", (1, 1), (2, 2)), ("reflect", (1, 1), (2, 2))]
+
+
+@pytest.mark.parametrize(("edge", "guard", "train"), CASES)
+def test_floors_and_masks_follow_the_rule_in_a_loop_over_cells(edge, guard, train):
     power = np.random.default_rng(0).exponential(size=(16, 24)).astype("float32")
-    window = {"guard": (1, 1), "train": (2, 2), "edge": "one_sided"}
-    low = [(d, r) for d in range(-3, 4) for r in range(-3, 1) if (r, d) < (0, 0)]
-    low = [(d, r) for d, r in low if abs(d) > 1 or abs(r) > 1]
-    expected = {"ca": np.mean, "os": lambda x: np.sort(x)[math.ceil(0.75 * len(x)) - 1]}
-    for kind, estimate in expected.items():
-        floor = noise_floor(jnp.asarray(power), kind=kind, **window)
-        for d in (0, 7, 15):
-            cells = np.array([power[(d + i) % 16, 22 + j] for i, j in low])
-            assert floor[d, 22] == pytest.approx(estimate(cells), rel=1e-5)
+    window = {"guard": guard, "train": train, "edge": edge}
+    kinds = ("ca", "os") if edge == "fill" else tuple(DETECTORS)
 
+    @jax.jit
+    def measured(power):
+        return {
+            kind: (
+                noise_floor(power, kind=kind, **window),
+                cfar(power, kind=kind, false_alarm_rate=0.1, **window),
+                cfar(power, kind=kind, factor=1.5, **window),
+            )
+            for kind in kinds
+        }
 
-@pytest.mark.parametrize("edge", ["one_sided", "fill", "skip"])
-def test_rates_hold_at_the_ends_under_every_rule(edge):
-    noise = np.random.default_rng(0).standard_gamma(4, (3000, 4, 24)).astype("float32")
-    window = {"guard": (0, 2), "train": (0, 4), "edge": edge, "channels": 4}
-    for kind in ("ca", "os"):
-        mask = cfar(jnp.asarray(noise), kind=kind, false_alarm_rate=0.05, **window)
-        for r in (0, 3, 23):
-            rate, asked = float(mask[..., r].mean()), 0.0 if edge == "skip" else 0.05
-            assert abs(rate - asked) < 4 * math.sqrt(0.05 / 12000)
+    found = jax.tree.map(np.asarray, measured(power))
+    for cell in np.ndindex(power.shape):
+        halves = halves_at(edge, *cell, power.shape, guard, train)
+        if halves is None:
+            assert not any(mask[cell] for _, *masks in found.values() for mask in masks)
+            continue
+        low, high = ([power[at] for at in half] for half in halves)
+        every, n = sorted(low + high), len(low + high)
+        rank, means = (
+            math.ceil(0.75 * n),
+            [np.mean(half) for half in (low, high) if half],
+        )
+        values = {"ca": np.mean(every), "go": max(means), "so": min(means)}
+        values["os"] = every[rank - 1]
+        for kind, (floor, *masks) in found.items():
+            assert floor[cell] == pytest.approx(values[kind], rel=1e-5)
+            cells = (len(low), len(high)) if kind in ("go", "so") else n
+            ranked = {"rank": rank} if kind == "os" else {}
+            rated = false_alarm_multiplier(kind, 0.1, cells, **ranked)
+            for mask, factor in zip(masks, (rated, 1.5), strict=True):
+                over = power[cell] / values[kind] / factor
+                assert mask[cell] == (over > 1) or abs(over - 1) < 1e-4
 
 
 def test_impossible_rules_at_the_ends_and_factors_are_refused():

@@ -53,12 +53,3 @@ def test_ca_multiplier_of_many_channels_is_a_quantile_of_f(channels):
     alpha = false_alarm_multiplier("ca", 1e-4, 36, channels=channels)
     quantile = stats.f.isf(1e-4, 2 * channels, 2 * 36 * channels)
     assert alpha == pytest.approx(quantile, rel=1e-9)
-
-
-@pytest.mark.parametrize("channels", [1, 12])
-def test_smaller_half_needs_the_largest_multiplier(channels):
-    go, ca, so = (
-        false_alarm_multiplier(kind, 1e-4, 16, channels=channels)
-        for kind in ("go", "ca", "so")
-    )
-    assert go < ca < so
