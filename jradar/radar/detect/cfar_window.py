@@ -42,8 +42,15 @@ def largest_window(
 
 
 def check_window(window: Window, kind: str) -> None:
-    """Raise ValueError for a kind or an edge that is unknown or does not fit."""
-    _, train, edge = window
+    """Raise ValueError for cells, a kind or an edge that no window has."""
+    guard, train, edge = window
+    for name, cells in (("guard", guard), ("train", train)):
+        pair = isinstance(cells, tuple | list) and len(cells) == 2
+        if not (pair and all(isinstance(n, int) for n in cells)):
+            raise ValueError(
+                f"CFAR {name} = {cells!r}, expected two whole numbers: cells in "
+                "Doppler and in range"
+            )
     if kind not in KINDS:
         raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
     if edge not in EDGES:

@@ -13,7 +13,6 @@ from jradar.radar import (
     all_cells,
     cell_points,
     directions,
-    points as points_module,
     window,
 )
 from jradar.radar.angle.near_field import focus, focused_directions
@@ -89,9 +88,8 @@ def test_points_of_a_near_target_are_focused():
     assert error[1] < 0.05 < 0.2 < error[0]
 
 
-def test_focused_cells_are_the_focused_points_whatever_the_block(monkeypatch):
+def test_focused_cells_are_the_focused_points():
     """Every cell is a point here, with its fold, which is found before."""
-    monkeypatch.setattr(points_module, "FOCUSED", 50)  # of 128 cells
     radar = dataclasses.replace(CASCADE, num_samples=32)
     cube = in_noise(place(4.2 * radar.range_resolution_m, 30.0, 8.0), radar)
     options = {"guard": (0, 2), "train": (0, 4), "false_alarm_rate": 1.0, "folds": 1}
