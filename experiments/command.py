@@ -5,7 +5,13 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from jradar.errors import UsageError, check_platform, exit_code, sigterm_raises
+from jradar.errors import (
+    UsageError,
+    check_platform,
+    exit_code,
+    printable,
+    sigterm_raises,
+)
 
 
 def exit_code_of(run: Callable[[], int | None]) -> int:
@@ -18,7 +24,7 @@ def exit_code_of(run: Callable[[], int | None]) -> int:
         if code is None:  # a fault of the program
             raise
         text = " ".join(str(error).split()) or "interrupted"
-        print(f"error: {text}", file=sys.stderr)
+        print(f"error: {printable(text)}", file=sys.stderr)
         return code
 
 

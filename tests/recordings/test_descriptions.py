@@ -17,17 +17,6 @@ Out of sequence count - 0
 """
 CARD = {"DCA1000Config": {"dataLoggingMode": "raw", "lvdsMode": 2}}
 
-WAVEFORM_60 = """\
-start_frequency_hz = 60e9
-slope_hz_per_s = 60e12
-sample_rate_hz = 5e6
-num_samples = 128
-num_chirps = 16
-idle_time_s = 30e-6
-adc_start_time_s = 7e-6
-ramp_end_time_s = 40e-6
-"""
-
 
 def chirp(number, mask, **changes):
     variations = ("startFreqVar_MHz", "freqSlopeVar_KHz_usec")
@@ -231,17 +220,3 @@ def test_other_json_is_refused(tmp_path, text):
     (tmp_path / "run.json").write_text(text)
     with pytest.raises(ValueError, match="run.json"):
         read_description(tmp_path / "run.json")
-
-
-def test_a_toml_of_a_board_undoes_the_signs_of_its_receivers(tmp_path):
-    path = tmp_path / "radar.toml"
-    waveform = WAVEFORM_60
-    path.write_text(f'[radar]\ndevice = "iwr6843ods"\n{waveform}')
-    found = read_description(path)
-    assert found.capture.channel_factors == (1, -1, -1, 1) * 3
-    path.write_text(f'[radar]\ndevice = "iwr6843isk"\n{waveform}')
-    assert not {*read_description(path).capture.channel_factors} - {1}
-    path.write_text(
-        f'[radar]\ndevice = "iwr6843ods"\nrx_positions = [[0, 0]]\n{waveform}'
-    )
-    assert not {*read_description(path).capture.channel_factors} - {1}

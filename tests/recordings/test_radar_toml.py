@@ -47,7 +47,7 @@ def test_any_name_of_a_radar_is_read_back(tmp_path, name):
     assert read_description(path).radar.name == "?"  # a folder's name that is no text
 
 
-def test_the_factors_of_a_file_are_applied_to_the_cube_and_replace_signs(tmp_path):
+def test_the_factors_of_a_file_are_applied_to_the_cube(tmp_path):
     cube = random_cube((3, 2, 4, 4, 8))
     path = save(tmp_path, cube, ["frame", "tx", "rx", "chirp", "sample"])
     before = open_recording(path)
@@ -59,12 +59,6 @@ def test_the_factors_of_a_file_are_applied_to_the_cube_and_replace_signs(tmp_pat
     expected = cube[1] * np.reshape(FACTORS[:8], (2, 4, 1, 1))
     found = calibrate(after.cube(1), after.radar)
     np.testing.assert_allclose(found, expected, rtol=1e-3)
-    text = '[radar]\ndevice = "iwr6843ods"\n' + WAVEFORM
-    (tmp_path / "ods.toml").write_text(text)
-    signs = read_description(tmp_path / "ods.toml").capture.channel_factors
-    assert signs == (1, -1, -1, 1) * 3
-    (tmp_path / "ods.toml").write_text(text + f"[calibration]\ngain_db = {[0] * 12}\n")
-    assert read_description(tmp_path / "ods.toml").capture.channel_factors == (1,) * 12
 
 
 WAVEFORM = """\
@@ -77,6 +71,23 @@ idle_time_s = 1e-4
 adc_start_time_s = 6e-6
 ramp_end_time_s = 40e-6
 """
+
+
+@pytest.mark.parametrize(
+    ("device", "tables", "factors"),
+    [
+        ("iwr6843ods", "", (1, -1, -1, 1) * 3),
+        ("iwr6843isk", "", (1,) * 12),
+        ("iwr6843ods", "rx_positions = [[0, 0]]", ()),  # which of its receivers?
+        ("iwr6843ods", f"[calibration]\ngain_db = {[0] * 12}", (1,) * 12),
+    ],
+)
+def test_the_signs_of_a_boards_receivers_unless_they_were_measured(
+    tmp_path, device, tables, factors
+):
+    path = tmp_path / "radar.toml"
+    path.write_text(f'[radar]\ndevice = "{device}"\n{WAVEFORM}{tables}\n')
+    assert read_description(path).capture.channel_factors == factors
 
 
 @pytest.mark.parametrize(
