@@ -2,7 +2,8 @@
 
 /NAME/points          sensor_msgs/PointCloud2: x y z, and velocity, power .. as fields
 /radar/range_azimuth  sensor_msgs/Image, mono8
-/tf                   tf2_msgs/TFMessage of radar and LiDAR on the base
+/tf                   tf2_msgs/TFMessage of radar and LiDAR on the base, and of the
+                      base in odom
 
 Once a second the bag is completed, with its index and metadata.yaml. The next message
 goes over the index:
@@ -22,7 +23,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.stream.outputs import exists, load, writing
-from jradar.stream.views import BASE_FRAME, RADAR_FRAME, View, point_table
+from jradar.stream.views import RADAR_FRAME, View, point_table
 
 FLOAT32 = 7  # of sensor_msgs/PointField
 SAVED_S = 1.0  # by which a crash may shorten a bag
@@ -46,6 +47,7 @@ class BagWriter:
             raise exists(path) from None
         self._storage: Any = self._bag.storage
         self._connections: dict[str, Any] = {}
+        self._qos = _reliable()
         self._end, self._index = 0, b""  # of the messages that are safe
         self._saved_s = -math.inf
         self._failed = False
@@ -75,10 +77,10 @@ class BagWriter:
         if view.picture is not None:
             message = self._image(header, view.picture)
             self._write("/radar/range_azimuth", message, view)
-        if view.base_from:
+        if view.transforms:
             transforms = [
-                self._transform(self._header(view, BASE_FRAME), child, matrix)
-                for child, matrix in view.base_from.items()
+                self._transform(self._header(view, parent), child, matrix)
+                for parent, child, matrix in view.transforms
             ]
             message = self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
             self._write("/tf", message, view)
@@ -127,7 +129,7 @@ class BagWriter:
             self._go_on()
         if topic not in self._connections:
             self._connections[topic] = self._bag.add_connection(
-                topic, kind, typestore=self._store
+                topic, kind, typestore=self._store, offered_qos_profiles=[self._qos]
             )
         raw = self._store.serialize_cdr(message, kind)
         self._bag.write(self._connections[topic], view.stamp_ns, raw)
@@ -182,3 +184,19 @@ class BagWriter:
                 rotation=quaternion(x=x, y=y, z=z, w=w),
             ),
         )
+
+
+def _reliable() -> Any:
+    """The quality of service that ROS 2 has by default: reliable, keep last 10."""
+    kinds = load("rosbags.interfaces", "ros", "a ROS 2 bag")
+    return kinds.Qos(
+        history=kinds.QosHistory.KEEP_LAST,
+        depth=10,
+        reliability=kinds.QosReliability.RELIABLE,
+        durability=kinds.QosDurability.VOLATILE,
+        deadline=kinds.QosTime(0, 0),  # none
+        lifespan=kinds.QosTime(0, 0),
+        liveliness=kinds.QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=kinds.QosTime(0, 0),
+        avoid_ros_namespace_conventions=False,
+    )

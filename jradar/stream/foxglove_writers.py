@@ -2,7 +2,8 @@
 
 /NAME/points          foxglove.PointCloud: x y z, and velocity, power .. as fields
 /radar/range_azimuth  foxglove.RawImage, mono8
-/tf                   foxglove.FrameTransforms of radar and LiDAR on the base
+/tf                   foxglove.FrameTransforms of radar and LiDAR on the base, and of
+                      the base in odom
 """
 
 import time
@@ -14,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.stream.outputs import exists, load, writing
-from jradar.stream.views import BASE_FRAME, CLOUDS, RADAR_FRAME, View, point_table
+from jradar.stream.views import CLOUDS, RADAR_FRAME, View, point_table
 
 FLUSHED_S = 1.0  # by which a crash may shorten a file
 ENCODING = "protobuf"
@@ -42,10 +43,10 @@ class Messages:
             yield f"/{name}/points", self._cloud(stamp, point_table(cloud))
         if view.picture is not None:
             yield "/radar/range_azimuth", self._image(stamp, view.picture)
-        if view.base_from:
+        if view.transforms:
             transforms = [
-                self._transform(stamp, child, matrix)
-                for child, matrix in view.base_from.items()
+                self._transform(stamp, parent, child, matrix)
+                for parent, child, matrix in view.transforms
             ]
             yield "/tf", self.messages.FrameTransforms(transforms=transforms)
 
@@ -80,12 +81,12 @@ class Messages:
             data=picture.tobytes(),
         )
 
-    def _transform(self, stamp, child: str, matrix: np.ndarray):
+    def _transform(self, stamp, parent: str, child: str, matrix: np.ndarray):
         x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat().tolist()
         forward, left, up = matrix[:3, 3].tolist()
         return self.messages.FrameTransform(
             timestamp=stamp,
-            parent_frame_id=BASE_FRAME,
+            parent_frame_id=parent,
             child_frame_id=child,
             translation=self.messages.Vector3(x=forward, y=left, z=up),
             rotation=self.messages.Quaternion(x=x, y=y, z=z, w=w),

@@ -21,6 +21,7 @@ from jradar.stream.views import (
     LIDAR_FRAME,
     View,
     lidar_cloud,
+    odom_from_base,
     range_azimuth,
     sensor_places,
 )
@@ -116,7 +117,9 @@ class Processor:
         clouds, picture = jax.device_get((clouds, picture))
         if lidar is not None:
             clouds[LIDAR_FRAME] = lidar_cloud(lidar)
-        return View(number, stamp_s, clouds, picture, self._base_from)
+        frames = len(self.recording.cubes)  # which are replayed, or none
+        moved = odom_from_base(self.recording, number % frames) if frames else None
+        return View(number, stamp_s, clouds, picture, self._base_from, moved)
 
 
 def quickest(model: Model | None, **drawing: Any) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact, UInt8
 
+from jradar.lidar import interpolate_poses
 from jradar.radar import RadarSpec, angle_spectrum, compensate_tdm, range_doppler
 from jradar.recordings import (
     Recording,
@@ -21,6 +22,7 @@ from jradar.types import PointCloud
 FALLBACK_PERIOD_S = 0.1  # of a recording that does not say how fast it was
 SHOWN_DB = 50.0  # below the strongest echo; weaker ones are black
 RADAR_FRAME, BASE_FRAME, LIDAR_FRAME = "radar", "base", "lidar"
+ODOM_FRAME = "odom"  # fixed, in which the base moves
 CLOUDS = ("radar", "enhanced", "lidar")  # names of clouds, with topics /NAME/points
 
 
@@ -32,6 +34,16 @@ class View(NamedTuple):
     clouds: dict[str, PointCloud]  # by topic, such as "radar", "enhanced", "lidar"
     picture: UInt8[np.ndarray, "range azimuth"] | None = None
     base_from: dict[str, np.ndarray] = {}  # 4 x 4, of "radar" and "lidar" where known
+    odom_from_base: np.ndarray | None = None  # 4 x 4, where the motion is known
+
+    @property
+    def transforms(self) -> list[tuple[str, str, np.ndarray]]:
+        """What is known of the frames: parent, child and the child's place in it."""
+        moving = [] if self.odom_from_base is None else [self.odom_from_base]
+        return [
+            *((ODOM_FRAME, BASE_FRAME, matrix) for matrix in moving),
+            *((BASE_FRAME, child, matrix) for child, matrix in self.base_from.items()),
+        ]
 
     @property
     def stamp_ns(self) -> int:
@@ -81,7 +93,7 @@ def recorded_view(
     clouds: dict[str, PointCloud],
     picture: UInt8[np.ndarray, "range azimuth"] | None = None,
 ) -> View:
-    """Return the view of a recorded frame: its time, and where the sensors are.
+    """Return the view of a recorded frame: its time, and where base and sensors are.
 
     Without stamps, frames follow one another in the radar's frame period, or in 0.1 s.
     """
@@ -89,7 +101,8 @@ def recorded_view(
     stamp_s = frame * (period_s or FALLBACK_PERIOD_S)
     if stamps is not None:
         stamp_s = float(stamps[frame])
-    return View(frame, stamp_s, clouds, picture, sensor_places(recording))
+    places, moved = sensor_places(recording), odom_from_base(recording, frame)
+    return View(frame, stamp_s, clouds, picture, places, moved)
 
 
 def enhanced_view(recording: Recording, frame: Frame) -> View:
@@ -107,6 +120,18 @@ def sensor_places(recording: Recording) -> dict[str, np.ndarray]:
     if radar_from_lidar(recording) is not None:
         places[LIDAR_FRAME] = recording.base_from_lidar
     return {name: matrix for name, matrix in places.items() if matrix is not None}
+
+
+def odom_from_base(recording: Recording, frame: int) -> np.ndarray | None:
+    """Return the recorded pose of the base at the time of a frame; None if unknown."""
+    stamps, poses = recording.cubes.stamps, recording.poses
+    if poses is None or stamps is None:
+        return None
+    try:
+        (pose,) = interpolate_poses(poses, np.array([stamps[frame]]))
+    except ValueError:  # a trajectory of one pose, or of times that do not rise
+        return None
+    return pose if np.isfinite(pose).all() else None
 
 
 def lidar_cloud(xyz: Float[np.ndarray, "point 3"]) -> PointCloud:

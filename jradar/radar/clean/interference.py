@@ -50,7 +50,7 @@ PASSES = (
 )  # factors on the threshold: the strongest bursts come first
 ECHO = 6.0  # power over the median cell from which a cell counts as an echo
 SURE = 0.2  # window's weight below which the echoes are not known well
-QUANTISED = 1e-10  # share of the power that is an ADC's rounding, with 16 bits or fewer
+TINY = 1e-30  # instead of nothing left over, in frames of zeros
 EDGE = 0.1  # of the band, over which the receiver's filter falls to 0
 BANDWIDTH_HZ = (0.5e9, 4e9)  # of another radar's sweep
 SWEEP_S = (20e-6, 80e-6)  # its duration
@@ -178,13 +178,11 @@ def excise_interference(
     A sample is disturbed if its power without the echoes, summed over receivers,
     exceeds the median over all chirps, and that over the samples of its chirp, by a
     factor that noise exceeds at `false_alarm_rate`; so are its two neighbours. All
-    others are returned bit for bit.
-    A frame of one chirp has no median over chirps, and is returned as it is.
+    others are returned bit for bit. A frame of one chirp has no median over chirps, and
+    is returned as it is.
     """
     cube = as_samples(cube)
     weight = to_rank(np.asarray(_taper(*cube.shape[-2:]), cube.real.dtype), cube)
-    quantised = QUANTISED * (cube.real**2 + cube.imag**2).sum(-3)
-    quantised = quantised.mean((-3, -2, -1), keepdims=True)
     unsure = jnp.maximum(1, SURE / weight[..., 0, :, :]) ** 2
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
     factor = gammainccinv(freedom, false_alarm_rate) / gammainccinv(freedom, 0.5)
@@ -194,8 +192,8 @@ def excise_interference(
         echoes = _echoes(cleaned * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight[..., 0, :, :] ** 2
-        usual = jnp.maximum(_median(power, (-3, -2)) + quantised, _at_edges(power))
-        return echoes, power / (usual * unsure)
+        usual = jnp.maximum(_median(power, (-3, -2)), _at_edges(power))
+        return echoes, power / jnp.maximum(usual * unsure, TINY)
 
     def excise(found, times):
         echoes, ratio = found
