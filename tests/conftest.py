@@ -53,11 +53,8 @@ def little_memory():
     if count > MOST_MAPS or pages * os.sysconf("SC_PAGE_SIZE") > MOST_BYTES:
         jax.clear_caches()
         gc.collect()
-        trim = getattr(
-            ctypes.CDLL(None), "malloc_trim", None
-        )  # glibc keeps it otherwise
-        if trim is not None:
-            trim(0)
+        if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
+            trim(0)  # glibc keeps it otherwise
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Files: one owner of a folder, nothing half-written; progress where no terminal is."""
+"""Files: one owner of a folder, nothing half-written."""
 
 import contextlib
 import fcntl
@@ -22,7 +22,6 @@ from jradar.files import (
     remove_leftovers,
     use_compilation_cache,
 )
-from jradar.progress import progress
 
 
 def test_a_folder_has_one_owner_who_is_named(tmp_path):
@@ -181,16 +180,6 @@ def test_a_file_that_is_no_json_object(tmp_path, content, message):
     (tmp_path / "bad.json").write_bytes(content)
     with pytest.raises(ValueError, match=message):
         read_json(tmp_path / "bad.json", limit=100 if b" " in content else 1 << 20)
-
-
-def test_progress_without_a_terminal_is_a_line_at_start_and_end(capsys):
-    with progress("counting", 3, unit="items") as show:
-        for done in (1, 2, 3):
-            show(done, "fine")
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "counting 1/3  fine"
-    assert lines[1].startswith("counting 3/3  fine") and "items/s" in lines[1]
-    assert len(lines) == 2
 
 
 def test_compilation_cache_is_where_the_environment_says(tmp_path, monkeypatch):

@@ -17,12 +17,12 @@ from jradar.radar import Radar, RadarSpec, Scatterers, calibrate, simulate_cube
 
 CHIP = RadarSpec.awr1843(num_chirps=16, num_samples=128)
 FLAT = RadarSpec.awr1642(num_chirps=16, num_samples=128)
-ODS = RadarSpec.named(
-    "iwr6843ods", **{f: getattr(CHIP, f) for f in (
-        "slope_hz_per_s", "sample_rate_hz", "num_samples", "num_chirps", "idle_time_s",
-        "adc_start_time_s", "ramp_end_time_s",
-    )}, start_frequency_hz=60e9,
-)  # fmt: skip
+SHARED = (
+    *("slope_hz_per_s", "sample_rate_hz", "num_samples", "num_chirps"),
+    *("idle_time_s", "adc_start_time_s", "ramp_end_time_s"),
+)
+CHIRP = {field: getattr(CHIP, field) for field in SHARED}
+ODS = RadarSpec.named("iwr6843ods", **CHIRP, start_frequency_hz=60e9)
 
 
 def scatterers(seed, *, count=12, fastest=1.0):
@@ -125,10 +125,8 @@ def test_channels_of_other_arrays_are_found(radar):
 
 def test_the_uncertainty_covers_the_error_and_grows_with_the_noise():
     true = channels(CHIP, 17)
-    fits = [
-        self_calibrate(echoes_of(CHIP, true, noise=noise), CHIP)
-        for noise in (0.02, 0.2)
-    ]
+    noises = (0.02, 0.2)
+    fits = [self_calibrate(echoes_of(CHIP, true, noise=n), CHIP) for n in noises]
     for fit in fits:
         error = remaining_deg(CHIP, fit.factors * true)
         assert error < 4 * fit.uncertainty_deg < 40
@@ -168,9 +166,9 @@ def test_no_phase_of_the_upper_rows_only_transmitter_is_claimed():
 
 
 def test_cells_of_several_echoes_lose_their_weight():
+    """A seventh of the cells hold one echo, the others two."""
     true = channels(CHIP, 25)
-    echoes = echoes_of(CHIP, true, several=0.6)
-    snapshot = echoes.snapshot.reshape(-1, 12)
+    snapshot = echoes_of(CHIP, true, several=0.85).snapshot.reshape(-1, 12)
     response = channel_response(snapshot, CHIP, separable=False)
     assert remaining_deg(CHIP, true / np.asarray(response)) < 1
 
@@ -194,11 +192,11 @@ def test_a_reflector_fixes_tilt_and_range_bias():
 def test_a_snapshot_is_the_echo_of_its_cell():
     """Range, velocity and direction of a moving echo, seen through perfect channels."""
     xyz = 4.0 * np.array([np.cos(0.3), np.sin(0.3), 0.0])
-    echo = Scatterers(jnp.asarray(xyz[None]), jnp.array([0.7]), jnp.array([50.0]))
     scene = scatterers(0)
-    scene = scene._replace(amplitude=jnp.zeros(len(scene.amplitude)))
     scene = Scatterers(
-        *(c.at[0].set(e[0]) for c, e in zip(scene[:3], echo[:3], strict=True))
+        scene.xyz.at[0].set(jnp.asarray(xyz)),
+        scene.velocity.at[0].set(0.7),
+        jnp.zeros_like(scene.amplitude).at[0].set(50.0),
     )
     cube = simulate_cube(jax.random.key(0), scene, CHIP)
     found = strong_snapshots(cube, Radar(CHIP), count=20)

@@ -29,7 +29,6 @@ def test_there_are_52_sequences_and_21_train():
         ("12_21_2020_ec_hallways_run2", "train", "Hallways"),
         ("ec_hallways_run3", "test", "Hallways"),
         ("aspen_run10", "test", "Aspen Lab"),
-        ("aspen_run1", "train", "Aspen Lab"),
         ("edgar_army_run0", "train", "Edgar Mine"),
         ("2_23_2021_edgar_classroom_run5", "test", "Edgar Mine"),
         ("2_28_2021_outdoors_run9", "test", "Outdoor"),

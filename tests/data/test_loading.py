@@ -79,10 +79,8 @@ def test_pairs_are_mirrored_at_random_but_reproducibly(pairs):
 def test_a_mirrored_scene_gives_the_mirrored_pair():
     """Clouds with y negated give images flipped left to right."""
     frame, across = invented_frame(0), np.array([1, -1, 1], np.float32)
-    seen = frame._replace(
-        radar=frame.radar._replace(xyz=frame.radar.xyz * across),
-        lidar_xyz=frame.lidar_xyz * across,
-    )
+    radar = frame.radar._replace(xyz=frame.radar.xyz * across)
+    seen = frame._replace(radar=radar, lidar_xyz=frame.lidar_xyz * across)
     one, other = PairSource([frame, seen], COARSE, FINE, num_slices=2)[:]
     turn = np.random.default_rng(0)  # its first number is 0.64
     for image, expected in zip(mirrored(one, turn), other, strict=True):

@@ -22,14 +22,11 @@ def test_one_scan_goes_to_the_closer_of_two_frames():
 
 
 def test_frames_without_scan_or_outside_the_trajectory_are_named():
-    matches = match_nearest(
-        np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.06, 2.0]), span=(0.0, 1.5)
-    )
+    radar, lidar = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.06, 2.0])
+    matches = match_nearest(radar, lidar, span=(0.0, 1.5))
     assert matches.radar.tolist() == [0]
-    assert matches.dropped == {
-        1: "no LiDAR scan within 50 ms",
-        2: "outside the trajectory",
-    }
+    reasons = {1: "no LiDAR scan within 50 ms", 2: "outside the trajectory"}
+    assert matches.dropped == reasons
 
 
 TIMES = st.integers(0, 12).flatmap(

@@ -57,37 +57,35 @@ def test_clouds_come_back(tmp_path):
             np.testing.assert_array_equal(found[place][name], xyz)
 
 
-@pytest.mark.parametrize(
-    "damage",
-    ["cut", "text", "array", "nan", "confidence", "columns", "pickle", "index"],
-)
+def one_cloud(path, cloud):
+    save_clouds(path, {("a", "b", 0): {"c": np.array(cloud)}})
+
+
+def index_of(path, index, **arrays):
+    np.savez(path, index=np.array(index), **arrays)
+
+
+INDEX = '[["a", "b", 0, "c"]]'
+DAMAGES = {
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-50]),
+    "text": lambda path: path.write_text("no archive"),
+    "array": lambda path: index_of(path, INDEX, cloud_0=np.zeros(3)),
+    "nan": lambda path: one_cloud(path, [[np.nan] * 3]),
+    "confidence": lambda path: one_cloud(path, [[1, 2, 3, 1.5]]),
+    "columns": lambda path: one_cloud(path, np.ones((2, 5))),
+    "pickle": lambda path: index_of(path, [{}]),
+    "index": lambda path: index_of(path, INDEX),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
 def test_damaged_clouds_are_refused(tmp_path, damage):
     path = tmp_path / "clouds.npz"
     save_clouds(path, CLOUDS)
-    if damage == "cut":
-        path.write_bytes(path.read_bytes()[:-50])
-    elif damage == "text":
-        path.write_text("no archive")
-    elif damage == "array":
-        np.savez(path, index=np.array('[["a", "b", 0, "c"]]'), cloud_0=np.zeros(3))
-    elif damage == "nan":
-        save_clouds(path, {("a", "b", 0): {"c": np.full((1, 3), np.nan)}})
-    elif damage == "confidence":
-        save_clouds(path, {("a", "b", 0): {"c": np.array([[1, 2, 3, 1.5]])}})
-    elif damage == "columns":
-        save_clouds(path, {("a", "b", 0): {"c": np.ones((2, 5))}})
-    elif damage == "pickle":
-        np.savez(path, index=np.array([{}], dtype=object))
-    else:
-        np.savez(path, index=np.array('[["a", "b", 0, "c"]]'))
-    with pytest.raises(ValueError, match="clouds.npz is damaged or not .*evaluate the"):
+    DAMAGES[damage](path)
+    message = "1.5, expected 0 to 1" if damage == "confidence" else "evaluate the"
+    with pytest.raises(ValueError, match=f"clouds.npz is damaged or not .*{message}"):
         load_clouds(path)
-
-
-def test_confidence_out_of_range_is_named(tmp_path):
-    save_clouds(tmp_path / "a.npz", {("a", "b", 0): {"c": np.array([[1, 2, 3, 1.5]])}})
-    with pytest.raises(ValueError, match="1.5, expected 0 to 1"):
-        load_clouds(tmp_path / "a.npz")
 
 
 def test_files_of_clouds_hold_the_confidence_of_those_that_have_it(run):
@@ -100,10 +98,10 @@ def test_files_of_clouds_hold_the_confidence_of_those_that_have_it(run):
     np.testing.assert_array_equal(np.stack([*dense.values()], 1), named["jradar"])
 
 
-@pytest.mark.parametrize("name", ["../../stolen", "/tmp/stolen", "a/b"])
+@pytest.mark.parametrize("name", ["../../stolen", "/tmp/stolen"])
 def test_clouds_are_written_inside_the_folder_of_the_run(run, name):
-    save_clouds(run / "evaluation" / "clouds.npz", {("Hallways", name, 0): CLOUDS[
-        "Hallways", "run3", 0]})  # fmt: skip
+    clouds = {("Hallways", name, 0): CLOUDS["Hallways", "run3", 0]}
+    save_clouds(run / "evaluation" / "clouds.npz", clouds)
     before = sorted(run.parent.rglob("*"))
     with pytest.raises(ValueError, match="clouds.npz"):
         build_report(run)

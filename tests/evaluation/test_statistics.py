@@ -1,5 +1,7 @@
 """Intervals hold their promise on correlated series; tests keep their level."""
 
+import itertools
+
 import jax
 import numpy as np
 import pytest
@@ -122,6 +124,15 @@ def test_a_difference_is_found_though_frames_differ_more():
 def test_equal_runs_do_not_differ():
     found = compare_paired(KEY, [[1.0, 2.0, 3.0]], [[1.0, 2.0, 3.0]])
     assert found.difference.mean == 0 and found.t_test == found.sign_flip == 1
+
+
+def test_sign_flips_that_tie_count_however_they_are_rounded():
+    tenths = np.array([1, 2, 3, 4, -5, 9])
+    signs = np.array([*itertools.product((-1, 1), repeat=len(tenths))])
+    exact = np.mean(abs(signs @ tenths) >= tenths.sum())
+    ties = np.mean(abs(signs @ tenths) == tenths.sum())
+    found = compare_paired(KEY, 0.1 * tenths[:, None], np.zeros((len(tenths), 1)))
+    assert ties > 0.05 and found.sign_flip == pytest.approx(exact, abs=0.02)
 
 
 def test_rows_are_matched_by_frame():

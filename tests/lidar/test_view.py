@@ -27,14 +27,6 @@ def test_view_is_the_range_images():
 
 
 def test_edges_are_half_open():
-    def at(azimuth, elevation, distance):
-        flat = distance * np.cos(elevation)
-        return (
-            flat * np.cos(azimuth),
-            flat * np.sin(azimuth),
-            distance * np.sin(elevation),
-        )
-
     quarter = np.pi / 4
     view = {"azimuth": (-quarter, quarter), "elevation": (-quarter, quarter)}
     inside = {
@@ -47,11 +39,10 @@ def test_edges_are_half_open():
         (0.5, 0.0, 0.0): True,  # nearest
         (0.499, 0.0, 0.0): False,
         (-1.0, 0.0, 0.0): False,  # behind
-        at(0.7, -0.7, 3.9): True,
+        (2.3, 1.9, -2.5): True,  # 0.69 rad to the left and below, at 3.9 m
     }
-    found = shared_field_of_view(
-        np.array([*inside]), **view, max_range_m=4.0, min_range_m=0.5
-    )
+    limits = {"max_range_m": 4.0, "min_range_m": 0.5}
+    found = shared_field_of_view(np.array([*inside]), **view, **limits)
     assert found.tolist() == [*inside.values()]
 
 

@@ -47,11 +47,8 @@ def test_errors_ignore_where_the_world_begins():
     ape = position_errors(estimated, true)
     np.testing.assert_allclose(position_errors(some_motion() @ estimated, true), ape)
     assert position_errors(estimated, estimated).max < 1e-12
-    for one, other in zip(
-        step_errors(some_motion() @ estimated, true),
-        step_errors(estimated, true),
-        strict=True,
-    ):
+    moved = step_errors(some_motion() @ estimated, true)
+    for one, other in zip(moved, step_errors(estimated, true), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6)
 
 

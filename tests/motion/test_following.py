@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from jradar.lidar import Poses
 from jradar.motion import Follower
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Stream
@@ -11,15 +10,15 @@ from tests.motion.test_trajectory import (
     IMU_PLACE,
     MOUNT,
     STAMPS,
-    Rotation,
+    TIMES,
     circle,
+    poses_on,
     recording,
     true_imu,
     velocities_on,
 )
 
 VELOCITY = velocities_on(circle, STAMPS).velocity
-TIMES = np.arange(-20, 441) * 0.005
 FRAMES = 4
 
 
@@ -42,9 +41,7 @@ def true_places(newest):
 
 
 def with_poses(tmp_path):
-    true = circle(TIMES)
-    turns = Rotation.from_matrix(true[:, :3, :3]).as_quat()
-    return recording(tmp_path, poses=Poses(TIMES, true[:, :3, 3], turns))
+    return recording(tmp_path, poses=poses_on(circle, TIMES))
 
 
 def with_imu(tmp_path, **options):

@@ -19,6 +19,7 @@ IMU_PLACE = rigid_transform(
     np.zeros(3), Rotation.from_euler("x", 180, degrees=True).as_quat()
 )
 STAMPS = np.arange(41) * 0.05
+TIMES = np.arange(-20, 441) * 0.005  # of IMU and poses
 TURN = 0.8  # rad/s
 SPEED = 1.5
 
@@ -59,6 +60,12 @@ def true_imu(poses_at, stamps, place=IMU_PLACE, bias=0.0):
     return Imu(stamps, felt, rate @ place[:3, :3] + bias)
 
 
+def poses_on(poses_at, stamps):
+    true = poses_at(stamps)
+    turns = Rotation.from_matrix(true[:, :3, :3]).as_quat()
+    return Poses(stamps, true[:, :3, 3], turns)
+
+
 def recording(tmp_path, **fields):
     cubes = Stream(lambda k: None, len(STAMPS), STAMPS)
     return Recording(
@@ -74,19 +81,16 @@ def recording(tmp_path, **fields):
 def test_a_straight_way_is_speed_by_time():
     still = np.tile(np.eye(3), (len(STAMPS), 1, 1))
     velocity = np.tile([1.0, 0.5, -0.25], (len(STAMPS), 1))
-    found = integrate(
-        velocities_on(circle, STAMPS)._replace(velocity=velocity), still, np.eye(4)
-    )
-    np.testing.assert_allclose(
-        found.world_from_base[-1, :3, 3], 2.0 * velocity[0], atol=1e-9
-    )
+    velocities = velocities_on(circle, STAMPS)._replace(velocity=velocity)
+    found = integrate(velocities, still, np.eye(4))
+    end = found.world_from_base[-1, :3, 3]
+    np.testing.assert_allclose(end, 2.0 * velocity[0], atol=1e-9)
     assert found.distance_m == pytest.approx(2 * np.linalg.norm(velocity[0]))
 
 
 def test_a_circle_with_a_lever_arm_is_found_with_the_gyroscope(tmp_path):
-    times = np.arange(-20, 441) * 0.005
     found = odometry(
-        recording(tmp_path, imu=true_imu(circle, times), base_from_imu=IMU_PLACE),
+        recording(tmp_path, imu=true_imu(circle, TIMES), base_from_imu=IMU_PLACE),
         velocities_on(circle, STAMPS),
         rotation="imu",
     )
@@ -95,10 +99,7 @@ def test_a_circle_with_a_lever_arm_is_found_with_the_gyroscope(tmp_path):
 
 
 def test_orientation_of_poses_and_of_nothing(tmp_path):
-    times = np.arange(-20, 441) * 0.005
-    true = circle(times)
-    turns = Rotation.from_matrix(true[:, :3, :3]).as_quat()
-    there = recording(tmp_path, poses=Poses(times, true[:, :3, 3], turns))
+    there = recording(tmp_path, poses=poses_on(circle, TIMES))
     velocities = velocities_on(circle, STAMPS)
     found = odometry(there, velocities, rotation="poses")
     np.testing.assert_allclose(found.world_from_base, circle(STAMPS), atol=2e-3)
@@ -113,8 +114,7 @@ def test_a_tilted_start_is_levelled(tmp_path):
     def tilted(stamps):
         return circle(stamps) @ tilt
 
-    times = np.arange(-20, 441) * 0.005
-    imu = true_imu(tilted, times)
+    imu = true_imu(tilted, TIMES)
     found = odometry(
         recording(tmp_path, imu=imu, base_from_imu=IMU_PLACE),
         velocities_on(tilted, STAMPS),
@@ -135,6 +135,14 @@ def test_the_bias_is_the_rate_of_a_rig_that_stands_still():
     biased = true_imu(circle, times, bias=np.array([0.01, -0.02, 0.03]))
     found = gyro_attitude(biased, STAMPS, IMU_PLACE, bias=np.array([0.01, -0.02, 0.03]))
     np.testing.assert_allclose(found, circle(STAMPS)[:, :3, :3], atol=1e-4)
+
+
+def test_rates_between_records_are_linear():
+    times = np.arange(11) * 0.1
+    imu = Imu(times, np.zeros((11, 3)), times[:, None] * [0.0, 0.0, 2.0])
+    expected = Rotation.from_rotvec(times[:, None] ** 2 * [0, 0, 1.0]).as_matrix()
+    found = gyro_attitude(imu, times, np.eye(4))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_frames_without_a_velocity_are_bridged():

@@ -33,19 +33,16 @@ def test_a_walker_before_a_wall_keeps_the_walls_velocity_apart():
     np.testing.assert_allclose(velocity[16:18, 32:40], 0.0)
 
 
-def test_nothing_is_known_far_from_every_radar_point():
-    seen = radar((8, 4, 4.0, 0.7))
-    velocity = np.asarray(
-        velocity_image(WALL, radar((8, 4, 4.0, 0.7)), COARSE, num_slices=8)
-    )
-    near = np.zeros(FINE.shape, bool)
-    near[12:22, 16:56] = True  # two coarse pixels to each side
-    np.testing.assert_allclose(velocity[near], 0.7)
-    assert np.isnan(velocity[~near]).all()
+def test_the_nearest_in_angle_wins_and_nothing_is_known_far_from_all():
+    seen = radar((8, 4, 4.0, 0.7), (8, 7, 4.1, -0.3))
+    velocity = np.asarray(velocity_image(WALL, seen, COARSE, num_slices=8))
+    expected = np.full(FINE.shape, np.nan)  # two coarse pixels to each side
+    expected[12:22, 16:48], expected[12:22, 48:80] = 0.7, -0.3  # 2:1 in the middle
+    np.testing.assert_allclose(velocity, expected)
     deeper = velocity_image(WALL + 0.6, seen, COARSE, num_slices=8)
     assert np.isnan(deeper).all()
-    empty = velocity_image(0 * WALL, radar((8, 4, 0.2, 0.7)), COARSE, num_slices=8)
-    assert np.isnan(empty).all()
+    near = radar((8, 4, 0.2, 0.7), (8, 7, 0.2, 0.7))
+    assert np.isnan(velocity_image(0 * WALL, near, COARSE, num_slices=8)).all()
 
 
 def test_unusable_input_is_refused():

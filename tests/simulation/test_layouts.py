@@ -39,12 +39,8 @@ def test_nothing_stands_in_the_way(family):
         world = scene._replace(bodies=scene.bodies[:1])
         seconds = scene.platform.length_m / scene.platform.speed_mps
         xyz, _ = pose_at(scene.platform, np.linspace(0, seconds, 50))
-        hits = cast(
-            world,
-            placements(world, 0.0),
-            np.repeat(xyz, len(rays), 0),
-            np.tile(rays, (len(xyz), 1)),
-        )
+        starts, ways = np.repeat(xyz, len(rays), 0), np.tile(rays, (len(xyz), 1))
+        hits = cast(world, placements(world, 0.0), starts, ways)
         assert hits.distance.min() > 0.3
         assert np.median(hits.distance) < 12  # a place indoors
 

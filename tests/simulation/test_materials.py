@@ -28,12 +28,8 @@ def transfer_matrix(material, cosine):
         delta = k0 * material.thickness_m * inside
         b = np.cos(delta) + 1j * np.sin(delta) * outer / inner
         c = outer * np.cos(delta) + 1j * np.sin(delta) * inner
-        shares.append(
-            (
-                abs((outer * b - c) / (outer * b + c)) ** 2,
-                abs(2 * outer / (outer * b + c)) ** 2,
-            )
-        )
+        total = outer * b + c
+        shares.append((abs((outer * b - c) / total) ** 2, abs(2 * outer / total) ** 2))
     return np.mean(shares, 0)
 
 

@@ -50,13 +50,10 @@ def test_the_calib_folder_describes_what_was_simulated(folder):
         for field in ("tx_positions", "rx_positions", "tx_firing_order", "cube_shape"):
             assert getattr(read, field) == getattr(radar, field)
         for field in ("start_frequency_hz", "slope_hz_per_s", "chirp_period_s"):
-            assert getattr(read, field) == pytest.approx(
-                getattr(radar, field), rel=1e-9
-            )
-        assert read_coupling(calib / name / "coupling_calib.txt").shape == (
-            *radar.cube_shape[:2],
-            radar.num_samples // 2,
-        )
+            expected = pytest.approx(getattr(radar, field), rel=1e-9)
+            assert getattr(read, field) == expected
+        shape = (*radar.cube_shape[:2], radar.num_samples // 2)
+        assert read_coupling(calib / name / "coupling_calib.txt").shape == shape
     hardware = make_hardware("cascade", RadarSpec.cascade())
     channels, bins = read_frequency_phase(
         calib / "cascade" / "phase_frequency_calib.txt", RadarSpec.cascade()

@@ -3,11 +3,15 @@
 import contextlib
 import time
 
+import pytest
+
 from jradar.stream.emulator import Emulator
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network
 
 PATIENCE_S = 60.0  # a test that waits longer has failed
+# The system drops packets that a receiver on a crowded machine takes too late.
+RACES = pytest.mark.flaky(reruns=2, reruns_delay=5)
 
 
 @contextlib.contextmanager

@@ -136,42 +136,33 @@ def test_packets_that_come_far_too_late_are_ignored_and_counted():
         assert counts.late == 3 and not counts.restarts and added_up(counts)
 
 
-def lie_about_the_place(packets):
-    packets.insert(20, packet(21, 10**12, b"x" * 1456))
-
-
-def lie_about_the_number(packets):
-    packets.insert(20, packet(3_000_000, 20 * 1456, b"x" * 1456))
-
-
-def be_longer_than_a_packet(packets):
-    packets.insert(20, packet(21, 20 * 1456, b"x" * 1457))
-
-
-def hold_no_samples(packets):
-    packets.insert(20, packet(21, 20 * 1456, b""))
-
-
-def be_shorter_than_a_header(packets):
-    packets.insert(20, b"x" * 9)
-
-
 @pytest.mark.parametrize(
     ("lie", "counted"),
     [
-        (lie_about_the_place, "ignored"),
-        (lie_about_the_number, "ignored"),
-        (be_longer_than_a_packet, "malformed"),
-        (hold_no_samples, "malformed"),
-        (be_shorter_than_a_header, "malformed"),
+        (packet(21, 10**12, b"x" * 1456), "ignored"),
+        (packet(3_000_000, 20 * 1456, b"x" * 1456), "ignored"),
+        (packet(21, 20 * 1456, b"x" * 1457), "malformed"),
+        (packet(21, 20 * 1456, b""), "malformed"),
+        (b"x" * 9, "malformed"),
     ],
+    ids=["place", "number", "too long", "no samples", "no header"],
 )
 def test_a_packet_that_lies_changes_no_frame(lie, counted):
     packets = packets_of(FRAMES)
-    lie(packets)
-    frames, counts = assemble(packets)
+    frames, counts = assemble([*packets[:20], lie, *packets[20:]])
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert getattr(counts, counted) == 1 and added_up(counts)
+
+
+def test_a_card_may_end_its_packets_with_the_frame():
+    """Its counters then differ: by bytes, fewer packets have come than by number."""
+    packets = []
+    for place in range(0, FRAMES.size, SIZE):
+        for at, end in ((place, place + 1456), (place + 1456, place + SIZE)):
+            packets.append(packet(len(packets) + 1, at, FRAMES.ravel()[at:end]))
+    frames, counts = assemble(packets)
+    np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
+    assert counts.placed == len(packets) and not counts.restarts
 
 
 def test_a_packet_with_fewer_bytes_than_the_next_one_counts_leaves_zeros():

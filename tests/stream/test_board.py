@@ -9,6 +9,9 @@ import pytest
 
 from jradar.stream.board import Board
 
+# The port is a pseudo-terminal, and its other end a thread with timeouts.
+pytestmark = pytest.mark.flaky(reruns=2, reruns_delay=5)
+
 CFG = """\
 % a comment
 

@@ -10,9 +10,10 @@ from jradar.stream.card import Card
 from jradar.stream.emulator import Emulator
 from jradar.stream.protocol import Command, pack_reply, unpack_command
 from jradar.stream.sockets import loopback_network, udp_socket
-from tests.stream.loops import loop, settled, taken, wait_until
+from tests.stream.loops import RACES, loop, settled, taken, wait_until
 from tests.stream.packets import random_frames
 
+pytestmark = RACES
 FRAMES = random_frames(100)  # 165 packets: more than the window
 BYTES = [frame.tobytes() for frame in FRAMES]
 

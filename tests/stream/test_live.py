@@ -24,8 +24,9 @@ from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
 from tests.recordings.ti.test_dca1000 import CFG
-from tests.stream.loops import PATIENCE_S, wait_until
+from tests.stream.loops import PATIENCE_S, RACES, wait_until
 
+pytestmark = RACES
 RADAR = RadarSpec.awr1843(num_chirps=4, num_samples=32)  # 6,144 bytes a frame
 POINTS = PointSpec(capacity=32, false_alarm_rate=0.05, guard=(0, 1), train=(1, 4))
 
@@ -74,16 +75,12 @@ def play(processor, writer, *, period_s=0.02, waiting=1000, **options):
         Receiver(frame_bytes(RECORDING), network, waiting=waiting) as receiver,
     ):
         emulator.start()
-        session = run_live(
-            receiver,
-            processor,
-            [writer],
-            silence_s=PATIENCE_S,
-            finished=lambda: (
-                emulator.finished.is_set() and receiver.counts.frames >= len(CUBES)
-            ),
-            **options,
-        )
+
+        def finished():
+            return emulator.finished.is_set() and receiver.counts.frames >= len(CUBES)
+
+        options = {"silence_s": PATIENCE_S, "finished": finished} | options
+        session = run_live(receiver, processor, [writer], **options)
     return session, receiver
 
 
@@ -129,14 +126,12 @@ def test_a_card_that_falls_silent_is_reported_once(processor):
     ):
         emulator.start()
         wait_until(lambda: receiver.counts.placed, "packets")
-        run_live(
-            receiver,
-            processor,
-            [],
-            silence_s=0.3,
-            say=said.append,
-            finished=lambda: bool(said) and next(silent_turns) > 4,
-        )
+
+        def finished():
+            return bool(said) and next(silent_turns) > 4
+
+        options = {"silence_s": 0.3, "say": said.append, "finished": finished}
+        run_live(receiver, processor, [], **options)
     assert len(said) == 1 and "no packets from the card" in said[0]
 
 
@@ -151,14 +146,12 @@ def test_packets_of_others_are_reported_once_while_frames_go_on(processor):
             stranger.sendto(b"x" * 500, (network.host, network.data_port))
             wait_until(lambda n=sent: receiver.counts.foreign > n, "a packet")
         emulator.start()
-        session = run_live(
-            receiver,
-            processor,
-            [],
-            silence_s=PATIENCE_S,
-            finished=lambda: receiver.counts.frames >= len(CUBES),
-            say=said.append,
-        )
+
+        def finished():
+            return receiver.counts.frames >= len(CUBES)
+
+        options = {"silence_s": PATIENCE_S, "say": said.append, "finished": finished}
+        session = run_live(receiver, processor, [], **options)
     assert session.published == len(CUBES)
     assert len(said) == 1 and "150 packets of other senders" in said[0]
 

@@ -24,8 +24,10 @@ def test_rate_leaves_the_first_step_out(capsys, monkeypatch, seconds, total, exp
     assert expected in capsys.readouterr().err
 
 
-def test_the_end_is_printed_once(capsys):
-    with progress("scoring", 3) as show:
+def test_without_a_terminal_it_is_a_line_at_start_and_end(capsys):
+    with progress("counting", 3, unit="items") as show:
         for done in (1, 2, 3, 3, 3):
-            show(done)
-    assert capsys.readouterr().err.count("scoring 3/3") == 1
+            show(done, "fine")
+    first, last = capsys.readouterr().err.splitlines()
+    assert first == "counting 1/3  fine"
+    assert last.startswith("counting 3/3  fine") and "items/s" in last

@@ -69,12 +69,11 @@ def test_reliability_is_drawn_beside_precision_without_empty_bins():
         dict.fromkeys(names, (mean, right)), dict.fromkeys(names, (kept, precision))
     )
     diagram, buys = figure.axes
-    diagonal, first, second = diagram.lines
+    diagonal, *lines = diagram.lines
     np.testing.assert_array_equal(*diagonal.get_data())
-    np.testing.assert_array_equal(first.get_xydata(), [[0.1, 0.2], [0.9, 0.7]])
+    np.testing.assert_array_equal(lines[0].get_xydata(), [[0.1, 0.2], [0.9, 0.7]])
     np.testing.assert_array_equal(buys.lines[0].get_xydata(), [[0.5, 0.9], [1, 0.6]])
-    assert [line.get_color() for line in buys.lines] == [
-        line.get_color() for line in (first, second)
-    ]
+    for one, other in zip(buys.lines, lines, strict=True):
+        assert one.get_color() == other.get_color()
     texts = [text.get_text() for text in figure.legends[0].texts]
     assert texts == ["calibrated", *names]
