@@ -1,4 +1,4 @@
-"""Errors that a user can mend, and the exit codes of all commands.
+"""Errors that a user can fix, and the exit codes of all commands.
 
 0    ok
 2    usage or config

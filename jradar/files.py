@@ -140,8 +140,8 @@ def remove_leftovers(path: Path | str) -> None:
 def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
     """Yield a path of the same name in a hidden folder beside `path`, then delete it.
 
-    The hidden folder holds a lock, by which the next writer tells the leftovers of a
-    killed process from a folder in use.
+    The hidden folder holds a lock, by which the next writer separates the leftovers
+    of a killed process from a folder in use.
     """
     check()
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -73,7 +73,7 @@ def main(argv: list[str] | None = None) -> int:
         choices=[*SHIFTS, *LATER_SHIFTS],
         help="only this shift",
     )
-    text = "score only what several draws agree on, beside the detector"
+    text = "score only the agreement of several draws, and the detector"
     parser.add_argument("--quick", action="store_true", help=text)
     return run_study(study, parser, argv)
 

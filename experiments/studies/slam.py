@@ -6,7 +6,7 @@ r"""Compare trajectories of KISS-ICP on radar, enhanced and LiDAR clouds; simula
 KISS-ICP (Vizzo et al. 2023) has the same settings for all clouds: points from 0.5 to
 15 m, voxels of 0.3 m, no deskewing, and its defaults otherwise. Enhanced clouds are
 taken as they are, with their confident points alone, and with three frames fused.
-Beside it stands `jradar odometry`. APE and RPE are rms values, as evo defines them, of
+`jradar odometry` is scored, too. APE and RPE are rms values, as evo defines them, of
 the radar's places. `still` is the APE of a trajectory that never moves.
 """
 
@@ -58,7 +58,7 @@ def study(options: Namespace) -> None:
     for path in options.recordings:
         rows += trajectory_rows(open_recording(Path(path)), model)
     text = markdown_table(
-        ["recording", "way (m)", "trajectory", "APE (m)", "RPE (m)", "RPE (deg)"], rows
+        ["recording", "path (m)", "trajectory", "APE (m)", "RPE (m)", "RPE (deg)"], rows
     )
     write_text(options.output, text)
     print(text)

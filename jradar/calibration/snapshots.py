@@ -14,7 +14,7 @@ from jradar.radar.points import WRAPPED, cell_bins, frame_spectra
 from jradar.radar.radar import Radar
 from jradar.radar.samples import Cube
 
-MIN_RANGE_M = 0.5  # nearer, the leakage of the antennas is no plane wave
+MIN_RANGE_M = 0.5  # nearer, the leakage of the antennas is not a plane wave
 MIN_SNR = 100.0  # of an echo over the median cell
 
 

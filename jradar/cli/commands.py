@@ -34,7 +34,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def calibrate(options: argparse.Namespace) -> dict[str, Any]:
-    """Find the factors of the radar's channels from its echoes; write a description."""
+    """Estimate the factors of the radar's channels from echoes; write a description."""
     if Path(options.output).suffix != ".toml":
         raise UsageError(f"{options.output}: expected the name of a .toml file")
     recording = jradar.open_recording(options.path, **opening(options))
@@ -59,7 +59,7 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def odometry(options: argparse.Namespace) -> dict[str, Any]:
-    """Find where the radar went, by its own Doppler; write the trajectory."""
+    """Estimate the radar's trajectory from Doppler, and write it."""
     from jradar.motion.velocities import POINTS
 
     motion = jradar.motion

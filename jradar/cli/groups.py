@@ -132,7 +132,7 @@ def clouds(sub):
         "--format",
         choices=CLOUD_FORMATS,
         default="ply",
-        help="format of the clouds, beside NPZ (default: %(default)s)",
+        help="format of the clouds, in addition to NPZ (default: %(default)s)",
     )
     for name, metavar, kind, what in (
         ("--min-range", "M", values.positive, "nearer than M metres"),
@@ -151,7 +151,7 @@ def seed(sub, text: str):
 
 def drawing(sub):
     """Add how a diffusion model is sampled."""
-    text = "draw N samples and keep what they agree on; 1 is the paper's single draw"
+    text = "draw N samples and keep the points on which they agree; the paper draws 1"
     count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
     text = "solver steps per draw (default: 5 for several draws, 18 for one); one draw"
     text += " takes Heun's method, or iPNDM below 8 steps"
@@ -160,7 +160,7 @@ def drawing(sub):
 
 def anyway(sub):
     """Add that a radar with one row of antennas is enhanced too."""
-    text = "also enhance a radar with one row of antennas, whose heights are invented"
+    text = "also enhance a radar with one row of antennas; heights are then invented"
     flag(sub, "--anyway", text)
 
 

@@ -21,9 +21,9 @@ PATH is a recording:
                   the .cfg of the mmWave SDK or a TOML file
   a folder        with a capture.toml, or a ColoRadar sequence such as
                   12_21_2020_ec_hallways_run0; --radar names its calib folder if
-                  that is not inside, beside or above the sequence
+                  that is not inside, next to or above the sequence
 
-Without --radar, jradar looks for the description beside the recording."""
+Without --radar, jradar looks for the description next to the recording."""
 FILES_HELP = """
 
 PATH can also be a bag (.bag, .mcap, .db3 or a ROS 2 folder) or a point cloud (.ply,
@@ -35,9 +35,9 @@ command again to resume after an interruption."""
 LIVE_HELP = """
 
 The board runs the .cfg that --radar names; the DCA1000 sends its samples here, and the
-newest frame becomes a cloud. Ctrl-C ends it. Without a radar, --replay plays a
-recording through an emulated card. jradar/stream/README.md has the wiring and the
-network."""
+newest frame becomes a cloud. Ctrl-C ends the session. Without a radar, --replay plays a
+recording through an emulated card. jradar/stream/README.md describes the wiring and
+the network."""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
@@ -47,12 +47,12 @@ CALIBRATE_HELP = """
 
 FILE describes the same radar with its channels' factors: pass it as --radar, or name it
 in a capture.toml. Record many single objects at several ranges and angles, while the
-radar moves, or one corner reflector. Echoes alone do not show by how much the array as
-a whole is turned or tilted. A reflector shows both, and --level the tilt: record a walk
-straight ahead over level ground."""
+radar moves, or one corner reflector. Echoes alone do not show the rotation and the tilt
+of the whole array. A reflector shows both. --level finds the tilt from a walk straight
+ahead over level ground."""
 ODOMETRY_HELP = """
 
-The radar's Doppler tells its own velocity in each frame. FILE holds the poses of the
+Doppler gives the radar's own velocity in each frame. FILE holds the poses of the
 base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each frame. If
 the recording has poses, the trajectory is compared with them: APE (positions, aligned
 without scale) and RPE (from frame to frame), as evo defines them."""
@@ -137,7 +137,7 @@ def _enhance(sub):
     groups.add_point_options(sub, "remove_interference")
     groups.background(sub)
     groups.drawing(sub)
-    text = "fuse each frame with the N - 1 before it, by the recording's poses, or by "
+    text = "fuse each frame with the N - 1 before it, by recorded poses, or else by "
     text += "the radar's velocity with its IMU or alone (default: %(default)s)"
     groups.count(sub, "--fuse", text, most=MAX_FUSED, default=1)
     text = "leave out points of less confidence, 0 to 1 (default: the model's)"
@@ -202,10 +202,10 @@ def _calibrate(sub):
     groups.output(sub, text, file_begins="# written by jradar calibrate")
     text = (
         "a corner reflector that stands still at M metres, by default straight ahead, "
-        "or AZ degrees to the left and EL up: it fixes turn, tilt and range bias"
+        "or AZ degrees to the left and EL up; it fixes rotation, tilt and range bias"
     )
     groups.option(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
-    text = "the radar was carried over level ground: its Doppler fixes the tilt"
+    text = "estimate the tilt from Doppler; the radar was carried over level ground"
     groups.flag(sub, "--level", text)
 
 
@@ -215,8 +215,8 @@ def _odometry(sub):
     text = "trajectory to write, such as trajectory.tum"
     groups.output(sub, text, file_begins="# jradar odometry")
     text = (
-        "how the rig turns: from the recording's IMU, its poses, matched LiDAR scans, "
-        "or not at all (default: imu if there is one, else none)"
+        "source of the rig's rotation: the recording's IMU, its poses, LiDAR scans, "
+        "or no rotation (default: imu if there is one, else none)"
     )
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
     groups.add_point_options(sub, "folds")

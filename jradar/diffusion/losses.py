@@ -78,7 +78,7 @@ def denoising_loss(
     everywhere is 1 on average. `perceptual` is a distance of two batches of images,
     such as `functools.partial(lpips, load_lpips())`; `step` is the number of the
     training step. Raises ValueError for a perceptual weight without a distance, and for
-    a prediction that is no image.
+    a prediction that is not an image.
     """
     if not noise.prediction.gives_image:
         raise ValueError(

@@ -14,9 +14,9 @@ gaussian   D = m + (x - m) s^2 / (s^2 + sigma^2), with a mean m = sigma_data F1 
 
 mixture    not an image, but a distribution of each pixel's range (`mixture`).
 
-With patches too coarse to carry a pixel's noise, "gaussian" lets F describe what the
-surroundings and the condition tell about a pixel, and Bayes' rule adds what the pixel's
-own value tells. It equals "edm" with F = F1 / c_out where F2 = 0.
+With patches too coarse to carry a pixel's noise, "gaussian" lets F describe a
+pixel by its surroundings and the condition, and Bayes' rule adds the evidence of the
+pixel's own value. It equals "edm" with F = F1 / c_out where F2 = 0.
 """
 
 import abc

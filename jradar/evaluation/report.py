@@ -6,7 +6,7 @@
     RUN/evaluation/*.png              pictures
     RUN/evaluation/report.html        all of them in one file
 
-Only the scores are required. The pictures that the report draws are written beside it:
+Only the scores are required. The pictures that the report draws are written next to it:
 curves.png (Fig. 6), clouds.png (Fig. 5) and training.png. Each cloud is written as
 clouds/SEQUENCE_FRAME/NAME.ply.
 

@@ -1,7 +1,7 @@
 """Tables from scores: every mean with its interval, and the paper's Tables I and II.
 
 Distances are means over the frames in which the method found points. A frame without
-points has the F-score 0. The number of such frames is printed beside the means.
+points has the F-score 0. The number of such frames is printed next to the means.
 
 `summarise` groups rows and `markdown` prints the groups: any rows with a `sequence`, a
 `frame`, `points`, `truth_points` and some of the scores in `COLUMNS`. `markdown_table`
@@ -209,7 +209,7 @@ def csv_table(summary: Summary) -> str:
 
 
 def write_tables(path: Path | str) -> list[Path]:
-    """Write `table.md`, `table.tex` and `table.csv` beside a file of scores.
+    """Write `table.md`, `table.tex` and `table.csv` next to a file of scores.
 
     They depend on that file alone: times, which never repeat, are left out.
     """

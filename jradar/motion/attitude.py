@@ -1,8 +1,8 @@
 """Orientation over time, from the gyroscope of an IMU or from poses; host NumPy.
 
 Orientations are rotations from the base to the world. The gyroscope's bias is its mean
-while the rig stands still, which the radar tells. Which way is up follows from the mean
-of all accelerations, less the change of the radar's velocity.
+while the rig stands still, according to the radar. The vertical is the mean of all
+accelerations, less the change of the radar's velocity.
 """
 
 import numpy as np

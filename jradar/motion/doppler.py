@@ -39,7 +39,7 @@ STATIC = (
 
 
 class EgoVelocity(NamedTuple):
-    """The velocity of the radar, and the points that told it.
+    """The velocity of the radar, and the points that it was estimated from.
 
     Where `solved` is False, the velocity is NaN, its variances are infinite, and no
     point is an inlier or moving. The variance of z is infinite, and z is 0, without

@@ -1,10 +1,10 @@
-"""Where a radar was in its last frames, told frame by frame as it moves; host NumPy.
+"""The poses of a radar in its last frames, updated frame by frame; host NumPy.
 
 Each step from one frame to the next is the first of these that is known:
 
     poses       the recorded ones of the base
-    imu         the radar's velocity, turned by the gyroscope
-    velocity    the radar's velocity, without turning
+    imu         the radar's velocity, with the gyroscope's rotation
+    velocity    the radar's velocity, without rotation
 
 A step uses nothing that was measured after its newer frame, except that recorded poses
 are interpolated.
@@ -31,7 +31,7 @@ UNKNOWN = np.full((4, 4), np.nan)
 class Follower:
     """The places of a recording's radar in its newest frames.
 
-    `steps` counts the steps by what told them: "poses", "imu", "velocity", or "none".
+    `steps` counts the steps by their source: "poses", "imu", "velocity" or "none".
     """
 
     def __init__(self, recording: Recording, *, frames: int):
@@ -51,13 +51,13 @@ class Follower:
 
         This `frame` comes first, then those before it. `velocity` is the radar's own in
         m/s, along its axes, NaN where unknown. A transform is NaN where the motion is
-        unknown. Frames are told one after another.
+        unknown. Frames come in order.
         """
         recording, radar = self._recording, self._recording.radar.spec
         stamps = recording.cubes.stamps
         stamp = np.nan if stamps is None else stamps[frame] + radar.frame_middle_s
         if radar.num_chirps < 2 or not radar.has_azimuth:
-            velocity = np.full(3, np.nan)  # which one chirp or one column cannot tell
+            velocity = np.full(3, np.nan)  # one chirp or one column does not measure it
         self._stamps.append(float(stamp))
         self._velocities.append(np.asarray(velocity, float))
         self._learn_bias()

@@ -36,7 +36,7 @@ class Trajectory(NamedTuple):
 
     @property
     def distance_m(self) -> float:
-        """Length of the base's way."""
+        """Length of the base's path."""
         steps = np.diff(self.world_from_base[:, :3, 3], axis=0)
         return float(np.linalg.norm(steps, axis=1).sum())
 
@@ -47,7 +47,7 @@ def odometry(
     """Return the trajectory of a recording's radar from its velocities.
 
     `rotation` is "imu" (its gyroscope), "poses" (the recorded ones), "lidar" (scan
-    matching) or "none" (the rig does not turn). The base is first at the origin.
+    matching) or "none" (the rig does not rotate). The base is first at the origin.
     Raises UsageError for what the recording lacks.
     """
     if rotation not in ROTATIONS:

@@ -45,7 +45,7 @@ def window_offset(
 ) -> Power:
     """Return `parabola_offset` of a windowed spectrum without the parabola's bias.
 
-    A window's main lobe is no parabola: with "hann" the vertex is up to 0.016 bins
+    A window's main lobe is not a parabola: with "hann" the vertex is up to 0.016 bins
     beside the target. A window of "none", or of fewer than 8 values, is not corrected.
     """
     offset = _vertex(before, peak, after)

@@ -167,7 +167,7 @@ def _file(path: Path, name: str, table: dict[str, Any], *, key: str = "file") ->
 
 
 def _radar_stamps(path, radar, recording, lidar_stamps):
-    """Return the times of the radar's frames on the LiDAR's clock, and doubts."""
+    """Return the times of the radar's frames on the LiDAR's clock, and warnings."""
     period = radar.get("frame_period_s", recording.radar.spec.frame_period_s)
     given = [key for key in TIMES[:2] if key in radar]
     if not period > 0:

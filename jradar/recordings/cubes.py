@@ -40,7 +40,7 @@ def open_npy(
     *,
     device: str | None = None,
 ) -> Recording:
-    """Open a .npy cube; by default its description is the only .toml beside it.
+    """Open a .npy cube; by default its description is the only .toml next to it.
 
     `device` is the board if the description is a .cfg. Raises UsageError for unknown
     axes, and ValueError for a damaged file and for sizes that do not fit the radar.
@@ -126,7 +126,7 @@ def _holds_pairs(path: Path, array: np.ndarray, radar: RadarSpec) -> bool:
 
 
 def _named_axes(description: Path) -> list[str] | None:
-    """Return the axes that a TOML file names; UsageError if they are no list."""
+    """Return the axes that a TOML file names; UsageError if they are not a list."""
     axes = toml(description).get("file", {}).get("axes")
     if axes is None:
         return None

@@ -107,7 +107,7 @@ def frame_stamps(
 
 
 def find_description(path: Path, patterns: Sequence[str]) -> Path:
-    """Return the file beside `path` that matches one of `patterns` and describes it.
+    """Return the file next to `path` that matches one of `patterns` and describes it.
 
     Of several files, those that describe no radar, such as logs of the capture card, do
     not count. Among those that do, the name decides: `run_1.bin` belongs to

@@ -39,7 +39,7 @@ def open_recording(
     Args:
         path: a file or a folder.
         description: the file that describes the radar, or ColoRadar's `calib` folder.
-            By default the only one beside the recording.
+            By default the only one next to the recording.
         sensor: radar of a ColoRadar sequence, "single_chip" or "cascade".
         frames_as_chirps: merge all frames of one chirp each into one frame, so that
             slow time runs over the frames.

@@ -38,7 +38,7 @@ class Stream(Sequence):
     ):
         """`read(i)` returns item i of `count`; `stamps` are seconds, float64 [item].
 
-        `notes` list what was repaired in the stream or is doubtful about it.
+        `notes` are repairs of the stream, and warnings about it.
         """
         if stamps is not None and len(stamps) != count:
             raise ValueError(
@@ -83,7 +83,7 @@ class Recording(NamedTuple):
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
     iq_order: str = ""  # of an adc_data.bin
     axes: tuple[str, ...] = ()  # of a .npy
-    notes: tuple[str, ...] = ()  # what was repaired or is doubtful
+    notes: tuple[str, ...] = ()  # repairs and warnings
 
     def cube(self, frame: int) -> Inexact[np.ndarray, "tx rx chirp sample"]:
         """Return the samples of a frame as recorded; `radar` holds the calibration."""

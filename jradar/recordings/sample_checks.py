@@ -60,11 +60,11 @@ class SampleCheck(NamedTuple):
     largest: float  # of the real and imaginary parts, without their sign
     full_scale: int | None  # at which samples pile up, None if they do not
     share: float  # of the parts that lie at full scale
-    doubts: tuple[str, ...]  # with the likely mend
+    doubts: tuple[str, ...]  # warnings, with the likely fix
 
 
 def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
-    """Return how far a recorded frame fills the converter's scale, and doubts.
+    """Return how far a recorded frame fills the converter's scale, and warnings.
 
     Frames with samples that are no whole numbers of 16 bits are not doubted, because
     somebody has scaled them.
@@ -102,7 +102,7 @@ def sample_doubts(recording: Recording, frame: int) -> tuple[str, ...]:
 
 
 def with_sample_doubts(recording: Recording, frame: int) -> Recording:
-    """Add to a recording's notes what is doubtful about the samples of a frame."""
+    """Add warnings about the samples of a frame to a recording's notes."""
     doubts = sample_doubts(recording, frame)
     return recording._replace(notes=(*recording.notes, *doubts))
 
@@ -126,19 +126,19 @@ def _offset_doubts(parts):
         aside = np.abs(parts.mean((1, 2)) - scale).max()
         if parts.min() >= 0 and parts.max() < 2 * scale and aside < MIDDLE * scale:
             yield (
-                f"all samples are positive and swing about {scale:,}: they look like "
-                f"unsigned numbers: subtract {scale:,} and save them again"
+                f"all samples are positive and swing about {scale:,}, as unsigned "
+                f"numbers do: subtract {scale:,} and save them again"
             )
 
 
 def _code_doubts(words: Int16[np.ndarray, "part chirp sample"]):
-    """Yield a doubt if another reading of the words has a far lower noise floor."""
+    """Yield a warning if another reading of the words has a far lower noise floor."""
     floors = {name: _floor(change(words)) for name, (change, _) in READINGS.items()}
     best = min(floors, key=lambda name: floors[name])
     below = _floor(words) - floors[best]
     if below > FLOOR_DB:
         yield (
-            f"the samples look like numbers {best}: read so, the noise floor is "
+            f"the samples look like numbers {best}, because the noise floor is then "
             f"{below:.0f} dB lower: {READINGS[best][1]}"
         )
 

@@ -29,7 +29,7 @@ class Board:
     """A board that takes commands; a `with` block closes its port."""
 
     def __init__(self, port: str, *, timeout_s: float = TIMEOUT_S):
-        """Open the port; OSError, with the mend, if it cannot be opened."""
+        """Open the port; OSError, with the fix, if it cannot be opened."""
         serial = load("serial", "live", "the board's serial port")
         self.port, self.timeout_s = port, timeout_s
         try:

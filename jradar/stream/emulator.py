@@ -88,7 +88,7 @@ class RecordedFrames(Sequence):
 
 
 class Emulator:
-    """A card that sends `frames` when told to; a `with` block ends its threads."""
+    """A card that sends `frames` on command; a `with` block ends its threads."""
 
     def __init__(
         self,

@@ -25,7 +25,7 @@ from jradar.stream.receiver import Receiver
 REMEMBERED = 10_000  # frames whose latency counts
 WAKE_S = 0.1
 SILENCE_S = 5.0
-LINE_S = 10.0  # between lines of status where stderr is no terminal
+LINE_S = 10.0  # between lines of status if stderr is not a terminal
 RATE_FRAMES, RATE_S = 10, 3.0  # after which the frame rate is compared
 RATE_TOLERANCE = 0.1
 DRAIN_S = 1.0  # after the last packet of a replay
@@ -255,7 +255,7 @@ class FrameRate:
         self._told = False
 
     def add(self, number: int, arrived_s: float) -> str:
-        """Return a doubt once, if frames are not as long as described; else ""."""
+        """Return a warning once, if frames are not as long as described; else ""."""
         if self._first is None:
             self._first = number, arrived_s
         frames = number - self._first[0]

@@ -12,7 +12,7 @@ LOOPBACK = "127.0.0.1", "127.0.0.2"  # this machine and an emulated card
 def udp_socket(host: str, port: int, *, timeout_s: float) -> socket.socket:
     """Return a bound socket whose `recv` raises BlockingIOError after `timeout_s`.
 
-    Raises OSError, with the mend, if the port is taken or the address is not ours.
+    Raises OSError, with the fix, if the port is taken or the address is not ours.
     """
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:

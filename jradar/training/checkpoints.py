@@ -168,7 +168,7 @@ def _seal(content):
 
 
 def _is_foreign(path):
-    """Return whether a path is named by a number, but is no checkpoint of Orbax."""
+    """Return whether a path is named by a number, but is not a checkpoint of Orbax."""
     return path.name.isdecimal() and not (path / "_CHECKPOINT_METADATA").is_file()
 
 

@@ -7,7 +7,7 @@ preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
 save_figure                      any of them as PNG
-write_page, CloudFrame           one HTML file with point clouds that can be turned
+write_page, CloudFrame           one HTML file with point clouds that can be rotated
 """
 
 from jradar.viz.figures import (

@@ -91,7 +91,7 @@ def reliability_figure(
         str, tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"]]
     ],
 ) -> Figure:
-    """Draw the reliability diagram of models beside their precision over coverage.
+    """Draw the reliability diagram of models, and their precision over coverage.
 
     `diagrams[model]` holds the mean confidence of each bin and its share of right
     points, NaN where a bin is empty. `coverage[model]` holds the shares of points that

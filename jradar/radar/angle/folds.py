@@ -1,4 +1,4 @@
-"""Velocities beyond the unambiguous one: which fold, told by the virtual array.
+"""Velocities beyond the unambiguous one: the fold, estimated from the virtual array.
 
 A target that is faster than `max_velocity_mps` appears `fold` times twice that velocity
 away. Its phase from one transmitter's turn to the next is then compensated wrongly, and

@@ -14,7 +14,7 @@ With guard = (0, 1), train = (0, 2) only the middle row remains: a detector alon
 Detectors take linear power summed over `channels` antennas, with trailing axes
 [doppler, range], and return a boolean mask of the same shape. Integers and floats of
 half precision become float32; complex spectra are refused. Leading axes are independent
-maps. Sums never subtract, so a strong target leaves no rounding error beside it.
+maps. Sums never subtract, so a strong target leaves no rounding error next to it.
 
 The kinds of detectors differ in their noise estimate:
 
@@ -165,7 +165,7 @@ def noise_floor(
 def linear_power(power: Power) -> Map:
     """Return a power map in float32, or in float64 if it is.
 
-    Raises ValueError for values that are no power and for a map without both axes.
+    Raises ValueError for values that are not powers and for a map without both axes.
     """
     power = jnp.asarray(power)
     if power.ndim < 2:

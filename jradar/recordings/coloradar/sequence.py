@@ -1,7 +1,7 @@
 """ColoRadar (Kramer et al. 2022): sequences of radar, LiDAR and true poses.
 
     <root>/calib/transforms/base_to_<sensor>.txt     calib/ may also lie in a sequence,
-    <root>/calib/<radar>/waveform_cfg.txt ..         beside it, or up to three above
+    <root>/calib/<radar>/waveform_cfg.txt ..         next to it, or up to three above
     <root>/<sequence>/<radar>/adc_samples/    timestamps.txt  data/frame_<N>.bin
                      /lidar/                  timestamps.txt  pointclouds/lidar_pointcloud_<N>.bin
                      /groundtruth/            timestamps.txt  groundtruth_poses.txt
@@ -53,7 +53,7 @@ def open_coloradar(
 ) -> Recording:
     """Open a sequence with one radar, LiDAR, IMU, poses, transforms, calibration.
 
-    `description` is the `calib` folder; by default the one inside, beside or above the
+    `description` is the `calib` folder; by default the one inside, next to or above the
     sequence. It can also be a TOML file with the radar and its channels' factors, which
     replaces the radar of that folder, such as a cascade that fires in another order
     than TI's default. `sensor` is the radar; by default the single chip if it was
@@ -118,7 +118,7 @@ READER = Format(
 
 
 def _find_calib(folder: Path, sensor: str) -> Path:
-    """Return the `calib` folder in, beside or above a sequence or a link's target."""
+    """Return the `calib` folder in, next to or above a sequence or a link's target."""
     starts = dict.fromkeys([os.path.abspath(folder), os.path.realpath(folder)])
     levels = [[Path(s), *Path(s).parents][: LEVELS_UP + 1] for s in starts]
     places = list(dict.fromkeys(place / "calib" for way in levels for place in way))
@@ -128,7 +128,7 @@ def _find_calib(folder: Path, sensor: str) -> Path:
     raise UsageError(
         f"no calib/{sensor}/waveform_cfg.txt for {folder}, looked in "
         f"{', '.join(map(str, places))}: ColoRadar offers calib/ as a separate "
-        "download; unpack it beside the sequences, or name it with --radar"
+        "download; unpack it next to the sequences, or name it with --radar"
     )
 
 

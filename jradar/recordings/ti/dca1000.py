@@ -69,7 +69,7 @@ def open_dca1000(
 ) -> Recording:
     """Open a capture with its radar: a mmWave Studio log, a `.cfg` or a `.toml`.
 
-    By default the only description beside `path` is used. A capture in several files
+    By default the only description next to `path` is used. A capture in several files
     is named by one of them. `iq_order` replaces the described order of I and Q;
     `device` is the board of a `.cfg`. Lost bytes are read as zeros and counted per
     frame in `lost_bytes`. Raises ValueError if the bytes are not a whole number of

@@ -161,7 +161,7 @@ def _image(power):
 def _is_reversed(power):
     """True if the far end is the stronger one, and falls from the end inwards.
 
-    The last condition tells leakage from an echo that lies a little nearer.
+    The last condition separates leakage from an echo a little nearer.
     """
     width = max(len(power) // 32, 4)
     near, far = power[2 : 2 + width], power[::-1][1 : 1 + width]

@@ -57,7 +57,7 @@ def radar_from_studio_log(path: Path | str) -> RadarSpec:
 def read_studio_log(
     path: Path | str, *, configuration: int | None = None
 ) -> tuple[RadarSpec, CaptureSpec, tuple[str, ...]]:
-    """Return the radar in the log that mmWave Studio writes beside `adc_data.bin`.
+    """Return the radar in the log that mmWave Studio writes next to `adc_data.bin`.
 
     Of several configurations, counted from 1, the last is taken by default, and a note
     lists the last ones. Raises UsageError for a number that the log does not hold, and

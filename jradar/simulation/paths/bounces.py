@@ -1,11 +1,11 @@
 """Paths by way of the floor, and echoes between parallel walls.
 
-A target at height h above a flat floor has an image at depth h. The wave may travel by
-way of the floor on neither, one or both of its ways:
+A target at height h above a flat floor has an image at depth h. The floor may
+reflect the wave on neither, one or both of its legs, out and back:
 
-    direct both ways          1
-    floor on one way          2 rho e^(jkd)
-    floor on both ways        rho^2 e^(2jkd)
+    neither leg               1
+    one leg                   2 rho e^(jkd)
+    both legs                 rho^2 e^(2jkd)
 
 With a difference of path length d and a wave number k the sum is (1 + rho e^(jkd))^2,
 the two-ray law. rho is negative at flat angles for both polarisations (Skolnik 2008,
