@@ -99,7 +99,7 @@ def get_config():
     config.evaluation = ConfigDict()
     config.evaluation.split = "test"
     config.evaluation.every = 5  # score every fifth frame
-    config.evaluation.fuse = 1  # frames that a row more fuses, by their poses; 1: none
+    config.evaluation.fuse = 1  # of the row that fuses frames by their poses; 1: no row
     config.evaluation.detectors = ("so", "ca", "go", "os")
     config.evaluation.frames_for_rates = 48
     config.evaluation.frames_while_training = 24
