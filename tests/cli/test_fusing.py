@@ -80,7 +80,8 @@ def test_frames_without_known_motion_stand_alone_with_a_note(
     enhance, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(following, "LONGEST_STEP_S", -1.0)
-    monkeypatch.setattr(following.Follower, "_by_poses", lambda *_: None)
+    unknown = ("poses", following.UNKNOWN)
+    monkeypatch.setattr(following.Follower, "_by_poses", lambda *_: unknown)
     command = ("--frames", "2:", "-o")
     result = enhance(*command, tmp_path / "a", "--fuse", 3)
     assert result["motion_by"] == {"none": 3}
