@@ -94,7 +94,7 @@ def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
         # A test in the background of a shell would hand down that SIGINT is ignored.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    while not [*tmp_path.rglob("000*.json")]:
+    while not [*(tmp_path / "dst" / "run0").glob("0*.json")]:
         assert process.poll() is None
         time.sleep(0.01)
     os.killpg(process.pid, number)  # as a terminal does
