@@ -67,7 +67,7 @@ def test_round_trip_is_exact_except_for_half_precision(tmp_path, model, leaves):
         assert found.dtype == np.float32
         np.testing.assert_array_equal(found, leaves[name].astype(np.float16))
     names = sorted(path.name for path in (tmp_path / "m").iterdir())
-    assert names == ["model.json", "weights.safetensors"]
+    assert names == [".jradar", "model.json", "weights.safetensors"]
     assert [path.name for path in tmp_path.iterdir()] == ["m"]
 
 

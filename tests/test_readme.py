@@ -36,7 +36,7 @@ def commands():
         for block in blocks("bash", name):
             for line in block.splitlines():
                 command = re.sub(r"\s+#.*", "", line).strip()
-                if command and not command.startswith("python3 -m venv"):
+                if command and not command.startswith(("python3 -m venv", "source ")):
                     yield name, command
 
 

@@ -105,7 +105,7 @@ def test_text_from_files_is_escaped_wherever_it_is_printed(tmp_path, capsys, ref
     assert "\x1b" not in out and json.loads(out)["cloud"] == str(path)
     path.write_bytes(b"ply\n")
     err = refused("info", path, code=4)
-    assert r"\x1b]0;owned\x07a.ply is not a PLY file" in err and "\x1b" not in err
+    assert r"\x1b]0;owned\x07a.ply is damaged or not" in err and "\x1b" not in err
     assert "\x1b" not in refused("info", path, f"--{TITLE}")
     with progress("preparing", 1) as show:
         show(1, TITLE)

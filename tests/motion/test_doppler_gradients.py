@@ -14,7 +14,8 @@ from tests.motion.test_doppler import KEY, cloud_of
 def test_points_without_a_direction_have_no_gradient(value, elevation):
     """At the origin, nearer than float32 resolves, and infinitely far away."""
     cloud, _ = cloud_of(3, np.array([1.3, -0.4, 0.0]), noise=0.02)
-    cloud = cloud._replace(xyz=cloud.xyz.at[:2].set(value))
+    xyz, velocity = map(jnp.asarray, (cloud.xyz, cloud.velocity))
+    cloud = cloud._replace(xyz=xyz.at[:2].set(value), velocity=velocity)
 
     def forward(xyz, velocity):
         moved = cloud._replace(xyz=xyz, velocity=velocity)
