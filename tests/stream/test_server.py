@@ -192,10 +192,11 @@ def test_what_is_unsubscribed_from_is_not_sent(server):
 
 def test_a_viewer_that_does_not_read_holds_up_nobody(server):
     """It misses the oldest messages; memory does not grow."""
-    with connected(server.port, max_queue=1) as slow, connected(server.port) as other:
+    with contextlib.ExitStack() as sockets:
+        slow = sockets.enter_context(connected(server.port, max_queue=1))
         channel = advertised(slow)["/radar/points"]["id"]
-        advertised(other)
-        subscribe(server, slow, [channel])
+        subscribe(server, slow, [channel])  # so it is the server's first viewer
+        advertised(sockets.enter_context(connected(server.port)))
         view, begin = view_of(0, points=50_000), time.monotonic()  # a megabyte
         for _ in range(60):
             server.write(view)
