@@ -1,7 +1,7 @@
 """Recordings to records of training pairs, and records to batches.
 
 find_sources                          the recordings in a folder, and their splits
-SEQUENCES, scene                      ColoRadar's sequences as the paper divides them
+scene                                 of a sequence of ColoRadar, in the paper's words
 matches_of                            radar frames and LiDAR scans of the same time
 PrepareSpec, prepare_frame            options, and one prepared frame
 preview, Preview                      one frame with the steps of its preparation
@@ -27,7 +27,6 @@ from jradar.data.prepare import (
 from jradar.data.preview import Preview as Preview, preview as preview
 from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
 from jradar.data.sources import (
-    SEQUENCES as SEQUENCES,
     find_sources as find_sources,
     scene as scene,
 )

@@ -68,34 +68,29 @@ def match_nearest(
     for name, stamps in (("radar", radar), ("LiDAR", lidar)):
         if bad := np.flatnonzero(~np.isfinite(stamps)).size:
             raise ValueError(f"{bad} of {len(stamps)} {name} stamps are not finite")
-    dropped = {
-        int(i): "outside the trajectory"
-        for i in np.flatnonzero((radar < span[0]) | (radar > span[1]))
-    }
     order = np.argsort(lidar, kind="stable")
     rising = lidar[order]
     first = np.searchsorted(rising, radar - tolerance_s)
     last = np.searchsorted(rising, radar + tolerance_s, side="right")
+    inside = (radar >= span[0]) & (radar <= span[1])
     candidates = sorted(
         (abs(rising[j] - radar[i]), i, int(order[j]))
-        for i in range(len(radar))
-        if i not in dropped
+        for i in np.flatnonzero(inside).tolist()
         for j in range(first[i], last[i])
     )
-    partner, taken = {}, set()
+    partner, taken, reasons = {}, set(), {}
+    for i in range(len(radar)):
+        none = f"no LiDAR scan within {1e3 * tolerance_s:g} ms"
+        reasons[i] = none if inside[i] else "outside the trajectory"
     for _, i, j in candidates:
+        reasons[i] = "its LiDAR scan is closer to another radar frame"
         if i not in partner and j not in taken:
             partner[i] = j
             taken.add(j)
-    for _, i, _ in candidates:
-        if i not in partner:
-            dropped[i] = "its LiDAR scan is closer to another radar frame"
-    for i in range(len(radar)):
-        if i not in partner and i not in dropped:
-            dropped[i] = f"no LiDAR scan within {1e3 * tolerance_s:g} ms"
     frames = np.array(sorted(partner), int)
     scans = np.array([partner[i] for i in frames], int)
-    return Matches(frames, scans, dict(sorted(dropped.items())))
+    dropped = {i: why for i, why in reasons.items() if i not in partner}
+    return Matches(frames, scans, dropped)
 
 
 def check_dropped(name: str, num_frames: int, dropped: dict[int, str]) -> None:

@@ -7,7 +7,6 @@ number of slices.
 """
 
 import concurrent.futures
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -20,6 +19,8 @@ from jradar.data.records import PreparedFrame, package
 from jradar.range_image import CHANNELS, ImageSpec, condition_image, project
 from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
+
+PREFETCHED = 2  # batches
 
 
 class Pair(NamedTuple):
@@ -44,14 +45,16 @@ class PairSource(Stream):
 
         `coarse` is the grid of the condition, `fine` the grid of the LiDAR image.
         """
-        self._source = source
-        self._grids = {"coarse": coarse, "fine": fine, "num_slices": num_slices}
+        self._source, self._coarse, self._fine = source, coarse, fine
+        self._num_slices = num_slices
         super().__init__(self._pair, len(source))
 
     def _pair(self, index):
         frame = self._source[index]
-        images = _images(frame.radar, *_padded(frame.lidar_xyz), **self._grids)
-        return Pair(*map(np.asarray, images))
+        condition = condition_image(
+            frame.radar, self._coarse, num_slices=self._num_slices
+        )
+        return Pair(np.asarray(condition), lidar_image(frame.lidar_xyz, self._fine))
 
 
 def mirrored(pair: Pair, random: np.random.Generator) -> Pair:
@@ -76,27 +79,12 @@ def lidar_image(
     xyz: Float[np.ndarray, "point 3"], spec: ImageSpec
 ) -> Float[np.ndarray, "row column"]:
     """Project a LiDAR cloud of any size, on the host; pixels without points are 0."""
-    padded, count = _padded(xyz)
-    return np.asarray(_lidar_image(padded, count, spec))
-
-
-def _padded(xyz):
-    """Return padded points and their number; few sizes exist, each is compiled once."""
-    size = max(1024, 1 << max(len(xyz) - 1, 0).bit_length())
-    padded = np.zeros((size, 3), np.float32)
-    padded[: len(xyz)] = xyz
-    return padded, len(xyz)
-
-
-@functools.partial(jax.jit, static_argnames="spec")
-def _lidar_image(padded, count, spec):
-    return project(PointCloud(padded, jnp.arange(len(padded)) < count), spec)
-
-
-@functools.partial(jax.jit, static_argnames=("coarse", "fine", "num_slices"))
-def _images(radar, padded, count, *, coarse, fine, num_slices):
-    condition = condition_image(radar, coarse, num_slices=num_slices)
-    return condition, _lidar_image(padded, count, fine)
+    count = len(xyz)
+    # Few sizes exist, each is compiled once.
+    padded = np.zeros((max(1024, 1 << max(count - 1, 0).bit_length()), 3), np.float32)
+    padded[:count] = xyz
+    cloud = PointCloud(jnp.asarray(padded), jnp.arange(len(padded)) < count)
+    return np.asarray(project(cloud, spec))
 
 
 class Batches(Stream):
@@ -112,7 +100,6 @@ class Batches(Stream):
         *,
         seed: int,
         batch_size: int,
-        prefetch: int = 2,
         change: Callable[[Any, np.random.Generator], Any] | None = None,
     ):
         """`change` alters each drawn item at random, as `mirrored` does.
@@ -124,13 +111,13 @@ class Batches(Stream):
             raise ValueError("no frames to draw batches from")
         items = package("grain").MapDataset.source(source).seed(seed).shuffle().repeat()
         self._items = items if change is None else items.random_map(change)
-        self._batch_size, self._prefetch = batch_size, prefetch
-        self._pool = concurrent.futures.ThreadPoolExecutor(max(prefetch, 1))
+        self._batch_size = batch_size
+        self._pool = concurrent.futures.ThreadPoolExecutor(PREFETCHED)
         self._pending: dict[int, concurrent.futures.Future] = {}
         super().__init__(self._batch, len(self._items) // batch_size)
 
     def _batch(self, step):
-        wanted = range(step, step + 1 + self._prefetch)
+        wanted = range(step, step + 1 + PREFETCHED)
         self._pending = {
             i: self._pending.get(i) or self._pool.submit(self._load, i) for i in wanted
         }

@@ -16,7 +16,6 @@ import dataclasses
 import functools
 import hashlib
 import json
-from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,12 +50,16 @@ ARRAY = (  # fields of radars whose frames may share a folder
 
 
 class Job(NamedTuple):
-    """A shard to write, and the matched frames that it will contain."""
+    """A shard to write, and what its description will name."""
 
     source: Source
-    matches: Matches
     path: str
     about: dict[str, Any]
+
+    @property
+    def frames(self) -> int:
+        """The number of matched frames."""
+        return len(self.about["matched"][0])
 
 
 def prepare(
@@ -85,36 +88,39 @@ def prepare(
     sources = find_sources(path, **opening)
     _check_contents(folder)  # before a lock is left there
     with lock_folder(folder):
-        of_radar = _radars(sources)
-        head = _head(sources, of_radar, spec, frames)
+        head = _head(sources, spec, frames)
         _check_options(folder, head)
-        jobs = [job for s in sources for job in _jobs(s, folder, spec, frames)]
-        _try_options(of_radar, spec)
-        write_text(folder / "manifest.json", json.dumps(head, indent=1) + "\n")
-        descriptions, done = {}, 0
-        total = sum(len(job.matches.radar) for job in jobs)
+        chosen = {source: _chosen(_opened(source), spec, frames) for source in sources}
+        jobs = [
+            job for s, found in chosen.items() for job in _jobs(s, found, folder, spec)
+        ]
+        _write_manifest(folder, head)
+        shards, done, total = {}, 0, sum(job.frames for job in jobs)
         write = functools.partial(prepare_block, spec=spec, keep_going=keep_going)
         _remove_leftovers(jobs)
         try:
             with (
                 progress("preparing", total, unit="frames") as show,
-                closing(
+                contextlib.closing(
                     run_jobs(write, jobs, workers=workers, scheduler=scheduler)
                 ) as finished,  # closed: its processes have ended
             ):
-                for job, description in finished:
-                    descriptions[job.path] = description
-                    done += len(job.matches.radar)
+                for job, shard in finished:
+                    shards[job.path] = shard
+                    done += job.frames
                     show(done, job.source.name)
         except BaseException:
             _remove_leftovers(jobs)
             raise
-        summaries = [_summary(s, jobs, descriptions, spec, frames) for s in sources]
+        summaries = []
+        for source, found in chosen.items():
+            ours = [shards[job.path] for job in jobs if job.source == source]
+            summaries.append(_summary(source, found, ours, spec, frames))
         if not any(summary["frames"] for summary in summaries):
             reasons = dict.fromkeys(why for s in summaries for why in s["dropped"])
             raise ValueError(f"{path} has no usable frame: {', '.join(reasons)}")
         manifest = head | {"complete": True, "sequences": summaries}
-        write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
+        _write_manifest(folder, manifest)
     return manifest
 
 
@@ -142,13 +148,12 @@ def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, An
     path = Path(job.path)
     if (found := finished_shard(path, job.about)) is not None:
         return found
-    recording = _opened(job.source)
-    failed = {}
+    recording, failed = _opened(job.source), {}
 
     def frames():
-        for i, j in zip(job.matches.radar, job.matches.lidar, strict=True):
+        for i, j in zip(*job.about["matched"], strict=True):
             try:
-                yield prepare_frame(recording, int(i), int(j), spec)[0]
+                yield prepare_frame(recording, i, j, spec)[0]
             except EmptyFrame as error:
                 failed[str(i)] = error.reason
             except ValueError as error:
@@ -159,6 +164,10 @@ def prepare_block(job: Job, spec: PrepareSpec, keep_going: bool) -> dict[str, An
     return write_shard(path, frames(), job.about, failed)
 
 
+def _write_manifest(folder, manifest):
+    write_text(folder / "manifest.json", json.dumps(manifest, indent=1) + "\n")
+
+
 def _remove_leftovers(jobs):
     """Remove half-written shards of workers that were killed."""
     for job in jobs:
@@ -166,23 +175,16 @@ def _remove_leftovers(jobs):
             remove_leftovers(Path(job.path).with_suffix(suffix))
 
 
-def _try_options(radars, spec):
-    """Trace the processing of a frame; ValueError for options that do not suit it."""
-    for radar in map(Radar, radars):
-        dtype = np.float32 if radar.spec.real_samples else np.complex64
-        cube = jax.ShapeDtypeStruct(radar.spec.cube_shape, dtype)
-        jax.eval_shape(functools.partial(radar_side, spec=spec), cube, radar)
-
-
 @functools.lru_cache(maxsize=4)
 def _opened(source: Source) -> Recording:
     return source.open()
 
 
-def _radars(sources) -> dict[RadarSpec, list[str]]:
-    """Return the sequences of each radar, that of most first.
+def _head(sources, spec, frames):
+    """Return the manifest's part that determines the bytes of the shards.
 
-    Raises ValueError for radars with different antennas.
+    Its `radar` is that of most sequences. Raises ValueError for radars with different
+    antennas, and for options that do not suit one of them.
     """
     of_radar: dict[RadarSpec, list[str]] = {}
     for source in sources:
@@ -195,31 +197,24 @@ def _radars(sources) -> dict[RadarSpec, list[str]]:
             ") whose antennas differ, expected one array: prepare them into different "
             "folders"
         )
-    return {radar: of_radar[radar] for radar in radars}
-
-
-def _head(sources, of_radar, spec, frames):
-    """Return the manifest's part that determines the bytes of the shards."""
-    most, *others = of_radar
-    return {
+    for radar in radars:
+        dtype = np.float32 if radar.real_samples else np.complex64
+        cube = jax.ShapeDtypeStruct(radar.cube_shape, dtype)
+        jax.eval_shape(functools.partial(radar_side, spec=spec), cube, Radar(radar))
+    head = {
         "format": FORMAT,
         "jradar": __version__,
         "complete": False,
-        "radar": dataclasses.asdict(most),
+        "radar": dataclasses.asdict(radars[0]),
         "options": dataclasses.asdict(spec),
         "frames": [frames.start, frames.stop],
         "names": [source.name for source in sources],
-        **_other_radars(others, of_radar),
     }
-
-
-def _other_radars(radars, of_radar):
-    """Return the manifest's entry of radars with other chirps than most sequences'."""
-    listed = [
+    others = [
         {"radar": dataclasses.asdict(radar), "sequences": of_radar[radar]}
-        for radar in radars
+        for radar in radars[1:]
     ]
-    return {"other_radars": listed} if listed else {}
+    return head | ({"other_radars": others} if others else {})
 
 
 def _check_contents(folder) -> dict[str, Any]:
@@ -242,47 +237,46 @@ def _check_options(folder, head):
 
     A preparation that has not finished a shard loses its claim on the folder.
     """
-    found = _check_contents(folder)
-    wanted = json.loads(json.dumps(head))
+    found, wanted = _check_contents(folder), json.loads(json.dumps(head))
     keys = (*COMPARED, *OPTIONAL)
     changed = [key for key in keys if found and found.get(key) != wanted.get(key)]
     if changed and any(folder.glob("*/*.array_record")):
+        key = changed[0]
+        change = _difference(key, found.get(key), wanted.get(key))
         raise UsageError(
-            f"{folder} was prepared with other {changed[0]}: "
-            f"{_difference(found, wanted, changed[0])}; choose another -o"
+            f"{folder} was prepared with other {key}: {change}; choose another -o"
         )
 
 
-def _difference(found, wanted, key):
-    old, new = found.get(key), wanted.get(key)
+def _difference(key, old, new):
+    """Return in words how two values of this field of the manifest differ."""
     if key in OPTIONAL:
         count = (len(listed or []) for listed in (old, new))
         return "{} were listed, now {} with other fields".format(*count)
-    if isinstance(old, dict) and isinstance(new, dict):
-        field = next(k for k in {**old, **new} if old.get(k) != new.get(k))
-        inner = _difference(old, new, field)  # of a spec within a spec, its own field
-        return inner if " was " in inner else f"{field} was {inner}"
     if key == "names":
         gone, added = sorted({*old} - {*new}), sorted({*new} - {*old})
         return f"{len(gone)} removed {gone[:3]}, {len(added)} added {added[:3]}"
-    return f"{old}, now {new}"
+    while isinstance(old, dict) and isinstance(new, dict):
+        key = next(k for k in {**old, **new} if old.get(k) != new.get(k))
+        old, new = old.get(key), new.get(key)
+    return f"{key} was {old}, now {new}"
 
 
-def _jobs(source, folder, spec, frames):
+def _jobs(source, matches, folder, spec):
     """Yield the jobs of a source, one for each block of matched frames."""
-    matches = _chosen(_opened(source), spec, frames)
     options = json.dumps(dataclasses.asdict(spec), sort_keys=True)
     digest = hashlib.sha256(options.encode()).hexdigest()
     for block, first in enumerate(range(0, len(matches.radar), spec.block)):
         part = slice(first, first + spec.block)
-        radar, lidar = matches.radar[part], matches.lidar[part]
         about = {
             "sequence": source.name,
-            "matched": [radar.tolist(), lidar.tolist()],
+            "matched": [
+                found[part].tolist() for found in (matches.radar, matches.lidar)
+            ],
             "options_sha256": digest,
         }
         path = folder / source.name / f"{block:04d}.array_record"
-        yield Job(source, Matches(radar, lidar, {}), str(path), about)
+        yield Job(source, str(path), about)
 
 
 def _chosen(recording, spec, frames):
@@ -295,11 +289,9 @@ def _chosen(recording, spec, frames):
     return Matches(matches.radar[keep], matches.lidar[keep], dropped)
 
 
-def _summary(source, jobs, descriptions, spec, frames):
+def _summary(source, matches, shards, spec, frames):
     """Return a sequence's manifest entry; ValueError if too many frames are lost."""
-    recording = _opened(source)
-    shards = [descriptions[job.path] for job in jobs if job.source == source]
-    dropped = _chosen(recording, spec, frames).dropped
+    recording, dropped = _opened(source), dict(matches.dropped)
     for shard in shards:
         dropped |= {int(i): why for i, why in shard["failed"].items()}
     count = len(range(*frames.indices(len(recording.cubes))))

@@ -11,8 +11,8 @@ order. ArrayRecord checks each record when it is read; `Records.verify` checks a
 
 import contextlib
 import errno
+import functools
 import hashlib
-import importlib
 import json
 import os
 from collections.abc import Iterable, Iterator
@@ -23,7 +23,7 @@ import numpy as np
 import safetensors.numpy
 from jaxtyping import Float
 
-from jradar.errors import parsing
+from jradar.errors import optional, parsing
 from jradar.fields import typed_fields
 from jradar.files import (
     DISK_FULL,
@@ -56,36 +56,31 @@ class PreparedFrame(NamedTuple):
     range_bias_m: float = 0.0  # to subtract from the cells' ranges
 
 
-def package(name: str) -> Any:
-    """Import a package that the extra `data` installs."""
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise ImportError(
-            "reading and writing records needs: pip install 'jradar[data]'"
-        ) from error
+package = functools.partial(
+    optional, need="reading and writing records needs an extra", extra="data"
+)
 
 
 def to_bytes(frame: PreparedFrame) -> bytes:
     """Return a frame as safetensors bytes; the angles of cells become float16."""
+    cells = frame.cells._replace(
+        power=np.float32(frame.cells.power),
+        azimuth=np.float16(frame.cells.azimuth),
+        elevation=np.float16(frame.cells.elevation),
+    )
     arrays = {
         "sequence": np.frombuffer(frame.sequence.encode(), np.uint8),
-        "frame": np.array(frame.frame, np.int64),
-        "stamps": np.array([frame.stamp, frame.lidar_stamp], np.float64),
-        "world_from_radar": np.asarray(frame.world_from_radar, np.float64),
-        "lidar_xyz": np.asarray(frame.lidar_xyz, np.float32),
-        "range_bias_m": np.array(frame.range_bias_m, np.float64),
-        "cells.power": np.asarray(frame.cells.power, np.float32),
-        "cells.azimuth": np.asarray(frame.cells.azimuth, np.float16),
-        "cells.elevation": np.asarray(frame.cells.elevation, np.float16),
+        "frame": np.int64(frame.frame),
+        "stamps": np.array([frame.stamp, frame.lidar_stamp]),
+        "world_from_radar": np.float64(frame.world_from_radar),
+        "lidar_xyz": np.float32(frame.lidar_xyz),
+        "range_bias_m": np.float64(frame.range_bias_m),
+        **{f"cells.{name}": values for name, values in cells._asdict().items()},
+        **{f"radar.{name}": values for name, values in frame.radar._asdict().items()},
     }
-    for name in ("fold", "fold_margin_db"):
-        if (values := getattr(frame.cells, name)) is not None:
-            arrays[f"cells.{name}"] = np.asarray(values)
-    fields = frame.radar._asdict().items()
-    arrays |= {f"radar.{name}": value for name, value in fields if value is not None}
+    known = {name: values for name, values in arrays.items() if values is not None}
     return safetensors.numpy.save(
-        {name: np.asarray(value, order="C") for name, value in arrays.items()}
+        {name: np.asarray(values, order="C") for name, values in known.items()}
     )
 
 
@@ -93,6 +88,12 @@ def from_bytes(record: bytes) -> PreparedFrame:
     """Return the frame of `to_bytes`; raises ValueError for other bytes."""
     with parsing("the record", "a prepared frame"):
         arrays: dict[str, Any] = safetensors.numpy.load(record)
+        parts: dict[str, dict[str, Any]] = {"cells": {}, "radar": {}}
+        for name, values in arrays.items():
+            part, _, field = name.partition(".")
+            if field:
+                parts[part][field] = values
+        cells = Cells(**parts["cells"])
         stamp, lidar_stamp = arrays["stamps"].tolist()
         return PreparedFrame(
             sequence=arrays["sequence"].tobytes().decode(),
@@ -100,20 +101,10 @@ def from_bytes(record: bytes) -> PreparedFrame:
             stamp=stamp,
             lidar_stamp=lidar_stamp,
             world_from_radar=arrays["world_from_radar"],
-            cells=Cells(
-                power=arrays["cells.power"],
-                azimuth=arrays["cells.azimuth"].astype(np.float32),
-                elevation=arrays["cells.elevation"].astype(np.float32),
-                fold=arrays.get("cells.fold"),
-                fold_margin_db=arrays.get("cells.fold_margin_db"),
+            cells=cells._replace(
+                azimuth=np.float32(cells.azimuth), elevation=np.float32(cells.elevation)
             ),
-            radar=PointCloud(
-                **{
-                    name.removeprefix("radar."): array
-                    for name, array in arrays.items()
-                    if name.startswith("radar.")
-                }
-            ),
+            radar=PointCloud(**parts["radar"]),
             lidar_xyz=arrays["lidar_xyz"],
             range_bias_m=float(arrays.get("range_bias_m", 0.0)),
         )
@@ -213,15 +204,13 @@ class Records(Stream):
             raise ValueError(
                 f"{folder} has no sequences of {split=}, expected one of {splits}"
             )
-        self.shards = [shard for s in self.sequences for shard in s["shards"]]
-        self.where = [
-            (s["name"], frame)
-            for s in self.sequences
-            for shard in s["shards"]
-            for frame in shard["frames"]
-        ]
-        for shard in self.shards:
-            path = self.folder / shard["file"]
+        self.shards, self.where = [], []
+        for sequence in self.sequences:
+            self.shards += sequence["shards"]
+            for shard in sequence["shards"]:
+                self.where += [(sequence["name"], frame) for frame in shard["frames"]]
+        paths = [self.folder / shard["file"] for shard in self.shards]
+        for path, shard in zip(paths, self.shards, strict=True):
             size = path.stat().st_size if path.is_file() else 0
             if size != shard["bytes"]:
                 raise ValueError(
@@ -229,9 +218,8 @@ class Records(Stream):
                     "the manifest: truncated or replaced?"
                 )
         try:
-            self._source = package("grain").sources.ArrayRecordDataSource(
-                [str(self.folder / shard["file"]) for shard in self.shards]
-            )
+            sources = package("grain").sources
+            self._source = sources.ArrayRecordDataSource([*map(str, paths)])
         except (RuntimeError, ValueError) as error:
             raise ValueError(f"{folder} contains a damaged shard: {error}") from error
         if len(self._source) != len(self.where):
@@ -247,9 +235,8 @@ class Records(Stream):
         with parsing(path, "a manifest of records"):
             self.radar = RadarSpec.from_dict(self.manifest["radar"])
             self._other_radars = {
-                name: radar
+                name: RadarSpec.from_dict(entry["radar"])
                 for entry in self.manifest.get("other_radars", [])
-                for radar in [RadarSpec.from_dict(entry["radar"])]
                 for name in entry["sequences"]
             }
             self._windows = {

@@ -17,21 +17,21 @@ from jradar.recordings.recording import Recording
 SPLITS = ("train", "validation", "test")
 TRAIN_RUNS = 3  # "the first three trajectories of each environment"
 
-# environment: date of the recording, number of runs, scene of the paper's Table I
-ENVIRONMENTS = {
-    "arpg_lab": ("12_21_2020", 5, "Arpg Lab"),
-    "ec_hallways": ("12_21_2020", 5, "Hallways"),
-    "aspen": ("2_24_2021", 12, "Aspen Lab"),
-    "longboard": ("2_22_2021", 8, "Longboard"),
-    "outdoors": ("2_28_2021", 10, "Outdoor"),
-    "edgar_army": ("2_23_2021", 6, "Edgar Mine"),
-    "edgar_classroom": ("2_23_2021", 6, "Edgar Mine"),
-}
-
-# The sequences of each environment, in the order of their runs (run10 after run9).
+# date of the recording, environment, number of runs, scene of the paper's Table I
+ENVIRONMENTS = (
+    ("12_21_2020", "arpg_lab", 5, "Arpg Lab"),
+    ("12_21_2020", "ec_hallways", 5, "Hallways"),
+    ("2_24_2021", "aspen", 12, "Aspen Lab"),
+    ("2_22_2021", "longboard", 8, "Longboard"),
+    ("2_28_2021", "outdoors", 10, "Outdoor"),
+    ("2_23_2021", "edgar_army", 6, "Edgar Mine"),
+    ("2_23_2021", "edgar_classroom", 6, "Edgar Mine"),
+)
+# Scene and split of each sequence of ColoRadar, by its name.
 SEQUENCES = {
-    place: tuple(f"{date}_{place}_run{run}" for run in range(runs))
-    for place, (date, runs, _) in ENVIRONMENTS.items()
+    f"{date}_{place}_run{run}": (where, "train" if run < TRAIN_RUNS else "test")
+    for date, place, runs, where in ENVIRONMENTS
+    for run in range(runs)
 }
 
 
@@ -79,43 +79,36 @@ def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
             "them into different folders"
         )
     return tuple(
-        Source(name, splits.get(name) or _usual_split(name), str(p), options)
+        Source(name, splits.get(name) or usual_split(name), str(p), options)
         for name, p in zip(names, found, strict=True)
     )
 
 
-def _usual_split(name: str) -> str:
-    try:
-        return paper_split(name)
-    except ValueError:  # not a sequence of ColoRadar
-        return "train"
+def _of_coloradar(name: str) -> tuple[str, str] | None:
+    """Return scene and split of a sequence, None if it is not one of the 52."""
+    full = (f"{date}_{name}" for date in {date for date, *_ in ENVIRONMENTS})
+    return next((SEQUENCES[n] for n in (name, *full) if n in SEQUENCES), None)
 
 
-def environment(name: str) -> str:
-    """Return the environment of a sequence, a key of `SEQUENCES`.
+def usual_split(name: str) -> str:
+    """Return the paper's split of a sequence of ColoRadar, "train" for other names.
 
-    Raises ValueError for a name that is not one of the 52.
+    Runs 0 to 2 of an environment train, later ones test.
     """
-    for place, names in SEQUENCES.items():
-        if name in names or f"{ENVIRONMENTS[place][0]}_{name}" in names:
-            return place
-    known = [full for names in SEQUENCES.values() for full in names]
-    near = difflib.get_close_matches(name, known, 3) or known[:1]
-    raise ValueError(
-        f"{name!r} is not a sequence of ColoRadar, expected a name such as "
-        f"{', '.join(near)}"
-    )
+    found = _of_coloradar(name)
+    return "train" if found is None else found[1]
 
 
 def scene(name: str) -> str:
     """Return the scene of a sequence as the paper's Table I names it.
 
-    The two mines are one scene. Arpg Lab and Longboard are not in that table.
+    The two mines are one scene. Arpg Lab and Longboard are not in that table. Raises
+    ValueError for a name that is not one of the 52.
     """
-    return ENVIRONMENTS[environment(name)][2]
-
-
-def paper_split(name: str) -> str:
-    """Return "train" for runs 0 to 2 of an environment and "test" for later runs."""
-    environment(name)
-    return "train" if int(name.rpartition("run")[2]) < TRAIN_RUNS else "test"
+    if (found := _of_coloradar(name)) is None:
+        near = difflib.get_close_matches(name, SEQUENCES, 3) or [*SEQUENCES][:1]
+        raise ValueError(
+            f"{name!r} is not a sequence of ColoRadar, expected a name such as "
+            f"{', '.join(near)}"
+        )
+    return found[0]

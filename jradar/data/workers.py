@@ -4,16 +4,16 @@ A failure, Ctrl-C or SIGTERM ends the processes of this machine at once: what th
 doing is lost, so a job has to be one that can be done again.
 """
 
+import concurrent.futures
 import contextlib
-import logging
-import os
+import multiprocessing
 import signal
-import time
 from collections.abc import Callable, Generator, Iterator, Sequence
-from multiprocessing import resource_tracker
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
-LONGEST_DEATH_S = 10.0
+from jradar.errors import optional
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
@@ -28,79 +28,50 @@ def run_jobs(
     """Yield each job with its result, in the order in which jobs end.
 
     One worker is this process. With `scheduler`, the address of a Dask cluster, that
-    cluster does the jobs. Raises the first error of a job, and ImportError without the
-    extra `data` if several workers are asked for.
+    cluster does the jobs. Raises the first error of a job, OSError if a process dies,
+    and ImportError without the extra `data` for a cluster.
     """
     if scheduler is None and workers == 1:
         for job in jobs:
             yield job, function(job)
         return
-    try:
-        from distributed import Client, as_completed
-    except ImportError as error:
-        raise ImportError("several workers need: pip install 'jradar[data]'") from error
-    here = scheduler is None
-    with _local(workers) if here else Client(scheduler, timeout=10) as client:
-        futures = {client.submit(function, job, pure=False): job for job in jobs}
-        for future in as_completed(futures):
+    with _processes(workers) if scheduler is None else _cluster(scheduler) as pool:
+        futures = {pool.submit(function, job): job for job in jobs}
+        for future in concurrent.futures.as_completed(futures):
             yield futures[future], future.result()
 
 
 @contextlib.contextmanager
-def _local(workers: int) -> Iterator[Any]:
-    """Yield the client of a cluster on this machine.
+def _processes(workers: int) -> Iterator[concurrent.futures.Executor]:
+    """Yield processes that leave Ctrl-C, which a terminal sends them too, to this one.
 
-    Its processes are started with SIGINT blocked, because a terminal sends Ctrl-C to
-    them too.
+    Unless all jobs end, they are killed, and none writes another file.
     """
-    from distributed import Client, LocalCluster
-
-    options: dict[str, Any] = {
-        "threads_per_worker": 1,
-        "dashboard_address": "127.0.0.1:0",  # None would take port 8787, or warn
-        "host": "127.0.0.1",  # workers read files of this machine
-        "local_directory": os.environ.get("TMPDIR", "/tmp"),
-        "silence_logs": logging.CRITICAL,  # errors of jobs are raised here
-    }
-    resource_tracker.ensure_running()  # it would unblock SIGINT
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    others = {*multiprocessing.active_children()}
+    pool = concurrent.futures.ProcessPoolExecutor(
+        workers,
+        multiprocessing.get_context("spawn"),
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    )
     try:
-        cluster = LocalCluster(n_workers=workers, **options)
-        client = Client(cluster)
-    except BaseException:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        raise
-    try:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        yield client
-    except BaseException:
-        for nanny in cluster.workers.values():
-            nanny.auto_restart = False
-        _kill([nanny.pid for nanny in cluster.workers.values()])
+        yield pool
+    except BaseException as error:
+        for process in {*multiprocessing.active_children()} - others:
+            process.kill()
+            process.join()
+        if isinstance(error, BrokenProcessPool):
+            raise OSError(
+                f"one of {workers} processes died, perhaps for lack of memory: use "
+                "fewer workers"
+            ) from error
         raise
     finally:
-        client.close()
-        cluster.close()
+        pool.shutdown(cancel_futures=True)
 
 
-def _kill(pids: list[int]) -> None:
-    """End processes and wait until they are gone: none writes another file."""
-    import psutil
-
-    processes = []
-    for pid in pids:
-        with contextlib.suppress(psutil.NoSuchProcess):
-            processes.append(psutil.Process(pid))
-            processes[-1].kill()
-    deadline = time.monotonic() + LONGEST_DEATH_S
-    while any(map(_alive, processes)) and time.monotonic() < deadline:
-        time.sleep(0.01)
-
-
-def _alive(process):
-    import psutil
-
-    try:
-        return process.status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
+@contextlib.contextmanager
+def _cluster(scheduler: str) -> Iterator[Any]:
+    distributed = optional("distributed", need="clusters need Dask", extra="data")
+    with distributed.Client(scheduler, timeout=10) as client:
+        yield client.get_executor(pure=False)

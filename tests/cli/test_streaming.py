@@ -15,8 +15,9 @@ from tests.cli.conftest import QUICK
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
+from tests.stream.readers import mcap_messages
 from tests.stream.test_board import demo
-from tests.stream.test_outputs import mcap_messages, table_of, write
+from tests.stream.test_outputs import write
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +38,7 @@ def test_a_replay_becomes_an_mcap_file(capture, run_json, tmp_path):
     published = result["frames_published"]
     assert published + result["frames_dropped"] == 4 and published
     assert result["packets"]["lost"] == 0 and result["written"] == [str(out)]
-    topics = [topic for topic, *_ in mcap_messages(out)]
+    topics = [message.topic for message in mcap_messages(out)]
     assert topics.count("/radar/points") == published
 
 
@@ -60,9 +61,9 @@ def test_the_lidar_of_a_recording_is_published_with_its_frames(
     command = ["live", "--replay", sequence, "--model", "none", "-o", out]
     run_json(*command, "--silence", PATIENCE_S)
     recording = open_recording(sequence)
-    scans = [m for topic, _, _, m in mcap_messages(out) if topic == "/lidar/points"]
+    scans = [m.content for m in mcap_messages(out) if m.topic == "/lidar/points"]
     scan = nearest_scan(recording, len(recording.cubes) - 1)
-    np.testing.assert_allclose(table_of(scans[-1])["x"], scan[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(scans[-1]["x"], scan[:, 0], rtol=1e-6)
 
 
 def test_enhanced_frames_become_one_file(sequence, model_folder, run_json, tmp_path):
@@ -71,16 +72,16 @@ def test_enhanced_frames_become_one_file(sequence, model_folder, run_json, tmp_p
     run_json(*command, tmp_path / "all.mcap")
     messages = [*mcap_messages(tmp_path / "all.mcap")]
     recording = open_recording(sequence)
-    dense = [m for m in messages if m[0] == "/enhanced/points"]
+    dense = [m for m in messages if m.topic == "/enhanced/points"]
     assert len(dense) == len(recording.cubes) > 1
     stamps = [round(stamp * 1e9) for stamp in recording.cubes.stamps]
-    assert [time_ns for _, _, time_ns, _ in dense] == stamps
-    assert {"/lidar/points", "/radar/range_azimuth", "/tf"} < {m[0] for m in messages}
+    assert [message.time_ns for message in dense] == stamps
+    topics = {message.topic for message in messages}
+    assert {"/lidar/points", "/radar/range_azimuth", "/tf"} < topics
     run_json(*command, tmp_path / "folder", "--frame", 1)
     with np.load(tmp_path / "folder" / "enhanced.npz") as file:
-        found = table_of(dense[1][3])
         for name, column in zip("xyz", file["xyz"].T, strict=True):
-            np.testing.assert_array_equal(found[name], column)
+            np.testing.assert_array_equal(dense[1].content[name], column)
 
 
 def test_enhanced_frames_become_a_bag(sequence, model_folder, run_json, tmp_path):

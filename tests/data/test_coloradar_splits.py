@@ -2,25 +2,22 @@
 
 import pytest
 
-from jradar.data import SEQUENCES, scene
-from jradar.data.sources import paper_split
+from jradar.data import scene
+from jradar.data.sources import SEQUENCES, usual_split
 
 
 def test_there_are_52_sequences_and_21_train():
-    names = [name for names in SEQUENCES.values() for name in names]
-    assert len(names) == len(set(names)) == 52
-    counts = {place: len(names) for place, names in SEQUENCES.items()}
-    assert counts == {
-        "arpg_lab": 5,
-        "ec_hallways": 5,
-        "aspen": 12,
-        "longboard": 8,
-        "outdoors": 10,
-        "edgar_army": 6,
-        "edgar_classroom": 6,
+    assert len(SEQUENCES) == 52
+    scenes = [where for where, _ in SEQUENCES.values()]
+    assert {where: scenes.count(where) for where in scenes} == {
+        "Arpg Lab": 5,
+        "Hallways": 5,
+        "Aspen Lab": 12,
+        "Longboard": 8,
+        "Outdoor": 10,
+        "Edgar Mine": 12,
     }
-    assert SEQUENCES["aspen"][-2:] == ("2_24_2021_aspen_run10", "2_24_2021_aspen_run11")
-    assert [paper_split(name) for name in names].count("train") == 21
+    assert [split for _, split in SEQUENCES.values()].count("train") == 21
 
 
 @pytest.mark.parametrize(
@@ -37,7 +34,7 @@ def test_there_are_52_sequences_and_21_train():
     ],
 )
 def test_split_and_scene_of_a_name(name, split, where):
-    assert (paper_split(name), scene(name)) == (split, where)
+    assert (usual_split(name), scene(name)) == (split, where)
 
 
 @pytest.mark.parametrize(
@@ -47,4 +44,5 @@ def test_names_of_no_sequence_are_refused(name):
     with pytest.raises(
         ValueError, match="is not a sequence of ColoRadar, expected a name"
     ):
-        paper_split(name)
+        scene(name)
+    assert usual_split(name) == "train"

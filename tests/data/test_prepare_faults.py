@@ -1,6 +1,5 @@
 """Preparing what is damaged, on a full disk, after a kill, beside what is not ours."""
 
-import contextlib
 import errno
 import os
 import shutil
@@ -8,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -95,22 +95,13 @@ def test_a_full_disk_ends_with_an_error_and_the_same_call_resumes(
     with monkeypatch.context() as patch:
         patch.setattr(MODULE, "write_shard", write)
         if workers == 2:  # threads, which see the patch
-            patch.setattr(workers_module, "_local", threads_instead)
+            patch.setattr(workers_module, "_processes", ThreadPoolExecutor)
         with pytest.raises(OSError) as error:
             prepare(root, tmp_path, SPEC, workers=workers)
     assert exit_code(error.value) == 3 and error.value.errno == errno.ENOSPC
     assert len([*tmp_path.rglob("*.json")]) == 2  # the claim, and one shard
     prepare(root, tmp_path, SPEC, workers=1)
     assert digests(tmp_path) == digests(prepared)
-
-
-@contextlib.contextmanager
-def threads_instead(workers):
-    """A cluster whose workers are threads of this process."""
-    from distributed import Client
-
-    with Client(n_workers=workers, processes=False, dashboard_address=None) as client:
-        yield client
 
 
 def test_a_folder_without_a_finished_shard_is_free_for_other_options(root, tmp_path):

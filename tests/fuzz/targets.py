@@ -30,6 +30,7 @@ from tests.recordings import (
 )
 from tests.recordings.bags import test_raw as raw_bags
 from tests.recordings.clouds.test_read import pcd, ply
+from tests.recordings.coloradar_writer import coupling_text, phases_text
 from tests.recordings.dca1000_writer import (
     CFG,
     as_bytes,
@@ -156,23 +157,11 @@ def coloradar(*parts: str) -> Callable:
 
     def make(folder: Path) -> Target:
         sequence = small_sequence.write_sequence(folder, frames=2)
-        calib = folder / "calib" / "single_chip"
-        numbers = ",".join(["1.5"] * (3 * 4 * 32 * 2))
-        (calib / "coupling_calib.txt").write_text(
-            "num_tx:3\nnum_rx:4\nnum_range_bins:32\nnum_doppler_bins:16\n"
-            f"data:{numbers}\n"
-        )
-        measured = {
-            "numTx": 3,
-            "numRx": 4,
-            "frequencySlope": 1e14,
-            "samplingRate": 1e7,
-            "frequencyCalibrationMatrix": [1.0] * 12,
-            "phaseCalibrationMatrix": [1.0, 0.5] * 12,
-        }
-        (calib / "phase_frequency_calib.txt").write_text(
-            json.dumps({"antennaCalib": measured})
-        )
+        calib, channels = folder / "calib" / "single_chip", np.ones((3, 4))
+        coupling = coupling_text(np.full((3, 4, 32), 1.5 + 1.5j))
+        (calib / "coupling_calib.txt").write_text(coupling)
+        phases = phases_text(channels, channels * (1 + 0.5j))
+        (calib / "phase_frequency_calib.txt").write_text(phases)
         return Target(folder.joinpath(*parts), lambda: described(sequence))
 
     return make

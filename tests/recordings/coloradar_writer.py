@@ -4,6 +4,7 @@ It shares nothing with the reader: `struct.pack` and loops.
 """
 
 import functools
+import json
 import math
 import struct
 
@@ -12,18 +13,6 @@ import numpy as np
 START = 1608568420.25  # seconds since 1970
 TX, RX, CHIRPS, SAMPLES = 2, 2, 4, 8
 FRAME_BYTES = TX * RX * CHIRPS * SAMPLES * 4
-WAVEFORM = f"""\
-num_rx {RX}
-num_tx {TX}
-num_adc_samples_per_chirp {SAMPLES}
-num_chirps_per_frame {CHIRPS}
-adc_sample_frequency 10666000.0
-start_frequency 76999999488.0
-idle_time 0.00011
-adc_start_time 7.00000009601e-06
-ramp_end_time 1.99999994948e-05
-frequency_slope 1.00000000377e+14
-"""
 ANTENNAS = "F_design 76.8\nrx 0 0 0\nrx 1 1 0\ntx 0 0 0\ntx 1 2 1\n"
 RADAR_YAW = "0 0 0.706825181105 0.707388269167"
 TRANSFORMS = {
@@ -33,15 +22,56 @@ TRANSFORMS = {
 }
 
 
+def waveform(tx=TX, rx=RX, chirps=CHIRPS, samples=SAMPLES):
+    """Numbers as the data set has them, rounded to float32."""
+    return f"""\
+num_rx {rx}
+num_tx {tx}
+num_adc_samples_per_chirp {samples}
+num_chirps_per_frame {chirps}
+adc_sample_frequency 10666000.0
+start_frequency 76999999488.0
+idle_time 0.00011
+adc_start_time 7.00000009601e-06
+ramp_end_time 1.99999994948e-05
+frequency_slope 1.00000000377e+14
+"""
+
+
+def coupling_text(values, **claimed):
+    """The file of `[tx, rx, range bin]`, with other sizes if they are claimed."""
+    tx, rx, bins = np.shape(values)
+    sizes = {"num_tx": tx, "num_rx": rx, "num_range_bins": bins, "num_doppler_bins": 1}
+    lines = "".join(f"{name}:{size}\n" for name, size in (sizes | claimed).items())
+    numbers = ",".join(f"{v.real},{v.imag}" for v in np.ravel(values).tolist())
+    return f"{lines}data:{numbers}\n"
+
+
+def phases_text(frequencies, phases, **changes):
+    """The file of frequencies `[tx, rx]`, in bins, and of complex phases."""
+    tx, rx = np.shape(frequencies)
+    values = {
+        "numTx": tx,
+        "numRx": rx,
+        "frequencySlope": 79e12,
+        "samplingRate": 8e6,
+        "frequencyCalibrationMatrix": np.ravel(frequencies).tolist(),
+        "phaseCalibrationMatrix": np.ravel(phases).view(float).tolist(),
+    }
+    return json.dumps({"antennaCalib": values | changes})
+
+
 def write(path, content):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
-def write_calib(folder, sensors=("single_chip",), transforms=TRANSFORMS):
+def write_calib(
+    folder, sensors=("single_chip",), transforms=TRANSFORMS, sizes=(), antennas=ANTENNAS
+):
     for sensor in sensors:
-        write(folder / sensor / "waveform_cfg.txt", WAVEFORM)
-        write(folder / sensor / "antenna_cfg.txt", ANTENNAS)
+        write(folder / sensor / "waveform_cfg.txt", waveform(*sizes))
+        write(folder / sensor / "antenna_cfg.txt", antennas)
     for name, text in transforms.items():
         write(folder / "transforms" / f"base_to_{name}.txt", text)
 
@@ -53,14 +83,8 @@ def value(frame, tx, rx, chirp, sample):
 
 @functools.cache
 def frame_bytes(frame):
-    content = b""
-    for tx in range(TX):
-        for rx in range(RX):
-            for chirp in range(CHIRPS):
-                for sample in range(SAMPLES):
-                    counts = value(frame, tx, rx, chirp, sample)
-                    content += struct.pack("<hh", counts, 1 - 2 * counts)
-    return content
+    counts = [value(frame, *at) for at in np.ndindex(TX, RX, CHIRPS, SAMPLES)]
+    return b"".join(struct.pack("<hh", count, 1 - 2 * count) for count in counts)
 
 
 def stamps_text(count, rate, start=START):

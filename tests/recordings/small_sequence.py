@@ -7,38 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar.radar import RadarSpec, Scatterers, simulate_cube
+from jradar.radar import Scatterers, simulate_cube
 from jradar.recordings import radar_from_coloradar
 from jradar.simulation.coloradar_writer import write_rows, write_stamps as write_stamps
-from tests.recordings.coloradar_writer import write
+from tests.recordings.coloradar_writer import write, write_calib
 
-WAVEFORM = """\
-num_rx 4
-num_tx 3
-num_adc_samples_per_chirp 64
-num_chirps_per_frame 16
-adc_sample_frequency 10.666e6
-start_frequency 77e9
-idle_time 110e-6
-adc_start_time 7e-6
-ramp_end_time 20e-6
-frequency_slope 1e14
-"""
+SIZES = (3, 4, 16, 64)  # tx, rx, chirps, samples
 ANTENNAS = "F_design 76.8\nrx 0 0 0\nrx 1 1 0\nrx 2 2 0\nrx 3 3 0\n"
 ANTENNAS += "tx 0 0 0\ntx 1 4 0\ntx 2 2 1\n"
+AT_BASE = dict.fromkeys(("single_chip", "lidar"), "0 0 0\n0 0 0 1\n")
 SIDE = 5.0  # metres from the radar to each wall
 PILLAR = np.array([3.0, 0.8])
-
-
-def write_calib(root: Path) -> RadarSpec:
-    """The calib folder with radar and LiDAR where the base is; returns the radar."""
-    folder = root / "calib" / "single_chip"
-    write(folder / "waveform_cfg.txt", WAVEFORM)
-    write(folder / "antenna_cfg.txt", ANTENNAS)
-    for name in ("single_chip", "lidar"):
-        path = root / "calib" / "transforms" / f"base_to_{name}.txt"
-        write(path, "0 0 0\n0 0 0 1\n")
-    return radar_from_coloradar(folder)
 
 
 def room_scan(rng) -> np.ndarray:
@@ -50,11 +29,7 @@ def room_scan(rng) -> np.ndarray:
     ground = np.minimum(wall, 1.2 / np.maximum(abs(np.tan(elevation)), 1e-6))
     turn = np.arctan2(PILLAR[1], PILLAR[0])
     ground = np.where(abs(azimuth - turn) < 0.06, np.hypot(*PILLAR), ground)
-    xyz = [
-        ground * np.cos(azimuth),
-        ground * np.sin(azimuth),
-        ground * np.tan(elevation),
-    ]
+    xyz = np.array([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)]) * ground
     scan = np.stack([*xyz, np.full_like(ground, 100.0)], -1).reshape(-1, 4)
     scan[:, :3] += rng.normal(0, 0.01, (len(scan), 3))
     scan[::50] = 0  # missing returns
@@ -74,23 +49,17 @@ def room_echoes(rng) -> Scatterers:
 
 def write_sequence(root: Path, name="run0", frames=6, lidar_delay=0.01, seed=0) -> Path:
     """Write a sequence below `root`, creating calib/ if missing."""
-    if (root / "calib").is_dir():
-        radar = radar_from_coloradar(root / "calib" / "single_chip")
-    else:
-        radar = write_calib(root)
+    calib = root / "calib"
+    if not calib.is_dir():
+        write_calib(calib, transforms=AT_BASE, sizes=SIZES, antennas=ANTENNAS)
+    radar = radar_from_coloradar(calib / "single_chip")
     rng = np.random.default_rng(seed)
     folder = root / name
     stamps = 1000.0 + 0.1 * np.arange(frames)
     adc, lidar = folder / "single_chip" / "adc_samples", folder / "lidar"
     for i in range(frames):
-        cube = np.asarray(
-            simulate_cube(
-                jax.random.key(seed * 1000 + i),
-                room_echoes(rng),
-                radar,
-                noise_power=100.0,
-            )
-        )
+        key = jax.random.key(seed * 1000 + i)
+        cube = simulate_cube(key, room_echoes(rng), radar, noise_power=100.0)
         samples = np.stack([cube.real, cube.imag], -1).round().astype("<i2")
         write(adc / "data" / f"frame_{i}.bin", samples.tobytes())
         scan = room_scan(rng).tobytes()

@@ -25,16 +25,26 @@ HEIGHT, AWAY = 1.2, 9.0
 FLOOR = slab((-20, -20), (20, 20), 0.0, "metal")
 
 
-def seen_from(xyz, velocity=(0.0, 0, 0)):
-    return Viewpoint(np.array(xyz, float), np.eye(3), np.array(velocity, float))
+def sight_of(scene, speed=0.0):
+    """The radar `HEIGHT` above the floor, moving ahead."""
+    place, velocity = np.array([0, 0, HEIGHT]), np.array([speed, 0, 0])
+    view = Viewpoint(place, np.eye(3), velocity)
+    return Sight(scene, placements(scene, 0.0), view, RADAR)
 
 
-def targets(heights):
-    """Paths and places of targets of equal power, `AWAY` ahead of the radar."""
+def bounces(solids, heights):
+    """Paths to targets of equal power, `AWAY` ahead of the radar, and their bounces."""
+    scene, _ = world(solids)
     xyz = np.column_stack([np.full_like(heights, AWAY), 0 * heights, heights])
-    there = xyz - [0, 0, HEIGHT]
-    count = len(heights)
-    return Paths(there, there, np.zeros(count), np.ones(count)), (xyz, 0 * xyz)
+    there, none = xyz - [0, 0, HEIGHT], np.zeros(len(heights))
+    scattered = Paths(there, there, none, none + 1)
+    found = floor_paths(sight_of(scene), scattered, (xyz, 0 * xyz), roughness_m=0.0)
+    return scattered, found
+
+
+def between_walls(solids, speed=0.0):
+    scene, reflectors = world(solids)
+    return echoes_between_walls(sight_of(scene, speed), reflectors.facets[0])
 
 
 def phasors(paths):
@@ -43,12 +53,8 @@ def phasors(paths):
 
 
 def test_floor_bounces_follow_the_two_ray_law():
-    scene, _ = world([FLOOR])
     heights = np.linspace(0.3, 1.6, 131)
-    scattered, spots = targets(heights)
-    view = seen_from((0, 0, HEIGHT))
-    args = (Sight(scene, placements(scene, 0.0), view, RADAR), scattered, spots)
-    found = floor_paths(*args, roughness_m=0.0)
+    scattered, found = bounces([FLOOR], heights)
     assert len(found.power) == 3 * len(heights)
     total = phasors(scattered) + phasors(found).reshape(3, -1).sum(0)
 
@@ -72,11 +78,8 @@ def test_roughness_takes_from_the_bounce_as_ament_says():
 
 def test_no_bounce_where_the_floor_is_hidden():
     hidden = moved(box((0.5, 6.0, 0.8), "metal"), (AWAY / 2, 0, 0))
-    scene, _ = world([FLOOR, hidden])
-    scattered, spots = targets(np.array([1.1]))
-    view = seen_from((0, 0, HEIGHT))
-    args = (Sight(scene, placements(scene, 0.0), view, RADAR), scattered, spots)
-    assert not floor_paths(*args, roughness_m=0.0).power.size
+    _, found = bounces([FLOOR, hidden], np.array([1.1]))
+    assert not found.power.size
 
 
 def test_a_unit_with_floor_bounces_has_them_instead_of_ghosts_in_the_floor():
@@ -99,10 +102,7 @@ def upright(x, material="metal"):
 
 def test_echoes_between_walls_have_the_power_of_friis():
     a, b, speed = 3.0, 2.0, 0.7
-    scene, reflectors = world([upright(a), upright(-b)])
-    view = seen_from((0, 0, HEIGHT), (speed, 0, 0))
-    sight = Sight(scene, placements(scene, 0.0), view, RADAR)
-    paths = echoes_between_walls(sight, reflectors.facets[0])
+    paths = between_walls([upright(a), upright(-b)], speed)
     length = np.linalg.norm(paths.xyz, axis=-1)
     np.testing.assert_allclose(np.sort(length), [a + b, a + b, a + 2 * b, 2 * a + b])
     best = int(np.argmax(paths.power))  # twice the wall ahead, once that behind
@@ -119,10 +119,7 @@ def test_echoes_between_walls_have_the_power_of_friis():
 
 def test_walls_that_are_not_parallel_pass_no_echoes():
     aside = sheet([(-6, 3, 0), (6, 3, 0), (6, 3, 4), (-6, 3, 4)], "metal")
-    scene, reflectors = world([upright(3.0), aside])
-    view = seen_from((0, 0, HEIGHT))
-    sight = Sight(scene, placements(scene, 0.0), view, RADAR)
-    assert not echoes_between_walls(sight, reflectors.facets[0]).power.size
+    assert not between_walls([upright(3.0), aside]).power.size
 
 
 def test_leaves_have_billingsleys_spectrum():

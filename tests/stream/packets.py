@@ -4,6 +4,8 @@ import struct
 
 import numpy as np
 
+from jradar.stream.assembler import Assembler
+
 PAYLOAD = 1456
 
 
@@ -41,3 +43,14 @@ def spoiled(packets, *, loss=0.0, reorder=0, duplicate=0.0, seed=0, steady=2):
                 shift = 0 if edge and not copy else rng.uniform(0, reorder + 1)
                 arriving.append((i + shift, one))
     return [one for _, one in sorted(arriving, key=lambda pair: pair[0])]
+
+
+def assemble(packets, size, *, flush=True, **options):
+    """The frames of packets, and the counts."""
+    frames = []
+    assembler = Assembler(size, frames.append, **options)
+    for one in packets:
+        assembler.add(one)
+    if flush:
+        assembler.flush()
+    return frames, assembler.counts

@@ -4,21 +4,10 @@ import numpy as np
 import pytest
 
 from jradar.stream.assembler import Assembler
-from tests.stream.packets import packet, packets_of, random_frames, spoiled
+from tests.stream.packets import assemble, packet, packets_of, random_frames, spoiled
 
 FRAMES = random_frames(40)
 SIZE = FRAMES.shape[1]
-
-
-def assemble(packets, *, flush=True, size=SIZE, **options):
-    """The delivered frames and the counts."""
-    frames = []
-    assembler = Assembler(size, frames.append, **options)
-    for one in packets:
-        assembler.add(one)
-    if flush:
-        assembler.flush()
-    return frames, assembler.counts
 
 
 def added_up(counts):
@@ -29,7 +18,7 @@ def added_up(counts):
 @pytest.mark.parametrize("size", [1, 700, 1456, 2400, 2912, 9001])
 def test_frames_of_any_size_come_back(size):
     sent = random_frames(30, size)
-    frames, counts = assemble(packets_of(sent), size=size)
+    frames, counts = assemble(packets_of(sent), size)
     np.testing.assert_array_equal([frame.data for frame in frames], sent)
     assert [frame.number for frame in frames] == [*range(30)]
     assert counts.lost_bytes == counts.damaged == counts.unfinished == 0
@@ -37,8 +26,9 @@ def test_frames_of_any_size_come_back(size):
 
 def test_a_whole_frame_is_delivered_with_its_last_packet():
     packets = packets_of(random_frames(1, 2912))
-    assert not assemble(packets[:1], size=2912, flush=False)[0]
-    assert len(assemble(packets, size=2912, flush=False)[0]) == 1
+    for count in (0, 1):
+        found, _ = assemble(packets[: 1 + count], 2912, flush=False)
+        assert len(found) == count
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -47,7 +37,7 @@ def test_undamaged_frames_are_those_of_the_file(seed):
     place = 2**48 // SIZE * SIZE - 13 * SIZE
     sent = packets_of(FRAMES, first=2**32 - 20, place=place)
     arriving = spoiled(sent, loss=0.05, reorder=8, duplicate=0.1, seed=seed)
-    frames, counts = assemble(arriving)
+    frames, counts = assemble(arriving, SIZE)
     first = place // SIZE
     for frame in frames:
         original = FRAMES[frame.number - first]
@@ -68,7 +58,7 @@ def test_undamaged_frames_are_those_of_the_file(seed):
 
 def test_without_loss_nothing_is_damaged_by_order_or_copies():
     arriving = spoiled(packets_of(FRAMES), reorder=8, duplicate=0.5)
-    frames, counts = assemble(arriving)
+    frames, counts = assemble(arriving, SIZE)
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert counts.damaged == counts.missing == 0
     assert counts.repeated == len(arriving) - len(packets_of(FRAMES))
@@ -95,7 +85,7 @@ def test_a_card_that_starts_again_goes_on_with_the_next_number():
     """Once it has sent more than the window, by which packets may be late."""
     long = random_frames(100)
     again = spoiled(packets_of(FRAMES), reorder=8, seed=3)
-    frames, counts = assemble([*packets_of(long), *again])
+    frames, counts = assemble([*packets_of(long), *again], SIZE)
     expected = np.concatenate([long, FRAMES])
     np.testing.assert_array_equal([frame.data for frame in frames], expected)
     assert [frame.number for frame in frames] == [*range(140)]
@@ -104,14 +94,14 @@ def test_a_card_that_starts_again_goes_on_with_the_next_number():
 
 def test_a_frame_in_which_the_card_stopped_is_counted_and_left_out():
     packets = packets_of(random_frames(9, 10 * 1456))
-    frames, counts = assemble([*packets[:85], *packets[:70]], size=10 * 1456)
+    frames, counts = assemble([*packets[:85], *packets[:70]], 10 * 1456)
     assert len(frames) == 8 + 7
     assert counts.unfinished == 1 and counts.restarts == 1 and not counts.lost_bytes
 
 
 def test_a_gap_of_many_frames_is_counted_as_missing():
     packets = packets_of(FRAMES)
-    frames, counts = assemble([*packets[:5], *packets[40:]])
+    frames, counts = assemble([*packets[:5], *packets[40:]], SIZE)
     assert counts.frames + counts.sparse + counts.missing == len(FRAMES)
     assert counts.missing >= 20 and not counts.restarts
     np.testing.assert_array_equal(frames[-1].data, FRAMES[-1])
@@ -119,7 +109,7 @@ def test_a_gap_of_many_frames_is_counted_as_missing():
 
 def test_a_stream_that_is_joined_in_the_middle_begins_with_its_frame():
     sent = random_frames(40, 5 * 1456)
-    frames, counts = assemble(packets_of(sent)[112:], size=5 * 1456)
+    frames, counts = assemble(packets_of(sent)[112:], 5 * 1456)
     assert [frame.number for frame in frames] == [*range(22, 40)]
     assert [frame.lost_bytes > 0 for frame in frames] == [True] + 17 * [False]
     assert not counts.missing
@@ -131,7 +121,7 @@ def test_packets_that_come_far_too_late_are_ignored_and_counted():
     for at in (89, 85, 80):
         arriving.insert(at, packets[3])
     for window in (0, 20 * 1456):
-        frames, counts = assemble([*arriving, *packets[90:]], window=window)
+        frames, counts = assemble([*arriving, *packets[90:]], SIZE, window=window)
         np.testing.assert_array_equal([f.data for f in frames], FRAMES[: len(frames)])
         assert counts.late == 3 and not counts.restarts and added_up(counts)
 
@@ -149,7 +139,7 @@ def test_packets_that_come_far_too_late_are_ignored_and_counted():
 )
 def test_a_packet_that_lies_changes_no_frame(lie, counted):
     packets = packets_of(FRAMES)
-    frames, counts = assemble([*packets[:20], lie, *packets[20:]])
+    frames, counts = assemble([*packets[:20], lie, *packets[20:]], SIZE)
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert getattr(counts, counted) == 1 and added_up(counts)
 
@@ -160,7 +150,7 @@ def test_a_card_may_end_its_packets_with_the_frame():
     for place in range(0, FRAMES.size, SIZE):
         for at, end in ((place, place + 1456), (place + 1456, place + SIZE)):
             packets.append(packet(len(packets) + 1, at, FRAMES.ravel()[at:end]))
-    frames, counts = assemble(packets)
+    frames, counts = assemble(packets, SIZE)
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert counts.placed == len(packets) and not counts.restarts
 
@@ -168,7 +158,7 @@ def test_a_card_may_end_its_packets_with_the_frame():
 def test_a_packet_with_fewer_bytes_than_the_next_one_counts_leaves_zeros():
     packets = packets_of(FRAMES)
     packets[20] = packets[20][:500]
-    frames, counts = assemble(packets)
+    frames, counts = assemble(packets, SIZE)
     assert counts.lost_bytes == 1456 - 490 and counts.damaged in (1, 2)
     same = [np.array_equal(f.data, FRAMES[f.number]) for f in frames]
     assert same.count(False) == counts.damaged

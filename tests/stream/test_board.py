@@ -71,19 +71,19 @@ def cfg(tmp_path):
     return path
 
 
-def test_every_command_is_sent_in_order(cfg):
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (CFG, ["sensorStop", "flushCfg", "channelCfg 15 7 0", "sensorStart"]),
+        ("flushCfg\n", ["flushCfg", "sensorStart"]),  # completed
+    ],
+)
+def test_every_command_is_sent_in_order(cfg, text, expected):
+    cfg.write_text(text)
     with demo() as (heard, port), Board(port, timeout_s=60.0) as board:
         board.configure(cfg)
         board.stop()
-    expected = ["sensorStop", "flushCfg", "channelCfg 15 7 0", "sensorStart"]
     assert heard.heard == [*expected, "sensorStop"]
-
-
-def test_a_file_that_does_not_start_the_radar_is_completed(cfg):
-    cfg.write_text("flushCfg\n")
-    with demo() as (heard, port), Board(port, timeout_s=60.0) as board:
-        board.configure(cfg)
-    assert heard.heard == ["flushCfg", "sensorStart"]
 
 
 @pytest.mark.parametrize(

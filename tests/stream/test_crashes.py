@@ -14,13 +14,13 @@ from jradar.stream.outputs import open_writer
 from tests.stream.scenes import view_of
 
 KILLED = """
-import os, signal, sys
+import os, pathlib, signal, sys
 from tests.stream.scenes import view_of
-from jradar.stream import bag_writer
-bag_writer.SAVED_S = float(sys.argv[2])
-writer = bag_writer.BagWriter(bag_writer.Path(sys.argv[1]))
+from jradar.stream import bag_writer, foxglove_writers
+bag_writer.SAVED_S = foxglove_writers.FLUSHED_S = float(sys.argv[3])
+writer = {made}(pathlib.Path(sys.argv[1]))
 for number in range(40):
-    writer.write(view_of(number, points=5000))
+    writer.write(view_of(number, points=int(sys.argv[2])))
 os.kill(os.getpid(), signal.SIGKILL)
 """
 WRITERS = {
@@ -53,11 +53,18 @@ def times_of(views):
     return [view_of(n, points=1).stamp_ns for n in range(views) for _ in range(4)]
 
 
-def killed(path, saved_s):
-    command = [sys.executable, "-c", KILLED, path, str(saved_s)]
+def killed(path, points, saved_s):
+    """Kill a program that has written 40 views, saved every so many seconds."""
+    program = KILLED.format(made=".".join(WRITERS[path.name]))
+    command = [sys.executable, "-c", program, path, str(points), str(saved_s)]
     done = subprocess.run(command, capture_output=True)
     assert done.returncode == -signal.SIGKILL, done.stderr.decode()
-    return path / f"{path.name}.mcap"
+    return path if path.suffix == ".mcap" else path / f"{path.name}.mcap"
+
+
+def test_an_mcap_file_of_a_killed_program_is_read_up_to_its_last_chunk(tmp_path):
+    found = scanned_times(killed(tmp_path / "out.mcap", 500, 0.0))
+    assert sorted(found) == times_of(40)
 
 
 def test_a_bag_of_a_killed_program_is_whole_after_each_save(tmp_path):
@@ -65,29 +72,35 @@ def test_a_bag_of_a_killed_program_is_whole_after_each_save(tmp_path):
     from rosbags.highlevel import AnyReader
 
     path = tmp_path / "out.ros2"
-    assert scanned_times(killed(path, 0.0)) == times_of(40)
+    assert scanned_times(killed(path, 5000, 0.0)) == times_of(40)
     with AnyReader([path]) as reader:
         assert [time_ns for _, time_ns, _ in reader.messages()] == times_of(40)
     assert "message_count: 160" in (path / "metadata.yaml").read_text()
 
 
 def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(tmp_path):
-    found = scanned_times(killed(tmp_path / "out.ros2", 1e9))
+    found = scanned_times(killed(tmp_path / "out.ros2", 5000, 1e9))
     assert len(found) > 4 * 20 and found == times_of(40)[: len(found)]
     assert "message_count: 4\n" in (tmp_path / "out.ros2/metadata.yaml").read_text()
 
 
-def test_a_full_disk_leaves_a_whole_bag(small_disk, monkeypatch):
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_is_named_and_leaves_a_whole_bag(small_disk, monkeypatch, name):
     from rosbags.highlevel import AnyReader
 
-    from jradar.stream import bag_writer
+    from jradar.stream import bag_writer, foxglove_writers
 
     monkeypatch.setattr(bag_writer, "SAVED_S", 0.0)
-    path, whole = small_disk / "out.ros2", 0
+    monkeypatch.setattr(foxglove_writers, "FLUSHED_S", 0.0)
+    path, whole = small_disk / name, 0
     writer = open_writer(path)
-    with pytest.raises(OSError, match=r"out\.ros2 cannot be written .*the disk full"):
+    with pytest.raises(OSError, match=rf"{name} cannot be written .*the disk full"):
         for whole in range(100):
             writer.write(view_of(whole, points=5000))
+    if name == "out.mcap":  # whose end does not fit
+        with contextlib.suppress(OSError):
+            writer.close()
+        return
     writer.close()
     assert whole > 5
     with AnyReader([path]) as reader:

@@ -18,13 +18,13 @@ from jradar.radar import (
     simulate_cube,
 )
 from jradar.recordings import Recording, Stream
-from jradar.stream.emulator import Emulator, RecordedFrames
+from jradar.stream.emulator import RecordedFrames
 from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
 from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
 from tests.recordings.ti.test_dca1000 import CFG
-from tests.stream.loops import PATIENCE_S, RACES, wait_until
+from tests.stream.loops import PATIENCE_S, RACES, deliver, loop, wait_until
 
 pytestmark = RACES
 RADAR = RadarSpec.awr1843(num_chirps=4, num_samples=32)  # 6,144 bytes a frame
@@ -44,6 +44,7 @@ CUBES = [*echoes(6)]
 RECORDING = Recording(
     "test", "test.bin", Radar(RADAR), Stream(CUBES.__getitem__, len(CUBES))
 )
+FRAMES = RecordedFrames(RECORDING)
 
 
 class Kept:
@@ -68,19 +69,20 @@ def processor():
     return made
 
 
-def play(processor, writer, *, period_s=0.02, waiting=1000, **options):
-    network, frames = loopback_network(), RecordedFrames(RECORDING)
-    with (
-        Emulator(frames, network, period_s=period_s) as emulator,
-        Receiver(frame_bytes(RECORDING), network, waiting=waiting) as receiver,
-    ):
+def arrived(receiver):
+    return receiver.counts.frames >= len(CUBES)
+
+
+def play(processor, writer, **options):
+    with loop(FRAMES, **options) as (emulator, receiver):
         emulator.start()
 
         def finished():
-            return emulator.finished.is_set() and receiver.counts.frames >= len(CUBES)
+            return emulator.finished.is_set() and arrived(receiver)
 
-        options = {"silence_s": PATIENCE_S, "finished": finished} | options
-        session = run_live(receiver, processor, [writer], **options)
+        session = run_live(
+            receiver, processor, [writer], silence_s=PATIENCE_S, finished=finished
+        )
     return session, receiver
 
 
@@ -103,7 +105,7 @@ def test_frames_in_are_frames_out_and_those_dropped(processor):
     """A writer that waits until the next frames have arrived."""
     go_on = threading.Event()
     slow = Kept(lambda view: go_on.wait(0.5))
-    session, receiver = play(processor, slow, period_s=0.005, waiting=1)
+    session, receiver = play(processor, slow, waiting=1)
     told = summary(session, receiver)
     assert told["frames received"] == len(CUBES)
     assert told["frames received"] == told["frames published"] + told["frames dropped"]
@@ -118,12 +120,8 @@ def test_a_card_that_never_sends_is_explained(processor):
 
 
 def test_a_card_that_falls_silent_is_reported_once(processor):
-    network, said, silent_turns = loopback_network(), [], itertools.count()
-    frames = RecordedFrames(RECORDING)
-    with (
-        Emulator(frames, network, period_s=0.01) as emulator,
-        Receiver(frame_bytes(RECORDING), network) as receiver,
-    ):
+    said, silent_turns = [], itertools.count()
+    with loop(FRAMES) as (emulator, receiver):
         emulator.start()
         wait_until(lambda: receiver.counts.placed, "packets")
 
@@ -136,21 +134,15 @@ def test_a_card_that_falls_silent_is_reported_once(processor):
 
 
 def test_packets_of_others_are_reported_once_while_frames_go_on(processor):
-    network, said = loopback_network(), []
+    said = []
     with (
-        Emulator(RecordedFrames(RECORDING), network, period_s=0.02) as emulator,
-        Receiver(frame_bytes(RECORDING), network, waiting=1000) as receiver,
+        loop(FRAMES) as (emulator, receiver),
         udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger,
     ):
-        for sent in range(150):
-            stranger.sendto(b"x" * 500, (network.host, network.data_port))
-            wait_until(lambda n=sent: receiver.counts.foreign > n, "a packet")
+        deliver(stranger, receiver, [b"x" * 500] * 150)
         emulator.start()
-
-        def finished():
-            return receiver.counts.frames >= len(CUBES)
-
-        options = {"silence_s": PATIENCE_S, "say": said.append, "finished": finished}
+        options = {"silence_s": PATIENCE_S, "say": said.append}
+        options |= {"finished": lambda: arrived(receiver)}
         session = run_live(receiver, processor, [], **options)
     assert session.published == len(CUBES)
     assert len(said) == 1 and "150 packets of other senders" in said[0]

@@ -8,7 +8,15 @@ import pytest
 from jradar.stream.emulator import FaultSpec
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
-from tests.stream.loops import RACES, loop, settled, taken, wait_until
+from tests.stream.loops import (
+    RACES,
+    deliver,
+    loop,
+    receiving,
+    settled,
+    taken,
+    wait_until,
+)
 from tests.stream.packets import packet, packets_of, random_frames
 
 pytestmark = RACES
@@ -59,19 +67,13 @@ def test_the_newest_frame_wins_and_the_others_are_counted():
 
 
 def test_a_flood_of_foreign_packets_changes_nothing():
-    network = loopback_network()
     with (
-        Receiver(2400, network, waiting=100) as receiver,
+        receiving(2400) as (receiver, card),
         udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger,
-        udp_socket(network.card, 0, timeout_s=1.0) as card,
     ):
-        address = network.host, network.data_port
-        for number, packet in enumerate(packets_of(FRAMES)):
-            for _ in range(20):
-                stranger.sendto(packet[::-1], address)
-            card.sendto(packet, address)
-            sent = 21 * (number + 1)
-            wait_until(lambda n=sent: receiver.counts.packets >= n, "packets")
+        for packet in packets_of(FRAMES):
+            deliver(stranger, receiver, [packet[::-1]] * 20)
+            deliver(card, receiver, [packet])
         assert receiver.foreign_sender == "127.0.0.3"
         frames = taken(receiver)
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
@@ -81,33 +83,21 @@ def test_a_flood_of_foreign_packets_changes_nothing():
 
 
 def test_packets_that_are_no_stream_are_named_by_their_fault():
-    network = loopback_network()
-    with (
-        Receiver(2400, network) as receiver,
-        udp_socket(network.card, 0, timeout_s=1.0) as card,
-    ):
+    with receiving(2400) as (receiver, card):
         assert not receiver.strangers()
-        for number in range(300):
-            card.sendto(b"x" * 2000, (network.host, network.data_port))
-            wait_until(lambda n=number: receiver.counts.packets > n, "a packet")
+        deliver(card, receiver, [b"x" * 2000] * 300)
         assert "300 packets without a header or longer" in receiver.strangers()
-        counters = np.random.default_rng(0).integers(0, 2**32, (300, 2))
-        for number, (sequence, place) in enumerate(counters.tolist()):
-            strange = packet(sequence, place, b"x" * 100)
-            card.sendto(strange, (network.host, network.data_port))
-            wait_until(lambda n=number: receiver.counts.packets > 300 + n, "a packet")
+        counters = np.random.default_rng(0).integers(0, 2**32, (300, 2)).tolist()
+        deliver(card, receiver, (packet(*pair, b"x" * 100) for pair in counters))
         assert "do two cards have this address?" in receiver.strangers()
 
 
 def test_silence_is_explained():
-    network = loopback_network()
-    with Receiver(2400, network) as receiver:
+    with receiving(2400, "127.0.0.3") as (receiver, stranger):
         assert not receiver.silence(60.0)
         wait_until(lambda: receiver.silence(0.3), "silence")
         assert "was the board started" in receiver.silence(0.3)
-        with udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger:
-            stranger.sendto(b"x" * 100, (network.host, network.data_port))
-            wait_until(lambda: receiver.counts.foreign, "a packet")
+        deliver(stranger, receiver, [b"x" * 100])
         wait_until(lambda: receiver.silence(0.3), "silence")
         assert "the last from 127.0.0.3: is that the card?" in receiver.silence(0.3)
 

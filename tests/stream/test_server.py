@@ -193,7 +193,8 @@ def test_what_is_unsubscribed_from_is_not_sent(server):
 def test_a_viewer_that_does_not_read_holds_up_nobody(server):
     """It misses the oldest messages; memory does not grow."""
     with contextlib.ExitStack() as sockets:
-        slow = sockets.enter_context(connected(server.port, max_queue=1))
+        slow = connected(server.port, max_queue=1, close_timeout=0.1)
+        sockets.enter_context(slow)
         channel = advertised(slow)["/radar/points"]["id"]
         subscribe(server, slow, [channel])  # so it is the server's first viewer
         advertised(sockets.enter_context(connected(server.port)))

@@ -3,14 +3,17 @@
 Files are written here value by value, without the readers' help.
 """
 
-import json
-
 import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec
 from jradar.recordings import radar_from_coloradar, read_coupling, read_frequency_phase
-from tests.recordings.coloradar_writer import ANTENNAS, WAVEFORM
+from tests.recordings.coloradar_writer import (
+    ANTENNAS,
+    coupling_text,
+    phases_text,
+    waveform,
+)
 
 
 @pytest.fixture
@@ -18,22 +21,20 @@ def write(tmp_path):
     """A function that writes a folder, with replacements, and returns its path."""
 
     def write(*replacements):
-        waveform, antennas = WAVEFORM, f"# half wavelengths\n\n{ANTENNAS}"
+        texts = [waveform(), f"# half wavelengths\n\n{ANTENNAS}"]
         for old, new in replacements:
-            assert old in waveform + antennas
-            waveform, antennas = (t.replace(old, new) for t in (waveform, antennas))
-        (tmp_path / "waveform_cfg.txt").write_text(waveform)
-        (tmp_path / "antenna_cfg.txt").write_text(antennas)
+            assert old in "".join(texts)
+            texts = [text.replace(old, new) for text in texts]
+        for name, text in zip(("waveform", "antenna"), texts, strict=True):
+            (tmp_path / f"{name}_cfg.txt").write_text(text)
         return tmp_path
 
     return write
 
 
 def assert_same_radar(radar, other):
-    assert radar.cube_shape == other.cube_shape
-    assert radar.tx_positions == other.tx_positions
-    assert radar.rx_positions == other.rx_positions
-    assert radar.tx_firing_order == other.tx_firing_order
+    for field in ("cube_shape", "tx_positions", "rx_positions", "tx_firing_order"):
+        assert getattr(radar, field) == getattr(other, field)
     for field in ("range_resolution_m", "max_velocity_mps", "spacing_wavelengths"):
         assert getattr(radar, field) == pytest.approx(getattr(other, field), rel=1e-6)
 
@@ -42,10 +43,8 @@ def assert_same_radar(radar, other):
 def test_fields_are_in_si_units(write):
     radar = radar_from_coloradar(write(("tx 1 2 1", "tx 1 2 1   # the last")))
     assert radar.cube_shape == (2, 2, 4, 8)
-    assert (radar.tx_positions, radar.rx_positions) == (
-        ((0, 0), (2, 1)),
-        ((0, 0), (1, 0)),
-    )
+    assert radar.tx_positions == ((0, 0), (2, 1))
+    assert radar.rx_positions == ((0, 0), (1, 0))
     assert (radar.sample_rate_hz, radar.idle_time_s) == (10666000.0, 110e-6)
     assert radar.start_frequency_hz == 76999999488.0
     assert radar.slope_hz_per_s == 1.00000000377e14
@@ -100,37 +99,28 @@ def test_another_folder_is_refused(tmp_path):
         radar_from_coloradar(tmp_path)
 
 
-def coupling_text(values, tx=2, rx=3, half=4):
-    data = ",".join(f"{v.real},{v.imag}" for v in np.ravel(values))
-    return (
-        f"num_tx:{tx}\nnum_rx:{rx}\nnum_range_bins:{half}\nnum_doppler_bins:8\n"
-        f"data:{data}\n"
-    )
-
-
 COUPLING = np.arange(24).reshape(2, 3, 4) * (1 - 2.5j) + 7
+COUPLED = coupling_text(COUPLING)
 
 
-def test_coupling_is_complex_by_tx_rx_and_range(tmp_path):
+@pytest.mark.parametrize(
+    "text", [COUPLED, "\n# rebuilt\n" + COUPLED.replace(",", ",\n ")]
+)
+def test_coupling_is_complex_by_tx_rx_and_range(tmp_path, text):
     path = tmp_path / "coupling_calib.txt"
-    path.write_text(coupling_text(COUPLING))
-    np.testing.assert_array_equal(read_coupling(path), COUPLING)
-    path.write_text("\n# rebuilt\n" + coupling_text(COUPLING).replace(",", ",\n "))
+    path.write_text(text)
     np.testing.assert_array_equal(read_coupling(path), COUPLING)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            coupling_text(COUPLING)[:-20],
-            "holds 4[0-9] numbers, 2 tx x 3 rx x 4 comp",
-        ),
-        (coupling_text(COUPLING, half=8), "complex range bins need 96"),
-        (coupling_text(COUPLING).replace("num_rx", "rx"), "no num_rx, expected lines"),
-        (coupling_text(COUPLING, tx=0), "num_tx = 0, expected a whole number above 0"),
-        (coupling_text(COUPLING).replace("7.0", "x", 1), "expected numbers"),
-        (coupling_text(COUPLING).replace("7.0", "inf", 1), "finite numbers"),
+        (COUPLED[:-20], "holds 4[0-9] numbers, 2 tx x 3 rx x 4 comp"),
+        (coupling_text(COUPLING, num_range_bins=8), "complex range bins need 96"),
+        (COUPLED.replace("num_rx", "rx"), "no num_rx, expected lines"),
+        (coupling_text(COUPLING, num_tx=0), "num_tx = 0, expected a whole number abov"),
+        (COUPLED.replace("7.0", "x", 1), "expected numbers"),
+        (COUPLED.replace("7.0", "inf", 1), "finite numbers"),
     ],
 )
 def test_unusable_coupling_is_refused(tmp_path, text, message):
@@ -141,25 +131,17 @@ def test_unusable_coupling_is_refused(tmp_path, text, message):
 
 
 RADAR = RadarSpec.awr1843()
-FREQUENCY_PHASE = {
-    "numTx": 2,
-    "numRx": 3,
-    "frequencySlope": 79e12,
-    "samplingRate": 8e6,
-    "frequencyCalibrationMatrix": [30.5, 31, 32, 33, 34, 35],
-    "phaseCalibrationMatrix": [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12],
-}
+FREQUENCIES = np.array([[30.5, 31, 32], [33, 34, 35]])
+PHASES = np.array([[1 + 2j, 3 + 4j, 5 + 6j], [7 + 8j, 9 + 10j, 11 + 12j]])
 
 
 def test_frequency_and_phase_lie_by_tx_and_rx(tmp_path):
     path = tmp_path / "phase_frequency_calib.txt"
-    path.write_text(json.dumps({"antennaCalib": FREQUENCY_PHASE}))
+    path.write_text(phases_text(FREQUENCIES, PHASES))
     channels, bins = read_frequency_phase(path, RADAR)
     scale = RADAR.slope_hz_per_s / 79e12 * 8e6 / RADAR.sample_rate_hz
-    expected = np.array([[0, 0.5, 1.5], [2.5, 3.5, 4.5]]) * scale
-    np.testing.assert_allclose(bins, expected, rtol=1e-6)
-    phase = np.array([[1 + 2j, 3 + 4j, 5 + 6j], [7 + 8j, 9 + 10j, 11 + 12j]])
-    np.testing.assert_allclose(channels, (1 + 2j) / phase, rtol=1e-6)
+    np.testing.assert_allclose(bins, (FREQUENCIES - 30.5) * scale, rtol=1e-6)
+    np.testing.assert_allclose(channels, (1 + 2j) / PHASES, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -172,36 +154,23 @@ def test_frequency_and_phase_lie_by_tx_and_rx(tmp_path):
         ({"frequencySlope": 79.0}, "slopes in Hz/s differ by a factor of 1.27e"),
         ({"phaseCalibrationMatrix": [0] * 12}, "a phase is 0"),
         ({"phaseCalibrationMatrix": {"re": 1}}, "TypeError.*, expected antennaCalib"),
-    ],
-)
-def test_unusable_frequency_and_phase_are_refused(tmp_path, changes, message):
-    path = tmp_path / "phase_frequency_calib.txt"
-    path.write_text(json.dumps({"antennaCalib": FREQUENCY_PHASE | changes}))
-    with pytest.raises(ValueError, match=message):
-        read_frequency_phase(path, RADAR)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
         ("{", "damaged or not a JSON file"),
         ("{}", "KeyError.*, expected antennaCalib with"),
         ("[]", "is a list, expected an object"),
     ],
 )
-def test_other_json_is_refused(tmp_path, text, message):
+def test_unusable_frequency_and_phase_are_refused(tmp_path, changes, message):
     path = tmp_path / "phase_frequency_calib.txt"
-    path.write_text(text)
+    whole = isinstance(changes, str)
+    path.write_text(changes if whole else phases_text(FREQUENCIES, PHASES, **changes))
     with pytest.raises(ValueError, match=message):
         read_frequency_phase(path, RADAR)
 
 
 def test_real_values_of_the_data_set(samples):
     calib = samples / "coloradar_calib_reconstructed"
-    single = radar_from_coloradar(calib / "single_chip")
-    assert_same_radar(single, RadarSpec.awr1843())
-    cascade = radar_from_coloradar(calib / "cascade")
-    assert_same_radar(cascade, RadarSpec.cascade())
+    for name, radar in (("single_chip", RADAR), ("cascade", RadarSpec.cascade())):
+        assert_same_radar(radar_from_coloradar(calib / name), radar)
     coupling = read_coupling(calib / "single_chip" / "coupling_calib.txt")
     assert coupling.shape == (3, 4, 64)
     assert abs(coupling[0, 0, 0]) == pytest.approx(12_750, abs=1)

@@ -7,11 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from jradar.recordings import (
-    nearest_scan,
-    open_coloradar,
-    open_recording,
-)
+from jradar.recordings import nearest_scan, open_coloradar, open_recording
 from tests.recordings.coloradar_writer import (
     FRAME_BYTES,
     START,
@@ -29,16 +25,12 @@ from tests.recordings.coloradar_writer import (
     [
         (
             (4, 5, 9),
-            12,
-            [0, 1, 2, 3, 6, 7, 8, 10, 11],
-            [0, 1, 2, 3, 6, 7, 8, 10, 11],
+            *(12, [0, 1, 2, 3, 6, 7, 8, 10, 11], [0, 1, 2, 3, 6, 7, 8, 10, 11]),
             ["3 of the numbers 0 to 11 are missing, first 4"],
         ),
         (
             (0, 1, 2, 3, 4, 10, 11),
-            12,
-            range(5, 10),
-            range(5, 10),
+            *(12, range(5, 10), range(5, 10)),
             ["number is 5, taken as line 6", "the last 2 of 12 stamps have no file"],
         ),
         (range(7), 5, range(7, 12), range(5), ["number is 7, taken as line 1"]),
@@ -129,11 +121,7 @@ def test_lidar_of_any_length(sequence):
         path.write_bytes(whole[:size])
         with pytest.raises(ValueError, match=f"holds {size} bytes, .* multiple of 16"):
             _ = lidar[0]
-
-
-def test_an_empty_scan_is_no_points(sequence):
-    for path in (sequence / "lidar/pointclouds").iterdir():
-        path.write_bytes(b"")
+    path.write_bytes(b"")
     assert nearest_scan(open_coloradar(sequence), 0).shape == (0, 3)
 
 
@@ -143,9 +131,8 @@ def test_the_nearest_scan_in_time(sequence):
         path = sequence / "lidar/pointclouds" / f"lidar_pointcloud_{n}.bin"
         path.write_bytes(struct.pack("<4f", 1.0 + n, 0, 0, 0))
     recording = open_coloradar(sequence)
-    seen = nearest_scan(recording, 5)
-    assert seen is not None
-    assert np.linalg.norm(seen) == pytest.approx(3, abs=0.2)  # frame 5 is scan 2
+    seen = np.linalg.norm(nearest_scan(recording, 5))
+    assert seen == pytest.approx(3, abs=0.2)  # frame 5 is scan 2
     assert nearest_scan(recording, 0) is None
     assert nearest_scan(recording, 0, tolerance_s=0.31) is not None
 
@@ -208,10 +195,7 @@ def test_a_billion_stamps_are_refused_before_they_are_read(sequence):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (
-            "-145 90 -25\n0 0 0.7071068 0.7071068\n",
-            "172.* m from the base.*millimetres",
-        ),
+        ("-145 90 -25\n0 0 0.7071068 0.7071068\n", "172.* m from the base.*millimet"),
         ("0 0 0\n0 0 0 0.5\n", "length 0.5, expected 1"),
         ("0 0 0\n0 0 0 0\n", "length 0, expected 1"),
         ("0 0 0\n0 0 1\n", "not a transform.* 6 numbers, expected 7"),
@@ -227,8 +211,9 @@ def test_unusable_transforms_are_refused(root, sequence, text, message):
 
 
 def test_poses_that_are_no_rotations_are_refused(sequence):
-    rows = "0 0 0 0 0 0 1\n" * 3 + "0 0 0 1 1 1 1\n" + "0 0 0 0 0 0 1\n" * 10
-    write(sequence / "groundtruth/groundtruth_poses.txt", rows)
+    path = sequence / "groundtruth/groundtruth_poses.txt"
+    rows = path.read_text().splitlines()
+    write(path, "\n".join([*rows[:3], "0 0 0 1 1 1 1", *rows[4:]]))
     with pytest.raises(ValueError, match=r"at .*420.550000 s has length 2, exp"):
         open_coloradar(sequence)
 

@@ -1,6 +1,5 @@
 """ColoRadar sequences come back as they were written, wherever their parts lie."""
 
-import json
 import math
 
 import numpy as np
@@ -21,7 +20,9 @@ from tests.recordings.coloradar_writer import (
     START,
     TRANSFORMS,
     TX,
+    coupling_text,
     expected_cube,
+    phases_text,
     stamps_text,
     write,
     write_calib,
@@ -37,22 +38,14 @@ def test_every_sample_lies_where_it_was_written(sequence):
     for frame in (0, 1, 2, 10, 11):  # 10 comes after 9, not after 1
         assert recording.cubes[frame].dtype == np.complex64
         np.testing.assert_array_equal(recording.cubes[frame], expected_cube(frame))
-    np.testing.assert_allclose(
-        recording.cubes.stamps, START + np.arange(12) / 10, rtol=0, atol=1e-6
-    )
-
-
-def test_lidar_and_poses_come_along(sequence):
-    recording = open_coloradar(sequence)
-    assert recording.lidar is not None and recording.poses is not None
-    scan = recording.lidar[3]
-    np.testing.assert_array_equal(scan, np.array([[-3, 0, 0, 7], [0, 0, 0, 0]], "f4"))
-    assert recording.lidar.stamps is not None
+    times = START + np.arange(12) / 10
+    np.testing.assert_allclose(recording.cubes.stamps, times, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(recording.lidar[3], [[-3, 0, 0, 7], [0, 0, 0, 0]])
+    assert recording.lidar[3].dtype == np.float32
     assert recording.lidar.stamps[0] == pytest.approx(START + 0.01, abs=1e-6)
     np.testing.assert_allclose(recording.poses.xyz[4], [0.4, 0, 0.5])
-    np.testing.assert_allclose(
-        recording.poses.quaternion[4], [0, 0, math.sin(0.2), math.cos(0.2)]
-    )
+    turn = [0, 0, math.sin(0.2), math.cos(0.2)]
+    np.testing.assert_allclose(recording.poses.quaternion[4], turn)
 
 
 def test_the_published_point_lands_where_it_must(sequence):
@@ -60,7 +53,6 @@ def test_the_published_point_lands_where_it_must(sequence):
     seen = nearest_scan(recording, 5)
     np.testing.assert_allclose(seen, [[2.888, -0.190, 0.061]], atol=5e-4)
     matrix = radar_from_lidar(recording)
-    assert matrix is not None
     yaw = math.degrees(math.atan2(matrix[1, 0], matrix[0, 0]))
     assert yaw == pytest.approx(177.708, abs=1e-3)
     np.testing.assert_allclose(matrix[:3, 3], [-0.10994, -0.07009, 0.06118], atol=1e-5)
@@ -71,18 +63,10 @@ def test_the_published_point_with_the_data_sets_own_values(root, sequence, sampl
     write_radar(sequence, "cascade", count=1)
     recording = open_coloradar(sequence, calib, sensor="single_chip")
     assert recording.radar.spec.cube_shape == (3, 4, 128, 128)
-    assert recording.radar.leakage is not None and recording.radar.leakage.shape == (
-        3,
-        4,
-        64,
-    )
-    matrix = radar_from_lidar(recording)
-    assert matrix is not None
-    np.testing.assert_allclose(
-        matrix @ [-3, 0, 0, 1], [2.888, -0.190, 0.061, 1], atol=5e-4
-    )
+    assert np.shape(recording.radar.leakage) == (3, 4, 64)
+    point = radar_from_lidar(recording) @ [-3, 0, 0, 1]
+    np.testing.assert_allclose(point, [2.888, -0.190, 0.061, 1], atol=5e-4)
     cascade = radar_from_lidar(open_coloradar(sequence, calib, sensor="cascade"))
-    assert cascade is not None
     np.testing.assert_allclose(cascade[:3, 3], [-0.14008, 0.10489, 0.12618], atol=1e-5)
 
 
@@ -90,7 +74,7 @@ def test_opening_reads_no_frame(sequence):
     for path in [*sequence.rglob("*.bin")]:
         path.write_bytes(b"x" * 3)
     recording = open_coloradar(sequence)
-    assert len(recording.cubes) == 12 and recording.lidar is not None
+    assert len(recording.cubes) == 12
     with pytest.raises(ValueError, match="frame_4.bin holds 3 bytes"):
         _ = recording.cubes[4]
     with pytest.raises(ValueError, match="lidar_pointcloud_4.bin .* holds 3 bytes"):
@@ -125,9 +109,8 @@ def test_calib_beside_the_target_of_a_link(root, sequence, tmp_path_factory):
 
 def test_missing_calib_names_the_places_searched(tmp_path):
     write_radar(tmp_path / "run", count=1)
-    with pytest.raises(
-        ValueError, match=r"no calib/single_chip/waveform_cfg.txt .*run"
-    ):
+    message = "no calib/single_chip/waveform_cfg.txt .*run"
+    with pytest.raises(ValueError, match=message):
         open_coloradar(tmp_path / "run")
 
 
@@ -139,7 +122,6 @@ def test_the_radar_is_chosen(root, sequence):
     assert "radar: single_chip; cascade was recorded as well" in both.notes
     cascade = open_coloradar(sequence, sensor="cascade")
     assert cascade.radar.spec.name == "coloradar cascade" and len(cascade.cubes) == 3
-    assert cascade.base_from_radar is not None
     np.testing.assert_allclose(cascade.base_from_radar[:3, 3], [0.03, 0.12, -0.09])
     with pytest.raises(ValueError, match="sensor = 'radar', expected single_chip or"):
         open_coloradar(sequence, sensor="radar")
@@ -192,49 +174,35 @@ def test_open_recording_takes_a_sequence_and_names_those_in_a_folder(root, seque
 # Calibration
 
 
-def write_coupling(root):
-    bins = SAMPLES // 2
-    halves = ", ".join(str(n) for n in range(2 * TX * RX * bins))
-    write(
-        root / "calib/single_chip/coupling_calib.txt",
-        f"num_tx:{TX}\nnum_rx:{RX}\nnum_range_bins:{bins}\nnum_doppler_bins:1\n"
-        f"data:{halves}\n",
-    )
+COUPLING = np.arange(32.0).view(complex).reshape(TX, RX, SAMPLES // 2)
+
+
+def write_coupling(root, values=COUPLING):
+    write(root / "calib/single_chip/coupling_calib.txt", coupling_text(values))
 
 
 def test_coupling_and_frequency_phase_are_read_and_applied(root, sequence):
     write_coupling(root)
-    measured = {
-        "numTx": TX,
-        "numRx": RX,
-        "frequencySlope": 50e12,
-        "samplingRate": 5.333e6,
-        "frequencyCalibrationMatrix": [10.0, 10.5, 11.0, 9.0],
-        "phaseCalibrationMatrix": [1, 0, 0, 2, -1, 0, 0.6, 0.8],
-    }
-    path = root / "calib/single_chip/phase_frequency_calib.txt"
-    write(path, json.dumps({"antennaCalib": measured}))
+    phase = np.array([1, 2j, -1, 0.6 + 0.8j])
+    bins = np.array([[10.0, 10.5], [11.0, 9.0]])
+    rates = {"frequencySlope": 50e12, "samplingRate": 5.333e6}
+    text = phases_text(bins, phase, **rates)
+    write(root / "calib/single_chip/phase_frequency_calib.txt", text)
     recording = open_coloradar(sequence)
     assert recording.radar.leakage is not None
     assert recording.radar.leakage[1, 0, 2] == 2 * 10 + 1j * (2 * 10 + 1)
-    shift, phase = [0, 0.5, 1, -1], [1, 2j, -1, 0.6 + 0.8j]
     scale = 1.00000000377e14 / 50e12 * 5.333e6 / 10666000.0
-    expected = expected_cube(1).reshape(TX * RX, CHIRPS, SAMPLES)
-    for pair in range(TX * RX):
-        for n in range(SAMPLES):
-            turn = np.exp(-2j * math.pi * shift[pair] * scale * n / SAMPLES)
-            expected[pair, :, n] *= turn / phase[pair]
-    cube = np.asarray(calibrate(recording.cube(1), recording.radar)).reshape(
-        expected.shape
-    )
+    shift = scale * (bins - 10).reshape(TX, RX, 1, 1)
+    turn = np.exp(-2j * math.pi * shift * np.arange(SAMPLES) / SAMPLES)
+    expected = expected_cube(1) * turn / phase.reshape(TX, RX, 1, 1)
+    cube = np.asarray(calibrate(recording.cube(1), recording.radar))
     np.testing.assert_allclose(cube, expected, rtol=2e-5, atol=1e-2)
 
 
 def test_factors_of_channels_are_applied(sequence):
     factors = np.array([1, 1j, -1, 0.5], np.complex64)
     recording = open_coloradar(sequence)
-    radar = recording.radar.with_factors(factors)
-    cube = np.asarray(calibrate(recording.cube(0), radar))
+    cube = calibrate(recording.cube(0), recording.radar.with_factors(factors))
     expected = expected_cube(0) * factors.reshape(TX, RX, 1, 1)
     np.testing.assert_allclose(cube, expected, rtol=1e-6)
 
@@ -245,15 +213,13 @@ def test_the_leakage_takes_the_factors_of_its_channels(root, sequence, tmp_path)
     factors = (1 + 0j, 1j, -1 + 0j, 0.5 + 0.25j)
     write_radar_toml(file, Radar(plain.radar.spec).with_factors(factors))
     found = open_recording(sequence, file)
-    assert plain.radar.leakage is not None and found.radar.leakage is not None
     expected = plain.radar.leakage * np.reshape(factors, (TX, RX, 1))
     np.testing.assert_allclose(found.radar.leakage, expected, rtol=1e-5)
     assert found.radar.leakage.dtype == plain.radar.leakage.dtype
 
 
 def test_calibration_of_another_array_is_refused(root, sequence):
-    path = root / "calib/single_chip/coupling_calib.txt"
-    write(path, "num_tx:1\nnum_rx:1\nnum_range_bins:1\nnum_doppler_bins:1\ndata:1,2\n")
+    write_coupling(root, np.array([[[1 + 2j]]]))
     message = r"coupling_calib.txt .* shape \(1, 1, 1\), .* needs \(2, 2, 4\)"
     with pytest.raises(ValueError, match=message):
         open_coloradar(sequence)
