@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import functools
+import math
 import typing
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -15,7 +16,7 @@ def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
     Lists become tuples, whole numbers become floats where floats are expected, and
     tables become specs, which keep the defaults of `spec` for what they leave out.
-    Raises ValueError for an unknown field and for another type.
+    Raises ValueError for an unknown field, for another type, and for NaN and infinity.
     """
     kinds = typing.get_type_hints(spec)
     names = [field.name for field in dataclasses.fields(spec)]
@@ -56,8 +57,10 @@ def _converted(value: Any, kind: Any) -> Any:
         if value is None and type(None) in choices:
             return None
         return _converted(value, choices[0])
-    if kind is float and type(value) is int:
-        return float(value)
+    if kind is float and type(value) in (int, float):
+        if not math.isfinite(number := float(value)):
+            raise TypeError
+        return number
     if dataclasses.is_dataclass(kind) or (kind in WORDS and type(value) is not kind):
         raise TypeError
     return value

@@ -130,6 +130,9 @@ def test_a_missing_model_is_named_with_the_shipped_ones(tmp_path):
     [
         ("format", 99, "format 99, this version reads 4"),
         ("method", "magic", "not usable: method = 'magic'"),
+        ("codec", "x", "not usable: codec = 'x', expected one of .'log', 'lin"),
+        ("temperature", -1.0, "temperature = -1.0, expected 0 or more"),
+        ("temperature", float("nan"), "temperature = nan, expected a number"),
         ("noise", {"sigma_data": -1.0, "prediction": "edm"}, "sigma_data = -1"),
         ("network", {"kind": "unet", "chanels": 3}, "not usable: .*chanels"),
         ("surprise", 1, "not usable: .*surprise"),
@@ -180,6 +183,7 @@ def test_values_of_a_wrong_type_and_missing_ones_are_refused_everywhere(saved):
         ("network", "stem", [0, 0], ""),
         ("network", "form", "cubist", ""),
         ("noise", "sigma_min", -1.0, ""),
+        ("noise", "log_std", float("inf"), "log_std = inf, expected a number"),
     ],
 )
 def test_values_that_no_machine_can_hold_are_refused_at_once(

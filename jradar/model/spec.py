@@ -1,6 +1,7 @@
 """What a model is: parameters, what shapes the computation, tables, and a card."""
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from jradar.diffusion import Network, NoiseSpec
 from jradar.model.methods import METHODS
 from jradar.radar import PointSpec, RadarSpec
 from jradar.range_image import IDENTITY, ConfidenceTable, ImageSpec, TrustTable
+from jradar.range_image.codec import CODECS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,9 +31,12 @@ class ModelSpec:
     temperature: float = 1.0  # of a single draw
 
     def __post_init__(self):
-        """Refuse an unknown method."""
-        if self.method not in METHODS:
-            raise ValueError(f"method = {self.method!r}, expected one of {[*METHODS]}")
+        """Refuse an unknown method or codec, and a temperature below 0."""
+        for field, known in (("method", METHODS), ("codec", CODECS)):
+            if (value := getattr(self, field)) not in known:
+                raise ValueError(f"{field} = {value!r}, expected one of {[*known]}")
+        if not 0 <= self.temperature < math.inf:
+            raise ValueError(f"temperature = {self.temperature}, expected 0 or more")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -89,7 +89,8 @@ def test_options_are_read_from_toml(tmp_path):
         ("visible_false_alarm_rate = 0", "visible_false_alarm_rate = 0"),
         ("block = 0", "block = 0, expected 1 or more"),
         ("block = -3", "block = -3, expected 1 or more"),
-        ("tolerance_s = nan", "tolerance_s = nan, expected 0 or more"),
+        ("tolerance_s = -1", "tolerance_s = -1.0, expected 0 or more"),
+        ("tolerance_s = nan", "tolerance_s = nan, expected a number"),
         ("lidar = 3", "lidar = 3, expected a table"),
         ("[lidar]\nsensor_height_m = 'low'", "sensor_height_m = 'low', expected"),
         (
