@@ -8,7 +8,9 @@ result does not depend on which other frames are enhanced.
 """
 
 import dataclasses
+import functools
 import time
+import weakref
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -32,6 +34,8 @@ from jradar.range_image import RangeImage, condition_image, unlikeness
 from jradar.session import fusion
 from jradar.types import PointCloud
 
+# Compiled programs, or those to come, by what was traced, as long as JAX keeps that.
+COMPILED: weakref.WeakKeyDictionary[Any, Future] = weakref.WeakKeyDictionary()
 DETECTION_RATE = 1e-3  # false alarms per cell of the detections that are counted
 
 
@@ -56,8 +60,67 @@ class Stopwatch(dict[str, list[float]]):
         return result
 
 
+@dataclasses.dataclass(frozen=True)
+class _Programs:
+    """The function of each stage, and the options that shape it."""
+
+    points: PointSpec
+    clean: bool
+    count: int  # of frames that become one
+    draws: int | None
+    steps: int | None
+    least_confidence: float | None
+
+    def cleaned(self, _key, radar, _model, cube):
+        samples = calibrate(cube, radar)
+        return excise_interference(samples)[0] if self.clean else samples
+
+    def found(self, _key, radar, _model, samples):
+        radar = radar.once_calibrated()
+        return points_and_count(samples, radar, points=self.points)
+
+    def conditioned(self, _key, _radar, model, points):
+        spec = model.spec
+        image = condition_image(points, spec.coarse, num_slices=spec.num_slices)
+        strange = None if model.trust is None else unlikeness(image, model.trust)
+        return image, strange
+
+    def sampled(self, key, radar, model, points, condition):
+        if self.count > 1:
+            return fusion.see(points, condition, model, radar.spec)
+        return draw(
+            key,
+            condition,
+            model,
+            draws=self.draws,
+            steps=self.steps,
+            least_confidence=self.least_confidence,
+        )
+
+    def fused(self, _key, _radar, model, seen, poses):
+        least = self.least_confidence
+        return fusion.fused(seen, poses, model, least_confidence=least)
+
+    def projected(self, _key, _radar, model, image, points):
+        return dense_cloud(image, points, model.spec)
+
+    def detected(self, _key, radar, _model, samples):
+        power = power_map(samples, remove_static=self.points.remove_static)
+        rate = dataclasses.replace(self.points, false_alarm_rate=DETECTION_RATE)
+        return power, detect(power, radar.spec, points=rate).sum()
+
+
+@functools.lru_cache(maxsize=64)
+def _jitted(function: Callable, programs: _Programs) -> Any:
+    """Return the function of a stage, which is the same object for the same options."""
+    return jax.jit(functools.partial(function, programs), keep_unused=True)
+
+
 class Stages:
-    """The stages of one radar's frames, compiled before the first one."""
+    """The stages of one radar's frames, compiled before the first one.
+
+    Stages of the same radar and model, with other numbers, compile nothing again.
+    """
 
     def __init__(
         self,
@@ -79,18 +142,19 @@ class Stages:
         """
         if points is None:
             points = PointSpec() if model is None else model.spec.points
-        self._key, self._model, self._count = key, model, fuse
-        self._watch = Stopwatch() if watch is None else watch
-        self._clean = points.remove_interference
         # Samples are cleaned once, for the points and for the map.
-        points = dataclasses.replace(points, remove_interference=False)
-        self.points = points.fitted(radar.spec)
-        self._radar = radar
-        self._drawing = {
-            "draws": draws,
-            "steps": steps,
-            "least_confidence": least_confidence,
-        }
+        found = dataclasses.replace(points, remove_interference=False)
+        self.points = found.fitted(radar.spec)
+        self._key, self._radar, self._model = key, radar, model
+        self._programs = _Programs(
+            points=self.points,
+            clean=points.remove_interference,
+            count=fuse,
+            draws=draws,
+            steps=steps,
+            least_confidence=least_confidence,
+        )
+        self._watch = Stopwatch() if watch is None else watch
         self._compiled = self._watch("compiling", self._compile)
 
     def hear(self, cube: Inexact[Any, "tx rx chirp sample"]) -> Heard:
@@ -132,67 +196,39 @@ class Stages:
 
     def _compile(self) -> dict[str, Callable]:
         """Compile the stages in threads, because XLA does not hold Python's lock."""
-        spec = self._radar.spec
+        spec, programs = self._radar.spec, self._programs
         kind = jnp.float32 if spec.real_samples else jnp.complex64
         compiling: dict[str, Future] = {}
 
         def add(stage: str, function: Callable, *values: Any) -> Any:
-            traced = jax.jit(function, keep_unused=True).trace(
+            traced = _jitted(function, programs).trace(
                 self._key, self._radar, self._model, *values
             )
-            compiling[stage] = threads.submit(
-                traced.lower().compile, compiler_options()
-            )
+            if traced.jaxpr not in COMPILED:
+                COMPILED[traced.jaxpr] = threads.submit(
+                    traced.lower().compile, compiler_options()
+                )
+            compiling[stage] = COMPILED[traced.jaxpr]
             return traced.out_info
 
         threads = ThreadPoolExecutor()
         cube = jax.ShapeDtypeStruct(spec.cube_shape, kind)
-        samples = add("cleaning", self._cleaned, cube)
-        points, _ = add("radar processing", self._found, samples)
-        add("detections", self._detected, samples)
+        samples = add("cleaning", _Programs.cleaned, cube)
+        points, _ = add("radar processing", _Programs.found, samples)
+        add("detections", _Programs.detected, samples)
         if self._model is not None:
-            condition, _ = add("condition", self._conditioned, points)
-            image = add("sampling", self._sampled, points, condition)
-            if self._count > 1:
-                poses = jax.ShapeDtypeStruct((self._count, 4, 4), jnp.float32)
-                image = add("fusion", self._fused, (image,) * self._count, poses)
-            least = self._drawing["least_confidence"]
+            condition, _ = add("condition", _Programs.conditioned, points)
+            image = add("sampling", _Programs.sampled, points, condition)
+            if programs.count > 1:
+                poses = jax.ShapeDtypeStruct((programs.count, 4, 4), jnp.float32)
+                seen = (image,) * programs.count
+                image = add("fusion", _Programs.fused, seen, poses)
+            least = programs.least_confidence
             if least is not None and image.confidence is None:
                 raise UsageError(
                     f"least_confidence = {least:g}: this model has no confidence with "
                     "these options, leave it out, or draw several samples"
                 )
-            add("back projection", self._projected, image, points)
+            add("back projection", _Programs.projected, image, points)
         threads.shutdown(wait=False)
         return {name: future.result() for name, future in compiling.items()}
-
-    def _cleaned(self, _key, radar, _model, cube):
-        samples = calibrate(cube, radar)
-        return excise_interference(samples)[0] if self._clean else samples
-
-    def _found(self, _key, radar, _model, samples):
-        radar = radar.once_calibrated()
-        return points_and_count(samples, radar, points=self.points)
-
-    def _conditioned(self, _key, _radar, model, points):
-        spec = model.spec
-        image = condition_image(points, spec.coarse, num_slices=spec.num_slices)
-        strange = None if model.trust is None else unlikeness(image, model.trust)
-        return image, strange
-
-    def _sampled(self, key, radar, model, points, condition):
-        if self._count > 1:
-            return fusion.see(points, condition, model, radar.spec)
-        return draw(key, condition, model, **self._drawing)
-
-    def _fused(self, _key, _radar, model, seen, poses):
-        least = self._drawing["least_confidence"]
-        return fusion.fused(seen, poses, model, least_confidence=least)
-
-    def _projected(self, _key, _radar, model, image, points):
-        return dense_cloud(image, points, model.spec)
-
-    def _detected(self, _key, radar, _model, samples):
-        power = power_map(samples, remove_static=self.points.remove_static)
-        rate = dataclasses.replace(self.points, false_alarm_rate=DETECTION_RATE)
-        return power, detect(power, radar.spec, points=rate).sum()
