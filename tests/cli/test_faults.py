@@ -119,7 +119,7 @@ def test_relative_paths_with_spaces_and_letters_of_any_kind(
 def test_sigterm_leaves_no_folder_of_a_simulation(tmp_path):
     pytest.importorskip("embreex")
     process = subprocess.Popen(
-        [sys.executable, "-m", "jradar.cli", "simulate", "--scene", "lab"]
+        [sys.executable, "-m", "jradar.cli", "simulate", "--scene", "corridor"]
         + ["--frames", "5000", "-o", str(tmp_path / "sim")],
         stderr=subprocess.PIPE,
         text=True,
@@ -132,4 +132,4 @@ def test_sigterm_leaves_no_folder_of_a_simulation(tmp_path):
     _, err = process.communicate(timeout=30)
     assert process.returncode == 143 and "Traceback" not in err
     assert err.splitlines()[-1] == "jradar: ended by SIGTERM"
-    assert not [*tmp_path.rglob("*lab_0*")]
+    assert not [*tmp_path.rglob("*corridor_0*")]

@@ -83,6 +83,13 @@ def test_a_sequence_is_described_with_all_its_streams(
     assert "name the folder of its sequence" in found
 
 
+def test_a_simulated_walk_is_described(walk, run_json):
+    info = run_json("info", walk)
+    assert info["frames_with_a_lidar_scan"] == info["frames_with_a_pose"] == 4
+    assert 12 < info["radar"]["max_range_m"] < 16
+    assert [s["stream"] for s in info["streams"]] == ["radar", "lidar", "poses", "imu"]
+
+
 def test_the_sensor_is_chosen_and_repairs_are_one_line_each(
     root, sequence, capsys, refused
 ):

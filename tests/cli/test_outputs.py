@@ -12,7 +12,7 @@ WORK = b"years of work\n"
 KINDS = ("ply", "pcd", "csv", "npz")
 OWN = (  # the names of all that commands write, and others
     *(f"{cloud}.{kind}" for cloud in ("radar", "enhanced") for kind in KINDS),
-    *("000000/radar.ply", "000001/enhanced.npz", "radar/000000.ply", "capture.png"),
+    *("000000/radar.ply", "000001/enhanced.npz", "radar/000000.pcd", "capture.png"),
     *("preparation.png", "manifest.json", "run0/0000.array_record", ".lock"),
     *("splits.json", "calib/notes.txt", "lab_0/notes.txt", "thesis.txt"),
     *("walk.tum", "my.toml", "function.jax", "out.mcap", "out.ros2/metadata.yaml"),
@@ -54,7 +54,7 @@ def commands(run, uncalibrated, model_folder):
         "points frames": ["points", run, "--frames", ":"],
         "points flat": ["points", run, "--frames", ":", "--flat", "--format", "pcd"],
         "enhance": enhance,
-        "enhance frames": [*enhance, "--frames", ":", "--picture"],
+        "enhance frames": [*enhance, "--frames", ":"],
         "enhance flat": [*enhance, "--flat"],
         "out.mcap": enhance,
         "out.ros2": enhance,
@@ -72,14 +72,32 @@ def commands(run, uncalibrated, model_folder):
 
 def test_files_of_somebody_else_are_never_touched(own, commands, refused):
     before = hashes(own)
-    commands = commands | {"set": ["simulate", "--set", "jradar-sim-1-mini"]}
-    for name, words in commands.items():
-        if name == "live.mcap":
-            name = "out.mcap"
-        output = own / name if "." in name else own
+    more = {
+        "set": ["simulate", "--set", "jradar-sim-1-mini"],
+        "": commands["function.jax"],
+    }
+    said = {
+        "points": "radar.ply was not written by this command",
+        "enhance frames": "000000/radar.ply was not written by this command",
+        "points flat": "radar/000000.pcd was not written by this command",
+        "enhance flat": "own/radar is not empty",
+        "live": "000000/radar.ply was not written by this command",
+        "walk.tum": "walk.tum was not written by this command",
+        "prepare": "own is neither empty nor a folder of records, it holds ",
+        "preview": "preparation.png was not written by this command",
+        "lab": "calib holds notes.txt but no simulated.txt",
+        "capture": "lab_0 holds notes.txt but no simulated.txt",
+        "set": "manifest.json is damaged or not a JSON file",
+        "": "own is a folder, expected the name of a file",
+    }
+    for name, words in (commands | more).items():
+        output = own / name if (own / name).is_file() else own
+        if output == own and "." in name:
+            output = own / f"out{name[-5:]}"
         found = refused(*words, "-o", output, code=4 if name == "set" else 2)
-        assert str(own) in found, name
-        assert "--force" in found or words[0] in ("prepare", "simulate"), found
+        assert str(output) in found and said.get(name, "") in found
+        forced = words[0] not in ("prepare", "simulate") or "--preview" in words
+        assert ("--force" in found) == (forced and name != ""), found
         assert hashes(own) == before, name
 
 
@@ -160,12 +178,3 @@ def test_an_input_is_never_replaced(small_cube, run, model_folder, tmp_path, ref
         found = refused(*words, "-o", output, *["--force"] * (words[0] != "prepare"))
         assert f"{output} is an input of this command" in found and "--force" in found
     assert hashes(tmp_path) == before
-
-
-def test_folders_of_another_kind_are_refused_as_outputs(own, commands, refused):
-    found = refused(*commands["function.jax"], "-o", own)
-    assert "own is a folder, expected the name of a file" in found
-    found = refused(*commands["lab"], "-o", own)
-    assert "calib holds notes.txt but no simulated.txt" in found
-    found = refused(*commands["prepare"], "-o", own)
-    assert "own is neither empty nor a folder of records, it holds " in found

@@ -78,9 +78,9 @@ def test_wrong_fields_of_the_spec_leave_the_folder_free(root, tmp_path, refused)
         assert not (tmp_path / "dst").exists()
 
 
-@pytest.mark.parametrize("number, workers", [(signal.SIGINT, 2), (signal.SIGTERM, 1)])
-def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
-    spec, tmp_path, number, workers
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_an_interruption_ends_prepare_with_one_line_and_nothing_half_written(
+    spec, tmp_path, workers
 ):
     write_sequence(tmp_path / "src", frames=60)
     program = [sys.executable, "-m", "jradar.cli", "prepare", str(tmp_path / "src")]
@@ -97,29 +97,15 @@ def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
     while not [*(tmp_path / "dst" / "run0").glob("0*.json")]:
         assert process.poll() is None
         time.sleep(0.01)
-    os.killpg(process.pid, number)  # as a terminal does
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     begin = time.monotonic()
     _, err = process.communicate(timeout=60)
     took = time.monotonic() - begin
     shown = [line for line in err.splitlines() if not line.startswith("preparing")]
-    assert process.returncode == 128 + number and len(shown) == 1, err
+    assert process.returncode == 130 and len(shown) == 1, err
     assert took < 10  # 0.7 s on a machine that does nothing else
     hidden = [p for p in (tmp_path / "dst").rglob(".*") if p.name != ".lock"]
     assert not hidden
-
-
-def test_simulated_frames_go_the_whole_way(tmp_path, run_json):
-    pytest.importorskip("embreex")
-    out = tmp_path / "sim"
-    simulated = run_json("simulate", "--scene", "lab", "--frames", 2, "-o", out)
-    assert simulated["frames_per_recording"] == 2
-    info = run_json("info", out / "lab_0")
-    assert info["frames_with_a_lidar_scan"] == info["frames_with_a_pose"] == 2
-    assert 12 < info["radar"]["max_range_m"] < 16
-    prepared = run_json("prepare", out, "-o", tmp_path / "dst", "--workers", 1)
-    assert prepared["frames"] == 2 and prepared["dropped"] == []
-    frame = Records(tmp_path / "dst")[1]
-    assert len(frame.lidar_xyz) > 1000 and frame.cells.power.shape == (128, 128)
 
 
 @pytest.fixture
