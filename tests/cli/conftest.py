@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from jradar.cli import main
-from jradar.diffusion import UNet
 from jradar.model import save_model
 from jradar.radar import RadarSpec, simulate_cube
 from jradar.simulation import simulate_sequence
@@ -15,8 +14,7 @@ from tests.calibration.test_self_calibration import CHIP, channels, scatterers
 from tests.models import tiny_model
 from tests.recordings.small_sequence import room_echoes
 
-NETWORK = UNet(channels=4, multipliers=(1,), blocks=1, attention_levels=(), stem=(1, 4))
-MODEL = tiny_model(network=NETWORK)
+MODEL = tiny_model()
 QUICK = ("--draws", "2", "--steps", "1")  # the same program in every test
 
 

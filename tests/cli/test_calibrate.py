@@ -1,14 +1,11 @@
 """`jradar calibrate`: a file that `--radar` reads, better spectra, honest words."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from jradar.radar import calibrate
 from jradar.recordings import (
     open_recording,
-    write_radar_toml,
 )
 from jradar.simulation import simulate_sequence
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -58,16 +55,3 @@ def test_what_cannot_be_calibrated_is_named(uncalibrated, tmp_path, refused):
         (["-o", out, "--reflector", "14.5"], 4, "reflector at 14.5 m is seen in 0"),
     ):
         assert message in refused("calibrate", uncalibrated, *wrong, code=code)
-
-
-def test_a_sequence_takes_the_radar_and_the_factors_of_a_file(sequence, tmp_path):
-    """The file replaces the radar in ColoRadar's calib folder, not its transforms."""
-    plain, file = open_recording(sequence), tmp_path / "calibrated.toml"
-    factors = 1.0 + 0.1j * np.arange(plain.radar.spec.num_virtual)
-    measured = dataclasses.replace(plain.radar, range_bias_m=0.05)
-    write_radar_toml(file, measured.with_factors(factors))
-    found = open_recording(sequence, file)
-    assert found.radar.spec == plain.radar.spec and found.radar.range_bias_m == 0.05
-    np.testing.assert_array_equal(found.base_from_radar, plain.base_from_radar)
-    ratio = calibrate(found.cube(0), found.radar) / plain.cube(0)
-    np.testing.assert_allclose(ratio[..., 1, 1].ravel(), factors, rtol=1e-3)

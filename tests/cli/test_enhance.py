@@ -1,8 +1,6 @@
 """`jradar enhance` and `jradar export`: the library's clouds, timed and written."""
 
-import collections
 import dataclasses
-import threading
 
 import jax
 import numpy as np
@@ -12,15 +10,12 @@ from jradar import model as models
 from jradar.cli import main
 from jradar.model import condition, draw, load_model, save_model
 from jradar.radar import radar_points
-from jradar.range_image import condition_features, fit_trust
 from jradar.recordings import (
-    Recording,
     open_recording,
     read_cloud,
     without_background,
 )
-from jradar.session import Stopwatch
-from tests.cli.conftest import MODEL, NETWORK, QUICK, write_cube
+from tests.cli.conftest import MODEL, QUICK, write_cube
 from tests.models import tiny_model
 from tests.recordings.conftest import root as root, sequence as sequence
 
@@ -113,42 +108,6 @@ def test_a_flat_folder_is_read_in_order_by_kiss_icp(enhance, sequence, tmp_path)
         assert len(xyz) == row["enhanced_points"] > 0
 
 
-def test_a_frame_is_processed_while_another_is_in_the_network(
-    enhance, sequence, monkeypatch
-):
-    begun, waited = threading.Event(), []
-    seen = collections.Counter()
-    call = Stopwatch.__call__
-
-    def spy(watch, stage, *rest):
-        seen[stage] += 1
-        if stage == "condition" and seen[stage] == 2:
-            begun.set()
-        if stage == "sampling" and seen[stage] == 1:
-            waited.append(begun.wait(60))
-        return call(watch, stage, *rest)
-
-    monkeypatch.setattr(Stopwatch, "__call__", spy)
-    enhance("--frames", "10:", path=sequence)
-    assert waited == [True]
-
-
-def test_a_frame_that_cannot_be_read_ends_the_recording(
-    sequence, model_folder, tmp_path, monkeypatch, refused
-):
-    read = Recording.cube
-
-    def failing(recording, frame):
-        if frame == 3:
-            raise ValueError("frame 3 is damaged")
-        return read(recording, frame)
-
-    monkeypatch.setattr(Recording, "cube", failing)
-    command = ["enhance", sequence, "--model", model_folder, *QUICK, "--frames", ":"]
-    assert "frame 3 is damaged" in refused(*command, "-o", tmp_path, code=4)
-    assert not (tmp_path / "000003").exists()
-
-
 def test_another_radar_than_in_training_is_noted(
     flat_cube, model_folder, capsys, tmp_path, refused
 ):
@@ -163,22 +122,6 @@ def test_another_radar_than_in_training_is_noted(
     assert "8 virtual antennas here, 12 in training" in out and "range to" not in out
 
 
-def test_a_frame_unlike_training_is_not_to_be_trusted(enhance, small_cube, tmp_path):
-    recording = open_recording(small_cube)
-    seen = condition(recording.cube(0), recording.radar, MODEL)
-    usual = np.asarray(condition_features(seen))
-    noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
-    found = []
-    for name, mean in (("like", usual), ("unlike", usual + 1.0)):
-        trusting = dataclasses.replace(MODEL, trust=fit_trust(mean + noise))
-        save_model(tmp_path / name, trusting)
-        found.append(enhance("--no-picture", model=tmp_path / name))
-    like, unlike = found
-    assert like["unlike_training_percent"] < 99 and not like["notes"]
-    assert unlike["unlike_training_percent"] == 100
-    assert any("frame 0 of 1 is unlike 99 % of" in note for note in unlike["notes"])
-
-
 def test_a_radar_with_real_samples_and_a_silent_frame(enhance, tmp_path):
     path = write_cube(tmp_path, "awr2944", **WAVEFORM)
     assert enhance("--no-picture", path=path)["enhanced_points"] > 0
@@ -187,17 +130,6 @@ def test_a_radar_with_real_samples_and_a_silent_frame(enhance, tmp_path):
     assert result["radar_points"] == result["enhanced_points"] == 0
     assert result["detections"] == 0
     assert any("no echoes in frame 0" in note for note in result["notes"])
-
-
-def test_detections_are_counted_by_cfar_not_by_capacity(
-    enhance, small_cube, run_json, tmp_path
-):
-    found = enhance("--no-picture")
-    command = ("points", small_cube, "-o", tmp_path / "points")
-    points = run_json(*command, "--false-alarm-rate", 1e-3)
-    assert found["detections"] > 0
-    assert found["radar_points"] <= MODEL.spec.points.capacity
-    assert found["detections"] == pytest.approx(points["points"], rel=0.3)
 
 
 def test_a_shipped_model_is_used_unless_another_is_named(
@@ -209,7 +141,7 @@ def test_a_shipped_model_is_used_unless_another_is_named(
     missing = refused(*command, "--model", tmp_path / "no", code=5)
     assert "no model at" in missing and not (tmp_path / "out").exists()
     card = dataclasses.replace(MODEL.card, purpose="shipped")
-    regression = tiny_model(network=NETWORK, method="regression", card=card)
+    regression = tiny_model(method="regression", card=card)
     save_model(tmp_path / "jradar-sim", regression)
     assert main(command) == 0 and "shipped" in capsys.readouterr().out
 
@@ -220,7 +152,7 @@ def test_a_regression_model_takes_no_sampling_options(
 ):
     pytest.importorskip("flatbuffers", reason="needs jradar[export]")
     folder, out = str(tmp_path / "model"), tmp_path / "out"
-    save_model(folder, tiny_model(network=NETWORK, method="regression"))
+    save_model(folder, tiny_model(method="regression"))
     words = [small_cube, "--model", folder] if command == "enhance" else [folder]
     found = refused(command, *words, "-o", out, "--draws", 1)
     assert "draws: a model trained by regression" in found

@@ -1,6 +1,5 @@
 """`jradar points`: options reach the library, limits hold, frames are as each alone."""
 
-import dataclasses
 import shutil
 
 import numpy as np
@@ -16,7 +15,6 @@ from jradar.recordings import (
     open_recording,
     read_cloud,
     valid_points,
-    without_background,
 )
 from tests.cli.conftest import write_cube
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -54,17 +52,6 @@ def test_options_of_the_detector_are_the_librarys(small_cube, run_json, tmp_path
         for name, values in found._asdict().items()
     }
     assert_columns(tmp_path / "radar.npz", deviations)
-
-
-def test_a_window_that_is_too_large_and_too_many_detections_are_noted(
-    small_cube, run_json, tmp_path
-):
-    command = ["points", small_cube, "-o", tmp_path, "--train", "20,4"]
-    result = run_json(*command, "--capacity", 3)
-    assert "shrunk to guard (0, 2), train (15, 4)" in result["notes"][-2]
-    assert result["points"] == 3 and result["dropped"] == result["detected"] - 3 > 0
-    assert "detections were dropped" in result["notes"][-1]
-    assert result["saturated"] == 0
 
 
 def test_points_outside_of_the_limits_are_left_out(small_cube, run_json, tmp_path):
@@ -147,12 +134,3 @@ def test_background_and_interference_are_removed_as_by_the_library(
     with np.load(tmp_path / "radar.npz") as file:
         for name, column in valid_points(expected).items():
             np.testing.assert_allclose(file[name], column, rtol=1e-3, atol=1e-3)
-
-
-def test_the_leakage_is_part_of_the_background(sequence):
-    recording = open_recording(sequence)
-    measured = dataclasses.replace(recording.radar, leakage=np.ones((2, 2, 4)))
-    recording = recording._replace(radar=measured)
-    left = without_background(recording, slice(None))
-    assert left.radar.leakage is None and len(left.cubes) == len(recording.cubes)
-    np.testing.assert_array_equal(left.cubes.stamps, recording.cubes.stamps)

@@ -1,5 +1,6 @@
 """`jradar live`, `replay`, `enhance -o out.mcap`: clouds through the same writers."""
 
+import contextlib
 import signal
 import subprocess
 import sys
@@ -17,7 +18,6 @@ from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
 from tests.stream.readers import mcap_messages
 from tests.stream.test_board import demo
-from tests.stream.test_outputs import write
 
 
 @pytest.fixture(scope="module")
@@ -29,17 +29,32 @@ def capture(tmp_path_factory):
     return folder / "adc_data.bin"
 
 
-def test_a_replay_becomes_an_mcap_file(capture, run_json, tmp_path):
+def words_of(network):
+    """The options for these addresses."""
+    options = {
+        "--host": network.host,
+        "--card": network.card,
+        "--command-port": network.command_port,
+        "--data-port": network.data_port,
+    }
+    return [word for pair in options.items() for word in pair]
+
+
+def test_a_replay_becomes_an_mcap_file(sequence, run_json, tmp_path):
     pytest.importorskip("foxglove")
     out = tmp_path / "out.mcap"
-    command = ["live", "--replay", capture, "--model", "none", "-o", out]
+    command = ["live", "--replay", sequence, "--model", "none", "-o", out]
     result = run_json(*command, "--speed", "0.5", "--silence", PATIENCE_S)
-    assert result["frames_received"] == 4
     published = result["frames_published"]
-    assert published + result["frames_dropped"] == 4 and published
-    assert result["packets"]["lost"] == 0 and result["written"] == [str(out)]
-    topics = [message.topic for message in mcap_messages(out)]
+    assert published and published + result["frames_dropped"] == 12
+    assert result["frames_received"] == 12 and result["packets"]["lost"] == 0
+    assert result["written"] == [str(out)]
+    messages = [*mcap_messages(out)]
+    topics = [message.topic for message in messages]
     assert topics.count("/radar/points") == published
+    (*_, last) = (m.content for m in messages if m.topic == "/lidar/points")
+    scan = nearest_scan(open_recording(sequence), 11)
+    np.testing.assert_allclose(last["x"], scan[:, 0], rtol=1e-6)
 
 
 def test_the_model_of_a_live_session_is_one_of_ones_own(
@@ -53,20 +68,9 @@ def test_the_model_of_a_live_session_is_one_of_ones_own(
         assert len(file["xyz"])
 
 
-def test_the_lidar_of_a_recording_is_published_with_its_frames(
-    sequence, run_json, tmp_path
+def test_enhanced_frames_become_one_file(
+    sequence, model_folder, run_json, tmp_path, refused
 ):
-    pytest.importorskip("foxglove")
-    out = tmp_path / "out.mcap"
-    command = ["live", "--replay", sequence, "--model", "none", "-o", out]
-    run_json(*command, "--silence", PATIENCE_S)
-    recording = open_recording(sequence)
-    scans = [m.content for m in mcap_messages(out) if m.topic == "/lidar/points"]
-    scan = nearest_scan(recording, len(recording.cubes) - 1)
-    np.testing.assert_allclose(scans[-1]["x"], scan[:, 0], rtol=1e-6)
-
-
-def test_enhanced_frames_become_one_file(sequence, model_folder, run_json, tmp_path):
     pytest.importorskip("foxglove")
     command = ["enhance", sequence, "--model", model_folder, *QUICK, "-o"]
     run_json(*command, tmp_path / "all.mcap")
@@ -82,21 +86,12 @@ def test_enhanced_frames_become_one_file(sequence, model_folder, run_json, tmp_p
     with np.load(tmp_path / "folder" / "enhanced.npz") as file:
         for name, column in zip("xyz", file["xyz"].T, strict=True):
             np.testing.assert_array_equal(dense[1].content[name], column)
-
-
-def test_enhanced_frames_become_a_bag(sequence, model_folder, run_json, tmp_path):
     pytest.importorskip("rosbags")
-    out = tmp_path / "out.ros2"
-    command = ["enhance", sequence, "--model", model_folder, *QUICK, "-o", out]
-    run_json(*command, "--frames", "0:2")
-    topics = {row["topic"]: row["messages"] for row in run_json("info", out)["topics"]}
-    assert topics["/enhanced/points"] == topics["/radar/points"] == 2
-
-
-def test_a_file_for_foxglove_is_told_apart_from_a_bag(tmp_path, refused):
-    pytest.importorskip("foxglove")
-    path = write(tmp_path / "out.mcap")
-    assert "without ROS messages" in refused("info", path, code=4)
+    assert "without ROS messages" in refused("info", tmp_path / "all.mcap", code=4)
+    run_json(*command, tmp_path / "few.ros2", "--frames", "0:2")
+    topics = run_json("info", tmp_path / "few.ros2")["topics"]
+    counts = {row["topic"]: row["messages"] for row in topics}
+    assert counts["/enhanced/points"] == counts["/radar/points"] == 2
 
 
 @pytest.mark.parametrize(
@@ -132,11 +127,9 @@ def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
         demo() as (board, port),
         Emulator(frames, network, period_s=0.05, repeat=True) as emulator,
     ):
-        addresses = ["--host", network.host, "--card", network.card]
-        addresses += ["--command-port", network.command_port]
-        addresses += ["--data-port", network.data_port]
         command = ["live", "--radar", cfg, "--model", "none", "--board", port]
-        result = run_json(*command, *addresses, "--seconds", 2, "--silence", 60)
+        command += ["--seconds", 2, "--silence", 60]
+        result = run_json(*command, *words_of(network))
         sent = emulator.sent.packets
         assert sent and not emulator._sending.is_alive()
     received = result["packets"]["received"]
@@ -148,29 +141,24 @@ def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
 def test_two_programs_talk_to_each_other(capture, tmp_path):
     """`replay` in one process, `live` in another, over the loopback; SIGINT ends it."""
     pytest.importorskip("foxglove")
-    network = loopback_network()
-    addresses = ["--host", network.host, "--card", network.card]
-    addresses += ["--command-port", str(network.command_port)]
-    addresses += ["--data-port", str(network.data_port)]
-    run = [sys.executable, "-m", "jradar.cli"]
-    playing = subprocess.Popen(
-        [*run, "replay", str(capture), "--repeat", *addresses],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    live = None
-    try:
+    out, cfg = tmp_path / "out.mcap", str(capture.with_name("profile.cfg"))
+    with contextlib.ExitStack() as stack:
+
+        def begin(*words):
+            process = subprocess.Popen(
+                [sys.executable, "-m", "jradar.cli", *map(str, (*words, *addresses))],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            return process
+
+        addresses = words_of(loopback_network())
+        playing = begin("replay", capture, "--repeat")
         assert "waits for START" in playing.stderr.readline()
-        out = tmp_path / "out.mcap"
-        cfg = str(capture.with_name("profile.cfg"))
-        live = subprocess.Popen(
-            [*run, "live", "--radar", cfg, "--model", "none", "-o", str(out)]
-            + ["--silence", str(PATIENCE_S), *addresses],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        live = begin("live", "--radar", cfg, "--model", "none", "-o", out)
         killer = threading.Timer(2 * PATIENCE_S, live.kill)
         killer.start()
         told = ""
@@ -180,13 +168,7 @@ def test_two_programs_talk_to_each_other(capture, tmp_path):
         output, errors = live.communicate()
         killer.cancel()
         assert live.returncode == 0, errors
-        assert "frames published" in output
-        assert [*mcap_messages(out)]
+        assert "frames published" in output and [*mcap_messages(out)]
         playing.send_signal(signal.SIGTERM)
         output, errors = playing.communicate(timeout=PATIENCE_S)
         assert playing.returncode == 0 and "frames sent" in output, errors
-    finally:
-        for process in (playing, live):
-            if process is not None and process.poll() is None:
-                process.kill()
-                process.wait()

@@ -8,7 +8,13 @@ import pytest
 
 from jradar.lidar import Poses, rigid_transform
 from jradar.radar import Radar, RadarSpec
-from jradar.recordings import Recording, Stream, describe, describe_file
+from jradar.recordings import (
+    Recording,
+    Stream,
+    describe,
+    describe_file,
+    without_background,
+)
 
 RADAR = RadarSpec.awr1843(num_samples=8, num_chirps=4)
 UNIT = Radar(
@@ -56,6 +62,14 @@ def test_a_stream_reads_what_is_asked_for_and_nothing_else():
             stream[item]
     with pytest.raises(ValueError, match="4 stamps for 5 items"):
         Stream(read, 5, np.arange(4.0))
+
+
+def test_the_leakage_is_part_of_the_background(tmp_path):
+    whole = recording(tmp_path, EVERY_100_MS, radar=UNIT)
+    left = without_background(whole, slice(2, 5))
+    assert left.radar.leakage is None and left.radar.channels is not None
+    assert len(left.cubes) == 10 and left.cubes.stamps is EVERY_100_MS
+    assert "the mean of frames 2 to 4 is subtracted" in left.notes[-1]
 
 
 def test_a_steady_stream_has_no_faults(tmp_path):

@@ -1,5 +1,7 @@
 """Frames of a recording: those of the library, one by one, lazily, and fused."""
 
+import collections
+import dataclasses
 import gc
 import threading
 import time
@@ -13,9 +15,24 @@ import pytest
 from jradar.errors import UsageError
 from jradar.lidar import Poses
 from jradar.model import condition, enhance, fuse, mixtures
-from jradar.radar import Radar, RadarSpec, calibrate, radar_points
+from jradar.radar import (
+    PointSpec,
+    Radar,
+    RadarSpec,
+    calibrate,
+    points_and_count,
+    power_map,
+    radar_points,
+)
+from jradar.range_image import condition_features, fit_trust
 from jradar.recordings import Recording, Stream
-from jradar.session import enhance_recording, fusion
+from jradar.session import (
+    Stages,
+    Stopwatch,
+    detect_recording,
+    enhance_recording,
+    fusion,
+)
 from tests.models import RADAR, SPEC, echoes, one_pass_model, tiny_model
 
 CUBES = [np.asarray(echoes(seed)) for seed in range(2)]
@@ -105,6 +122,83 @@ def test_every_stage_is_timed_and_warnings_are_about_the_frames_so_far(stopped):
     assert {"reading", "radar processing", "sampling", "compiling"} <= times.keys()
     assert min(times.values()) > 0
     assert not any("frame 2" in warning for warning in warnings)
+
+
+def test_a_frame_is_processed_while_another_is_in_the_network(monkeypatch):
+    begun, waited, seen = threading.Event(), [], collections.Counter()
+    call = Stopwatch.__call__
+
+    def spy(watch, stage, *rest):
+        seen[stage] += 1
+        if stage == "condition" and seen[stage] == 2:
+            begun.set()
+        if stage == "sampling" and seen[stage] == 1:
+            waited.append(begun.wait(60))
+        return call(watch, stage, *rest)
+
+    monkeypatch.setattr(Stopwatch, "__call__", spy)
+    assert len([*enhance_recording(recording(2), MODEL, **DRAWING)]) == 2
+    assert waited == [True]
+
+
+def test_a_frame_that_cannot_be_read_ends_the_recording():
+    def read(number):
+        if number == 3:
+            raise ValueError("frame 3 is damaged")
+        return CUBES[number % 2]
+
+    frames = enhance_recording(recording(5, read=read), MODEL, **DRAWING)
+    with pytest.raises(ValueError, match="frame 3 is damaged"):
+        assert max(frame.number for frame in frames) < 3
+
+
+def test_detections_are_counted_by_cfar_not_by_capacity():
+    model = tiny_model(points=dataclasses.replace(MODEL.spec.points, capacity=8))
+    (frame,) = enhance_recording(recording(1), model, **DRAWING)
+    points = PointSpec(false_alarm_rate=1e-3)
+    (found,) = detect_recording(recording(1), points=points)
+    assert int(frame.points.valid.sum()) == 8 < found.detected
+    assert frame.detections == pytest.approx(found.detected, rel=0.3)
+
+
+def test_a_frame_unlike_training_is_not_to_be_trusted():
+    usual = np.asarray(condition_features(condition(CUBES[0], UNIT, MODEL)))
+    noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
+    for mean, strange in ((usual, False), (usual + 1.0, True)):
+        model = dataclasses.replace(MODEL, trust=fit_trust(mean + noise))
+        found = enhance_recording(recording(1), model, **DRAWING)
+        (frame,) = found
+        assert (frame.unlikeness == 1) == strange
+        assert any("frame 0 of 1 is unlike 99 % of" in w for w in found.warnings) == (
+            strange
+        )
+
+
+def test_points_are_the_librarys_and_what_they_lack_is_warned_of():
+    points = PointSpec(capacity=3, train=(20, 4))
+    found = detect_recording(recording(2), points=points)
+    for number, frame in enumerate(found):
+        fitted = points.fitted(RADAR)
+        expected, count = points_and_count(CUBES[number], UNIT, points=fitted)
+        np.testing.assert_allclose(frame.points.xyz, expected.xyz, atol=1e-3)
+        assert frame.number == number and frame.stamp_s == 0.1 * number
+        assert frame.detected == count > 3 == len(expected.valid)
+        assert frame.dropped == count - 3 and not frame.empty
+        power = power_map(calibrate(CUBES[number], UNIT))
+        np.testing.assert_allclose(frame.power, power, rtol=1e-3, atol=1e-3)
+    shrunk, dropped = found.warnings
+    assert "shrunk to guard (0, 2), train (15, 4)" in shrunk
+    assert "detections were dropped" in dropped
+
+
+def test_stages_of_the_same_radar_and_model_compile_once():
+    def compiled(radar, **drawing):
+        return Stages(jax.random.key(0), radar, MODEL, **drawing)._compiled
+
+    first = compiled(UNIT, **DRAWING)
+    again = compiled(Radar(RADAR, range_bias_m=0.2).with_factors(FACTORS), **DRAWING)
+    assert all(first[stage] is again[stage] for stage in first)
+    assert compiled(UNIT, draws=3, steps=2)["sampling"] is not first["sampling"]
 
 
 def test_two_frames_are_fused_by_their_poses_without_what_moves(monkeypatch):
