@@ -6,11 +6,6 @@ import functools
 import itertools
 import json
 import operator
-import shutil
-import subprocess
-import sys
-import zipfile
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -256,19 +251,3 @@ def test_the_shipped_model_is_whole_and_small():
         assert model.card.purpose and points == expected
     size = sum(p.stat().st_size for f in folders.values() for p in f.iterdir())
     assert size <= 25_000_000
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_a_wheel_holds_the_weights(tmp_path, model):
-    root = Path(__file__).parents[1]
-    for name in ("pyproject.toml", "README.md", "LICENSE", ".gitignore"):
-        shutil.copy(root / name, tmp_path)
-    shutil.copytree(root / "jradar", tmp_path / "jradar")
-    save_model(tmp_path / "jradar" / "weights" / "tiny", model)
-    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-w", tmp_path / "w"]
-    subprocess.run([*command, tmp_path], check=True)
-    (wheel,) = (tmp_path / "w").glob("*.whl")
-    names = zipfile.ZipFile(wheel).namelist()
-    for name in ("model.json", "weights.safetensors"):
-        assert f"jradar/weights/tiny/{name}" in names

@@ -103,7 +103,7 @@ def test_killed_run_resumes_and_ends_like_an_uninterrupted_one(launch, whole, tm
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_runs_killed_at_random_end_like_an_uninterrupted_one(
     launch, whole, tmp_path, seed
 ):
@@ -184,7 +184,7 @@ def test_a_process_whose_partner_dies_ends_too_and_the_run_resumes(
     pair = together(launch, tmp_path, 12, "--seconds=0.1")
     wait_for_step(pair[0], tmp_path, 4)
     kill(pair[victim])
-    _, err = pair[1 - victim].communicate(timeout=200)
+    _, err = pair[1 - victim].communicate(timeout=120)
     assert pair[1 - victim].returncode not in (0, None), err
     tiny.run(tmp_path, 12)
     same(losses(tmp_path), losses(whole))

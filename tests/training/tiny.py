@@ -4,6 +4,7 @@ python -m tests.training.tiny WORKDIR STEPS [--seconds=S]
 """
 
 import argparse
+import functools
 import sys
 import time
 from pathlib import Path
@@ -111,6 +112,9 @@ def main():
     parser.add_argument("--seconds", type=float, default=0.0, help="before each step")
     options = parser.parse_args()
     sys.modules["tensorboardX"] = None  # it imports PyTorch if that is installed
+    # A partner counts as dead after 20 s of silence, not after JAX's 100 s.
+    soon = functools.partial(jax.distributed.initialize, heartbeat_timeout_seconds=20)
+    jax.distributed.initialize = soon
     join_processes()
     try:
         run(

@@ -19,10 +19,13 @@ from jradar.errors import ModelError, UsageError
 from jradar.evaluation import read_scores
 from tests.experiments.radarhd.conftest import shrink
 
-DRAWN = ["one-step estimate", "one pass from zero", "diffusion, iPNDM 2", "2 draws"]
 METHODS = {
-    default: DRAWN,
-    radarhd_history: DRAWN,
+    radarhd_history: [
+        "one-step estimate",
+        "one pass from zero",
+        "diffusion, iPNDM 2",
+        "2 draws",
+    ],
     radarhd_nearness: ["one pass", "one pass and its mirror image"],
     radarhd_regression: ["direct regression"],
 }
