@@ -15,7 +15,6 @@ import pytest
 
 from experiments import build, main as command, rpdnet
 from experiments.radarhd.model import networks
-from experiments.studies import compare
 from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records
@@ -81,14 +80,6 @@ def test_other_data_at_the_same_path_are_refused(finished, monkeypatch, capsys):
     assert command.main(call) == 5
     err = capsys.readouterr().err
     assert "is of another run: data was" in err and "now of other data" in err
-
-
-def test_a_run_is_compared_by_a_command(finished, capsys):
-    run = str(finished.workdir)
-    assert compare.main([run, "--reference", "OS-CFAR"]) == 0
-    assert "| jradar, Heun 3 |" in capsys.readouterr().out
-    assert compare.main([run, "--reference", "nothing"]) == 2
-    assert "is none of ['OS-CFAR'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -26,21 +26,12 @@ def launch():
     started = []
 
     def start(workdir, steps, *flags, **variables):
-        environment = {
-            **os.environ,
-            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-            **variables,
-        }
         command = [sys.executable, "-m", "tests.training.tiny", str(workdir)]
-        process = subprocess.Popen(
-            [*command, str(steps), *flags],
-            cwd=ROOT,
-            env=environment,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        return process
+        cache = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
+        options = {"cwd": ROOT, "env": {**os.environ, **cache, **variables}}
+        options |= {"stderr": subprocess.PIPE, "text": True}
+        started.append(subprocess.Popen([*command, str(steps), *flags], **options))
+        return started[-1]
 
     yield start
     for process in started:  # SIGTERM may be taken by jax.distributed
@@ -127,10 +118,11 @@ def test_runs_killed_at_random_end_like_an_uninterrupted_one(
 
 def same(found, expected):
     """Check that losses agree, up to the order of sums."""
-    assert [step for step, _ in found] == [step for step, _ in expected]
-    np.testing.assert_allclose(
-        [loss for _, loss in found], [loss for _, loss in expected], rtol=1e-4
+    (steps, values), (all_steps, wanted) = (
+        zip(*v, strict=True) for v in (found, expected)
     )
+    assert steps == all_steps
+    np.testing.assert_allclose(values, wanted, rtol=1e-4)
 
 
 @pytest.mark.slow
@@ -152,14 +144,15 @@ def together(launch, workdir, steps, *flags):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{probe.getsockname()[1]}"
+    common = {
+        "JAX_COORDINATOR_ADDRESS": address,
+        "JAX_COORDINATOR_BIND_ADDRESS": address,
+        "JAX_NUM_PROCESSES": "2",
+    }
     return [
-        launch(
-            workdir, steps, *flags, JAX_COORDINATOR_ADDRESS=address,
-            JAX_COORDINATOR_BIND_ADDRESS=address, JAX_NUM_PROCESSES="2",
-            JAX_PROCESS_ID=str(index),
-        )
+        launch(workdir, steps, *flags, **common, JAX_PROCESS_ID=str(index))
         for index in range(2)
-    ]  # fmt: skip
+    ]
 
 
 @pytest.mark.slow

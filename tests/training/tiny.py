@@ -25,10 +25,8 @@ from jradar.training import (
 )
 
 KEY_SEED = 3
-NOISE, OPTIMIZER = (
-    NoiseSpec(),
-    optax.chain(optax.clip_by_global_norm(1.0), optax.adam(3e-3)),
-)
+NOISE = NoiseSpec()
+OPTIMIZER = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(3e-3))
 
 
 class TinyNet(nn.Module):
@@ -77,10 +75,8 @@ def new_state():
 
 def distance_from_zero(state, step):
     """Return a validation value that costs little."""
-    leaves = jax.tree.leaves(state.ema_params)
-    return {
-        "loss": float(sum(np.square(leaf).sum() for leaf in map(np.asarray, leaves)))
-    }
+    leaves = map(np.asarray, jax.tree.leaves(state.ema_params))
+    return {"loss": float(sum(np.square(leaf).sum() for leaf in leaves))}
 
 
 def run(workdir, steps, *, before_step=lambda step: None):
