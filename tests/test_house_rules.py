@@ -6,12 +6,12 @@ import graphlib
 import importlib
 import inspect
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import jradar
+from tests.programs import finished
 
 PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
@@ -167,7 +167,7 @@ def test_importing_the_package_or_the_command_line_loads_no_jax():
         "import sys, jradar, jradar.cli.options; "
         "jradar.cli.options.parser(); sys.exit('jax' in sys.modules)"
     )
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
+    assert finished(code).returncode == 0
 
 
 def test_every_room_and_name_is_listed_and_loads():

@@ -2,7 +2,6 @@
 
 import errno
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -15,8 +14,7 @@ from jradar.cli import paths
 from jradar.recordings import write_ply
 from jradar.types import PointCloud
 from tests.cli.conftest import write_cube
-
-ROOT = Path(__file__).parents[2]
+from tests.programs import finished, started
 
 
 def test_wrong_paths_answer_without_numpy():
@@ -39,9 +37,7 @@ def test_wrong_paths_answer_without_numpy():
         f"print([main(words.split()) for words in {[*codes]}])\n"
         "print('numpy' in sys.modules, 'jax' in sys.modules)"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT
-    )
+    run = finished(code)
     assert run.stdout == f"{[*codes.values()]}\nFalse False\n"
     lines = run.stderr.splitlines()
     assert len(lines) == len(codes)
@@ -94,13 +90,7 @@ def test_a_missing_extra_is_named(tmp_path, monkeypatch, refused):
 
 def test_a_closed_pipe_ends_quietly(tmp_path):
     write_ply(tmp_path / "a.ply", PointCloud.from_xyz(np.ones((2, 3))))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "jradar.cli", "info", str(tmp_path / "a.ply")],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
+    process = started("jradar.cli", "info", tmp_path / "a.ply")
     process.stdout.close()
     assert process.stderr.read() == "" and process.wait() == 0
 
@@ -118,13 +108,8 @@ def test_relative_paths_with_spaces_and_letters_of_any_kind(
 
 def test_sigterm_leaves_no_folder_of_a_simulation(tmp_path):
     pytest.importorskip("embreex")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "jradar.cli", "simulate", "--scene", "corridor"]
-        + ["--frames", "5000", "-o", str(tmp_path / "sim")],
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=ROOT,
-    )
+    words = "simulate --scene corridor --frames 5000 -o".split()
+    process = started("jradar.cli", *words, tmp_path / "sim")
     deadline = time.monotonic() + 60
     while not [*tmp_path.rglob("frame_0.bin")] and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -18,6 +18,7 @@ from jradar.radar.devices import BOARDS
 from jradar.recordings import CLOUD_WRITERS
 from jradar.simulation.plan import FRAMES, SCENE_FRAMES
 from jradar.stream.outputs import OUTPUTS
+from tests.programs import finished
 
 BIG = str(10**30)
 
@@ -65,7 +66,7 @@ for words in ("--help", "points --help", "enhnace x", "points x", "live --drwas 
         main(words.split())
 print("jax" in sys.modules, "numpy" in sys.modules)
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    run = finished(code)
     assert run.returncode == 0 and "adc_data.bin" in run.stdout
     assert run.stdout.endswith("False False\n")
     assert "did you mean enhance?" in run.stderr and "--draws?" in run.stderr

@@ -3,8 +3,6 @@
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import pytest
 
 from jradar.data import Records
 from jradar.simulation import plan
+from tests.programs import started
 from tests.recordings.small_sequence import write_sequence, write_stamps
 
 
@@ -83,13 +82,10 @@ def test_an_interruption_ends_prepare_with_one_line_and_nothing_half_written(
     spec, tmp_path, workers
 ):
     write_sequence(tmp_path / "src", frames=60)
-    program = [sys.executable, "-m", "jradar.cli", "prepare", str(tmp_path / "src")]
-    process = subprocess.Popen(
-        [*program, "-o", str(tmp_path / "dst"), "--spec", str(spec)]
-        + ["--workers", str(workers)],
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=Path(__file__).parents[2],
+    words = ("prepare", tmp_path / "src", "-o", tmp_path / "dst", "--spec", spec)
+    process = started(
+        "jradar.cli",
+        *(*words, "--workers", workers),
         start_new_session=True,
         # A test in the background of a shell would hand down that SIGINT is ignored.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),

@@ -2,8 +2,6 @@
 
 import contextlib
 import signal
-import subprocess
-import sys
 import threading
 
 import numpy as np
@@ -13,6 +11,7 @@ from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.emulator import Emulator, RecordedFrames
 from jradar.stream.sockets import loopback_network
 from tests.cli.conftest import QUICK
+from tests.programs import started
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
@@ -145,12 +144,7 @@ def test_two_programs_talk_to_each_other(capture, tmp_path):
     with contextlib.ExitStack() as stack:
 
         def begin(*words):
-            process = subprocess.Popen(
-                [sys.executable, "-m", "jradar.cli", *map(str, (*words, *addresses))],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
+            process = started("jradar.cli", *words, *addresses)
             stack.callback(process.wait)
             stack.callback(process.kill)
             return process

@@ -2,18 +2,15 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
 
 from experiments import convert_weights, main as command
 from experiments.studies import compare, reliability, robustness
 from tests.experiments.conftest import TINY
+from tests.programs import ROOT, started
 
-ROOT = Path(__file__).parents[2]
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
 WORK = "years of work"
 READ = ["--records=nowhere"]
@@ -109,13 +106,7 @@ def test_a_damaged_config_of_a_workdir_is_named(records, tmp_path, capsys, conte
 @pytest.mark.slow
 def test_sigterm_outside_of_training_ends_with_143_and_nothing_half_written(tmp_path):
     pytest.importorskip("embreex")
-    flags = [SMOKE, f"--workdir={tmp_path / 'run'}"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "experiments.main", *flags],
-        cwd=ROOT,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    process = started("experiments.main", SMOKE, f"--workdir={tmp_path / 'run'}")
     recordings = tmp_path / "run" / "data" / "recordings"
     while not [*recordings.glob(".hallways*")]:  # a sequence is being written
         assert process.poll() is None

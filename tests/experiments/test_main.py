@@ -4,10 +4,7 @@ import functools
 import importlib
 import json
 import signal
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +16,9 @@ from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records
 from jradar.errors import UsageError
+from tests import programs
+from tests.programs import ROOT, started
 
-ROOT = Path(__file__).parents[2]
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
 RADARHD = SMOKE.replace("smoke", "radarhd")
 NOWHERE = "--config.data.path=nowhere"
@@ -59,8 +57,7 @@ def test_a_run_leaves_its_results_in_the_workdir(finished, records):
 @pytest.mark.timeout(900)
 def test_killed_run_ends_with_the_losses_of_an_uninterrupted_one(finished, tmp_path):
     killed = tmp_path / "killed"
-    program = [sys.executable, "-m", "experiments.main", f"--workdir={killed}"]
-    process = subprocess.Popen([*program, *finished.flags], cwd=ROOT)
+    process = started("experiments.main", f"--workdir={killed}", *finished.flags)
     steps, deadline = killed / "checkpoints", time.monotonic() + 200
     while not (steps.exists() and any(p.name == "4" for p in steps.iterdir())):
         assert process.poll() is None and time.monotonic() < deadline
@@ -155,9 +152,7 @@ def test_wrong_keys_answer_before_jax_loads(tmp_path):
         "'--config.train.step=3']); "
         "assert code == 2, code; assert 'jax' not in sys.modules"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
+    done = programs.finished(code)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("\n") == 1 and "did you mean train.steps?" in done.stderr
     assert not (tmp_path / "new").exists()

@@ -5,17 +5,14 @@ import os
 import random
 import signal
 import socket
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests import programs
 from tests.training import tiny
 
-ROOT = Path(__file__).parents[2]
 # A run may end before it is killed or stopped, and processes may meet too late.
 pytestmark = [pytest.mark.timeout(280), pytest.mark.flaky(reruns=2, reruns_delay=5)]
 
@@ -26,12 +23,14 @@ def launch():
     started = []
 
     def start(workdir, steps, *flags, **variables):
-        command = [sys.executable, "-m", "tests.training.tiny", str(workdir)]
         cache = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-        options = {"cwd": ROOT, "env": {**os.environ, **cache, **variables}}
-        options |= {"stderr": subprocess.PIPE, "text": True}
-        started.append(subprocess.Popen([*command, str(steps), *flags], **options))
-        return started[-1]
+        process = programs.started(
+            "tests.training.tiny",
+            *(workdir, steps, *flags),
+            env={**os.environ, **cache, **variables},
+        )
+        started.append(process)
+        return process
 
     yield start
     for process in started:  # SIGTERM may be taken by jax.distributed
