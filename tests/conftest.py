@@ -17,11 +17,15 @@ import jax  # noqa: E402  (after its flags)
 import jaxtyping  # noqa: E402
 import pytest  # noqa: E402
 
-if os.environ.get("JRADAR_TYPECHECK"):
+CHECKED = bool(os.environ.get("JRADAR_TYPECHECK"))
+if CHECKED:
     jaxtyping.install_import_hook("jradar", "beartype.beartype")
 
 from jradar.files import use_compilation_cache  # noqa: E402  (after the hook)
+from jradar.radar import Radar  # noqa: E402
 
+if CHECKED:  # a radar checks itself, and JAX makes some of placeholders
+    Radar.__init__ = Radar.__init__.__wrapped__
 use_compilation_cache()  # compiled programs are kept from one run to the next
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.02"
 for option in ("compilation_cache_dir", "persistent_cache_min_compile_time_secs"):

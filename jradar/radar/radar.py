@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Inexact
 
 from jradar.radar.sensor import RadarSpec
 
@@ -65,7 +65,7 @@ class Radar:
         """Whether the channels were measured."""
         return self.channels is not None or self.beat_bins is not None
 
-    def with_factors(self, factors: Complex[Any, "virtual"]) -> "Radar":
+    def with_factors(self, factors: Inexact[Any, "virtual"]) -> "Radar":
         """Return the radar with further factors of its channels, and of its leakage.
 
         Factors are those of `jradar.calibration`, transmitter by transmitter. Raises

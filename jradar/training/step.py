@@ -12,7 +12,6 @@ from jradar.diffusion import Network, NoiseSpec, conditional_denoiser, denoising
 from jradar.training.state import TrainState
 
 Metrics = dict[str, Float[Array, ""]]
-Step = Callable[[TrainState, Key[Array, ""], "Batch"], tuple[TrainState, Metrics]]
 Loss = Callable[..., Float[Array, ""]]
 
 
@@ -21,6 +20,9 @@ class Batch(NamedTuple):
 
     condition: Float[Array, "batch row column channel"]
     target: Float[Array, "batch target_row target_column 2"]
+
+
+Step = Callable[[TrainState, Key[Array, ""], Batch], tuple[TrainState, Metrics]]
 
 
 def ema_decay_at(

@@ -244,4 +244,4 @@ def test_what_a_recording_or_a_model_does_not_have_is_refused(options, message):
 def test_a_radar_that_measures_one_angle_is_refused_before_anything_is_read():
     flat = Radar(RadarSpec.awr1642(num_chirps=32, num_samples=64))
     with pytest.raises(UsageError, match="no elevation.*awr1843.*--anyway"):
-        enhance_recording(recording(3, radar=flat, read=None), MODEL)
+        enhance_recording(recording(3, radar=flat, read=pytest.fail), MODEL)
