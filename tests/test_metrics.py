@@ -114,14 +114,6 @@ def test_kernel_and_host_equal_brute_force(sizes):
             np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
 
 
-def test_padding_changes_nothing():
-    padded = PointCloud(
-        np.concatenate([B.xyz, np.zeros((10, 3), np.float32)]), np.arange(40) < 30
-    )
-    for one, other in zip(compare(padded, B), compare(B, B), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6)
-
-
 def test_identical_clouds_score_perfectly():
     scores = compare(A, A)
     assert scores.chamfer == 0 and scores.modified_hausdorff == 0

@@ -30,22 +30,21 @@ def test_bins_count_and_average_the_points_between_their_edges():
     assert halves == pytest.approx(4 / 6)
 
 
-def test_calibrated_points_have_no_error():
-    points = bins_of((0.25, 40, 10), (0.5, 10, 5), (0.75, 200, 150), (1.0, 3, 3))
-    assert reliability_error(reliability(*points)) == pytest.approx(0, abs=1e-12)
+RIGHT = (0.25, 40, 10), (0.5, 10, 5), (0.75, 200, 150)
 
 
-@pytest.mark.parametrize("offset", [0.125, -0.25])
-def test_a_constant_offset_is_the_error(offset):
-    groups = [(0.25, 40, 10), (0.5, 10, 5), (0.75, 200, 150)]
-    points = bins_of(*((value + offset, n, good) for value, n, good in groups))
-    assert reliability_error(reliability(*points)) == pytest.approx(abs(offset))
-
-
-def test_the_error_weighs_bins_by_their_points():
-    points = bins_of((0.95, 30, 0), (0.05, 10, 0))
-    expected = (30 * 0.95 + 10 * 0.05) / 40
-    assert reliability_error(reliability(*points)) == pytest.approx(expected)
+@pytest.mark.parametrize(
+    ("groups", "error"),
+    [
+        ([*RIGHT, (1.0, 3, 3)], 0.0),
+        ([(value + 0.125, *counts) for value, *counts in RIGHT], 0.125),
+        ([(value - 0.25, *counts) for value, *counts in RIGHT], 0.25),
+        ([(0.95, 30, 0), (0.05, 10, 0)], (30 * 0.95 + 10 * 0.05) / 40),
+    ],
+)
+def test_the_error_is_the_offset_weighed_by_points(groups, error):
+    found = reliability_error(reliability(*bins_of(*groups)))
+    assert found == pytest.approx(error, abs=1e-12)
 
 
 def test_the_diagram_is_scikit_learns():

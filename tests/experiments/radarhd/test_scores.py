@@ -69,17 +69,6 @@ def test_an_empty_image_is_the_one_point_at_the_origin():
     assert polar_points(image).shape == (0, 3)
 
 
-def test_far_pixels_count_more_on_the_even_grid():
-    """Near the radar, a cell holds many pixels of an arc; far away, hardly two."""
-    image = np.zeros(LIDAR.shape, bool)
-    image[[10, 250]] = True
-    near = [
-        np.mean(np.hypot(points[:, 0], points[:, 1]) < 1)
-        for points in (polar_points(image), cartesian_points(image))
-    ]
-    assert near[0] == pytest.approx(0.5) and near[1] < 0.1
-
-
 def row(trajectory=1, frame=0, **fields):
     """A row of scores."""
     place = {"scene": scores.building(trajectory), "sequence": str(trajectory)}
