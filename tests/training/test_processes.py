@@ -13,8 +13,9 @@ import pytest
 from tests import programs
 from tests.training import tiny
 
+pytestmark = pytest.mark.timeout(280)
 # A run may end before it is killed or stopped, and processes may meet too late.
-pytestmark = [pytest.mark.timeout(280), pytest.mark.flaky(reruns=2, reruns_delay=5)]
+RACES = pytest.mark.flaky(reruns=2, reruns_delay=5)
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +80,7 @@ def kill(process):
     assert process.returncode == -signal.SIGKILL
 
 
+@RACES
 def test_killed_run_resumes_and_ends_like_an_uninterrupted_one(launch, whole, tmp_path):
     process = launch_to_kill(launch, tmp_path)
     wait_for_step(process, tmp_path, 4)  # after the checkpoint of step 4
@@ -91,6 +93,7 @@ def test_killed_run_resumes_and_ends_like_an_uninterrupted_one(launch, whole, tm
     assert not (tmp_path / "checkpoints-unusable").exists()
 
 
+@RACES
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(2))
@@ -124,6 +127,7 @@ def same(found, expected):
     np.testing.assert_allclose(values, wanted, rtol=1e-4)
 
 
+@RACES
 @pytest.mark.slow
 def test_four_devices_stop_at_sigterm_and_give_the_losses_of_one(
     launch, whole, tmp_path
@@ -154,6 +158,7 @@ def together(launch, workdir, steps, *flags):
     ]
 
 
+@RACES
 @pytest.mark.slow
 def test_two_processes_give_the_losses_of_one_and_stop_together(
     launch, whole, tmp_path
@@ -168,6 +173,7 @@ def test_two_processes_give_the_losses_of_one_and_stop_together(
     same(losses(tmp_path), losses(whole))
 
 
+@RACES
 @pytest.mark.slow
 @pytest.mark.parametrize("victim", [0, 1])
 def test_a_process_whose_partner_dies_ends_too_and_the_run_resumes(
