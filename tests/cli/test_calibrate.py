@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from jradar.radar import calibrate
-from jradar.recordings import (
-    open_recording,
-)
+from jradar.recordings import open_recording
 from jradar.simulation import simulate_sequence
-from tests.recordings.conftest import root as root, sequence as sequence
 
 
 def test_the_written_file_calibrates_the_recording(uncalibrated, run_json, tmp_path):
@@ -35,15 +32,19 @@ def test_the_written_file_calibrates_the_recording(uncalibrated, run_json, tmp_p
     np.testing.assert_allclose(after, factors, atol=0.03)
 
 
+@pytest.mark.slow  # test_level has walks that are not simulated ray by ray
 def test_a_level_walk_shows_the_tilt(run_json, tmp_path):
     """The rig's own AWR1843 has a tilt of 9 degrees, by its third transmitter."""
     pytest.importorskip("embreex", reason="the extra `sim` is not installed")
     walk = simulate_sequence("hall", 3, tmp_path, frames=20)
-    found = run_json("calibrate", walk, "--level", "-o", tmp_path / "level.toml")
+    command = ["calibrate", walk, "--level", "-o", tmp_path / "level.toml"]
+    found = run_json(*command)
     assert found["frames_that_tell_the_tilt"] > 8
     uncertainty = found["uncertainty_of_the_tilt_deg"]  # of two seconds
     assert abs(found["tilt_deg"] - 9) < 2 * uncertainty < 8
     assert "a tilt" not in " ".join(found["not_observable"])
+    again = [*command[:-1], tmp_path / "again.toml", "--radar", command[-1]]
+    assert abs(run_json(*again)["tilt_deg"]) < 3
 
 
 def test_what_cannot_be_calibrated_is_named(uncalibrated, tmp_path, refused):
