@@ -87,6 +87,7 @@ def test_a_simulated_walk_is_described(walk, run_json):
     info = run_json("info", walk)
     assert info["frames_with_a_lidar_scan"] == info["frames_with_a_pose"] == 4
     assert 12 < info["radar"]["max_range_m"] < 16
+    assert info["share_at_full_scale"] == 0 < info["largest_sample"] < 2**15
     assert [s["stream"] for s in info["streams"]] == ["radar", "lidar", "poses", "imu"]
 
 

@@ -1,7 +1,5 @@
 """`jradar points`: options reach the library, limits hold, frames are as each alone."""
 
-import shutil
-
 import numpy as np
 
 from jradar.radar import (
@@ -98,26 +96,6 @@ def test_a_frame_without_echoes_says_so(run_json, tmp_path):
     assert found["echoes"] == found["moving_echoes"] == []
     assert "frame 0: all samples are zero" in found["notes"][0]
     assert any("no echoes" in note for note in found["notes"])
-
-
-def test_samples_in_the_other_byte_order_are_noted_once(
-    small_cube, model_folder, run_json, tmp_path
-):
-    cube = np.load(small_cube)
-    pairs = np.rint(np.stack([cube.real, cube.imag], -1)).astype(np.int16)
-    np.save(tmp_path / "cube.npy", pairs.byteswap())
-    shutil.copy(small_cube.replace("cube.npy", "radar.toml"), tmp_path)
-    good = run_json("info", small_cube)
-    assert good["share_at_full_scale"] == 0 and good["notes"] == []
-    assert 0 < good["largest_sample"] < 2**15
-    for command in (
-        ["info"],
-        ["points", "-o", tmp_path / "p"],
-        ["enhance", "-o", tmp_path / "e", "--model", model_folder, "--no-picture"],
-    ):
-        notes = run_json(*command, tmp_path / "cube.npy")["notes"]
-        doubt = "frame 0: the samples look like numbers in the other byte order"
-        assert sum(note.startswith(doubt) for note in notes) == 1
 
 
 def test_background_and_interference_are_removed_as_by_the_library(
