@@ -60,14 +60,18 @@ class BagWriter:
         """
         with self._or_end():
             self._write_all(view)
-            if time.monotonic() - self._saved_s >= SAVED_S:
-                self._save()
+        self.save()
+
+    def save(self) -> None:
+        """Complete the bag, once a second."""
+        if time.monotonic() - self._saved_s >= SAVED_S:
+            self.close()
 
     def close(self) -> None:
         """Write the index and the metadata."""
         if not self._failed and self._bag.storage is not None:
             with self._or_end():
-                self._save()
+                self._complete()
 
     def _write_all(self, view: View) -> None:
         header = self._header(view, RADAR_FRAME)
@@ -85,8 +89,8 @@ class BagWriter:
             message = self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
             self._write("/tf", message, view)
 
-    def _save(self) -> None:
-        """Complete the bag as if this were its end."""
+    def _complete(self) -> None:
+        """Write the end of the bag, which the next view goes over."""
         storage = self._storage
         if storage.chunk.bio.tell():
             storage.close_chunk()

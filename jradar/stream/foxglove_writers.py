@@ -105,7 +105,7 @@ class McapWriter:
             self._file = foxglove.open_mcap(path, context=self._context)
         except FileExistsError:  # created since the caller looked
             raise exists(path) from None
-        self._flushed_s = time.monotonic()
+        self._flushed_s, self._safe = time.monotonic(), True
 
     def write(self, view: View) -> None:
         """Write a view; what is older than a second is safe from a crash.
@@ -116,10 +116,16 @@ class McapWriter:
             for topic, message in self._messages.of(view):
                 log_time = view.stamp_ns
                 self._channel(topic, message).log(message.encode(), log_time=log_time)
-            now = time.monotonic()
-            if now - self._flushed_s >= FLUSHED_S:
+        self._safe = False
+        self.save()
+
+    def save(self) -> None:
+        """Write what waits in memory, once a second."""
+        now = time.monotonic()
+        if not self._safe and now - self._flushed_s >= FLUSHED_S:
+            with writing(self.path):
                 self._file.flush()
-                self._flushed_s = now
+            self._flushed_s, self._safe = now, True
 
     def close(self) -> None:
         """Write the index."""

@@ -181,6 +181,8 @@ def run_live(
             if frame is None:
                 if over:
                     break
+                for writer in writers:
+                    writer.save()
                 why = receiver.silence(silence_s)
                 if why and not receiver.counts.placed:
                     raise TimeoutError(why)

@@ -5,8 +5,9 @@
                   a crash loses its last second
     out           folder with a PLY file of each cloud, frame by frame
 
-All have `write(view)` and `close()`. An MCAP file or a bag is never overwritten unless
-it is asked for, and neither is a file in a folder that was not written there before.
+All have `write(view)`, `save()` and `close()`. An MCAP file or a bag is never
+overwritten unless it is asked for, and neither is a file in a folder that was not
+written there before.
 """
 
 import contextlib
@@ -29,6 +30,10 @@ class Writer(Protocol):
 
     def write(self, view: View) -> None:
         """Write or send one frame."""
+        ...
+
+    def save(self) -> None:
+        """Make safe from a crash what was written; call it while nothing is written."""
         ...
 
     def close(self) -> None:
@@ -56,6 +61,9 @@ class FolderWriter:
             files[f"{place}.ply"] = functools.partial(write_ply, cloud=cloud)
             files[f"{place}.npz"] = functools.partial(write_npz, arrays=points)
         self._results.put(files)
+
+    def save(self) -> None:
+        """Every file is safe."""
 
     def close(self) -> None:
         """Nothing is left to do."""
@@ -136,7 +144,7 @@ def _remove(path: Path) -> None:
     if not path.is_dir():
         path.unlink(missing_ok=True)
         return
-    parts = {"metadata.yaml", f"{path.name}.mcap"}
+    parts = {"metadata.yaml", "metadata.yaml.tmp", f"{path.name}.mcap"}
     for other in sorted({entry.name for entry in path.iterdir()} - parts):
         raise UsageError(f"{path / other} is not part of a bag: name another output")
     shutil.rmtree(path)

@@ -142,6 +142,9 @@ class Server:
             for viewer in viewers:
                 viewer.publish(channel["id"], view.stamp_ns, raw)
 
+    def save(self) -> None:
+        """Nothing is kept."""
+
     def close(self) -> None:
         """Stop serving."""
         with self._lock:

@@ -1,18 +1,26 @@
 """Gradients of radar points with respect to the cube: finite whatever was received."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import PointSpec, Radar, RadarSpec, radar_points
+from jradar.radar import DETECTORS, PointSpec, Radar, RadarSpec, radar_points
+from jradar.radar.detect.cfar_window import EDGES
+from jradar.radar.point_spec import ANGLES
 
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=16)
 WINDOW = {"guard": (1, 1), "train": (1, 2), "capacity": 24, "false_alarm_rate": 0.5}
 OPTIONS = (
-    *({}, {"refine": False}, {"detector": "ca", "edge": "reflect", "factor": 0.5}),
-    *({"remove_static": True, "remove_interference": True}, {"group_peaks": True}),
-    *({"range_window": "none", "doppler_window": "blackman"}, {"focus": True}),
+    *({}, {"refine": False, "edge": "skip"}),
+    {"detector": "ca", "edge": "reflect", "factor": 0.5},
+    {"detector": "go", "edge": "fill", "num_azimuth": 32, "num_elevation": 8},
+    {"remove_static": True, "remove_interference": True, "edge": "wrap"},
+    {"group_peaks": True, "detector": "so", "edge": "one_sided"},
+    {"range_window": "none", "doppler_window": "blackman"},
+    {"focus": True, "range_window": "hamming", "doppler_window": "none"},
     *({"folds": 1}, {"folds": 1, "peaks": 2}, {"peaks": 2}),
     *({"angles": angles} for angles in ("capon", "music")),
     *({"angles": angles, "peaks": 2} for angles in ("capon", "music")),
@@ -28,6 +36,14 @@ def frames():
     full = np.full(shape, 2.0**15, np.float32)
     noise = np.random.default_rng(0).normal(size=shape).astype("float32")
     return np.stack([0 * one, one, full, noise])
+
+
+def test_every_option_and_every_choice_has_a_gradient_here():
+    tried = [dataclasses.asdict(PointSpec(**(WINDOW | one))) for one in OPTIONS]
+    for field, usual in dataclasses.asdict(PointSpec()).items():
+        choices = {"detector": DETECTORS, "edge": EDGES, "angles": ANGLES}.get(field)
+        found = {options[field] for options in tried}
+        assert found >= {*choices} if choices else found - {usual}, field
 
 
 CASES = [(options, False) for options in OPTIONS] + [({"folds": 1}, True)]

@@ -85,6 +85,28 @@ def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(tmp_path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
+def test_what_was_written_before_a_pause_is_safe_after_a_second(
+    tmp_path, monkeypatch, name
+):
+    from jradar.stream import bag_writer, foxglove_writers
+
+    path = tmp_path / name
+    writer = open_writer(path)
+    for number in range(3):
+        writer.write(view_of(number))
+    file = path if path.is_file() else path / f"{name}.mcap"
+    writer.save()
+    assert len(scanned_times(file)) < 12
+    monkeypatch.setattr(bag_writer, "SAVED_S", 0.0)
+    monkeypatch.setattr(foxglove_writers, "FLUSHED_S", 0.0)
+    writer.save()
+    assert sorted(scanned_times(file)) == times_of(3)
+    writer.write(view_of(3))
+    writer.close()
+    assert sorted(scanned_times(file)) == times_of(4)
+
+
+@pytest.mark.parametrize("name", WRITERS)
 def test_a_full_disk_is_named_and_leaves_a_whole_bag(small_disk, monkeypatch, name):
     from rosbags.highlevel import AnyReader
 

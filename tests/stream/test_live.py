@@ -51,12 +51,16 @@ class Kept:
     """A writer that keeps what it gets."""
 
     def __init__(self, act=lambda view: None):
-        self.views, self.act = [], act
+        self.views, self.act, self.saved = [], act, 0
 
     def write(self, view):
         """Act, and keep the view."""
         self.act(view)
         self.views.append(view)
+
+    def save(self):
+        """Count how often there was time."""
+        self.saved += 1
 
     def close(self):
         """Nothing is left to do."""
@@ -120,7 +124,7 @@ def test_a_card_that_never_sends_is_explained(processor):
 
 
 def test_a_card_that_falls_silent_is_reported_once(processor):
-    said, silent_turns = [], itertools.count()
+    said, silent_turns, kept = [], itertools.count(), Kept()
     with loop(FRAMES) as (emulator, receiver):
         emulator.start()
         wait_until(lambda: receiver.counts.placed, "packets")
@@ -129,8 +133,9 @@ def test_a_card_that_falls_silent_is_reported_once(processor):
             return bool(said) and next(silent_turns) > 4
 
         options = {"silence_s": 0.3, "say": said.append, "finished": finished}
-        run_live(receiver, processor, [], **options)
+        run_live(receiver, processor, [kept], **options)
     assert len(said) == 1 and "no packets from the card" in said[0]
+    assert kept.saved > 4  # meanwhile, what was written becomes safe
 
 
 def test_packets_of_others_are_reported_once_while_frames_go_on(processor):
