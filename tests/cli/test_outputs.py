@@ -5,6 +5,7 @@ import shutil
 
 import pytest
 
+from jradar.cli.options import parser
 from tests.cli.conftest import QUICK
 from tests.recordings.small_sequence import write_sequence
 
@@ -101,6 +102,20 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         assert hashes(own) == before, name
 
 
+def test_no_command_takes_a_file_of_somebody_for_its_output(own, commands, refused):
+    """Of every kind, or a link to one."""
+    (own / "link").symlink_to(own / "thesis.txt")
+    before = hashes(own)
+    kinds = {path.suffix or path.name: path for path in before}
+    for words in commands.values():
+        for path in kinds.values():
+            assert str(path) in refused(*words, "-o", path)
+    assert hashes(own) == before
+    (choices,) = (a.choices for a in parser()._actions if isinstance(a.choices, dict))
+    writing = {name for name, sub in choices.items() if "--output" in sub.format_help()}
+    assert writing == {words[0] for words in commands.values()}  # all are tried here
+
+
 def test_a_second_run_replaces_the_first_and_nothing_else(
     own, commands, run_json, refused
 ):
@@ -172,7 +187,10 @@ def test_an_input_is_never_replaced(small_cube, run, model_folder, tmp_path, ref
         (["calibrate", cube, "--radar", toml], toml),
         (["calibrate", cube, "--radar", toml], link),
         (["export", model_folder, "--coupling", toml], toml),
+        (["export", model_folder, "--radar", toml], toml),
         (["points", run], run),
+        (["enhance", run, "--model", model_folder], model_folder),
+        (["live", "--replay", run], run),
         (["prepare", run.parent], run.parent),
     ):
         found = refused(*words, "-o", output, *["--force"] * (words[0] != "prepare"))

@@ -14,9 +14,9 @@ from jradar.radar.point_spec import ANGLES
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=16)
 WINDOW = {"guard": (1, 1), "train": (1, 2), "capacity": 24, "false_alarm_rate": 0.5}
 OPTIONS = (
-    *({}, {"refine": False, "edge": "skip"}),
+    *({}, {"refine": False, "edge": "fill", "train": (0, 4)}),
     {"detector": "ca", "edge": "reflect", "factor": 0.5},
-    {"detector": "go", "edge": "fill", "num_azimuth": 32, "num_elevation": 8},
+    {"detector": "go", "edge": "skip", "num_azimuth": 32, "num_elevation": 8},
     {"remove_static": True, "remove_interference": True, "edge": "wrap"},
     {"group_peaks": True, "detector": "so", "edge": "one_sided"},
     {"range_window": "none", "doppler_window": "blackman"},
