@@ -21,9 +21,8 @@ def pairs():
 
 def test_images_equal_the_kernels(pairs):
     frame = invented_frame(7, lidar_points=1400)
-    np.testing.assert_array_equal(
-        pairs[7].condition, condition_image(frame.radar, COARSE, num_slices=2)
-    )
+    condition = condition_image(frame.radar, COARSE, num_slices=2)
+    np.testing.assert_array_equal(pairs[7].condition, condition)
     cloud = PointCloud.from_xyz(frame.lidar_xyz)
     np.testing.assert_array_equal(pairs[7].lidar, project(cloud, FINE))
     assert pairs[7].lidar.any() and not pairs[0].lidar.any()
@@ -87,7 +86,7 @@ def test_a_mirrored_scene_gives_the_mirrored_pair():
         np.testing.assert_allclose(image, expected, atol=1e-5)
 
 
-def test_a_damaged_item_is_an_error_of_its_batch():
+def test_a_damaged_item_is_an_error_of_its_batch_and_no_items_are_refused():
     class Damaged(list):
         def __getitem__(self, index):
             raise ValueError("frame 3 is damaged")
@@ -95,8 +94,5 @@ def test_a_damaged_item_is_an_error_of_its_batch():
     batches = Batches(Damaged([1, 2]), seed=0, batch_size=1)
     with pytest.raises(ValueError, match="frame 3 is damaged"):
         batches[0]
-
-
-def test_an_empty_source_is_refused():
     with pytest.raises(ValueError, match="no frames"):
         Batches([], seed=0, batch_size=1)

@@ -7,26 +7,22 @@ from hypothesis.extra.numpy import arrays
 
 from jradar.data.frames import check_dropped, match_nearest
 
-
-def test_each_frame_gets_its_nearest_scan():
-    matches = match_nearest(np.array([0.0, 0.1, 0.2]), np.array([0.21, 0.01, 0.09]))
-    np.testing.assert_array_equal(matches.radar, [0, 1, 2])
-    np.testing.assert_array_equal(matches.lidar, [1, 2, 0])
-    assert matches.dropped == {}
+CLOSER = "its LiDAR scan is closer to another radar frame"
+NONE, OUTSIDE = "no LiDAR scan within 50 ms", "outside the trajectory"
 
 
-def test_one_scan_goes_to_the_closer_of_two_frames():
-    matches = match_nearest(np.array([0.0, 0.03]), np.array([0.02]))
-    np.testing.assert_array_equal(matches.radar, [1])
-    assert "closer" in matches.dropped[0]
-
-
-def test_frames_without_scan_or_outside_the_trajectory_are_named():
-    radar, lidar = np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.06, 2.0])
-    matches = match_nearest(radar, lidar, span=(0.0, 1.5))
-    assert matches.radar.tolist() == [0]
-    reasons = {1: "no LiDAR scan within 50 ms", 2: "outside the trajectory"}
-    assert matches.dropped == reasons
+@pytest.mark.parametrize(
+    ("radar", "lidar", "span", "pairs", "dropped"),
+    [
+        ([0, 0.1, 0.2], [0.21, 0.01, 0.09], (0, 1), ([0, 1, 2], [1, 2, 0]), {}),
+        ([0, 0.03], [0.02], (0, 1), ([1], [0]), {0: CLOSER}),
+        ([0, 1, 2], [0, 1.06, 2], (0, 1.5), ([0], [0]), {1: NONE, 2: OUTSIDE}),
+    ],
+)
+def test_frames_get_their_nearest_scans_or_a_reason(radar, lidar, span, pairs, dropped):
+    matches = match_nearest(np.array(radar, float), np.array(lidar, float), span=span)
+    assert (matches.radar.tolist(), matches.lidar.tolist()) == pairs
+    assert matches.dropped == dropped
 
 
 TIMES = st.integers(0, 12).flatmap(
@@ -46,12 +42,9 @@ def test_pairs_are_within_tolerance_unique_and_complete(radar, lidar):
         assert (abs(lidar[free] - radar[frame]) > 0.1 - 1e-12).all()
 
 
-def test_more_than_half_dropped_is_an_error():
+def test_more_than_half_dropped_and_stamps_that_are_not_finite_are_an_error():
     check_dropped("run0", 2, {0: "late"})
     with pytest.raises(ValueError, match="2 of 3 .* do the two clocks agree"):
         check_dropped("run0", 3, {0: "late", 1: "late"})
-
-
-def test_stamps_must_be_finite():
     with pytest.raises(ValueError, match="1 of 2 LiDAR stamps"):
         match_nearest(np.zeros(1), np.array([np.nan, 0.0]))

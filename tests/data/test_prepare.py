@@ -33,10 +33,13 @@ def test_records_hold_both_sensors(prepared):
     assert np.quantile(ahead[:, 0], 0.9) == pytest.approx(SIDE + 0.005, abs=0.03)
 
 
-def test_directions_by_music_do_not_change_the_truth(root, prepared, tmp_path):
+def test_directions_by_music_in_a_range_of_frames_do_not_change_the_truth(
+    root, prepared, tmp_path
+):
     spec = with_points(SPEC, angles="music")
-    prepare(root, tmp_path, spec, frames=slice(0, 1), workers=1)
-    plain, music = Records(prepared)[0], Records(tmp_path)[0]
+    prepare(root, tmp_path, spec, frames=slice(1, 2), workers=1)
+    assert [frame for _, frame in Records(tmp_path).where] == [1, 1]
+    plain, music = Records(prepared)[1], Records(tmp_path)[0]
     np.testing.assert_array_equal(music.cells.power, plain.cells.power)
     np.testing.assert_array_equal(music.lidar_xyz, plain.lidar_xyz)
     strong = plain.cells.power > 100 * np.median(plain.cells.power)
@@ -51,28 +54,19 @@ def test_points_come_from_the_options():
 
 
 def test_options_are_read_from_toml(tmp_path):
-    path = tmp_path / "spec.toml"
-    path.write_text(
-        "block = 2\n[points]\ncapacity = 128\ntrain = [2, 4]\n"
-        "[lidar]\nmax_range_m = 7\n"
-    )
-    assert PrepareSpec.from_toml(path) == SPEC
+    text = "block = 2\n[points]\ncapacity = 128\ntrain = [2, 4]\n"
+    (tmp_path / "spec.toml").write_text(text + "[lidar]\nmax_range_m = 7\n")
+    assert PrepareSpec.from_toml(tmp_path / "spec.toml") == SPEC
 
 
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        (
-            "[points]\ncapacty = 1",
-            "spec.toml: unknown field 'capacty', expected capacity",
-        ),
+        ("[points]\ncapacty = 1", "spec.toml: unknown field 'capacty', expected capac"),
         ("[points]\ncapacity = 'many'", "capacity = 'many', expected an integer"),
         ("[points]\ncapacity = true", "capacity = True"),
         ("[points]\ncapacity = 0", "capacity = 0, expected 1 to 1,048,576"),
-        (
-            "[points]\ncapacity = 99999999999",
-            "capacity = 99,999,999,999, expected 1 to 1,048,",
-        ),
+        ("[points]\ncapacity = 1048577", "capacity = 1,048,577, expected 1 to 1,048,"),
         ("[points]\nrefine = 1", "refine = 1, expected true or false"),
         ("[points]\nguard = [1]", r"guard = \[1\], expected a list of 2 integers"),
         ("[points]\nguard = [1.5, 2]", r"guard = \[1.5, 2\]"),
@@ -82,21 +76,14 @@ def test_options_are_read_from_toml(tmp_path):
         ("[points]\ndetector = ['os']", "expected a text"),
         ("[points]\nfalse_alarm_rate = 'low'", "expected a number"),
         ("[points]\ndetector = 'cfar'", r"detector = 'cfar', expected one of \('ca'"),
-        (
-            "[points]\nfalse_alarm_rate = 2",
-            "false_alarm_rate = 2.0, expected 0 < rate <= 1",
-        ),
+        ("[points]\nfalse_alarm_rate = 2", "false_alarm_rate = 2.0, expected 0 < rate"),
         ("visible_false_alarm_rate = 0", "visible_false_alarm_rate = 0"),
         ("block = 0", "block = 0, expected 1 or more"),
-        ("block = -3", "block = -3, expected 1 or more"),
         ("tolerance_s = -1", "tolerance_s = -1.0, expected 0 or more"),
         ("tolerance_s = nan", "tolerance_s = nan, expected a number"),
         ("lidar = 3", "lidar = 3, expected a table"),
         ("[lidar]\nsensor_height_m = 'low'", "sensor_height_m = 'low', expected"),
-        (
-            "[lidar]\nsensor_height_m = true",
-            "sensor_height_m = True, expected a number",
-        ),
+        ("[lidar]\nsensor_height_m = true", "height_m = True, expected a number"),
         ("[lidar]\nazimuth = [0.1]", "azimuth = .0.1., expected a list of 2 number"),
         ("[lidar]\nmin_points = 2.5", "min_points = 2.5, expected an integer"),
         ("[lidar]\nmax_range_m = -1", "max_range_m = -1.0: expected"),
@@ -118,27 +105,32 @@ def test_a_folder_of_captures_is_several_sources(tmp_path):
 
 
 def test_a_file_of_splits_overrides_the_paper(tmp_path):
-    write_sequence(tmp_path, "a", frames=1)
-    write_sequence(tmp_path, "b", frames=1)
+    for name in ("a", "b", ".a-x1/a"):  # the last was left by a killed run
+        (tmp_path / name / "single_chip/adc_samples/data").mkdir(parents=True)
     write_splits(tmp_path, {"b": "validation"})
-    shutil.copytree(tmp_path / "a", tmp_path / ".a-x1" / "a")  # left by a killed run
     assert [s.split for s in find_sources(tmp_path)] == ["train", "validation"]
     write_splits(tmp_path, {"b": "exam"})
     with pytest.raises(ValueError, match='b is in "exam", expected one of'):
         find_sources(tmp_path)
 
 
-def test_a_second_run_writes_only_missing_shards(root, prepared, tmp_path):
+def test_a_second_run_writes_only_missing_shards_and_keeps_the_users_files(
+    root, prepared, tmp_path
+):
     folder = tmp_path / "copy"
     shutil.copytree(prepared, folder)
     torn, lost, *_, kept = sorted(folder.rglob("*.array_record"))
     lost.unlink()
     torn.write_bytes(torn.read_bytes()[:-100])
+    mine = folder / "12_21_2020_ec_hallways_run0" / ".my-notes" / "thesis.txt"
+    mine.parent.mkdir()
+    mine.write_text("years of work")
     before = kept.stat().st_mtime_ns
     prepare(root, folder, SPEC, workers=1)
     assert digests(folder) == digests(prepared)
     Records(folder).verify()
     assert kept.stat().st_mtime_ns == before
+    assert mine.read_text() == "years of work"
 
 
 def test_other_options_are_refused(root, prepared):
@@ -165,11 +157,6 @@ def test_a_folder_of_something_else_is_left_alone(root, tmp_path, name, content)
     with pytest.raises(UsageError, match="neither empty nor a folder of records"):
         prepare(root, tmp_path, SPEC, workers=1)
     assert (tmp_path / name).read_text() == content
-
-
-def test_a_range_of_frames(root, tmp_path):
-    prepare(root, tmp_path, SPEC, workers=1, frames=slice(1, 3))
-    assert [frame for _, frame in Records(tmp_path).where] == [1, 2, 1, 2]
 
 
 def test_two_workers_write_the_same_bytes(root, prepared, tmp_path):
@@ -201,7 +188,7 @@ def own_calib(root, name, file, pattern, text):
 def test_sequences_with_other_chirps_are_processed_with_their_own(tmp_path):
     root, names = tmp_path / "in", [f"12_21_2020_ec_hallways_run{k}" for k in (0, 1, 2)]
     for name in names:
-        write_sequence(root, name, frames=2)
+        write_sequence(root, name, frames=1)
     radar = open_recording(root / names[0]).radar.spec
     steep = radar.slope_hz_per_s * 1.25
     line = ("frequency_slope .*", f"frequency_slope {steep}")
@@ -210,9 +197,9 @@ def test_sequences_with_other_chirps_are_processed_with_their_own(tmp_path):
     assert manifest["radar"]["slope_hz_per_s"] == radar.slope_hz_per_s
     assert [entry["sequences"] for entry in manifest["other_radars"]] == [[names[1]]]
     records = Records(tmp_path / "out", "train")
-    assert [records.radar_of(name).slope_hz_per_s for name in names] == pytest.approx(
-        [radar.slope_hz_per_s, steep, radar.slope_hz_per_s]
-    )
+    slopes = [records.radar_of(name).slope_hz_per_s for name in names]
+    expected = [radar.slope_hz_per_s, steep, radar.slope_hz_per_s]
+    assert slopes == pytest.approx(expected)
     assert records.other_radars == (records.radar_of(names[1]),)
     # The samples are the same: ranges shrink by the slope.
     usual, own = (records[records.where.index((name, 0))] for name in names[:2])
@@ -225,10 +212,10 @@ def test_sequences_with_other_chirps_are_processed_with_their_own(tmp_path):
 
 
 def test_other_antennas_need_a_folder_of_their_own(tmp_path):
-    root, names = tmp_path / "in", ["12_21_2020_ec_hallways_run0", "lab_1"]
-    for name in names:
-        write_sequence(root, name, frames=2)
-    own_calib(root, names[1], "antenna_cfg.txt", "rx 3 3 0", "rx 3 5 0")
+    root = tmp_path / "in"
+    for name in ("lab_0", "lab_1"):
+        write_sequence(root, name, frames=1)
+    own_calib(root, "lab_1", "antenna_cfg.txt", "rx 3 3 0", "rx 3 5 0")
     with pytest.raises(ValueError, match="2 radars .* whose antennas differ"):
         prepare(root, tmp_path / "out", SPEC, workers=1)
     assert not (tmp_path / "out" / "manifest.json").exists()

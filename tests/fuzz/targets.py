@@ -1,13 +1,16 @@
 """The readers, each with a small valid file to damage."""
 
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import safetensors.numpy
 
 from jradar.data import PrepareSpec, Records, find_sources
+from jradar.data.records import from_bytes, to_bytes
 from jradar.diffusion.weights.files import read_state
 from jradar.evaluation import read_scores, save_clouds, write_scores
 from jradar.evaluation.report import load_clouds
@@ -23,11 +26,7 @@ from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
 from tests.models import RADAR, tiny_model
-from tests.recordings import (
-    bag_writer as bags,
-    cube_writer,
-    small_sequence,
-)
+from tests.recordings import bag_writer as bags, cube_writer, small_sequence
 from tests.recordings.bags import test_raw as raw_bags
 from tests.recordings.clouds.test_read import pcd, ply
 from tests.recordings.coloradar_writer import coupling_text, phases_text
@@ -55,9 +54,7 @@ iq_order = "IIQQ"
 file = "poses.txt"
 """
 POSES = "".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(20))
-SPEC = (
-    "block = 4\n[points]\ncapacity = 64\nguard = [1, 2]\n[lidar]\nmax_range_m = 7.0\n"
-)
+SPEC = "block = 4\n[points]\ncapacity = 64\nguard = [1, 2]\n[lidar]\nmax_range_m = 7.0"
 
 
 class Target(NamedTuple):
@@ -68,15 +65,32 @@ class Target(NamedTuple):
     head: int = 0
 
 
-def text(name: str, content: str | bytes, read: Callable[[Path], Any]) -> Callable:
-    """Return a maker of a target that is one file."""
+def target(write: Callable[[Path], Path], read: Callable, *parts: str, head: int = 0):
+    """Return a maker of a target: `write` fills a folder and returns what `read` takes.
+
+    The file to damage is at `parts` in the folder, or that path, or a bag's file there.
+    """
 
     def make(folder: Path) -> Target:
-        path = folder / name
-        path.write_bytes(content if isinstance(content, bytes) else content.encode())
-        return Target(path, lambda: read(path))
+        path = write(folder)
+        damaged = folder.joinpath(*parts) if parts else bags.files_of(path)[0]
+        return Target(damaged, lambda: read(path), head)
 
     return make
+
+
+def text(name: str, content: str | bytes, read: Callable, head: int = 0):
+    """Return a maker of a target that is one file."""
+
+    def write(folder: Path) -> Path:
+        raw = content if isinstance(content, bytes) else content.encode()
+        (folder / name).write_bytes(raw)
+        return folder / name
+
+    return target(write, read, head=head)
+
+
+# What reads
 
 
 def described(path: Path) -> None:
@@ -87,214 +101,145 @@ def described(path: Path) -> None:
         assert recording.cubes[index].ndim == 4
 
 
-def cube(pairs: bool) -> Callable:
-    """Return a maker of a .npy cube, complex or of int16 pairs."""
-
-    def make(folder: Path) -> Target:
-        array = cube_writer.random_cube()
-        if pairs:
-            array = np.stack([array.real, array.imag], -1).astype(np.int16)
-        path = cube_writer.save(folder, array)
-        return Target(path, lambda: described(path), 128)
-
-    return make
+def read_bag(path: Path) -> None:
+    for topic in bag_topics(path):
+        for cloud in open_bag(path, topic=topic):
+            assert cloud.shape[1] == 4
 
 
-def cube_toml(folder: Path) -> Target:
-    """The description of a cube, with its axes."""
-    path = cube_writer.save(folder, cube_writer.random_cube(), cube_writer_axes())
-    return Target(folder / "radar.toml", lambda: described(path))
+def read_records(folder: Path) -> None:
+    found = Records(folder)
+    assert found[len(found) - 1].radar.xyz.ndim == 2
+    found.verify()
 
 
-def cube_writer_axes() -> list[str]:
-    """The axes of `random_cube`."""
-    return ["tx", "rx", "chirp", "sample"]
+def read_record(path: Path) -> None:
+    """Read a record of one frame, below the checks of its shard."""
+    try:
+        from_bytes(path.read_bytes())
+    except ValueError as error:  # `Records` adds the name of the shard
+        raise ValueError(f"{path}: {error}") from error
 
 
-def studio(name: str, content: str = "") -> Callable:
-    """Return a maker of a file beside, or of, samples of mmWave Studio."""
-
-    def make(folder: Path) -> Target:
-        samples = cube_writer.random_cube((3, *cube_writer.SHAPE))
-        path = cube_writer.save_studio(folder, samples)
-        (folder / "poses.txt").write_text(POSES)
-        opened = path
-        if content:
-            (folder / name).write_text(content)
-            opened = folder if name == "capture.toml" else path
-        return Target(folder / name, lambda: described(opened))
-
-    return make
+# What writes
 
 
-def packets(folder: Path) -> Target:
-    """Packets of a DCA1000 with headers."""
+def studio(folder: Path) -> Path:
+    samples = cube_writer.random_cube((3, *cube_writer.SHAPE))
+    return cube_writer.save_studio(folder, samples)
+
+
+def capture(folder: Path) -> Path:
+    studio(folder)
+    (folder / "poses.txt").write_text(POSES)
+    (folder / "capture.toml").write_text(CAPTURE)
+    return folder
+
+
+def packets(folder: Path) -> Path:
     (folder / "radar.cfg").write_text(CFG)
     path = folder / "adc_data_Raw_0.bin"
     path.write_bytes(with_headers(as_packets(as_bytes(random_cubes()))))
-    return Target(path, lambda: described(path), 14)
+    return path
 
 
-def trace(name: str) -> Callable:
-    """Return a maker of packets of a DCA1000 in a trace of the network."""
-
-    def make(folder: Path) -> Target:
-        frames = [traces.datagram(packet) for packet in traces.packets()]
-        path = traces.trace(folder, frames, name)
-        return Target(path, lambda: described(path), 40)
-
-    return make
+def trace(folder: Path, name: str = "trace.pcap") -> Path:
+    return traces.trace(folder, map(traces.datagram, traces.packets()), name)
 
 
-def raw_bag(folder: Path) -> Target:
-    """Raw samples in a bag."""
-    path = raw_bags.write(folder)
-    return Target(path, lambda: described(path))
+def cube(folder: Path, pairs: bool = False) -> Path:
+    array = cube_writer.random_cube()
+    if pairs:
+        array = np.stack([array.real, array.imag], -1).astype(np.int16)
+    return cube_writer.save(folder, array, ["tx", "rx", "chirp", "sample"])
 
 
-def coloradar(*parts: str) -> Callable:
-    """Return a maker of a file of a ColoRadar sequence; the rest stays whole."""
-
-    def make(folder: Path) -> Target:
-        sequence = small_sequence.write_sequence(folder, frames=2)
-        calib, channels = folder / "calib" / "single_chip", np.ones((3, 4))
-        coupling = coupling_text(np.full((3, 4, 32), 1.5 + 1.5j))
-        (calib / "coupling_calib.txt").write_text(coupling)
-        phases = phases_text(channels, channels * (1 + 0.5j))
-        (calib / "phase_frequency_calib.txt").write_text(phases)
-        return Target(folder.joinpath(*parts), lambda: described(sequence))
-
-    return make
+def sequence(folder: Path) -> Path:
+    path = small_sequence.write_sequence(folder, frames=2)
+    calib, channels = folder / "calib" / "single_chip", np.ones((3, 4))
+    coupling = coupling_text(np.full((3, 4, 32), 1.5 + 1.5j))
+    (calib / "coupling_calib.txt").write_text(coupling)
+    phases = phases_text(channels, channels * (1 + 0.5j))
+    (calib / "phase_frequency_calib.txt").write_text(phases)
+    return path
 
 
-def splits(folder: Path) -> Target:
-    """The splits of a folder of sequences."""
+def splits(folder: Path) -> Path:
     (folder / "run0" / "single_chip" / "adc_samples" / "data").mkdir(parents=True)
     small_sequence.write_splits(folder, {"run0": "train"})
-    return Target(folder / "splits.json", lambda: find_sources(folder))
+    return folder
 
 
-def bag(container: str, compressed: str, name: str = "") -> Callable:
-    """Return a maker of a bag with clouds of two kinds; `name` is a file beside it."""
-
-    def make(folder: Path) -> Target:
-        rows = bags.livox_rows(20)
-        messages = [
-            ("/l", bags.LIVOX, bags.START + i, bags.livox(rows, bags.START + i))
-            for i in range(3)
-        ]
-        made = bags.point_cloud2(bags.columns(20), bags.START)
-        messages.append(("/p", bags.CLOUD, bags.START, made))
-        path = bags.write_bag(folder / "bag", container, messages, compressed)
-
-        def read() -> None:
-            for topic in bag_topics(path):
-                stream = open_bag(path, topic=topic)
-                for index in range(len(stream)):
-                    assert stream[index].shape[1] == 4
-
-        return Target(path / name if name else bags.files_of(path)[0], read)
-
-    return make
+def clouds_bag(folder: Path, container: str, compressed: str) -> Path:
+    """A bag with clouds of two kinds."""
+    rows = bags.livox_rows(20)
+    messages = [
+        ("/l", bags.LIVOX, bags.START + i, bags.livox(rows, bags.START + i))
+        for i in range(3)
+    ]
+    made = bags.point_cloud2(bags.columns(20), bags.START)
+    messages.append(("/p", bags.CLOUD, bags.START, made))
+    return bags.write_bag(folder / "bag", container, messages, compressed)
 
 
-def records(*parts: str) -> Callable:
-    """Return a maker of a file of prepared records."""
-
-    def make(folder: Path) -> Target:
-        write_folder(folder)
-
-        def read() -> None:
-            found = Records(folder)
-            assert found[len(found) - 1].radar.xyz.ndim == 2
-            found.verify()
-
-        return Target(folder.joinpath(*parts), read)
-
-    return make
+def model(folder: Path) -> Path:
+    save_model(folder / "model", tiny_model())
+    return folder / "model"
 
 
-def model(name: str, head: int = 0) -> Callable:
-    """Return a maker of a file of a model's folder."""
-
-    def make(folder: Path) -> Target:
-        save_model(folder / "model", tiny_model())
-        path = folder / "model" / name
-        return Target(path, lambda: load_model(folder / "model"), head)
-
-    return make
-
-
-def exported(folder: Path) -> Target:
-    """An exported function."""
+def exported(folder: Path) -> Path:
     path = folder / "model.jradar"
     export_function(path, Radar(RADAR), tiny_model(method="regression"))
-    return Target(path, lambda: load_function(path), 300)
+    return path
 
 
-def weights(name: str) -> Callable:
-    """Return a maker of published weights."""
-
-    def make(folder: Path) -> Target:
-        path, state = folder / name, {"a.weight": np.ones((4, 3), np.float32)}
-        if name.endswith(".npz"):
-            np.savez(path, **state)
-        else:
-            import safetensors.numpy
-
-            safetensors.numpy.save_file(state, path)
-        return Target(path, lambda: read_state(path), 80)
-
-    return make
+def npz_weights(folder: Path) -> Path:
+    np.savez(folder / "a.npz", **{"a.weight": np.ones((4, 3), np.float32)})
+    return folder / "a.npz"
 
 
-def clouds(folder: Path) -> Target:
+def clouds(folder: Path) -> Path:
     """Clouds of an evaluation."""
-    path = folder / "clouds.npz"
     named = {"jradar": np.ones((4, 4)), "LiDAR": np.ones((5, 3))}
-    save_clouds(path, {("Hallways", "run0", 3): named})
-    return Target(path, lambda: load_clouds(path))
+    save_clouds(folder / "clouds.npz", {("Hallways", "run0", 3): named})
+    return folder / "clouds.npz"
 
 
-def score_file(folder: Path) -> Target:
-    """Scores of an evaluation."""
-    path = folder / "scores.jsonl"
-    write_scores(path, scores(frames=3))
-    return Target(path, lambda: read_scores(path))
+def score_file(folder: Path) -> Path:
+    write_scores(folder / "scores.jsonl", scores(frames=3))
+    return folder / "scores.jsonl"
 
 
-def shard(folder: Path) -> Target:
-    """A record of one frame, below the checks of its shard."""
-    from jradar.data.records import from_bytes, to_bytes
+def coloradar(*parts: str):
+    """Return a maker of a file of a ColoRadar sequence; the rest stays whole."""
+    return target(sequence, described, *parts)
 
-    path = folder / "frame.safetensors"
-    path.write_bytes(to_bytes(invented_frame(0)))
 
-    def read() -> None:
-        try:
-            from_bytes(path.read_bytes())
-        except ValueError as error:  # `Records` adds the name of the shard
-            raise ValueError(f"{path}: {error}") from error
-
-    return Target(path, read, 600)
+def bag(container: str, compressed: str = "", *parts: str):
+    """Return a maker of a bag, or of a file beside its messages."""
+    write = functools.partial(clouds_bag, container=container, compressed=compressed)
+    return target(write, read_bag, *parts)
 
 
 CHIP = ("calib", "single_chip")
 RUN = ("run0", "single_chip", "adc_samples")
+WEIGHTS = safetensors.numpy.save({"a.weight": np.ones((4, 3), np.float32)})
 TARGETS: dict[str, Callable[[Path], Target]] = {
     "radar.toml": text("radar.toml", cube_writer.RADAR, read_description),
     "radar.cfg": text("radar.cfg", CFG, read_description),
     "studio log": text("LogFile.txt", cube_writer.LOG + SECOND, read_description),
     "mmwave.json": text("a.mmwave.json", json.dumps(STUDIO), read_description),
-    "capture.toml": studio("capture.toml", CAPTURE),
-    "samples": studio("adc_data.bin"),
-    "packets": packets,
-    "trace": trace("trace.pcap"),
-    "trace ng": trace("trace.pcapng"),
-    "raw bag": raw_bag,
-    "cube": cube(pairs=False),
-    "cube of pairs": cube(pairs=True),
-    "cube's toml": cube_toml,
+    "capture.toml": target(capture, described, "capture.toml"),
+    "samples": target(studio, described),
+    "packets": target(packets, described, head=14),
+    "trace": target(trace, described, head=40),
+    "trace ng": target(
+        functools.partial(trace, name="trace.pcapng"), described, head=40
+    ),
+    "raw bag": target(raw_bags.write, described),
+    "cube": target(cube, described, head=128),
+    "cube of pairs": target(functools.partial(cube, pairs=True), described, head=128),
+    "cube's toml": target(cube, described, "radar.toml"),
     "poses": text("poses.txt", POSES, read_tum),
     "waveform": coloradar(*CHIP, "waveform_cfg.txt"),
     "antennas": coloradar(*CHIP, "antenna_cfg.txt"),
@@ -305,30 +250,34 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "frame": coloradar(*RUN, "data", "frame_0.bin"),
     "scan": coloradar("run0", "lidar", "pointclouds", "lidar_pointcloud_0.bin"),
     "true poses": coloradar("run0", "groundtruth", "groundtruth_poses.txt"),
-    "splits": splits,
+    "splits": target(splits, find_sources, "splits.json"),
     "pcd ascii": text("a.pcd", pcd("ascii"), read_cloud),
     "pcd binary": text("a.pcd", pcd("binary"), read_cloud),
     "pcd packed": text("a.pcd", pcd("binary_compressed"), read_cloud),
     "ply ascii": text("a.ply", ply("ascii", lists=True), read_cloud),
     "ply binary": text("a.ply", ply("binary_little_endian", lists=True), read_cloud),
     "kitti": text("a.bin", np.ones((20, 4), "<f4").tobytes(), read_cloud),
-    "bag": bag("bag", ""),
+    "bag": bag("bag"),
     "bag bz2": bag("bag", "bz2"),
     "bag lz4": bag("bag", "lz4"),
-    "sqlite": bag("sqlite", ""),
-    "bag's metadata": bag("sqlite", "", "metadata.yaml"),
+    "sqlite": bag("sqlite"),
+    "bag's metadata": bag("sqlite", "", "bag", "sqlite", "metadata.yaml"),
     "sqlite zstd": bag("sqlite", "message"),
-    "mcap": bag("mcap", ""),
+    "mcap": bag("mcap"),
     "mcap zstd": bag("mcap", "storage"),
-    "manifest": records("manifest.json"),
-    "shard": records("run0", "0000.array_record"),
-    "record": shard,
+    "manifest": target(write_folder, read_records, "manifest.json"),
+    "shard": target(write_folder, read_records, "run0", "0000.array_record"),
+    "record": text(
+        "frame.safetensors", to_bytes(invented_frame(0)), read_record, head=600
+    ),
     "prepare's toml": text("spec.toml", SPEC, PrepareSpec.from_toml),
-    "model.json": model("model.json"),
-    "model's weights": model("weights.safetensors", 200),
-    "exported": exported,
-    "npz weights": weights("a.npz"),
-    "safetensors": weights("a.safetensors"),
-    "scores": score_file,
-    "clouds": clouds,
+    "model.json": target(model, load_model, "model", "model.json"),
+    "model's weights": target(
+        model, load_model, "model", "weights.safetensors", head=200
+    ),
+    "exported": target(exported, load_function, head=300),
+    "npz weights": target(npz_weights, read_state, head=80),
+    "safetensors": text("a.safetensors", WEIGHTS, read_state, head=80),
+    "scores": target(score_file, read_scores),
+    "clouds": target(clouds, load_clouds),
 }

@@ -25,6 +25,7 @@ from tests.fuzz.targets import TARGETS
 
 SECONDS = float(os.environ.get("JRADAR_FUZZ_SECONDS", "0.15"))
 SLOW_SECONDS = 60.0
+LONG = (pytest.mark.slow, pytest.mark.hours, pytest.mark.timeout(600))
 LONGEST_S = 10.0  # of one file
 MORE_MEMORY = 1 << 30  # bytes that reading may take
 LIMIT = 4 << 30  # bytes beyond which the system refuses memory
@@ -61,9 +62,7 @@ def outcome(target, content: bytes, folder: Path) -> str:
     seconds, more = time.monotonic() - begin, peak_bytes() - before
     if seconds > LONGEST_S:
         return f"{seconds:.1f} s"
-    if more > MORE_MEMORY:
-        return f"{more:,} bytes of memory"
-    return ""
+    return f"{more:,} bytes of memory" if more > MORE_MEMORY else ""
 
 
 def fuzz(name: str, seconds: float, folder: Path) -> tuple[int, list[str]]:
@@ -84,17 +83,11 @@ def fuzz(name: str, seconds: float, folder: Path) -> tuple[int, list[str]]:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_damaged_files_are_read_or_refused(name, tmp_path):
-    examples, failures = fuzz(name, SECONDS, tmp_path)
-    assert not failures and examples > 0
-
-
-@pytest.mark.slow
-@pytest.mark.hours
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("name", TARGETS)
-def test_damaged_files_are_read_or_refused_for_a_minute(name, tmp_path):
-    examples, failures = fuzz(name, SLOW_SECONDS, tmp_path)
+@pytest.mark.parametrize(
+    "seconds", [SECONDS, pytest.param(SLOW_SECONDS, marks=LONG)], ids=["soon", "long"]
+)
+def test_damaged_files_are_read_or_refused(name, seconds, tmp_path):
+    examples, failures = fuzz(name, seconds, tmp_path)
     print(f"{name}: {examples} examples, peak {peak_bytes() >> 20} MB")
     assert not failures and examples > 0
 

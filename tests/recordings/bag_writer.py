@@ -50,20 +50,16 @@ def write_bag(folder, container, messages, compressed=""):
     folder.mkdir(exist_ok=True)
     path = folder / ("a.bag" if container == "bag" else container)
     if container == "bag":
-        writer = rosbag1.Writer(path)
-        if compressed:
-            formats = rosbag1.Writer.CompressionFormat
-            writer.set_compression(formats[compressed.upper()])
-        serialize = store.serialize_ros1
+        writer, serialize = rosbag1.Writer(path), store.serialize_ros1
+        how = (rosbag1.Writer.CompressionFormat[compressed.upper() or "LZ4"],)
     else:
         plugin = rosbag2.StoragePlugin["SQLITE3" if container == "sqlite" else "MCAP"]
         writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
-        if compressed:
-            writer.set_compression(
-                rosbag2.CompressionMode[compressed.upper()],
-                rosbag2.CompressionFormat.ZSTD,
-            )
         serialize = store.serialize_cdr
+        mode = rosbag2.CompressionMode[compressed.upper() or "NONE"]
+        how = mode, rosbag2.CompressionFormat.ZSTD
+    if compressed:
+        writer.set_compression(*how)
     with writer:
         connections = {}
         for topic, kind, time, make in messages:
@@ -104,48 +100,49 @@ def livox(rows, stamp, frame="livox_frame"):
     return make
 
 
-FIELDS = [  # name, PointField type, dtype, in an order of its own
-    ("z", 7, "f4"),
-    ("intensity", 4, "u2"),
-    ("x", 7, "f4"),
-    ("ring", 2, "u1"),
-    ("y", 7, "f4"),
-    ("timestamp", 8, "f8"),
+def livox_bag(
+    folder, container, clouds, *, start=START, step=TENTH, topic="/l", **options
+):
+    """A bag of Livox clouds, one every `step` nanoseconds."""
+    stamps = range(start, start + step * len(clouds), step)
+    messages = [
+        (topic, LIVOX, stamp, livox(rows, stamp))
+        for rows, stamp in zip(clouds, stamps, strict=True)
+    ]
+    return write_bag(folder, container, messages, **options)
+
+
+FIELDS = [  # name, PointField type, struct's letter, in an order of its own
+    ("z", 7, "f"),
+    ("intensity", 4, "H"),
+    ("x", 7, "f"),
+    ("ring", 2, "B"),
+    ("y", 7, "f"),
+    ("timestamp", 8, "d"),
 ]
 
 
 def point_cloud2(columns, stamp, big=False, height=1, gap=3, row_gap=0):
-    """Each field after a gap, a gap after each row; packed number by number."""
-    order = ">" if big else "<"
+    """Each field after a gap, a gap after each row; packed point by point."""
+    names, _, letters = zip(*FIELDS, strict=True)
+    gaps = gap * "x"
+    form = (">" if big else "<") + gaps + "".join(letter + gaps for letter in letters)
+    rows = zip(*(columns[name].tolist() for name in names), strict=True)
+    points = [struct.pack(form, *row) for row in rows]
+    step, width = struct.calcsize(form), len(points) // height
+    data = b"".join(
+        b"".join(points[at : at + width]) + row_gap * b"\xbb"
+        for at in range(0, len(points), width)
+    )
 
     def make(store):
-        field = store.types["sensor_msgs/msg/PointField"]
-        step, fields = gap, []
-        for name, kind, form in FIELDS:
-            fields.append(field(name, step, kind, 1))
-            step += np.dtype(form).itemsize + gap
-        count = len(columns["x"])
-        width = count // height
-        data = bytearray()
-        for i in range(count):
-            record = bytearray(b"\xaa" * step)
-            for (name, _, form), place in zip(FIELDS, fields, strict=True):
-                code = {"f4": "f", "u2": "H", "u1": "B", "f8": "d"}[form]
-                struct.pack_into(order + code, record, place.offset, columns[name][i])
-            data += record
-            if (i + 1) % width == 0:
-                data += b"\xbb" * row_gap
-        row = width * step + row_gap
+        field, fields, at = store.types["sensor_msgs/msg/PointField"], [], gap
+        for name, kind, letter in FIELDS:
+            fields.append(field(name, at, kind, 1))
+            at += struct.calcsize(letter) + gap
         return store.types[CLOUD](
-            header(store, stamp),
-            height,
-            width,
-            fields,
-            big,
-            step,
-            row,
-            np.frombuffer(bytes(data), np.uint8),
-            False,
+            *(header(store, stamp), height, width, fields, big),
+            *(step, width * step + row_gap, np.frombuffer(data, np.uint8), False),
         )
 
     return make
@@ -166,14 +163,11 @@ def imu(record, stamp):
 
     def make(store):
         vector = store.types["geometry_msgs/msg/Vector3"]
+        turn = store.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
         return store.types[IMU](
-            header=header(store, stamp, "base"),
-            orientation=store.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0),
-            orientation_covariance=np.full(9, -1.0),
-            angular_velocity=vector(*record[3:].tolist()),
-            angular_velocity_covariance=np.full(9, -2.0),
-            linear_acceleration=vector(*record[:3].tolist()),
-            linear_acceleration_covariance=np.full(9, -3.0),
+            *(header(store, stamp, "base"), turn, np.full(9, -1.0)),
+            *(vector(*record[3:].tolist()), np.full(9, -2.0)),
+            *(vector(*record[:3].tolist()), np.full(9, -3.0)),
         )
 
     return make

@@ -14,14 +14,8 @@ chirpCfg 1 1 0 0 0 0 0 4
 chirpCfg 2 2 0 0 0 0 0 2
 frameCfg 0 2 5 0 100 1 0
 """
-
-
 SHAPE = (3, 4, 5, 10)  # tx, rx, chirp, sample: 2,400 bytes, not a multiple of 1,456
-
-
-FRAME = 2400
-
-
+FRAME, PAYLOAD = 2400, 1456
 TWO_LANES = {  # the words of samples a and b
     "IIQQ": lambda a, b: (a.real, b.real, a.imag, b.imag),
     "QQII": lambda a, b: (a.imag, b.imag, a.real, b.real),
@@ -53,10 +47,16 @@ def as_bytes(cubes, order="IIQQ"):
     return struct.pack(f"<{len(words)}h", *map(int, words))
 
 
+def packet(sequence, place, samples, length=b""):
+    """A data packet of the card; its counters wrap around. Files hold its length."""
+    head = struct.pack("<I", sequence % 2**32) + length
+    return head + struct.pack("<Q", place % 2**48)[:6] + bytes(samples)
+
+
 def as_packets(stream, sizes=None):
     """(sequence, byte count, samples) of a stream cut into `sizes`."""
     packets, at = [], 0
-    for size in sizes or [1456] * (-(-len(stream) // 1456)):
+    for size in sizes or [PAYLOAD] * (-(-len(stream) // PAYLOAD)):
         packets.append((len(packets) + 1, at, stream[at : at + size]))
         at += size
     return [packet for packet in packets if packet[2]]
@@ -64,7 +64,4 @@ def as_packets(stream, sizes=None):
 
 def with_headers(packets, header=14):
     length = {14: lambda data: struct.pack("<I", len(data)), 10: lambda _: b""}[header]
-    return b"".join(
-        struct.pack("<I", sequence) + length(data) + struct.pack("<Q", at)[:6] + data
-        for sequence, at, data in packets
-    )
+    return b"".join(packet(*one, length(one[2])) for one in packets)

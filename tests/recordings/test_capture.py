@@ -16,7 +16,7 @@ from jradar.recordings import (
 from jradar.recordings.recording import Stream
 
 pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
-from tests.recordings.bag_writer import LIVOX, livox, write_bag  # noqa: E402
+from tests.recordings.bag_writer import livox_bag  # noqa: E402
 from tests.recordings.dca1000_writer import (  # noqa: E402
     CFG,
     SHAPE,
@@ -61,16 +61,8 @@ def written(tmp_path_factory):
     poses = ["# t x y z qx qy qz qw"]
     poses += [f"{1000 + 0.1 * i} {SPEED * 0.1 * i} 0 0 0 0 0 1" for i in range(-1, 8)]
     (folder / "poses.txt").write_text("\n".join(poses))
-    messages = [
-        (
-            "/livox/lidar",
-            LIVOX,
-            stamp,
-            livox([(0, *row, 7, 0, 0) for row in rows], stamp),
-        )
-        for stamp, rows in zip(range(10**12, 2 * 10**12, 10**8), clouds(), strict=False)
-    ]
-    write_bag(folder, "bag", messages).rename(folder / "livox.bag")
+    scans = [[(0, *row, 7, 0, 0) for row in rows] for rows in clouds()]
+    livox_bag(folder, "bag", scans, start=10**12).rename(folder / "livox.bag")
     return folder
 
 
@@ -115,6 +107,10 @@ def test_clouds_around_each_are_laid_over_it_by_the_poses(folder):
     assert len(recording.lidar[0]) == len(recording.lidar[5]) == 10
     alone = open_capture(describe(folder, level, ("accumulate = 3", ""))).lidar
     assert len(alone[2]) == 5
+    poses = (folder / "poses.txt").read_text().splitlines()
+    (folder / "poses.txt").write_text("\n".join(poses[4:]))  # from 1000.2 s on
+    lidar = open_capture(describe(folder)).lidar
+    assert [len(lidar[i]) for i in (0, 2, 3)] == [5, 10, 15]  # those with a pose
 
 
 def test_accumulating_follows_a_turn():
@@ -133,18 +129,9 @@ def test_accumulating_follows_a_turn():
         seen.append(np.array([[*(base - base_from_lidar[:3, 3]), i]], np.float32))
     clouds = Stream(seen.__getitem__, 3, stamps)
     together = accumulate(clouds, 3, poses, base_from_lidar)[1]
-    np.testing.assert_allclose(
-        together[:, :3], np.tile(seen[1][:, :3], (3, 1)), atol=1e-5
-    )
+    expected = np.tile(seen[1][:, :3], (3, 1))
+    np.testing.assert_allclose(together[:, :3], expected, atol=1e-5)
     assert together[:, 3].tolist() == [0, 1, 2]
-
-
-def test_neighbours_without_a_pose_are_left_out(folder):
-    text = (folder / "poses.txt").read_text().splitlines()
-    (folder / "poses.txt").write_text("\n".join(text[4:]))  # from 1000.2 s on
-    recording = open_capture(describe(folder))
-    assert len(recording.lidar[2]) == 10 and len(recording.lidar[0]) == 5
-    assert len(recording.lidar[3]) == 15
 
 
 @pytest.mark.parametrize(
@@ -165,10 +152,13 @@ def test_start_of_the_radar(folder, time, start, note):
 
 def test_radar_alone(folder):
     text = '[radar]\nfile = "adc_data.bin"\ndescription = "radar.cfg"\n'
-    recording = open_recording(describe(folder, text=text))
-    assert recording.lidar is None and recording.poses is None
-    assert recording.cubes.stamps[0] == 0 and recording.notes == ()
-    np.testing.assert_array_equal(recording.base_from_radar, np.eye(4))
+    for path in (describe(folder, text=text), folder / "capture.toml"):
+        recording = open_recording(path)
+        assert recording.lidar is None and recording.poses is None
+        assert recording.cubes.stamps[0] == 0 and recording.notes == ()
+        np.testing.assert_array_equal(recording.base_from_radar, np.eye(4))
+    with pytest.raises(ValueError, match=f"name one inside it: .*{folder.name}"):
+        open_recording(folder.parent)
 
 
 @pytest.mark.parametrize(
@@ -203,6 +193,8 @@ def test_radar_alone(folder):
     ],
 )
 def test_wrong_descriptions_are_named(folder, old, new, message):
+    with pytest.raises(FileNotFoundError, match="no such description of a capture"):
+        open_capture(folder)
     with pytest.raises((ValueError, FileNotFoundError), match=message):
         open_capture(describe(folder, (old, new)))
 
@@ -224,11 +216,6 @@ def test_clocks_that_do_not_match_are_described(folder):
     found = describe_recording(open_capture(describe(folder)))
     assert found["frames with a LiDAR scan"] == 1  # of the clouds, the last
     assert found["frames with a pose"] == 3
-
-
-def test_no_description(tmp_path):
-    with pytest.raises(FileNotFoundError, match="no such description of a capture"):
-        open_capture(tmp_path)
 
 
 @pytest.mark.parametrize(

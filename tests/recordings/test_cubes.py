@@ -117,18 +117,15 @@ def test_what_does_not_fit_together_is_refused(tmp_path, array, axes, message):
         open_recording(path)
 
 
-def test_a_file_that_is_no_table(tmp_path):
-    path = save(tmp_path, random_cube())
+def test_tables_and_samples_of_another_kind_are_refused(tmp_path):
+    cube = random_cube()
+    cube[0, 0, 1, 2:5] = np.nan
+    path = save(tmp_path, cube)
+    with pytest.raises(ValueError, match="3 samples of frame 0 are NaN or infinite"):
+        open_recording(path).cubes[0]
     (tmp_path / "radar.toml").write_text("file = 3\n[radar]\ndevice = 'awr1642'\n")
     with pytest.raises(UsageError, match="radar.toml: file = 3, expected a table"):
         open_recording(path)
-
-
-def test_samples_that_are_not_numbers_are_refused(tmp_path):
-    cube = random_cube()
-    cube[0, 0, 1, 2:5] = np.nan
-    with pytest.raises(ValueError, match="3 samples of frame 0 are NaN or infinite"):
-        open_recording(save(tmp_path, cube)).cubes[0]
 
 
 SHAPES = [(10**6, 10**6), (-1, 4, 4, 8), (-2, -2, 4, 8), (-1, 0, 4, 8)]

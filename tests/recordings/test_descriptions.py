@@ -18,11 +18,13 @@ Out of sequence count - 0
 CARD = {"DCA1000Config": {"dataLoggingMode": "raw", "lvdsMode": 2}}
 
 
+VARIATIONS = ("startFreqVar_MHz", "freqSlopeVar_KHz_usec")
+VARIATIONS += ("idleTimeVar_usec", "adcStartTimeVar_usec")
+
+
 def chirp(number, mask, **changes):
-    variations = ("startFreqVar_MHz", "freqSlopeVar_KHz_usec")
-    variations += ("idleTimeVar_usec", "adcStartTimeVar_usec")
     fields = {"chirpStartIdx": number, "chirpEndIdx": number, "profileId": 0}
-    fields |= dict.fromkeys(variations, 0.0) | {"txEnable": mask}
+    fields |= dict.fromkeys(VARIATIONS, 0.0) | {"txEnable": mask}
     return {"rlChirpCfg_t": fields | changes}
 
 
@@ -67,20 +69,17 @@ def capture(tmp_path):
     return save_studio(tmp_path, random_cube((2, *SHAPE)))
 
 
-def test_logs_of_the_capture_card_describe_nothing(capture, tmp_path):
-    (tmp_path / "CLI_LogFile.txt").write_text(CARD_LOG)
-    (tmp_path / "adc_data_Raw_LogFile.csv").write_text(CARD_LOG)
-    (tmp_path / "cf.json").write_text(json.dumps(CARD))
-    (tmp_path / "sensor_start.cfg").write_text("sensorStart\n")
+def test_other_files_beside_a_capture_describe_nothing(capture, tmp_path):
+    for name, text in {
+        "CLI_LogFile.txt": CARD_LOG,
+        "adc_data_Raw_LogFile.csv": CARD_LOG,
+        "cf.json": json.dumps(CARD),
+        "sensor_start.cfg": "sensorStart\n",
+        "notes.toml": "[place]\nname = 'hall'\n",
+        "capture.toml": '[radar]\nfile = "adc_data.bin"\ndescription = "other.cfg"\n',
+    }.items():
+        (tmp_path / name).write_text(text)
     (tmp_path / "folder.cfg").mkdir()
-    (tmp_path / "notes.toml").write_text("[place]\nname = 'hall'\n")
-    assert open_recording(capture).radar.spec.num_chirps == 4
-
-
-def test_a_capture_toml_is_no_second_description(capture, tmp_path):
-    (tmp_path / "capture.toml").write_text(
-        '[radar]\nfile = "adc_data.bin"\ndescription = "adc_LogFile.txt"\n'
-    )
     assert open_recording(capture).radar.spec.num_chirps == 4
 
 
@@ -154,10 +153,9 @@ def test_radar_in_a_json_of_mmwave_studio(studio):
     assert radar.chirp_period_s == pytest.approx(160e-6)
     assert radar.frame_period_s == pytest.approx(0.04)
     assert capture.iq_order == "IIQQ" and not {*capture.channel_factors} - {1}
-    swapped = read_description(studio(changed(*STREAM, "iqSwapSel", to=1)))
-    assert swapped.capture.iq_order == "QQII"
-    lanes = studio(changed(*STREAM, "chInterleave", to=0))
-    assert read_description(lanes).capture.iq_order == "I4Q4"
+    for field, value, order in (("iqSwapSel", 1, "QQII"), ("chInterleave", 0, "I4Q4")):
+        path = studio(changed(*STREAM, field, to=value))
+        assert read_description(path).capture.iq_order == order
     three = studio(changed(*RADIO, "rlChanCfg_t", "rxChannelEn", to="0xD"))
     assert read_description(three).radar.rx_positions == ((0, 0), (2, 0), (3, 0))
 
@@ -196,8 +194,10 @@ def test_the_card_is_no_radar(tmp_path, samples):
             (*RADIO, "rlFrameCfg_t", "numLoops"), 10**400, "at most 1e", id="400 digits"
         ),
         ((*RADIO, "rlChirps", 1), chirp(1, "0x6"), "each chirp to fire one"),
-        ((*RADIO, "rlChirps", 1), chirp(1, "4", profileId=1), "differ in profile"),
-        ((*RADIO, "rlChirps", 1), chirp(1, "4", startFreqVar_MHz=1), "differ in prof"),
+        *(
+            ((*RADIO, "rlChirps", 1), chirp(1, "4", **{name: 1}), "differ in profile")
+            for name in ("profileId", *VARIATIONS)
+        ),
         ((*RADIO, "rlChirps", 1), {}, "rlChirps rlChirpCfg_t = None"),
         ((*RADIO, "rlChirps", 1), chirp(1, "0xZ"), "'0xZ', expected a mask"),
         ((*RADIO, "rlChirps", 1), chirp(1, "F" * 10**5), "a mask = .*a whole number"),

@@ -7,13 +7,7 @@ from jradar.errors import UsageError
 from jradar.recordings import is_recording, open_recording, read_description
 from jradar.recordings.open import READERS
 from jradar.recordings.recording import Format
-from tests.recordings.cube_writer import (
-    LOG,
-    SHAPE,
-    random_cube,
-    save,
-    save_studio,
-)
+from tests.recordings.cube_writer import LOG, SHAPE, random_cube, save, save_studio
 
 
 def test_studio_file_written_byte_by_byte(tmp_path):
@@ -50,17 +44,23 @@ def test_missing_files_are_named(tmp_path):
         open_recording(path)
 
 
+FRAME = "run/single_chip/adc_samples/data/frame_0.bin"
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
         ("cube.txt", "cube.txt is of no known format, expected a"),
         ("empty", "empty holds no recording, expected a folder"),
         (".", r"is not a recording; name one inside it: .*cube.npy"),
+        (FRAME, "name the folder of its sequence"),
     ],
 )
 def test_other_paths_are_refused_with_what_was_expected(tmp_path, name, message):
     (tmp_path / "cube.txt").write_text("1")
     (tmp_path / "empty").mkdir()
+    (tmp_path / FRAME).parent.mkdir(parents=True)
+    (tmp_path / FRAME).write_bytes(b"1234")
     save(tmp_path, random_cube())
     assert not is_recording(tmp_path / name) and is_recording(tmp_path / "cube.npy")
     with pytest.raises(UsageError, match=message):
@@ -109,9 +109,10 @@ def test_a_format_is_one_entry_in_the_list(tmp_path, monkeypatch):
     def open_mat(path, device=None):
         return open_recording(path.with_suffix(".npy"))._replace(name=device)
 
-    reader = Format(
-        "a .mat cube", lambda path: path.suffix == ".mat", open_mat, ("device",)
-    )
+    def is_mat(path):
+        return path.suffix == ".mat"
+
+    reader = Format("a .mat cube", is_mat, open_mat, ("device",))
     monkeypatch.setattr("jradar.recordings.open.READERS", (reader, *READERS))
     assert is_recording(path)
     assert open_recording(path, device="board").name == "board"
@@ -131,23 +132,3 @@ def test_a_description_of_any_kind_serves_any_file(tmp_path):
     with pytest.raises(UsageError, match="radar.yaml is of no known format"):
         (tmp_path / "radar.yaml").write_text("{}")
         open_recording(path, tmp_path / "radar.yaml")
-
-
-def test_a_capture_toml_describes_its_folder(tmp_path):
-    many = random_cube((3, *SHAPE))
-    save_studio(tmp_path / "run", many)
-    (tmp_path / "run" / "capture.toml").write_text(
-        '[radar]\nfile = "adc_data.bin"\ndescription = "adc_LogFile.txt"\n'
-    )
-    for path in (tmp_path / "run", tmp_path / "run" / "capture.toml"):
-        np.testing.assert_array_equal(open_recording(path).cubes[2], many[2])
-    with pytest.raises(ValueError, match="name one inside it: .*run"):
-        open_recording(tmp_path)
-
-
-def test_a_frame_of_a_sequence_is_refused(tmp_path):
-    path = tmp_path / "run/single_chip/adc_samples/data/frame_0.bin"
-    path.parent.mkdir(parents=True)
-    path.write_bytes(b"1234")
-    with pytest.raises(ValueError, match="name the folder of its sequence"):
-        open_recording(path)

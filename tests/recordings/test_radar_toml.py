@@ -7,26 +7,20 @@ import pytest
 
 from jradar.errors import UsageError
 from jradar.radar import Radar, RadarSpec, calibrate
-from jradar.recordings import (
-    open_recording,
-    read_description,
-    write_radar_toml,
-)
+from jradar.recordings import open_recording, read_description, write_radar_toml
 from tests.recordings.cube_writer import random_cube, save
 
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=16, frame_period_s=0.1)
-FACTORS = tuple(
-    (np.geomspace(0.5, 2, 12) * np.exp(1j * np.linspace(-3, 3, 12))).tolist()
-)
+FACTORS = np.geomspace(0.5, 2, 12) * np.exp(1j * np.linspace(-3, 3, 12))
 
 
 @pytest.mark.parametrize("radar", [RADAR, RadarSpec.cascade()], ids=lambda r: r.name)
 def test_what_is_written_is_read_back(tmp_path, radar):
-    factors = np.resize(FACTORS, radar.num_virtual).tolist()
+    factors = np.resize(FACTORS, radar.num_virtual)
     unit = Radar(radar, range_bias_m=0.0659).with_factors(factors)
     path = tmp_path / "radar.toml"
     write_radar_toml(path, unit, iq_order="Q4I4", comment="of a test\nrig")
-    found = read_description(tmp_path / "radar.toml")
+    found = read_description(path)
     assert found.radar == radar
     assert (found.capture.iq_order, found.capture.range_bias_m) == ("Q4I4", 0.0659)
     np.testing.assert_allclose(found.capture.channel_factors, factors, rtol=1e-4)
@@ -34,17 +28,18 @@ def test_what_is_written_is_read_back(tmp_path, radar):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["Fahrzeug 📡", "a\x07b\x7fc\x9b", 'quote " and \\', "two\nlines\t", "\u2028"],
+    ("name", "found"),
+    [
+        *((n, n) for n in ("Fahrzeug 📡", "a\x07b\x7fc\x9b", 'quote " and \\')),
+        *((n, n) for n in ("two\nlines\t", "\u2028")),
+        ("\udcff", "?"),  # a folder's name that is no text
+    ],
 )
-def test_any_name_of_a_radar_is_read_back(tmp_path, name):
-    radar = dataclasses.replace(RADAR, name=name)
+def test_any_name_of_a_radar_is_read_back(tmp_path, name, found):
     path = tmp_path / "radar.toml"
-    write_radar_toml(path, Radar(radar), comment=f"of {name}")
-    assert read_description(path).radar == radar
-    nameless = dataclasses.replace(RADAR, name="\udcff")
-    write_radar_toml(path, Radar(nameless))
-    assert read_description(path).radar.name == "?"  # a folder's name that is no text
+    radar = dataclasses.replace(RADAR, name=name)
+    write_radar_toml(path, Radar(radar), comment=f"of {found}")
+    assert read_description(path).radar == dataclasses.replace(RADAR, name=found)
 
 
 def test_the_factors_of_a_file_are_applied_to_the_cube(tmp_path):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from jradar.cli import main
 from jradar.diffusion import read_params
 from jradar.errors import ModelError, UsageError
 from jradar.files import open_file, read_json, read_text
@@ -58,12 +57,6 @@ def test_pipes_and_devices_are_refused(special, name, read):
         read(path)
 
 
-def test_the_command_line_answers(special, capsys):
-    path = special("a.bin")
-    assert main(["info", str(path)]) == 2
-    assert "a.bin is a pipe or a device, expected a file" in capsys.readouterr().err
-
-
 def test_the_limit_is_checked_before_reading(tmp_path):
     path = tmp_path / "a.toml"
     with path.open("wb") as file:
@@ -93,7 +86,5 @@ def test_names_of_thousands_of_parts_are_refused(tmp_path):
     path = tmp_path / "weights.safetensors"
     name = "/".join(["a"] * 3000)
     safetensors.numpy.save_file({name: np.ones(3, np.float32)}, path)
-    with pytest.raises(
-        ValueError, match="weights.safetensors .* a name of 3,000 parts"
-    ):
+    with pytest.raises(ValueError, match="weights.* a name of 3,000 parts"):
         jax.tree.leaves(read_params(path))

@@ -25,16 +25,11 @@ C = 299_792_458.0
 def motion(times, seed=0):
     """A smooth function of time: walking, stopping, walking."""
     rng = np.random.default_rng(seed)
-    waves = [
-        a * np.sin(2 * np.pi * f * times + p)
-        for a, f, p in zip(
-            rng.uniform(0.5, 1, 12),
-            rng.uniform(0.05, 0.8, 12),
-            rng.uniform(0, 6, 12),
-            strict=True,
-        )
-    ]
-    return np.maximum(sum(waves), 0)
+    size, rate, phase = (
+        rng.uniform(*r, (12, 1)) for r in ((0.5, 1), (0.05, 0.8), (0, 6))
+    )
+    waves = size * np.sin(2 * np.pi * rate * times + phase)
+    return np.maximum(waves.sum(0), 0)
 
 
 @pytest.mark.parametrize("offset", [-3.21, -0.04, 0.0, 0.333, 4.7])
@@ -82,50 +77,46 @@ def test_stamps_of_no_use_are_refused(stamps, message):
         estimate_time_offset(stamps, stamps, stamps, stamps)
 
 
-def cube(speed, radar=RADAR):
+def cube(speed):
     """A wall at 5 m that recedes at `speed`, by the phase of its beat signal."""
-    sample = np.arange(radar.num_samples) / radar.sample_rate_hz
-    chirp = np.arange(radar.num_chirps)[:, None] * radar.turn_period_s
+    sample = np.arange(RADAR.num_samples) / RADAR.sample_rate_hz
+    chirp = np.arange(RADAR.num_chirps)[:, None] * RADAR.turn_period_s
     delay = 2 * (5 + speed * chirp) / C
-    beat = radar.slope_hz_per_s * 2 * 5 / C
-    phase = radar.center_frequency_hz * delay + beat * sample
+    beat = RADAR.slope_hz_per_s * 2 * 5 / C
+    phase = RADAR.center_frequency_hz * delay + beat * sample
     wave = 100 * np.exp(2j * np.pi * phase)
     return (wave + NOISE[0] + 1j * NOISE[1]).astype(np.complex64)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.4, -0.7, 1.5])
 def test_radar_speed_is_that_of_the_echoes(speed):
-    resolution = RADAR.velocity_resolution_mps
-    assert radar_speed(cube(speed), RADAR) == pytest.approx(
-        abs(speed), abs=0.7 * resolution
-    )
+    error = 0.7 * RADAR.velocity_resolution_mps
+    assert radar_speed(cube(speed), RADAR) == pytest.approx(abs(speed), abs=error)
     assert radar_speed(np.zeros(RADAR.cube_shape, np.complex64), RADAR) == 0
 
 
-def recording(offset, radar=RADAR, cubes=cube):
+def recording(offset):
     """A rig that rolls towards a wall and back; the radar's stamps lack `offset`."""
     times = np.arange(0, 40, 0.01)
     speed = 0.8 * motion(times)
     way = np.cumsum(speed) * 0.01 * 0.3
 
     def radar_frame(index):
-        now = radar_stamps[index] + offset
-        return cubes(float(np.interp(now, times, speed)), radar)
+        return cube(np.interp(radar_stamps[index] + offset, times, speed))
 
     def cloud(index):
         rng = np.random.default_rng(index)
         angle = rng.uniform(-0.6, 0.6, (2, 4000))
         distance = 30 - np.interp(lidar_stamps[index], times, way)
         y, z = distance * np.tan(angle)
-        xyz = np.stack([np.full(4000, distance), y, z, np.ones(4000)], -1)
-        return xyz.astype(np.float32)
+        return np.float32([np.full(4000, distance), y, z, np.ones(4000)]).T
 
     radar_stamps = 8 + np.arange(180) * 0.1
     lidar_stamps = 4 + np.arange(300) * 0.1
     return Recording(
         name="rig",
         path=Path("rig"),
-        radar=Radar(radar),
+        radar=Radar(RADAR),
         cubes=Stream(radar_frame, len(radar_stamps), radar_stamps),
         lidar=Stream(cloud, len(lidar_stamps), lidar_stamps),
     )

@@ -18,7 +18,7 @@ from jradar.simulation.rig import Viewpoint
 from jradar.simulation.scenes.scene import placements
 from jradar.simulation.scenes.solids import box, moved, sheet, slab
 from jradar.simulation.units import UnitSpec
-from tests.simulation.worlds import world
+from tests.simulation.worlds import wall, world
 
 RADAR = RadarSpec.awr1843()
 HEIGHT, AWAY = 1.2, 9.0
@@ -70,9 +70,8 @@ def test_floor_bounces_follow_the_two_ray_law():
 def test_roughness_takes_from_the_bounce_as_ament_says():
     wavelength, cosine = RADAR.wavelength_m, np.array([0.1, 0.5])
     rough = wavelength / (4 * np.pi * cosine)
-    share = floor_share(
-        cosine, np.full(2, 0.5), roughness_m=rough, wavelength_m=wavelength
-    )
+    sizes = {"roughness_m": rough, "wavelength_m": wavelength}
+    share = floor_share(cosine, np.full(2, 0.5), **sizes)
     np.testing.assert_allclose(share, 0.5 / np.e)
 
 
@@ -96,8 +95,8 @@ def test_a_unit_with_floor_bounces_has_them_instead_of_ghosts_in_the_floor():
     assert not below(floor_bounces=True, floor_roughness_m=0.1)
 
 
-def upright(x, material="metal"):
-    return sheet([(x, -6, 0), (x, 6, 0), (x, 6, 4), (x, -6, 4)], material)
+def upright(x):
+    return wall(x, "metal", (-6, 6), (0, 4))
 
 
 def test_echoes_between_walls_have_the_power_of_friis():
@@ -139,9 +138,8 @@ def test_leaves_have_billingsleys_spectrum():
 
 
 def test_the_wind_moves_leaves_and_no_walls():
-    leaves = sheet([(4, -3, 0.2), (4, 3, 0.2), (4, 3, 3), (4, -3, 3)], "foliage")
-    wall = sheet([(7, -3, 0.2), (7, 3, 0.2), (7, 3, 3), (7, -3, 3)], "rock")
-    scene, reflectors = world([leaves, wall])
+    rock = wall(7, "rock", (-3, 3), (0.2, 3))
+    scene, reflectors = world([wall(4, "foliage", (-3, 3), (0.2, 3)), rock])
     unit = UnitSpec(wind_mph=10.0)
     paths = radar_paths(scene, reflectors, "single_chip", 0.0, RADAR, unit=unit)
     near = paths.xyz[:, 0] < 5.5

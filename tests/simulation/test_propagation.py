@@ -16,7 +16,7 @@ from jradar.simulation.scenes.materials import MATERIAL_IDS, MATERIALS, slab_sha
 from jradar.simulation.scenes.scene import make_body
 from jradar.simulation.scenes.solids import boulder, box, join, moved, sheet, slab
 from jradar.simulation.scenes.trajectory import pose_at, velocity_at
-from tests.simulation.worlds import corner_reflector, straight, world
+from tests.simulation.worlds import corner_reflector, straight, wall, world
 
 RADAR = RadarSpec.awr1843()
 PERFECT = Hardware(
@@ -42,10 +42,6 @@ def cloud_of(paths):
 def person(place, radius=0.15):
     """A rough target."""
     return moved(boulder(np.random.default_rng(1), radius, "person"), place)
-
-
-def wall_at(x, material):
-    return sheet([(x, -8, -8), (x, 8, -8), (x, 8, 10), (x, -8, 10)], material)
 
 
 def angles_deg(xyz):
@@ -77,7 +73,7 @@ def test_a_rough_target_falls_with_the_fourth_power_and_a_wall_with_the_second()
     for distance in distances:
         scene, reflectors = world([person((distance, 0.0, 1.1))])
         powers.append(paths_of(scene, reflectors).power.sum())
-        scene, reflectors = world([wall_at(distance, "metal")])
+        scene, reflectors = world([wall(distance, "metal")])
         walls.append(paths_of(scene, reflectors).power.max())
     view, _ = in_radar(scene, (0, 0, 0))
     away = np.log(distances + view[0])
@@ -92,8 +88,8 @@ def test_a_rough_target_falls_with_the_fourth_power_and_a_wall_with_the_second()
 
 def test_a_mirror_makes_ghosts_behind_itself_and_half_way():
     lump = person((5.0, 1.0, 1.1))
-    wall = sheet([(-1, -1.5, -2), (9, -1.5, -2), (9, -1.5, 5), (-1, -1.5, 5)], "metal")
-    scene, reflectors = world([lump, wall])
+    aside = [(-1, -1.5, -2), (9, -1.5, -2), (9, -1.5, 5), (-1, -1.5, 5)]
+    scene, reflectors = world([lump, sheet(aside, "metal")])
     paths = paths_of(scene, reflectors)
     real, _ = in_radar(scene, (5.0, 1.0, 1.15))
     image, _ = in_radar(scene, (5.0, -4.0, 1.15))
@@ -117,7 +113,7 @@ def test_a_mirror_makes_ghosts_behind_itself_and_half_way():
 @pytest.mark.parametrize(("material", "seen"), [("drywall", True), ("metal", False)])
 def test_thin_walls_let_something_through_and_metal_nothing(material, seen):
     lump = person((6.0, 0.0, 1.1), 0.2)
-    scene, reflectors = world([lump, wall_at(3, material)])
+    scene, reflectors = world([lump, wall(3, material)])
     paths, (place, _) = paths_of(scene, reflectors), in_radar(scene, (6.0, 0.0, 1.2))
     behind = np.linalg.norm(paths.xyz - place, axis=-1) < 0.4
     assert behind.any() == seen
@@ -204,9 +200,8 @@ def test_the_cascades_calibration_file_undoes_its_channels():
     channels = np.exp(2j * np.pi * hardware.frequency[..., None] * time)
     channels *= hardware.phase[..., None]
     cube = np.broadcast_to(channels[:, :, None], radar.cube_shape).astype(np.complex64)
-    unit = Radar(
-        radar, channels=1 / hardware.phase, beat_bins=np.asarray(hardware.frequency)
-    )
+    bins = np.asarray(hardware.frequency)
+    unit = Radar(radar, channels=1 / hardware.phase, beat_bins=bins)
     np.testing.assert_allclose(calibrate(cube, unit), 1, atol=1e-4)
 
 

@@ -5,13 +5,17 @@ import pytest
 
 from jradar.simulation.rig import sensor_pose
 from jradar.simulation.scanner import ScannerSpec, mid360_rays, ouster_rays, scan
-from jradar.simulation.scenes.solids import box, moved, sheet
-from tests.simulation.worlds import world
+from jradar.simulation.scenes.solids import box, moved, slab
+from tests.simulation.worlds import wall, world
 
+WALL = wall(6, "concrete", (-30, 30), (-9, 9))
 EXACT = ScannerSpec(noise_m=0.0, fading_db=0.0, reach_m=1e4, least_range_m=0.0)
 
 
-def ranges(scene, directions, seconds, *, scanner=EXACT):
+RAYS = ouster_rays()
+
+
+def ranges(scene, directions=RAYS[0], seconds=RAYS[1], *, scanner=EXACT):
     random = np.random.default_rng(0)
     cloud = scan(random, scene, 0.0, directions, seconds, scanner=scanner)
     return np.linalg.norm(cloud[:, :3], axis=-1), cloud
@@ -21,8 +25,8 @@ def test_ranges_in_a_box_are_those_of_the_closed_form():
     low, high = np.array([-3.0, -4.0, 0.0]), np.array([7.0, 2.0, 3.0])
     room = moved(box((10.0, 6.0, 3.0), "concrete"), (2.0, -1.0, 0.0))
     scene, _ = world([room])
-    directions, seconds = ouster_rays()
-    measured, cloud = ranges(scene, directions, seconds)
+    directions, seconds = RAYS
+    measured, cloud = ranges(scene)
     origin, turn = sensor_pose(scene.platform, "lidar", np.array(0.0))
     rays = directions @ turn.T
     with np.errstate(divide="ignore"):
@@ -32,10 +36,9 @@ def test_ranges_in_a_box_are_those_of_the_closed_form():
 
 
 def test_the_rig_moves_while_the_head_turns():
-    wall = sheet([(6, -30, -9), (6, 30, -9), (6, 30, 9), (6, -30, 9)], "concrete")
-    scene, _ = world([wall], speed_mps=2.0)
-    still, _ = world([wall])
-    directions, seconds = ouster_rays()
+    scene, _ = world([WALL], speed_mps=2.0)
+    still, _ = world([WALL])
+    directions, seconds = RAYS
     level = np.abs(directions[:, 2]) < 0.005
     ahead = level & (directions[:, 0] < -0.999)  # the LiDAR's x axis looks back
     moving, _ = ranges(scene, directions[ahead], seconds[ahead])
@@ -45,12 +48,10 @@ def test_the_rig_moves_while_the_head_turns():
 
 
 def test_glass_is_looked_through_and_metal_is_not():
-    directions, seconds = ouster_rays()
+    directions, seconds = RAYS
     slanted = (directions[:, 0] < -0.9) & (np.abs(directions[:, 1]) > 0.15)
     for material, expected in (("glass", 6.0), ("metal", 3.0)):
-        pane = sheet([(3, -9, -9), (3, 9, -9), (3, 9, 9), (3, -9, 9)], material)
-        wall = sheet([(6, -30, -9), (6, 30, -9), (6, 30, 9), (6, -30, 9)], "concrete")
-        scene, _ = world([pane, wall])
+        scene, _ = world([wall(3, material, (-9, 9), (-9, 9)), WALL])
         _, cloud = ranges(scene, directions[slanted], seconds[slanted])
         origin, turn = sensor_pose(scene.platform, "lidar", np.array(0.0))
         x = (cloud[:, :3] @ turn.T + origin)[:, 0]
@@ -58,10 +59,9 @@ def test_glass_is_looked_through_and_metal_is_not():
 
 
 def test_far_and_grazing_returns_are_lost_and_written_as_zeros():
-    floor = sheet([(-80, -80, 0), (80, -80, 0), (80, 80, 0), (-80, 80, 0)], "asphalt")
-    scene, _ = world([floor])
-    directions, seconds = ouster_rays()
-    measured, cloud = ranges(scene, directions, seconds, scanner=ScannerSpec())
+    scene, _ = world([slab((-80, -80), (80, 80), 0.0, "asphalt")])
+    directions, _ = RAYS
+    measured, cloud = ranges(scene, scanner=ScannerSpec())
     lost = measured == 0
     assert (cloud[lost] == 0).all()
     assert lost[directions[:, 2] > 0].all()
@@ -73,10 +73,8 @@ def test_far_and_grazing_returns_are_lost_and_written_as_zeros():
 def test_noise_is_as_specified():
     room = moved(box((8.0, 8.0, 3.0), "drywall"), (0, 0, 0))
     scene, _ = world([room])
-    directions, seconds = ouster_rays()
-    exact, _ = ranges(scene, directions, seconds)
-    near = ScannerSpec(least_range_m=0.0)
-    noisy, _ = ranges(scene, directions, seconds, scanner=near)
+    exact, _ = ranges(scene)
+    noisy, _ = ranges(scene, scanner=ScannerSpec(least_range_m=0.0))
     heard = noisy > 0
     assert heard.mean() > 0.95
     error = (noisy - exact)[heard]
@@ -85,7 +83,7 @@ def test_noise_is_as_specified():
 
 
 def test_patterns_cover_their_fields_of_view():
-    directions, seconds = ouster_rays()
+    directions, seconds = RAYS
     elevation = np.degrees(np.arcsin(directions[:, 2])).reshape(64, 1024)
     assert elevation[0] == pytest.approx(16.6) and elevation[-1] == pytest.approx(-16.6)
     assert seconds.max() < 0.1

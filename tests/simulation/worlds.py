@@ -31,6 +31,13 @@ def world(solids, *, movers=(), speed_mps=0.0):
     return scene, find_reflectors(scene.bodies)
 
 
+def wall(x, material, y=(-8, 8), z=(-8, 10)):
+    """A sheet across the x axis."""
+    (left, right), (low, high) = y, z
+    corners = [(x, left, low), (x, right, low), (x, right, high), (x, left, high)]
+    return sheet(corners, material)
+
+
 def corner_reflector(xyz, side=0.2):
     """Three squares of metal that open towards where x is smaller, on edge."""
     square = [(0, 0), (side, 0), (side, side), (0, side)]

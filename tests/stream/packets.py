@@ -1,23 +1,14 @@
 """Packets of a card, written by hand: counters, samples, and what a network does."""
 
-import struct
-
 import numpy as np
 
 from jradar.stream.assembler import Assembler
-
-PAYLOAD = 1456
+from tests.recordings.dca1000_writer import PAYLOAD, packet
 
 
 def random_frames(count, size=2400, seed=0):
     """Frames of random bytes, `[frame, byte]`."""
     return np.random.default_rng(seed).integers(0, 256, (count, size), np.uint8)
-
-
-def packet(sequence, place, samples):
-    """One data packet; the counters wrap around."""
-    head = struct.pack("<I", sequence % 2**32) + struct.pack("<Q", place % 2**48)[:6]
-    return head + bytes(samples)
 
 
 def packets_of(frames, *, first=1, place=0):

@@ -71,8 +71,6 @@ def test_comments_may_be_in_another_encoding(read):
         ("adcCfg", "dfeDataOutputMode 3\nadcCfg", "advanced frames"),
         ("frameCfg", "advFrameCfg 1 0\nsubFrameCfg 0 0 0 1\nframeCfg", "advanced fr"),
         ("adcCfg", "dfeDataOutputMode 2\nadcCfg", "dfeDataOutputMode 2, expected 1"),
-        ("chirpCfg 1 1", "chirpCfg 1 1e9", "number = 1e.09, expected a whole"),
-        ("15 7 0", "15 5 0", r"transmitters \[0, 2\] are enabled, the frame needs"),
         ("15 7 0", "15", "line 1: 'channelCfg 15', expected at least 2 numbers"),
         ("10 5209", "many 5209", "line 4: profileCfg: could not convert"),
         ("10 5209", "nan 5209", "line 4: .* expected at least 11 numbers"),
@@ -94,14 +92,12 @@ def test_complex_2x_warns_of_the_image_band(read):
         read(("adcCfg 2 1", "adcCfg 2 2"))
 
 
-def test_order_of_samples_in_the_stream(read):
-    capture = read(("-1 0 0 1 1", "-1 0 1 1 1"))[1]
-    assert capture.iq_order == "QQII" and not capture.has_headers
+def test_headers_in_the_stream(read):
+    _, capture = read()
+    assert not capture.has_headers
     assert (capture.range_bias_m, capture.channel_factors) == (0.0, (1,) * 12)
-    old = [("-1 0 0 1 1", "0 0 0 1")]
-    capture = read(*old, more="lvdsStreamCfg -1 1 1 0\n")[1]
-    assert capture.iq_order == "I4Q4" and capture.has_headers
-    assert hash(capture) == hash(read(*old, more="lvdsStreamCfg -1 1 1 0\n")[1])
+    _, capture = read(more="lvdsStreamCfg -1 1 1 0\n")
+    assert capture.has_headers and hash(capture) != hash(read()[1])
 
 
 def test_factors_follow_the_firing_order_and_the_receivers(read):

@@ -23,6 +23,10 @@ from tests.recordings.dca1000_writer import (
     with_headers,
 )
 
+CUBES = random_cubes()
+STREAM = as_bytes(CUBES)
+PACKETS = as_packets(STREAM)
+
 
 @pytest.fixture
 def write(tmp_path):
@@ -59,22 +63,20 @@ def test_the_cfg_names_the_order(write, adcbuf, order):
 
 def test_times_and_channel_factors_of_a_cfg(write):
     factors = "compRangeBiasAndRxChanPhase 0.05 " + "1 0 " * 11 + "0 -1\n"
-    recording = open_dca1000(*write(as_bytes(random_cubes()), cfg=CFG + factors))
+    recording = open_dca1000(*write(STREAM, cfg=CFG + factors))
     np.testing.assert_allclose(recording.cubes.stamps, [0, 0.1, 0.2])
     assert recording.radar.range_bias_m == 0.05
     # The board's third transmitter, mask 4, fires second.
     assert np.flatnonzero(recording.radar.channels == -1j).tolist() == [7]
-    plain = open_dca1000(*write(as_bytes(random_cubes())))
+    plain = open_dca1000(*write(STREAM))
     assert plain.radar.channels is None and plain.lost_bytes is None
     assert plain.name == "adc_data" and plain.notes == ()
 
 
 @pytest.mark.parametrize("header", [14, 10])
 def test_packets_whose_frames_begin_anywhere(write, header):
-    cubes = random_cubes()
-    content = with_headers(as_packets(as_bytes(cubes)), header)
-    recording = open_dca1000(*write(content))
-    np.testing.assert_array_equal(frames_of(recording), cubes)
+    recording = open_dca1000(*write(with_headers(PACKETS, header)))
+    np.testing.assert_array_equal(frames_of(recording), CUBES)
     assert recording.lost_bytes.tolist() == [0, 0, 0] and recording.notes == ()
 
 
@@ -92,16 +94,15 @@ def test_lost_repeated_and_late_packets_are_placed_and_reported(write):
         "1,456 bytes arrived more than once",
         "packets were out of order in 1 places: reordered",
     )
-    received = np.stack([*recording.cubes])
+    received = frames_of(recording)
     np.testing.assert_array_equal(received[[0, 2, 3]], cubes[[0, 2, 3]])
     assert as_bytes(received) == bytes(expected)
 
 
 def test_lost_first_packet(write):
-    stream = as_bytes(random_cubes())
-    recording = open_dca1000(*write(with_headers(as_packets(stream)[1:])))
+    recording = open_dca1000(*write(with_headers(PACKETS[1:])))
     assert recording.lost_bytes.tolist() == [1456, 0, 0]
-    assert as_bytes(recording.cubes) == bytes(1456) + stream[1456:]
+    assert as_bytes(recording.cubes) == bytes(1456) + STREAM[1456:]
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -121,10 +122,8 @@ def test_any_packet_stream_against_its_bytes(data, tmp_path_factory):
     again = draw(st.lists(st.sampled_from(kept), max_size=3)) if kept else []
     order = draw(st.permutations(kept + again))
     if header == 10:  # and it must come last
-        order = sorted(order, key=lambda packet: len(packet[2]) < 1456)
-        order = order[
-            : next((i + 1 for i, p in enumerate(order) if len(p[2]) < 1456), 99)
-        ]
+        short = [packet for packet in order if len(packet[2]) < 1456]
+        order = [packet for packet in order if packet not in short] + short[:1]
     received = [packets[0], *order]
 
     expected, arrived = bytearray(len(stream)), bytearray(len(stream))
@@ -170,24 +169,22 @@ def test_parts_are_joined_in_the_order_of_their_numbers(write):
 
 
 def test_file_that_changes_after_opening(write):
-    cubes = random_cubes(2)
-    path, cfg = write(as_bytes(cubes))
+    path, cfg = write(STREAM)
     recording = open_dca1000(path, cfg)
-    path.write_bytes(as_bytes(cubes) + b"more")  # the recording continues
-    np.testing.assert_array_equal(frames_of(recording), cubes)
-    path.write_bytes(as_bytes(cubes)[:-1])
+    path.write_bytes(STREAM + b"more")  # the recording continues
+    np.testing.assert_array_equal(frames_of(recording), CUBES)
+    path.write_bytes(STREAM[:-1])
     with pytest.raises(ValueError, match="was truncated while it was read"):
-        recording.cubes[1]
+        recording.cubes[2]
 
 
 @pytest.mark.parametrize("missing", [1, 1200, 2399])
 def test_partial_frame_is_refused_or_left_out(write, missing):
-    cubes = random_cubes(2)
-    paths = write(as_bytes(cubes)[:-missing])
-    with pytest.raises(ValueError, match=r"holds .* multiple of 2,400 .*: 1 whole fra"):
+    paths = write(STREAM[:-missing])
+    with pytest.raises(ValueError, match=r"holds .* multiple of 2,400 .*: 2 whole fra"):
         open_dca1000(*paths)
     recording = open_dca1000(*paths, allow_partial=True)
-    np.testing.assert_array_equal(frames_of(recording), cubes[:1])
+    np.testing.assert_array_equal(frames_of(recording), CUBES[:2])
     assert f"the last {FRAME - missing:,} bytes" in recording.notes[0]
 
 
@@ -196,10 +193,9 @@ def test_truncation_anywhere_never_reads_wrong_samples(write, header):
     cubes = random_cubes(2)
     content = with_headers(as_packets(as_bytes(cubes)), header)
     record = header + 1456
-    for cut in {
-        base + c for base in (0, record, 2 * record) for c in (0, 4, header, -1)
-    }:
-        paths = write(content[: max(cut, 0)])
+    cuts = np.add.outer((0, record, 2 * record), (0, 4, header, -1))
+    for cut in np.maximum(cuts, 0).ravel():
+        paths = write(content[:cut])
         with pytest.raises(ValueError, match="bytes|truncated"):
             open_dca1000(*paths)
         # A frame lies in two packets. Without lengths, the second may be cut.
@@ -218,33 +214,30 @@ def test_size_of_another_configuration_names_those_that_fit(write):
 
 
 def test_faults_are_named(write, tmp_path):
-    stream = as_bytes(random_cubes(3))
-    packets = as_packets(stream)
-    damaged = bytearray(with_headers(packets))
+    damaged = bytearray(with_headers(PACKETS))
     damaged[2 * 1470 + 4 : 2 * 1470 + 8] = struct.pack("<I", 1457)
-    wild = [*packets[:-1], (2**30, 2**40, packets[-1][2])]
+    wild = [*PACKETS[:-1], (2**30, 2**40, PACKETS[-1][2])]
     adc, cut = struct.pack("<IQ", 0x0ADC0CDA, 5), b"\xd4\xc3\xb2\xa1"
+    dump = with_headers(as_packets(STREAM, [1456, 1456, 100, 1456]), 10)
     for name, content, message in [
         ("damaged.bin", bytes(damaged), "damaged.bin, byte 2,940: expected the header"),
         ("wild.bin", with_headers(wild), "a header is damaged, or most packets"),
-        ("multi.bin", adc + stream, "data-separated"),
-        ("a_hdr_0ADC_Raw_0.bin", stream, "data-separated"),
-        ("pcap.bin", cut + stream, "packet trace"),
+        ("multi.bin", adc + STREAM, "data-separated"),
+        ("a_hdr_0ADC_Raw_0.bin", STREAM, "data-separated"),
+        ("pcap.bin", cut + STREAM, "packet trace"),
         ("empty.bin", b"", "holds 0 bytes"),
+        ("dump.bin", dump, "byte 4,398.* the packet before not full"),
     ]:
         with pytest.raises(ValueError, match=message):
             open_dca1000(*write(content, name))
-    dump = with_headers(as_packets(stream, [1456, 1456, 100, 1456]), 10)
-    with pytest.raises(ValueError, match="byte 4,398.* the packet before not full"):
-        open_dca1000(*write(dump, "dump.bin"))
     with pytest.raises(ValueError, match="'IQQI', expected one of IIQQ"):
-        open_dca1000(*write(stream), iq_order="IQQI")
+        open_dca1000(*write(STREAM), iq_order="IQQI")
     with pytest.raises(ValueError, match="lvdsStreamCfg puts headers"):
-        open_dca1000(*write(stream, cfg=CFG + "lvdsStreamCfg -1 1 1 0\n"))
+        open_dca1000(*write(STREAM, cfg=CFG + "lvdsStreamCfg -1 1 1 0\n"))
     with pytest.raises(FileNotFoundError, match="no such file: .*none.bin"):
         open_dca1000(tmp_path / "none.bin", tmp_path / "radar.cfg")
     with pytest.raises(FileNotFoundError, match="no such radar description"):
-        open_dca1000(write(stream)[0], tmp_path / "none.cfg")
+        open_dca1000(write(STREAM)[0], tmp_path / "none.cfg")
 
 
 def test_two_captures_in_one_file_are_refused(tmp_path, monkeypatch):
@@ -295,5 +288,4 @@ def test_real_capture(samples):
     strongest = sorted(sorted(peaks, key=lambda k: -power[k])[:2])
     assert strongest == [11, 19]
     for order in ("QQII", "IQIQ", "QIQI"):
-        advice = open_dca1000(*paths, iq_order=order).notes
-        assert "in the order IIQQ" in advice[0]
+        assert "in the order IIQQ" in open_dca1000(*paths, iq_order=order).notes[0]

@@ -8,6 +8,7 @@ import pytest
 
 from jradar.recordings import open_recording
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
+from tests.stream.packets import packets_of
 
 dpkt = pytest.importorskip("dpkt", reason="pip install 'jradar[live]'")
 
@@ -31,64 +32,56 @@ def datagram(payload, *, sender=CARD, port=4098, vlan=False, link=1):
     return (bytes(12) + tag + kind + packet).ljust(60, b"\0")
 
 
-def data(number, stream=STREAM, first=1, place=0):
-    at = 1456 * number
-    counts = struct.pack("<I", (first + number) % 2**32)
-    counts += struct.pack("<Q", (place + at) % 2**48)[:6]
-    return counts + stream[at : at + 1456]
-
-
-def packets(stream=STREAM, **counters):
-    count = -(-len(stream) // 1456)
-    return [data(number, stream, **counters) for number in range(count)]
+def packets(**counters):
+    return packets_of(np.frombuffer(STREAM, np.uint8), **counters)
 
 
 def trace(folder, frames, name="trace.pcap", link=1):
     """A trace with a frame of the network every 10 ms."""
     (folder / "profile.cfg").write_text(CFG)
-    kinds = {".pcap": dpkt.pcap.Writer, ".pcapng": dpkt.pcapng.Writer}
     path = folder / name
     with path.open("wb") as file:
         if path.suffix == ".pcap":
             writer = dpkt.pcap.Writer(file, linktype=link, snaplen=65535)
         else:
-            writer = kinds[path.suffix](file)
+            writer = dpkt.pcapng.Writer(file)
         for number, frame in enumerate(frames):
             writer.writepkt(frame, START + 0.01 * number)
     return path
 
 
-@pytest.mark.parametrize("name", ["trace.pcap", "trace.pcapng"])
-@pytest.mark.parametrize("vlan", [False, True])
-def test_frames_and_their_times_come_back(tmp_path, name, vlan):
-    path = trace(tmp_path, [datagram(p, vlan=vlan) for p in packets()], name)
-    recording = open_recording(path)
+@pytest.mark.parametrize(
+    ("name", "vlan", "link"),
+    [
+        ("trace.pcap", False, 1),
+        ("trace.pcap", True, 1),
+        ("trace.pcapng", False, 1),
+        ("trace.pcap", False, 101),  # links other than Ethernet
+        ("trace.pcap", False, 113),
+    ],
+)
+def test_frames_and_their_times_come_back(tmp_path, name, vlan, link):
+    frames = [datagram(p, vlan=vlan, link=link) for p in packets()]
+    recording = open_recording(trace(tmp_path, frames, name, link))
     np.testing.assert_array_equal([*recording.cubes], CUBES)
     first = np.arange(6) * 2400 // 1456
     np.testing.assert_allclose(recording.cubes.stamps, START + 0.01 * first, atol=1e-4)
     assert not recording.lost_bytes.any()
 
 
-@pytest.mark.parametrize("link", [101, 113])
-def test_other_links_than_ethernet(tmp_path, link):
-    frames = [datagram(p, link=link) for p in packets()]
-    recording = open_recording(trace(tmp_path, frames, link=link))
-    np.testing.assert_array_equal([*recording.cubes], CUBES)
-
-
 def test_other_packets_order_copies_and_losses(tmp_path):
     mine = [datagram(p) for p in packets()]
     mine[3], mine[5] = mine[5], mine[3]
-    lost = mine.pop(1)
+    mine.pop(1)
     mine.insert(7, mine[6])
     foreign = [
-        datagram(data(1)[::-1], sender=HOST),
+        datagram(packets()[1][::-1], sender=HOST),
         datagram(b"x" * 300, port=53),
         bytes(12) + struct.pack("!H", 0x86DD) + bytes(60),
         b"",
     ]
     recording = open_recording(trace(tmp_path, [*foreign, *mine, *foreign]))
-    assert lost and recording.lost_bytes.tolist() == [944, 512, 0, 0, 0, 0]
+    assert recording.lost_bytes.tolist() == [944, 512, 0, 0, 0, 0]
     np.testing.assert_array_equal([*recording.cubes][2:], CUBES[2:])
     assert any("were lost" in note for note in recording.notes)
 
@@ -103,13 +96,13 @@ def test_a_trace_may_begin_and_end_in_the_middle_and_counters_wrap(tmp_path):
 
 
 def test_a_card_that_started_again_is_refused_with_the_place(tmp_path):
-    twice = [datagram(p) for p in packets() * 2]
+    twice = trace(tmp_path, map(datagram, packets() * 2))
     with pytest.raises(ValueError, match=r"again after 0.100 s, at packet 11"):
-        open_recording(trace(tmp_path, twice))
+        open_recording(twice)
 
 
 def test_a_trace_that_was_cut_off_is_read_up_to_there(tmp_path):
-    path = trace(tmp_path, [datagram(p) for p in packets()])
+    path = trace(tmp_path, map(datagram, packets()))
     path.write_bytes(path.read_bytes()[:-700])
     recording = open_recording(path)
     assert len(recording.cubes) == 5

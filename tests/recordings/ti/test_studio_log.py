@@ -34,10 +34,8 @@ def test_an_unusable_configuration_among_several(log):
     [note] = read_description(log(both_fire + LOG)).notes
     assert "#1 unusable; #2 2 x 4 x 4 x 8, 6.25 m, 0.001 s); #2 was" in note
     many = "".join(LOG.replace(",3,4,", f",3,{n},") for n in range(1, 9))
-    assert (
-        ": #4 2 x 4 x 4 x 8, 6.25 m, 0.001 s; #5"
-        in read_description(log(many)).notes[0]
-    )
+    [note] = read_description(log(many)).notes
+    assert ": #4 2 x 4 x 4 x 8, 6.25 m, 0.001 s; #5" in note
 
 
 def test_of_several_configurations_the_last_complete_one_is_taken(log):
@@ -47,11 +45,6 @@ def test_of_several_configurations_the_last_complete_one_is_taken(log):
     radar = radar_from_studio_log(log(LOG + SECOND + unfinished))
     assert radar.num_chirps == 7
     assert radar.slope_hz_per_s == pytest.approx(500 * 48.279e9, rel=1e-4)
-
-
-def test_a_repeated_configuration_counts_once(log):
-    path = log(LOG + "API:SensorStart,0,\n" + LOG + LOG + "API:SensorStart,0,\n")
-    assert read_description(path).notes == ()
 
 
 def test_a_change_without_a_new_frame_counts_when_the_sensor_starts(log):
@@ -68,15 +61,15 @@ def test_transmitters_as_masks(log):
     assert radar == radar_from_studio_log(log(LOG))
     three = masks.replace("AR1642", "AR1843").replace("0,0,2,0,\n", "0,0,4,0,\n")
     assert radar_from_studio_log(log(three)).tx_positions == ((0, 0), (4, 0))
-    both = LOG.replace(
-        "ChirpConfig,0,0,0,0,0,0,0,1,0,", "ChirpConfig,0,0,0,0,0,0,0,3,0,"
-    )
+    both = LOG.replace("0,0,0,0,0,1,0,", "0,0,0,0,0,3,0,")
     with pytest.raises(ValueError, match=r"fire transmitters \[\[0, 1\], \[1\]\]"):
         radar_from_studio_log(log(both))
 
 
 def test_what_changes_no_sample_is_no_other_configuration(log):
-    """The number of frames, the gain and the filters."""
+    """A repeated one, the number of frames, the gain and the filters."""
+    started = LOG + "API:SensorStart,0,\n"
+    assert read_description(log(started + LOG + started)).notes == ()
     more = LOG.replace("FrameConfig,0,1,3", "FrameConfig,0,1,100")
     more = more.replace("10000,0,0,30,0", "10000,1,1,48,0")
     assert more.count("100,4") and more.count("48")
@@ -114,8 +107,6 @@ def test_the_choice_is_reported_and_can_be_made(tmp_path):
         ("ChannelConfig,3,15,0", "ChannelConfig", "line 2: .* 2 or more register"),
         ("ChirpConfig,0,0", "ChirpConfig,0,600", "line 5: .*chirps 0 to 600"),
         ("ChirpConfig,1,1,0,0", "ChirpConfig,1,1,0,9", "differ in profile"),
-        ("ProfileConfig,0", "ProfileConfig,1", r"use profile 0, described are \[1\]"),
-        ("FrameConfig,0,1", "FrameConfig,-2147483649,1", "expected a whole number"),
         ("FrameConfig,0,1", "FrameConfig,0,2", "incomplete configuration"),
         ("FrameConfig,0,1,3,4", "FrameConfig,0,1,3," + "9" * 400, "line 7"),
         ("FrameConfig,0,1,3,4", "FrameConfig,0,1,3,nan", "line 7"),
@@ -130,7 +121,7 @@ def test_malformed_lines_are_named(log, old, new, message):
         radar_from_studio_log(log(LOG.replace(old, new, 1)))
 
 
-def test_other_encodings_of_names_are_read(tmp_path):
-    path = tmp_path / "LogFile.txt"
+def test_other_encodings_of_names_are_read(log):
+    path = log(LOG)
     path.write_bytes("C:\\Müller\\capture,0,\n".encode("cp1252") + LOG.encode())
     assert chirps(path) == 4
