@@ -47,13 +47,10 @@ def test_directions_by_music_in_a_range_of_frames_do_not_change_the_truth(
     assert 0 < np.median(apart) < 0.1
 
 
-def test_points_come_from_the_options():
+def test_points_come_from_the_options_in_a_file(tmp_path):
     spec = with_points(SPEC, detector="ca", angles="music")
     shared = {"capacity": 128, "train": (2, 4), "detector": "ca"}
     assert spec.visible_points == PointSpec(false_alarm_rate=1e-3, **shared)
-
-
-def test_options_are_read_from_toml(tmp_path):
     text = "block = 2\n[points]\ncapacity = 128\ntrain = [2, 4]\n"
     (tmp_path / "spec.toml").write_text(text + "[lidar]\nmax_range_m = 7\n")
     assert PrepareSpec.from_toml(tmp_path / "spec.toml") == SPEC
@@ -65,17 +62,12 @@ def test_options_are_read_from_toml(tmp_path):
         ("[points]\ncapacty = 1", "spec.toml: unknown field 'capacty', expected capac"),
         ("[points]\ncapacity = 'many'", "capacity = 'many', expected an integer"),
         ("[points]\ncapacity = true", "capacity = True"),
-        ("[points]\ncapacity = 0", "capacity = 0, expected 1 to 1,048,576"),
-        ("[points]\ncapacity = 1048577", "capacity = 1,048,577, expected 1 to 1,048,"),
         ("[points]\nrefine = 1", "refine = 1, expected true or false"),
         ("[points]\nguard = [1]", r"guard = \[1\], expected a list of 2 integers"),
         ("[points]\nguard = [1.5, 2]", r"guard = \[1.5, 2\]"),
         ("[points]\nguard = 2", "guard = 2, expected a list of 2 integers"),
-        ("[points]\nguard = [-1, 2]", r"guard = \(-1, 2\), expected two whole numbers"),
-        ("[points]\ntrain = [2, -4]", r"train = \(2, -4\), expected two whole numbers"),
         ("[points]\ndetector = ['os']", "expected a text"),
         ("[points]\nfalse_alarm_rate = 'low'", "expected a number"),
-        ("[points]\ndetector = 'cfar'", r"detector = 'cfar', expected one of \('ca'"),
         ("[points]\nfalse_alarm_rate = 2", "false_alarm_rate = 2.0, expected 0 < rate"),
         ("visible_false_alarm_rate = 0", "visible_false_alarm_rate = 0"),
         ("block = 0", "block = 0, expected 1 or more"),

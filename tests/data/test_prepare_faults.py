@@ -129,6 +129,7 @@ def test_too_few_scans_and_none_at_all_are_an_error(tmp_path):
     write_stamps(folder / "lidar", 1000.4 + 0.1 * np.arange(4))
     with pytest.raises(ValueError, match="4 of 4 radar frames.*do the two clocks"):
         prepare(folder, tmp_path / "dst", SPEC, workers=1)
+    folder = folder.rename(tmp_path / "src" / "bare")  # what was opened is kept
     shutil.rmtree(folder / "lidar")
     with pytest.raises(ValueError, match="no LiDAR.*capture.toml"):
         prepare(folder, tmp_path / "dst", SPEC, workers=1)

@@ -88,10 +88,7 @@ def test_clipping_is_measured(cube, scale, step):
     assert found.full_scale == scale and 0.02 < found.share < 0.6
     [doubt] = found.doubts
     assert f"{found.share:.1%} of the samples are at full scale" in doubt
-
-
-def test_clipping_at_equal_ends_is_measured():
-    parts = words_of(clipped(frame(), 2**15, gain=2.0))
+    parts = words_of(clipped(frame(), 2**15, gain=2.0))  # now with equal ends
     assert check_samples(of_words(np.maximum(parts, 1 - 2**15))).share > 0.1
 
 
@@ -104,15 +101,12 @@ def test_peaks_and_a_tone_near_full_scale_are_no_clipping(cube):
         assert check_samples(of_words(tone)).doubts == ()
 
 
-def test_scaled_samples_and_noise_raise_no_doubt():
+def test_scaled_and_real_samples_and_noise_raise_no_doubt():
     for factor in (1 / 7, 1e6, 1e20):
         assert check_samples((frame() * factor).astype(np.complex64)).doubts == ()
     assert check_samples(random_cube((3, 4, 16, 64))).doubts == ()
     noise = np.random.default_rng(0).integers(-(2**15), 2**15, (2, 2, 4, 16, 64))
     assert check_samples(of_words(noise.astype(np.int16))).doubts == ()
-
-
-def test_real_samples_of_one_mixer():
     real = frame(channels=(1, 2)).real.astype(np.float32)
     assert check_samples(real).doubts == ()
     swapped = real.astype(np.int16).byteswap().astype(np.float32)

@@ -64,6 +64,8 @@ def test_the_limit_is_checked_before_reading(tmp_path):
     for read in (read_text, read_description, lambda path: open_file(path, limit=9)):
         with pytest.raises(ValueError, match="a.toml holds 1,099,511,627,776 bytes"):
             read(path)
+    with pytest.raises(ValueError, match="1,099,511,627,776 bytes, .* most 67,108,864"):
+        read_stamps(path, [])
 
 
 def test_a_radar_whose_frames_are_too_many(tmp_path):

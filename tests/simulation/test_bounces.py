@@ -99,7 +99,7 @@ def upright(x):
     return wall(x, "metal", (-6, 6), (0, 4))
 
 
-def test_echoes_between_walls_have_the_power_of_friis():
+def test_echoes_between_parallel_walls_have_the_power_of_friis():
     a, b, speed = 3.0, 2.0, 0.7
     paths = between_walls([upright(a), upright(-b)], speed)
     length = np.linalg.norm(paths.xyz, axis=-1)
@@ -114,9 +114,6 @@ def test_echoes_between_walls_have_the_power_of_friis():
     assert paths.power[best] == pytest.approx(friis * metal**3, rel=1e-3)
     through = paths.velocity[np.isclose(length, a + b)]  # one wall nears, one recedes
     np.testing.assert_allclose(through, 0, atol=1e-9)
-
-
-def test_walls_that_are_not_parallel_pass_no_echoes():
     aside = sheet([(-6, 3, 0), (6, 3, 0), (6, 3, 4), (-6, 3, 4)], "metal")
     assert not between_walls([upright(3.0), aside]).power.size
 

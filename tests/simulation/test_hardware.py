@@ -32,7 +32,8 @@ def spectrum_of(hardware: Hardware):
     return np.fft.fft2(frame[..., 0] + 1j * frame[..., 1], norm="forward")
 
 
-def test_phase_noise_fills_all_ranges_to_the_data_sheets_level():
+def test_phase_noise_fills_all_ranges_and_late_starts_fill_all_velocities():
+    """To the data sheet's level, and to that of the starts at the echo's range."""
     power = (np.abs(spectrum_of(PERFECT)) ** 2).mean(1)
     echo = power[:, 0, BIN].mean()
     delay_s = 2 * BIN * RADAR.range_resolution_m / SPEED_OF_LIGHT
@@ -46,10 +47,6 @@ def test_phase_noise_fills_all_ranges_to_the_data_sheets_level():
     measured = (power[..., away].mean() - noise) / echo
     assert 10 * np.log10(measured / expected) == pytest.approx(0, abs=0.35)
     assert measured * echo > 20 * noise
-
-
-def test_late_starts_fill_all_velocities_at_the_echos_range():
-    power = (np.abs(spectrum_of(PERFECT)) ** 2).mean(1)
     beat_hz = BIN * RADAR.sample_rate_hz / RADAR.num_samples
     turned = 2 * np.pi * beat_hz * 1.1e-9
     measured = power[:, 1:, BIN].sum(1) / power[:, 0, BIN]

@@ -117,13 +117,9 @@ def test_notes_of_the_board_are_no_errors(cfg):
         assert board.send("sensorStop").startswith("Ignored")
 
 
-def test_a_board_that_does_not_answer_is_named(cfg):
+def test_a_board_without_an_answer_and_a_port_that_is_not_there_are_named(cfg):
     with demo(lambda _: None) as (_, port), Board(port, timeout_s=0.3) as board:
         with pytest.raises(TimeoutError, match=r"line 3: 'sensorStop': the board on"):
             board.configure(cfg)
-
-
-def test_a_port_that_cannot_be_opened_is_named(tmp_path):
-    pytest.importorskip("serial")
     with pytest.raises(OSError, match=r"cannot be opened .* group dialout"):
-        Board(str(tmp_path / "ttyACM0"))
+        Board(str(cfg.with_name("ttyACM0")))

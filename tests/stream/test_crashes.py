@@ -4,23 +4,28 @@ import contextlib
 import importlib
 import signal
 import struct
-import subprocess
-import sys
 
 import pytest
 
 from jradar.errors import UsageError
 from jradar.stream.outputs import open_writer
+from tests.programs import finished
 from tests.stream.scenes import view_of
 
 KILLED = """
-import os, pathlib, signal, sys
+import os, pathlib, signal
 from tests.stream.scenes import view_of
 from jradar.stream import bag_writer, foxglove_writers
-bag_writer.SAVED_S = foxglove_writers.FLUSHED_S = float(sys.argv[3])
-writer = {made}(pathlib.Path(sys.argv[1]))
+folder = pathlib.Path({folder!r})
+foxglove_writers.FLUSHED_S = 0.0
+writers = {{
+    0.0: foxglove_writers.McapWriter(folder / "out.mcap"),
+    1e-9: bag_writer.BagWriter(folder / "saved.ros2"),
+    1e9: bag_writer.BagWriter(folder / "open.ros2"),
+}}
 for number in range(40):
-    writer.write(view_of(number, points=int(sys.argv[2])))
+    for bag_writer.SAVED_S, writer in writers.items():
+        writer.write(view_of(number, points=5000))
 os.kill(os.getpid(), signal.SIGKILL)
 """
 WRITERS = {
@@ -29,7 +34,7 @@ WRITERS = {
 }
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def packages():
     for package in ("foxglove", "rosbags", "mcap"):
         pytest.importorskip(package)
@@ -53,35 +58,34 @@ def times_of(views):
     return [view_of(n, points=1).stamp_ns for n in range(views) for _ in range(4)]
 
 
-def killed(path, points, saved_s):
-    """Kill a program that has written 40 views, saved every so many seconds."""
-    program = KILLED.format(made=".".join(WRITERS[path.name]))
-    command = [sys.executable, "-c", program, path, str(points), str(saved_s)]
-    done = subprocess.run(command, capture_output=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr.decode()
-    return path if path.suffix == ".mcap" else path / f"{path.name}.mcap"
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory, packages):
+    """Outputs of a killed program of 40 views: saved after each, and never saved."""
+    folder = tmp_path_factory.mktemp("killed")
+    done = finished(KILLED.format(folder=str(folder)))
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    return folder
 
 
-def test_an_mcap_file_of_a_killed_program_is_read_up_to_its_last_chunk(tmp_path):
-    found = scanned_times(killed(tmp_path / "out.mcap", 500, 0.0))
-    assert sorted(found) == times_of(40)
+def test_an_mcap_file_of_a_killed_program_is_read_up_to_its_last_chunk(killed):
+    assert sorted(scanned_times(killed / "out.mcap")) == times_of(40)
 
 
-def test_a_bag_of_a_killed_program_is_whole_after_each_save(tmp_path):
+def test_a_bag_of_a_killed_program_is_whole_after_each_save(killed):
     """Once a second in earnest, after each view here."""
     from rosbags.highlevel import AnyReader
 
-    path = tmp_path / "out.ros2"
-    assert scanned_times(killed(path, 5000, 0.0)) == times_of(40)
+    path = killed / "saved.ros2"
+    assert scanned_times(path / "saved.ros2.mcap") == times_of(40)
     with AnyReader([path]) as reader:
         assert [time_ns for _, time_ns, _ in reader.messages()] == times_of(40)
     assert "message_count: 160" in (path / "metadata.yaml").read_text()
 
 
-def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(tmp_path):
-    found = scanned_times(killed(tmp_path / "out.ros2", 5000, 1e9))
+def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(killed):
+    found = scanned_times(killed / "open.ros2" / "open.ros2.mcap")
     assert len(found) > 4 * 20 and found == times_of(40)[: len(found)]
-    assert "message_count: 4\n" in (tmp_path / "out.ros2/metadata.yaml").read_text()
+    assert "message_count: 4\n" in (killed / "open.ros2/metadata.yaml").read_text()
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -12,7 +12,7 @@ from jradar.errors import UsageError
 from jradar.radar import RadarSpec, Scatterers, direction_sines, simulate_cube
 from jradar.recordings import read_cloud
 from jradar.stream.outputs import open_writer
-from jradar.stream.views import point_table, range_azimuth
+from jradar.stream.views import range_azimuth
 from jradar.types import PointCloud
 from tests.stream.scenes import columns_of, view_of
 
@@ -60,19 +60,9 @@ def test_an_empty_cloud_is_written(tmp_path, name):
     assert (tmp_path / name).exists()
 
 
-@pytest.mark.parametrize("name", ["out.mcap", "out.ros2"])
-def test_a_recording_is_never_overwritten(tmp_path, name):
-    (tmp_path / name).mkdir()
-    with pytest.raises(UsageError, match="exists and is not overwritten"):
-        open_writer(tmp_path / name)
-
-
-def test_a_name_of_no_known_kind_is_refused(tmp_path):
+def test_other_names_what_exists_and_missing_packages_are_named(tmp_path, monkeypatch):
     with pytest.raises(UsageError, match=r"expected a file \.mcap, a ROS 2 bag"):
         open_writer(tmp_path / "out.bag")
-
-
-def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch):
     for package, name, extra in (
         ("foxglove", "out.mcap", "live"),
         ("rosbags.rosbag2", "out.ros2", "ros"),
@@ -80,11 +70,9 @@ def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch):
         monkeypatch.setitem(sys.modules, package, None)
         with pytest.raises(ImportError, match=rf"pip install 'jradar\[{extra}\]'"):
             open_writer(tmp_path / name)
-
-
-def test_a_cloud_without_velocity_and_power_has_three_columns():
-    cloud = VIEWS[0].clouds["radar"]._replace(velocity=None, power=None)
-    assert point_table(cloud).dtype.names == (*"xyz",)
+        (tmp_path / name).mkdir()
+        with pytest.raises(UsageError, match="exists and is not overwritten"):
+            open_writer(tmp_path / name)
 
 
 def test_the_picture_shows_an_echo_where_it_is():

@@ -11,9 +11,9 @@ from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
 from jradar.stream.outputs import open_writer
 from jradar.stream.processing import Processor
-from jradar.stream.views import lidar_cloud, recorded_view
+from jradar.stream.views import recorded_view
 from tests.stream.readers import READERS, bag_messages
-from tests.stream.scenes import BASE_FROM, cloud_of, columns_of
+from tests.stream.scenes import BASE_FROM, cloud_of, columns_of, view_of
 from tests.stream.test_live import CUBES, POINTS, RECORDING, Kept, play
 
 RADAR = RadarSpec.awr1843(num_chirps=4, num_samples=32)
@@ -44,13 +44,9 @@ TOPICS = {
 
 
 def contents_of(frame):
-    """The clouds and the picture of a frame, by topic."""
-    rng = np.random.default_rng(frame)
-    lidar = lidar_cloud(rng.normal(size=(7, 3)).astype(np.float32))
-    radar, enhanced = cloud_of(50, seed=frame), cloud_of(80, seed=10 + frame)
-    clouds = {"radar": radar, "enhanced": enhanced, "lidar": lidar}
-    picture = rng.integers(0, 256, (6, 4), np.uint8)
-    return clouds, picture
+    """The clouds and the picture of a frame."""
+    view = view_of(frame)
+    return view.clouds | {"enhanced": cloud_of(80, seed=9 + frame)}, view.picture
 
 
 def published(path, recording=WALK):

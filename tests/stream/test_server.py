@@ -93,24 +93,25 @@ def test_channels_and_messages_are_those_of_foxgloves_own_server(server):
     context = foxglove.Context()
     theirs = foxglove.start_server(port=0, context=context)
     channel = PointCloudChannel("/radar/points", context=context)
-    said = []
+    message = dict(Messages("test").of(VIEW))["/radar/points"]
+
+    def said(port, publish):
+        with connected(port) as socket:
+            found = advertised(socket)["/radar/points"]
+            wanted = [{"id": 7, "channelId": found.pop("id")}]
+            ask(socket, "subscribe", subscriptions=wanted)
+            ask(socket, "nonsense")
+            assert told(socket)["op"] == "status"
+            publish()
+            return found, socket.recv(PATIENCE_S)
+
     try:
-        for port in (server.port, theirs.port):
-            with connected(port) as socket:
-                found = advertised(socket)["/radar/points"]
-                wanted = [{"id": 7, "channelId": found.pop("id")}]
-                ask(socket, "subscribe", subscriptions=wanted)
-                ask(socket, "nonsense")
-                assert told(socket)["op"] == "status"
-                if port == server.port:
-                    server.write(VIEW)
-                else:
-                    message = dict(Messages("test").of(VIEW))["/radar/points"]
-                    channel.log(message, log_time=VIEW.stamp_ns)
-                said.append((found, socket.recv(PATIENCE_S)))
+        expected = said(
+            theirs.port, lambda: channel.log(message, log_time=VIEW.stamp_ns)
+        )
     finally:
         theirs.stop()
-    assert said[0] == said[1]
+    assert said(server.port, lambda: server.write(VIEW)) == expected
 
 
 @pytest.mark.parametrize(
@@ -148,6 +149,9 @@ def test_pages_of_others_are_refused(origin, served):
         assert "--allow-origin" in said[0] and not server._viewers
 
 
+SUBSCRIBE = '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": %s}]}'
+
+
 @pytest.mark.parametrize(
     ("message", "answer"),
     [
@@ -157,14 +161,8 @@ def test_pages_of_others_are_refused(origin, served):
         ("[" * 100_000, "not understood"),
         ('{"op": "subscribe"}', "not understood"),
         ('{"op": "subscribe", "subscriptions": [{"id": -1}]}', "not understood"),
-        (
-            '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}',
-            "no channel 99",
-        ),
-        (
-            '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": []}]}',
-            "not understood",
-        ),
+        (SUBSCRIBE % "99", "no channel 99"),
+        (SUBSCRIBE % "[]", "not understood"),
         ('{"op": "advertise"}', "only publishes: 'advertise'"),
     ],
 )
@@ -205,13 +203,10 @@ def test_a_viewer_that_does_not_read_holds_up_nobody(server):
         assert len(server._viewers[0]._waiting) <= BACKLOG
 
 
-def test_a_taken_port_of_the_server_is_named(server):
+def test_a_taken_port_is_named_and_the_end_closes_the_connections():
+    server = Server(port=0)
     with pytest.raises(OSError, match="Name another with --serve PORT"):
         Server(port=server.port)
-
-
-def test_the_end_closes_the_connections():
-    server = Server(port=0)
     with connected(server.port) as socket:
         advertised(socket)
         server.close()

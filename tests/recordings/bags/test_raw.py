@@ -9,13 +9,12 @@ from jradar.errors import UsageError  # noqa: E402
 from jradar.recordings import is_recording, open_recording  # noqa: E402
 from tests.recordings.bag_writer import (  # noqa: E402
     ARRAY,
-    CLOUD,
     FRAME,
     IQ,
     START,
     TENTH,
-    columns,
-    point_cloud2,
+    livox_bag,
+    livox_rows,
     raw_samples,
     write_bag,
 )
@@ -53,20 +52,24 @@ def test_another_order_of_i_and_q_is_taken(tmp_path):
     np.testing.assert_array_equal([*recording.cubes], CUBES)
 
 
-def test_messages_of_another_size_are_refused(tmp_path):
-    path = write(tmp_path, words=[WORDS[0][:-2]])
-    with pytest.raises(ValueError, match=r"holds 1,198 numbers, .* needs 1,200"):
-        open_recording(path)
-
-
-def test_two_topics_of_samples_are_refused(tmp_path):
-    path = write(tmp_path, topics=("/left", "/right"))
-    with pytest.raises(UsageError, match="2 topics of raw samples, name one of /left,"):
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"words": [WORDS[0][:-2]]}, r"holds 1,198 numbers, .* needs 1,200"),
+        (
+            {"topics": ("/left", "/right")},
+            "2 topics of raw samples, name one of /left,",
+        ),
+    ],
+    ids=["size", "topics"],
+)
+def test_other_samples_are_refused(tmp_path, change, message):
+    path = write(tmp_path, **change)
+    with pytest.raises((ValueError, UsageError), match=message):
         open_recording(path)
 
 
 def test_bags_of_clouds_are_no_recordings_of_a_radar(tmp_path):
-    cloud = point_cloud2(columns(2), START)
-    assert not is_recording(write_bag(tmp_path, "mcap", [("/p", CLOUD, START, cloud)]))
+    assert not is_recording(livox_bag(tmp_path, "mcap", [livox_rows(2)]))
     (tmp_path / "empty.bag").write_bytes(b"")
     assert not is_recording(tmp_path / "empty.bag")

@@ -89,14 +89,11 @@ def test_times_as_they_are_shipped_are_repaired_with_warnings(write):
         ("F_design 76.8", "", "no F_design, the design frequency in GHz"),
     ],
 )
-def test_unusable_folder_is_refused(write, old, new, message):
-    with pytest.raises(ValueError, match=message):
-        radar_from_coloradar(write((old, new)))
-
-
-def test_another_folder_is_refused(tmp_path):
+def test_unusable_folder_is_refused(write, tmp_path, old, new, message):
     with pytest.raises(ValueError, match="expected a folder such as calib/single_chip"):
         radar_from_coloradar(tmp_path)
+    with pytest.raises(ValueError, match=message):
+        radar_from_coloradar(write((old, new)))
 
 
 COUPLING = np.arange(24).reshape(2, 3, 4) * (1 - 2.5j) + 7

@@ -58,10 +58,6 @@ def test_dialects_describe_the_same_radar(read, changes):
     np.testing.assert_allclose(times, (267e-6, 7e-6, 57.14e-6))
 
 
-def test_comments_may_be_in_another_encoding(read):
-    assert read(more="% 10 µs\n", encoding="cp1252")[0].cube_shape == SHAPE
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -92,8 +88,8 @@ def test_complex_2x_warns_of_the_image_band(read):
         read(("adcCfg 2 1", "adcCfg 2 2"))
 
 
-def test_headers_in_the_stream(read):
-    _, capture = read()
+def test_headers_in_the_stream_and_comments_in_another_encoding(read):
+    _, capture = read(more="% 10 µs\n", encoding="cp1252")
     assert not capture.has_headers
     assert (capture.range_bias_m, capture.channel_factors) == (0.0, (1,) * 12)
     _, capture = read(more="lvdsStreamCfg -1 1 1 0\n")

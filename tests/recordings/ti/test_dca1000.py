@@ -97,9 +97,6 @@ def test_lost_repeated_and_late_packets_are_placed_and_reported(write):
     received = frames_of(recording)
     np.testing.assert_array_equal(received[[0, 2, 3]], cubes[[0, 2, 3]])
     assert as_bytes(received) == bytes(expected)
-
-
-def test_lost_first_packet(write):
     recording = open_dca1000(*write(with_headers(PACKETS[1:])))
     assert recording.lost_bytes.tolist() == [1456, 0, 0]
     assert as_bytes(recording.cubes) == bytes(1456) + STREAM[1456:]
@@ -207,12 +204,6 @@ def test_truncation_anywhere_never_reads_wrong_samples(write, header):
             np.testing.assert_array_equal(frames_of(recording), cubes[:1])
 
 
-def test_size_of_another_configuration_names_those_that_fit(write):
-    path, cfg = write(as_bytes(random_cubes(1, (2, 4, 16, 64))))
-    with pytest.raises(ValueError, match=r"that fit: .*\(64, 16, 4, 2\)"):
-        open_dca1000(path, cfg)
-
-
 def test_faults_are_named(write, tmp_path):
     damaged = bytearray(with_headers(PACKETS))
     damaged[2 * 1470 + 4 : 2 * 1470 + 8] = struct.pack("<I", 1457)
@@ -226,6 +217,7 @@ def test_faults_are_named(write, tmp_path):
         ("a_hdr_0ADC_Raw_0.bin", STREAM, "data-separated"),
         ("pcap.bin", cut + STREAM, "packet trace"),
         ("empty.bin", b"", "holds 0 bytes"),
+        ("other.bin", bytes(4 * 2 * 4 * 16 * 64), r"that fit: .*\(64, 16, 4, 2\)"),
         ("dump.bin", dump, "byte 4,398.* the packet before not full"),
     ]:
         with pytest.raises(ValueError, match=message):
