@@ -15,7 +15,7 @@ OWN = (  # the names of all that commands write, and others
     *(f"{cloud}.{kind}" for cloud in ("radar", "enhanced") for kind in KINDS),
     *("000000/radar.ply", "000001/enhanced.npz", "radar/000000.pcd", "capture.png"),
     *("preparation.png", "manifest.json", "run0/0000.array_record", ".lock"),
-    *("splits.json", "calib/notes.txt", "lab_0/notes.txt", "thesis.txt"),
+    *("splits.json", "calib/notes.txt", "corridor_0/notes.txt", "thesis.txt"),
     *("walk.tum", "my.toml", "function.jax", "out.mcap", "out.ros2/metadata.yaml"),
 )
 
@@ -48,7 +48,7 @@ def commands(run, uncalibrated, model_folder):
     enhance = ["enhance", run, "--model", model_folder, *QUICK]
     live = ["live", "--replay", run, "--model", "none", "--silence", 60, "--speed", 2]
     prepare = ["prepare", run, "--workers", 1, "--frames", "0:1"]
-    lab = ["simulate", "--scene", "lab", "--frames", 1]
+    scene = ["simulate", "--scene", "corridor", "--frames", 1]
     return {
         "points": ["points", run],
         "points csv": ["points", run, "--format", "csv", "--deviations"],
@@ -65,8 +65,8 @@ def commands(run, uncalibrated, model_folder):
         "walk.tum": ["odometry", run],
         "prepare": prepare,
         "preview": [*prepare, "--preview"],
-        "lab": lab,
-        "capture": [*lab, "--format", "capture"],
+        "scene": scene,
+        "capture": [*scene, "--format", "capture"],
         "function.jax": ["export", model_folder, "--draws", 1, "--steps", 1],
     }
 
@@ -86,8 +86,8 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         "walk.tum": "walk.tum was not written by this command",
         "prepare": "own is neither empty nor a folder of records, it holds ",
         "preview": "preparation.png was not written by this command",
-        "lab": "calib holds notes.txt but no simulated.txt",
-        "capture": "lab_0 holds notes.txt but no simulated.txt",
+        "scene": "calib holds notes.txt but no simulated.txt",
+        "capture": "corridor_0 holds notes.txt but no simulated.txt",
         "set": "manifest.json is damaged or not a JSON file",
         "": "own is a folder, expected the name of a file",
     }

@@ -153,12 +153,14 @@ def test_a_frame_that_cannot_be_read_ends_the_recording():
 
 
 def test_detections_are_counted_by_cfar_not_by_capacity():
-    model = tiny_model(points=dataclasses.replace(MODEL.spec.points, capacity=8))
-    (frame,) = enhance_recording(recording(1), model, **DRAWING)
+    few = dataclasses.replace(MODEL.spec.points, capacity=8)
+    stages = Stages(jax.random.key(0), UNIT, None, points=few)
+    heard = stages.hear(CUBES[0])
+    _, count = stages.detections(heard)
     points = PointSpec(false_alarm_rate=1e-3)
     (found,) = detect_recording(recording(1), points=points)
-    assert int(frame.points.valid.sum()) == 8 < found.detected
-    assert frame.detections == pytest.approx(found.detected, rel=0.3)
+    assert int(heard.points.valid.sum()) == 8 < found.detected
+    assert int(count) == pytest.approx(found.detected, rel=0.3)
 
 
 def test_a_frame_unlike_training_is_not_to_be_trusted():
