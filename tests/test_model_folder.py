@@ -167,12 +167,7 @@ def test_values_of_a_wrong_type_and_missing_ones_are_refused_everywhere(saved):
         ("fine", "width", 1 << 40, ""),
         ("points", "capacity", 99999999999, ""),
         ("points", "num_azimuth", 1 << 40, ""),
-        (
-            "network",
-            "channels",
-            300_000_000,
-            "300,000,000 channels for arrays",
-        ),
+        ("network", "channels", 300_000_000, "300,000,000 channels for arrays"),
         ("network", "blocks", 1 << 40, ""),
         ("network", "multipliers", [1] * 10_000, ""),
         ("network", "stem", [0, 0], ""),

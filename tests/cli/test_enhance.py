@@ -10,11 +10,7 @@ from jradar import model as models
 from jradar.cli import main
 from jradar.model import condition, draw, load_model, save_model
 from jradar.radar import radar_points
-from jradar.recordings import (
-    open_recording,
-    read_cloud,
-    without_background,
-)
+from jradar.recordings import open_recording, read_cloud, without_background
 from tests.cli.conftest import MODEL, QUICK, write_cube
 from tests.models import tiny_model
 from tests.recordings.conftest import root as root, sequence as sequence

@@ -9,11 +9,7 @@ from jradar.radar import (
     static_background,
     subtract_background,
 )
-from jradar.recordings import (
-    open_recording,
-    read_cloud,
-    valid_points,
-)
+from jradar.recordings import open_recording, read_cloud, valid_points
 from tests.cli.conftest import write_cube
 from tests.recordings.conftest import root as root, sequence as sequence
 

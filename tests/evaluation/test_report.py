@@ -8,12 +8,7 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.evaluation import (
-    build_report,
-    open_report,
-    save_clouds,
-    write_scores,
-)
+from jradar.evaluation import build_report, open_report, save_clouds, write_scores
 from jradar.evaluation.report import load_clouds
 from jradar.recordings import read_cloud
 from tests.evaluation import invented
