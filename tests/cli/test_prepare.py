@@ -63,9 +63,15 @@ def test_frames_without_a_scan_are_printed_and_a_wrong_field_leaves_nothing(
     assert dropped["reason"] == "no LiDAR scan within 50 ms"
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_an_interruption_ends_prepare_with_one_line_and_nothing_half_written(
-    spec, tmp_path, workers
+@pytest.mark.parametrize(
+    ("number", "workers"),
+    [
+        (signal.SIGTERM, 1),
+        pytest.param(signal.SIGINT, 2, marks=pytest.mark.slow),
+    ],
+)
+def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
+    spec, tmp_path, number, workers
 ):
     write_sequence(tmp_path / "src", frames=60)
     words = ("prepare", tmp_path / "src", "-o", tmp_path / "dst", "--spec", spec)
@@ -79,12 +85,13 @@ def test_an_interruption_ends_prepare_with_one_line_and_nothing_half_written(
     while not [*(tmp_path / "dst" / "run0").glob("0*.json")]:
         assert process.poll() is None
         time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    os.killpg(process.pid, number)  # as a terminal does
     begin = time.monotonic()
     _, err = process.communicate(timeout=60)
     took = time.monotonic() - begin
     shown = [line for line in err.splitlines() if not line.startswith("preparing")]
-    assert process.returncode == 130 and len(shown) == 1, err
+    assert process.returncode == 128 + number and len(shown) == 1, err
+    assert number == signal.SIGINT or shown == ["jradar: ended by SIGTERM"]
     assert took < 10  # 0.7 s on a machine that does nothing else
     hidden = [p for p in (tmp_path / "dst").rglob(".*") if p.name != ".lock"]
     assert not hidden

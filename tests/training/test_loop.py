@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import sys
+from unittest import mock
 
 import jax
 import numpy as np
@@ -215,28 +216,16 @@ def test_evaluation_is_logged(start, tmp_path):
 
 
 def test_tensorboard_gets_every_value(start, tmp_path, monkeypatch):
-    written = []
-
-    class Writer:
-        def __init__(self, folder, purge_step):
-            written.append(("open", folder, purge_step))
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            written.append("closed")
-
-        def add_scalar(self, name, value, step):
-            written.append((name, step))
-
-    module = type("Module", (), {"SummaryWriter": Writer})
-    monkeypatch.setitem(sys.modules, "tensorboardX", module)
+    package = mock.MagicMock()
+    monkeypatch.setitem(sys.modules, "tensorboardX", package)
     run(start, tmp_path, 1)
     run(start, tmp_path, 2)
-    folder = str(tmp_path / "tensorboard")
+    folder, open_writer = str(tmp_path / "tensorboard"), package.SummaryWriter
+    opened = [mock.call(folder, purge_step=step) for step in (0, 1)]
+    assert open_writer.call_args_list == opened
+    writer = open_writer.return_value
+    assert writer.__exit__.call_count == 2
+    added = writer.__enter__.return_value.add_scalar.call_args_list
     names = ("loss", "gradient_norm", "seconds")
-    assert written == [
-        ("open", folder, 0), *((n, 0) for n in names), "closed",
-        ("open", folder, 1), *((n, 1) for n in names), "closed",
-    ]  # fmt: skip
+    found = [(call.args[0], call.args[2]) for call in added]
+    assert found == [(name, step) for step in (0, 1) for name in names]
