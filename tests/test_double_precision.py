@@ -17,7 +17,6 @@ from jradar.radar.angle.spectrum import spectrum_peaks
 from jradar.radar.angle.subspace import (
     capon_spectrum,
     music_spectrum,
-    smoothed_covariance,
     source_count,
     subspace_directions,
 )
@@ -196,18 +195,3 @@ def test_distances_of_many_points_are_exact_in_double_precision():
     np.testing.assert_allclose(forth.mean() + back.mean(), expected.chamfer, rtol=1e-12)
     worst = max(np.median(forth), np.median(back))
     np.testing.assert_allclose(worst, expected.modified_hausdorff, rtol=1e-12)
-
-
-def test_capon_is_the_inverse_of_the_covariance_in_double_precision():
-    with jax.enable_x64(True):
-        snapshot = waves(1, 12)
-        found = capon_spectrum(snapshot, CHIP)
-        covariance = np.asarray(smoothed_covariance(snapshot, CHIP))
-        size = len(covariance)
-        level = np.trace(covariance).real / size
-        inverse = np.linalg.inv(covariance / level + 1e-3 * np.eye(size))
-        u, _ = r.direction_sines(CHIP, num_azimuth=256)
-        turns = CHIP.spacing_wavelengths * np.outer(np.arange(size), u)
-        steering = np.exp(2j * np.pi * turns)
-        form = np.einsum("ia,ij,ja->a", steering.conj(), inverse, steering).real
-        np.testing.assert_allclose(found, level / form, rtol=1e-3)
