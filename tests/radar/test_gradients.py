@@ -16,10 +16,10 @@ WINDOW = {"guard": (1, 1), "train": (1, 2), "capacity": 24, "false_alarm_rate": 
 OPTIONS = (
     *({}, {"refine": False, "edge": "fill", "train": (0, 4)}),
     {"detector": "ca", "edge": "reflect", "factor": 0.5},
-    {"detector": "go", "edge": "skip", "num_azimuth": 32, "num_elevation": 8},
     {"remove_static": True, "remove_interference": True, "edge": "wrap"},
     {"group_peaks": True, "detector": "so", "edge": "one_sided"},
-    {"range_window": "none", "doppler_window": "blackman"},
+    {"detector": "go", "edge": "skip", "num_azimuth": 32, "num_elevation": 8}
+    | {"range_window": "none", "doppler_window": "blackman"},
     {"focus": True, "range_window": "hamming", "doppler_window": "none"},
     *({"folds": 1}, {"folds": 1, "peaks": 2}, {"peaks": 2}),
     *({"angles": angles} for angles in ("capon", "music")),
