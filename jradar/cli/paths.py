@@ -50,6 +50,8 @@ def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
     path, force = Path(options.output), getattr(options, "force", False)
     streamed = options.output_may_stream and is_streamed(options.output)
     folder = options.output_is_folder and not streamed
+    if path.is_symlink() and not path.exists():
+        raise UsageError(f"{path} is a link to nothing, expected a new name")
     if path.exists() and not streamed and path.is_dir() != folder:
         found, expected = ("file", "folder") if folder else ("folder", "file")
         raise UsageError(f"{path} is a {found}, expected the name of a {expected}")

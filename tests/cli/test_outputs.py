@@ -104,10 +104,12 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
 
 
 def test_no_command_takes_a_file_of_somebody_for_its_output(own, commands, refused):
-    """Of every kind, or a link to one."""
+    """Of every kind, or a link to one, or to nothing."""
     (own / "link").symlink_to(own / "thesis.txt")
+    (own / "nowhere").symlink_to(own / "no thesis.txt")
     before = hashes(own)
-    kinds = {path.suffix or path.name: path for path in before}
+    kinds = {path.suffix or path.name: path for path in own.rglob("*")}
+    kinds = {kind: path for kind, path in kinds.items() if not path.is_dir()}
     for words in commands.values():
         for path in kinds.values():
             assert str(path) in refused(*words, "-o", path)
