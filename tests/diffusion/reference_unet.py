@@ -15,9 +15,9 @@ def silu(x):
 class State(dict):
     """A state dict that makes the tensors which it does not have; and layers."""
 
-    def __init__(self, seed=0, taps=(1, 1)):
+    def __init__(self, seed=0):
         super().__init__()
-        self.rng, self.taps = np.random.default_rng(seed), taps
+        self.rng = np.random.default_rng(seed)
 
     def take(self, name, *shape):
         """The tensor of this name."""
@@ -54,44 +54,19 @@ class State(dict):
         return y * scale[:, None, None] + shift[:, None, None]
 
     def resample(self, name, x, way):
-        """EDM's resampling by the filter that the state holds for this layer."""
-        if not way:
-            return x
-        taps = np.array(self.taps)
-        made = np.outer(taps, taps)[None, None] / taps.sum() ** 2
-        kernel = self.setdefault(f"{name}.resample_filter", made)[0, 0]
-        return (down if way == "down" else up)(x, kernel)
-
-
-def down(x, kernel):
-    """Apply torch's conv2d to every channel, stride 2, EDM's padding."""
-    size = len(kernel)
-    padded = np.pad(x, ((0, 0), *(((size - 1) // 2,) * 2,) * 2))
-    y = np.zeros((len(x), x.shape[1] // 2, x.shape[2] // 2))
-    for i, j in np.ndindex(*y.shape[1:]):
-        patch = padded[:, 2 * i : 2 * i + size, 2 * j : 2 * j + size]
-        y[:, i, j] = (patch * kernel).sum((1, 2))
-    return y
-
-
-def up(x, kernel):
-    """Apply torch's conv_transpose2d to every channel, stride 2, EDM's padding."""
-    size, rows, columns = len(kernel), *x.shape[1:]
-    full = np.zeros((len(x), 2 * rows + size - 2, 2 * columns + size - 2))
-    for i, j in np.ndindex(rows, columns):
-        spread = 4 * kernel * x[:, i, j, None, None]
-        full[:, 2 * i : 2 * i + size, 2 * j : 2 * j + size] += spread
-    cut = (size - 1) // 2
-    return full[:, cut : cut + 2 * rows, cut : cut + 2 * columns]
+        """EDM's resampling by the filter (1, 1), which is OpenAI's."""
+        if way:
+            self[f"{name}.resample_filter"] = np.full((1, 1, 2, 2), 0.25)
+        return RESAMPLE[way](x)
 
 
 def half(x):
-    """OpenAI's means of 2 x 2 pixels."""
+    """Means of 2 x 2 pixels."""
     return (x[:, ::2, ::2] + x[:, 1::2, ::2] + x[:, ::2, 1::2] + x[:, 1::2, 1::2]) / 4
 
 
 def double(x):
-    """OpenAI's nearest neighbours."""
+    """Nearest neighbours."""
     return np.kron(x, np.ones((1, 2, 2)))
 
 

@@ -1,4 +1,4 @@
-"""Eq. 9-12 against the formulas, masks, levels and intervals of the extra terms."""
+"""Eq. 9-12 against the formulas, masks, levels, intervals; regression's loss."""
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,8 @@ from jradar.diffusion import (
     NoiseSpec,
     denoising_loss,
     precondition,
+    regression_estimate,
+    regression_loss,
     target_mask,
     training_sigma,
 )
@@ -118,6 +120,34 @@ def test_perceptual_term_is_computed_every_kth_step():
 def test_a_miss_has_a_validity_but_no_range():
     target = jnp.array([[0.5, 1.0], [0.1, -1.0]])[None, None]
     np.testing.assert_array_equal(target_mask(target)[0, 0], [[1, 1], [0, 1]])
+
+
+def constant(image):
+    """A denoiser whose network makes the estimate `image`."""
+    return precondition(lambda x, c_noise: image / NOISE.sigma_data, NOISE)
+
+
+def test_the_estimate_is_the_networks_output():
+    image = jnp.arange(8.0).reshape(1, 2, 4, 1)
+    found = regression_estimate(constant(image), image.shape, noise=NOISE)
+    np.testing.assert_allclose(found, image, rtol=1e-4)
+
+
+def test_the_mean_of_all_answers_has_the_least_squared_error():
+    rng = np.random.default_rng(0)
+    clean = rng.integers(-8, 9, size=(64, 2, 2, 1)).astype(np.float32) / 8
+    gradient = jax.grad(
+        lambda image: regression_loss(KEY, constant(image), clean, noise=NOISE)
+    )
+    mean = jnp.asarray(clean.mean(0, keepdims=True))
+    np.testing.assert_allclose(gradient(mean), 0, atol=1e-6)
+
+
+def test_the_range_counts_as_in_the_denoising_loss():
+    clean = jnp.zeros((1, 2, 2, 2))
+    off = jnp.broadcast_to(jnp.array([0.3, 0.1]), clean.shape)
+    loss = regression_loss(KEY, constant(off), clean, noise=NOISE, range_weight=4.0)
+    assert float(loss) == pytest.approx((1.6 * 0.09 + 0.4 * 0.01) / 2, rel=1e-4)
 
 
 @pytest.mark.parametrize(

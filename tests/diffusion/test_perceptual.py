@@ -90,25 +90,15 @@ def test_distance_equals_the_reference(network):
 
 
 @installed
-def test_distance_of_an_image_to_itself_is_0_and_grey_is_rgb():
-    weights = load_lpips()
-    a, b = jnp.float32(SMOOTH), jnp.float32(NOISY)
-    np.testing.assert_allclose(DISTANCE(weights, a, a), 0, atol=1e-12)
-    rgb = DISTANCE(weights, jnp.repeat(a, 3, -1), jnp.repeat(b, 3, -1))
-    np.testing.assert_allclose(DISTANCE(weights, a, b), rgb, rtol=1e-5)
-
-
-@installed
 def test_gradients_are_finite_without_structure():
     weights = load_lpips()
     dead = weights._replace(biases=jax.tree.map(lambda b: b - 1e3, weights.biases))
     slope = jax.jit(
         jax.grad(lambda w, b: lpips(w, jnp.zeros_like(b), b).sum(), 1),
     )
-    for value in (0.0, -1.0, 1.0):
-        flat = jnp.full((1, 36, 52, 1), value)
-        assert jnp.isfinite(slope(weights, flat)).all()
-        assert jnp.isfinite(slope(dead, flat)).all()  # all features are 0
+    flat = jnp.stack([jnp.full((36, 52, 1), value) for value in (0.0, 1.0)])
+    assert jnp.isfinite(slope(weights, flat)).all()
+    assert jnp.isfinite(slope(dead, flat)).all()  # all features are 0
 
 
 def test_shapes_and_names_are_checked():

@@ -1,8 +1,7 @@
 """The whole preparation: nested masks, extrinsics, manifest, memory, real scans."""
 
-import dataclasses
-import json
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -44,6 +43,10 @@ def prepare(xyz, radar=ECHOES, spec=None):
 def test_what_remains_is_what_the_radar_saw():
     xyz, surface = scan()
     steps = prepare(xyz)
+    assert steps.xyz.dtype == np.float32
+    np.testing.assert_allclose(steps.xyz, scan_room(SHELL, BOXES)[0], atol=1e-5)
+    parts = np.stack([steps.ground, steps.ceiling, steps.visible])
+    assert parts.any(1).all() and (parts.sum(0) <= steps.in_view).all()
     kinds = {"floor": FLOOR, "ceiling": CEILING, "seen": BOX, "unseen": BOX + 1}
     of = {name: steps.in_view & (surface == kind) for name, kind in kinds.items()}
     assert steps.visible[of["floor"]].mean() < 0.01
@@ -59,17 +62,7 @@ def test_what_remains_is_what_the_radar_saw():
     assert not steps.visible[wall & (x < 8.5)].any()
 
 
-def test_masks_are_parts_of_one_another_in_the_radars_frame():
-    steps = prepare(scan()[0])
-    assert not (steps.ground & steps.ceiling).any()
-    for inner in (steps.ground, steps.ceiling, steps.visible):
-        assert inner.any() and (inner <= steps.in_view).all()
-    assert not (steps.visible & (steps.ground | steps.ceiling)).any()
-    assert steps.xyz.dtype == np.float32
-    np.testing.assert_allclose(steps.xyz, scan_room(SHELL, BOXES)[0], atol=1e-5)
-
-
-def test_missing_returns_do_not_become_points_at_the_lidar():
+def test_missing_returns_and_tiny_clouds_make_no_points_at_the_lidar():
     """(0, 0, 0) moved by the extrinsics would be a point beside the radar."""
     xyz, _ = scan()
     holes = np.random.default_rng(0).random(len(xyz)) < 0.2
@@ -78,24 +71,18 @@ def test_missing_returns_do_not_become_points_at_the_lidar():
     assert not steps.in_view[holes].any() and not steps.visible[holes].any()
     near = LidarSpec(min_range_m=0.0, azimuth=(-math.pi, math.pi))
     assert not prepare(np.zeros((20, 3), np.float32), spec=near).in_view.any()
+    for points in (0, 1, 5):  # behind, where the LiDAR looks
+        xyz = np.full((points, 3), [3.0, 0.5, 0.2], np.float32)
+        steps = prepare(xyz, transform(RADAR_FROM_LIDAR, xyz[:1]), near)
+        assert steps.visible.tolist() == [True] * points
+        assert not prepare(xyz, np.zeros((0, 3)), near).visible.any()
 
 
-@pytest.mark.parametrize("points", [0, 1, 5])
-def test_tiny_clouds(points):
-    xyz = np.full((points, 3), [3.0, 0.5, 0.2], np.float32)
-    at_points = transform(RADAR_FROM_LIDAR, xyz[:1])
-    backwards = LidarSpec(azimuth=(-math.pi, math.pi))
-    steps = prepare(xyz, at_points, backwards)
-    assert steps.visible.tolist() == [True] * points
-    blind = prepare(xyz, np.zeros((0, 3)), backwards)
-    assert blind.visible.tolist() == [False] * points
-
-
-def test_spec_goes_through_a_manifest():
-    spec = LidarSpec(max_range_m=15.0, sensor_height_m=1.1)
-    stored = json.loads(json.dumps(dataclasses.asdict(spec)))
-    fields = {k: tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
-    assert LidarSpec(**fields) == spec and hash(LidarSpec(**fields)) == hash(spec)
+@pytest.mark.parametrize("package", ["pypatchworkpp", "sklearn.cluster"])
+def test_missing_package_names_its_extra(monkeypatch, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ImportError, match=r"jradar\[data\]"):
+        prepare(scan()[0])
 
 
 @pytest.mark.parametrize(

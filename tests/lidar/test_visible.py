@@ -1,10 +1,9 @@
 """Clusters that the radar saw: against all pairs, at eps, voxels, no points."""
 
-import sys
-
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree, distance_matrix
 
 from jradar.lidar.visible import visible_mask, voxel_filter
 
@@ -16,24 +15,14 @@ EMPTY = np.zeros((0, 3), np.float32)
 
 def visible_by_all_pairs(lidar, radar, eps, min_points):
     """The definition: who is a neighbour, who is core, who is reached from whom."""
-    xyz = np.concatenate([lidar, radar]).astype(float)
-    near = np.linalg.norm(xyz[:, None] - xyz, axis=-1) <= eps
+    xyz = np.concatenate([lidar, radar])
+    near = distance_matrix(xyz, xyz) <= eps
     core = near.sum(-1) >= min_points
-    cluster = np.full(len(xyz), -1)
-    for start in np.flatnonzero(core):
-        if cluster[start] < 0:
-            reached = np.zeros(len(xyz), bool)
-            edge = np.zeros(len(xyz), bool)
-            edge[start] = True
-            while edge.any():
-                reached |= edge
-                edge = near[edge & core].any(0) & ~reached
-            cluster[reached & (cluster < 0)] = start
-    seen = set(cluster[len(lidar) :]) - {-1}
-    by_echo = near[: len(lidar), len(lidar) :].any(-1)
-    return np.array(
-        [c in seen or (c < 0 and e) for c, e in zip(cluster, by_echo, strict=False)]
-    )
+    _, group = connected_components(near & core & core[:, None])
+    reached = np.where(near & core, group, len(xyz)).min(-1)  # from the first cluster
+    seen = set(reached[len(lidar) :]) - {len(xyz)}
+    by_echo = (reached == len(xyz)) & near[:, len(lidar) :].any(-1)
+    return (np.isin(reached, [*seen]) | by_echo)[: len(lidar)]
 
 
 @pytest.mark.parametrize(("eps", "min_points"), [(0.3, 3), (0.5, 8), (1.0, 20)])
@@ -64,17 +53,6 @@ def test_a_lone_point_stays_if_the_radar_saw_it():
     assert visible_mask(lone, echo, eps_m=0.49).tolist() == [False, False]
 
 
-def test_radar_points_can_bridge_a_gap():
-    rng = np.random.default_rng(0)
-    one, other = rng.normal(0, 0.05, (2, 50, 3)) + [[[0, 0, 0]], [[1.2, 0, 0]]]
-    lidar = np.concatenate([one, other])
-    echoes = np.stack([np.linspace(0, 1.2, 9), np.zeros(9), np.zeros(9)], -1)
-    assert visible_mask(lidar, echoes, eps_m=0.3, **ALL).all()
-    assert visible_mask(lidar, echoes[:2], eps_m=0.3, **ALL).tolist() == (
-        [True] * 50 + [False] * 50
-    )
-
-
 def test_voxels_decide_as_all_points_do():
     """Where clusters are farther apart than eps and voxels together."""
     rng = np.random.default_rng(3)
@@ -88,47 +66,34 @@ def test_voxels_decide_as_all_points_do():
         np.testing.assert_array_equal(seen, every)
 
 
-def test_voxel_filter_keeps_one_point_of_each_voxel():
-    xyz = np.random.default_rng(0).uniform(-4, 4, (20_000, 3)).astype(np.float32)
+def test_one_point_of_each_voxel_is_kept_and_voxels_grow_until_few_are_left():
+    xyz = np.random.default_rng(0).uniform(0, 4, (20_000, 3))
     first, voxel = voxel_filter(xyz, voxel_m=0.5, max_points=10_000)
-    cells = np.floor(xyz.astype(float) / 0.5)
+    cells = np.floor(xyz / 0.5)
     np.testing.assert_array_equal(cells, cells[first][voxel])
     assert len(np.unique(cells, axis=0)) == len(first)
     assert (voxel[first] == np.arange(len(first))).all()
+    for most in (1, 100, 8000):
+        first, voxel = voxel_filter(xyz, voxel_m=0.01, max_points=most)
+        assert most / 5 <= len(first) <= most and voxel.max() == len(first) - 1
+        reach, _ = cKDTree(xyz[first]).query(xyz)
+        assert reach.max() < 12 / most ** (1 / 3)  # they still cover the cloud
 
 
-@pytest.mark.parametrize("most", [1, 100, 8000])
-def test_voxels_grow_until_few_are_left(most):
-    xyz = np.random.default_rng(0).uniform(0, 4, (20_000, 3))
-    first, voxel = voxel_filter(xyz, voxel_m=0.01, max_points=most)
-    assert most / 5 <= len(first) <= most and voxel.max() == len(first) - 1
-    reach, _ = cKDTree(xyz[first]).query(xyz)
-    assert reach.max() < 12 / most ** (1 / 3)  # they still cover the cloud
+ONES = np.ones((3, 3))
 
 
 @pytest.mark.parametrize(
     ("lidar", "radar"),
     [
-        (EMPTY, EMPTY),
-        (EMPTY, np.ones((3, 3))),
-        (np.ones((3, 3)), EMPTY),
-        (np.full((3, 3), np.nan), np.ones((3, 3))),
-        (np.zeros((3, 3)), np.full((3, 3), 0.1)),
-        (np.ones((3, 3)), np.full((3, 3), np.nan)),
+        *((EMPTY, EMPTY), (EMPTY, ONES), (ONES, EMPTY), (np.nan * ONES, ONES)),
+        *((0 * ONES, 0.1 * ONES), (ONES, np.nan * ONES)),
     ],
 )
 def test_nothing_is_seen_without_both_clouds(lidar, radar):
     seen = visible_mask(lidar, radar)
     assert seen.shape == (len(lidar),) and not seen.any()
-
-
-def test_one_point_and_bad_neighbours():
-    lidar = np.array([[2.0, 0, 0], [np.nan, 0, 0], [0, 0, 0]])
-    radar = np.array([[2.1, 0, 0], [np.inf, 0, 0], [0, 0, 0]])
-    assert visible_mask(lidar, radar).tolist() == [True, False, False]
-
-
-def test_missing_package_names_its_extra(monkeypatch):
-    monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
-    with pytest.raises(ImportError, match=r"jradar\[data\]"):
-        visible_mask(np.ones((3, 3)), np.ones((1, 3)))
+    bad = np.array([[np.nan, 0, 0], [0, 0, 0], [np.inf, 0, 0]])
+    lidar, radar = (np.concatenate([[[2.0, 0, 0]], xyz, bad]) for xyz in (lidar, radar))
+    found = visible_mask(lidar, radar)
+    assert found[0] and not found[-3:].any()

@@ -11,15 +11,11 @@ from jradar.motion import ego_velocity
 from jradar.radar.angle.deviations import Deviations
 from jradar.recordings import open_bag
 from jradar.types import PointCloud
+from tests.directions import unit
 
 POINTS = 96
 VELOCITY = np.array([1.3, -0.4, 0.2])
 KEY = jax.random.key(0)
-
-
-def direction_of(azimuth, elevation):
-    x, y = np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation)
-    return np.stack([x, y, np.sin(elevation)], -1)
 
 
 def cloud_of(seed, velocity=VELOCITY, *, points=POINTS, noise=0.0, movers=0.0):
@@ -30,7 +26,7 @@ def cloud_of(seed, velocity=VELOCITY, *, points=POINTS, noise=0.0, movers=0.0):
     random = np.random.default_rng(seed)
     azimuth = random.uniform(-1.0, 1.0, points)
     elevation = random.uniform(-0.4, 0.4, points)
-    direction = direction_of(azimuth, elevation)
+    direction = unit(azimuth, elevation)
     doppler = -direction @ velocity + noise * random.standard_normal(points)
     moving = np.arange(points) < round(movers * points)
     own = random.uniform(0.5, 2.0, points) * random.choice([-1, 1], points)
@@ -56,25 +52,14 @@ def padded(cloud, points=POINTS):
     return PointCloud(xyz, more(cloud.valid, False), velocity, snr=snr)
 
 
-def test_exact_points_give_the_exact_velocity():
-    cloud, _ = cloud_of(1)
-    found = ego_velocity(KEY, cloud)
-    np.testing.assert_allclose(found.velocity, VELOCITY, atol=1e-4)
-    assert found.solved and found.inliers.all() and not found.moving.any()
-
-
-def test_padding_does_not_matter():
-    cloud, _ = cloud_of(1, points=20)
+@pytest.mark.parametrize("points", [POINTS, 20])
+def test_exact_points_give_the_exact_velocity_whatever_the_padding(points):
+    cloud, _ = cloud_of(1, points=points)
     found = ego_velocity(KEY, padded(cloud))
     np.testing.assert_allclose(found.velocity, VELOCITY, atol=1e-4)
-    assert found.inliers.tolist() == [True] * 20 + [False] * (POINTS - 20)
+    assert found.inliers.tolist() == [True] * points + [False] * (POINTS - points)
     assert np.isfinite(found.covariance).all()
-
-
-def test_closing_in_on_what_is_ahead_makes_its_velocity_negative():
-    cloud, _ = cloud_of(1, np.array([2.0, 0.0, 0.0]))
-    assert (cloud.velocity < 0).all()
-    assert ego_velocity(KEY, cloud).velocity[0] > 1.99
+    assert found.solved and not found.moving.any()
 
 
 def test_movers_are_told_from_what_stands_still():
@@ -117,6 +102,24 @@ def test_covariance_of_few_echoes_is_that_of_many_draws_of_their_noise():
     np.testing.assert_allclose(variance / np.var(found.velocity, 0), 1.0, atol=0.15)
 
 
+@pytest.mark.parametrize("noise_mps", [1e-4, 0.02])
+def test_covariance_is_its_formula_where_one_echo_alone_shows_the_elevation(noise_mps):
+    """HC2 in float64, with leverages cut off at 0.9 and residuals at the noise."""
+    elevation = 0.02 * np.cos(np.arange(8.0))
+    elevation[3] = 0.6
+    direction = unit(np.linspace(-1, 1, 8), elevation)
+    doppler = -direction @ VELOCITY + 0.05 * np.sin(np.arange(8.0))
+    cloud = PointCloud(np.float32(direction), np.ones(8, bool), np.float32(doppler))
+    found = ego_velocity(KEY, cloud, threshold_mps=1.0, noise_mps=noise_mps)
+    inverse = np.linalg.inv(direction.T @ direction)
+    leverage = np.einsum("pi,ij,pj->p", direction, inverse, direction)
+    square = (doppler + direction @ found.velocity) ** 2 / np.maximum(1 - leverage, 0.1)
+    weighted = np.maximum(square, noise_mps**2)[:, None] * direction
+    expected = inverse @ weighted.T @ direction @ inverse
+    assert leverage.max() > 0.95
+    np.testing.assert_allclose(found.covariance, expected, rtol=0.01)
+
+
 def test_vmap_equals_the_loop():
     keys, clouds, found = many()
     for k in range(4):
@@ -148,9 +151,15 @@ def test_without_elevation_the_height_is_unknown():
     assert not ego_velocity(KEY, cloud).solved  # all echoes lie in one plane
 
 
-@pytest.mark.parametrize("points", [0, 1, 4])
-def test_too_few_points_are_unsolved(points):
-    found = ego_velocity(KEY, padded(cloud_of(1, points=points)[0]))
+@pytest.mark.parametrize("points", [0, 1, 4, "one direction"])
+def test_too_few_points_and_those_of_one_direction_are_unsolved(points):
+    cloud = padded(
+        cloud_of(1, points=POINTS if points == "one direction" else points)[0]
+    )
+    if points == "one direction":
+        alike = np.full(POINTS, -1.0, np.float32)
+        cloud = cloud._replace(xyz=0 * cloud.xyz + cloud.xyz[:1], velocity=alike)
+    found = ego_velocity(KEY, cloud)
     assert not found.solved
     assert np.isnan(found.velocity).all()
     np.testing.assert_array_equal(
@@ -159,12 +168,25 @@ def test_too_few_points_are_unsolved(points):
     assert not found.inliers.any() and not found.moving.any()
 
 
-def test_echoes_of_one_direction_are_unsolved():
-    cloud, _ = cloud_of(1)
-    alike = cloud._replace(
-        xyz=np.tile(cloud.xyz[:1], (POINTS, 1)), velocity=np.full(POINTS, -1.0, "f4")
-    )
-    assert not ego_velocity(KEY, alike).solved
+@pytest.mark.parametrize("elevation", [True, False])
+def test_points_without_a_direction_have_no_gradient(elevation):
+    """At the origin, nearer than float32 resolves, and infinitely far away."""
+    cloud, _ = cloud_of(3, np.array([1.3, -0.4, 0.0]), noise=0.02)
+
+    @jax.jit
+    @functools.partial(jax.grad, argnums=(0, 1))
+    def slopes(xyz, velocity):
+        moved = cloud._replace(xyz=xyz, velocity=velocity)
+        found = ego_velocity(KEY, moved, elevation=elevation)
+        known = jnp.where(jnp.isfinite(found.covariance), found.covariance, 0.0)
+        return found.velocity[0] + known.sum()
+
+    for value in (0.0, 1e-30, 1e-22, 1e30, np.inf, np.nan):
+        xyz = cloud.xyz.copy()
+        xyz[:2] = value
+        for slope in slopes(xyz, cloud.velocity):
+            assert np.isfinite(slope).all()
+            assert not slope[:2].any() and np.abs(slope[2:]).max() > 1e-3
 
 
 def test_gradients_are_finite_and_those_of_least_squares():
@@ -197,8 +219,8 @@ def test_echoes_weigh_by_the_deviations_of_their_velocity_and_direction(angle):
     cloud = cloud._replace(snr=None)
     x, y, z = cloud.xyz.T.astype(float)
     angles = {"azimuth": np.arctan2(y, x), "elevation": np.arctan2(z, np.hypot(x, y))}
-    direction, moved = direction_of(**angles), angles | {angle: angles[angle] + 1e-6}
-    slope = (direction_of(**moved) - direction) @ velocity / 1e-6
+    direction, moved = unit(**angles), angles | {angle: angles[angle] + 1e-6}
+    slope = (unit(**moved) - direction) @ velocity / 1e-6
     deviation, doppler = random.uniform(0, 0.1, POINTS), random.uniform(0, 0.02, POINTS)
     weight = 1 / (0.01**2 + doppler**2 + (deviation * slope) ** 2)
     side = (weight[:, None] * direction).T
@@ -213,25 +235,20 @@ def test_echoes_weigh_by_the_deviations_of_their_velocity_and_direction(angle):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("change", "options", "message"),
     [
-        ({"threshold_mps": 0.0}, "threshold_mps=0.0"),
-        ({"unambiguous_mps": 0.1}, "would fit any velocity"),
-        ({"least_inliers": 3}, "more than the 3 unknowns"),
-        ({"folds": 9, "unambiguous_mps": 1.0}, "at most 65,536"),
+        ({}, {"threshold_mps": 0.0}, "threshold_mps=0.0"),
+        ({}, {"unambiguous_mps": 0.1}, "would fit any velocity"),
+        ({}, {"least_inliers": 3}, "more than the 3 unknowns"),
+        ({}, {"folds": 9, "unambiguous_mps": 1.0}, "at most 65,536"),
+        ({"velocity": None}, {}, "no velocity"),
+        ({"xyz": np.zeros((1, 9, 3)), "valid": np.ones((1, 9))}, {}, "jax.vmap"),
     ],
 )
-def test_options_that_cannot_be_are_refused(options, message):
+@pytest.mark.usefixtures("as_a_user")
+def test_what_cannot_be_is_refused(change, options, message):
     with pytest.raises(ValueError, match=message):
-        ego_velocity(KEY, cloud_of(1)[0], **options)
-
-
-def test_clouds_without_velocity_and_batches_are_refused():
-    cloud, _ = cloud_of(1)
-    with pytest.raises(ValueError, match="no velocity"):
-        ego_velocity(KEY, cloud._replace(velocity=None))
-    with pytest.raises(ValueError, match="jax.vmap"):
-        ego_velocity(KEY, jax.tree.map(lambda leaf: leaf[None], cloud))
+        ego_velocity(KEY, cloud_of(1)[0]._replace(**change), **options)
 
 
 def test_real_scans_of_a_radar_carried_by_hand(samples):

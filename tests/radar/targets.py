@@ -14,6 +14,7 @@ from jradar.radar import (
     radar_points,
     simulate_cube,
 )
+from tests.directions import unit
 
 SMALL = RadarSpec.awr1843(num_chirps=32, num_samples=64)  # two rows
 FLAT = RadarSpec.awr1642(num_chirps=32, num_samples=64)  # one row
@@ -31,9 +32,7 @@ WIDE = PointSpec(guard=(1, 2), train=(2, 4))  # fits the cascade's 16 chirps
 
 def place(distance, azimuth_deg, elevation_deg):
     """Position in metres."""
-    az, el = np.radians([azimuth_deg, elevation_deg])
-    direction = np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)
-    return distance * np.array(direction)
+    return distance * unit(*np.radians([azimuth_deg, elevation_deg]))
 
 
 def target(distance, azimuth_deg, elevation_deg, velocity, amplitude=100.0):
@@ -75,19 +74,15 @@ def degrees(cloud, count=1):
     return np.degrees(spherical(cloud.xyz[:count])[1:]).T
 
 
-def exact_chirp(radar, xyz, departure=None):
-    """Samples [tx, rx, sample] of a target at rest, from its distance to each antenna.
-
-    The wave may leave in another direction than it comes back from.
-    """
+def exact_chirp(radar, xyz):
+    """Samples [tx, rx, sample] of a target at rest, from its distances to antennas."""
     spacings = [radar.spacing_wavelengths, radar.row_spacing_wavelengths]
     metres = radar.wavelength_m * np.array(spacings)
     tx, rx = (-np.array(p) * metres for p in (radar.tx_positions, radar.rx_positions))
     middle = (tx.mean(0) + rx.mean(0)) / 2
-    left = xyz if departure is None else departure
     legs = [
-        np.hypot(place[0], np.linalg.norm(place[1:] - antennas + middle, axis=1))
-        for place, antennas in ((np.array(left), tx), (np.array(xyz), rx))
+        np.hypot(xyz[0], np.linalg.norm(xyz[1:] - antennas + middle, axis=1))
+        for antennas in (tx, rx)
     ]
     delay = (legs[0][:, None] + legs[1]) / LIGHT
     return np.exp(2j * np.pi * delay[..., None] * sweep(radar))

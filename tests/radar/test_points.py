@@ -1,4 +1,4 @@
-"""Simulated targets come back; flat arrays; reports; batches; gradients; options."""
+"""Simulated targets come back; flat arrays; capacity; peaks; reports; options."""
 
 import dataclasses
 
@@ -12,10 +12,8 @@ from jradar.radar import (
     Radar,
     direction_sines,
     points_and_count,
-    power_map,
     radar_points,
     strongest_echoes,
-    window,
 )
 from jradar.radar.angle.spectrum import azimuth_bins
 from tests.radar.targets import (
@@ -51,41 +49,18 @@ def cloud(cube):
     return cloud_of(cube)
 
 
-def loss_db(length, value, step):
-    """What a target loses that lies between bins, behind a Hann window."""
-    offset = value / step - round(value / step)
-    phase = 2j * np.pi * offset * np.arange(length) / length
-    return -20 * np.log10(abs((window("hann", length) * np.exp(phase)).sum()))
-
-
-@pytest.mark.parametrize(
-    ("radar", "points"), [(SMALL, CELLS), (CASCADE, WIDE)], ids=["chip", "cascade"]
-)
 @pytest.mark.parametrize(
     "truth", [(5.3, 21.0, 8.0, 0.77), (6.5, -33.0, -12.0, -1.24), (2.1, 4.0, 3.0, 1.6)]
 )
-def test_a_target_comes_back_within_a_fraction_of_what_the_radar_resolves(
-    radar, points, truth
-):
-    """A tenth on a chip, 30 dB above the noise of a cell; half a bin on a cascade."""
-    cell_noise = np.prod([(window("hann", n) ** 2).sum() for n in radar.cube_shape[2:]])
-    amplitude = np.sqrt(1e3 * cell_noise) if radar is SMALL else 100.0
-    cube = simulate(target(*truth, amplitude=amplitude), radar)
-    cloud = cloud_of(cube, radar, points)
-    part = 0.1 if radar is SMALL else 0.5
-    distance, azimuth, elevation = (v[0] for v in spherical(cloud.xyz[:1]))
-    assert abs(distance - truth[0]) < part * radar.range_resolution_m
-    assert abs(cloud.velocity[0] - truth[3]) < part * radar.velocity_resolution_mps
-    found, true = sines(azimuth, elevation), sines(*np.radians(truth[1:3]))
-    bins = direction_sines(radar, num_azimuth=azimuth_bins(radar))
-    widths = [grid[1] - grid[0] for grid in bins]
-    if radar is SMALL:  # which resolves 1/8 of the span by columns and 1/2 by rows
-        widths = [widths[0] * 64 / 8, widths[1] * 32 / 2]
-        steps = radar.velocity_resolution_mps, radar.range_resolution_m
-        losses_db = map(loss_db, radar.cube_shape[2:], (truth[3], truth[0]), steps)
-        snr_db = 10 * np.log10(cloud.snr[0])
-        assert snr_db == pytest.approx(30 - sum(losses_db), abs=1)
-    assert (np.abs(np.subtract(found, true)) < part * np.array(widths)).all()
+def test_a_target_of_a_cascade_comes_back_within_half_a_bin(truth):
+    """Those of a chip are compared with their deviations elsewhere."""
+    cloud = cloud_of(simulate(target(*truth), CASCADE), CASCADE, WIDE)
+    distance, *angles = (v[0] for v in spherical(cloud.xyz[:1]))
+    assert abs(distance - truth[0]) < CASCADE.range_resolution_m / 2
+    assert abs(cloud.velocity[0] - truth[3]) < CASCADE.velocity_resolution_mps / 2
+    away = np.abs(np.subtract(sines(*angles), sines(*np.radians(truth[1:3]))))
+    bins = direction_sines(CASCADE, num_azimuth=azimuth_bins(CASCADE))
+    assert (away < [(grid[1] - grid[0]) / 2 for grid in bins]).all()
 
 
 def test_without_refinement_points_lie_on_bins(cube):
@@ -116,9 +91,12 @@ def test_axes_that_an_array_does_not_measure_are_zero(radar, peaks, place, blind
     np.testing.assert_allclose(np.degrees(found[1:])[:, 0], place[1:3], atol=2)
 
 
-def test_detections_beyond_the_capacity_are_counted(cube, cloud):
+def test_the_strongest_points_come_first_and_those_beyond_the_capacity_are_counted(
+    cube, cloud
+):
     few, detected = points_and_count(cube, UNIT, points=FEW)
     assert few.valid.all() and detected == cloud.valid.sum() > 8
+    assert (np.diff(cloud.power) <= 0).all() and not cloud.xyz[~cloud.valid].any()
     close(few, jax.tree.map(lambda column: column[:8], cloud), 1e-5)
 
 
@@ -126,21 +104,6 @@ def test_a_sample_that_is_no_number_leaves_no_points(cube):
     broken = cube.at[2, 3, 4, 5].set(jnp.nan).at[0, 0, 9, 9].set(jnp.inf)
     cloud, detected = points_and_count(broken, UNIT, points=FEW)
     assert detected == 0 and not cloud.valid.any()
-
-
-def test_points_are_padded_and_strongest_first(cloud):
-    assert cloud.xyz.shape == (3000, 3) and 0 < cloud.valid.sum() < 2048
-    assert not cloud.xyz[~cloud.valid].any()
-    assert (np.diff(cloud.power) <= 0).all()
-
-
-def test_leakage_that_wraps_around_is_not_a_point():
-    cube = simulate(target(0.3 * SMALL.range_resolution_m, 0, 0, 0, amplitude=1e4))
-    power = np.asarray(power_map(cube))
-    assert power[16, -1] > 1e3 * np.median(power)  # it does reach the last bin
-    cloud = cloud_of(cube)
-    distance = spherical(cloud.xyz[cloud.valid])[0]
-    assert (distance < SMALL.max_range_m - 2.5 * SMALL.range_resolution_m).all()
 
 
 def test_two_targets_in_a_cell_are_two_points():
@@ -168,25 +131,6 @@ def test_one_target_in_a_cell_is_one_point_with_two_peaks():
     np.testing.assert_allclose(two.power[:count], one.power[:count], rtol=1e-6)
     azimuths = [spherical(cloud.xyz[:1])[1] for cloud in (one, two)]
     np.testing.assert_allclose(*azimuths, atol=0.01)
-
-
-def test_windows_are_options(cube, cloud):
-    windows = {"range_window": "blackman", "doppler_window": "none"}
-    points = dataclasses.replace(CELLS, **windows)
-    found = cloud_of(cube, points=points).power[0]
-    assert found == pytest.approx(float(power_map(cube, **windows).max()), rel=1e-5)
-    assert found != pytest.approx(cloud.power[0], rel=1e-3)
-
-
-def test_gradients_of_a_silent_frame_are_finite():
-    silence = jnp.zeros(SMALL.cube_shape)
-
-    def total(parts):
-        cloud = radar_points(jax.lax.complex(*parts), UNIT, points=STATIC)
-        return sum(jnp.sum(c) for c in (cloud.xyz, cloud.velocity, cloud.snr))
-
-    for part in jax.jit(jax.grad(total))((silence, silence)):
-        assert np.isfinite(part).all()
 
 
 def test_strongest_echo_is_the_target_and_others_are_apart(cloud):

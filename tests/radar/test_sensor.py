@@ -96,11 +96,6 @@ def test_impossible_radar_is_refused(changes, message):
         RadarSpec.from_dict({"device": "awr1843"} | changes)
 
 
-def test_a_radar_without_a_device_needs_all_fields():
-    with pytest.raises(ValueError, match="missing radar fields: start_frequency_hz"):
-        RadarSpec.from_dict({"num_chirps": 3})
-
-
 def test_toml_names_a_device_and_changes_it(tmp_path):
     path = tmp_path / "radar.toml"
     path.write_text(TOML)

@@ -31,14 +31,9 @@ def test_range_code_is_monotone_from_minus_1_to_1_and_back(codec):
     back = np.asarray(decode_range(jnp.append(code, 9.0), **view))
     np.testing.assert_allclose(back[:-2], metres[:-1], atol=2e-5)
     assert back[-1] <= 10.0001
-
-
-def test_unknown_codec_and_no_slices_are_refused():
     for function in (encode_range, decode_range):
         with pytest.raises(ValueError, match="'cubic', expected one of"):
             function(jnp.zeros(3), max_range_m=10.0, codec="cubic")
-    with pytest.raises(ValueError, match="num_slices=0, expected 1 or more"):
-        condition_image(PointCloud.from_xyz(jnp.ones((1, 3))), SPEC, num_slices=0)
 
 
 @pytest.mark.parametrize("codec", CODECS)
@@ -76,6 +71,8 @@ def test_condition_holds_presence_place_and_power():
     assert presence.sum() == image[..., :4].sum()
     nothing = cloud._replace(valid=jnp.zeros(2, bool))
     assert not condition_image(nothing, spec, num_slices=4).any()
+    with pytest.raises(ValueError, match="num_slices=0, expected 1 or more"):
+        condition_image(cloud, spec, num_slices=0)
 
 
 def test_a_wall_seen_by_few_beams_is_closed_and_no_wider():
@@ -94,10 +91,7 @@ def test_a_wall_seen_by_few_beams_is_closed_and_no_wider():
     np.testing.assert_array_equal(close_gaps(seen, reach=0), seen)
     both = np.stack([seen, np.zeros_like(seen)])
     np.testing.assert_array_equal(close_gaps(both), [closed, np.zeros_like(seen)])
-
-
-def test_between_two_surfaces_the_nearer_one_hides_the_other():
-    row = np.float32([[0, 2, 0, 6, 0, 0, 6.1, 0, 0, 0, 6]])
+    row = np.float32([[0, 2, 0, 6, 0, 0, 6.1, 0, 0, 0, 6]])  # two surfaces
     expected = [[0, 2, 2, 6, 6 + 0.1 / 3, 6 + 0.2 / 3, 6.1, 0, 0, 0, 6]]
     np.testing.assert_allclose(close_gaps(row), expected, rtol=1e-6)
 

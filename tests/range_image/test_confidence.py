@@ -1,12 +1,68 @@
-"""Confidence: frequencies come out, order is kept, nothing is out of 0 to 1."""
+"""Confidence: agreement of draws equals a count by hand; frequencies come out."""
 
 import jax
 import numpy as np
 import pytest
 
-from jradar.range_image import ConfidenceTable, fit_confidence, frequency
+from jradar.range_image import (
+    ConfidenceTable,
+    RangeImage,
+    agreed_range,
+    confident,
+    fit_confidence,
+    frequency,
+)
 
 RNG = np.random.default_rng(0)
+
+
+def by_hand(ranges, share, tolerance_m=0.2):
+    """The same for one pixel, in plain Python."""
+    hits = [r for r in ranges if r > 0]
+    groups = [[s for s in hits if abs(s - r) <= tolerance_m] for r in hits]
+    most = max((len(group) for group in groups), default=0)
+    if most == 0 or most < share * len(ranges):
+        return 0.0
+    return min(np.mean(group) for group in groups if len(group) == most)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.375, 0.5, 1.0])
+def test_it_equals_a_count_by_hand_in_any_order(share):
+    rng = np.random.default_rng(0)
+    surfaces = rng.choice([0.0, 2.0, 2.3, 5.0], size=(8, 6, 7))
+    images = np.where(surfaces > 0, surfaces + rng.uniform(0, 0.15, (8, 6, 7)), 0)
+    images = images.astype(np.float32)
+    agreed = np.asarray(confident(agreed_range(images), share).range_m)
+    expected = [
+        by_hand(pixel, share) for pixel in images.reshape(8, -1).T.astype(float)
+    ]
+    np.testing.assert_allclose(agreed.ravel(), expected, rtol=1e-5)
+    if share < 0.5:
+        assert 0 < np.count_nonzero(agreed)
+    shuffled = confident(agreed_range(images[rng.permutation(8)]), share).range_m
+    np.testing.assert_allclose(shuffled, agreed, rtol=1e-6)
+
+
+def test_no_point_hangs_between_two_surfaces():
+    images = np.full((8, 1, 3), 2.0, np.float32)
+    images[:5, 0, 1] = 6.0  # five of eight behind, three in front
+    images[:, 0, 2] = [0, 0, 0, 0, 0, 0, 4, 4.1]  # two are too few
+    image = agreed_range(images)
+    np.testing.assert_allclose(image.confidence, [[1.0, 0.625, 0.25]])
+    kept = confident(image, 0.375)
+    np.testing.assert_allclose(kept.range_m, [[2.0, 6.0, 0.0]], rtol=1e-6)
+    np.testing.assert_allclose(kept.confidence, [[1.0, 0.625, 0.0]])
+    np.testing.assert_array_equal(  # an image without confidence is kept whole
+        confident(RangeImage(image.range_m), 0.9).range_m, image.range_m
+    )
+
+
+def test_vmap_over_frames_equals_the_loop():
+    frames = np.random.default_rng(1).uniform(0, 1, (2, 4, 3, 5)).astype(np.float32)
+    batch = jax.vmap(agreed_range)(frames)
+    for i in range(2):
+        alone = agreed_range(frames[i])
+        np.testing.assert_allclose(batch.range_m[i], alone.range_m, rtol=1e-6)
 
 
 def test_a_known_distortion_is_undone():

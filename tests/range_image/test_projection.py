@@ -7,20 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from jax.test_util import check_grads
 
 from jradar.range_image import (
     ImageSpec,
     RangeImage,
     condition_image,
     image_cloud,
-    pixel_directions,
     pixel_of,
     project,
     project_slices,
     unproject,
 )
 from jradar.types import PointCloud
+from tests.directions import unit
 
 SPEC = ImageSpec(height=8, width=16, max_range_m=10.0)
 FINE = ImageSpec(height=128, width=512, max_range_m=12.0)
@@ -31,12 +30,6 @@ ALL_AROUND = ImageSpec(
     elevation=(-math.pi / 2, math.pi / 2),
     max_range_m=10.0,
 )
-
-
-def direction(azimuth, elevation):
-    ground = np.cos(elevation)
-    x, y = ground * np.cos(azimuth), ground * np.sin(azimuth)
-    return np.stack([x, y, np.sin(elevation) + 0 * x], -1)
 
 
 def equation_7(xyz, spec):
@@ -53,7 +46,7 @@ def equation_7(xyz, spec):
 
 
 def cloud(*points):
-    return PointCloud.from_xyz(np.array(points, np.float32).reshape(-1, 3))
+    return PointCloud.from_xyz(jnp.asarray(points, jnp.float32).reshape(-1, 3))
 
 
 @pytest.mark.parametrize("spec", [SPEC, FINE, ALL_AROUND], ids=["8x16", "fine", "all"])
@@ -61,7 +54,7 @@ def test_pixel_is_equation_7_in_float64(spec):
     rng = np.random.default_rng(0)
     azimuth = rng.uniform(*spec.azimuth, 100_000)
     elevation = rng.uniform(*spec.elevation, 100_000)
-    xyz = direction(azimuth, elevation) * rng.uniform(0.1, 9, (100_000, 1))
+    xyz = unit(azimuth, elevation) * rng.uniform(0.1, 9, (100_000, 1))
     xyz = xyz.astype(np.float32)
     row, column, distance, inside = map(np.asarray, pixel_of(jnp.asarray(xyz), spec))
     expected_row, expected_column, expected_distance = equation_7(xyz, spec)
@@ -91,18 +84,6 @@ def test_directions_along_the_axes_have_a_pixel(point, pixel):
     assert ((int(row), int(column)) if inside else None) == pixel
 
 
-def test_up_is_row_0_and_left_is_the_last_column():
-    up_left = 5 * direction(0.99 * SPEC.azimuth[1], 0.99 * SPEC.elevation[1])
-    image = project(cloud(up_left), SPEC)
-    assert np.argwhere(image).tolist() == [[0, 15]]
-
-
-def test_nearest_point_wins_in_any_order():
-    near, far = direction(0.1, 0.1) * 2, direction(0.1, 0.1) * 7
-    for points in ((near, far), (far, near)):
-        assert project(cloud(*points), SPEC).max() == pytest.approx(2, rel=1e-6)
-
-
 @pytest.mark.parametrize(
     "point",
     [
@@ -111,10 +92,10 @@ def test_nearest_point_wins_in_any_order():
         (0, 0, 0),
         (-5, 0, 0),  # behind
         (0, 0, 5),  # straight up
-        5 * direction(SPEC.azimuth[1] + 1e-4, 0),
-        5 * direction(SPEC.azimuth[0] - 1e-4, 0),
-        5 * direction(0, SPEC.elevation[1] + 1e-4),
-        5 * direction(0, SPEC.elevation[0] - 1e-4),
+        5 * unit(SPEC.azimuth[1] + 1e-4, 0),
+        5 * unit(SPEC.azimuth[0] - 1e-4, 0),
+        5 * unit(0, SPEC.elevation[1] + 1e-4),
+        5 * unit(0, SPEC.elevation[0] - 1e-4),
         (10.01, 0, 0),
     ],
 )
@@ -122,11 +103,8 @@ def test_point_outside_leaves_no_pixel(point):
     valid = PointCloud(jnp.asarray([point], jnp.float32), jnp.array([True]))
     assert not project(valid, SPEC).any()
     assert not project(cloud(point), SPEC).any()
-
-
-def test_invalid_points_leave_no_pixel():
-    points = PointCloud(jnp.array([[5.0, 0, 0]]), jnp.array([False]))
-    assert not project(points, SPEC).any()
+    invalid = PointCloud(jnp.array([[5.0, 0, 0]]), jnp.array([False]))
+    assert not project(invalid, SPEC).any()
 
 
 @settings(max_examples=50, deadline=None)
@@ -144,24 +122,9 @@ def test_image_to_cloud_to_image_is_exact():
     np.testing.assert_allclose(again, image, rtol=1e-6)
 
 
-def test_slices_part_the_range_and_keep_the_power_of_the_nearest():
-    points = PointCloud(
-        xyz=jnp.asarray(direction(0.1, 0.1) * np.array([[1], [2], [6], [9.9]])),
-        valid=jnp.ones(4, bool),
-        power=jnp.array([1.0, 5.0, 3.0, 4.0]),
-    )
-    slices = project_slices(points, SPEC, num_slices=4)
-    row, column = (int(i[0]) for i in pixel_of(points.xyz[:1], SPEC)[:2])
-    np.testing.assert_allclose(slices.range_m[row, column], [1, 0, 6, 9.9], rtol=1e-6)
-    np.testing.assert_allclose(slices.power[row, column], [1, 0, 3, 4])
-    assert (slices.range_m > 0).sum() == 3
-    whole = project(points, SPEC)
-    np.testing.assert_allclose(whole[row, column], 1, rtol=1e-6)
-
-
-def test_power_and_velocity_are_those_of_the_nearest_point():
+def test_each_slice_keeps_the_nearest_point_with_its_power_and_velocity():
     rng = np.random.default_rng(0)
-    xyz = direction(rng.uniform(-1, 1, 500), rng.uniform(-0.3, 0.3, 500))
+    xyz = unit(rng.uniform(-1, 1, 500), rng.uniform(-0.3, 0.3, 500))
     xyz = (xyz * rng.uniform(1, 9, (500, 1))).astype(np.float32)
     power, velocity = np.exp(rng.normal(size=500)), rng.normal(size=500)
     points = PointCloud(*map(jnp.float32, (xyz, np.ones(500), velocity, power)))
@@ -175,6 +138,9 @@ def test_power_and_velocity_are_those_of_the_nearest_point():
             expected[(slice(None), *pixel)] = distance[i], power[i], velocity[i]
     for image, reference in zip(images, expected, strict=True):
         np.testing.assert_allclose(image, reference, rtol=1e-5)
+    near, far = np.moveaxis(expected[0], -1, 0)
+    whole = np.where(near > 0, near, far)
+    np.testing.assert_allclose(project(points, SPEC), whole, rtol=1e-5)
 
 
 def test_of_equally_near_points_the_stronger_one_is_kept():
@@ -192,40 +158,21 @@ def test_without_power_and_velocity_they_are_one_and_none():
     assert images.velocity is None
 
 
-def test_vmap_equals_the_loop():
-    xyz = jax.random.normal(jax.random.key(0), (3, 50, 3)) + jnp.array([4.0, 0, 0])
-    clouds = PointCloud.from_xyz(xyz)
-    batch = jax.vmap(lambda c: project(c, SPEC))(clouds)
-    for i in range(3):
-        alone = project(jax.tree.map(lambda x, i=i: x[i], clouds), SPEC)
-        np.testing.assert_array_equal(batch[i], alone)
-
-
-def test_gradients_of_the_ranges_are_the_numerical_ones():
-    directions = jnp.asarray(pixel_directions(SPEC)[2:4, 3:9].reshape(-1, 3))
-    valid = jnp.ones(len(directions), bool)
-
-    def total(ranges):
-        points = PointCloud(ranges[:, None] * directions, valid)
-        return (project(points, SPEC) ** 2).sum()
-
-    ranges = jnp.linspace(2.0, 6.0, len(directions))
-    check_grads(total, (ranges,), order=1, modes=["rev"], rtol=1e-2)
-    origin = PointCloud(jnp.zeros((1, 3)), jnp.array([True]))
-    gradient = jax.grad(lambda c: project(c, SPEC).sum(), allow_int=True)(origin)
-    assert jnp.isfinite(gradient.xyz).all()
-
-    def weighted(cloud):
-        images = project_slices(cloud, SPEC, num_slices=2)
+def test_gradients_are_those_of_the_ranges_powers_and_velocities():
+    def squares(xyz, velocity, power):
+        points = cloud(xyz)._replace(velocity=velocity, power=power)
+        images = project_slices(points, SPEC, num_slices=2)
         return sum((image**2).sum() for image in images)
 
-    measured = cloud((4, 0, 0), (0, 0, 0), (6, 0, 0))._replace(
-        valid=jnp.ones(3, bool), power=jnp.ones(3), velocity=jnp.array([2.0, 3.0, 4.0])
-    )
-    gradient = jax.grad(weighted, allow_int=True)(measured)
-    np.testing.assert_allclose(gradient.xyz[:, 0], [8, 0, 12], rtol=1e-6)
-    np.testing.assert_allclose(gradient.power, [2, 0, 2])
-    np.testing.assert_allclose(gradient.velocity, [4, 0, 8])
+    ahead = jnp.array([[4.0, 0, 0], [0, 0, 0], [6, 0, 0]])
+    values = ahead, jnp.array([2.0, 3, 4]), jnp.ones(3)
+    of_place, of_velocity, of_power = jax.grad(squares, (0, 1, 2))(*values)
+    alone = jax.grad(lambda xyz: (project(cloud(xyz), SPEC) ** 2).sum())(ahead)
+    # The second point has no direction, and the third one's slice is another.
+    np.testing.assert_allclose(of_place[:, 0], [8, 0, 12], rtol=1e-6)
+    np.testing.assert_allclose(alone[:, 0], [8, 0, 0], rtol=1e-6)
+    np.testing.assert_allclose(of_velocity, [4, 0, 8])
+    np.testing.assert_allclose(of_power, [2, 0, 2])
 
 
 def test_real_lidar_scan_survives_within_half_a_pixel(samples):
@@ -263,17 +210,14 @@ def test_real_lidar_scan_survives_within_half_a_pixel(samples):
 def test_impossible_image_is_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         ImageSpec(**{"height": 8, "width": 16, **changes})
-
-
-def test_image_of_another_spec_is_refused():
     with pytest.raises(ValueError, match=r"shape \(4, 4\), expected"):
         unproject(jnp.ones((4, 4)), SPEC)
 
 
 @pytest.mark.usefixtures("as_a_user")
-def test_batches_of_clouds_are_refused_with_the_mend():
-    one = cloud([3, 0, 0], [4, 1, 0.5])
-    batch = jax.tree.map(lambda column: jnp.stack([column, column]), one)
+def test_batches_of_clouds_are_refused_and_mapped_as_the_loop():
+    clouds = [cloud([3, 0, 0], [4, 1, 0.5]), cloud([4, 0.1, 0], [2, -1, 0.2])]
+    batch = jax.tree.map(lambda *columns: jnp.stack(columns), *clouds)
     for function in (
         lambda c: project(c, SPEC),
         lambda c: project_slices(c, SPEC, num_slices=2).range_m,
@@ -281,7 +225,7 @@ def test_batches_of_clouds_are_refused_with_the_mend():
     ):
         with pytest.raises(ValueError, match=r"\(2, 2, 3\).* use jax.vmap"):
             function(batch)
-        for image in jax.vmap(function)(batch):
+        for image, one in zip(jax.vmap(function)(batch), clouds, strict=True):
             np.testing.assert_array_equal(image, function(one))
 
 

@@ -61,10 +61,6 @@ def test_other_occupancy_is_strange_and_farther_is_stranger():
     assert float(strange.min()) > 0.99
     empty = unlikeness(jnp.zeros((16, 16, 3 * SLICES)), trust)
     assert float(empty) == 1.0
-
-
-def test_vmap_equals_the_batch():
-    trust = fit_trust(np.asarray(condition_features(jnp.asarray(conditions(80)))))
     some = jnp.asarray(conditions(3, seed=4))
     each = jax.vmap(lambda condition: unlikeness(condition, trust))(some)
     np.testing.assert_allclose(each, unlikeness(some, trust), atol=1e-6)

@@ -1,5 +1,6 @@
-"""Capon and MUSIC: resolution beyond the beam, textbook formulas, gradients, errors."""
+"""Capon and MUSIC: formulas, directions, points, resolution beyond the beam, errors."""
 
+import dataclasses
 import functools
 
 import jax
@@ -7,28 +8,51 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import angle_spectrum, direction_sines
+from jradar.radar import PointSpec, angle_spectrum, direction_sines
+from jradar.radar.angle import subspace
+from jradar.radar.angle.sources import mdl_sources
 from jradar.radar.angle.spectrum import spectrum_peaks
 from jradar.radar.angle.subspace import (
     capon_spectrum,
     music_spectrum,
     smoothed_covariance,
+    source_count,
+    subspace_directions,
 )
-from tests.radar.targets import CASCADE, FLAT, SMALL, noise, single, waves_towards
-
-METHODS = pytest.mark.parametrize(
-    "method",
-    [capon_spectrum, functools.partial(music_spectrum, num_sources=2)],
-    ids=["capon", "music"],
+from jradar.radar.angle.subspace_peaks import subspace_peaks
+from tests.radar.targets import (
+    CASCADE,
+    FLAT,
+    LIGHT,
+    SMALL,
+    cloud_of,
+    degrees,
+    noise,
+    plane_wave,
+    simulate,
+    sines,
+    single,
+    target,
+    targets,
+    waves_towards,
 )
 
+METHODS = pytest.mark.parametrize("method", ["capon", "music"])
+SPECTRA = {
+    "capon": capon_spectrum,
+    "music": functools.partial(music_spectrum, num_sources=2),
+}
+ONE = PointSpec(detector="ca", capacity=1)
+TWO = dataclasses.replace(ONE, peaks=2, group_peaks=True, capacity=2)
 
-def two_targets(radar, sines, *, snapshots, grain=0.03):
-    """Equal targets at elevation 0; a single snapshot holds them 45 degrees apart."""
+
+def waves_of(radar, azimuth_sines, count, *, grain, phase=None):
+    """Snapshots of equal targets at elevation 0, of random phases in the middle."""
     middle = radar.virtual_positions[:, 0].mean() * radar.spacing_wavelengths
-    waves = waves_towards(radar, sines, [0, 0], -2 * np.pi * middle * np.c_[sines])
-    phase = np.random.default_rng(3).uniform(0, 2 * np.pi, (snapshots, 2))
-    phase = phase if snapshots > 1 else np.array([[0, np.pi / 4]])
+    u = np.reshape(azimuth_sines, (-1, 1))
+    waves = waves_towards(radar, u[:, 0], 0 * u[:, 0], -2 * np.pi * middle * u)
+    if phase is None:
+        phase = np.random.default_rng(3).uniform(0, 2 * np.pi, (count, len(u)))
     cells = np.exp(1j * phase) @ waves
     return single(cells + grain * noise(*cells.shape, seed=3))
 
@@ -44,17 +68,18 @@ def peak_sines(power, radar, *, within_db=6.0):
 @pytest.mark.parametrize("snapshots", [1, 64])
 def test_targets_within_a_beam_are_separated(method, snapshots):
     # The first null of eight elements lies 1 / (8 * 0.51) = 0.245 from the peak.
-    sines = [-0.03, 0.13]
-    cells = two_targets(FLAT, sines, snapshots=snapshots, grain=0.005)
+    places = [-0.03, 0.13]
+    phase = np.array([[0, np.pi / 4]]) if snapshots == 1 else None
+    cells = waves_of(FLAT, places, snapshots, grain=0.005, phase=phase)
     fourier = angle_spectrum(cells, FLAT, num_azimuth=256).mean(0)[0]
     assert len(peak_sines(fourier, FLAT)) == 1
-    found = peak_sines(method(cells, FLAT), FLAT, within_db=20.0)
-    np.testing.assert_allclose(found, sines, atol=0.01)
+    found = peak_sines(SPECTRA[method](cells, FLAT), FLAT, within_db=20.0)
+    np.testing.assert_allclose(found, places, atol=0.01)
 
 
 def test_both_are_their_formulas():
     """Forward-backward smoothing of full rows by its definition, in float64."""
-    cells = two_targets(FLAT, [-0.2, 0.3], snapshots=20)
+    cells = waves_of(FLAT, [-0.2, 0.3], 20, grain=0.03)
     parts = np.stack([np.complex128(cells)[:, k : k + 5] for k in range(4)], 1)
     mean = np.einsum("nki,nkj->ij", parts, parts.conj()) / parts[..., 0].size
     covariance = (mean + mean[::-1, ::-1].conj()) / 2
@@ -78,7 +103,7 @@ def test_both_are_their_formulas():
 
 @pytest.mark.parametrize("radar", [SMALL, CASCADE], ids=["chip", "cascade"])
 def test_the_longest_row_is_used_with_shared_positions_averaged(radar):
-    cells = two_targets(radar, [-0.4, 0.3], snapshots=4)
+    cells = waves_of(radar, [-0.4, 0.3], 4, grain=0.03)
     pseudo = music_spectrum(cells, radar, num_sources=2)
     found = peak_sines(pseudo, radar, within_db=20.0)
     np.testing.assert_allclose(found, [-0.4, 0.3], atol=0.01)
@@ -86,12 +111,12 @@ def test_the_longest_row_is_used_with_shared_positions_averaged(radar):
 
 @METHODS
 def test_gradients_are_slopes_and_finite_without_noise_and_without_signal(method):
-    cells = two_targets(FLAT, [0.0, 0.4], snapshots=6, grain=0.3)
-    silent = two_targets(FLAT, [0.0, 0.3], snapshots=6, grain=0.0)
+    cells = waves_of(FLAT, [0.0, 0.4], 6, grain=0.3)
+    silent = waves_of(FLAT, [0.0, 0.3], 6, grain=0.0)
 
     @jax.jit
     def total(real, imag):
-        power = method(jax.lax.complex(real, imag), FLAT, num_azimuth=32)
+        power = SPECTRA[method](jax.lax.complex(real, imag), FLAT, num_azimuth=32)
         return jnp.log(power).sum()
 
     slopes = jax.jit(jax.grad(total, (0, 1)))
@@ -104,13 +129,158 @@ def test_gradients_are_slopes_and_finite_without_noise_and_without_signal(method
     np.testing.assert_allclose(jnp.linalg.norm(slope), difference, rtol=0.03)
 
 
-def test_what_cannot_be_resolved_is_refused():
-    cells = jnp.ones((3, 12), complex)
-    with pytest.raises(ValueError, match="subarray=9, expected 2 to 8, .* awr1843"):
-        smoothed_covariance(cells, SMALL, subarray=9)
-    with pytest.raises(ValueError, match="num_sources=5, expected 1 to 4: a subarray"):
-        music_spectrum(cells, SMALL, num_sources=5)
-    with pytest.raises(ValueError, match="num_sources=0, expected 1 to 4"):
-        music_spectrum(cells, SMALL, num_sources=0)
-    with pytest.raises(ValueError, match="8 values per snapshot, awr1843 has 3 tx"):
-        capon_spectrum(jnp.ones((3, 8), complex), SMALL)
+def test_mdl_is_its_formula():
+    """For eigenvalues of every number of sources, clear and less clear ones."""
+    rng = np.random.default_rng(0)
+    values = rng.uniform(0.7, 1.4, (60, 6))
+    for i, sources in enumerate(rng.integers(0, 5, 60)):
+        values[i, :sources] *= rng.uniform(1.5, 8)
+    expected = []
+    for one in values:
+        falling, lengths = np.sort(one)[::-1], []
+        for k in range(6):
+            rest = falling[k:]
+            ratio = np.log(rest.mean()) - np.log(rest).mean()
+            lengths.append(30 * len(rest) * ratio + k * (12 - k) / 2 * np.log(30))
+        expected.append(np.argmin(lengths))
+    np.testing.assert_array_equal(
+        mdl_sources(jnp.asarray(values), samples=30), expected
+    )
+    assert len(set(expected)) > 3
+
+
+@pytest.mark.parametrize(
+    ("radar", "azimuth_sines", "share"),
+    [
+        (SMALL, [], 0.7),
+        (SMALL, [0.1], 0.7),
+        (SMALL, [-0.2, 0.3], 0.7),
+        (CASCADE, [0.1], 0.85),
+        (CASCADE, [0.0, 0.02], 0.85),
+    ],
+)
+def test_sources_of_single_snapshots_are_counted(radar, azimuth_sines, share):
+    cells = waves_of(radar, azimuth_sines, 60, grain=0.07)
+    found = source_count(cells[:, None], radar)
+    assert (np.asarray(found) == len(azimuth_sines)).mean() > share
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "capon"},
+        {"method": "music"},
+        {"method": "music", "num_sources": None},
+    ],
+    ids=str,
+)
+def test_one_target_is_found_where_it_is_whatever_the_block(options, monkeypatch):
+    monkeypatch.setattr(subspace, "BLOCK", 2)  # of five cells, which no other test has
+    angles = np.radians([[-50, -20, 0, 8, 35], [3, -12, 0, 15, -8]])
+    cells = single(plane_wave(SMALL, *angles))
+    found = subspace_directions(cells, SMALL, **options)
+    np.testing.assert_allclose(found[0], angles[0], atol=np.radians(0.3))
+    np.testing.assert_allclose(found[1], angles[1], atol=np.radians(0.5))
+    batch = subspace_directions(cells[:, None], SMALL, **options)
+    np.testing.assert_allclose(batch[0][:, 0], found[0], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"angles": "capon"}, {"angles": "music", "sources": 0}], ids=str
+)
+@pytest.mark.parametrize("points", [ONE, TWO], ids=["one peak", "two peaks"])
+def test_one_target_of_a_cell_is_one_point(points, changes):
+    cloud = cloud_of(
+        simulate(target(4.0, -30, -14, 0.0), seed=1),
+        points=dataclasses.replace(points, **changes),
+    )
+    assert cloud.valid.tolist() == [True, False][: points.capacity]
+    np.testing.assert_allclose(degrees(cloud), [[-30, -14]], atol=0.4)
+
+
+@METHODS
+def test_two_targets_of_a_cell_within_a_beam_are_two_points(method):
+    """Equal ones, 1.6 radians apart in the middle, less than the beam's 14 degrees."""
+    places = [(-4.0, -1.0), (4.0, 5.0)]
+    middle_s = SMALL.adc_start_time_s + 63 / 2 / SMALL.sample_rate_hz
+    middle_hz = SMALL.start_frequency_hz + SMALL.slope_hz_per_s * middle_s
+    farther = 1.6 / (4 * np.pi) * LIGHT / middle_hz
+    truth = targets((4.0, *places[0], 0.0), (4.0 + farther, *places[1], 0.0))
+    cube = simulate(truth, noise_power=0.01)
+
+    def found(points):
+        """Azimuth and elevation in degrees of two points, the rightmost first."""
+        cloud = cloud_of(cube, points=points)
+        angles = np.where(cloud.valid[:, None], degrees(cloud, 2), 90.0)
+        return angles[angles[:, 0].argsort()]
+
+    assert np.abs(found(TWO) - places).max() > 4  # by the FFT
+    resolved = found(dataclasses.replace(TWO, angles=method))
+    np.testing.assert_allclose(resolved, places, atol=0.3)
+
+
+@METHODS
+@pytest.mark.parametrize("radar", [FLAT, CASCADE], ids=["one row", "four rows"])
+def test_peaks_are_plane_waves_of_their_power_down_to_6_db(method, radar):
+    places = np.array([[-0.25, 0.1], [0.28, -0.05]]) * [1, radar.has_elevation]
+    waves = waves_towards(radar, *places.T, [[0.0], [0.4 * np.pi]])
+    weaker = 10 ** (-np.array([1, 5, 8]) / 20)  # amplitudes, 1, 5 and 8 dB down
+    cells = single(waves[0] + weaker[:, None] * waves[1])
+    peaks = subspace_peaks(cells, radar, method=method)
+    power, valid = np.asarray(peaks.power), np.asarray(peaks.valid)
+    assert valid.shape == (3, 2) and valid[:, 0].all()
+    for i in range(2 if method == "music" else 1):  # Capon's heights differ more
+        assert valid[i, 1]
+        found = np.stack(sines(peaks.azimuth[i], peaks.elevation[i]), -1)
+        np.testing.assert_allclose(found, places, atol=0.01)
+        np.testing.assert_allclose(power[i], [1.0, weaker[i] ** 2], rtol=0.1)
+    assert not valid[2, 1]
+
+
+def test_a_cell_of_nothing_has_no_peaks():
+    wave = np.exp(0.3j * SMALL.virtual_positions.sum(1))
+    cells = single(np.stack([0 * wave, wave]))
+    peaks = subspace_peaks(cells, SMALL, method="music", num_sources=1)
+    assert peaks.valid.tolist() == [[False, False], [True, False]]
+    assert np.isfinite(peaks.azimuth).all()
+    assert peaks.azimuth[1, 0] > 0.05 and peaks.elevation[1, 0] > 0.05
+
+
+NARROW = dataclasses.replace(
+    SMALL, tx_positions=((0, 0),), rx_positions=((0, 0), (1, 0)), tx_firing_order=(0,)
+)
+
+
+@pytest.mark.parametrize(
+    ("function", "antennas", "options", "message"),
+    [
+        (
+            smoothed_covariance,
+            12,
+            {"subarray": 9},
+            "subarray=9, expected 2 to 8, .* awr",
+        ),
+        (
+            music_spectrum,
+            12,
+            {"num_sources": 5},
+            "num_sources=5, expected 1 to 4: a su",
+        ),
+        (music_spectrum, 12, {"num_sources": 0}, "num_sources=0, expected 1 to 4"),
+        (capon_spectrum, 8, {}, "8 values per snapshot, awr1843 has 3 tx"),
+        (subspace_peaks, 8, {"method": "capon"}, "8 values per snapshot, awr1843 has"),
+        (subspace_peaks, 12, {"method": "esprit"}, "method='esprit', expected one of"),
+        (
+            functools.partial(subspace_peaks, method="capon"),
+            12,
+            {"count": 0},
+            "count=0, expected 1 to 256 targ",
+        ),
+        (source_count, 2, {"radar": NARROW}, "has 2 neighbouring elements, expected 3"),
+    ],
+)
+def test_what_cannot_be_resolved_is_refused(function, antennas, options, message):
+    with pytest.raises(ValueError, match=message):
+        function(jnp.ones((3, antennas), complex), **({"radar": SMALL} | options))
+    with pytest.raises(ValueError, match="samples=1, expected 2 or more"):
+        mdl_sources(jnp.ones(4), samples=1)

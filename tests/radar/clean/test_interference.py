@@ -1,6 +1,7 @@
 """Crossing chirps: where and how long they are heard, and that excision restores."""
 
 import dataclasses
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -8,18 +9,27 @@ import numpy as np
 import pytest
 
 from jradar.radar import (
+    PointSpec,
+    RadarSpec,
+    Scatterers,
     crossing_chirps,
+    detect,
     draw_interferers,
     excise_interference,
     power_map,
+    simulate_cube,
 )
 from jradar.radar.clean.interference import EDGE, Interferers, _median, _taper
-from tests.radar.targets import CELLS, SMALL, cloud_of, simulate, target
+from tests.directions import unit
+from tests.radar.targets import CELLS, SMALL, cloud_of, simulate, sines, target
 
 KEY = jax.random.key(0)
 REAL = dataclasses.replace(SMALL, real_samples=True)
 KINDS = pytest.mark.parametrize("radar", [SMALL, REAL], ids=["complex", "real"])
 MIDDLE, LENGTH = 30, 16  # sample of the crossing, and samples in the band
+LONG = RadarSpec.awr1843(num_chirps=64)  # 128 samples
+POINTS = PointSpec(group_peaks=True, guard=(1, 1), train=(2, 4)).fitted(LONG)
+SURE = dataclasses.replace(POINTS, false_alarm_rate=1e-12)
 
 
 def one_sweep(radar=SMALL, length=LENGTH, middle=MIDDLE):
@@ -38,9 +48,11 @@ def crossing(sweep, radar=SMALL):
     return np.asarray(crossing_chirps(KEY, sweep, radar))
 
 
-def strong_and_often(radar=SMALL, seed=1):
+def drawn(radar, *, count=6, amplitude=300.0, seed=1):
+    """Chirps of random radars, strong and often by default."""
     key = jax.random.key(seed)
-    return crossing(draw_interferers(key, radar, count=6, amplitude=300.0), radar)
+    others = draw_interferers(key, radar, count=count, amplitude=amplitude)
+    return np.asarray(crossing_chirps(key, others, radar))
 
 
 @KINDS
@@ -59,10 +71,8 @@ def test_the_beat_sweeps_with_the_difference_of_the_slopes_and_shows_the_directi
     step = np.angle(samples[0, 1:] * samples[0, :-1].conj())[inside] / (2 * np.pi)
     between = np.arange(SMALL.num_samples - 1)[inside] + 0.5 - MIDDLE
     np.testing.assert_allclose(np.mod(step, 1), 0.5 + between / LENGTH, atol=0.01)
-    u, w = np.sin(0.3) * np.cos(0.2), np.sin(0.2)
-    columns, rows = np.array(SMALL.rx_positions).T
-    turns = SMALL.spacing_wavelengths * columns * u
-    turns = turns + SMALL.row_spacing_wavelengths * rows * w
+    spacing = SMALL.spacing_wavelengths, SMALL.row_spacing_wavelengths
+    turns = np.array(SMALL.rx_positions) * spacing @ sines(0.3, 0.2)
     found = samples[:, MIDDLE] / samples[0, MIDDLE]
     expected = np.exp(2j * np.pi * (turns - turns[0]))
     np.testing.assert_allclose(found, expected, atol=1e-4)
@@ -77,23 +87,20 @@ def test_the_energy_is_that_of_the_time_in_the_band(length):
 
 
 def test_drawn_interferers_cross_many_chirps_in_all_receivers_at_once():
-    samples = strong_and_often()
+    samples = drawn(SMALL)
     assert np.isfinite(samples).all()
     heard = samples != 0
     assert (heard == heard[:, :1]).all()
     assert 0.2 < heard.any((1, 3)).mean() <= 1
-
-
-def test_a_radar_of_another_band_hears_nothing():
     far = one_sweep()._replace(start_hz=jnp.array([20e9], jnp.float32))
-    assert not crossing(far).any()
+    assert not crossing(far).any()  # of another band
 
 
 @KINDS
 def test_excision_gives_back_a_weak_target(radar):
     strong = simulate(target(3, 10, 0, 0.0, amplitude=500.0), radar)
     clean = strong + simulate(target(4.5, -20, 3, 1.2, amplitude=1.0), radar, seed=1)
-    disturbed = np.asarray(clean + strong_and_often(radar))
+    disturbed = np.asarray(clean + drawn(radar))
     excised, found = map(np.asarray, excise_interference(disturbed))
 
     def snr_db(cube):
@@ -110,13 +117,97 @@ def test_excision_gives_back_a_weak_target(radar):
     np.testing.assert_array_equal(excised[kept], disturbed[kept])
 
 
-@KINDS
-@pytest.mark.parametrize("velocity", [0.0, 1.37])
-def test_a_clean_frame_with_a_strong_target_is_returned_bit_for_bit(radar, velocity):
-    cube = simulate(target(3.21, 10, 5, velocity, amplitude=1000.0), radar)
+def scene(seed, count, least, most, noise_power):
+    """An ADC's whole numbers: echoes of `least` to `most` counts, half of them move."""
+    random = np.random.default_rng(seed)
+    azimuth = random.uniform(-1, 1, count)
+    direction = unit(azimuth, random.uniform(-0.25, 0.25, count))
+    reach = 0.95 * LONG.num_range_bins * LONG.range_resolution_m
+    distance = random.uniform(0.7, reach, (count, 1))
+    velocity = random.uniform(-2, 2, count) * (random.random(count) < 0.5)
+    amplitude = np.exp(random.uniform(np.log(least), np.log(most), count))
+    echoes = Scatterers(*map(np.float32, (distance * direction, velocity, amplitude)))
+    cube = simulate_cube(jax.random.key(seed), echoes, LONG, noise_power=noise_power)
+    return rounded(cube)
+
+
+def rounded(cube):
+    return jnp.round(cube.real) + 1j * jnp.round(cube.imag)
+
+
+def assert_untouched(cube):
+    """A frame without interference is returned bit for bit."""
     excised, found = excise_interference(cube)
     assert not found.any()
     np.testing.assert_array_equal(excised, cube)
+
+
+@pytest.mark.parametrize(
+    ("count", "least", "most"), [(60, 20, 300), (20, 20, 3000), (5, 2000, 6000)]
+)
+@pytest.mark.parametrize("noise_power", [1.0, 10.0])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_clean_frame_of_many_echoes_is_returned(
+    count, least, most, noise_power, seed
+):
+    assert_untouched(scene(seed, count, least, most, noise_power))
+
+
+@KINDS
+@pytest.mark.parametrize("velocity", [0.0, 1.37])
+def test_a_clean_frame_of_one_strong_echo_is_returned(radar, velocity):
+    cube = simulate(target(3.21, 10, 5, velocity, amplitude=1000.0), radar)
+    assert_untouched(cube)
+    assert_untouched(cube[:, :, :1])  # there is no median over one chirp
+
+
+@pytest.mark.parametrize("amplitude", [0.0, 1.0, 1000.0])
+def test_a_frame_without_noise_is_returned(amplitude):
+    """What is left of its echo is float32's rounding, tiny but not alike everywhere."""
+    for seed in range(4):
+        echo = target(3.2 + 0.03 * seed, 10, 5, 0.37 * seed, amplitude=amplitude)
+        assert_untouched(simulate(echo, noise_power=0.0, seed=seed))
+
+
+@functools.partial(jax.jit, static_argnames="points")
+def detected(cube, points=POINTS):
+    power = power_map(cube)
+    return detect(power, LONG, points=points), jnp.median(power)
+
+
+@pytest.mark.parametrize(
+    ("count", "least", "most", "jammed"),
+    [(60, 20, 300, 100.0), (20, 20, 3000, 300.0), (20, 3, 30, 300.0)],
+)
+def test_detections_of_a_jammed_frame_come_back(count, least, most, jammed):
+    """At the floor of the clean frame, of which crossing chirps hide a part."""
+    sure = kept = hidden = 0
+    for seed in range(4):
+        clean = scene(seed, count, least, most, 10.0)
+        disturbed = rounded(clean + drawn(LONG, count=3, amplitude=jammed, seed=seed))
+        excised, _ = excise_interference(disturbed)
+        (wanted, _), (_, floor) = detected(clean, SURE), detected(clean)
+        (found, after), (lost, before) = detected(excised), detected(disturbed)
+        sure += int(wanted.sum())
+        kept += int((wanted & near(found)).sum())
+        hidden += int((wanted & ~near(lost)).sum())
+        assert after < 1.2 * floor < before / 2
+    assert kept >= 0.97 * sure and sure - kept <= hidden / 5
+
+
+def near(mask):
+    """The cells of a mask and their neighbours."""
+    for axis in (0, 1):
+        mask = mask | np.roll(mask, 1, axis) | np.roll(mask, -1, axis)
+    return mask
+
+
+def test_a_burst_far_below_a_strong_echo_is_found():
+    """56 dB below it, and 14 dB over the noise."""
+    cube = simulate(target(3, 10, 0, 0.0, amplitude=3000.0))
+    cube = cube.at[1, :, 16, 30:34].add(5.0)
+    _, found = excise_interference(cube)
+    assert found[1, 16, 30:34].all() and not found.at[1, 16].set(False).any()
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
@@ -139,18 +230,9 @@ def test_noise_is_excised_at_the_rate_that_was_asked(radar):
     np.testing.assert_allclose(np.asarray(found)[:, sure].mean(), 3 * rate, rtol=0.3)
 
 
-def test_frames_without_noise_or_without_a_second_chirp_are_returned():
-    zeros = jnp.zeros(SMALL.cube_shape, jnp.complex64)
-    single = simulate(target(3, 0, 0, 0))[:, :, :1]
-    for cube in (zeros, single):
-        excised, found = excise_interference(cube)
-        assert not found.any()
-        np.testing.assert_array_equal(excised, cube)
-
-
 def test_points_are_those_of_the_frame_without_interference():
     clean = simulate(target(5, 20, 5, 1, amplitude=10.0))
-    disturbed = clean + strong_and_often()
+    disturbed = clean + drawn(SMALL)
     excising = dataclasses.replace(CELLS, remove_interference=True)
     expected, lost = (cloud_of(cube) for cube in (clean, disturbed))
     cloud = cloud_of(disturbed, points=excising)

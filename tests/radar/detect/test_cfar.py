@@ -1,4 +1,4 @@
-"""CFAR: promised rates, brute force, invariances, clear errors."""
+"""CFAR: multipliers in closed form, promised rates, invariances, strong targets."""
 
 import itertools
 import math
@@ -7,12 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import ndimage
+from scipy import stats
 
 from jradar.radar import (
     DETECTORS,
     PointSpec,
     detect,
+    false_alarm_multiplier,
     noise_floor,
     power_map,
 )
@@ -42,27 +43,13 @@ def test_false_alarm_rate_is_what_was_asked():
             rates.append([part.reshape(len(part), -1).mean(1) for part in parts])
         return jnp.asarray(rates)
 
-    shape = (3000, 16, 32)
+    shape = (1500, 16, 32)
     rng = np.random.default_rng(0)
     noise = {n: rng.standard_gamma(n, shape, dtype="float32") for n, _ in rates}
     for case, parts in zip(cases, np.asarray(measured(noise)), strict=True):
         # Cells of a map share their noise estimates: only whole maps are independent.
         error = parts.std(1) / math.sqrt(shape[0])
         assert (abs(parts.mean(1) - case[1][1]) < 4 * error).all(), case
-
-
-@pytest.mark.parametrize("train", [(0, 6), (7, 7)])
-def test_ordered_floor_is_the_rank_filters_to_the_bit(train):
-    power = np.asarray(POWER)
-    guard = (1, 1) if train[0] else (0, 1)
-    footprint = np.ones([2 * (g + t) + 1 for g, t in zip(guard, train, strict=True)])
-    hole = [slice(t, t + 2 * g + 1) for g, t in zip(guard, train, strict=True)]
-    footprint[tuple(hole)] = 0
-    k = math.ceil(0.75 * footprint.sum())
-    expected = ndimage.rank_filter(power, k - 1, footprint=footprint, mode="wrap")
-    found = noise_floor(power, kind="os", guard=guard, train=train)
-    side = guard[1] + train[1]  # the range axis does not wrap around
-    np.testing.assert_array_equal(found[:, side:-side], expected[:, side:-side])
 
 
 def test_floors_are_ordered_and_exact_next_to_a_target_of_120_db():
@@ -149,3 +136,45 @@ def test_masks_ignore_the_unit_shift_with_doppler_and_stay_beside_a_target(detec
 def test_rate_of_one_keeps_every_cell_that_is_not_zero(detector):
     mask = detector(POWER.at[3, 5].set(0.0), false_alarm_rate=1.0)
     assert mask.sum() == 32 * 64 - 1 and not mask[3, 5]
+
+
+@pytest.mark.parametrize("rank", [1, 12, 16])
+@pytest.mark.parametrize("rate", [0.5, 1e-3, 1e-6])
+def test_os_multiplier_is_the_closed_form(rate, rank):
+    alpha = false_alarm_multiplier("os", rate, 16, rank=rank)
+    product = math.prod((16 - i) / (16 - i + alpha) for i in range(rank))
+    assert product == pytest.approx(rate, rel=1e-8)
+
+
+@pytest.mark.parametrize("rate", [1e-2, 1e-4, 1e-6])
+def test_go_and_so_multipliers_are_the_closed_forms(rate):
+    n = 8
+
+    def so_rate(alpha):
+        t = alpha / n
+        terms = (math.comb(n - 1 + j, j) * (2 + t) ** -(n + j) for j in range(n))
+        return 2 * sum(terms)
+
+    so = false_alarm_multiplier("so", rate, 2 * n)
+    assert so_rate(so) == pytest.approx(rate, rel=1e-9)
+    go = false_alarm_multiplier("go", rate, 2 * n)
+    # The closed form of GO is a small difference of large numbers.
+    assert 2 * (1 + go / n) ** -n - so_rate(go) == pytest.approx(rate, rel=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["go", "so"])
+def test_halves_of_other_sizes_meet_the_known_limits(kind):
+    even = false_alarm_multiplier(kind, 1e-3, 16, channels=4)
+    assert false_alarm_multiplier(kind, 1e-3, (8, 8), channels=4) == even
+    alone = false_alarm_multiplier("ca", 1e-3, 8, channels=4)
+    assert false_alarm_multiplier(kind, 1e-3, (0, 8), channels=4) == alone
+    uneven = false_alarm_multiplier(kind, 1e-3, (5, 8), channels=4)
+    assert uneven == false_alarm_multiplier(kind, 1e-3, (8, 5), channels=4) != even
+
+
+@pytest.mark.parametrize("rate", [1e-2, 1e-6])
+@pytest.mark.parametrize("channels", [1, 4, 12])
+def test_ca_multiplier_is_a_quantile_of_f(channels, rate):
+    alpha = false_alarm_multiplier("ca", rate, 36, channels=channels)
+    quantile = stats.f.isf(rate, 2 * channels, 2 * 36 * channels)
+    assert alpha == pytest.approx(quantile, rel=1e-9)

@@ -105,6 +105,7 @@ def halves_at(edge, d, r, shape, guard, train):
 RANGE_ONLY = (0, 2), (0, 4)
 CASES = [(edge, *RANGE_ONLY) for edge in EDGES]
 CASES += [("shrink", (2, 1), (3, 4)), ("shrink", (1, 0), (5, 0))]
+CASES += [("shrink", (0, 1), (4, 7))]  # whose rows are counted in several groups
 CASES += [("one_sided", (1, 1), (2, 2)), ("reflect", (1, 1), (2, 2))]
 
 
