@@ -27,7 +27,7 @@ from experiments.command import exit_code_of
 from jradar.errors import UsageError, check_platform
 from jradar.files import lock_folder, use_compilation_cache
 
-TASKS = ("enhance", "demo", "radarhd", "rpdnet")  # modules of this package
+TASKS = ("enhance", "demo", "maps", "radarhd", "rpdnet")  # modules of this package
 
 
 def main(argv: list[str]) -> int:

@@ -82,6 +82,8 @@ class UNet(nn.Module):
                          head is a linear map of each patch's features
     condition_at_input   resize the condition to the image and append its channels
                          there, instead of the tower (an ablation)
+    angles               enter Fourier features of azimuth and elevation. Without them
+                         an image may be a part of a plane, of any size and place
     remat                save memory in training at the cost of time
     dtype                of what is computed, or its name: "bfloat16" suits a GPU.
                          Parameters, norms and softmax are float32
@@ -100,6 +102,7 @@ class UNet(nn.Module):
     condition_stem: tuple[int, int] = (1, 1)
     condition_at_input: bool = False
     outputs: int = 2
+    angles: bool = True
     remat: bool = False
     group_channels: int = 4
     dtype: Any = jnp.float32
@@ -198,6 +201,7 @@ class Trunk(nn.Module):
     noise_scale: float
     detail_channels: int
     outputs: int
+    angles: bool
     remat: bool
     group_channels: int
     dtype: Any
@@ -314,6 +318,8 @@ class Trunk(nn.Module):
 
     def _angles(self, channels, x, name):
         """A linear map of the angles of `x`'s pixels, shared by the batch."""
+        if not self.angles:
+            return 0
         angles = jnp.asarray(angle_features(*x.shape[1:3]), self.dtype)
         return self._dense(channels, name)(angles)[None]
 

@@ -1,0 +1,1 @@
+"""Clouds and poses to voxel maps, and the model of maps."""

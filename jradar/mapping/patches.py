@@ -1,0 +1,136 @@
+"""ColoRadar's radar and LiDAR maps, in patches around places of the robot.
+
+RMap's patches (Mopidevi et al. 2023), as UpPoinTr publishes them: an octomap of a run's
+single-chip CFAR clouds next to an octomap of its LiDAR scans, both of 0.15 m. A patch
+holds the 2,048 radar and the 8,192 LiDAR voxels that are horizontally nearest to the
+robot, so that it is an upright cylinder whose radius differs from patch to patch.
+
+    ColoRadar/input/<run>_<patch>.pcd      radar voxels
+    ColoRadar/gt/<run>_<patch>.pcd         LiDAR voxels
+
+or one packed .npz a run: `radar_map` and `lidar_map` int16 [voxel, 3], `patch`, and
+`radar_in_patch` and `lidar_in_patch`, bits along the voxels.
+"""
+
+import re
+import zipfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int16
+
+from jradar.errors import parsing
+from jradar.recordings import read_cloud
+
+VOXEL_M = 0.15
+NAME = re.compile(r"(.+_run\d+)_(\d+)\.pcd")
+MAX_BYTES = 1 << 30  # of the arrays in a packed file
+MAX_CELL = 30_000  # of the number of a voxel along an axis
+ARRAYS = ("radar_map", "lidar_map", "patch", "radar_in_patch", "lidar_in_patch")
+
+
+class MapRun(NamedTuple):
+    """Both maps of a run, as numbers of voxels, and the voxels of its patches."""
+
+    name: str
+    radar: Int16[np.ndarray, "voxel 3"]
+    lidar: Int16[np.ndarray, "lidar_voxel 3"]
+    radar_in_patch: Bool[np.ndarray, "patch voxel"]
+    lidar_in_patch: Bool[np.ndarray, "patch lidar_voxel"]
+
+    def __repr__(self) -> str:
+        """Name and counts, in one line."""
+        return (
+            f"MapRun({self.name!r}, {len(self.radar_in_patch)} patches, "
+            f"{len(self.radar)} radar and {len(self.lidar)} LiDAR voxels)"
+        )
+
+    @property
+    def environment(self) -> str:
+        """The name without the number of the run."""
+        return self.name.rsplit("_run", 1)[0]
+
+
+def open_runs(path: Path | str) -> list[MapRun]:
+    """Return the runs of a folder of packed files, or of a folder of PCD files.
+
+    Raises FileNotFoundError without the folder, and ValueError for a folder without
+    runs, for damaged files and for radar patches without a LiDAR patch.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise FileNotFoundError(f"no such folder: {path}")
+    if packed := sorted(path.glob("*.npz")):
+        return [_packed(file) for file in packed]
+    if (path / "input").is_dir() and (path / "gt").is_dir():
+        return _loose(path)
+    raise ValueError(
+        f"{path} contains neither <run>.npz nor input/ and gt/: expected the folder "
+        "ColoRadar of UpPoinTr, or packed runs"
+    )
+
+
+def _packed(path):
+    """A run of a packed file."""
+    with parsing(path, f"a packed run with {', '.join(ARRAYS)}"):
+        with zipfile.ZipFile(path) as archive:
+            if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
+                raise ValueError(f"it unpacks to {size:,} bytes, limit {MAX_BYTES:,}")
+        with np.load(path, allow_pickle=False) as arrays:
+            radar, lidar, _, *bits = (arrays[name] for name in ARRAYS)
+        patches = []
+        for voxels, packed in zip((radar, lidar), bits, strict=True):
+            if voxels.dtype != np.int16 or voxels.ndim != 2 or voxels.shape[1] != 3:
+                raise ValueError(f"a map is {voxels.dtype}{list(voxels.shape)}")
+            if packed.dtype != np.uint8 or packed.shape[1:] != (-(-len(voxels) // 8),):
+                raise ValueError(f"{len(voxels)} voxels, bits of {packed.shape}")
+            inside = np.unpackbits(packed, axis=1)[:, : len(voxels)].astype(bool)
+            patches.append(inside)
+        if len(patches[0]) != len(patches[1]):
+            raise ValueError("another number of radar than of LiDAR patches")
+    return MapRun(path.stem, radar, lidar, *patches)
+
+
+def _loose(folder):
+    """The runs of a folder of PCD files, in the order of their names."""
+    found = (NAME.fullmatch(file.name) for file in (folder / "input").iterdir())
+    names = sorted((m[1], int(m[2]), m[0]) for m in found if m)
+    if not names:
+        raise ValueError(f"{folder / 'input'} contains no <run>_<patch>.pcd")
+    missing = [name for *_, name in names if not (folder / "gt" / name).is_file()]
+    if missing:
+        raise ValueError(f"{folder / 'gt'} lacks {missing[0]}: incomplete download?")
+    runs = []
+    for run in dict.fromkeys(name for name, *_ in names):
+        files = [file for name, _, file in names if name == run]
+        maps = [
+            _joined([_voxels(folder / kind / file) for file in files])
+            for kind in ("input", "gt")
+        ]
+        (radar, radar_inside), (lidar, lidar_inside) = maps
+        runs.append(MapRun(run, radar, lidar, radar_inside, lidar_inside))
+    return runs
+
+
+def _voxels(path):
+    """The numbers of the voxels of a PCD file, whose points are their centres."""
+    cloud = read_cloud(path)
+    xyz = np.stack([cloud[axis] for axis in "xyz"], -1).astype(float)
+    cells = xyz / VOXEL_M - 0.5
+    numbers = np.rint(cells)
+    with parsing(path, f"centres of voxels of {VOXEL_M} m"):
+        if not np.isfinite(cells).all() or np.abs(cells).max(initial=0) > MAX_CELL:
+            raise ValueError("points are not finite, or farther than 4.5 km")
+        if np.abs(cells - numbers).max(initial=0) > 0.1:
+            raise ValueError(f"points are not centres of voxels of {VOXEL_M} m")
+    return numbers.astype(np.int16)
+
+
+def _joined(patches):
+    """The map that patches are parts of, and which voxels each has."""
+    voxels, index = np.unique(np.concatenate(patches), axis=0, return_inverse=True)
+    inside = np.zeros((len(patches), len(voxels)), bool)
+    rows = np.repeat(np.arange(len(patches)), [len(patch) for patch in patches])
+    inside[rows, index.ravel()] = True
+    return voxels, inside
