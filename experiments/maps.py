@@ -1,6 +1,12 @@
-"""The task `maps`: radar maps of ColoRadar to LiDAR maps."""
+"""The task `maps`: ColoRadar's radar maps in, the probability of LiDAR voxels out.
+
+Training sees tiles of patches of some runs; other runs validate it, and fit the
+confidence of the model that is saved. With `data.without`, an environment is left out
+of training, and validated on instead.
+"""
 
 import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,117 +15,202 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.train import Training
-from experiments.weights import load_weights, start_from
+from experiments.weights import initial_weights, start_from
 from jradar import data, diffusion, training
 from jradar.errors import UsageError
-from jradar.mapping import columns, losses, patches, predict, scores, tiles
+from jradar.evaluation import markdown_table
+from jradar.files import write_text
+from jradar.mapping import (
+    PATCH_VOXELS,
+    MapModel,
+    MapRun,
+    MapSpec,
+    Tiles,
+    TileSpec,
+    best_count,
+    enhance_patch,
+    f_score,
+    load_map_model,
+    open_runs,
+    published_distance,
+    save_map_model,
+)
+from jradar.mapping.losses import occupancy_loss
+from jradar.mapping.model import ONE_PASS
+from jradar.range_image import fit_confidence
 
-POINTS = 8192  # of a LiDAR patch
+SCORES = {  # of a patch
+    "published": "F, published protocol",
+    "published_8192": "with at most 8,192 voxels",
+    "radar": "radar map, published protocol",
+    "near": "F at 0.2 m",
+    "expected": "F expected by the model",
+}
+NEAR_M = 0.2
+VALIDATED = 12  # every so many patches, while training
 
 
 def check(config: ConfigDict) -> None:
     """Raise UsageError for a config that cannot be trained."""
-    networks(config)
+    network(config)
     if not config.data.path:
         raise UsageError("no maps: pass the folder of runs as --config.data.path")
+    initial_weights(config.train)
 
 
-def networks(config: ConfigDict):
-    """Return the network and its noise levels."""
+def network(config: ConfigDict) -> diffusion.Network:
+    """Return the network, with an output for each height and one for the outline."""
     with build.section("network"):
-        network = diffusion.build_network(**config.network)
-    mixture = diffusion.PREDICTIONS["mixture"]
-    return network, diffusion.NoiseSpec(sigma_data=1.0, prediction=mixture)
+        outputs = config.map.heights + 1
+        return diffusion.build_network(**config.network, outputs=outputs)
 
 
-def splits(config: ConfigDict):
-    """Return the runs of training and of validation."""
-    runs = patches.open_runs(config.data.path)
-    kept = set(config.data.validation)
-    left = config.data.without
-    if missing := kept - {run.name for run in runs}:
-        raise UsageError(f"data.validation: no run {sorted(missing)[0]}")
-    train = [r for r in runs if r.name not in kept and r.environment != left]
-    checked = [r for r in runs if r.name in kept]
-    return train, checked
+def splits(config: ConfigDict) -> tuple[list[MapRun], list[MapRun]]:
+    """Return the runs to train on, and those to validate on."""
+    runs, left = open_runs(config.data.path), config.data.without
+    environments = {run.environment for run in runs}
+    if left and left not in environments:
+        raise UsageError(
+            f"data.without = {left!r}, expected one of {sorted(environments)}"
+        )
+    if left:
+        kept = {run.name for run in runs if run.environment == left}
+    else:
+        kept = set(config.data.validation)
+    if missing := sorted(kept - {run.name for run in runs}):
+        raise UsageError(
+            f"data.validation names {missing[0]}, which is not in the data"
+        )
+    return (
+        [run for run in runs if run.name not in kept],
+        [run for run in runs if run.name in kept],
+    )
 
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
-    """Return the training of the network on tiles of the other runs."""
+    """Return the network's training on tiles."""
     train, checked = splits(config)
-    spec = columns.MapSpec(**config.map)
-    items = tiles.Tiles(train, spec, tiles.TileSpec(**config.tiles))
+    with build.section("map"):
+        spec = MapSpec(**config.map)
+    with build.section("tiles"):
+        tiles = Tiles(train, spec, TileSpec(**config.tiles))
     batches = data.Batches(
-        items, seed=config.seed, batch_size=config.train.batch_size, change=items.draw
+        tiles, seed=config.seed, batch_size=config.train.batch_size, change=tiles.draw
     )
-    network, noise = networks(config)
-    optimizer = build.build_optimizer(config.train)
-    first = items.draw(items[0], np.random.default_rng(0))
+    first = tiles.draw(tiles[0], np.random.default_rng(config.seed))
+    net, optimizer = network(config), build.build_optimizer(config.train)
     state = training.create_state(
         build.random_key(config, build.INIT_KEY),
-        network,
+        net,
         optimizer,
         image_shape=first.target.shape,
         condition_shape=first.condition.shape,
     )
+    words = f"{len(tiles):,} patches of {len(train)} runs of ColoRadar"
 
-    def validate(state, step):
-        rows = [*score_patches(config, state.ema_params, checked, every=20)]
-        return {name: float(np.mean([r[name] for r in rows])) for name in SCORES}
+    def model_of(state: training.TrainState) -> MapModel:
+        return MapModel(
+            state.ema_params, net, spec, purpose=config.purpose, trained_on=words
+        )
+
+    def validate(state: training.TrainState, step: int) -> dict[str, float]:
+        rows = [*score_patches(model_of(state), checked, every=VALIDATED)]
+        return {name: float(np.mean([row[name] for row in rows])) for name in SCORES}
+
+    def save(state: training.TrainState) -> None:
+        model = model_of(state)
+        table = fit_confidence(*voxel_truth(model, checked, every=VALIDATED))
+        model = model.calibrated_by(table)
+        save_map_model(workdir / "model", model)
 
     return Training(
-        state=start_from(config.train, network, state),
+        state=start_from(config.train, net, state),
         step=training.make_train_step(
-            network,
+            net,
             optimizer,
-            noise,
-            loss=losses.occupancy_loss,
+            ONE_PASS,
+            loss=occupancy_loss,
             ema_decay=config.train.ema_decay,
         ),
         batch_at=lambda step: training.Batch(*batches[step]),
         validate=validate,
-        save=lambda state: diffusion.write_params(
-            workdir / "weights.safetensors", state.ema_params
-        ),
-        trained_on=f"{len(items)} patches of {len(train)} runs",
-        data_digest="",
+        save=save,
+        trained_on=words,
+        data_digest=tiles.digest,
     )
 
 
-SCORES = ("published", "published_8192", "f_score_0.2")
-
-
-def score_patches(config: ConfigDict, params: Any, runs: Any, *, every: int = 1):
-    """Yield the scores of every so many patches of runs."""
-    spec = columns.MapSpec(**config.map)
-    network, noise = networks(config)
-    model = {"params": params, "network": network, "noise": noise}
+def score_patches(
+    model: MapModel, runs: Sequence[MapRun], *, every: int = 1
+) -> Iterator[dict[str, Any]]:
+    """Yield the scores of every so many patches of runs; see `SCORES`."""
+    metres = model.spec.metres
     for run in runs:
         for k in range(0, len(run.radar_in_patch), every):
-            radar = run.radar[run.radar_in_patch[k]].astype(int)
-            truth = (run.lidar[run.lidar_in_patch[k]] + 0.5) * spec.voxel_m
-            found = predict.enhance_patch(radar, spec, **model)
-            count = predict.best_count(found.probability, POINTS)
-            points = (found.voxels + 0.5) * spec.voxel_m
-            near = scores.published_distance(truth)
+            radar, lidar = run.patch(k)
+            found = enhance_patch(radar, model)
+            count = best_count(found.probability, PATCH_VOXELS)
+            points, truth = metres(found.voxels), metres(lidar)
+            exact = published_distance(truth)
+            hits = found.probability[:count].sum()
             yield {
                 "run": run.name,
+                "environment": run.environment,
                 "patch": k,
-                "count": count,
-                "expected": float(
-                    2 * found.probability[:count].sum() / (count + POINTS)
-                ),
-                "published": scores.f_score(points[:count], truth, near),
-                "published_8192": scores.f_score(points[:POINTS], truth, near),
-                "f_score_0.2": scores.f_score(points[:count], truth, 0.2),
+                "published": f_score(points[:count], truth, exact),
+                "published_8192": f_score(points[:PATCH_VOXELS], truth, exact),
+                "radar": f_score(metres(radar), truth, exact),
+                "near": f_score(points[:count], truth, NEAR_M),
+                "expected": float(2 * hits / (count + PATCH_VOXELS)),
             }
 
 
+def voxel_truth(
+    model: MapModel, runs: Sequence[MapRun], *, every: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the probability of the voxels of patches, and whether they are true."""
+    parts = []
+    for run in runs:
+        for k in range(0, len(run.radar_in_patch), every):
+            radar, lidar = run.patch(k)
+            found = enhance_patch(radar, model)
+            parts.append((found.probability, is_among(found.voxels, lidar)))
+    probability, right = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return probability, right
+
+
+def is_among(voxels: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return which voxels are among others."""
+    joined = np.ascontiguousarray(np.concatenate([voxels, truth]).astype(np.int32))
+    _, index = np.unique(joined, axis=0, return_inverse=True)
+    return np.isin(index.ravel()[: len(voxels)], index.ravel()[len(voxels) :])
+
+
 def evaluate(config: ConfigDict, workdir: Path) -> None:
-    """Score the weights on the validation runs."""
-    params = load_weights(workdir / "weights.safetensors")
-    _, checked = splits(config)
-    rows = [*score_patches(config, params, checked, every=config.evaluation.every)]
-    (workdir / "scores.json").write_text(json.dumps(rows))
-    for name in SCORES:
-        print(name, np.mean([row[name] for row in rows]))
+    """Score the model on the validation runs, or on all runs of `data.test`."""
+    model = load_map_model(config.model or workdir / "model")
+    if config.data.test:
+        checked = open_runs(config.data.test)
+    else:
+        _, checked = splits(config)
+    rows = [*score_patches(model, checked, every=config.evaluation.every)]
+    text = summary(rows)
+    write_text(workdir / "evaluation" / "scores.json", json.dumps(rows) + "\n")
+    write_text(workdir / "evaluation" / "table.md", text)
+    print(f"{model}\n\n{text}")
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the table of mean scores, by environment and of all patches."""
+    groups: dict[str, list] = {}
+    for row in rows:
+        groups.setdefault(row["environment"], []).append(row)
+    groups["all patches"] = [*rows]
+    return markdown_table(
+        ["environment", "patches", *SCORES.values()],
+        [
+            [name, str(len(group))]
+            + [f"{np.mean([row[score] for row in group]):.3f}" for score in SCORES]
+            for name, group in groups.items()
+        ],
+    )

@@ -39,6 +39,7 @@ FLOORS = {
     "data": 6,
     "training": 6,
     "evaluation": 6,
+    "mapping": 7,
     "stream": 7,
     "export": 7,
     "cli": 8,

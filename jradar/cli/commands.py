@@ -88,6 +88,25 @@ def odometry(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def map_(options: argparse.Namespace) -> dict[str, Any]:
+    """Turn a walk into a map, and into the map that a LiDAR would have made."""
+    mapping = jradar.mapping
+    results = Results(options.output, "map", force=options.force)
+    model = mapping.load_map_model(options.model)
+    recording = jradar.open_recording(options.path, **opening(options))
+    frames = range(*options.frames.indices(len(recording.cubes)))
+    with progress("mapping", len(frames), unit="frames") as show:
+        found = mapping.map_recording(
+            recording, model, frames=frames, rotation=options.rotation, advance=show
+        )
+    return {
+        **summary(recording, found.notes),
+        "model": {"name": options.model, "purpose": model.purpose},
+        **found.describe(),
+        "written": results.put(mapping.map_files(found)),
+    }
+
+
 def prepare(options: argparse.Namespace) -> dict[str, Any]:
     """Turn recordings of radar and LiDAR into training pairs."""
     kind = jradar.data.PrepareSpec

@@ -56,6 +56,10 @@ Doppler gives the radar's own velocity in each frame. FILE holds the poses of th
 base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each frame. If
 the recording has poses, the trajectory is compared with them: APE (positions, aligned
 without scale) and RPE (from frame to frame), as evo defines them."""
+MAP_HELP = """\
+Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
+that a LiDAR would have made, with the confidence of each voxel; radar_map.ply, the
+radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a picture."""
 ROTATIONS = ("imu", "poses", "lidar", "none")
 FAMILIES = (
     *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
@@ -85,6 +89,7 @@ def parser() -> argparse.ArgumentParser:
     _replay(_command(kinds, streaming.replay, RECORDING_HELP + REPLAY_HELP))
     _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
     _odometry(_command(kinds, commands.odometry, RECORDING_HELP + ODOMETRY_HELP))
+    _map(_command(kinds, commands.map_, RECORDING_HELP + MAP_HELP))
     _prepare(_command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
     _simulate(_command(kinds, commands.simulate))
     _view(_command(kinds, commands.view))
@@ -99,7 +104,7 @@ def _command(kinds, command: Callable, path_help: str = "", *, more: str = ""):
     """
     summary = (command.__doc__ or "").splitlines()[0]
     sub = kinds.add_parser(
-        command.__name__,
+        command.__name__.rstrip("_"),
         help=summary,
         description=f"{summary}\n\n{path_help}{more.strip()}".strip(),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -220,6 +225,16 @@ def _odometry(sub):
     )
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
     groups.add_point_options(sub, "folds")
+
+
+def _map(sub):
+    groups.recording(sub)
+    groups.output(sub)
+    groups.all_frames(sub, "frames A to B-1 (default: all)")
+    text = "model of maps: a shipped one, or a folder (default: %(default)s)"
+    groups.option(sub, "--model", "NAME", text, default="jradar-maps")
+    text = "poses by Doppler and this rotation (default: the recording's poses)"
+    groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
 
 
 def _prepare(sub):

@@ -312,8 +312,10 @@ class Trunk(nn.Module):
                 f"the condition has grids {given}, none is {tuple(grid)}, where it "
                 "entered in training: another image size?"
             )
+        # Without angles, a pass from zeros knows nothing but the condition: with zeros
+        # both here and in the head, no gradient would reach either.
         for feature in fitting:
-            h += self._dense(h.shape[-1], name, zero=True)(feature)
+            h += self._dense(h.shape[-1], name, zero=self.angles)(feature)
         return h
 
     def _angles(self, channels, x, name):

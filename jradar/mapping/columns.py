@@ -12,7 +12,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float, Float32, Int
 
 EXTRA = 3  # channels of a condition beyond the heights
 HEIGHT_SCALE_M = 4.0
@@ -26,8 +26,11 @@ class MapSpec:
 
     voxel_m: float = 0.15
     heights: int = 64
-    tile: int = 64  # of training; at inference, any multiple of `step`
-    step: int = 8
+    tile: int = 64  # columns of a side, in training
+
+    def metres(self, voxels: "Voxels") -> Float[np.ndarray, "voxel 3"]:
+        """Return the middles of voxels."""
+        return (voxels + 0.5) * self.voxel_m
 
 
 class Circle(NamedTuple):

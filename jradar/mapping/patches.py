@@ -24,6 +24,7 @@ from jradar.errors import parsing
 from jradar.recordings import read_cloud
 
 VOXEL_M = 0.15
+PATCH_VOXELS = 8192  # of the LiDAR in a patch
 NAME = re.compile(r"(.+_run\d+)_(\d+)\.pcd")
 MAX_BYTES = 1 << 30  # of the arrays in a packed file
 MAX_CELL = 30_000  # of the number of a voxel along an axis
@@ -50,6 +51,12 @@ class MapRun(NamedTuple):
     def environment(self) -> str:
         """The name without the number of the run."""
         return self.name.rsplit("_run", 1)[0]
+
+    def patch(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the radar and the LiDAR voxels of a patch."""
+        radar = self.radar[self.radar_in_patch[number]]
+        lidar = self.lidar[self.lidar_in_patch[number]]
+        return radar.astype(int), lidar.astype(int)
 
 
 def open_runs(path: Path | str) -> list[MapRun]:

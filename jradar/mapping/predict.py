@@ -1,73 +1,103 @@
 """A radar map to the probability of each voxel, and to occupied voxels."""
 
-import functools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from jradar.diffusion import Network, NoiseSpec, conditional_denoiser
-from jradar.mapping.columns import (
-    MapSpec,
-    Voxels,
-    condition_columns,
-    middle_height,
-    outline,
-)
-from jradar.mapping.losses import log_odds
+from jradar.mapping.columns import Voxels, condition_columns, middle_height, outline
+from jradar.mapping.model import MapModel, calibrated, column_odds
 
-SIZES = (64, 96, 128, 160)  # of images; few, since each is a compiled program
+SIZES = (64, 96, 128, 160)  # of images of patches, in columns; each is compiled once
 MARGIN = 16  # columns of an image beyond the radar's patch, both sides together
+TILE, STRIDE = 96, 64  # of whole maps
+LEAST = 0.02  # probability of voxels that are kept
+MOST_TILES = 100_000  # 6 km x 6 km
 
 
-class VoxelMap(NamedTuple):
-    """Voxels by their numbers, and the probability that each is occupied."""
+class Occupied(NamedTuple):
+    """Voxels by their numbers, likely ones first, and their probabilities."""
 
     voxels: Int[np.ndarray, "voxel 3"]
     probability: Float[np.ndarray, " voxel"]
 
 
-@functools.partial(jax.jit, static_argnames=("network", "noise"))
-def map_log_odds(
-    condition: Float[jax.Array, "batch x y channel"],
-    *,
-    params: Any,
-    network: Network,
-    noise: NoiseSpec,
-) -> Float[jax.Array, "batch x y channel"]:
-    """Return the log-odds of voxels, and of columns to be in the LiDAR's patch."""
-    denoise = conditional_denoiser(network, params, noise)(condition)
-    shape = (*condition.shape[:-1], condition.shape[-1] - 2)
-    return log_odds(denoise, shape, noise)
+def enhance_patch(radar: Voxels, model: MapModel) -> Occupied:
+    """Return the LiDAR's patch around the robot, from the radar's.
 
-
-def patch_condition(
-    radar: Voxels, spec: MapSpec
-) -> tuple[np.ndarray, tuple[int, int, int]]:
-    """Return the image around a patch of a radar map, and its first voxel."""
-    around = outline(radar)
+    The outlines of both differ; the network has learnt by how much.
+    """
+    spec, around = model.spec, outline(radar)
     wanted = 2 * around.radius + MARGIN
     size = next((size for size in SIZES if size >= wanted), SIZES[-1])
     x, y = round(around.x) - size // 2, round(around.y) - size // 2
     origin = (x, y, middle_height(radar) - spec.heights // 2)
     image = condition_columns(radar, origin, (size, size), spec, observed=around)
-    return image, origin
+    odds = column_odds(jnp.asarray(image[None]), model)[0]
+    inside = jax.nn.sigmoid(odds[..., -1:])
+    share = np.asarray(calibrated(odds[..., :-1], model) * inside)
+    cells = np.argwhere(share > LEAST)
+    return likely_first(cells + np.asarray(origin), share[tuple(cells.T)])
 
 
-def enhance_patch(radar: Voxels, spec: MapSpec, **model: Any) -> VoxelMap:
-    """Return the voxels of a LiDAR patch around a radar patch, likely ones first."""
-    image, origin = patch_condition(radar, spec)
-    odds = map_log_odds(jnp.asarray(image[None]), **model)[0]
-    share = np.asarray(jax.nn.sigmoid(odds[..., :-1]) * jax.nn.sigmoid(odds[..., -1:]))
-    cells = np.argwhere(share > 0.01)
-    found = share[tuple(cells.T)]
-    order = np.argsort(-found, kind="stable")
-    return VoxelMap(cells[order] + np.asarray(origin), found[order])
+def enhance_map(radar: Voxels, model: MapModel, *, start_height: int = 0) -> Occupied:
+    """Return the voxels of a whole map that the LiDAR would have found.
+
+    Tiles overlap, and count most in their middle. Heights are above `start_height`, the
+    number of the voxel in which the radar started. Raises ValueError for a map without
+    voxels, or for one too large.
+    """
+    spec = model.spec
+    if not len(radar):
+        raise ValueError("the radar's map has no voxels, expected one or more")
+    low, high = radar.min(0), radar.max(0)
+    counts = np.maximum(-(-(high - low + 1)[:2] // STRIDE), 1)
+    if counts.prod() > MOST_TILES:
+        size = (high - low) * spec.voxel_m
+        raise ValueError(
+            f"the map extends over {size[0]:,.0f} x {size[1]:,.0f} m, expected less "
+            "than 6 km: do its poses jump?"
+        )
+    ramp = np.minimum(np.arange(TILE) + 1, np.arange(TILE)[::-1] + 1)
+    taper = np.minimum.outer(ramp, ramp).astype(np.float32)
+    border = (TILE - STRIDE) // 2
+    weights = np.zeros(counts * STRIDE + 2 * border, np.float32)  # of each column
+    voxels, parts = list[np.ndarray](), list[np.ndarray]()
+    for row, column in np.ndindex(*counts):
+        x, y = low[0] + row * STRIDE - border, low[1] + column * STRIDE - border
+        inside = (radar[:, :2] >= (x, y)).all(1) & (
+            radar[:, :2] < (x + TILE, y + TILE)
+        ).all(1)
+        if not inside.any():
+            continue
+        near = radar[inside]
+        z = middle_height(near) - spec.heights // 2
+        relative = near - (0, 0, start_height)
+        image = condition_columns(
+            relative, (x, y, z - start_height), (TILE, TILE), spec, observed=None
+        )
+        odds = column_odds(jnp.asarray(image[None]), model)[0, ..., :-1]
+        share = np.asarray(calibrated(odds, model))
+        cells = np.argwhere(share > LEAST)
+        first = row * STRIDE, column * STRIDE
+        weights[first[0] : first[0] + TILE, first[1] : first[1] + TILE] += taper
+        voxels.append(cells + (x, y, z))
+        parts.append(share[tuple(cells.T)] * taper[cells[:, 0], cells[:, 1]])
+    unique, index = np.unique(np.concatenate(voxels), axis=0, return_inverse=True)
+    total = np.bincount(index.ravel(), np.concatenate(parts))
+    columns = unique[:, :2] - low[:2] + border
+    return likely_first(unique, total / weights[tuple(columns.T)])
 
 
-def best_count(probability: np.ndarray, truth: int) -> int:
+def likely_first(voxels: Voxels, probability: Float[np.ndarray, " voxel"]) -> Occupied:
+    """Return the voxels in the order of their probability."""
+    order = np.argsort(-probability, kind="stable")
+    return Occupied(voxels[order], probability[order])
+
+
+def best_count(probability: Float[np.ndarray, " voxel"], truth: float) -> int:
     """Return how many likely voxels have the largest expected F-score.
 
     With `truth` occupied voxels, of which the first k hold a part, the expected F-score

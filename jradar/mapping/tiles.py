@@ -6,6 +6,7 @@ map, as whole maps are enhanced.
 """
 
 import dataclasses
+import hashlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -43,6 +44,11 @@ class Tiles(Sequence):
             (i, k) for i, run in enumerate(runs) for k in range(len(run.radar_in_patch))
         ]
 
+    @property
+    def digest(self) -> str:
+        """SHA-256 over the names and sizes of the runs."""
+        return hashlib.sha256("\n".join(map(repr, self.runs)).encode()).hexdigest()
+
     def __len__(self) -> int:
         return len(self.places)
 
@@ -53,8 +59,7 @@ class Tiles(Sequence):
     def draw(self, place: tuple[int, int], rng: np.random.Generator) -> Batch:
         """Return condition and target of a tile of a patch."""
         run, spec, tiles = self.runs[place[0]], self.spec, self.tiles
-        radar = run.radar[run.radar_in_patch[place[1]]]
-        patch = run.lidar[run.lidar_in_patch[place[1]]]
+        radar, patch = run.patch(place[1])
         around, truth = outline(radar), outline(patch)
         half = spec.tile // 2
         margin = tiles.border_m / spec.voxel_m

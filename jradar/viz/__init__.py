@@ -6,6 +6,7 @@ reliability_figure               the confidence of points: is it right, what it 
 preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
+maps_figure                      maps side by side, from above and from the side
 save_figure                      any of them as PNG
 write_page, CloudFrame           one HTML file with point clouds that can be rotated
 """
@@ -16,6 +17,7 @@ from jradar.viz.figures import (
     samples_figure as samples_figure,
     save_figure as save_figure,
 )
+from jradar.viz.maps import maps_figure as maps_figure
 from jradar.viz.page import (
     CloudFrame as CloudFrame,
     write_page as write_page,

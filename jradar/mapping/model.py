@@ -1,0 +1,149 @@
+"""The model of maps: a network that gives each voxel's probability, and its files.
+
+weights.safetensors    the network's parameters, named by path
+map_model.json         network, size of voxels and images, confidence, origin
+"""
+
+import dataclasses
+import functools
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from jradar.diffusion import (
+    PREDICTIONS,
+    Network,
+    NoiseSpec,
+    conditional_denoiser,
+    misfit,
+    network_fields,
+    network_from_fields,
+    read_params,
+    write_params,
+)
+from jradar.errors import ModelError
+from jradar.fields import typed_fields
+from jradar.files import atomic_folder, read_json
+from jradar.mapping.columns import EXTRA, MapSpec
+from jradar.mapping.losses import log_odds
+from jradar.range_image import IDENTITY, ConfidenceTable, frequency
+
+FORMAT = 1
+MARKER, WEIGHTS = "map_model.json", "weights.safetensors"
+SHIPPED = Path(__file__).parents[1] / "weights"
+ONE_PASS = NoiseSpec(sigma_data=1.0, prediction=PREDICTIONS["mixture"])
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("params", "confidence"),
+    meta_fields=("network", "spec"),
+    drop_fields=("purpose", "trained_on"),
+)
+@dataclasses.dataclass(frozen=True, repr=False)
+class MapModel:
+    """A trained network of maps: a pytree whose leaves are parameters and table."""
+
+    params: Any
+    network: Network
+    spec: MapSpec
+    confidence: ConfidenceTable = IDENTITY
+    purpose: str = ""
+    trained_on: str = ""
+
+    def calibrated_by(self, table: ConfidenceTable) -> "MapModel":
+        """Return the model with another table of confidence."""
+        return dataclasses.replace(self, confidence=table)
+
+    def __repr__(self) -> str:
+        """One line: size of the network and of a voxel, and what it was trained on."""
+        size = sum(np.size(leaf) for leaf in jax.tree.leaves(self.params)) / 1e6
+        return (
+            f"MapModel({size:.3g} million parameters, {self.spec.voxel_m:g} m, "
+            f"trained on {self.trained_on or 'unknown data'})"
+        )
+
+
+@jax.jit
+def column_odds(
+    condition: Float[Array, "batch x y channel"], model: MapModel
+) -> Float[Array, "batch x y output"]:
+    """Return log-odds of each voxel, and of each column to be in the LiDAR's patch."""
+    network, params = model.network, model.params
+    denoise = conditional_denoiser(network, params, ONE_PASS)(condition)
+    channels = condition.shape[-1] - EXTRA + 1
+    return log_odds(denoise, (*condition.shape[:-1], channels), ONE_PASS)
+
+
+def calibrated(odds: Float[Array, "..."], model: MapModel) -> Float[Array, "..."]:
+    """Return the frequency with which voxels of these log-odds are occupied."""
+    return frequency(jax.nn.sigmoid(odds), model.confidence)
+
+
+def save_map_model(
+    folder: Path | str, model: MapModel, *, dtype: Any = np.int8
+) -> None:
+    """Write a model's folder in one step; an earlier model there is replaced."""
+    with atomic_folder(folder, marker=MARKER) as scratch:
+        write_params(scratch / WEIGHTS, model.params, dtype=dtype)
+        digest = hashlib.sha256((scratch / WEIGHTS).read_bytes()).hexdigest()
+        values = {
+            "format": FORMAT,
+            "weights_sha256": digest,
+            "network": network_fields(model.network),
+            "map": dataclasses.asdict(model.spec),
+            "confidence": {
+                "frequencies": np.round(model.confidence.frequencies, 6).tolist()
+            },
+            "purpose": model.purpose,
+            "trained_on": model.trained_on,
+        }
+        text = json.dumps(values, indent=2, default=float) + "\n"
+        (scratch / MARKER).write_text(text)
+
+
+def load_map_model(name: Path | str = "jradar-maps") -> MapModel:
+    """Load a shipped model of maps by its name, or any by its folder.
+
+    Raises ModelError, with the reason, for a model that is missing or damaged.
+    """
+    folder = SHIPPED / name if (SHIPPED / name / MARKER).is_file() else Path(name)
+    path, weights = folder / MARKER, folder / WEIGHTS
+    if not path.is_file() or not weights.is_file():
+        raise ModelError(
+            f"no model of maps at {folder}: expected a folder with {MARKER} and "
+            f"{WEIGHTS}"
+        )
+    try:
+        values = read_json(path, limit=1 << 20)
+        if values["format"] != FORMAT:
+            raise ValueError(f"format {values['format']}, expected {FORMAT}")
+        network = network_from_fields(values["network"])
+        spec = MapSpec(**typed_fields(MapSpec, values["map"]))
+        confidence = ConfidenceTable.of(**values["confidence"])
+        params = read_params(weights)
+        if hashlib.sha256(weights.read_bytes()).hexdigest() != values["weights_sha256"]:
+            raise ValueError(f"{WEIGHTS} does not match its digest: damaged?")
+        tile, heights = spec.tile, spec.heights
+        if wrong := misfit(
+            params,
+            network,
+            image_shape=(tile, tile, heights + 1),
+            condition_shape=(tile, tile, heights + EXTRA),
+        ):
+            raise ValueError(f"{WEIGHTS} does not fit the network: {wrong}")
+    except Exception as error:  # values of a wrong kind raise errors of any kind
+        raise ModelError(f"{path} is not usable: {error}") from error
+    return MapModel(
+        params,
+        network,
+        spec,
+        confidence,
+        str(values.get("purpose", "")),
+        str(values.get("trained_on", "")),
+    )

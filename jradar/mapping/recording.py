@@ -1,0 +1,225 @@
+"""A recording to maps: the radar's own, and the one that a LiDAR would have made."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from jradar.errors import UsageError
+from jradar.files import atomic_path, write_text
+from jradar.lidar import interpolate_poses
+from jradar.mapping.columns import MapSpec
+from jradar.mapping.model import MapModel
+from jradar.mapping.predict import Occupied, best_count, enhance_map, likely_first
+from jradar.mapping.voxel_map import SensorModel, VoxelMap
+from jradar.motion import ego_velocity, frame_velocities, odometry
+from jradar.radar import PointSpec
+from jradar.recordings import Recording, write_ply
+from jradar.session import detect_recording
+from jradar.types import PointCloud
+from jradar.viz import maps_figure, save_figure
+
+POINTS = PointSpec(capacity=512)
+FASTEST_MPS = 50.0  # of a radar between two frames
+SHORTEST_M = 1.0  # of a path that shows a place from several sides
+FEWEST = 10  # frames of a map
+BAND_M = (-0.3, 0.6)  # below and above the radar's path: what stands in a robot's way
+OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # grey values of ROS's map_server
+
+
+class RecordingMap(NamedTuple):
+    """Both maps of a recording, in the world of its poses."""
+
+    spec: MapSpec
+    radar: Occupied
+    enhanced: Occupied
+    free: np.ndarray  # voxels [voxel, 3] that the radar looked through
+    path: Float[np.ndarray, "frame 3"]  # metres, of the radar
+    notes: tuple[str, ...]
+
+    def describe(self) -> dict[str, Any]:
+        """Return the sizes of both maps."""
+        low, high = self.path.min(0), self.path.max(0)
+        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
+        return {
+            "frames": len(self.path),
+            "path (m)": round(float(steps.sum()), 2),
+            "extent of the path (m)": np.round(high - low, 2).tolist(),
+            "voxel (m)": self.spec.voxel_m,
+            "radar voxels": len(self.radar.voxels),
+            "voxels": len(self.enhanced.voxels),
+            "confidence (%)": round(100 * float(self.enhanced.probability.mean()), 1),
+        }
+
+
+def map_recording(
+    recording: Recording,
+    model: MapModel,
+    *,
+    frames: slice | range = slice(None),
+    points: PointSpec = POINTS,
+    rotation: str | None = None,
+    advance: Callable[[int], None] = lambda done: None,
+) -> RecordingMap:
+    """Return the maps of a recording's frames; host.
+
+    Poses are the recorded ones. Without them, they follow from Doppler and `rotation`,
+    by default the IMU's where there is one. Detections that move are left out. Raises
+    UsageError for poses that jump, and where no detection is left.
+    """
+    found = detect_recording(recording, points=points, frames=frames)
+    poses, notes = _radar_poses(recording, found.frames, rotation)
+    path = poses[:, :3, 3]
+    notes += [*_check_path(recording, found.frames, path)]
+    radar = recording.radar.spec
+    if not radar.has_elevation:
+        notes.append("the array has one row: the map is of its plane alone")
+    voxels, key = VoxelMap(SensorModel(voxel_m=model.spec.voxel_m)), jax.random.key(0)
+    for done, (frame, pose) in enumerate(zip(found, poses, strict=True), 1):
+        kept = np.asarray(frame.points.valid)
+        if radar.num_chirps > 1:
+            motion = ego_velocity(key, frame.points, elevation=radar.has_elevation)
+            kept = kept & ~np.asarray(motion.moving)
+        voxels.add(np.asarray(frame.points.xyz)[kept], pose)
+        advance(done)
+    occupied = likely_first(*voxels.occupied())
+    if not len(occupied.voxels):
+        raise UsageError(
+            f"{recording.path}: no detections within {voxels.sensor.max_range_m:g} m "
+            "in these frames, expected some to make a map of"
+        )
+    start = int(np.floor(path[0, 2] / model.spec.voxel_m))
+    likely = enhance_map(occupied.voxels, model, start_height=start)
+    count = best_count(likely.probability, float(likely.probability.sum()))
+    enhanced = Occupied(likely.voxels[:count], likely.probability[:count])
+    return RecordingMap(
+        model.spec, occupied, enhanced, voxels.free(), path, (*found.warnings, *notes)
+    )
+
+
+def _radar_poses(recording, frames, rotation):
+    """The radar's pose in each frame, and notes on where they come from."""
+    stamps, mount = recording.cubes.stamps, recording.base_from_radar
+    if recording.poses is not None and rotation is None and stamps is not None:
+        notes = []
+        if mount is None:
+            mount = np.eye(4)
+            notes.append("the radar's place on the base is unknown: taken as one")
+        middle = np.asarray(stamps)[list(frames)] + recording.radar.spec.frame_middle_s
+        return interpolate_poses(recording.poses, middle) @ mount, notes
+    velocities = frame_velocities(recording, frames=frames)
+    rotation = rotation or ("none" if recording.imu is None else "imu")
+    found = odometry(recording, velocities, rotation=rotation)
+    return found.world_from_radar, [f"poses by Doppler and {rotation}", *found.notes]
+
+
+def _check_path(recording, frames, path):
+    """Yield notes on a path that shows little; UsageError for one that jumps."""
+    stamps = recording.cubes.stamps
+    step = np.linalg.norm(np.diff(path, axis=0), axis=1)
+    if stamps is not None and len(step):
+        seconds = np.maximum(np.diff(np.asarray(stamps)[list(frames)]), 1e-3)
+        worst = int(np.argmax(step / seconds))
+        if step[worst] > FASTEST_MPS * seconds[worst]:
+            raise UsageError(
+                f"{recording.path}: the poses jump by {step[worst]:.1f} m in "
+                f"{seconds[worst]:.3g} s after frame {frames[worst]}: correct them, or "
+                "map the frames before and after apart with --frames"
+            )
+    if len(path) < FEWEST:
+        yield f"{len(path)} frames make a thin map: use {FEWEST} or more"
+    if np.ptp(path, axis=0).max() < SHORTEST_M:
+        yield (
+            "the radar hardly moved: what it saw from one place stands in the map's "
+            "rays, walk through the place"
+        )
+
+
+def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
+    """Return the function that writes each file of a map, by name."""
+    text = json.dumps(found.describe() | {"notes": found.notes}, indent=2) + "\n"
+    grid, corner = occupancy_grid(found)
+    return {
+        "map.ply": lambda path: _write_voxels(path, found.enhanced, found.spec),
+        "radar_map.ply": lambda path: _write_voxels(path, found.radar, found.spec),
+        "grid.pgm": lambda path: _write_pgm(path, grid),
+        "grid.yaml": lambda path: write_text(path, _grid_yaml(found.spec, corner)),
+        "map.json": lambda path: write_text(path, text),
+        "map.png": lambda path: save_figure(_figure(found), path),
+    }
+
+
+def _figure(found):
+    """The picture of both maps."""
+    metres = found.spec.metres
+    maps = {"radar": found.radar.voxels, "jradar": found.enhanced.voxels}
+    return maps_figure({k: metres(voxels) for k, voxels in maps.items()}, found.path)
+
+
+def occupancy_grid(
+    found: RecordingMap,
+) -> tuple[np.ndarray, Float[np.ndarray, " 2"]]:
+    """Return a plan [y, x] of grey values from the top left, and its corner in metres.
+
+    A cell is occupied where the map has a voxel near the height of the radar's path,
+    and else free where the radar looked through it.
+    """
+    near = _near_path(found)
+    occupied, free = near(found.enhanced.voxels), near(found.free)
+    both = np.concatenate([occupied, free, _cells(found)])
+    low, high = both.min(0), both.max(0)
+    grid = np.full(high - low + 1, UNKNOWN, np.uint8)
+    for cells, value in ((free, FREE), (occupied, OCCUPIED)):
+        grid[tuple((cells - low).T)] = value
+    return grid.T[::-1], low * found.spec.voxel_m
+
+
+def _cells(found):
+    """The columns of the path."""
+    return np.floor(found.path[:, :2] / found.spec.voxel_m).astype(int)
+
+
+def _near_path(found):
+    """The function to the columns of the voxels near the height of the path."""
+    from scipy.spatial import KDTree
+
+    tree = KDTree(found.path[:, :2])
+
+    def columns(voxels):
+        if not len(voxels):
+            return np.zeros((0, 2), int)
+        xyz = found.spec.metres(voxels)
+        height = xyz[:, 2] - found.path[tree.query(xyz[:, :2])[1], 2]
+        kept = (height >= BAND_M[0]) & (height <= BAND_M[1])
+        return np.unique(voxels[kept, :2], axis=0)
+
+    return columns
+
+
+def _write_voxels(path, occupied, spec):
+    """Write the middles of voxels, with their probability as confidence."""
+    xyz = spec.metres(occupied.voxels).astype(np.float32)
+    confidence = occupied.probability.astype(np.float32)
+    cloud = PointCloud(xyz, np.ones(len(xyz), bool), confidence=confidence)  # pyright: ignore[reportArgumentType]
+    write_ply(path, cloud)
+
+
+def _write_pgm(path, grid):
+    """Write a grey picture."""
+    header = f"P5\n{grid.shape[1]} {grid.shape[0]}\n255\n"
+    with atomic_path(path) as scratch:
+        scratch.write_bytes(header.encode() + np.ascontiguousarray(grid).tobytes())
+
+
+def _grid_yaml(spec, corner):
+    """The description that ROS's map_server reads."""
+    return (
+        "image: grid.pgm\n"
+        f"resolution: {spec.voxel_m:g}\n"
+        f"origin: [{corner[0]:.3f}, {corner[1]:.3f}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )

@@ -1,0 +1,128 @@
+"""Clouds and poses to a map of voxels, each with the log-odds to be occupied.
+
+A point is evidence for the voxel that holds it, and against the voxels on the way to
+it. The sums of log-odds are bounded, so that a map can change its mind (OctoMap,
+Hornung et al. 2013, whose probabilities are the defaults here). Resolution and range
+are those of RMap's radar maps of ColoRadar (Mopidevi et al. 2023).
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+from jaxtyping import Float, Int
+
+SPAN = 1 << 20  # voxels of an axis that a key tells apart
+MERGED = 64  # frames that are summed at once
+LONGEST_M = 1e5  # of a position
+
+
+@dataclasses.dataclass(frozen=True)
+class SensorModel:
+    """How a detection changes a map."""
+
+    voxel_m: float = 0.15
+    max_range_m: float = 10.0  # farther detections are left out
+    hit: float = 0.7  # probability of a voxel after one detection in it
+    miss: float = 0.4  # and after one behind it
+    least: float = 0.12  # bounds of the probability
+    most: float = 0.97
+
+    def __post_init__(self):
+        """Refuse probabilities that say nothing, or the opposite."""
+        if not self.voxel_m > 0:
+            raise ValueError(f"voxel_m = {self.voxel_m}, expected more than 0")
+        if not 0 < self.least <= self.miss < 0.5 < self.hit <= self.most < 1:
+            raise ValueError(
+                f"least = {self.least}, miss = {self.miss}, hit = {self.hit}, most = "
+                f"{self.most}: expected to rise within 0 to 1, with 0.5 between miss "
+                "and hit"
+            )
+
+
+class VoxelMap:
+    """The voxels that points have been in or before, and their log-odds."""
+
+    def __init__(self, sensor: SensorModel = SensorModel()):
+        """Start an empty map."""
+        self.sensor = sensor
+        self._keys = np.zeros(0, np.int64)
+        self._odds = np.zeros(0)
+        self._new: list[tuple[np.ndarray, float]] = []
+
+    def add(
+        self,
+        xyz: Float[np.ndarray, "point 3"],
+        world_from_sensor: Float[np.ndarray, "4 4"],
+    ) -> None:
+        """Add the points of one frame, in the sensor's frame.
+
+        A voxel counts once a frame, as occupied if any point is in it. Raises
+        ValueError for a pose that is not finite, or that is farther than 100 km.
+        """
+        pose = np.asarray(world_from_sensor, float)
+        if not (np.isfinite(pose).all() and np.abs(pose[:3, 3]).max() < LONGEST_M):
+            raise ValueError(f"pose {pose.tolist()}, expected finite numbers of metres")
+        xyz = np.asarray(xyz, float).reshape(-1, 3)
+        range_m = np.linalg.norm(xyz, axis=1)
+        xyz = xyz[np.isfinite(range_m) & (range_m <= self.sensor.max_range_m)]
+        points = xyz @ pose[:3, :3].T + pose[:3, 3]
+        hits = np.unique(self._key(points))
+        misses = np.setdiff1d(self._key(self._before(points, pose[:3, 3])), hits)
+        log_odds = {
+            p: math.log(p / (1 - p)) for p in (self.sensor.hit, self.sensor.miss)
+        }
+        self._new += [
+            (hits, log_odds[self.sensor.hit]),
+            (misses, log_odds[self.sensor.miss]),
+        ]
+        if len(self._new) >= 2 * MERGED:
+            self._merge()
+
+    def occupied(
+        self, *, above: float = 0.5
+    ) -> tuple[Int[np.ndarray, "voxel 3"], Float[np.ndarray, " voxel"]]:
+        """Return the voxels of a larger probability, and their probabilities."""
+        self._merge()
+        probability = 1 / (1 + np.exp(-self._odds))
+        kept = probability > above
+        return self._voxels(self._keys[kept]), probability[kept]
+
+    def free(self) -> Int[np.ndarray, "voxel 3"]:
+        """Return the voxels that are rather empty."""
+        self._merge()
+        return self._voxels(self._keys[self._odds < 0])
+
+    def _before(self, points, origin):
+        """Places on the way from the sensor to each point, half a voxel apart."""
+        step = self.sensor.voxel_m / 2
+        away = points - origin
+        length = np.linalg.norm(away, axis=1)
+        counts = np.maximum(np.ceil(length / step).astype(int) - 2, 0)
+        index = np.repeat(np.arange(len(points)), counts)
+        number = np.arange(counts.sum()) - np.repeat(counts.cumsum() - counts, counts)
+        part = step * number / np.maximum(length[index], step)
+        return origin + part[:, None] * away[index]
+
+    def _merge(self):
+        """Sum what frames have added, within the bounds."""
+        if not self._new:
+            return
+        keys = np.concatenate([self._keys, *(keys for keys, _ in self._new)])
+        odds = np.concatenate(
+            [self._odds, *(np.full(len(keys), value) for keys, value in self._new)]
+        )
+        self._keys, index = np.unique(keys, return_inverse=True)
+        bounds = (math.log(p / (1 - p)) for p in (self.sensor.least, self.sensor.most))
+        self._odds = np.clip(np.bincount(index, odds), *bounds)
+        self._new = []
+
+    def _key(self, points):
+        """One number for each voxel."""
+        voxels = np.floor(points / self.sensor.voxel_m).astype(np.int64) + SPAN // 2
+        return (voxels[:, 0] * SPAN + voxels[:, 1]) * SPAN + voxels[:, 2]
+
+    def _voxels(self, keys):
+        """The numbers of voxels along the axes."""
+        rest, z = np.divmod(keys, SPAN)
+        return np.stack([*np.divmod(rest, SPAN), z], -1) - SPAN // 2
