@@ -107,7 +107,7 @@ def save_map_model(
         (scratch / MARKER).write_text(text)
 
 
-def load_map_model(name: Path | str = "jradar-maps") -> MapModel:
+def load_map_model(name: Path | str) -> MapModel:
     """Load a shipped model of maps by its name, or any by its folder.
 
     Raises ModelError, with the reason, for a model that is missing or damaged.

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Int16
+from jaxtyping import Int16, UInt8
 
 from jradar.errors import parsing
 from jradar.recordings import read_cloud
@@ -32,13 +32,13 @@ ARRAYS = ("radar_map", "lidar_map", "patch", "radar_in_patch", "lidar_in_patch")
 
 
 class MapRun(NamedTuple):
-    """Both maps of a run, as numbers of voxels, and the voxels of its patches."""
+    """Both maps of a run, as numbers of voxels, and bits of the voxels in patches."""
 
     name: str
     radar: Int16[np.ndarray, "voxel 3"]
     lidar: Int16[np.ndarray, "lidar_voxel 3"]
-    radar_in_patch: Bool[np.ndarray, "patch voxel"]
-    lidar_in_patch: Bool[np.ndarray, "patch lidar_voxel"]
+    radar_in_patch: UInt8[np.ndarray, "patch _"]
+    lidar_in_patch: UInt8[np.ndarray, "patch _"]
 
     def __repr__(self) -> str:
         """Name and counts, in one line."""
@@ -54,9 +54,11 @@ class MapRun(NamedTuple):
 
     def patch(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the radar and the LiDAR voxels of a patch."""
-        radar = self.radar[self.radar_in_patch[number]]
-        lidar = self.lidar[self.lidar_in_patch[number]]
-        return radar.astype(int), lidar.astype(int)
+        maps, bits = self[1:3], self[3:5]
+        return tuple(  # pyright: ignore[reportReturnType]
+            voxels[np.unpackbits(rows[number], count=len(voxels)) > 0].astype(int)
+            for voxels, rows in zip(maps, bits, strict=True)
+        )
 
 
 def open_runs(path: Path | str) -> list[MapRun]:
@@ -86,17 +88,14 @@ def _packed(path):
                 raise ValueError(f"it unpacks to {size:,} bytes, limit {MAX_BYTES:,}")
         with np.load(path, allow_pickle=False) as arrays:
             radar, lidar, _, *bits = (arrays[name] for name in ARRAYS)
-        patches = []
         for voxels, packed in zip((radar, lidar), bits, strict=True):
             if voxels.dtype != np.int16 or voxels.ndim != 2 or voxels.shape[1] != 3:
                 raise ValueError(f"a map is {voxels.dtype}{list(voxels.shape)}")
             if packed.dtype != np.uint8 or packed.shape[1:] != (-(-len(voxels) // 8),):
                 raise ValueError(f"{len(voxels)} voxels, bits of {packed.shape}")
-            inside = np.unpackbits(packed, axis=1)[:, : len(voxels)].astype(bool)
-            patches.append(inside)
-        if len(patches[0]) != len(patches[1]):
+        if len(bits[0]) != len(bits[1]):
             raise ValueError("another number of radar than of LiDAR patches")
-    return MapRun(path.stem, radar, lidar, *patches)
+    return MapRun(path.stem, radar, lidar, *bits)
 
 
 def _loose(folder):
@@ -140,4 +139,4 @@ def _joined(patches):
     inside = np.zeros((len(patches), len(voxels)), bool)
     rows = np.repeat(np.arange(len(patches)), [len(patch) for patch in patches])
     inside[rows, index.ravel()] = True
-    return voxels, inside
+    return voxels, np.packbits(inside, axis=1)

@@ -23,7 +23,7 @@ from jradar.session import detect_recording
 from jradar.types import PointCloud
 from jradar.viz import maps_figure, save_figure
 
-POINTS = PointSpec(capacity=512)
+POINTS = PointSpec()
 FASTEST_MPS = 50.0  # of a radar between two frames
 SHORTEST_M = 1.0  # of a path that shows a place from several sides
 FEWEST = 10  # frames of a map
@@ -157,7 +157,9 @@ def _figure(found):
     """The picture of both maps."""
     metres = found.spec.metres
     maps = {"radar": found.radar.voxels, "jradar": found.enhanced.voxels}
-    return maps_figure({k: metres(voxels) for k, voxels in maps.items()}, found.path)
+    return maps_figure(
+        {k: metres(voxels) for k, voxels in maps.items()}, path=found.path
+    )
 
 
 def occupancy_grid(

@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 THRESHOLD = 0.01  # of a patch that is scaled to a diameter of about 1
 
@@ -13,8 +13,8 @@ def f_score(points: Points, truth: Points, distance: float) -> float:
     """Return the harmonic mean of precision and recall at a distance; 0 to 1."""
     if not len(points) or not len(truth):
         return 0.0
-    precision = np.mean(cKDTree(truth).query(points)[0] < distance)
-    recall = np.mean(cKDTree(points).query(truth)[0] < distance)
+    precision = np.mean(KDTree(truth).query(points)[0] < distance)
+    recall = np.mean(KDTree(points).query(truth)[0] < distance)
     total = precision + recall
     return float(2 * precision * recall / total) if total else 0.0
 

@@ -8,6 +8,7 @@ map, as whole maps are enhanced.
 import dataclasses
 import hashlib
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -77,7 +78,7 @@ class Tiles(Sequence):
         if rng.random() < tiles.thin:
             kept = rng.random(len(radar)) >= rng.uniform(0, tiles.most_lost)
             radar = radar[kept]
-        condition = condition_columns(
+        condition: Any = condition_columns(
             radar,
             origin,
             size,
@@ -85,14 +86,14 @@ class Tiles(Sequence):
             observed=around,
             height_known=rng.random() >= tiles.unknown_height,
         )
-        target = target_columns(run.lidar, patch, origin, size, spec)
+        target: Any = target_columns(run.lidar, patch, origin, size, spec)
         return symmetric(Batch(condition, target), int(rng.integers(8)))
 
 
 def symmetric(pair: Batch, which: int) -> Batch:
     """Return one of the eight images that quarter turns and mirrors make."""
 
-    def change(image):
+    def change(image) -> Any:
         image = np.rot90(image, which % 4)
         return np.ascontiguousarray(image.swapaxes(0, 1) if which >= 4 else image)
 

@@ -113,8 +113,10 @@ class VoxelMap:
             [self._odds, *(np.full(len(keys), value) for keys, value in self._new)]
         )
         self._keys, index = np.unique(keys, return_inverse=True)
-        bounds = (math.log(p / (1 - p)) for p in (self.sensor.least, self.sensor.most))
-        self._odds = np.clip(np.bincount(index, odds), *bounds)
+        low, high = (
+            math.log(p / (1 - p)) for p in (self.sensor.least, self.sensor.most)
+        )
+        self._odds = np.clip(np.bincount(index, odds), low, high)
         self._new = []
 
     def _key(self, points):

@@ -12,7 +12,7 @@ SLICE_PERCENT = (0.5, 99.5)  # of the heights that colours tell apart
 Points = Float[np.ndarray, "point 3"]
 
 
-def maps_figure(maps: Mapping[str, Points], path: Points | None = None) -> Figure:
+def maps_figure(maps: Mapping[str, Points], *, path: Points | None = None) -> Figure:
     """Draw maps, a column each: from above (x right, y up), and from the side.
 
     Colour is height, the same in all. `path` is drawn as a line. Raises ValueError
@@ -24,12 +24,13 @@ def maps_figure(maps: Mapping[str, Points], path: Points | None = None) -> Figur
     low, high = np.percentile(every, SLICE_PERCENT, axis=0)
     wide, deep, tall = np.maximum(high - low, 1)
     scale = 5 / max(wide, deep)
-    size = len(maps) * (scale * wide + 0.9) + 1, scale * (deep + tall) + 1.8
-    figure = Figure(figsize=np.maximum(size, 4), layout="constrained")
+    width = max(len(maps) * (scale * wide + 0.9) + 1, 4.0)
+    height = max(scale * (deep + tall) + 1.8, 4.0)
+    figure = Figure(figsize=(width, height), layout="constrained")
     axes: Any = figure.subplots(
         2, len(maps), squeeze=False, sharex=True, height_ratios=(deep, tall)
     )
-    picture = None
+    picture: Any = None
     for column, (name, points) in enumerate(maps.items()):
         points = points[np.argsort(points[:, 2])]  # the highest on top
         for row, vertical in ((0, 1), (1, 2)):

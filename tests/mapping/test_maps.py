@@ -1,0 +1,373 @@
+"""Voxel maps against rays by hand, ColoRadar's patches, and the model of maps."""
+
+import math
+
+import jax
+import numpy as np
+import pytest
+
+from jradar import diffusion, training
+from jradar.errors import ModelError
+from jradar.mapping import (
+    MapModel,
+    MapRun,
+    MapSpec,
+    Occupied,
+    RecordingMap,
+    SensorModel,
+    Tiles,
+    TileSpec,
+    VoxelMap,
+    best_count,
+    enhance_map,
+    enhance_patch,
+    f_score,
+    load_map_model,
+    map_files,
+    open_runs,
+    published_distance,
+    save_map_model,
+)
+from jradar.mapping.columns import (
+    Circle,
+    condition_columns,
+    outline,
+    target_columns,
+)
+from jradar.mapping.losses import occupancy_loss
+from jradar.mapping.model import ONE_PASS
+from jradar.mapping.recording import occupancy_grid
+from jradar.mapping.tiles import symmetric
+from jradar.recordings.clouds.write import write_pcd
+from jradar.types import PointCloud
+
+SPEC = MapSpec(heights=16, tile=32)
+
+
+@pytest.fixture(scope="module")
+def model():
+    network = diffusion.build_network(
+        channels=8,
+        multipliers=(1,),
+        blocks=1,
+        attention_levels=(),
+        stem=(2, 2),
+        condition_stem=(2, 2),
+        condition_channels=8,
+        detail_channels=0,
+        outputs=SPEC.heights + 1,
+        angles=False,
+    )
+    params = network.init(
+        jax.random.key(0),
+        np.zeros((1, 32, 32, 17)),
+        np.zeros(1),
+        np.zeros((1, 32, 32, 19)),
+    )
+    leaves, tree = jax.tree.flatten(params)
+    keys = jax.random.split(jax.random.key(1), len(leaves))
+    leaves = [
+        leaf + 0.2 * jax.random.normal(key, leaf.shape)
+        for leaf, key in zip(leaves, keys, strict=True)
+    ]
+    return MapModel(tree.unflatten(leaves), network, SPEC, trained_on="nothing")
+
+
+def room(rng, *, half=12, patches=2):
+    """A run: walls of a square room, and radar voxels near them."""
+    side = np.arange(-half, half)
+    wall = np.stack(np.meshgrid(side, [half], np.arange(-4, 8)), -1).reshape(-1, 3)
+    turns = (
+        wall,
+        wall[:, [1, 0, 2]],
+        wall * (1, -1, 1),
+        wall[:, [1, 0, 2]] * (-1, 1, 1),
+    )
+    lidar = np.unique(np.concatenate(turns), axis=0).astype(np.int16)
+    radar = lidar[rng.choice(len(lidar), 200, replace=False)]
+    radar = np.unique(radar + rng.integers(-1, 2, radar.shape), axis=0).astype(np.int16)
+    whole = [
+        np.packbits(np.ones((patches, len(voxels)), bool), axis=1)
+        for voxels in (radar, lidar)
+    ]
+    return MapRun("room_run1", radar, lidar, *whole)
+
+
+def test_log_odds_are_those_of_hits_and_of_rays_through_a_voxel():
+    sensor = SensorModel(voxel_m=1.0, hit=0.7, miss=0.4)
+    found = VoxelMap(sensor)
+    pose = np.eye(4)
+    pose[:3, 3] = 0.5, 0.5, 0.5
+    for _ in range(2):
+        found.add([[4.0, 0.0, 0.0]], pose)  # ends in voxel 4, passes 0 to 3
+    found.add([[7.0, 0.0, 0.0]], pose)  # passes voxel 4 and ends in 7
+    voxels, probability = found.occupied(above=0.0)
+    by_voxel = dict(zip(map(tuple, voxels.tolist()), probability, strict=True))
+    odds = {p: math.log(p / (1 - p)) for p in (0.7, 0.4)}
+    assert by_voxel[4, 0, 0] == pytest.approx(
+        1 / (1 + math.exp(-2 * odds[0.7] - odds[0.4]))
+    )
+    assert by_voxel[7, 0, 0] == pytest.approx(0.7)
+    assert by_voxel[2, 0, 0] == pytest.approx(1 / (1 + math.exp(-3 * odds[0.4])))
+    assert {tuple(v) for v in found.free().tolist()} == {
+        (x, 0, 0) for x in (0, 1, 2, 3, 5, 6)
+    }
+
+
+def test_a_voxel_counts_once_a_frame_within_bounds_and_range():
+    found = VoxelMap(SensorModel(voxel_m=1.0, max_range_m=5.0))
+    found.add([[2.2, 0.1, 0.1]] * 9 + [[6.0, 0.0, 0.0], [np.nan, 0, 0]], np.eye(4))
+    voxels, probability = found.occupied()
+    assert voxels.tolist() == [[2, 0, 0]]
+    assert probability == pytest.approx(0.7)
+    for _ in range(200):
+        found.add([[2.2, 0.1, 0.1]], np.eye(4))
+    assert found.occupied()[1] == pytest.approx(0.97)
+
+
+def test_a_map_does_not_depend_on_where_its_world_begins():
+    rng = np.random.default_rng(0)
+    points, far = rng.uniform(-4, 4, (50, 3)), np.eye(4)
+    far[:3, 3] = -150.0, 300.0, 45.0  # whole voxels
+    maps = [VoxelMap(), VoxelMap()]
+    for voxel_map, pose in zip(maps, (np.eye(4), far), strict=True):
+        voxel_map.add(points, pose)
+    shift = np.array([-1000, 2000, 300])
+    assert (maps[0].occupied()[0] + shift).tolist() == maps[1].occupied()[0].tolist()
+
+
+@pytest.mark.parametrize("pose", [np.full((4, 4), np.nan), np.diag([1, 1, 1, 1.0]) * 1])
+def test_a_pose_that_is_no_place_is_refused(pose):
+    pose = np.array(pose)
+    pose[0, 3] = pose[0, 3] if np.isnan(pose[0, 3]) else 1e6
+    with pytest.raises(ValueError, match="expected finite numbers of metres"):
+        VoxelMap().add([[1.0, 0, 0]], pose)
+
+
+@pytest.mark.parametrize(
+    "values", [{"hit": 0.4}, {"miss": 0.6}, {"least": 0.45}, {"voxel_m": 0.0}]
+)
+def test_a_sensor_model_that_says_the_opposite_is_refused(values):
+    with pytest.raises(ValueError, match="expected"):
+        SensorModel(**values)
+
+
+def test_columns_hold_each_voxel_at_its_place():
+    voxels = np.array([[10, 20, 5], [11, 20, 99], [9, 20, 5], [10, 20, -50]])
+    image = condition_columns(
+        voxels, (10, 20, 0), (8, 8), SPEC, observed=Circle(12, 22, 2.0)
+    )
+    assert image.shape == (8, 8, 16 + 3)
+    heights = image[..., :16]
+    # Voxels beyond the image are left out to the sides, and clipped in height.
+    assert np.argwhere(heights).tolist() == [[0, 0, 0], [0, 0, 5], [1, 0, 15]]
+    assert image[2, 2, -3] == 1
+    assert image[7, 7, -3] == 0
+    assert image[0, 0, -2] == pytest.approx(8 * 0.15 / 4)
+    assert (image[..., -1] == 1).all()
+    hidden = condition_columns(
+        voxels, (10, 20, 0), (8, 8), SPEC, observed=None, height_known=False
+    )
+    assert (hidden[..., -3] == 1).all()
+    assert not hidden[..., -2:].any()
+
+
+def test_targets_mark_the_columns_of_the_patch():
+    lidar = np.array([[2, 2, 1], [6, 2, 1]])
+    image = target_columns(lidar, lidar[:1], (0, 0, 0), (8, 8), SPEC)
+    assert image[2, 2, 1] == image[6, 2, 1] == 1
+    assert image[2, 2, -1] == 1
+    assert image[6, 2, -1] == 0
+    assert target_columns(lidar, None, (0, 0, 0), (8, 8), SPEC)[..., -1].all()
+
+
+def test_quarter_turns_and_mirrors_are_eight_different_images():
+    image = np.arange(16.0).reshape(4, 4, 1)
+    found = [symmetric(training.Batch(image, image), k) for k in range(8)]
+    assert len({batch.condition.tobytes() for batch in found}) == 8
+    assert all((a == b).all() for a, b in found)
+    assert (found[0].condition == image).all()
+
+
+def test_tiles_show_the_patch_and_repeat_with_their_seed():
+    run = room(np.random.default_rng(0))
+    tiles = Tiles([run], SPEC, TileSpec(whole=0.5))
+    first, again = (tiles.draw(tiles[1], np.random.default_rng(3)) for _ in range(2))
+    assert all((a == b).all() for a, b in zip(first, again, strict=True))
+    assert first.condition.shape == (32, 32, 19)
+    assert first.target[..., :-1].sum() > 50
+    assert len(tiles) == 2
+
+
+def test_the_loss_is_least_where_the_odds_are_right():
+    target = np.zeros((1, 4, 4, 17), np.float32)
+    target[0, :2, :, 3] = 1
+    target[..., -1] = 1
+
+    def at(odds):
+        return float(
+            occupancy_loss(None, lambda x, sigma: odds, target, noise=ONE_PASS)
+        )
+
+    right = np.where(target > 0, 20.0, -20.0)
+    assert at(jax.numpy.asarray(right)) < 0.01 < at(jax.numpy.zeros(target.shape))
+    assert at(jax.numpy.asarray(-right)) > at(jax.numpy.zeros(target.shape))
+
+
+def test_a_few_steps_of_training_learn_a_room(model):
+    optax = pytest.importorskip("optax")
+    tiles = Tiles([room(np.random.default_rng(0))], SPEC, TileSpec(whole=0.0))
+    optimizer = optax.adam(1e-2)
+    state = training.TrainState(
+        np.zeros((), np.int32), model.params, model.params, optimizer.init(model.params)
+    )
+    step = training.make_train_step(
+        model.network, optimizer, ONE_PASS, loss=occupancy_loss
+    )
+    rng, losses = np.random.default_rng(1), []
+    items = [tiles.draw(tiles[0], rng) for _ in range(2)]
+    batch = training.Batch(*map(np.stack, zip(*items, strict=True)))
+    for _ in range(20):
+        state, metrics = step(state, jax.random.key(0), batch)
+        losses.append(float(metrics["loss"]))
+    assert losses[-1] < 0.5 * losses[0]
+
+
+def test_the_best_count_has_the_largest_expected_f_score():
+    probability = np.array([0.9, 0.8, 0.4, 0.1, 0.05])
+    counts = np.arange(1, 6)
+    expected = 2 * probability.cumsum() / (counts + 2)
+    assert best_count(probability, 2) == counts[expected.argmax()] == 2
+
+
+def test_scores_are_those_of_the_published_protocol():
+    truth = np.array([[0.0, 0, 0], [10.0, 0, 0], [0, 0, 0.15]])
+    away = np.linalg.norm(truth - truth.mean(0), axis=1).max()
+    assert published_distance(truth) == pytest.approx(0.02 * away)
+    assert f_score(truth, truth, 0.1) == 1
+    # One of two points is right, one of three is found.
+    assert f_score(truth[:2] + [[0, 0, 0], [0, 5, 0]], truth, 0.1) == pytest.approx(0.4)
+    assert f_score(np.zeros((0, 3)), truth, 0.1) == 0
+
+
+def test_runs_are_read_from_pcd_files_as_from_packed_ones(tmp_path):
+    run = room(np.random.default_rng(0))
+    for kind, voxels in (("input", run.radar), ("gt", run.lidar)):
+        (tmp_path / "loose" / kind).mkdir(parents=True)
+        for patch in range(2):
+            xyz = ((voxels + 0.5) * 0.15).astype(np.float32)
+            path = tmp_path / "loose" / kind / f"room_run1_{patch}.pcd"
+            write_pcd(path, PointCloud.from_xyz(xyz))
+    (tmp_path / "packed").mkdir()
+    np.savez(
+        tmp_path / "packed" / "room_run1.npz",
+        radar_map=run.radar,
+        lidar_map=run.lidar,
+        patch=np.arange(2),
+        radar_in_patch=run.radar_in_patch,
+        lidar_in_patch=run.lidar_in_patch,
+    )
+    for folder in ("loose", "packed"):
+        (found,) = open_runs(tmp_path / folder)
+        assert found.name == "room_run1"
+        assert found.environment == "room"
+        for patch, voxels in zip(found.patch(1), run[1:3], strict=True):
+            assert {tuple(v) for v in patch} == {tuple(v) for v in voxels}
+    (tmp_path / "loose" / "gt" / "room_run1_1.pcd").unlink()
+    with pytest.raises(ValueError, match="incomplete download"):
+        open_runs(tmp_path / "loose")
+
+
+def test_folders_and_files_of_another_kind_are_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        open_runs(tmp_path / "none")
+    with pytest.raises(ValueError, match="neither <run>.npz nor input/"):
+        open_runs(tmp_path)
+    for kind in ("input", "gt"):
+        (tmp_path / kind).mkdir()
+        cloud = PointCloud.from_xyz(np.array([[0.1, 0.0, 0.3]], np.float32))
+        write_pcd(tmp_path / kind / "a_run1_0.pcd", cloud)
+    with pytest.raises(ValueError, match="not centres of voxels of 0.15 m"):
+        open_runs(tmp_path)
+    (tmp_path / "a_run1.npz").write_bytes(b"PK\x03\x04 truncated")
+    with pytest.raises(ValueError, match="a packed run with radar_map"):
+        open_runs(tmp_path)
+
+
+def test_real_runs_of_coloradar(samples):
+    runs = open_runs(samples / "coloradar_maps")
+    assert len(runs) == 38
+    assert sum(len(run.radar_in_patch) for run in runs) == 8563
+    assert {run.environment for run in runs} == {
+        *("arpg_lab", "aspen", "ec_hallways", "edgar_army", "edgar_classroom"),
+        "outdoors",
+    }
+    for run in runs[::8]:
+        radar, lidar = run.patch(3)
+        assert (len(radar), len(lidar)) == (2048, 8192)
+        metres = SPEC.metres(lidar)
+        assert 0.06 < published_distance(metres) < 0.2
+        # The radar's voxels are seldom the LiDAR's.
+        score = f_score(SPEC.metres(radar), metres, published_distance(metres))
+        assert 0.01 < score < 0.25
+
+
+def test_a_model_is_saved_and_loaded_and_damage_is_noticed(model, tmp_path):
+    save_map_model(tmp_path / "m", model, dtype=np.float32)
+    found = load_map_model(tmp_path / "m")
+    assert found.spec == model.spec
+    assert found.network == model.network
+    jax.tree.map(np.testing.assert_array_equal, found.params, model.params)
+    assert "\n" not in repr(found)
+    weights = tmp_path / "m" / "weights.safetensors"
+    content = bytearray(weights.read_bytes())
+    content[-1] ^= 1
+    weights.write_bytes(content)
+    with pytest.raises(ModelError, match="does not match its digest"):
+        load_map_model(tmp_path / "m")
+    with pytest.raises(ModelError, match="no model of maps at"):
+        load_map_model(tmp_path / "none")
+
+
+def test_patches_and_maps_are_completed_where_they_are(model):
+    radar = room(np.random.default_rng(0)).radar.astype(int)
+    shift = np.array([1000, -2000, 40])
+    for enhance in (enhance_patch, enhance_map):
+        here, there = enhance(radar, model), enhance(radar + shift, model)
+        assert len(here.voxels) > 100
+        assert (np.diff(here.probability) <= 0).all()
+        # A network without training knows no height, bar that of the image.
+        shown = {tuple(v) for v in here.voxels[:, :2].tolist()}
+        moved = {tuple(v) for v in (there.voxels - shift)[:, :2].tolist()}
+        assert len(shown & moved) > 0.9 * len(shown)
+    with pytest.raises(ValueError, match="no voxels"):
+        enhance_map(radar[:0], model)
+    far = np.concatenate([radar, radar + (10**6, 10**6, 0)])
+    with pytest.raises(ValueError, match="do its poses jump"):
+        enhance_map(far, model)
+
+
+def test_a_plan_is_occupied_free_or_unknown_as_map_server_reads_it(tmp_path):
+    path = np.array([[0.05, 0.05, 0.05], [1.0, 0.05, 0.05]])
+    wall = Occupied(np.array([[8, 0, 0], [8, 1, 1], [3, 5, 30]]), np.full(3, 0.9))
+    free = np.array([[x, 0, 0] for x in range(8)])
+    found = RecordingMap(MapSpec(), wall, wall, free, path, ())
+    grid, corner = occupancy_grid(found)
+    # Rows from the far end of y; the voxel high above is not in the way.
+    assert grid.shape == (2, 9)
+    assert grid[1].tolist() == [254] * 8 + [0]
+    assert grid[0].tolist() == [205] * 8 + [0]
+    assert corner.tolist() == [0, 0]
+    for name, write in map_files(found).items():
+        write(tmp_path / name)
+    assert (tmp_path / "grid.pgm").read_bytes().startswith(b"P5\n9 2\n255\n")
+    assert "resolution: 0.15" in (tmp_path / "grid.yaml").read_text()
+    assert {path.name for path in tmp_path.iterdir()} == {*map_files(found)}
+
+
+def test_the_outline_of_a_patch_is_its_circle():
+    angle = np.linspace(0, 2 * np.pi, 100)
+    voxels = np.stack([7 + 20 * np.cos(angle), 20 * np.sin(angle), 0 * angle], -1)
+    x, y, radius = outline(np.rint(voxels).astype(int))
+    assert (x, y) == (7, 0)
+    assert radius == pytest.approx(20, abs=0.75)
