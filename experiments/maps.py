@@ -46,6 +46,7 @@ SCORES = {  # of a patch
     "near": "F at 0.2 m",
     "expected": "F expected by the model",
 }
+TEST = "_run0"  # the published test runs, which training never sees
 NEAR_M = 0.2
 VALIDATED = 12  # every so many patches, while training
 
@@ -65,9 +66,10 @@ def network(config: ConfigDict) -> diffusion.Network:
         return diffusion.build_network(**config.network, outputs=outputs)
 
 
-def splits(config: ConfigDict) -> tuple[list[MapRun], list[MapRun]]:
-    """Return the runs to train on, and those to validate on."""
-    runs, left = open_runs(config.data.path), config.data.without
+def splits(config: ConfigDict) -> dict[str, list[MapRun]]:
+    """Return the runs of each split; `run0` of each environment is for testing."""
+    found, left = open_runs(config.data.path), config.data.without
+    runs = [run for run in found if not run.name.endswith(TEST)]
     environments = {run.environment for run in runs}
     if left and left not in environments:
         raise UsageError(
@@ -81,15 +83,17 @@ def splits(config: ConfigDict) -> tuple[list[MapRun], list[MapRun]]:
         raise UsageError(
             f"data.validation names {missing[0]}, which is not in the data"
         )
-    return (
-        [run for run in runs if run.name not in kept],
-        [run for run in runs if run.name in kept],
-    )
+    return {
+        "train": [run for run in runs if run.name not in kept],
+        "validation": [run for run in runs if run.name in kept],
+        "test": [run for run in found if run.name.endswith(TEST)],
+    }
 
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on tiles."""
-    train, checked = splits(config)
+    runs = splits(config)
+    train, checked = runs["train"], runs["validation"]
     with build.section("map"):
         spec = MapSpec(**config.map)
     with build.section("tiles"):
@@ -187,12 +191,14 @@ def is_among(voxels: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
-    """Score the model on the validation runs, or on all runs of `data.test`."""
-    model = load_map_model(config.model or workdir / "model")
-    if config.data.test:
-        checked = open_runs(config.data.test)
-    else:
-        _, checked = splits(config)
+    """Score the model on the runs of the config's split."""
+    model, runs = load_map_model(config.model or workdir), splits(config)
+    checked = runs.get(config.evaluation.split)
+    if not checked:
+        raise UsageError(
+            f"evaluation.split = {config.evaluation.split!r}: no runs, expected one of "
+            f"{[name for name, some in runs.items() if some]}"
+        )
     rows = [*score_patches(model, checked, every=config.evaluation.every)]
     text = summary(rows)
     write_text(workdir / "evaluation" / "scores.json", json.dumps(rows) + "\n")

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
+from jradar.mapping import MapModel, MapSpec
 from jradar.model import Card, Model, ModelSpec
 from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
 from jradar.range_image import IDENTITY, ConfidenceTable, ImageSpec
@@ -64,3 +65,29 @@ def echoes(seed: int = 0) -> jax.Array:
     ahead = place + jnp.array([3.0, 0.0, 0.0])
     targets = Scatterers(ahead, jnp.zeros(20), jnp.full(20, 50.0))
     return simulate_cube(key, targets, RADAR, noise_power=1.0)
+
+
+def tiny_map_model() -> MapModel:
+    """A model of maps of random parameters, of 16 heights and tiles of 32 columns."""
+    spec = MapSpec(heights=16, tile=32)
+    network = dataclasses.replace(
+        NETWORK,
+        stem=(2, 2),
+        condition_stem=(2, 2),
+        condition_channels=8,
+        detail_channels=0,
+        outputs=17,
+        angles=False,
+    )
+    shapes = jax.eval_shape(
+        network.init,
+        jax.random.key(0),
+        jnp.zeros((1, 32, 32, 17)),
+        jnp.zeros(1),
+        jnp.zeros((1, 32, 32, 19)),
+    )
+    rng = np.random.default_rng(0)
+    params = jax.tree.map(
+        lambda leaf: jnp.asarray(0.2 * rng.normal(size=leaf.shape), leaf.dtype), shapes
+    )
+    return MapModel(params, network, spec, trained_on="nothing")

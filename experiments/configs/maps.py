@@ -4,8 +4,8 @@ r"""ColoRadar's real maps: a radar map in, the probability of LiDAR voxels out.
         --config.data.path=ColoRadar --workdir=runs/maps
 
 `data.path` is the folder ColoRadar of UpPoinTr, or a folder of packed runs.
-`--mode=eval --config.data.test=FOLDER` scores the workdir's model, or --config.model,
-on all runs of another folder. Training takes 1.5 hours on one core.
+`--mode=eval --config.evaluation.split=test` scores the workdir's model, or that of
+--config.model, on the published test runs. Training takes 1.5 hours on one core.
 """
 
 from ml_collections import ConfigDict
@@ -23,7 +23,6 @@ def get_config():
 
     config.data = ConfigDict()
     config.data.path = ""
-    config.data.test = ""  # to evaluate all runs of a folder
     config.data.without = ""  # an environment to leave out, and to validate on
     config.data.validation = (  # one run of each environment
         "arpg_lab_run4",
@@ -57,5 +56,6 @@ def get_config():
     config.train.ema_decay = 0.998
 
     config.evaluation = ConfigDict()
+    config.evaluation.split = "validation"  # or test: the run0 of each environment
     config.evaluation.every = 1  # score every so many patches
     return config

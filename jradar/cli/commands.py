@@ -92,6 +92,7 @@ def map_(options: argparse.Namespace) -> dict[str, Any]:
     """Turn a walk into a map, and into the map that a LiDAR would have made."""
     mapping = jradar.mapping
     results = Results(options.output, "map", force=options.force)
+    results.check(mapping.FILES)
     model = mapping.load_map_model(options.model)
     recording = jradar.open_recording(options.path, **opening(options))
     frames = range(*options.frames.indices(len(recording.cubes)))

@@ -65,7 +65,7 @@ def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
                 "replaces: name another output"
             )
     if folder:
-        Results(path, options.command.__name__, force=force)
+        Results(path, options.command.__name__.rstrip("_"), force=force)
     elif not streamed:
         check_replaceable(path, begins=options.output_begins, force=force)
     elif os.path.lexists(path) and not force:

@@ -29,6 +29,7 @@ from jradar.mapping.predict import (
     enhance_patch as enhance_patch,
 )
 from jradar.mapping.recording import (
+    FILES as FILES,
     RecordingMap as RecordingMap,
     map_files as map_files,
     map_recording as map_recording,

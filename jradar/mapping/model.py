@@ -35,7 +35,6 @@ from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 
 FORMAT = 1
 MARKER, WEIGHTS = "map_model.json", "weights.safetensors"
-SHIPPED = Path(__file__).parents[1] / "weights"
 ONE_PASS = NoiseSpec(sigma_data=1.0, prediction=PREDICTIONS["mixture"])
 
 
@@ -107,12 +106,14 @@ def save_map_model(
         (scratch / MARKER).write_text(text)
 
 
-def load_map_model(name: Path | str) -> MapModel:
-    """Load a shipped model of maps by its name, or any by its folder.
+def load_map_model(folder: Path | str) -> MapModel:
+    """Load a model of maps from its folder, or from the workdir of its training.
 
     Raises ModelError, with the reason, for a model that is missing or damaged.
     """
-    folder = SHIPPED / name if (SHIPPED / name / MARKER).is_file() else Path(name)
+    folder = Path(folder)
+    if not (folder / MARKER).is_file() and (folder / "model").is_dir():
+        folder /= "model"
     path, weights = folder / MARKER, folder / WEIGHTS
     if not path.is_file() or not weights.is_file():
         raise ModelError(

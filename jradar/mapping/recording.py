@@ -28,6 +28,7 @@ FASTEST_MPS = 50.0  # of a radar between two frames
 SHORTEST_M = 1.0  # of a path that shows a place from several sides
 FEWEST = 10  # frames of a map
 BAND_M = (-0.3, 0.6)  # below and above the radar's path: what stands in a robot's way
+FILES = ("map.ply", "radar_map.ply", "grid.pgm", "grid.yaml", "map.json", "map.png")
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # grey values of ROS's map_server
 
 
@@ -140,7 +141,7 @@ def _check_path(recording, frames, path):
 
 
 def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
-    """Return the function that writes each file of a map, by name."""
+    """Return the function that writes each of FILES, by name."""
     text = json.dumps(found.describe() | {"notes": found.notes}, indent=2) + "\n"
     grid, corner = occupancy_grid(found)
     return {

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from jradar.cli import main
+from jradar.mapping import save_map_model
 from jradar.model import save_model
 from jradar.radar import RadarSpec, simulate_cube
 from jradar.simulation import simulate_sequence
 from tests.calibration.test_self_calibration import CHIP, channels, scatterers
-from tests.models import tiny_model
+from tests.models import tiny_map_model, tiny_model
 from tests.recordings.small_sequence import room_echoes
 
 MODEL = tiny_model()
@@ -52,6 +53,14 @@ def model_folder(tmp_path_factory):
     """The folder of a random diffusion model."""
     folder = tmp_path_factory.mktemp("models") / "tiny"
     save_model(folder, MODEL)
+    return str(folder)
+
+
+@pytest.fixture(scope="session")
+def map_model_folder(tmp_path_factory):
+    """The folder of a random model of maps."""
+    folder = tmp_path_factory.mktemp("models") / "maps"
+    save_map_model(folder, tiny_map_model())
     return str(folder)
 
 

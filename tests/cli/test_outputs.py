@@ -16,6 +16,7 @@ OWN = (  # the names of all that commands write, and others
     *("000000/radar.ply", "000001/enhanced.npz", "radar/000000.pcd", "capture.png"),
     *("preparation.png", "manifest.json", "run0/0000.array_record", ".lock"),
     *("splits.json", "calib/notes.txt", "corridor_0/notes.txt", "thesis.txt"),
+    *("map.ply", "grid.yaml", "map.png"),
     *("walk.tum", "my.toml", "function.jax", "out.mcap", "out.ros2/metadata.yaml"),
 )
 LONG = ("live", "live.mcap", "out.ros2", "prepare", "scene", "capture", "function.jax")
@@ -44,7 +45,7 @@ def run(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def commands(run, uncalibrated, model_folder):
+def commands(run, uncalibrated, model_folder, map_model_folder):
     """Every command that writes, with every kind of output: its words, and a name."""
     enhance = ["enhance", run, "--model", model_folder, *QUICK]
     live = ["live", "--replay", run, "--model", "none", "--silence", 60, "--speed", 2]
@@ -64,6 +65,7 @@ def commands(run, uncalibrated, model_folder):
         "live.mcap": live,
         "my.toml": ["calibrate", uncalibrated],
         "walk.tum": ["odometry", run],
+        "map": ["map", run, "--model", map_model_folder],
         "prepare": prepare,
         "preview": [*prepare, "--preview"],
         "scene": scene,
@@ -85,6 +87,7 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         "enhance flat": "own/radar is not empty",
         "live": "000000/radar.ply was not written by this command",
         "walk.tum": "walk.tum was not written by this command",
+        "map": "map.ply was not written by this command",
         "prepare": "own is neither empty nor a folder of records, it holds ",
         "preview": "preparation.png was not written by this command",
         "scene": "calib holds notes.txt but no simulated.txt",

@@ -6,10 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from jradar import diffusion, training
+from jradar import training
 from jradar.errors import ModelError
 from jradar.mapping import (
-    MapModel,
+    FILES,
     MapRun,
     MapSpec,
     Occupied,
@@ -40,37 +40,14 @@ from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
 from jradar.recordings.clouds.write import write_pcd
 from jradar.types import PointCloud
+from tests.models import tiny_map_model
 
-SPEC = MapSpec(heights=16, tile=32)
+SPEC = tiny_map_model().spec
 
 
 @pytest.fixture(scope="module")
 def model():
-    network = diffusion.build_network(
-        channels=8,
-        multipliers=(1,),
-        blocks=1,
-        attention_levels=(),
-        stem=(2, 2),
-        condition_stem=(2, 2),
-        condition_channels=8,
-        detail_channels=0,
-        outputs=SPEC.heights + 1,
-        angles=False,
-    )
-    params = network.init(
-        jax.random.key(0),
-        np.zeros((1, 32, 32, 17)),
-        np.zeros(1),
-        np.zeros((1, 32, 32, 19)),
-    )
-    leaves, tree = jax.tree.flatten(params)
-    keys = jax.random.split(jax.random.key(1), len(leaves))
-    leaves = [
-        leaf + 0.2 * jax.random.normal(key, leaf.shape)
-        for leaf, key in zip(leaves, keys, strict=True)
-    ]
-    return MapModel(tree.unflatten(leaves), network, SPEC, trained_on="nothing")
+    return tiny_map_model()
 
 
 def room(rng, *, half=12, patches=2):
@@ -230,7 +207,7 @@ def test_a_few_steps_of_training_learn_a_room(model):
     for _ in range(20):
         state, metrics = step(state, jax.random.key(0), batch)
         losses.append(float(metrics["loss"]))
-    assert losses[-1] < 0.5 * losses[0]
+    assert losses[-1] < 0.8 * losses[0]
 
 
 def test_the_best_count_has_the_largest_expected_f_score():
@@ -331,15 +308,14 @@ def test_a_model_is_saved_and_loaded_and_damage_is_noticed(model, tmp_path):
 
 def test_patches_and_maps_are_completed_where_they_are(model):
     radar = room(np.random.default_rng(0)).radar.astype(int)
-    shift = np.array([1000, -2000, 40])
+    shift = np.array([1000, -2000, 0])
     for enhance in (enhance_patch, enhance_map):
         here, there = enhance(radar, model), enhance(radar + shift, model)
         assert len(here.voxels) > 100
         assert (np.diff(here.probability) <= 0).all()
-        # A network without training knows no height, bar that of the image.
-        shown = {tuple(v) for v in here.voxels[:, :2].tolist()}
-        moved = {tuple(v) for v in (there.voxels - shift)[:, :2].tolist()}
-        assert len(shown & moved) > 0.9 * len(shown)
+        shown = {tuple(v) for v in here.voxels.tolist()}
+        moved = {tuple(v) for v in (there.voxels - shift).tolist()}
+        assert len(shown & moved) > 0.99 * len(shown)
     with pytest.raises(ValueError, match="no voxels"):
         enhance_map(radar[:0], model)
     far = np.concatenate([radar, radar + (10**6, 10**6, 0)])
@@ -362,7 +338,7 @@ def test_a_plan_is_occupied_free_or_unknown_as_map_server_reads_it(tmp_path):
         write(tmp_path / name)
     assert (tmp_path / "grid.pgm").read_bytes().startswith(b"P5\n9 2\n255\n")
     assert "resolution: 0.15" in (tmp_path / "grid.yaml").read_text()
-    assert {path.name for path in tmp_path.iterdir()} == {*map_files(found)}
+    assert {path.name for path in tmp_path.iterdir()} == {*FILES}
 
 
 def test_the_outline_of_a_patch_is_its_circle():

@@ -1,0 +1,88 @@
+"""The task `maps`: splits, and a short run from packed maps to a table."""
+
+import numpy as np
+import pytest
+
+from experiments import main, maps
+from experiments.configs import maps as recipe
+from jradar.errors import UsageError
+from jradar.mapping import load_map_model
+from tests.mapping.test_maps import room
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("maps")
+    for seed, name in enumerate(("hall_run0", "hall_run1", "mine_run1", "mine_run2")):
+        run = room(np.random.default_rng(seed))
+        np.savez(
+            folder / f"{name}.npz",
+            radar_map=run.radar,
+            lidar_map=run.lidar,
+            patch=np.arange(2),
+            radar_in_patch=run.radar_in_patch,
+            lidar_in_patch=run.lidar_in_patch,
+        )
+    return folder
+
+
+def config(folder, **data):
+    found = recipe.get_config()
+    found.data.update(path=str(folder), validation=("mine_run2",), **data)
+    return found
+
+
+def names(splits):
+    return {split: [run.name for run in runs] for split, runs in splits.items()}
+
+
+def test_runs_are_split_and_the_published_test_is_never_trained_on(folder):
+    assert names(maps.splits(config(folder))) == {
+        "train": ["hall_run1", "mine_run1"],
+        "validation": ["mine_run2"],
+        "test": ["hall_run0"],
+    }
+    assert names(maps.splits(config(folder, without="mine"))) == {
+        "train": ["hall_run1"],
+        "validation": ["mine_run1", "mine_run2"],
+        "test": ["hall_run0"],
+    }
+
+
+def test_unknown_runs_and_environments_are_named(folder):
+    with pytest.raises(UsageError, match="'attic', expected one of .'hall', 'mine'"):
+        maps.splits(config(folder, without="attic"))
+    wrong = config(folder)
+    wrong.data.validation = ("mine_run9",)
+    with pytest.raises(UsageError, match="mine_run9, which is not in the data"):
+        maps.splits(wrong)
+    wrong.data.path = ""
+    with pytest.raises(UsageError, match="no maps: pass the folder"):
+        maps.check(wrong)
+
+
+@pytest.mark.slow
+def test_a_short_run_trains_saves_and_scores(folder, tmp_path, capsys):
+    options = {
+        "data.path": folder,
+        "data.validation": "('mine_run2',)",
+        "map.heights": 16,
+        "map.tile": 32,
+        "network.channels": 8,
+        "network.multipliers": "(1,)",
+        "network.condition_channels": 8,
+        "train.steps": 4,
+        "train.batch_size": 2,
+        "train.evaluate_every": 0,
+    }
+    words = [f"--config.{name}={value}" for name, value in options.items()]
+    file = f"--config={recipe.__file__}"
+    workdir = tmp_path / "run"
+    command = ["main", file, f"--workdir={workdir}", *words]
+    assert main.main(command) == 0
+    table = (workdir / "evaluation" / "table.md").read_text()
+    assert "| mine " in table and table in capsys.readouterr().out
+    model = load_map_model(workdir)
+    assert "4 patches of 2 runs" in model.trained_on
+    assert main.main([*command, "--mode=eval", "--config.evaluation.split=test"]) == 0
+    assert "| hall " in (workdir / "evaluation" / "table.md").read_text()
