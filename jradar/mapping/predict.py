@@ -13,7 +13,7 @@ from jradar.mapping.model import MapModel, calibrated, column_odds
 SIZES = (64, 96, 128, 160)  # of images of patches, in columns; each is compiled once
 MARGIN = 16  # columns of an image beyond the radar's patch, both sides together
 TILE, STRIDE = 96, 64  # of whole maps
-LEAST = 0.02  # probability of voxels that are kept
+LEAST = 0.01  # probability of voxels that are kept
 MOST_TILES = 100_000  # 6 km x 6 km
 
 
@@ -103,5 +103,7 @@ def best_count(probability: Float[np.ndarray, " voxel"], truth: float) -> int:
     With `truth` occupied voxels, of which the first k hold a part, the expected F-score
     is about 2 * sum(probability[:k]) / (k + truth).
     """
+    if not len(probability):
+        return 0
     hits = np.cumsum(probability)
     return int(np.argmax(2 * hits / (np.arange(len(hits)) + 1 + truth))) + 1

@@ -53,7 +53,12 @@ class RecordingMap(NamedTuple):
             "voxel (m)": self.spec.voxel_m,
             "radar voxels": len(self.radar.voxels),
             "voxels": len(self.enhanced.voxels),
-            "confidence (%)": round(100 * float(self.enhanced.probability.mean()), 1),
+            "mean confidence (%)": round(
+                100
+                * float(self.enhanced.probability.sum())
+                / max(len(self.enhanced.voxels), 1),
+                1,
+            ),
         }
 
 

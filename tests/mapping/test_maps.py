@@ -214,6 +214,7 @@ def test_the_best_count_has_the_largest_expected_f_score():
     probability = np.array([0.9, 0.8, 0.4, 0.1, 0.05])
     counts = np.arange(1, 6)
     expected = 2 * probability.cumsum() / (counts + 2)
+    assert best_count(probability[:0], 2) == 0
     assert best_count(probability, 2) == counts[expected.argmax()] == 2
 
 
