@@ -85,30 +85,25 @@ def test_clouds_come_out_to_the_millimetre(tmp_path, shown):
         assert frame["confident"] == [xyz.shape[1] == 4 for xyz in clouds]
         for found, cloud in zip(unpack(frame), clouds, strict=True):
             assert millimetres(found) == millimetres(cloud)
-
-
-def test_thinned_clouds_keep_their_confidence(tmp_path):
-    shown = [sure_frame(dense=9000)]
-    text = write(tmp_path / "report.html", shown, max_bytes=60_000)
-    found, _ = unpack(data_of(text)["frames"][0])
-    assert 500 < len(found) < 9000
-    assert millimetres(found) <= millimetres(shown[0].clouds["jradar"])
-
-
-def test_a_large_scene_takes_a_coarser_unit(tmp_path):
     far = CloudFrame("far", {"LiDAR": np.array([[80.0, -79.0, 3.0], [1, 2, 3]])})
-    data = data_of(write(tmp_path / "report.html", [far]))
+    data = data_of(write(tmp_path / "report.html", [far]))  # in a coarser unit
     (found,) = unpack(data["frames"][0], data["unit_m"])
     found = found[found[:, 0].argsort()]
     np.testing.assert_allclose(found, [[1, 2, 3], [80, -79, 3]], atol=data["unit_m"])
 
 
-def test_clouds_are_thinned_to_the_limit_and_counted(tmp_path):
-    text = write(tmp_path / "report.html", frames(3, dense=9000), max_bytes=150_000)
+def test_clouds_are_thinned_to_the_limit_counted_and_keep_their_confidence(tmp_path):
+    shown = [sure_frame(dense=9000), *frames(2, dense=9000)]
+    text = write(tmp_path / "report.html", shown, max_bytes=150_000)
     assert 100_000 < len(text) <= 150_000
-    (frame, *_) = data_of(text)["frames"]
-    assert frame["total"] == [100, 9000, 9000] and frame["drawn"][0] == 100
-    assert 500 < frame["drawn"][1] == frame["drawn"][2] < 9000
+    data = data_of(text)
+    first, frame, _ = data["frames"]
+    assert data["names"] == ["jradar", "LiDAR", "radar"]
+    assert frame["total"] == [9000, 9000, 100] and frame["drawn"][2] == 100
+    assert 500 < frame["drawn"][0] == frame["drawn"][1] < 9000
+    found, *_ = unpack(first)
+    assert 500 < len(found) < 9000
+    assert millimetres(found) <= millimetres(shown[0].clouds["jradar"])
     with pytest.raises(ValueError, match="leave out pictures or frames"):
         write(tmp_path / "report.html", frames(1), max_bytes=20_000)
     assert (tmp_path / "report.html").read_text() == text
