@@ -16,7 +16,7 @@ import pytest
 from experiments import main as experiments_main
 from jradar.cli import options
 from jradar.cli.commands import simulate
-from jradar.recordings import open_recording, radar_from_toml
+from jradar.recordings import open_recording, read_description
 
 ROOT = Path(__file__).parents[1]
 GUIDE, STREAM = "jradar/recordings/README", "jradar/stream/README"
@@ -113,7 +113,7 @@ def test_a_case_of_ones_own_is_timed(capsys):
 def test_toml_example_is_a_radar(tmp_path):
     path = tmp_path / "radar.toml"
     path.write_text(blocks("toml", GUIDE)[0])
-    assert radar_from_toml(path).cube_shape == (3, 4, 64, 128)
+    assert read_description(path).radar.cube_shape == (3, 4, 64, 128)
 
 
 def test_the_example_of_a_capture_has_known_keys_and_says_what_is_missing(tmp_path):

@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     use_compilation_cache()
     try:
         with warnings.catch_warnings(), sigterm_raises():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = lambda message, *_, **__: say(f"warning: {message}")
             check_paths(options)
             check_platform()
             result = options.command(options)
@@ -55,8 +55,3 @@ def _in_words(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt) and not str(error):
         return "interrupted"
     return str(error) or type(error).__name__
-
-
-def _show_warning(message, *_args, **_kwargs):
-    """Print a warning as one line, without its place in the code."""
-    say(f"warning: {message}")

@@ -1,9 +1,9 @@
 """Values of options: each function parses one kind, and says what it expects."""
 
 import argparse
+import functools
 import math
 
-MAX_SEED = 2**32 - 1
 MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
 
 
@@ -24,11 +24,6 @@ def whole(least: int, most: int, text: str) -> int:
     if not (short and text.isdecimal() and least <= int(text) <= most):
         raise argparse.ArgumentTypeError(f"{text!r}, expected {least} to {most}")
     return int(text)
-
-
-def seed_value(text: str) -> int:
-    """Parse a random seed."""
-    return whole(0, MAX_SEED, text)
 
 
 def cells(text: str) -> tuple[int, int]:
@@ -78,11 +73,6 @@ def reflector(text: str) -> tuple[float, float, float]:
     return distance, math.radians(azimuth), math.radians(elevation)
 
 
-def port(text: str) -> int:
-    """Parse a UDP or TCP port; 0 takes a free one."""
-    return whole(0, 65_535, text)
-
-
-def places(text: str) -> int:
-    """Parse the number of places by which a packet may be late."""
-    return whole(0, 1000, text)
+port = functools.partial(whole, 0, 65_535)  # 0 takes a free one
+seed_value = functools.partial(whole, 0, 2**32 - 1)
+places = functools.partial(whole, 0, 1000)  # by which a packet may be late

@@ -4,7 +4,7 @@ find_sources                          the recordings in a folder, and their spli
 scene                                 of a sequence of ColoRadar, in the paper's words
 matches_of                            radar frames and LiDAR scans of the same time
 PrepareSpec, prepare_frame            options, and one prepared frame
-preview, Preview                      one frame with the steps of its preparation
+preview                               one frame with the steps of its preparation
 prepare, Records                      folders of prepared frames: write and read
 PairSource, lidar_image               prepared frames to images
 mirrored, thinned                     changes of a pair at random in training
@@ -24,7 +24,7 @@ from jradar.data.prepare import (
     describe_manifest as describe_manifest,
     prepare as prepare,
 )
-from jradar.data.preview import Preview as Preview, preview as preview
+from jradar.data.preview import preview as preview
 from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
 from jradar.data.sources import (
     find_sources as find_sources,

@@ -10,7 +10,7 @@ import scipy  # loads `spatial` when it is first used
 from jradar.radar import RadarSpec
 from jradar.recordings.bags.bags import bag_times, bag_topics, open_bag
 from jradar.recordings.bags.messages import is_cloud_type
-from jradar.recordings.clouds.read import holds_points, read_cloud
+from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.recording import (
     Format,
     Recording,
@@ -19,7 +19,7 @@ from jradar.recordings.recording import (
 )
 
 BAGS = (".bag", ".mcap", ".db3")
-CLOUD_NAMES = re.compile(r".*\.(ply|pcd)|(.*lidar.*|[0-9]+)\.bin")  # ColoRadar, KITTI
+CLOUD_NAMES = re.compile(r".*\.(ply|pcd)|(.*lidar.*|[0-9]+)\.bin", re.IGNORECASE)
 TIMING = ("seconds", "rate_hz", "gaps", "longest_gap_s")  # of a bag's topic
 GAP = 1.5  # median steps: a longer step between stamps counts as a gap
 
@@ -47,7 +47,11 @@ def describe(recording: Recording) -> dict[str, Any]:
         "radar": _radar(recording.radar.spec),
         "streams": streams,
         **_matches(recording),
-        "readable": _readable(recording),
+        "readable": {
+            f"{name} {item}": _item(stream, item)
+            for name, stream in (("frame", recording.cubes), ("scan", recording.lidar))
+            for item in (sorted({0, len(stream) - 1}) if stream else ())
+        },
         "calibration": _calibration(recording),
         "transforms": _transforms(recording),
         **lost,
@@ -101,7 +105,7 @@ CONTENTS = (
     ),
     Format(
         "a cloud: .ply, .pcd, or a .bin of float32 as of KITTI, nuScenes or ColoRadar",
-        lambda path: CLOUD_NAMES.fullmatch(path.name) is not None or holds_points(path),
+        lambda path: CLOUD_NAMES.fullmatch(path.name) is not None,
         describe_cloud,
     ),
 )
@@ -167,15 +171,6 @@ def _matches(recording: Recording) -> dict[str, Any]:
         if spans := clocks_apart(stamps, recording.poses.stamps):
             found["frames with a pose"] = f"the clocks do not match: {spans}"
     return found
-
-
-def _readable(recording: Recording) -> dict[str, str]:
-    """Try to read the first and the last item of each stream."""
-    lines = {}
-    for name, stream in (("frame", recording.cubes), ("scan", recording.lidar)):
-        for item in sorted({0, len(stream) - 1}) if stream else ():
-            lines[f"{name} {item}"] = _item(stream, item)
-    return lines
 
 
 def _item(stream, item: int) -> str:

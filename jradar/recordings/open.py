@@ -36,19 +36,14 @@ def open_recording(
 ) -> Recording:
     """Open a recording of any format in `READERS`; no frame is read yet.
 
-    Args:
-        path: a file or a folder.
-        description: the file that describes the radar, or ColoRadar's `calib` folder.
-            By default the only one next to the recording.
-        sensor: radar of a ColoRadar sequence, "single_chip" or "cascade".
-        frames_as_chirps: merge all frames of one chirp each into one frame, so that
-            slow time runs over the frames.
-        iq_order: order of I and Q in an adc_data.bin, instead of the described one.
-        allow_partial: read the whole frames of an adc_data.bin that was cut off.
-        device: board that a .cfg configures, such as "awr1642".
-
-    Raises UsageError for a path of no known format, for an option that the format does
-    not take and for a missing description; ValueError for damaged or unfit files.
+    `description` is the file that describes the radar, or ColoRadar's `calib` folder;
+    by default the only one next to the recording. `device` is the board of a .cfg,
+    `sensor` the radar of a ColoRadar sequence, "single_chip" or "cascade", `iq_order`
+    replaces the described order of I and Q. `frames_as_chirps` merges frames of one
+    chirp each into one frame, and `allow_partial` reads the whole frames of an
+    adc_data.bin that was cut off. Raises UsageError for a path of no known format, an
+    option that the format does not take, and a missing description; ValueError for
+    damaged files.
     """
     path = Path(path)
     if not path.exists():

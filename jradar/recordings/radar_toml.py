@@ -27,7 +27,7 @@ from jradar.errors import UsageError, printable
 from jradar.files import write_text
 from jradar.radar import Radar, RadarSpec
 from jradar.radar.devices import BOARDS
-from jradar.recordings.text_files import check_names, radar_from_toml, toml
+from jradar.recordings.text_files import check_names, radar_of, toml
 from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.iq_order import IQ_ORDERS
 
@@ -41,16 +41,19 @@ def read_radar_toml(path: Path | str) -> tuple[RadarSpec, CaptureSpec]:
 
     Raises UsageError for unknown keys and for values that do not fit the radar.
     """
-    radar, tables = radar_from_toml(path), toml(path)
-    stored, measured = (
-        _table(path, tables, name, keys)
-        for name, keys in (("file", FILE_KEYS), ("calibration", CALIBRATION_KEYS))
-    )
+    tables = toml(path)
+    values = _table(path, tables, "radar")
+    stored = _table(path, tables, "file", FILE_KEYS)
+    measured = _table(path, tables, "calibration", CALIBRATION_KEYS)
+    try:
+        radar = radar_of(path, values)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
     if (order := stored.get("iq_order", CaptureSpec.iq_order)) not in IQ_ORDERS:
         raise UsageError(
             f"{path}: iq_order = {order!r:.40}, expected one of {', '.join(IQ_ORDERS)}"
         )
-    board = BOARDS.get(tables["radar"].get("device", ""))
+    board = BOARDS.get(values.get("device", ""))
     factors: tuple[complex, ...] = ()
     if "gain_db" in measured or "phase_degrees" in measured:
         gain_db, degrees = (_each(path, measured, key, radar) for key in LARGEST)
@@ -102,12 +105,13 @@ def _as_toml(value: Any) -> str:
     return text.encode("utf-8", "replace").decode()
 
 
-def _table(path, tables, name: str, keys) -> dict[str, Any]:
-    """Return a table, empty if it is missing; UsageError for other keys."""
+def _table(path, tables, name: str, keys=None) -> dict[str, Any]:
+    """Return a table, empty if it is missing; UsageError for keys beside `keys`."""
     table = tables.get(name, {})
     if not isinstance(table, dict):
         raise UsageError(f"{path}: {name} = {table!r:.80}, expected a table [{name}]")
-    check_names(path, f"key of [{name}]", table, keys)
+    if keys is not None:
+        check_names(path, f"key of [{name}]", table, keys)
     return table
 
 

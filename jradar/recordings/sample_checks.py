@@ -70,7 +70,8 @@ def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
     somebody has scaled them.
     """
     chirps = cube.transpose(2, 0, 1, 3).reshape(-1, cube.shape[-1])
-    parts = _parts(chirps)
+    halves = (np.real, np.imag) if np.iscomplexobj(chirps) else (np.real,)
+    parts = np.stack([half(chirps) for half in halves])
     largest = float(np.abs(parts).max())
     if not largest:
         doubt = "all samples are zero: did the radar send, and the card receive?"
@@ -88,11 +89,6 @@ def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
             "gain (rxGain), or move strong reflectors away"
         )
     return SampleCheck(largest, full_scale, share, tuple(doubts))
-
-
-def _parts(chirps) -> np.ndarray:
-    """Return real and imaginary parts, or the real ones alone, as a first axis."""
-    return np.stack([chirps.real, chirps.imag] if np.iscomplexobj(chirps) else [chirps])
 
 
 def sample_doubts(recording: Recording, frame: int) -> tuple[str, ...]:

@@ -43,17 +43,6 @@ def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:
         raise ValueError(f"{path}: {error}") from error
 
 
-def radar_from_toml(path: Path | str) -> RadarSpec:
-    """Return the radar in the `[radar]` table of a TOML file; UsageError if wrong."""
-    values = toml(path).get("radar", {})
-    if not isinstance(values, dict):
-        raise UsageError(f"{path}: radar = {values!r:.80}, expected a table [radar]")
-    try:
-        return RadarSpec.from_dict(values)
-    except ValueError as error:
-        raise UsageError(f"{path}: {error}") from error
-
-
 def read_tum(path: Path | str) -> Poses:
     """Return the poses in a file in TUM's format, a line `t x y z qx qy qz qw` each.
 

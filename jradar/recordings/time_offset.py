@@ -17,6 +17,7 @@ from jaxtyping import Complex, Float
 from jradar.radar import RadarSpec
 from jradar.recordings.recording import Recording
 
+MAX_OFFSET_S = 5.0
 MAX_FRAMES, MAX_CLOUDS = 200, 400
 PERIOD_S = 0.1  # shortest time between two measurements of motion
 SECTORS = (72, 18)  # cells of azimuth x elevation whose mean ranges are compared
@@ -29,8 +30,6 @@ def estimate_time_offset(
     radar_motion: Float[np.ndarray, " frame"],
     lidar_stamps: Float[np.ndarray, " cloud"],
     lidar_motion: Float[np.ndarray, " cloud"],
-    *,
-    max_offset_s: float = 5.0,
 ) -> tuple[float, float]:
     """Return the seconds to add to the radar's stamps, and the confidence, 0 to 1.
 
@@ -48,7 +47,7 @@ def estimate_time_offset(
     if not (radar_steps > 0).all() or not (lidar_steps > 0).all():
         raise ValueError("stamps fall or repeat, expected rising ones")
     step = 0.5 * float(min(np.median(radar_steps), np.median(lidar_steps)))
-    span = max(np.ptp(lidar_stamps), max_offset_s)
+    span = max(np.ptp(lidar_stamps), MAX_OFFSET_S)
     if span > MOST_STEPS * step:
         raise ValueError(
             f"stamps every {2 * step:g} s span {span:g} s, expected at most "
@@ -57,7 +56,7 @@ def estimate_time_offset(
     least = LEAST_OVERLAP * min(np.ptp(radar_stamps), np.ptp(lidar_stamps)) / step
     clock = np.arange(lidar_stamps[0], lidar_stamps[-1], step)
     lidar = np.interp(clock, lidar_stamps, lidar_motion)
-    reach = int(np.ceil(max_offset_s / step))
+    reach = int(np.ceil(MAX_OFFSET_S / step))
     offsets = np.arange(-reach, reach + 1) * step
     correlation = np.zeros(len(offsets))
     for at, offset in enumerate(offsets):
@@ -71,13 +70,13 @@ def estimate_time_offset(
         left, top, right = correlation[peak - 1 : peak + 2]
         bend = left - 2 * top + right
         shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    confidence = max(correlation[peak] - _next_peak(correlation, peak), 0.0)
+    tops = scipy.signal.find_peaks(np.pad(correlation, 1, constant_values=-1))[0] - 1
+    next_peak = correlation[tops[tops != peak]].max(initial=0.0)
+    confidence = max(correlation[peak] - next_peak, 0.0)
     return float(offsets[peak] + shift * step), float(confidence)
 
 
-def propose_offset(
-    recording: Recording, *, max_offset_s: float = 5.0
-) -> tuple[float, float]:
+def propose_offset(recording: Recording) -> tuple[float, float]:
     """Return `estimate_time_offset` of a recording, from a few hundred frames.
 
     Raises ValueError if the recording has no LiDAR or no stamps, or is too short.
@@ -87,12 +86,12 @@ def propose_offset(
         raise ValueError(f"{recording.name}: LiDAR and radar both need stamps")
     frames = _chosen(cubes.stamps, -np.inf, np.inf)[:MAX_FRAMES]
     first, last = cubes.stamps[frames[[0, -1]]] if len(frames) else (0.0, 0.0)
-    near = _chosen(clouds.stamps, first - max_offset_s, last + max_offset_s)
+    near = _chosen(clouds.stamps, first - MAX_OFFSET_S, last + MAX_OFFSET_S)
     near = near[:MAX_CLOUDS]
     if min(len(frames), len(near)) < 9:
         raise ValueError(
             f"{recording.name}: {len(frames)} radar frames and {len(near)} clouds "
-            f"within {max_offset_s} s of them, expected 9 or more of each"
+            f"within {MAX_OFFSET_S:g} s of them, expected 9 or more of each"
         )
     radar = recording.radar.spec
     if radar.num_chirps >= 8:
@@ -107,7 +106,6 @@ def propose_offset(
         motion,
         0.5 * (stamps[1:] + stamps[:-1]),
         change / np.maximum(np.diff(stamps), 1e-6),
-        max_offset_s=max_offset_s,
     )
 
 
@@ -171,9 +169,3 @@ def _correlation(a, b):
     a, b = a - a.mean(), b - b.mean()
     scale = np.sqrt((a @ a) * (b @ b))
     return a @ b / scale if scale > 1e-12 else 0.0
-
-
-def _next_peak(correlation, peak):
-    """Return the highest correlation at another peak, at least 0."""
-    tops = scipy.signal.find_peaks(np.pad(correlation, 1, constant_values=-1))[0] - 1
-    return correlation[tops[tops != peak]].max(initial=0.0)

@@ -71,7 +71,13 @@ class Detection(Iterator[Detected]):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the options, and about the frames so far."""
-        return (*self._shrunk(), *self._left_out(), *no_echoes(self._empty))
+        found = [*self._shrunk()]
+        if self._dropped:
+            found.append(
+                f"{self._dropped:,} detections were dropped, the weakest of frames "
+                f"with more than {self.points.capacity:,}: --capacity N keeps more"
+            )
+        return (*found, *no_echoes(self._empty))
 
     def _run(self) -> Iterator[Detected]:
         with ThreadPoolExecutor(1) as reader:
@@ -107,14 +113,6 @@ class Detection(Iterator[Detected]):
                 f"the CFAR window was shrunk to guard {fitted[0]}, train {fitted[1]}: "
                 "a larger one does not fit into the map of "
                 f"{radar.num_chirps} x {radar.num_range_bins} cells"
-            )
-
-    def _left_out(self) -> Iterator[str]:
-        """Yield a warning if there were more detections than points."""
-        if self._dropped:
-            yield (
-                f"{self._dropped:,} detections were dropped, the weakest of frames "
-                f"with more than {self.points.capacity:,}: --capacity N keeps more"
             )
 
 

@@ -185,10 +185,9 @@ def enhance_recording(
     With `fuse`, the last frames become one, held together by the recorded poses or the
     radar's own velocity. `draws`, `steps` and `least_confidence` are those of `draw`,
     `remove_interference` that of `PointSpec`, by default the model's. Every frame draws
-    with the same key, that of `seed`. `anyway` enhances a radar that
-    does not measure both angles, which is refused otherwise. Raises UsageError for
-    frames that the recording does not have, and for options that the model does not
-    take.
+    with the key of `seed`. `anyway` enhances a radar that does not measure both angles.
+    Raises UsageError for frames that the recording lacks, for a radar that does not
+    measure both angles, and for options that the model does not take.
     """
     chosen = chosen_frames(recording, frames)
     if (without := warnings.blind(recording.radar.spec)) and not anyway:

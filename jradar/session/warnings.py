@@ -54,13 +54,14 @@ def of_frames(frames: "Sequence[Frame]", radar: Radar) -> Iterator[str]:
     """Yield what is wrong with some of the frames, one sentence for each fault."""
     empty = [f.number for f in frames if f.empty]
     strange = [f.number for f in frames if (f.unlikeness or 0.0) > STRANGE]
-    unsure = [f.number for f in frames if _is_unsure(f)]
+    trusts = ((f.number, f.confidence) for f in frames)
+    unsure = [n for n, trust in trusts if trust is not None and trust < UNSURE]
     yield from no_echoes(empty)
     if strange:
         yield (
-            f"{_which(strange)} of {len(frames)} {_verb(strange, 'is', 'are')} unlike "
-            f"{100 * STRANGE:.0f} % of the training frames. Is the radar calibrated, "
-            "does it move, does another radar disturb it?"
+            f"{_which(strange)} of {len(frames)} {'are' if strange[1:] else 'is'} "
+            f"unlike {100 * STRANGE:.0f} % of the training frames. Is the radar "
+            "calibrated, does it move, does another radar disturb it?"
         )
     if unsure:
         yield (
@@ -79,17 +80,9 @@ def no_echoes(empty: Sequence[int]) -> Iterator[str]:
         yield f"no echoes in {which}: the detector found nothing, the clouds are empty"
 
 
-def _is_unsure(frame: "Frame") -> bool:
-    return frame.confidence is not None and frame.confidence < UNSURE
-
-
 def _which(frames: list[int]) -> str:
     """Name a frame, or count several."""
     return f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
-
-
-def _verb(frames: list[int], one: str, several: str) -> str:
-    return one if len(frames) == 1 else several
 
 
 def _span(values: list[float]) -> str:

@@ -1,15 +1,12 @@
 """Named data sets of simulated sequences, whose splits share no layout.
 
-    jradar-sim-1              one radar unit, to train on
-    jradar-sim-1-test         the same unit, to test on
-    jradar-sim-1-mini         one layout of each family for each split, to try it
-    jradar-sim-2              a unit of its own for every sequence, to train on
-    jradar-sim-2-mini         the same, one layout of each family for each split
+    jradar-sim-1              one radar unit, to train on; jradar-sim-1-test to test on
+    jradar-sim-2              a unit of its own for every sequence
     jradar-sim-3              the same with twice as many layouts
     jradar-sim-4              more layouts, and units of the second population
-    jradar-sim-4-mini         the same, one layout of each family for each split
     jradar-sim-4-test         such units with ColoRadar's chirps, to test on
-    jradar-sim-2-robust/NAME  test layouts under one named shift, to test on
+    jradar-sim-1/2/4-mini     one layout of each family for each split, to try it
+    jradar-sim-2-robust/NAME  test layouts under one named shift
     jradar-sim-4-robust/NAME  the same, of the shifts that were added later
 
 A set has a frame of each of many layouts, because layouts differ more than the frames
@@ -56,17 +53,15 @@ TEST: Splits = {
 }
 MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
 ROBUST: Splits = {"test": tuple(range(200, 204))}
-VARIED: Splits = {
-    "train": (*range(96), *range(1000, 1096)),
-    "validation": (100, 101, 102, 103, 104, 105),
-    "test": (200, 201, 202, 203),
-}
-MORE: Splits = VARIED | {"train": (*range(96), *range(1000, 1288))}
-WIDE: Splits = {
-    "train": (*range(96), *range(1000, 1288)),
-    "validation": tuple(range(100, 108)),
-    "test": (200, 201, 202, 203),
-}
+
+
+def _splits(train: int, validation: int) -> Splits:
+    """Return so many seeds of each split; those of training begin at 0 and at 1000."""
+    return {
+        "train": (*range(96), *range(1000, 904 + train)),
+        "validation": tuple(range(100, 100 + validation)),
+        **ROBUST,
+    }
 
 
 class SetSpec(NamedTuple):
@@ -110,19 +105,13 @@ def robust_set(shift: str) -> str:
 
 ROBUSTNESS = {robust_set(shift): _robust(shift) for shift in (*SHIFTS, *LATER_SHIFTS)}
 SETS = {
-    "jradar-sim-1": SetSpec(
-        {
-            "train": (*range(96), *range(1000, 1288)),
-            "validation": (100, 101, 102, 103),
-            "test": (200, 201, 202, 203),
-        }
-    ),
+    "jradar-sim-1": SetSpec(_splits(384, 4)),
     "jradar-sim-1-test": SetSpec(TEST),
     "jradar-sim-1-mini": SetSpec(MINI),
-    "jradar-sim-2": SetSpec(VARIED, SEEN, _own_unit),
+    "jradar-sim-2": SetSpec(_splits(192, 6), SEEN, _own_unit),
     "jradar-sim-2-mini": SetSpec(MINI, SEEN, _own_unit),
-    "jradar-sim-3": SetSpec(MORE, SEEN, _own_unit),
-    "jradar-sim-4": SetSpec(WIDE, EIGHT, _wide_unit),
+    "jradar-sim-3": SetSpec(_splits(384, 6), SEEN, _own_unit),
+    "jradar-sim-4": SetSpec(_splits(384, 8), EIGHT, _wide_unit),
     "jradar-sim-4-mini": SetSpec(MINI, EIGHT, _wide_unit),
     "jradar-sim-4-test": SetSpec(TEST, SIX, _coloradar_unit),
 }

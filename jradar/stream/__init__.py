@@ -4,7 +4,7 @@
     Emulator --^
 
     NetworkSpec, Card           `protocol`, `card`: addresses; commands to the card
-    Receiver, Assembler, Frame  `receiver`, `assembler`: packets to frames, all counted
+    Receiver, Frame             `receiver`, `assembler`: packets to frames, all counted
     Emulator, FaultSpec         `emulator`: a card that plays a recording
     send_cfg                    `board`: the .cfg over the board's serial port
     Processor, View             `processing`, `views`: a frame to clouds and a picture
@@ -15,16 +15,11 @@
 README.md has the wiring, the network's settings and what to check.
 """
 
-from jradar.stream.assembler import (
-    Assembler as Assembler,
-    Counts as Counts,
-    Frame as Frame,
-)
+from jradar.stream.assembler import Frame as Frame
 from jradar.stream.card import Card as Card
 from jradar.stream.emulator import (
     Emulator as Emulator,
     FaultSpec as FaultSpec,
-    RecordedFrames as RecordedFrames,
     replaying as replaying,
 )
 from jradar.stream.live import (

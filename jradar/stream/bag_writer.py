@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.stream.outputs import exists, load, writing
+from jradar.errors import optional
+from jradar.stream.outputs import exists, writing
 from jradar.stream.views import RADAR_FRAME, View, point_table
 
 FLOAT32 = 7  # of sensor_msgs/PointField
@@ -35,8 +36,7 @@ class BagWriter:
 
     def __init__(self, path: Path):
         """Create the folder; UsageError if it exists, ImportError without rosbags."""
-        rosbag2 = load("rosbags.rosbag2", "ros", "a ROS 2 bag")
-        typesys = load("rosbags.typesys", "ros", "a ROS 2 bag")
+        rosbag2, typesys = _rosbags("rosbag2"), _rosbags("typesys")
         self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         self.path = path
         storage = rosbag2.StoragePlugin.MCAP
@@ -190,9 +190,14 @@ class BagWriter:
         )
 
 
+def _rosbags(module: str) -> Any:
+    need = "a ROS 2 bag needs rosbags"
+    return optional(f"rosbags.{module}", need=need, extra="ros")
+
+
 def _reliable() -> Any:
     """The quality of service that ROS 2 has by default: reliable, keep last 10."""
-    kinds = load("rosbags.interfaces", "ros", "a ROS 2 bag")
+    kinds = _rosbags("interfaces")
     return kinds.Qos(
         history=kinds.QosHistory.KEEP_LAST,
         depth=10,

@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from jradar.errors import optional
 from jradar.files import read_text
-from jradar.stream.outputs import load
 
 BAUD = 115_200
 PROMPT = re.compile(rb"[\w-]+:/>\s*$")
@@ -30,7 +30,8 @@ class Board:
 
     def __init__(self, port: str, *, timeout_s: float = TIMEOUT_S):
         """Open the port; OSError, with the fix, if it cannot be opened."""
-        serial = load("serial", "live", "the board's serial port")
+        need = "the board's serial port needs pyserial"
+        serial = optional("serial", need=need, extra="live")
         self.port, self.timeout_s = port, timeout_s
         try:
             self._serial: Any = serial.Serial(port, BAUD, timeout=WAKE_S)

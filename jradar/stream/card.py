@@ -14,8 +14,6 @@ from jradar.stream.protocol import (
 from jradar.stream.sockets import not_sent, udp_socket
 
 TRIES = 5  # of CONNECT: after CONFIGURE the card does not hear for a while
-VERSION_BITS = 7
-PLAYBACK = 0x4000
 
 
 class Card:
@@ -37,18 +35,16 @@ class Card:
         """Free the command port."""
         self._socket.close()
 
-    def set_up(self, *, lanes: int = 2, delay_us: float = 25.0) -> tuple[int, int]:
-        """Connect and configure the card; return the version of its program.
+    def set_up(self, *, lanes: int = 2, delay_us: float = 25.0) -> None:
+        """Connect and configure the card.
 
         `lanes` are those of the board: 4 for the series 12 and 14, else 2. `delay_us`
         is the pause between packets.
         """
         self.connect()
-        version = self.version()
         self.command(Command.PACKETS, packet_delay(delay_us))
         self.command(Command.CONFIGURE, configuration(lanes=lanes))
         self.connect()
-        return version
 
     def connect(self) -> None:
         """Ask whether the card is there, several times."""
@@ -60,10 +56,6 @@ class Card:
                 if not left:
                     raise
 
-    def reset(self) -> None:
-        """Reset the card's FPGA."""
-        self.command(Command.RESET)
-
     def start(self) -> None:
         """Start recording; start the board afterwards: byte 0 then begins a frame."""
         self.command(Command.START)
@@ -71,12 +63,6 @@ class Card:
     def stop(self) -> None:
         """Stop recording."""
         self.command(Command.STOP)
-
-    def version(self) -> tuple[int, int]:
-        """Return major and minor version of the FPGA's program."""
-        status = self._ask(Command.VERSION)
-        mask = (1 << VERSION_BITS) - 1
-        return status & mask, status >> VERSION_BITS & mask
 
     def command(self, code: Command, data: bytes = b"") -> None:
         """Send a command; OSError if the card does not answer or refuses it."""

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from jradar.errors import UsageError
-from jradar.recordings import Recording
+from jradar.recordings import Recording, Stream
 from jradar.recordings.ti.iq_order import words_of_cube
 from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import (
@@ -66,25 +66,16 @@ class Sent:
     repeated: int = 0
 
 
-class RecordedFrames(Sequence):
-    """The frames of a recording as the card sends them: bytes, I and Q in its order."""
+def recorded_frames(recording: Recording) -> Stream:
+    """Return the frames of a recording as the card sends them: bytes, in its order."""
+    spec = recording.radar.spec
+    order = recording.iq_order or ("I" if spec.real_samples else "IIQQ")
 
-    def __init__(self, recording: Recording):
-        """Frames are read from the recording when they are accessed."""
-        self.recording = recording
-        real = recording.radar.spec.real_samples
-        self.iq_order = recording.iq_order or ("I" if real else "IIQQ")
-
-    def __len__(self) -> int:
-        return len(self.recording.cubes)
-
-    def __getitem__(self, index: Any) -> Any:
-        """Return the bytes of a frame."""
-        recording = self.recording
-        words = words_of_cube(
-            recording.cubes[index], recording.radar.spec, self.iq_order
-        )
+    def read(index: int) -> bytes:
+        words = words_of_cube(recording.cubes[index], spec, order)
         return words.astype("<i2").tobytes()
+
+    return Stream(read, len(recording.cubes))
 
 
 class Emulator:
@@ -248,7 +239,7 @@ def replaying(
     if not period_s and stamps is not None and len(stamps) > 1:
         period_s = float(np.median(np.diff(stamps)))
     return Emulator(
-        RecordedFrames(recording),
+        recorded_frames(recording),
         network,
         period_s=(period_s or FALLBACK_PERIOD_S) / speed,
         faults=faults,

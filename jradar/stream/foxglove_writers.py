@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.stream.outputs import exists, load, writing
+from jradar.errors import optional
+from jradar.stream.outputs import exists, writing
 from jradar.stream.views import CLOUDS, RADAR_FRAME, View, point_table
 
 FLUSHED_S = 1.0  # by which a crash may shorten a file
@@ -26,8 +27,9 @@ class Messages:
 
     def __init__(self, what: str):
         """Raise ImportError, which begins with `what`, if foxglove-sdk is missing."""
-        self.foxglove = load("foxglove", "live", what)
-        self.messages = load("foxglove.messages", "live", what)
+        need = f"{what} needs foxglove-sdk"
+        self.foxglove = optional("foxglove", need=need, extra="live")
+        self.messages = optional("foxglove.messages", need=need, extra="live")
 
     def kinds(self) -> dict[str, Any]:
         """Return the classes of the messages of all topics that jradar publishes."""

@@ -12,11 +12,10 @@ written there before.
 
 import contextlib
 import functools
-import importlib
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Protocol
 
 from jradar.errors import UsageError
 from jradar.recordings import valid_points, write_npz, write_ply
@@ -24,13 +23,11 @@ from jradar.results import Results
 from jradar.stream.views import CLOUDS, View
 
 
-@runtime_checkable
 class Writer(Protocol):
     """Takes views until it is closed."""
 
     def write(self, view: View) -> None:
         """Write or send one frame."""
-        ...
 
     def save(self) -> None:
         """Make safe from a crash what was written; call it while nothing is written."""
@@ -38,7 +35,6 @@ class Writer(Protocol):
 
     def close(self) -> None:
         """End the file."""
-        ...
 
 
 class FolderWriter:
@@ -69,48 +65,8 @@ class FolderWriter:
         """Nothing is left to do."""
 
 
-class Output(NamedTuple):
-    """One kind of output."""
-
-    name: str  # in messages
-    matches: Callable[[Path], bool]
-    open: Callable[..., Writer]
-
-
-def _lazy(module: str, name: str) -> Callable[..., Writer]:
-    """Return a function that opens a writer of a module with optional packages."""
-
-    def open_writer(path: Path, *, force: bool) -> Writer:
-        if force:
-            _remove(path)
-        return getattr(importlib.import_module(f"jradar.stream.{module}"), name)(path)
-
-    return open_writer
-
-
-OUTPUTS = (
-    Output(
-        "a file .mcap",
-        lambda path: path.suffix == ".mcap",
-        _lazy("foxglove_writers", "McapWriter"),
-    ),
-    Output(
-        "a ROS 2 bag, a folder .ros2",
-        lambda path: path.suffix == ".ros2",
-        _lazy("bag_writer", "BagWriter"),
-    ),
-    Output(
-        "a folder",
-        lambda path: path.suffix not in (".bag", ".db3", ".ply", ".npz", ".pcd"),
-        FolderWriter,
-    ),
-)
-STREAMED = OUTPUTS[:2]  # one file or bag for all frames
-
-
-def is_streamed(path: Path | str) -> bool:
-    """True for the name of an output that holds all frames in one file or bag."""
-    return any(output.matches(Path(path)) for output in STREAMED)
+STREAMED = (".mcap", ".ros2")  # outputs that hold all frames in one file or bag
+CLOUDS_OF_OTHERS = (".bag", ".db3", ".ply", ".npz", ".pcd")
 
 
 def open_writer(path: Path | str, *, force: bool = False) -> Writer:
@@ -120,16 +76,24 @@ def open_writer(path: Path | str, *, force: bool = False) -> Writer:
     ImportError that names the extra if a package is missing.
     """
     path = Path(path)
-    output = next((kind for kind in OUTPUTS if kind.matches(path)), None)
-    if output is None:
-        names = ", ".join(kind.name for kind in OUTPUTS)
-        raise UsageError(f"{path} cannot be written: expected {names}")
-    if is_streamed(path) and path.exists() and not force:
+    if path.suffix in CLOUDS_OF_OTHERS:
+        raise UsageError(
+            f"{path} cannot be written: expected a file .mcap, a ROS 2 bag, a folder "
+            ".ros2, or a folder"
+        )
+    if path.suffix not in STREAMED:
+        if path.is_file():
+            raise UsageError(f"{path} is a file, expected the name of a folder")
+        return FolderWriter(path, force=force)
+    if path.suffix == ".mcap":
+        from jradar.stream.foxglove_writers import McapWriter as StreamWriter
+    else:
+        from jradar.stream.bag_writer import BagWriter as StreamWriter
+    if path.exists() and not force:
         raise exists(path)
-    if not is_streamed(path) and path.is_file():
-        raise UsageError(f"{path} is a file, expected the name of a folder")
     path.parent.mkdir(parents=True, exist_ok=True)
-    return output.open(path, force=force)
+    _remove(path)
+    return StreamWriter(path)
 
 
 def exists(path: Path) -> UsageError:
@@ -159,14 +123,4 @@ def writing(path: Path) -> Iterator[None]:
         reason = " ".join(str(error).split())
         raise OSError(
             f"{path} cannot be written ({reason}): is the disk full?"
-        ) from error
-
-
-def load(package: str, extra: str, what: str) -> Any:
-    """Import an optional package; ImportError that names its extra."""
-    try:
-        return importlib.import_module(package)
-    except ImportError as error:
-        raise ImportError(
-            f"{what} needs {package}: pip install 'jradar[{extra}]'"
         ) from error

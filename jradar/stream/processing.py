@@ -10,10 +10,7 @@ from jaxtyping import Float, Inexact, Num, UInt8
 from jradar.errors import UsageError
 from jradar.model import Model
 from jradar.radar import PointSpec
-from jradar.recordings import (
-    Recording,
-    Stream,
-)
+from jradar.recordings import Recording, Stream
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
 from jradar.session import Stages
@@ -42,14 +39,10 @@ def radar_on_the_cable(
         name=path.stem,
         path=path,
         radar=capture.radar(radar),
-        cubes=Stream(_no_frame, 0),
+        cubes=Stream([].__getitem__, 0),
         iq_order=capture.iq_order,
         notes=notes,
     )
-
-
-def _no_frame(index: int) -> Any:
-    raise IndexError(f"frame {index} of a radar that has sent nothing yet")
 
 
 def frame_bytes(recording: Recording) -> int:

@@ -19,7 +19,6 @@ from jradar.recordings.ti.packets import PAYLOAD
 DATA = struct.Struct("<IIH")  # sequence, lower and upper part of the byte count
 REPLY = struct.Struct("<HHHH")
 START, END = 0xA55A, 0xEEAA
-MOST_DATA = 504  # bytes of a command
 MOST_PACKET = DATA.size + PAYLOAD
 SEQUENCES, BYTES = 1 << 32, 1 << 48  # after which the counters begin again
 CLOCK_NS = 8  # unit of the packet delay
@@ -58,10 +57,6 @@ class NetworkSpec:
 
 def pack_command(code: int, data: bytes = b"") -> bytes:
     """Return a command with its data."""
-    if len(data) > MOST_DATA:
-        raise ValueError(
-            f"{len(data)} bytes of data in a command, expected at most {MOST_DATA}"
-        )
     head = struct.pack("<HHH", START, code, len(data))
     return head + data + struct.pack("<H", END)
 
@@ -95,8 +90,6 @@ def configuration(*, lanes: int = 2) -> bytes:
 
     Boards of the series 12 and 14 have four LVDS lanes, all others two.
     """
-    if lanes not in LANES:
-        raise UsageError(f"lanes = {lanes}, expected one of {sorted(LANES)}")
     return bytes([RAW_LOG, LANES[lanes], CAPTURE, ETHERNET, BITS_16, TIMER])
 
 

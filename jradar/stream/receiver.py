@@ -10,7 +10,7 @@ import threading
 import time
 from collections import deque
 
-from jradar.stream.assembler import WINDOW, Assembler, Counts, Frame
+from jradar.stream.assembler import Assembler, Counts, Frame
 from jradar.stream.protocol import MOST_PACKET, NetworkSpec
 from jradar.stream.sockets import udp_socket
 
@@ -30,15 +30,14 @@ class Receiver:
         network: NetworkSpec,
         *,
         waiting: int = 1,
-        window: int = WINDOW,
     ):
         """Bind the data port; OSError if it is taken.
 
-        At most `waiting` frames wait to be taken. `window` is that of `Assembler`.
+        At most `waiting` frames wait to be taken.
         """
         self.network, self.dropped = network, 0
         self.foreign_sender = ""  # of the last packet that is not the card's
-        self._assembler = Assembler(frame_bytes, self._deliver, window=window)
+        self._assembler = Assembler(frame_bytes, self._deliver)
         self._frames: deque[Frame] = deque()
         self._waiting = waiting
         self._arrived = threading.Condition()

@@ -25,8 +25,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from jradar.errors import optional
 from jradar.stream.foxglove_writers import ENCODING, Messages
-from jradar.stream.outputs import load
 from jradar.stream.views import View
 
 DEFAULT_PORT = 8765
@@ -97,8 +97,9 @@ class Server:
         called with a line about the first page of each other origin, which is refused.
         """
         self._messages = Messages("--serve")
-        websockets = load("websockets", "live", "--serve")
-        serving = load("websockets.sync.server", "live", "--serve")
+        need = "--serve needs websockets"
+        websockets = optional("websockets", need=need, extra="live")
+        serving = optional("websockets.sync.server", need=need, extra="live")
         self._closed = websockets.ConnectionClosed
         self._allowed = {FOXGLOVE, *(origin.rstrip("/") for origin in allow_origins)}
         self._say, self._refused = say, set[str]()

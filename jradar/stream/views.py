@@ -13,8 +13,8 @@ from jradar.radar import RadarSpec, angle_spectrum, compensate_tdm, range_dopple
 from jradar.recordings import (
     Recording,
     nearest_scan,
+    point_table as point_table,
     radar_from_lidar,
-    valid_points,
 )
 from jradar.session import Frame
 from jradar.types import PointCloud
@@ -49,20 +49,6 @@ class View(NamedTuple):
     def stamp_ns(self) -> int:
         """The time as ROS and MCAP count it."""
         return round(self.stamp_s * 1e9)
-
-
-def point_table(cloud: PointCloud) -> np.ndarray:
-    """Return the valid points as a structured array of float32: x, y, z, and the rest.
-
-    A cloud's other fields keep their names; those that it lacks are left out.
-    """
-    columns = valid_points(cloud)
-    xyz = columns.pop("xyz")
-    columns = {**dict(zip("xyz", xyz.T, strict=True)), **columns}
-    table = np.empty(len(xyz), [(name, "<f4") for name in columns])
-    for name, column in columns.items():
-        table[name] = column
-    return table
 
 
 @functools.partial(jax.jit, static_argnames="radar")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jradar.recordings import nearest_scan, open_recording
-from jradar.stream.emulator import Emulator, RecordedFrames
+from jradar.stream.emulator import Emulator, recorded_frames
 from jradar.stream.sockets import loopback_network
 from tests.cli.conftest import QUICK
 from tests.programs import started
@@ -120,7 +120,7 @@ def test_a_wrong_call_is_answered_in_one_line(
 
 def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
     """An emulated card in a thread, a board behind a pseudo-terminal."""
-    network, frames = loopback_network(), RecordedFrames(open_recording(capture))
+    network, frames = loopback_network(), recorded_frames(open_recording(capture))
     cfg = capture.with_name("profile.cfg")
     with (
         demo() as (board, port),

@@ -9,7 +9,7 @@ import pytest
 
 from jradar.motion import ego_velocity
 from jradar.radar.angle.deviations import Deviations
-from jradar.recordings import open_bag
+from jradar.recordings.bags.bags import open_bag
 from jradar.types import PointCloud
 from tests.directions import unit
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec
-from jradar.recordings import radar_from_studio_log, radar_from_toml
+from jradar.recordings import read_description
 from tests.radar.targets import CASCADE, plane_wave
 from tests.recordings.cube_writer import LOG
 
@@ -99,7 +99,7 @@ def test_impossible_radar_is_refused(changes, message):
 def test_toml_names_a_device_and_changes_it(tmp_path):
     path = tmp_path / "radar.toml"
     path.write_text(TOML)
-    assert radar_from_toml(path) == RadarSpec.awr1642(num_chirps=64)
+    assert read_description(path).radar == RadarSpec.awr1642(num_chirps=64)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_toml_that_describes_no_radar_is_refused(tmp_path, content, message):
     path = tmp_path / "radar.toml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(ValueError, match=f"radar.toml.*{message}"):
-        radar_from_toml(path)
+        read_description(path)
 
 
 @pytest.mark.parametrize(
@@ -134,11 +134,11 @@ def test_unusable_studio_log_is_refused(tmp_path, old, new, message):
     path = tmp_path / "log.txt"
     path.write_text(LOG.replace(old, new, 1))
     with pytest.raises(ValueError, match=message):
-        radar_from_studio_log(path)
+        read_description(path)
 
 
 def test_real_studio_log(samples):
-    radar = radar_from_studio_log(samples / "dca1000" / "LogFile_0.txt")
+    radar = read_description(samples / "dca1000" / "LogFile_0.txt").radar
     assert radar.cube_shape == (1, 4, 1, 256)
     assert radar.range_resolution_m == pytest.approx(0.1953, abs=1e-4)
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from jradar.recordings import open_capture
-from jradar.simulation import simulate_capture
+from jradar.recordings.capture import open_capture
+from jradar.simulation.capture_writer import simulate_capture
 from tests.recordings.coloradar_writer import (
     write_calib,
     write_lidar,

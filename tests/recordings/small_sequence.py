@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.radar import Scatterers, simulate_cube
-from jradar.recordings import radar_from_coloradar
+from jradar.recordings.coloradar.calib import radar_from_coloradar
 from jradar.simulation.coloradar_writer import write_rows, write_stamps as write_stamps
 from tests.recordings.coloradar_writer import write, write_calib
 

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 
 from jradar.lidar import Poses, transform
-from jradar.recordings import (
-    accumulate,
-    describe as describe_recording,
-    open_capture,
-    open_recording,
-    read_tum,
-)
+from jradar.recordings import describe as describe_recording, open_recording, read_tum
+from jradar.recordings.capture import accumulate, open_capture
 from jradar.recordings.recording import Stream
 
 pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")

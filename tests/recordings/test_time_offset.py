@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from jradar.radar import Radar, RadarSpec
-from jradar.recordings import estimate_time_offset, propose_offset
+from jradar.recordings import propose_offset
 from jradar.recordings.recording import Recording, Stream
-from jradar.recordings.time_offset import radar_speed
+from jradar.recordings.time_offset import estimate_time_offset, radar_speed
 
 RADAR = RadarSpec.awr1843(
     num_chirps=32,

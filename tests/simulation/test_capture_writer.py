@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec
-from jradar.recordings import radar_from_cfg
+from jradar.recordings import read_description
 from jradar.recordings.capture import open_capture
 from jradar.recordings.ti.dca1000 import open_dca1000
-from jradar.simulation import simulate_capture
-from jradar.simulation.capture_writer import dca1000_bytes, write_cfg
+from jradar.simulation.capture_writer import dca1000_bytes, simulate_capture, write_cfg
 from jradar.simulation.rig import EXTRINSICS
 
 RADAR = RadarSpec.awr1843()
@@ -16,7 +15,7 @@ RADAR = RadarSpec.awr1843()
 
 def test_samples_come_back_through_the_cfg_and_the_order_of_the_card(tmp_path):
     write_cfg(tmp_path / "awr1843.cfg", RADAR)
-    radar = radar_from_cfg(tmp_path / "awr1843.cfg")
+    radar = read_description(tmp_path / "awr1843.cfg").radar
     assert radar.cube_shape == RADAR.cube_shape
     assert radar.tx_positions == RADAR.tx_positions
     assert radar.max_velocity_mps == pytest.approx(RADAR.max_velocity_mps)

@@ -10,15 +10,18 @@ import pytest
 from jradar.errors import UsageError
 from jradar.lidar import rigid_transform, transform
 from jradar.radar import RadarSpec, range_doppler, subtract_leakage
-from jradar.recordings import (
-    radar_from_coloradar,
-    read_coupling,
-    read_frequency_phase,
-)
-from jradar.simulation import frame_bytes, simulate_sequence
+from jradar.recordings import read_coupling
+from jradar.recordings.coloradar.calib import radar_from_coloradar, read_frequency_phase
+from jradar.simulation import simulate_sequence
 from jradar.simulation.coloradar_writer import write_calib
 from jradar.simulation.hardware.hardware import channel_factors, make_hardware
-from jradar.simulation.sequence import CLOCKS, EPOCH_S, IMU_BIAS, imu_records
+from jradar.simulation.sequence import (
+    CLOCKS,
+    EPOCH_S,
+    IMU_BIAS,
+    frame_bytes,
+    imu_records,
+)
 from jradar.simulation.sets import folder_digest
 from tests.simulation.worlds import straight
 

@@ -21,8 +21,8 @@ BYTES = [frame.tobytes() for frame in FRAMES]
 def test_a_card_is_set_up_started_and_stopped():
     with loop(BYTES[:20]) as (emulator, receiver):
         with Card(receiver.network, timeout_s=30.0) as card:
-            card.reset()
-            assert card.set_up() == (2, 8)
+            card.command(Command.RESET)
+            card.set_up()
             assert not emulator.sent.packets
             card.start()
             settled(emulator, receiver)

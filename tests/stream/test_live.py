@@ -18,7 +18,7 @@ from jradar.radar import (
     simulate_cube,
 )
 from jradar.recordings import Recording, Stream
-from jradar.stream.emulator import RecordedFrames
+from jradar.stream.emulator import recorded_frames
 from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
 from jradar.stream.processing import Processor, frame_bytes, radar_on_the_cable
 from jradar.stream.receiver import Receiver
@@ -44,7 +44,7 @@ CUBES = [*echoes(6)]
 RECORDING = Recording(
     "test", "test.bin", Radar(RADAR), Stream(CUBES.__getitem__, len(CUBES))
 )
-FRAMES = RecordedFrames(RECORDING)
+FRAMES = recorded_frames(RECORDING)
 
 
 class Kept:

@@ -31,7 +31,7 @@ def write(path, views=VIEWS):
 
 def test_a_bag_is_accepted_by_the_converter_and_by_our_own_reader(tmp_path):
     pytest.importorskip("rosbags")
-    from jradar.recordings import bag_topics, open_bag
+    from jradar.recordings.bags.bags import bag_topics, open_bag
 
     path, converted = write(tmp_path / "out.ros2"), tmp_path / "out.bag"
     command = [sys.executable, "-m", "rosbags.convert", "--src", path, "--dst"]

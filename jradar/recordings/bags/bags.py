@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, optional
 from jradar.files import open_file
 from jradar.recordings.bags.messages import NS, decode_cloud, is_cloud_type, stamp_ns
 from jradar.recordings.bags.unpacking import limit_rosbags
@@ -231,12 +231,10 @@ def _opened(path: Path) -> Iterator[Any]:
 
 @functools.lru_cache(maxsize=64)
 def _reader(path, _process, _version):
-    try:
-        from rosbags import rosbag1, rosbag2
-    except ImportError as error:
-        raise ImportError("bags need rosbags: pip install 'jradar[ros]'") from error
+    kind = "rosbag1" if path.suffix == ".bag" else "rosbag2"
+    rosbag = optional(f"rosbags.{kind}", need="bags need rosbags", extra="ros")
     limit_rosbags()
-    reader = (rosbag1 if path.suffix == ".bag" else rosbag2).Reader(path)
+    reader = rosbag.Reader(path)
     reader.open()
     return reader
 

@@ -26,28 +26,44 @@ def read_pcd(content: bytes) -> dict[str, np.ndarray]:
         (width,), (height,) = fields["WIDTH"], fields["HEIGHT"]
         count = int(width) * int(height)
     (encoding,) = fields["DATA"]
-    read = {"ascii": _text, "binary": _plain, "binary_compressed": _packed}[encoding]
+    read = {
+        "ascii": text_points,
+        "binary": binary_points,
+        "binary_compressed": _packed,
+    }[encoding]
     columns = read(content, start, point, count)
     return {name: column for name, column in columns.items() if name[0] != "_"}
 
 
-def columns_of_words(words: list[bytes], point: np.dtype) -> dict[str, np.ndarray]:
-    """Return the columns of points written as words."""
+def text_points(
+    content: bytes, start: int, point: np.dtype, count: int, *, more: bool = False
+) -> dict[str, np.ndarray]:
+    """Return the columns of points written as words, after which `more` may follow."""
+    width = _width(point)
+    need(content, start, count, LEAST_TEXT * width - 1)
+    words = content[start:].split()
+    if more:
+        words = words[: count * width]
+    if len(words) != count * width:
+        raise ValueError(
+            f"it holds {len(words):,} numbers, {count:,} points of {width} need "
+            f"{count * width:,}: truncated?"
+        )
     if (longest := max(map(len, words), default=0)) > LONGEST_TEXT:
         raise ValueError(
             f"a number of {longest:,} characters, expected at most {LONGEST_TEXT}"
         )
-    table = np.array(words, "S").reshape(-1, max(_width(point), 1))
+    table = np.array(words, "S").reshape(-1, max(width, 1))
     columns, at = {}, 0
     for name in point.names or ():
         kind = point[name]
-        width = kind.shape[0] if kind.shape else 1
+        each = kind.shape[0] if kind.shape else 1
         try:
-            column = table[:, at : at + width].astype(kind.base)
+            column = table[:, at : at + each].astype(kind.base)
         except (ValueError, OverflowError) as error:
             raise ValueError(f"{name}: {error}") from error
         columns[name] = column if kind.shape else column[:, 0]
-        at += width
+        at += each
     return columns
 
 
@@ -95,22 +111,13 @@ def _fields(fields: dict[str, list[str]]) -> Iterator[tuple[str, str, tuple[int,
         yield f"_{at}" if name == "_" else name, form, shape
 
 
-def _plain(content, start, point, count):
+def binary_points(
+    content: bytes, start: int, point: np.dtype, count: int
+) -> dict[str, np.ndarray]:
+    """Return the columns of points written one after another."""
     need(content, start, count, point.itemsize)
     table = np.frombuffer(content, point, count, start)
-    return {name: table[name] for name in point.names}
-
-
-def _text(content, start, point, count):
-    width = _width(point)
-    need(content, start, count, LEAST_TEXT * width - 1)
-    words = content[start:].split()
-    if len(words) != count * width:
-        raise ValueError(
-            f"it holds {len(words):,} numbers, {count:,} points of {width} need "
-            f"{count * width:,}: truncated?"
-        )
-    return columns_of_words(words, point)
+    return {name: table[name] for name in point.names or ()}
 
 
 def _packed(content, start, point, count):

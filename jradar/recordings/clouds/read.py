@@ -14,7 +14,6 @@ MAX_BYTES = 4 << 30
 KITTI = ("x", "y", "z", "intensity")
 NUSCENES = (*KITTI, "ring")
 MOST_RINGS = 256  # lasers of a LiDAR
-LOOKED_AT = 1 << 14  # bytes that tell numbers of a cloud from other data
 
 
 def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
@@ -67,20 +66,3 @@ def _read_bin_columns(content: bytes) -> dict[str, np.ndarray]:
         if whole.all() and ring.any():
             return dict(zip(NUSCENES, table.T, strict=True))
     return dict(zip(KITTI, _table(content, len(KITTI)).T, strict=True))
-
-
-def holds_points(path: Path) -> bool:
-    """True for a .bin file whose numbers can be the float32 of points.
-
-    Other data, such as samples of 16 bits, give numbers that are not finite, or of
-    sizes that no coordinate has. At most `LOOKED_AT` bytes are read.
-    """
-    if path.suffix != ".bin" or not path.is_file():
-        return False
-    size = path.stat().st_size
-    if not size or (size % 16 and size % 20):
-        return False
-    numbers = np.fromfile(path, "<f4", LOOKED_AT // 4)
-    with np.errstate(invalid="ignore"):
-        apart = np.abs(numbers[numbers != 0])
-        return bool(apart.size and ((apart > 1e-6) & (apart < 1e5)).mean() > 0.99)

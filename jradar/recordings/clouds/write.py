@@ -23,15 +23,29 @@ def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
     return {k: np.asarray(v)[valid] for k, v in measured.items()}
 
 
+def point_table(cloud: PointCloud) -> np.ndarray:
+    """Return the valid points as a structured array of float32: x, y, z, and the rest.
+
+    A cloud's other fields keep their names; those that it lacks are left out.
+    """
+    columns = valid_points(cloud)
+    xyz = columns.pop("xyz")
+    columns = {**dict(zip("xyz", xyz.T, strict=True)), **columns}
+    table = np.empty(len(xyz), [(name, "<f4") for name in columns])
+    for name, column in columns.items():
+        table[name] = column
+    return table
+
+
 def write_ply(path: Path | str, cloud: PointCloud) -> None:
     """Write the valid points of one cloud as a PLY file."""
-    names, table = _table(cloud)
+    table = point_table(cloud)
     header = [
         "ply",
         "format binary_little_endian 1.0",
         "comment jradar: metres, x forward, y left, z up",
         f"element vertex {len(table)}",
-        *(f"property float {name}" for name in names),
+        *(f"property float {name}" for name in table.dtype.names or ()),
         "end_header",
     ]
     _write(path, header, table.tobytes())
@@ -39,7 +53,8 @@ def write_ply(path: Path | str, cloud: PointCloud) -> None:
 
 def write_pcd(path: Path | str, cloud: PointCloud) -> None:
     """Write the valid points of one cloud as a PCD file of version 0.7."""
-    names, table = _table(cloud)
+    table = point_table(cloud)
+    names = table.dtype.names or ()
     header = [
         "# .PCD v0.7 - jradar: metres, x forward, y left, z up",
         "VERSION 0.7",
@@ -58,9 +73,9 @@ def write_pcd(path: Path | str, cloud: PointCloud) -> None:
 
 def write_csv(path: Path | str, cloud: PointCloud) -> None:
     """Write the valid points of one cloud as lines of numbers with commas."""
-    names, table = _table(cloud)
+    table = point_table(cloud)
     rows = (",".join(f"{number:.9g}" for number in row) for row in table.tolist())
-    _write(path, [",".join(names), *rows], b"")
+    _write(path, [",".join(table.dtype.names or ()), *rows], b"")
 
 
 CLOUD_WRITERS: dict[str, Callable[[Path | str, PointCloud], None]] = {
@@ -74,14 +89,6 @@ def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
     """Write named arrays as an uncompressed NPZ file; compressing takes the longest."""
     with atomic_path(path) as scratch, scratch.open("wb") as file:
         np.savez(file, **arrays)
-
-
-def _table(cloud: PointCloud) -> tuple[list[str], np.ndarray]:
-    """Return the names of the columns and the valid points, float32 [point, column]."""
-    columns = valid_points(cloud)
-    xyz = columns.pop("xyz")
-    columns = dict(zip("xyz", xyz.T, strict=True)) | columns
-    return [*columns], np.stack([*columns.values()], -1).astype("<f4")
 
 
 def _write(path: Path | str, lines: list[str], data: bytes) -> None:

@@ -53,12 +53,9 @@ def open_coloradar(
 ) -> Recording:
     """Open a sequence with one radar, LiDAR, IMU, poses, transforms, calibration.
 
-    `description` is the `calib` folder; by default the one inside, next to or above the
-    sequence. It can also be a TOML file with the radar and its channels' factors, which
-    replaces the radar of that folder, such as a cascade that fires in another order
-    than TI's default. `sensor` is the radar; by default the single chip if it was
-    recorded.
-
+    `description` is the `calib` folder, by default the one inside, next to or above the
+    sequence; or a TOML file with the radar and its channels' factors, which replaces
+    the radar of that folder. `sensor` is by default the single chip if it was recorded.
     Raises UsageError if the radar's samples or its calibration are not found, and
     ValueError for damaged files.
     """

@@ -50,23 +50,16 @@ NEEDED = ("channelCfg", "adcCfg", "adcbufCfg", "profileCfg", "chirpCfg", "frameC
 NUM_RX = len(ROW_OF_RECEIVERS)
 
 
-def radar_from_cfg(path: Path | str, *, device: str = "awr1843") -> RadarSpec:
-    """Return the radar that `read_cfg` reads."""
-    return read_cfg(path, device=device)[0]
-
-
 def read_cfg(
     path: Path | str, *, device: str = "awr1843"
 ) -> tuple[RadarSpec, CaptureSpec]:
     """Return the radar that a `.cfg` configures on a board, and its sample stream.
 
-    The file lists a factor for each pair of antennas on the board, 4 for each bit of a
-    transmitter. `channel_factors` holds the pairs in use, in firing order. Of a file
-    without factors, they are the signs of the board's receivers: measured factors
-    include these, unless `antPhaseRot` lists the signs separately.
-
-    Raises UsageError for an unknown `device`, ValueError for samples that the board
-    does not deliver, and errors as `radar_of_frame`.
+    `channel_factors` are those of the pairs of antennas in use, in firing order.
+    Of a file without factors, they are the signs of the board's receivers: measured
+    ones include these, unless `antPhaseRot` lists the signs separately. Raises
+    UsageError for an unknown `device`, and ValueError for samples that the board does
+    not deliver and as `radar_of_frame`.
     """
     board = board_of(device)
     commands = _frame_commands(path, board)

@@ -14,11 +14,10 @@ The file does not name the board. A `.setup.json` or `cf.json` describes the cap
 card only.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from jradar.errors import UsageError
+from jradar.errors import UsageError, parsing
 from jradar.files import MAX_TEXT_BYTES, read_json
 from jradar.radar import RadarSpec
 from jradar.radar.devices import Board
@@ -54,85 +53,74 @@ def read_mmwave_json(
     ValueError for missing values, and errors as `radar_of_frame`.
     """
     board = board_of(device)
-    described = _device(path)
-    radio = _Table(path, described.take("rfConfig", dict))
-    frame = _Table(path, radio.take("rlFrameCfg_t", dict))
-    chirps: dict[int, Chirp] = {}
-    for entry in radio.tables("rlChirps", "rlChirpCfg_t"):
-        varied = [entry.number(key) for key in VARIATIONS]
-        tx = bits(path, entry.mask("txEnable"))
-        chirp = Chirp(entry.number("profileId"), varied, tx)
-        numbers = chirp_range(path, [entry.number(key) for key in ENDS])
-        chirps |= dict.fromkeys(numbers, chirp)
-    radar, tx, rx = radar_of_frame(
-        path,
-        device,
-        profiles={
-            entry.number("profileId"): [entry.number(key) for key in PROFILE]
-            for entry in radio.tables("rlProfiles", "rlProfileCfg_t")
-        },
-        chirps=chirps,
-        ends=[frame.number(key) for key in ENDS],
-        turns=frame.number("numLoops"),
-        period_s=frame.number("framePeriodicity_msec") * 1e-3,
-        rx_mask=radio.mask("rlChanCfg_t", "rxChannelEn"),
-        tx_mask=radio.mask("rlChanCfg_t", "txChannelEn"),
-    )
-    capture = CaptureSpec(
-        iq_order=_iq_order(path, described, board),
-        channel_factors=tuple(complex(board.rx_signs[r]) for _ in tx for r in rx),
-    )
-    return radar, capture
+    with parsing(path, "an .mmwave.json"):
+        described = _device(path)
+        radio = _take(described, "rfConfig")
+        frame = _take(radio, "rlFrameCfg_t")
+        chirps: dict[int, Chirp] = {}
+        for entry in _tables(radio, "rlChirps", "rlChirpCfg_t"):
+            varied = [_number(entry, key) for key in VARIATIONS]
+            tx = bits(path, _mask(entry, "txEnable"))
+            numbers = chirp_range(path, [_number(entry, key) for key in ENDS])
+            chirp = Chirp(_number(entry, "profileId"), varied, tx)
+            chirps |= dict.fromkeys(numbers, chirp)
+        radar, tx, rx = radar_of_frame(
+            path,
+            device,
+            profiles={
+                _number(entry, "profileId"): [_number(entry, key) for key in PROFILE]
+                for entry in _tables(radio, "rlProfiles", "rlProfileCfg_t")
+            },
+            chirps=chirps,
+            ends=[_number(frame, key) for key in ENDS],
+            turns=_number(frame, "numLoops"),
+            period_s=_number(frame, "framePeriodicity_msec") * 1e-3,
+            rx_mask=_mask(radio, "rlChanCfg_t", "rxChannelEn"),
+            tx_mask=_mask(radio, "rlChanCfg_t", "txChannelEn"),
+        )
+        order = _iq_order(described, board)
+    factors = tuple(complex(board.rx_signs[r]) for _ in tx for r in rx)
+    return radar, CaptureSpec(iq_order=order, channel_factors=factors)
 
 
-class _Table:
-    """An object of the file; errors name the file and the key."""
-
-    def __init__(self, path: Path | str, values: dict[str, Any]):
-        self.path, self.values = path, values
-
-    def take(self, *keys: Any) -> Any:
-        """Return the value behind a chain of keys, whose last item is its type."""
-        *chain, kind = keys
-        value: Any = self.values
-        for key in chain:
-            value = value.get(key) if isinstance(value, dict) else None
-        if not isinstance(value, kind) or isinstance(value, bool):
-            names = getattr(kind, "__name__", "number")
-            raise ValueError(
-                f"{self.path}: {' '.join(chain)} = {value!r:.80}, expected a {names}"
-            )
-        return value
-
-    def tables(self, key: str, inner: str) -> Iterator["_Table"]:
-        """Yield the objects of a list, each the value of `inner` in its entry."""
-        for entry in self.take(key, list):
-            found = _Table(self.path, {key: entry}).take(key, inner, dict)
-            yield _Table(self.path, found)
-
-    def number(self, *keys: str) -> float:
-        """Return a number that a float can hold."""
-        value = self.take(*keys, (int, float))
-        if not abs(value) <= LARGEST:  # NaN compares as False
-            raise ValueError(
-                f"{self.path}: {' '.join(keys)} = {value!r:.80}, expected a number of "
-                f"at most {LARGEST:g}"
-            )
-        return float(value)
-
-    def mask(self, *keys: str) -> int:
-        """Return a mask such as "0xF"."""
-        text = self.take(*keys, str)
-        try:
-            return int(text[:MOST_DIGITS], 16)
-        except ValueError as error:
-            raise ValueError(
-                f"{self.path}: {' '.join(keys)} = {text!r:.80}, expected a mask such "
-                "as '0xF'"
-            ) from error
+def _take(table: dict[str, Any], *keys: str, kind: Any = dict) -> Any:
+    """Return the value behind a chain of keys; ValueError if it is not of its kind."""
+    value: Any = table
+    for key in keys:
+        value = value.get(key) if isinstance(value, dict) else None
+    if not isinstance(value, kind) or isinstance(value, bool):
+        names = getattr(kind, "__name__", "number")
+        raise ValueError(f"{' '.join(keys)} = {value!r:.80}, expected a {names}")
+    return value
 
 
-def _device(path: Path | str) -> _Table:
+def _tables(table: dict[str, Any], key: str, inner: str) -> list[dict[str, Any]]:
+    """Return the objects of a list, each the value of `inner` in its entry."""
+    entries = _take(table, key, kind=list)
+    return [_take({key: entry}, key, inner) for entry in entries]
+
+
+def _number(table: dict[str, Any], *keys: str) -> float:
+    value = _take(table, *keys, kind=(int, float))
+    if not abs(value) <= LARGEST:  # NaN compares as False
+        raise ValueError(
+            f"{' '.join(keys)} = {value!r:.80}, expected a number of at most "
+            f"{LARGEST:g}"
+        )
+    return float(value)
+
+
+def _mask(table: dict[str, Any], *keys: str) -> int:
+    text = _take(table, *keys, kind=str)
+    try:
+        return int(text[:MOST_DIGITS], 16)
+    except ValueError:
+        raise ValueError(
+            f"{' '.join(keys)} = {text!r:.80}, expected a mask such as '0xF'"
+        ) from None
+
+
+def _device(path: Path | str) -> dict[str, Any]:
     """Return the only device that a file configures."""
     values = read_json(path, limit=MAX_TEXT_BYTES)
     devices = values.get("mmWaveDevices")
@@ -143,28 +131,24 @@ def _device(path: Path | str) -> _Table:
         )
     if not isinstance(devices, list) or len(devices) != 1:
         count = len(devices) if isinstance(devices, list) else "no"
-        raise ValueError(f"{path}: {count} mmWaveDevices, expected a list of one")
+        raise ValueError(f"{count} mmWaveDevices, expected a list of one")
     if not isinstance(devices[0], dict):
-        raise ValueError(f"{path}: mmWaveDevices holds {devices[0]!r:.80}")
-    return _Table(path, devices[0])
+        raise ValueError(f"mmWaveDevices holds {devices[0]!r:.80}")
+    return devices[0]
 
 
-def _iq_order(path, described: _Table, board: Board) -> str:
+def _iq_order(described: dict[str, Any], board: Board) -> str:
     """Return the order of I and Q; refuse samples that the board does not deliver."""
-    width = described.number("rfConfig", "rlAdcOutCfg_t", "fmt", "b2AdcBits")
-    kind = described.number("rfConfig", "rlAdcOutCfg_t", "fmt", "b2AdcOutFmt")
+    fmt = _take(described, "rfConfig", "rlAdcOutCfg_t", "fmt")
+    width, kind = _number(fmt, "b2AdcBits"), _number(fmt, "b2AdcOutFmt")
     if width != 2 or (kind == 0) != board.real_samples:
         expected = "real" if board.real_samples else "complex"
         raise ValueError(
-            f"{path}: b2AdcBits {width:g}, b2AdcOutFmt {kind:g}, expected 2 (16 bits) "
-            f"and {expected} samples"
+            f"b2AdcBits {width:g}, b2AdcOutFmt {kind:g}, expected 2 (16 bits) and "
+            f"{expected} samples"
         )
     if board.real_samples:
         return "I"
-    stream = ("rawDataCaptureConfig", "rlDevDataFmtCfg_t")
-    orders = (
-        ("IIQQ", "QQII")
-        if described.number(*stream, "chInterleave")
-        else ("I4Q4", "Q4I4")
-    )
-    return orders[bool(described.number(*stream, "iqSwapSel"))]
+    stream = _take(described, "rawDataCaptureConfig", "rlDevDataFmtCfg_t")
+    orders = ("IIQQ", "QQII") if _number(stream, "chInterleave") else ("I4Q4", "Q4I4")
+    return orders[bool(_number(stream, "iqSwapSel"))]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jradar.errors import parsing
+from jradar.errors import optional, parsing
 from jradar.files import open_file
 from jradar.radar import RadarSpec
 from jradar.recordings.recording import Format, Recording
@@ -144,12 +144,7 @@ def _of_the_card(path: Path, datagrams: list[Datagram]) -> Iterator[Datagram]:
 
 def _datagrams(path: Path) -> tuple[list[Datagram], tuple[str, ...]]:
     """Return all UDP packets of a trace, and notes about its end."""
-    try:
-        import dpkt
-    except ImportError as error:
-        raise ImportError(
-            "packet traces need dpkt: pip install 'jradar[live]'"
-        ) from error
+    dpkt = optional("dpkt", need="packet traces need dpkt", extra="live")
     found, size = [], path.stat().st_size
     with open_file(path) as file, parsing(path, "a packet trace (.pcap or .pcapng)"):
         reader: Any = dpkt.pcap.UniversalReader(file)

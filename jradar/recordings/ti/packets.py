@@ -9,6 +9,10 @@ contain the length (14 bytes of header), the network stream does not (10). Frame
 and end anywhere in a packet. Files are read in pieces of a few megabytes.
 """
 
+import array
+import itertools
+import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,8 +20,8 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 PAYLOAD = 1456  # bytes of samples in a full packet
-HEADER_BYTES = (14, 10)
-PIECE = 4096  # packets read together
+HEADERS = {14: struct.Struct("<IIIH"), 10: struct.Struct("<IIH")}
+PIECE = 4 << 20  # bytes read together
 REORDERED = 64 << 20  # bytes by which a packet may be late
 LOOKED_AT = 16  # packets that decide whether a file consists of packets
 
@@ -126,15 +130,15 @@ def header_size(files: Files) -> int:
     The first packets decide. At least two (or the only one) need plausible counts, one
     of them the exact count that full packets give.
     """
-    for size in HEADER_BYTES:
-        position, seen, exact = 0, 0, False
-        while seen < LOOKED_AT and position + size < files.size:
-            sequence, length, count = _header(files, position, size)
-            if not _plausible(sequence, length, count):
+    for size in HEADERS:
+        seen, end, exact = 0, 0, False
+        for place, *header in itertools.islice(_headers(files, size), LOOKED_AT):
+            number, length, count = header
+            if not _plausible(*header):
                 break
-            exact |= count == (sequence - 1) * PAYLOAD
-            position, seen = position + size + length, seen + 1
-        if exact and (seen > 1 or position + size >= files.size):
+            exact |= count == (number - 1) * PAYLOAD
+            seen, end = seen + 1, place + size + length
+        if exact and (seen > 1 or end + size >= files.size):
             return size
     return 0
 
@@ -145,85 +149,51 @@ def index_packets(files: Files, header_bytes: int, *, allow_partial: bool) -> Pa
     Raises ValueError for a damaged header, for a stream that restarts, for a stream
     that is mostly lost, and for a truncated last packet unless `allow_partial` is set.
     """
-    parts, position, window = [np.zeros((0, 3), np.int64)], 0, 1
-    while position < files.size:
-        counts, sizes = _packets_at(files, position, header_bytes, window)
-        if not len(sizes):
-            if allow_partial:
-                break
+    rows, end, highest = array.array("q"), 0, 0
+    for place, number, length, count in _headers(files, header_bytes):
+        start, end = place + header_bytes, place + header_bytes + length
+        if not _plausible(number, length, count):
+            hint = ", or the packet before not full" if header_bytes == 10 else ""
             raise ValueError(
-                f"{files.paths[-1]} ends within a packet, after {files.size:,} bytes: "
-                "truncated? --allow-partial reads the packets before it"
+                f"{_place(files, place)}: expected the header of a packet, found "
+                f"number {number} with {length} bytes after {count:,}: damaged{hint}?"
             )
-        ends = position + np.cumsum(header_bytes + sizes)
-        parts.append(np.stack([counts, ends - sizes, sizes], -1))
-        position = int(ends[-1])
-        window = min(2 * window, PIECE) if sizes[-1] == PAYLOAD else 1
-    start, offset, sizes = np.concatenate(parts).T
-    highest = np.maximum.accumulate(start + sizes)
-    if len(again := np.flatnonzero(start[1:] < highest[:-1] - REORDERED)):
-        at = int(again[0])
-        place = _place(files, int(offset[at + 1]) - header_bytes)
+        if end > files.size:
+            break
+        if count < highest - REORDERED:
+            raise ValueError(
+                f"{_place(files, place)}: the byte count falls from {highest:,} to "
+                f"{count:,}: if the file holds two captures, split it"
+            )
+        highest = max(highest, count + length)
+        rows.extend((count, start, length))
+    if end != files.size and not allow_partial:
         raise ValueError(
-            f"{place}: the byte count falls from {highest[at]:,} to {start[at + 1]:,}: "
-            "if the file holds two captures, split it"
+            f"{files.paths[-1]} ends within a packet, after {files.size:,} bytes: "
+            "truncated? --allow-partial reads the packets before it"
         )
-    return Packets.of(files, start, offset, sizes)
+    return Packets.of(files, *np.array(rows, np.int64).reshape(-1, 3).T)
 
 
-def _packets_at(files, position, header_bytes, window):
-    """Return the byte counts and the sizes of the packets at `position`.
-
-    Reads up to `window` full packets, or one shorter packet. Returns none if that
-    packet is truncated.
-    """
-    record = header_bytes + PAYLOAD
-    piece = files.read(position, position + window * record)
-    whole = piece[: len(piece) // record * record].reshape(-1, record)
-    sequence, length, count = _fields(whole[:, :header_bytes])
-    fits = _plausible(sequence, length, count) & (length == PAYLOAD)
-    if full := len(whole) if fits.all() else int(fits.argmin()):
-        return count[:full], length[:full]
-    if len(piece) < header_bytes + 1:
-        return count[:0], length[:0]
-    sequence, length, count = _header(files, position, header_bytes)
-    if not _plausible(sequence, length, count):
-        hint = ", or the packet before not full" if header_bytes == 10 else ""
-        raise ValueError(
-            f"{_place(files, position)}: expected the header of a packet, found "
-            f"number {sequence} with {length} bytes after {count:,}: damaged{hint}?"
-        )
-    found = int(position + header_bytes + length <= files.size)
-    return np.array([count] * found, np.int64), np.array([length] * found, np.int64)
-
-
-def _header(files, position, header_bytes):
-    """Return sequence number, length and byte count of the packet at `position`.
+def _headers(files: Files, size: int) -> Iterator[tuple[int, int, int, int]]:
+    """Yield place in the files, number, length and byte count of each packet.
 
     Packets without a length are full, except the last one.
     """
-    header = files.read(position, position + header_bytes)
-    sequence, length, count = (int(field[0]) for field in _fields(header[None]))
-    if header_bytes == 10:
-        length = min(PAYLOAD, files.size - position - header_bytes)
-    return sequence, length, count
-
-
-def _fields(headers):
-    """Return the same fields of headers `[packet, byte]`, all of full packets."""
-    widths = [4, 4, 6] if headers.shape[1] == 14 else [4, 6]
-    parts = np.split(headers.astype(np.int64), np.cumsum(widths)[:-1], axis=1)
-    fields = [part @ 256 ** np.arange(part.shape[1]) for part in parts]
-    if len(fields) == 2:
-        fields.insert(1, np.full(len(headers), PAYLOAD))
-    return fields
+    piece, begin, place = b"", 0, 0
+    while place + size < files.size:
+        if place + size > begin + len(piece):
+            piece, begin = files.read(place, place + PIECE).tobytes(), place
+        number, *given, low, high = HEADERS[size].unpack_from(piece, place - begin)
+        length = given[0] if given else min(PAYLOAD, files.size - place - size)
+        yield place, number, length, high << 32 | low
+        place += size + length
 
 
 def _plausible(sequence, length, count):
-    """True where the packets before number `sequence` can have held `count` bytes."""
-    most = (sequence - 1) * PAYLOAD
-    counts = (count >= (sequence > 1)) & (count <= most)
-    return (sequence > 0) & (length > 0) & (length <= PAYLOAD) & counts
+    """True if the packets before number `sequence` can have held `count` bytes."""
+    counts = (sequence > 1) <= count <= (sequence - 1) * PAYLOAD
+    return sequence > 0 and 0 < length <= PAYLOAD and counts
 
 
 def _place(files, position):

@@ -49,11 +49,6 @@ CHIPS = {board.studio_chip: name for name, board in BOARDS.items() if board.stud
 Configuration = dict[str, dict[tuple, tuple]]  # of each command and number: the fields
 
 
-def radar_from_studio_log(path: Path | str) -> RadarSpec:
-    """Return the radar that `read_studio_log` reads."""
-    return read_studio_log(path)[0]
-
-
 def read_studio_log(
     path: Path | str, *, configuration: int | None = None
 ) -> tuple[RadarSpec, CaptureSpec, tuple[str, ...]]:

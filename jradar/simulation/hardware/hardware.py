@@ -127,19 +127,14 @@ def make_hardware(sensor: str, radar: RadarSpec) -> Hardware:
     leakage = (amplitude * np.exp(2j * np.pi * turns)).sum(0)
     if sensor != "cascade":
         late = np.full(channels, RANGE_BIAS_M / radar.range_resolution_m)
-        return Hardware(leakage, late, _uncalibrated(radar))
+        sides = ((TX_DB, TX_DEGREES), (RX_DB, RX_DEGREES))
+        tx, rx = (_factor(np.array(db), np.array(degrees)) for db, degrees in sides)
+        return Hardware(leakage, late, tx[: radar.num_tx, None] * rx[: radar.num_rx])
     frequency = 0.05 * random.standard_normal(channels)
     gain = 1 + 0.05 * random.standard_normal(channels)
     phase = gain * np.exp(2j * np.pi * random.random(channels))
     phase = phase / phase[0, 0]
     return Hardware(leakage, frequency - frequency[0, 0], phase, calibration=phase)
-
-
-def _uncalibrated(radar):
-    """Return the factors `[tx, rx]` of an AWR1843's channels."""
-    sides = ((TX_DB, TX_DEGREES), (RX_DB, RX_DEGREES))
-    tx, rx = (_factor(np.array(db), np.array(degrees)) for db, degrees in sides)
-    return tx[: radar.num_tx, None] * rx[: radar.num_rx]
 
 
 def sample_frame(

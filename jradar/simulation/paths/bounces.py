@@ -17,13 +17,10 @@ pass between them: at a + b, sent towards one and received from the other, at 2a
 and at a + 2b.
 """
 
-import functools
-
 import numpy as np
 from jaxtyping import Bool, Float
 
 from jradar.simulation.paths.line_of_sight import (
-    COSINES,
     NO_PATHS,
     TOUCH_M,
     Paths,
@@ -33,15 +30,13 @@ from jradar.simulation.paths.line_of_sight import (
 )
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.reflectors import Facets
-from jradar.simulation.scenes.materials import MATERIALS, slab_shares
+from jradar.simulation.scenes.materials import MATERIALS
 from jradar.simulation.scenes.scene import NUDGE_M, cast
 
 FLOOR_M = 0.0  # height of the scenes' floors
 LEAST_HEIGHT_M = 0.05  # of a target above the floor
 PARALLEL = 0.999  # cosine from which two walls count as parallel
 WALLS = 8  # nearest and largest, between which echoes pass
-
-
 ROUGHNESS_M = np.array([material.roughness_m for material in MATERIALS])
 
 
@@ -99,21 +94,48 @@ def floor_paths(
     cosine = np.abs(along[:, 2])
     mirrored = floor_share(
         cosine,
-        _reflected(radar.center_frequency_hz)[material, column_of(cosine)],
+        sight.tables.reflected[material, column_of(cosine)],
         roughness_m=np.maximum(ROUGHNESS_M[material], roughness_m),
         wavelength_m=radar.wavelength_m,
     )
-    seen, there = offset[keep] @ view.turn, scattered.xyz[keep]
-    near, far = np.linalg.norm(there, axis=-1), distance[keep]
-    gain = LINK.antenna_gain(seen) / np.maximum(LINK.antenna_gain(there), 1e-9)
-    way = gain * (near / far) ** 2 * mirrored * through
-    power = scattered.power[keep] / np.maximum(LINK.passband(radar, near), 1e-9)
+    rate = (along * (moving[keep] * [1, 1, -1] - view.velocity)).sum(-1)
+    return mirrored_paths(
+        sight,
+        scattered.chosen(keep),
+        offset[keep],
+        (mirrored, through),
+        rate,
+        # One reflection turns the phase by pi: a quarter of a wavelength in range.
+        longer_m=radar.wavelength_m / 4,
+    )
+
+
+def mirrored_paths(
+    sight: Sight,
+    direct: Paths,
+    offset: Float[np.ndarray, "path 3"],
+    shares: tuple[Float[np.ndarray, " path"], ...],
+    rate: Float[np.ndarray, " path"],
+    *,
+    longer_m: float = 0.0,
+) -> Paths:
+    """Return the paths to scatterers by way of a mirror, both ways and one way.
+
+    Their images lie at `offset` from the radar and recede at `rate`; the mirror and
+    what is before it pass `shares` of the power. One-way paths get `longer_m` longer.
+    """
+    radar, seen, there = sight.radar, offset @ sight.view.turn, direct.xyz
+    near, far = np.linalg.norm(there, axis=-1), np.linalg.norm(offset, axis=-1)
+    # Gain, spreading and reflection of one way, relative to the direct way.
+    way = LINK.antenna_gain(seen) / np.maximum(LINK.antenna_gain(there), 1e-9)
+    way = way * (near / far) ** 2
+    for share in shares:
+        way = way * share
+    power = direct.power / np.maximum(LINK.passband(radar, near), 1e-9)
     once = power * way * LINK.passband(radar, (near + far) / 2)
     twice = power * way**2 * LINK.passband(radar, far)
-    rate = (along * (moving[keep] * [1, 1, -1] - view.velocity)).sum(-1)
-    mixed = (scattered.velocity[keep] + rate) / 2
-    # One reflection turns the phase by pi: a quarter of a wavelength in range.
-    turned = [_longer(side, radar.wavelength_m / 4) for side in (seen, there)]
+    mixed = (direct.velocity + rate) / 2
+    turned = [_longer(side, longer_m) for side in (seen, there)]
     return Paths(
         np.concatenate([seen, turned[0], turned[1]]),
         np.concatenate([seen, turned[1], turned[0]]),
@@ -126,14 +148,6 @@ def _longer(xyz, metres):
     """Return points moved away from the radar."""
     distance = np.linalg.norm(xyz, axis=-1, keepdims=True)
     return xyz * (1 + metres / np.maximum(distance, 1e-6))
-
-
-@functools.lru_cache
-def _reflected(frequency_hz):
-    """Return Fresnel's reflected share [material, cosine]."""
-    cosine = np.linspace(0, 1, COSINES)
-    shares = [slab_shares(m, cosine, frequency_hz)[0] for m in MATERIALS]
-    return np.array(shares)
 
 
 def echoes_between_walls(sight: Sight, facets: Facets) -> Paths:

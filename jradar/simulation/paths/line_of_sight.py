@@ -61,6 +61,7 @@ class Sight(NamedTuple):
 class SurfaceTables(NamedTuple):
     """Shares of the power by material and cosine (see `column_of`)."""
 
+    reflected: Float[np.ndarray, "material cosine"]  # mirrored or scattered
     backscatter: Float[np.ndarray, "material cosine"]
     mirrored: Float[np.ndarray, "material cosine"]
     transmitted: Float[np.ndarray, "material cosine"]
@@ -75,7 +76,7 @@ def surface_tables(frequency_hz: float) -> SurfaceTables:
         reflected, transmitted = slab_shares(material, cosine, frequency_hz)
         mirrored = reflected * mirror_share(material, cosine, frequency_hz)
         scattered = backscatter(material, cosine, frequency_hz)
-        rows.append((scattered, mirrored, transmitted))
+        rows.append((reflected, scattered, mirrored, transmitted))
     return SurfaceTables(*np.array(rows).swapaxes(0, 1))
 
 

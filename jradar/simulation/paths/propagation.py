@@ -19,6 +19,7 @@ from jradar.simulation.paths.bounces import (
     echoes_between_walls,
     floor_paths,
     is_floor,
+    mirrored_paths,
 )
 from jradar.simulation.paths.line_of_sight import (
     COSINES,
@@ -236,21 +237,6 @@ def _ghosts(sight, facets, chosen, scattered, spots):
     )
     cosine = np.abs((offset * normal).sum(-1)) / distance
     one_way = one_way * mirror[facets.material[m], column_of(cosine)]
-    seen, there = offset @ view.turn, scattered.xyz[p]
-    near = np.linalg.norm(there, axis=-1)
     reflected = moving - 2 * (moving * normal).sum(-1)[:, None] * normal
     rate = (offset / distance[:, None] * (reflected - view.velocity)).sum(-1)
-    # Gain, spreading and reflection of one way, relative to the direct way.
-    way = LINK.antenna_gain(seen) / np.maximum(LINK.antenna_gain(there), 1e-9)
-    way = way * (near / distance) ** 2 * one_way
-    direct = scattered.power[p] / np.maximum(LINK.passband(radar, near), 1e-9)
-    halfway = (near + distance) / 2
-    whole = direct * way**2 * LINK.passband(radar, distance)
-    mixed = direct * way * LINK.passband(radar, halfway)
-    mixed_rate = (scattered.velocity[p] + rate) / 2
-    return Paths(
-        np.concatenate([seen, seen, there]),
-        np.concatenate([seen, there, seen]),
-        np.concatenate([rate, mixed_rate, mixed_rate]),
-        np.concatenate([whole, mixed, mixed]),
-    )
+    return mirrored_paths(sight, scattered.chosen(p), offset, (one_way,), rate)

@@ -41,12 +41,15 @@ def wall_with_openings(random, start, end, height, material, kinds) -> Solid:
     return wall(start, end, height, material, openings=openings)
 
 
+def floor_and_ceiling(length, depth, height, *, margin=0.2) -> list[Solid]:
+    """Return floor and ceiling of rooms from (0, 0), larger by a margin."""
+    low, high = (-margin, -margin), (length + margin, depth + margin)
+    return [slab(low, high, 0.0, "floor"), slab(low, high, height, "ceiling")]
+
+
 def shell(random, length, depth, height, material, kinds) -> list[Solid]:
     """Return floor, ceiling and four walls."""
-    parts = [
-        slab((-0.2, -0.2), (length + 0.2, depth + 0.2), 0.0, "floor"),
-        slab((-0.2, -0.2), (length + 0.2, depth + 0.2), height, "ceiling"),
-    ]
+    parts = floor_and_ceiling(length, depth, height)
     for a, b in sides(ring(length, depth)):
         parts.append(wall_with_openings(random, b, a, height, material, kinds))
     return parts

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jradar.simulation.scenes.solids import Solid, box, join, moved, pole
+from jradar.simulation.scenes.solids import Solid, box, join, moved, pole, posts
 
 
 def pick(random: np.random.Generator, makers: list[Callable]) -> Callable:
@@ -26,7 +26,7 @@ def cabinet(random: np.random.Generator) -> Solid:
 def bench(random: np.random.Generator) -> Solid:
     """Return a bench of wood on two legs of metal."""
     seat = moved(box((1.3, 0.4, 0.05), "wood"), (0, 0, 0.43))
-    legs = [moved(box((0.05, 0.35, 0.43), "metal"), (x, 0, 0)) for x in (-0.5, 0.5)]
+    legs = posts((0.05, 0.35, 0.43), "metal", (-0.5, 0.5), (0,))
     return join([seat, *legs])
 
 
@@ -39,11 +39,8 @@ def table(random: np.random.Generator) -> Solid:
     """Return a table with a screen on it."""
     width = random.uniform(1.2, 1.8)
     top = moved(box((width, 0.75, 0.03), "wood"), (0, 0, 0.71))
-    legs = [
-        moved(box((0.04, 0.04, 0.71), "metal"), (x * (width / 2 - 0.05), y * 0.33, 0))
-        for x in (-1, 1)
-        for y in (-1, 1)
-    ]
+    x = width / 2 - 0.05
+    legs = posts((0.04, 0.04, 0.71), "metal", (-x, x), (-0.33, 0.33))
     screen = moved(
         box((0.55, 0.03, 0.35), "plastic"), (random.uniform(-0.3, 0.3), 0.2, 0.85)
     )
@@ -57,11 +54,7 @@ def shelf(random: np.random.Generator) -> Solid:
         moved(box((0.9, 0.35, 0.03), "metal"), (0, 0, z))
         for z in np.linspace(0.1, height, 5)
     ]
-    posts = [
-        moved(box((0.04, 0.04, height), "metal"), (x, y, 0))
-        for x in (-0.43, 0.43)
-        for y in (-0.15, 0.15)
-    ]
+    frame = posts((0.04, 0.04, height), "metal", (-0.43, 0.43), (-0.15, 0.15))
     boxes = [
         moved(
             box((random.uniform(0.2, 0.5), 0.25, 0.25), "wood"),
@@ -69,7 +62,7 @@ def shelf(random: np.random.Generator) -> Solid:
         )
         for z in np.linspace(0.1, height, 5)[:-1]
     ]
-    return join([*boards, *posts, *boxes])
+    return join([*boards, *frame, *boxes])
 
 
 def chair(random: np.random.Generator) -> Solid:
@@ -90,10 +83,7 @@ def sofa(random: np.random.Generator) -> Solid:
         [
             moved(box((width, 0.75, 0.42), "wood"), (0, 0, 0)),
             moved(box((width, 0.2, 0.4), "wood"), (0, -0.3, 0.42)),
-            *(
-                moved(box((0.18, 0.75, 0.2), "wood"), (side * width / 2, 0, 0.42))
-                for side in (-1, 1)
-            ),
+            *posts((0.18, 0.75, 0.2), "wood", (-width / 2, width / 2), (0,), z=0.42),
         ]
     )
 
@@ -138,19 +128,14 @@ def rack_bay(
     level: float,
 ) -> Solid:
     """Return a bay of a pallet rack along x: posts, beams and goods on each level."""
-    posts = [
-        moved(box((0.09, 0.09, height), "metal"), (x * width / 2, y * depth / 2, 0))
-        for x in (-1, 1)
-        for y in (-1, 1)
-    ]
+    xs, ys = (-width / 2, width / 2), (-depth / 2, depth / 2)
+    frame = posts((0.09, 0.09, height), "metal", xs, ys)
     beams, goods = [], []
     for z in np.arange(0.12, height - 0.3, level):
-        for side in (-1, 1):
-            beam = box((width, 0.05, 0.12), "metal")
-            beams.append(moved(beam, (0, side * depth / 2, z - 0.12)))
+        beams += posts((width, 0.05, 0.12), "metal", (0,), ys, z=z - 0.12)
         for x in (-width / 4, width / 4):
             if random.random() < 0.8:
                 material = str(random.choice(["wood", "wood", "plastic", "metal"]))
                 size = random.uniform([0.7, 0.6, 0.3], [1.1, 0.95, level - 0.25])
                 goods.append(moved(box(size, material), (x, 0, z)))
-    return join([*posts, *beams, *goods])
+    return join([*frame, *beams, *goods])

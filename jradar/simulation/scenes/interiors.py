@@ -8,6 +8,7 @@ import numpy as np
 
 from jradar.simulation.scenes.building import (
     beside_wall,
+    floor_and_ceiling,
     lamps,
     rectangle,
     ring,
@@ -29,7 +30,7 @@ from jradar.simulation.scenes.furniture import (
     wardrobe,
 )
 from jradar.simulation.scenes.scene import make_body
-from jradar.simulation.scenes.solids import box, join, moved, person, slab, wall
+from jradar.simulation.scenes.solids import box, join, moved, person, posts, wall
 from jradar.simulation.scenes.trajectory import walk
 
 LANE_M = 1.15  # from the walls of a living room to the way through it
@@ -43,8 +44,7 @@ def home(random: np.random.Generator):
     outer = str(random.choice(["brick", "concrete", "drywall"]))
     (first, *others) = sides(rectangle((0, 0), (length + beyond, depth)))
     parts = [
-        slab((-0.2, -0.2), (length + beyond + 0.2, depth + 0.2), 0.0, "floor"),
-        slab((-0.2, -0.2), (length + beyond + 0.2, depth + 0.2), height, "ceiling"),
+        *floor_and_ceiling(length + beyond, depth, height),
         *(
             wall_with_openings(random, b, a, height, outer, ["glass", "wood"])
             for a, b in (first, *others)
@@ -132,19 +132,13 @@ def warehouse(random: np.random.Generator):
 
 def _forklift():
     """Return a forklift that faces x: body, counterweight, roof, mast and forks."""
-    posts = [
-        moved(box((0.06, 0.06, 1.3), "metal"), (x, y, 0.8))
-        for x in (-0.7, 0.4)
-        for y in (-0.45, 0.45)
-    ]
-    forks = [moved(box((1.0, 0.12, 0.05), "metal"), (1.3, y, 0.1)) for y in (-0.3, 0.3)]
     return join(
         [
             moved(box((1.9, 1.1, 0.7), "metal"), (-0.2, 0, 0.15)),
             moved(box((0.5, 1.1, 0.5), "metal"), (-0.95, 0, 0.6)),
             moved(box((1.3, 1.0, 0.05), "metal"), (-0.15, 0, 2.1)),
             moved(box((0.12, 0.8, 2.2), "metal"), (0.8, 0, 0.05)),
-            *posts,
-            *forks,
+            *posts((0.06, 0.06, 1.3), "metal", (-0.7, 0.4), (-0.45, 0.45), z=0.8),
+            *posts((1.0, 0.12, 0.05), "metal", (1.3,), (-0.3, 0.3), z=0.1),
         ]
     )

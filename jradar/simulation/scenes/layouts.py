@@ -18,6 +18,7 @@ import numpy as np
 from jradar.errors import UsageError
 from jradar.simulation.scenes.building import (
     beside_wall,
+    floor_and_ceiling,
     glass_front,
     lamps,
     rectangle,
@@ -77,9 +78,7 @@ def hallways(random: np.random.Generator):
     outer = ring(length, depth)
     inner = ring(length - 2 * width, depth - 2 * width, offset=width)
     back = ring(length + 7, depth + 7, offset=-3.5)
-    floor = slab((-4, -4), (length + 4, depth + 4), 0.0, "floor")
-    top = slab((-4, -4), (length + 4, depth + 4), height, "ceiling")
-    parts = [floor, top]
+    parts = floor_and_ceiling(length, depth, height, margin=4)
     kinds = ["wood", "metal", "wood", "column", "glass"]
     for (a, b), (c, d), (e, f) in zip(*map(sides, (outer, inner, back)), strict=True):
         parts.append(wall_with_openings(random, b, a, height, "drywall", kinds))

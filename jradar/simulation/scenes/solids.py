@@ -60,6 +60,13 @@ def box(size: Numbers, material: str) -> Solid:
     return of_mesh(mesh, material)
 
 
+def posts(
+    size: Numbers, material: str, xs: Numbers, ys: Numbers, *, z: float = 0.0
+) -> list[Solid]:
+    """Return boxes that stand at every x and y, on `z`."""
+    return [moved(box(size, material), (x, y, z)) for x in xs for y in ys]
+
+
 def pole(radius: float, height: float, material: str, *, sides: int = 12) -> Solid:
     """Return an upright cylinder that stands on z = 0."""
     mesh = trimesh.creation.cylinder(radius, height, sections=sides)

@@ -31,7 +31,8 @@ def tunnel(random: np.random.Generator) -> tuple[Solid, Float[np.ndarray, "place
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     left = np.stack([-along[:, 1], along[:, 0]], -1)
     turn = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
-    reach = _section(turn)[None] * (1 + _roughness(random, at, metres[-1], turn))
+    section = 1.45 + 0.12 * np.cos(2 * turn) + 0.06 * np.cos(4 * turn)
+    reach = section[None] * (1 + _roughness(random, at, metres[-1], turn))
     aside, up = reach * np.cos(turn), 1.35 + reach * np.sin(turn)
     floor = 0.06 * _roughness(random, at, metres[-1], turn) / 0.1
     up = np.maximum(up, np.clip(floor, -0.08, 0.12))
@@ -45,11 +46,6 @@ def tunnel(random: np.random.Generator) -> tuple[Solid, Float[np.ndarray, "place
     faces = np.stack([np.stack([a, b, c], -1), np.stack([a, c, d], -1)], 2)
     faces = faces.reshape(-1, 3)
     return Solid(vertices, faces, np.full(len(faces), MATERIAL_IDS["rock"])), line
-
-
-def _section(turn):
-    """Return the distance of the wall from the middle, by angle."""
-    return 1.45 + 0.12 * np.cos(2 * turn) + 0.06 * np.cos(4 * turn)
 
 
 def _roughness(random, at, length, turn):

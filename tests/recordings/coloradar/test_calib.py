@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jradar.radar import RadarSpec
-from jradar.recordings import radar_from_coloradar, read_coupling, read_frequency_phase
+from jradar.recordings import read_coupling
+from jradar.recordings.coloradar.calib import radar_from_coloradar, read_frequency_phase
 from tests.recordings.coloradar_writer import (
     ANTENNAS,
     coupling_text,

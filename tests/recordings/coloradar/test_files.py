@@ -7,7 +7,8 @@ import warnings
 import numpy as np
 import pytest
 
-from jradar.recordings import nearest_scan, open_coloradar, open_recording
+from jradar.recordings import nearest_scan, open_recording
+from jradar.recordings.coloradar.sequence import open_coloradar
 from tests.recordings.coloradar_writer import (
     FRAME_BYTES,
     START,

@@ -8,11 +8,11 @@ import pytest
 from jradar.radar import Radar, calibrate
 from jradar.recordings import (
     nearest_scan,
-    open_coloradar,
     open_recording,
     radar_from_lidar,
     write_radar_toml,
 )
+from jradar.recordings.coloradar.sequence import open_coloradar
 from tests.recordings.coloradar_writer import (
     CHIRPS,
     RX,

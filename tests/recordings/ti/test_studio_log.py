@@ -3,7 +3,7 @@
 import pytest
 
 from jradar.errors import UsageError
-from jradar.recordings import open_recording, radar_from_studio_log, read_description
+from jradar.recordings import open_recording, read_description
 from jradar.recordings.ti.studio_log import read_studio_log
 from tests.recordings.cube_writer import LOG, SHAPE, random_cube, save_studio
 
@@ -42,26 +42,26 @@ def test_of_several_configurations_the_last_complete_one_is_taken(log):
     assert chirps(log(LOG + SECOND)) == 7
     assert chirps(log(LOG + SECOND), 1) == 4
     unfinished = "API:ProfileConfig,0,1435384036,10000,600,6000,0,0,9,0,8,10000,0,0,30,"
-    radar = radar_from_studio_log(log(LOG + SECOND + unfinished))
+    radar = read_description(log(LOG + SECOND + unfinished)).radar
     assert radar.num_chirps == 7
     assert radar.slope_hz_per_s == pytest.approx(500 * 48.279e9, rel=1e-4)
     # A profile without a new frame counts when the sensor starts.
     changed = LOG + SECOND.splitlines(keepends=True)[0]
     assert read_description(log(changed)).notes == ()
-    started = radar_from_studio_log(log(changed + "API:SensorStart,0,\n"))
+    started = read_description(log(changed + "API:SensorStart,0,\n")).radar
     assert started.slope_hz_per_s == radar.slope_hz_per_s
 
 
 def test_transmitters_as_masks(log):
     """As real logs of an AR1642 write them: a mask, and the result 0."""
     masks = LOG.replace("0,0,0,0,0,0,1,\n", "0,0,0,0,0,2,0,\n")
-    radar = radar_from_studio_log(log(masks))
-    assert radar == radar_from_studio_log(log(LOG))
+    radar = read_description(log(masks)).radar
+    assert radar == read_description(log(LOG)).radar
     three = masks.replace("AR1642", "AR1843").replace("0,0,2,0,\n", "0,0,4,0,\n")
-    assert radar_from_studio_log(log(three)).tx_positions == ((0, 0), (4, 0))
+    assert read_description(log(three)).radar.tx_positions == ((0, 0), (4, 0))
     both = LOG.replace("0,0,0,0,0,1,0,", "0,0,0,0,0,3,0,")
     with pytest.raises(ValueError, match=r"fire transmitters \[\[0, 1\], \[1\]\]"):
-        radar_from_studio_log(log(both))
+        read_description(log(both))
 
 
 def test_what_changes_no_sample_is_no_other_configuration(log):
@@ -116,7 +116,7 @@ def test_the_choice_is_reported_and_can_be_made(tmp_path):
 def test_malformed_lines_are_named(log, old, new, message):
     assert old in LOG
     with pytest.raises(ValueError, match=f"LogFile.txt.*{message}"):
-        radar_from_studio_log(log(LOG.replace(old, new, 1)))
+        read_description(log(LOG.replace(old, new, 1)))
 
 
 def test_other_encodings_of_names_are_read(log):
