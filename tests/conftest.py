@@ -22,26 +22,26 @@ if CHECKED:
     jaxtyping.install_import_hook("jradar", "beartype.beartype")
 
 from jradar.files import use_compilation_cache  # noqa: E402  (after the hook)
-from jradar.radar import Radar  # noqa: E402
 
-if CHECKED:  # a radar checks itself, and JAX makes some of placeholders
-    Radar.__init__ = Radar.__init__.__wrapped__
 use_compilation_cache()  # compiled programs are kept from one run to the next
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.02"
 for option in ("compilation_cache_dir", "persistent_cache_min_compile_time_secs"):
     value = os.environ.get(f"JAX_{option.upper()}")  # a plug-in has imported JAX
     jax.config.update(f"jax_{option}", float(value) if "secs" in option else value)
 os.environ["JRADAR_CACHE"] = "off"  # the tests of the cache turn it on themselves
+if CHECKED:  # a radar checks itself, and JAX makes some of placeholders
+    from jradar.radar import Radar
 
+    Radar.__init__ = Radar.__init__.__wrapped__
+
+LONG = {"training", "experiments", "test_readme"}  # rooms and files
 MOST_MAPS, MOST_BYTES = 20_000, 1 << 30
 SAMPLES = Path(__file__).parents[2] / "shared" / "samples"
 
 
 def pytest_collection_modifyitems(items):
     """Start with the files that take longest, so that both workers end together."""
-    items.sort(
-        key=lambda item: item.path.parent.name not in ("training", "experiments")
-    )
+    items.sort(key=lambda item: not LONG & {item.path.parent.name, item.path.stem})
 
 
 @pytest.fixture(scope="module", autouse=True)
