@@ -12,6 +12,7 @@ from jradar.radar import (
     Radar,
     direction_sines,
     points_and_count,
+    power_map,
     radar_points,
     strongest_echoes,
 )
@@ -131,6 +132,14 @@ def test_one_target_in_a_cell_is_one_point_with_two_peaks():
     np.testing.assert_allclose(two.power[:count], one.power[:count], rtol=1e-6)
     azimuths = [spherical(cloud.xyz[:1])[1] for cloud in (one, two)]
     np.testing.assert_allclose(*azimuths, atol=0.01)
+
+
+def test_windows_are_options(cube, cloud):
+    windows = {"range_window": "blackman", "doppler_window": "none"}
+    points = dataclasses.replace(CELLS, **windows)
+    found = cloud_of(cube, points=points).power[0]
+    assert found == pytest.approx(float(power_map(cube, **windows).max()), rel=1e-5)
+    assert found != pytest.approx(cloud.power[0], rel=1e-3)
 
 
 def test_strongest_echo_is_the_target_and_others_are_apart(cloud):
