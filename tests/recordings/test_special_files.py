@@ -66,6 +66,9 @@ def test_the_limit_is_checked_before_reading(tmp_path):
             read(path)
     with pytest.raises(ValueError, match="1,099,511,627,776 bytes, .* most 67,108,864"):
         read_stamps(path, [])
+    path.rename(tmp_path / "metadata.yaml")
+    with pytest.raises(ValueError, match="yaml holds 1,099,511,627,776 bytes, expect"):
+        describe_file(tmp_path)
 
 
 def test_a_radar_whose_frames_are_too_many(tmp_path):

@@ -26,6 +26,7 @@ from jradar.recordings.recording import Stream
 
 INTENSITIES = ("intensity", "reflectivity", "i")
 LAST_NS = 1 << 62  # a later time is damaged
+MOST_METADATA = 1 << 20  # bytes of a ROS 2 bag's metadata.yaml
 OTHER_CLOCK_S = 10.0  # a larger offset between two clocks is reported
 READING = threading.Lock()  # all streams of a bag share its file position
 
@@ -216,8 +217,9 @@ def _opened(path: Path) -> Iterator[Any]:
         raise FileNotFoundError(f"no such bag: {path}")
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     for file in files:
-        if not file.is_dir():
-            open_file(file).close()  # refuses pipes and devices
+        if not file.is_dir():  # refuses pipes and devices, and hours of YAML
+            limit = MOST_METADATA if file.suffix == ".yaml" else None
+            open_file(file, limit=limit).close()
     stats = [file.stat() for file in files]
     version = tuple((stat.st_mtime_ns, stat.st_size) for stat in stats)
     with READING:
