@@ -179,13 +179,18 @@ def _read_metrics(path):
             record = json.loads(line)
             if not isinstance(record["step"], int):
                 raise ValueError(f"step is {record['step']!r}")
-            known = {k: v for k, v in record.items() if k != "step" and v is not None}
-            numbers = {k: float(v) for k, v in known.items()}
-        except (ValueError, KeyError, TypeError) as error:
+            numbers = {k: float(v) for k, v in record.items() if v is not None}
+        except (
+            ArithmeticError,
+            LookupError,
+            RecursionError,
+            TypeError,
+            ValueError,
+        ) as e:
             if number == len(lines):
                 break
-            raise ValueError(f"{path}, line {number}: {error!r}") from error
-        records.append({"step": record["step"], **numbers})
+            raise ValueError(f"{path}, line {number}: {e!r}") from e
+        records.append(numbers)
     if not records:
         raise ValueError(f"{path} holds no steps: train first")
     return records

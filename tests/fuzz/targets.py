@@ -17,17 +17,19 @@ from jradar.evaluation.report import load_clouds
 from jradar.export import export_function, load_function
 from jradar.model import load_model, save_model
 from jradar.radar import Radar
-from jradar.recordings import describe, open_recording
+from jradar.recordings import describe, open_imu, open_recording
 from jradar.recordings.bags.bags import bag_topics, open_bag
 from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.descriptions import read_description
 from jradar.recordings.text_files import read_tum
+from jradar.results import Results
+from jradar.viz import learning_curve_figure
 from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
 from tests.models import RADAR, tiny_model
 from tests.recordings import bag_writer as bags, cube_writer, small_sequence
-from tests.recordings.bags import test_raw as raw_bags
+from tests.recordings.bags import test_imu as imu_bags, test_raw as raw_bags
 from tests.recordings.clouds.test_read import pcd, ply
 from tests.recordings.coloradar_writer import coupling_text, phases_text
 from tests.recordings.dca1000_writer import (
@@ -55,6 +57,9 @@ file = "poses.txt"
 """
 POSES = "".join(f"{t} {t} 0 0 0 0 0 1\n" for t in range(20))
 SPEC = "block = 4\n[points]\ncapacity = 64\nguard = [1, 2]\n[lidar]\nmax_range_m = 7.0"
+
+
+METRICS = "".join(f'{{"step": {n}, "loss": {1 / (n + 1)}}}\n' for n in range(5))
 
 
 class Target(NamedTuple):
@@ -161,7 +166,14 @@ def sequence(folder: Path) -> Path:
     (calib / "coupling_calib.txt").write_text(coupling)
     phases = phases_text(channels, channels * (1 + 0.5j))
     (calib / "phase_frequency_calib.txt").write_text(phases)
+    small_sequence.write_stamps(path / "imu", np.arange(4.0))
+    (path / "imu" / "imu_data.txt").write_text("0 0.5 9.8 0 0 1e-3\n" * 4)
     return path
+
+
+def results(folder: Path) -> Path:
+    Results(folder, "points").put({"a.csv": lambda path: path.write_bytes(b"1")})
+    return folder
 
 
 def splits(folder: Path) -> Path:
@@ -250,6 +262,10 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "frame": coloradar(*RUN, "data", "frame_0.bin"),
     "scan": coloradar("run0", "lidar", "pointclouds", "lidar_pointcloud_0.bin"),
     "true poses": coloradar("run0", "groundtruth", "groundtruth_poses.txt"),
+    "imu": coloradar("run0", "imu", "imu_data.txt"),
+    "imu bag": target(imu_bags.write, open_imu),
+    "results": target(results, lambda path: Results(path, "points"), ".jradar"),
+    "metrics": text("metrics.jsonl", METRICS, learning_curve_figure),
     "splits": target(splits, find_sources, "splits.json"),
     "pcd ascii": text("a.pcd", pcd("ascii"), read_cloud),
     "pcd binary": text("a.pcd", pcd("binary"), read_cloud),

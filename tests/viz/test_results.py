@@ -98,6 +98,8 @@ def test_learning_curve(tmp_path):
         ("", "holds no steps"),
         ('{"loss": 1}\n{"step": 1, "loss": 1}\n', "line 1: KeyError"),
         ('{"step": 0, "loss": "x"}\n{"step": 1, "loss": 1}\n', "line 1: ValueError"),
+        (f'{{"step": {10**400}}}\n{{"step": 1}}\n', "line 1: OverflowError"),
+        ("[" * 100_000 + '\n{"step": 1}\n', "line 1: RecursionError"),
     ],
 )
 def test_metrics_that_cannot_be_read(tmp_path, text, message):
