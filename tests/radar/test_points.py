@@ -140,6 +140,11 @@ def test_windows_are_options(cube, cloud):
     found = cloud_of(cube, points=points).power[0]
     assert found == pytest.approx(float(power_map(cube, **windows).max()), rel=1e-5)
     assert found != pytest.approx(cloud.power[0], rel=1e-3)
+    blackman = dataclasses.replace(FEW, doppler_window="blackman")
+    fast = 5.3 * SMALL.velocity_resolution_mps  # between bins
+    strong = simulate(target(5, 20, 5, fast, amplitude=1e4))
+    placed = cloud_of(strong, points=blackman).velocity[0]
+    assert placed == pytest.approx(fast, rel=1e-4)
 
 
 def test_strongest_echo_is_the_target_and_others_are_apart(cloud):
