@@ -1,4 +1,4 @@
-"""The network `UNet` of the form "adm" in PyTorch, a function of the same parameters.
+"""The network "tiny" in PyTorch, a function of the same parameters.
 
 Weights are named by their path, such as `trunk/stem/kernel`. Weights and images have
 their channels first.
@@ -135,12 +135,4 @@ def network(unet: UNet, weights: Any, x: Any, c_noise: Any, condition: Any) -> A
         for i in range(unet.blocks + 1):
             h = block(f"dec{level}_block{i}", torch.cat([h, skips.pop()], 1))
     h = functional.silu(norm("trunk/norm", h))
-    fine = unfold(pointwise("trunk/unfold", h))
-    if not unet.detail_channels:
-        return fine
-    detail = conv("trunk/detail", x) + angles("trunk/detail_angles", x)
-    level = dense("trunk/detail_affine", embedding)[:, :, None, None]
-    scale, shift = level.chunk(2, 1)
-    fine = torch.cat([fine, detail * (1 + scale) + shift], 1)
-    fine = conv("trunk/refine", functional.silu(fine))
-    return unfold(conv("trunk/output", h)) + fine
+    return unfold(pointwise("trunk/unfold", h))

@@ -52,11 +52,11 @@ def prepared_data(
     config: ConfigDict,
     workdir: Path,
     *,
-    simulate: Callable[[ConfigDict, Path], None] | None = None,
+    write: Callable[[ConfigDict, Path], None] | None = None,
 ) -> Path:
     """Return the folder of records: the config's, or one made in the workdir.
 
-    `simulate(config, folder)` writes the recordings; by default the config's whole set.
+    `write(config, folder)` makes the recordings; by default the config's whole set.
     """
     if config.data.path:
         return Path(config.data.path)
@@ -73,16 +73,18 @@ def prepared_data(
             "several processes cannot simulate their own data: prepare it beforehand, "
             "and pass the folder as --config.data.path"
         )
-    (simulate or _simulate_set)(config, recordings)
+    if write:
+        write(config, recordings)
+    else:
+        simulate(config.data.set, recordings, frames=config.data.frames)
     data.prepare(recordings, records, prepare_spec(config), workers=1)
     return records
 
 
-def _simulate_set(config, folder):
-    """Write the recordings of the config's whole set."""
-    name, frames, done = config.data.set, config.data.frames, itertools.count(1)
+def simulate(name: str, folder: Path, *, frames: int) -> None:
+    """Write what is missing of a set's recordings, and show the progress."""
     with section("data"):
-        total = frames * len(set_sequences(name))
+        total, done = frames * len(set_sequences(name)), itertools.count(1)
     with progress("simulating", total, unit="frames") as show:
         simulate_set(name, folder, frames=frames, advance=lambda: show(next(done)))
 
@@ -214,37 +216,20 @@ def build_loss(loss: ConfigDict, *, method: str) -> Callable[..., jax.Array]:
 def _denoising_loss(loss):
     """Eq. 12. LPIPS is loaded if its weight is not 0."""
     weights = dict(loss)
-    network, masked = weights.pop("perceptual_network"), weights.pop("mask_misses")
-    perceptual = None
+    network, perceptual = weights.pop("perceptual_network"), None
     with section("loss"):
         spec = diffusion.LossSpec(**weights)
         if spec.perceptual:
-            perceptual = functools.partial(
-                diffusion.lpips, diffusion.load_lpips(network=network)
-            )
-
-    def denoising(key, denoise, clean, **given):
-        return diffusion.denoising_loss(
-            key,
-            denoise,
-            clean,
-            weights=spec,
-            mask=diffusion.target_mask(clean) if masked else None,
-            perceptual=perceptual,
-            **given,
-        )
-
-    return denoising
-
-
-def _regression_loss(loss):
-    """The squared error alone."""
-    options = {"range_weight": loss.range_weight}
-    return functools.partial(diffusion.regression_loss, **options)
+            loaded = diffusion.load_lpips(network=network)
+            perceptual = functools.partial(diffusion.lpips, loaded)
+    terms = {"weights": spec, "perceptual": perceptual}
+    return functools.partial(diffusion.denoising_loss, **terms)
 
 
 LOSSES = {  # of each method of `jradar.model`, from the config's section `loss`
     "diffusion": _denoising_loss,
-    "regression": _regression_loss,
+    "regression": lambda loss: functools.partial(
+        diffusion.regression_loss, range_weight=loss.range_weight
+    ),
     "marginal": lambda loss: diffusion.mixture_loss,
 }

@@ -29,11 +29,11 @@ def exit_code_of(run: Callable[[], int | None]) -> int:
 
 
 def study_parser(
-    name: str, about: str | None, *, output: str = "folder for the results"
+    module: str, about: str | None, *, output: str = "folder for the results"
 ) -> argparse.ArgumentParser:
-    """Return the parser of a study, without --output if `output` is empty."""
+    """Return the parser of a command, without --output if `output` is empty."""
     parser = argparse.ArgumentParser(
-        prog=f"python -m experiments.studies.{name}",
+        prog=f"python -m {module}",
         description=about,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -11,9 +11,9 @@ records of other radars, which have a LiDAR, and writes the model to a new folde
 network stays the same.
 """
 
-import argparse
 import dataclasses
 import sys
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from experiments.build import build_pairs
-from experiments.command import run_study
+from experiments.command import run_study, study_parser
 from experiments.evaluate import spread
 from jradar import data
 from jradar.errors import UsageError
@@ -55,14 +55,9 @@ class Judged(NamedTuple):
 
 def main(argv: list[str] | None = None) -> int:
     """Fit a model's confidence to records and return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m experiments.confidence",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("experiments.confidence", __doc__, output="new folder")
     parser.add_argument("model", help="a shipped model, or a folder")
     parser.add_argument("records", nargs="+", type=Path, help="folders of records")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="new folder")
     text = "split of the records, or all (default: %(default)s)"
     parser.add_argument("--split", default="validation", help=text)
     text = "precision of the weights that are written"
@@ -70,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
     return run_study(fit, parser, argv)
 
 
-def fit(options: argparse.Namespace) -> None:
+def fit(options: Namespace) -> None:
     """Write the model with a confidence that holds on the records."""
     model = load_model(options.model)
     split = None if options.split == "all" else options.split
@@ -128,15 +123,14 @@ def judged(key: jax.Array, model: Model, records: data.Records) -> Iterator[Judg
 
 def least_confidence(frames: Sequence[Judged]) -> float:
     """Return the lowest of THRESHOLDS that scores within SPARED of the best."""
-    scores = [np.mean([_f_score(f, least) for f in frames]) for least in THRESHOLDS]
+
+    def f_score(frame, least):
+        kept = frame.xyz[frame.confidence >= least]
+        return score_points(kept, frame.truth)["f_score_0.2"]
+
+    scores = [np.mean([f_score(f, least) for f in frames]) for least in THRESHOLDS]
     good = np.flatnonzero(np.array(scores) >= max(scores) - SPARED)
     return THRESHOLDS[int(good[0])]
-
-
-def _f_score(frame: Judged, least: float) -> float:
-    """The F-score at 0.2 m of the points of at least this confidence."""
-    kept = frame.xyz[frame.confidence >= least]
-    return score_points(kept, frame.truth)["f_score_0.2"]
 
 
 if __name__ == "__main__":

@@ -3,11 +3,10 @@ r"""Convert published image diffusion models to files that `load_pretrained` rea
     python -m experiments.convert_weights edm-ffhq-64x64-uncond-vp.pkl ffhq.safetensors
     python -m experiments.convert_weights edm_imagenet64_ema.pt imagenet.safetensors
 
-Needs PyTorch; jradar itself never imports this script. `.pt` files are plain state
-dicts. NVIDIA's `.pkl` files contain the source of their network, which ordinary
-unpickling would execute. Here the source is dropped, and only the parameters, buffers
-and submodules of each module are kept. Apart from PyTorch's storage of tensors, globals
-are refused or replaced by objects that do nothing.
+Needs PyTorch. `.pt` files are plain state dicts. NVIDIA's `.pkl` files contain the
+source of their network, which ordinary unpickling would execute. Here it is dropped,
+and only the parameters, buffers and submodules of each module are kept. Apart from
+PyTorch's storage of tensors, globals are refused or replaced by inert objects.
 
 Mind the licences: NVIDIA's weights, and everything derived from them, are CC BY-NC-SA
 4.0; OpenAI's consistency models are MIT.
@@ -69,13 +68,10 @@ def convert(source: Path) -> dict[str, np.ndarray]:
 
 
 def _load_plain(torch: Any, source: Path | io.BytesIO) -> Any:
-    """Return the content of a `.pt` file of plain tensors, or refuse it.
-
-    PyTorch's own message is not repeated: it advises to run the file's code.
-    """
+    """Return the content of a `.pt` file of plain tensors, or refuse it."""
     try:
         return torch.load(source, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError:
+    except pickle.UnpicklingError:  # whose message advises to run the file's code
         raise ValueError(
             "it contains more than a state dict of tensors, or is cut short: objects "
             "of other kinds may run code and are refused"

@@ -39,10 +39,10 @@ def setup(config: ConfigDict, workdir: Path) -> None:
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Simulate, prepare, score and report."""
-    folder = build.prepared_data(config, workdir, simulate=simulate_layouts)
+    folder = build.prepared_data(config, workdir, write=simulate_layouts)
     records = data.Records(folder, SPLIT)
     coarse, fine = build.build_images(config.image)
-    view = View(records.radar, fine, records)
+    view = View(records, fine)
     slices = config.image.num_slices
     rates = {
         name: config.evaluation.rates[name] for name in config.evaluation.detectors
@@ -61,7 +61,6 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         build.random_key(config, build.SAMPLE_KEY),
         workdir,
         view,
-        records,
         data.PairSource(records, coarse, fine, num_slices=slices),
         detector_methods(view, rates) | shipped_methods(config, usable),
     )
@@ -93,18 +92,15 @@ def simulate_layouts(config: ConfigDict, folder: Path) -> None:
         for items in families.values()
         for item in items[: config.data.layouts]
     ]
+    # A folder that exists is complete.
+    missing = [
+        each for each in layouts if not (folder / "{}_{}".format(*each)).is_dir()
+    ]
     frames, done = config.data.frames, itertools.count(1)
-    with progress("simulating", frames * len(layouts), unit="frames") as show:
-        for family, seed, unit in layouts:
-
-            def advance(family=family):
-                show(next(done), family)
-
-            if (folder / f"{family}_{seed}").is_dir():  # complete, if it exists
-                for _ in range(frames):
-                    advance()
-                continue
-            options = {"frames": frames, "unit": unit, "advance": advance}
+    with progress("simulating", frames * len(missing), unit="frames") as show:
+        for family, seed, unit in missing:
+            options = {"frames": frames, "unit": unit}
+            options["advance"] = lambda: show(next(done))
             simulate_sequence(family, seed, folder, **options)
     splits = {f"{family}_{seed}": SPLIT for family, seed, _ in layouts}
     write_text(folder / "splits.json", json.dumps(splits, indent=2) + "\n")

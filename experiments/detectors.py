@@ -1,13 +1,11 @@
 """CFAR detectors on records: the methods that every model is compared with."""
 
-import functools
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-import jax
 import numpy as np
 
-from experiments.evaluate import Frame, View, points_of, spread
+from experiments.evaluate import View, points_of, spread
 from jradar import data
 from jradar.evaluation import Method, score_points
 from jradar.lidar import shared_field_of_view
@@ -21,17 +19,14 @@ Choice = TypeVar("Choice")
 
 def detector_methods(view: View, rates: dict[str, float]) -> dict[str, Method]:
     """Return a method for each CFAR detector, at its false-alarm rate."""
+
+    def method(**options) -> Method:
+        return lambda key, frame: detected(frame.prepared, view, **options)
+
     return {
-        f"{detector.upper()}-CFAR": functools.partial(
-            _method, view=view, detector=detector, rate=rate
-        )
+        f"{detector.upper()}-CFAR": method(detector=detector, rate=rate)
         for detector, rate in rates.items()
     }
-
-
-def _method(key: jax.Array, frame: Frame, *, view, detector, rate) -> PointCloud:
-    """The detector's points of a frame; `key` is not used."""
-    return detected(frame.prepared, view, detector=detector, rate=rate)
 
 
 def detected(

@@ -5,7 +5,6 @@ the config's split.
 """
 
 import functools
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from experiments.evaluate import (
     spread,
     write_results,
 )
-from experiments.fusing import fused_method
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
@@ -55,12 +53,6 @@ def check(config: ConfigDict) -> None:
     build.build_images(config.image)
     build.build_solver(config)
     initial_weights(config.train)
-    fuse = config.evaluation.fuse
-    if fuse < 1 or (fuse > 1 and config.method != "marginal"):
-        raise UsageError(
-            f"evaluation.fuse = {fuse} with the method {config.method!r}: expected 1, "
-            "or more frames with the method 'marginal'"
-        )
     low, high = config.image.azimuth_deg
     if config.train.mirror and low != -high:
         raise UsageError(
@@ -76,11 +68,18 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     spec = build.build_spec(config, records)
     pairs = build.build_pairs(spec, records)
     card, trust = build.build_card(config, records), trust_of(pairs)
+    most = config.train.thin
+
+    def change(pair, random):
+        if config.train.mirror:
+            pair = data.mirrored(pair, random)
+        return data.thinned(pair, random, most=most) if most else pair
+
     batches = data.Batches(
         pairs,
         seed=config.seed,
         batch_size=config.train.batch_size,
-        change=_change(config.train),
+        change=change,
     )
 
     def batch_at(step):
@@ -126,17 +125,6 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     )
 
 
-def _change(train: ConfigDict) -> Callable[..., data.Pair]:
-    """Return what alters each drawn pair at random."""
-
-    def change(pair, random):
-        if train.mirror:
-            pair = data.mirrored(pair, random)
-        return data.thinned(pair, random, most=train.thin) if train.thin else pair
-
-    return change
-
-
 def trust_of(pairs: data.PairSource) -> TrustTable | None:
     """Return what the conditions of training look like; None for too few frames."""
     if len(pairs) < LEAST_FRAMES:
@@ -170,7 +158,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)
-    view = View(model.card.radar, model.spec.fine, records)
+    view = View(records, model.spec.fine)
     rates = choose_rates(
         view,
         data.Records(folder, "validation"),
@@ -182,15 +170,10 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         build.build_pairs(model.spec, records),
         model_methods(config, model),
     )
-    if (count := config.evaluation.fuse) > 1:
-        methods[f"{[*methods][-1]}, {count} frames"] = fused_method(
-            model, records, pairs, count
-        )
     write_results(
         build.random_key(config, build.SAMPLE_KEY),
         workdir,
         view,
-        records,
         pairs,
         {**detector_methods(view, rates), **methods},
         every=config.evaluation.every,

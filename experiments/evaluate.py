@@ -34,38 +34,27 @@ class Frame(NamedTuple):
 
 
 class View(NamedTuple):
-    """The radar, and the image whose field of view counts."""
+    """The records, and the image whose field of view counts."""
 
-    radar: RadarSpec
+    records: data.Records
     fine: ImageSpec
-    records: data.Records | None = None  # chirps and windows of their sequences
 
     def radar_of(self, prepared: data.PreparedFrame) -> RadarSpec:
         """Return the radar that recorded a frame."""
-        if self.records is None:
-            return self.radar
         return self.records.radar_of(prepared.sequence)
 
     def points(self, prepared: data.PreparedFrame, **options: Any) -> PointSpec:
         """Return the spec for the cells of a frame, with the windows behind them."""
-        doppler, range_ = PointSpec.doppler_window, PointSpec.range_window
-        if self.records is not None:
-            doppler, range_ = self.records.windows_of(prepared.sequence)
+        doppler, range_ = self.records.windows_of(prepared.sequence)
         chosen = {"doppler_window": doppler, "range_window": range_, **options}
         return PointSpec(**chosen).fitted(self.radar_of(prepared))
 
 
 def view_of(records: data.Records) -> View:
-    """Return the radar, the records and a 128 x 512 image of the view of records."""
+    """Return the records and a 128 x 512 image of their field of view."""
     seen = records.manifest["options"]["lidar"]
-    fine = ImageSpec(
-        128,
-        512,
-        azimuth=tuple(seen["azimuth"]),
-        elevation=tuple(seen["elevation"]),
-        max_range_m=seen["max_range_m"],
-    )
-    return View(records.radar, fine, records)
+    angles = tuple(seen["azimuth"]), tuple(seen["elevation"])
+    return View(records, ImageSpec(128, 512, *angles, seen["max_range_m"]))
 
 
 def points_of(cloud: PointCloud) -> np.ndarray:
@@ -126,7 +115,6 @@ def write_results(
     key: jax.Array,
     workdir: Path,
     view: View,
-    records: data.Records,
     pairs: Any,
     methods: dict[str, Method],
     *,
@@ -136,6 +124,7 @@ def write_results(
 
     The report shows the clouds of some frames, spread over all of them.
     """
+    records = view.records
     scored = [i for index in _scored(records, every).values() for i in index]
     shown = [scored[i] for i in spread(len(scored), CLOUDS_IN_REPORT)]
     drawn: dict[tuple[int, str], PointCloud] = {}
@@ -154,7 +143,7 @@ def write_results(
         return call
 
     calls = {name: watched(name, method) for name, method in methods.items()}
-    rows = [*score_records(key, view, records, pairs, calls, every=every)]
+    rows = [*score_records(key, view, pairs, calls, every=every)]
     clouds = {}
     for i in shown:
         sequence, frame = records.where[i]
@@ -190,7 +179,6 @@ def write_report(
 def score_records(
     key: jax.Array,
     view: View,
-    records: data.Records,
     pairs: Any,
     methods: dict[str, Method],
     *,
@@ -207,7 +195,8 @@ def score_records(
             unproject(frame.pair.lidar, view.fine)
         ),
     }
-    scored, done = _scored(records, every), 0
+    records, done = view.records, 0
+    scored = _scored(records, every)
     with progress("scoring", sum(map(len, scored.values())), unit="frames") as show:
         for number, (sequence, index) in enumerate(scored.items()):
             rows = evaluation.score_frames(

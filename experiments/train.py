@@ -95,10 +95,7 @@ def check_workdir(config: ConfigDict, workdir: Path) -> None:
             )
         write_text(path, config.to_json(indent=2) + "\n")
         return
-    wanted, found = (
-        flat(json.loads(config.to_json())),
-        flat(read_json(path)),
-    )
+    wanted, found = flat(json.loads(config.to_json())), flat(read_json(path))
     changed = sorted(k for k in wanted | found if wanted.get(k) != found.get(k))
     if changed:
         key = changed[0]

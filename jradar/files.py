@@ -10,6 +10,7 @@ import re
 import secrets
 import shutil
 import stat
+import zipfile
 from collections.abc import Callable, Iterator
 from io import BufferedReader
 from pathlib import Path
@@ -138,11 +139,7 @@ def remove_leftovers(path: Path | str) -> None:
 
 @contextlib.contextmanager
 def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
-    """Yield a path of the same name in a hidden folder beside `path`, then delete it.
-
-    The hidden folder holds a lock, by which the next writer separates the leftovers
-    of a killed process from a folder in use.
-    """
+    """Yield a path of the same name in a hidden, locked folder beside it; delete it."""
     check()
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path)
@@ -181,11 +178,8 @@ def inside(folder: Path | str, name: Any, *, source: Path | str) -> Path:
 
     Absolute paths and `..` are refused, so that a file can only name its neighbours.
     """
-    if (
-        not isinstance(name, str)
-        or Path(name).is_absolute()
-        or ".." in Path(name).parts
-    ):
+    known = isinstance(name, str) and not Path(name).is_absolute()
+    if not known or ".." in Path(name).parts:
         raise ValueError(
             f"{source} names {name!r}, expected a path inside {folder} without `..`"
         )
@@ -204,7 +198,8 @@ def open_file(path: Path | str, *, limit: int | None = None) -> BufferedReader:
     Raises UsageError for a pipe or a device, which may never answer or never end, and
     ValueError for a file of more than `limit` bytes.
     """
-    file = open(path, "rb", opener=_without_waiting)
+    # Without waiting for somebody who writes into a pipe.
+    file = open(path, "rb", opener=lambda p, flags: os.open(p, flags | os.O_NONBLOCK))
     status = os.fstat(file.fileno())
     if stat.S_ISREG(status.st_mode) and (limit is None or status.st_size <= limit):
         return file
@@ -214,10 +209,6 @@ def open_file(path: Path | str, *, limit: int | None = None) -> BufferedReader:
             f"{path} holds {status.st_size:,} bytes, expected at most {limit:,}"
         )
     raise UsageError(f"{path} is a pipe or a device, expected a file")
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)  # for somebody who writes into a pipe
 
 
 def read_text(
@@ -248,6 +239,14 @@ def read_json(path: Path | str, *, limit: int = MAX_JSON_BYTES) -> dict[str, Any
     if not isinstance(values, dict):
         raise ValueError(f"{path} is a {type(values).__name__}, expected an object")
     return values
+
+
+def check_unpacked(path: Path | str, *, limit: int) -> None:
+    """Raise ValueError for a zip archive, such as .npz, of more than `limit` bytes."""
+    with zipfile.ZipFile(path) as archive:
+        size = sum(member.file_size for member in archive.infolist())
+    if size > limit:
+        raise ValueError(f"it unpacks to {size:,} bytes, expected at most {limit:,}")
 
 
 def use_compilation_cache() -> None:

@@ -150,14 +150,12 @@ def _pruned_search(points, others):
 
 
 def _nearest_boxes(low, high, target_low, target_high):
-    """Numbers of the boxes, nearest first, and lower bounds of their squared distance.
-
-    Bound and number are sorted as one integer, which is faster than sorting pairs.
-    """
+    """Numbers of the boxes, nearest first, and lower bounds of squared distances."""
     low, high = low[None], high[None]
     gap = jnp.maximum(jnp.maximum(target_low - high, low - target_high), 0.0)
     # Reduced by a few roundings, so that no bound exceeds a distance to its points.
     bound = ((gap**2).sum(-1) * (1 - 1e-6)).astype(jnp.float32)
+    # Both are sorted as one integer, which is faster than sorting pairs.
     number = jnp.arange(len(bound), dtype=jnp.uint32)
     mask = jnp.uint32((1 << _bits(len(bound))) - 1)
     key = jax.lax.bitcast_convert_type(bound, jnp.uint32) & ~mask
@@ -177,10 +175,7 @@ def _blocks(points, size):
 
 
 def _z_order(xyz, valid):
-    """Order of the points along a Morton curve through 1024^3 cells, invalid ones last.
-
-    Two passes of a radix sort, each over one digit and the point's number.
-    """
+    """Order of points along a Morton curve of 1024^3 cells, by a radix sort in two."""
     low = jnp.where(valid[:, None], xyz, jnp.inf).min(0)
     size = (jnp.where(valid[:, None], xyz, -jnp.inf).max(0) - low).max()
     unit = (xyz - low[None]) / jnp.where(size > 0, size, 1.0)

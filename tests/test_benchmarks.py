@@ -49,7 +49,7 @@ def test_peer_with_another_result_is_refused():
         measure(case, seconds=0.0)
 
 
-SLOW = ("bench_data", "bench_training")  # the quick run in CI covers them
+SLOW = ("bench_diffusion",)  # the quick run in CI covers them
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,10 @@ from jradar.metrics import compare, compare_on_host, nearest_distances
 from jradar.motion import ego_velocity
 from jradar.radar import Radar
 from jradar.radar.angle.near_field import focused_directions
-from jradar.radar.angle.sources import mdl_sources
 from jradar.radar.angle.spectrum import spectrum_peaks
 from jradar.radar.angle.subspace import (
     capon_spectrum,
     music_spectrum,
-    source_count,
     subspace_directions,
 )
 from jradar.radar.angle.subspace_peaks import subspace_peaks
@@ -36,9 +34,7 @@ POINTS = {
     "capon, peaks": r.PointSpec(
         **WINDOW, capacity=64, angles="capon", group_peaks=True
     ),
-    "sources, folds": r.PointSpec(
-        **WINDOW, capacity=64, angles="music", sources=0, folds=1
-    ),
+    "music, folds": r.PointSpec(**WINDOW, capacity=64, angles="music", folds=1),
     "two peaks, folds": r.PointSpec(**WINDOW, capacity=64, peaks=2, folds=1),
     "two peaks, capon": r.PointSpec(**WINDOW, capacity=64, peaks=2, angles="capon"),
     "focus": r.PointSpec(**WINDOW, capacity=64, focus=True),
@@ -131,13 +127,9 @@ KERNELS = {
     "capon_spectrum": lambda: capon_spectrum(waves(2, 1, 12), CHIP),
     "music_spectrum": lambda: music_spectrum(waves(2, 1, 12), CHIP, num_sources=2),
     "subspace_directions": lambda: subspace_directions(
-        waves(2, 12), CHIP, method="music", num_sources=None
+        waves(2, 12), CHIP, method="music"
     ),
-    "subspace_peaks": lambda: subspace_peaks(
-        waves(2, 12), CHIP, method="music", num_sources=None
-    ),
-    "source_count": lambda: source_count(waves(2, 1, 12), CHIP),
-    "mdl_sources": lambda: mdl_sources(jnp.abs(numbers(2, 5)), samples=8),
+    "subspace_peaks": lambda: subspace_peaks(waves(2, 12), CHIP, method="music"),
     "velocity_folds": lambda: r.velocity_folds(waves(2, 12), numbers(2), CHIP, most=2),
     "focused_directions": lambda: focused_directions(
         waves(2, 3, 12), jnp.array([5, 9]), numbers(2) / 8, CHIP

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import RangeMixture, mixture_mass
+from jradar.diffusion import RangeMixture, window_mass
 from jradar.model import draw, enhance
 from jradar.model.methods import likeliest_range
 from jradar.radar import Radar
@@ -38,7 +38,7 @@ def test_the_window_holds_nearly_as_much_as_the_best_of_all():
     @jax.jit
     def mass(range_m):
         edges = (encode_range(range_m + side, **view) for side in (-0.2, 0.2))
-        return mixture_mass(mixture, *edges)
+        return window_mass(mixture)(*edges)
 
     image = likeliest_range(mixture, SPEC)
     found = np.asarray(mass(image.range_m))

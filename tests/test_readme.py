@@ -199,7 +199,6 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/radarhd.py": "hours of training",
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_nearness.py": "needs RadarHD's folder",
-    "--config=experiments/configs/radarhd_regression.py": "hours of training",
 }
 
 

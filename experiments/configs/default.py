@@ -69,8 +69,6 @@ def get_config():
     config.loss.absolute = 0.0
     config.loss.perceptual = 0.0
     config.loss.perceptual_network = "alexnet"  # or vgg16
-    config.loss.perceptual_every = 1
-    config.loss.mask_misses = False  # True: no range error where the LiDAR saw nothing
 
     config.train = ConfigDict()
     # Weights to start from: a run's workdir, a model, or a file for load_pretrained.
@@ -99,7 +97,6 @@ def get_config():
     config.evaluation = ConfigDict()
     config.evaluation.split = "test"
     config.evaluation.every = 5  # score every fifth frame
-    config.evaluation.fuse = 1  # of the row that fuses frames by their poses; 1: no row
     config.evaluation.detectors = ("so", "ca", "go", "os")
     config.evaluation.frames_for_rates = 48
     config.evaluation.frames_while_training = 24

@@ -31,8 +31,6 @@ def get_config():
     config.data.report_trajectories = (138, 140)  # not trained on
     config.data.every = 4  # score every fourth frame of both
     config.data.turn = 0.0  # degrees to the left, of the pairs that are reported
-    config.data.simulated = ""  # packed file of radarhd.simulated
-    config.data.simulated_share = 0.0  # of each batch; 1 trains on them alone
 
     config.method = "diffusion"  # "nearness": one pass; "regression": a baseline
     config.weights = ""  # to evaluate; by default the workdir's own
@@ -78,7 +76,7 @@ def get_config():
     config.train = main.train
     del config.train.thin  # of radar points, which images are not
     config.train.update(steps=5400, checkpoint_every=300)
-    config.train.augment = ()  # names of radarhd.pairs.AUGMENTATIONS
+    config.train.rotate = False  # every other pair, by up to 29 degrees
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

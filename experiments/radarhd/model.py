@@ -76,13 +76,12 @@ def prior(noise: NoiseSpec) -> float:
 
 
 def denoising_loss(
-    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec, step: Any = 0
+    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec
 ) -> Float[Array, ""]:
     """Return the cross-entropy at random noise levels, relative to the prior's.
 
     The denoiser of least cross-entropy is also that of least squared error, but the
     gradient of the cross-entropy does not vanish where the denoiser is sure and wrong.
-    `step` is not used.
     """
     sigma_key, noise_key = jax.random.split(key)
     sigma = diffusion.training_sigma(sigma_key, clean.shape[:1], noise)
@@ -92,11 +91,11 @@ def denoising_loss(
 
 
 def regression_loss(
-    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec, step: Any = 0
+    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec
 ) -> Float[Array, ""]:
     """Return squared error plus Dice of the one-pass estimate (Prabhakara et al. 2023).
 
-    Dice is computed for each image. `key` and `step` are not used.
+    Dice is computed for each image. `key` is not used.
     """
     share = regression_estimate(denoise, clean.shape, noise=noise)
     both = (share * clean).sum((1, 2, 3))
@@ -106,12 +105,12 @@ def regression_loss(
 
 
 def nearness_loss(
-    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec, step: Any = 0
+    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec
 ) -> Float[Array, ""]:
     """Return the cross-entropy of the one-pass estimate to the nearness of `clean`.
 
-    It is least where the estimate is the expectation given the condition. `key` and
-    `step` are not used.
+    It is least where the estimate is the expectation given the condition. `key` is not
+    used.
     """
     estimate = regression_estimate(denoise, clean.shape, noise=noise)
     return cross_entropy(estimate, nearness(clean), noise)

@@ -8,17 +8,12 @@ or a packed .npz with `radar` uint8, `lidar_packed` (bits along the azimuth),
 `trajectory` and `frame`. Row i stands for the i-th of evenly spaced ranges from 0 to
 10.8 m, column j for the j-th of evenly spaced angles from -90 to 90 degrees, both ends
 included.
-
-Training may change pairs in ways that leave them possible (`AUGMENTATIONS`). Such a
-function takes a generator, a radar image [range, radar_azimuth, history] of 0 to 1 and
-an occupancy image [range, azimuth, 1] of 0 or 1, and returns both, changed.
 """
 
 import functools
 import hashlib
 import math
 import re
-import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,21 +22,13 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from jradar.errors import parsing
+from jradar.files import check_unpacked
 from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
 MAX_RANGE_M = 10.8
-SCALES = (0.8, 1.25)  # of ranges
 MOST_CELLS = 10  # of the radar's azimuth in a rotation to either side, 29 degrees
-GAINS, GAMMAS = (0.7, 1.3), (0.7, 1.4)
-SPECKLE = 0.3  # standard deviation of the factor of each pixel
-MOST_DROPPED = 8  # neighbouring azimuth cells of the radar
-SECTORS = np.deg2rad((30.0, 90.0))  # widths of a pasted sector
-
-Radar = Float[np.ndarray, "range radar_azimuth history"]
-Occupied = Float[np.ndarray, "range azimuth 1"]
-Images = tuple[Radar, Occupied]
 
 
 class PolarGrid(NamedTuple):
@@ -195,9 +182,7 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
 def _packed(path: Path) -> RadarHD:
     """Pairs of a packed file, kept in memory."""
     with parsing(path, "a packed file with radar, lidar_packed, trajectory and frame"):
-        with zipfile.ZipFile(path) as archive:
-            if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
-                raise ValueError(f"it unpacks to {size:,} bytes, limit {MAX_BYTES:,}")
+        check_unpacked(path, limit=MAX_BYTES)
         with np.load(path, allow_pickle=False) as arrays:
             radar, packed = arrays["radar"], arrays["lidar_packed"]
             keys = np.stack([arrays["trajectory"], arrays["frame"]], -1)
@@ -238,88 +223,11 @@ def rotated(image: np.ndarray, grid: PolarGrid, cells: int) -> np.ndarray:
     return image[:, last - np.abs(last - source)]
 
 
-def rotate(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
-    """Rotate both images about the radar, by whole radar cells."""
+def rotated_at_random(item: Batch, rng: np.random.Generator) -> Batch:
+    """Return every other item rotated about the radar, by whole radar cells."""
+    if rng.random() >= 0.5:
+        return item
     cells = rng.integers(-MOST_CELLS, MOST_CELLS + 1)
-    return rotated(radar, RADAR, cells), rotated(occupied, LIDAR, cells)
-
-
-def scale_ranges(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
-    """Move everything nearer or farther by one factor: a smaller or larger room."""
-    factor = np.exp(rng.uniform(*np.log(SCALES)))
-    source = np.rint(np.arange(len(LIDAR.ranges)) / factor).astype(int)
-    outside = source >= len(source)
-
-    def rows(image):
-        moved = image[np.where(outside, 0, source)]
-        moved[outside] = 0
-        return moved
-
-    return rows(radar), rows(occupied)
-
-
-def change_gain(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
-    """Change the radar's gain and the curve of its grey values."""
-    gain, gamma = rng.uniform(*GAINS), rng.uniform(*GAMMAS)
-    return np.clip(gain * radar**gamma, 0, 1).astype(radar.dtype), occupied
-
-
-def add_speckle(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
-    """Multiply each radar pixel by a random factor around 1."""
-    factor = 1 + SPECKLE * rng.standard_normal(radar.shape)
-    return np.clip(radar * factor, 0, 1).astype(radar.dtype), occupied
-
-
-def drop_azimuths(rng: np.random.Generator, radar: Radar, occupied: Occupied) -> Images:
-    """Blank a few neighbouring azimuth cells of the radar."""
-    width = rng.integers(1, MOST_DROPPED + 1)
-    first = rng.integers(0, radar.shape[1] - width + 1)
-    changed = radar.copy()
-    changed[:, first : first + width] = 0
-    return changed, occupied
-
-
-def paste_sector(
-    rng: np.random.Generator, radar: Radar, occupied: Occupied, other: Images
-) -> Images:
-    """Replace a sector of both images by that of another item.
-
-    The radar's side lobes end at the sector's borders, which those of a real radar do
-    not.
-    """
-    width = rng.uniform(*SECTORS)
-    first = rng.uniform(-math.pi / 2, math.pi / 2 - width)
-
-    def pasted(image, grid, source):
-        inside = (grid.angles >= first) & (grid.angles < first + width)
-        return np.where(inside[:, None], source, image)
-
-    return pasted(radar, RADAR, other[0]), pasted(occupied, LIDAR, other[1])
-
-
-AUGMENTATIONS: dict[str, Callable[..., Images]] = {
-    "scale": scale_ranges,
-    "turn": rotate,
-    "gain": change_gain,
-    "speckle": add_speckle,
-    "drop": drop_azimuths,
-    "paste": paste_sector,
-}
-
-
-def augmented(
-    item: Batch,
-    rng: np.random.Generator,
-    *,
-    names: Sequence[str],
-    others: Sequence[Batch],
-) -> Batch:
-    """Return an item with each of the named changes, each at a chance of one half.
-
-    Sectors are pasted from `others`.
-    """
-    for name in names:
-        if rng.random() < 0.5:
-            pasted = [others[rng.integers(len(others))]] if name == "paste" else []
-            item = Batch(*AUGMENTATIONS[name](rng, *item, *pasted))
-    return item
+    return Batch(
+        rotated(item.condition, RADAR, cells), rotated(item.target, LIDAR, cells)
+    )

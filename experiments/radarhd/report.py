@@ -4,7 +4,7 @@
 by trajectory. The folder's test trajectories are from three buildings.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from experiments.radarhd.scores import (
     Limits,
     Rows,
     building,
-    confidence_table,
     drawn_images,
     polar_points,
     score_pairs,
@@ -28,17 +27,12 @@ from experiments.radarhd.scores import (
 from jradar import evaluation
 from jradar.evaluation.scores import FIELDS
 from jradar.files import write_text
-from jradar.range_image import ConfidenceTable
 
 SHOWN = 4  # frames in a picture
 NOTES = """\
 CD is the mean of the two mean distances. Of polar pixels, distances are means over the
 frames in which the method found points; the empty ones count as 0 in the F-scores. On
 the Cartesian grid, empty predictions and truths count as the one point (0, 0, 0).
-
-A cell is right if the LiDAR has one within 0.2 m. The confidence of a value is its
-frequency on the trajectories that the limits are chosen on; the error is the mean
-distance of confidence and frequency, by cells.
 """
 Drawn = list[tuple[PolarPair, dict[str, np.ndarray]]]  # clouds of pairs, by name
 
@@ -50,7 +44,6 @@ def write_results(
     pairs: RadarHD,
     answers: Answers,
     limits: Limits,
-    confidence: Mapping[str, ConfidenceTable],
 ) -> None:
     """Score methods at their limits; write and print tables, and write the report."""
     every = config.data.every
@@ -58,7 +51,6 @@ def write_results(
     frames = len({(row["sequence"], row["frame"]) for row in rows})
     parts = [f"# {title}\n\n{frames} frames, one in {every}.\n"]
     parts += [protocol_tables(rows, protocol, limits) for protocol in PROTOCOLS]
-    parts += ["## Confidence of Cartesian cells\n", confidence_table(rows, confidence)]
     text = "\n".join([*parts, NOTES])
     write_text(workdir / "evaluation" / "protocols.md", text)
     index = {"samples": spread(len(pairs), SHOWN), "worst": worst_frames(pairs, rows)}

@@ -1,4 +1,4 @@
-"""Scores of occupancy images by two protocols, limits, and confidence of cells.
+"""Scores of occupancy images by two protocols, and their limits.
 
     polar        a point in the middle of each occupied pixel. Near pixels are small, so
                  what is near counts more.
@@ -15,9 +15,6 @@ not their sum. RadarHD has no F-score, and its code stops at images with exactly
 occupied cell, which count as one point here.
 
 A pixel is occupied where an image exceeds a limit, chosen for each method and protocol.
-A drawn Cartesian cell is right if the LiDAR has one within 0.2 m. What an image says of
-it, a probability, a share of draws or a nearness, is not the frequency of that:
-`fit_confidences` turns the one into the other.
 """
 
 import functools
@@ -36,12 +33,9 @@ from experiments.evaluate import known_mean
 from experiments.radarhd.model import Answers
 from experiments.radarhd.pairs import LIDAR, MAX_RANGE_M, PolarItems, PolarPair, RadarHD
 from jradar import evaluation
-from jradar.range_image import ConfidenceTable, fit_confidence, frequency
-from jradar.range_image.confidence import KNOTS
 
 # Limits of the drawn value to choose from: evenly spaced log-odds.
 LIMITS = 1 / (1 + np.exp(-np.arange(-5.0, 4.1, 0.25)))
-FULL = 255  # the grey value of an occupied pixel
 X_GRID = np.linspace(0, MAX_RANGE_M, 256)
 Y_GRID = np.linspace(-MAX_RANGE_M, MAX_RANGE_M, 512)
 BUILDINGS = {  # of the public folder, by its trajectories with both ends included
@@ -49,7 +43,6 @@ BUILDINGS = {  # of the public folder, by its trajectories with both ends includ
     (227, 246): "227 to 246, another building",
     (247, 250): "247 to 250, another building",
 }
-CONFIDENCE = ("cells", "value (%)", "confidence (%)", "right (%)", "error (points)")
 
 Rows = list[dict[str, Any]]
 Limits = Mapping[str, Mapping[str, float]]  # by protocol and method
@@ -73,26 +66,15 @@ def polar_points(occupied: Occupied) -> Points:
 
 def cartesian_points(occupied: Occupied) -> Points:
     """Return the points of the cells of the occupied pixels; on the host."""
-    points = cell_points(to_cartesian(occupied))
+    row, column = pixel_cells()
+    cells = np.zeros((len(X_GRID), len(Y_GRID)), bool)
+    cells[row[occupied], column[occupied]] = True
+    x, y = np.nonzero(cells)
+    points = np.stack([X_GRID[x], Y_GRID[y], np.zeros(len(x))], -1)
     return points if len(points) else np.zeros((1, 3))
 
 
 PROTOCOLS = {"polar": polar_points, "cartesian": cartesian_points}
-
-
-def to_cartesian(image: np.ndarray) -> np.ndarray:
-    """Return an image on the Cartesian grid; of several pixels the last one counts."""
-    row, column = np.nonzero(image)
-    cartesian = np.zeros((len(X_GRID), len(Y_GRID)), image.dtype)
-    x, y = pixel_cells()
-    cartesian[x[row, column], y[row, column]] = image[row, column]  # in order
-    return cartesian
-
-
-def cell_points(cells: np.ndarray) -> Points:
-    """Return the grid's values of the cells that are not 0, in the plane z = 0."""
-    x, y = np.nonzero(cells)
-    return np.stack([X_GRID[x], Y_GRID[y], np.zeros(len(x))], -1)
 
 
 @functools.cache
@@ -142,8 +124,8 @@ def score_pairs(
 ) -> Iterator[dict[str, Any]]:
     """Yield scores of each method on every `every`-th pair, by protocol.
 
-    Without `limits`, there is a row for each of LIMITS. Besides the fields of
-    `jradar.evaluation`, a row has its limit, and the cells of `count_cells`.
+    Without `limits`, there is a row for each of LIMITS. A row has its limit besides the
+    fields of `jradar.evaluation`.
     """
     index = range(0, len(pairs), every)
     drawn = drawn_images(config, pairs, answers, index, methods=methods)
@@ -152,8 +134,6 @@ def score_pairs(
             to_points = PROTOCOLS[protocol]
             truth = to_points(pair.lidar)
             tried = LIMITS if limits is None else [limits[protocol][name]]
-            counted = protocol == "cartesian"
-            cells = count_cells(image, min(tried), truth) if counted else None
             for limit in tried:
                 occupied = image > limit
                 scores = evaluation.score_points(to_points(occupied), truth)
@@ -169,7 +149,6 @@ def score_pairs(
                     **scores,
                     "chamfer": scores["chamfer"] / 2,
                     "limit": float(limit),
-                    "cells": cells,
                 }
 
 
@@ -189,64 +168,3 @@ def choose_limits(rows: Iterable[dict[str, Any]]) -> dict[str, dict[str, float]]
 def at_limits(rows: Iterable[dict[str, Any]], limits: Limits) -> Rows:
     """Return the rows of each method's own limit."""
     return [r for r in rows if r["limit"] == limits[r["truth"]][r["method"]]]
-
-
-def count_cells(
-    image: Float[np.ndarray, "range azimuth"], limit: float, truth: Points
-) -> Int[np.ndarray, "grey 2"]:
-    """Return how many cells of pixels above the limit are wrong, and right, by grey."""
-    grey = np.where(image > limit, np.clip(np.rint(FULL * image), 2, FULL), 0)
-    cells = to_cartesian(grey.astype(np.uint8))
-    right = evaluation.near_truth(cell_points(cells), truth).astype(int)
-    counts = np.zeros((FULL + 1, 2), int)
-    np.add.at(counts, (cells[cells > 0], right), 1)
-    return counts
-
-
-def drawn_cells(rows: Rows) -> tuple[Float[np.ndarray, " cell"], np.ndarray]:
-    """Return the value of each cell above its row's limit, and whether it is right.
-
-    Values are rounded to the knots of a calibration.
-    """
-    level = np.arange(FULL + 1)[:, None] / FULL
-    counts = sum(np.where(level > r["limit"], r["cells"], 0) for r in rows)
-    value = np.rint(level * (KNOTS - 1)) / (KNOTS - 1)
-    both = np.broadcast_arrays(value, [False, True])
-    value, right = (np.repeat(part.ravel(), counts.ravel()) for part in both)
-    return value, right
-
-
-def fit_confidences(rows: Rows) -> dict[str, ConfidenceTable]:
-    """Return the frequency of right cells by value, for each method.
-
-    Without a drawn cell every value is its own frequency.
-    """
-    fitted = {}
-    for (method,), mine in _with_cells(rows, "method"):
-        value, right = drawn_cells(mine)
-        nothing = ConfidenceTable.of((0.0, 1.0))
-        fitted[method] = fit_confidence(value, right) if len(value) else nothing
-    return fitted
-
-
-def confidence_table(rows: Rows, confidence: Mapping[str, ConfidenceTable]) -> str:
-    """Return a table of how well the confidence holds, by building and method."""
-    lines = []
-    for place, mine in _with_cells(rows, "scene", "method"):
-        value, right = drawn_cells(mine)
-        if len(value):
-            sure = np.asarray(frequency(value, confidence[place[1]]))
-            error = evaluation.reliability_error(evaluation.reliability(sure, right))
-            shares = [value.mean(), sure.mean(), right.mean(), error]
-            texts = [f"{100 * share:.1f}" for share in shares]
-            lines.append([*place, f"{len(value):,}", *texts])
-    return evaluation.markdown_table(["building", "method", *CONFIDENCE], lines)
-
-
-def _with_cells(rows: Rows, *names: str):
-    """The rows that count cells, grouped by fields."""
-    groups: dict[tuple, Rows] = {}
-    for row in rows:
-        if row["cells"] is not None:
-            groups.setdefault(tuple(row[name] for name in names), []).append(row)
-    return groups.items()

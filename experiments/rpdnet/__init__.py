@@ -50,9 +50,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     batches = data.Batches(items, seed=config.seed, batch_size=config.train.batch_size)
     detector, optimizer = build_detector(config), build.build_optimizer(config.train)
     params = rpdnet_params(
-        build.random_key(config, build.INIT_KEY),
-        detector,
-        items[0].condition.shape[:2],
+        build.random_key(config, build.INIT_KEY), detector, items[0].condition.shape[:2]
     )
     return Training(
         state=training.TrainState(
@@ -109,7 +107,6 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         build.random_key(config, build.SAMPLE_KEY),
         workdir,
         view,
-        records,
         data.PairSource(records, view.fine, view.fine, num_slices=1),
         {"RPDNet": method},
         every=config.evaluation.every,

@@ -91,14 +91,15 @@ def rpdnet_loss(
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """Return focal loss plus `weight` times the distance of features, and both parts.
 
-    The critic's gradient is reversed: it increases the distance that the detector
-    decreases.
+    The critic increases the distance that the detector decreases.
     """
     logits: Any = detector.apply(params["detector"], maps)
     focal = focal_loss(logits, labels)
     if not weight:
         return focal, {"focal": focal}
-    critic = jax.tree.map(_reversed, params["critic"])
+    critic = jax.tree.map(  # with its gradient reversed
+        lambda x: 2 * jax.lax.stop_gradient(x) - x, params["critic"]
+    )
     both = jnp.concatenate([maps * _binarised(logits), maps * labels])
     features: Any = Critic().apply(critic, both)
     found, truth = jnp.split(features, 2)
@@ -125,8 +126,3 @@ def _binarised(logits):
     probability = jax.nn.sigmoid(logits)
     marked = (logits > 0).astype(logits.dtype)
     return marked + probability - jax.lax.stop_gradient(probability)
-
-
-def _reversed(x):
-    """`x`, with its gradient reversed."""
-    return 2 * jax.lax.stop_gradient(x) - x

@@ -1,7 +1,6 @@
 r"""Compare the scores of runs frame by frame, with paired tests.
 
     python -m experiments.studies.compare runs/first runs/second
-    python -m experiments.studies.compare runs/first runs/second --frames frames.csv
     python -m experiments.studies.compare runs/first --reference OS-CFAR
 
 Two runs: every method that both contain, second minus first. With `--reference`: every
@@ -17,15 +16,13 @@ from experiments.command import run_study, study_parser
 from jradar import evaluation
 from jradar.errors import UsageError
 from jradar.evaluation.runs import COMPARED
-from jradar.files import write_text
 
 
 def main(argv: list[str] | None = None) -> int:
     """Print the comparison and return the exit code."""
-    parser = study_parser("compare", __doc__, output="")
+    parser = study_parser("experiments.studies.compare", __doc__, output="")
     parser.add_argument("runs", nargs="+", metavar="RUN", help="workdir of a run")
     parser.add_argument("--reference", metavar="METHOD", help="compare all with this")
-    parser.add_argument("--frames", metavar="FILE", help="write every frame as CSV")
     return run_study(lambda options: print(tables(options)), parser, argv)
 
 
@@ -47,8 +44,6 @@ def tables(options: Namespace) -> str:
         raise UsageError(f"{len(options.runs)} runs, expected two runs or --reference")
     path = "{}/evaluation/frames.jsonl"
     first, second = (evaluation.read_scores(path.format(r)) for r in options.runs)
-    if options.frames:
-        write_text(options.frames, evaluation.frames_csv(first, second))
     return evaluation.runs_table(key, first, second)
 
 

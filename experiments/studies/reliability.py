@@ -8,10 +8,9 @@ small confidence. A point is right if the frame's LiDAR cloud has a point within
 Frames without LiDAR points are left out. Several folders of records are scored apart
 and together.
 
-`reliability.md` has the calibration error of each model on each folder, its bins of
-confidence, and its precision over the share of points that are kept.
-`reliability.png` draws the last two. Do not score a calibrated model on the frames that
-its calibration was fitted to.
+`reliability.md` has the calibration error of each model on each folder, and its bins of
+confidence; `reliability.png` also its precision over the share of points that are kept.
+Do not score a calibrated model on the frames that its calibration was fitted to.
 """
 
 import sys
@@ -46,20 +45,23 @@ class Points(NamedTuple):
     right: Bool[np.ndarray, " point"]
     frames: int
 
+    @property
+    def bins(self) -> Reliability:
+        """The share of right points in bins of confidence."""
+        return evaluation.reliability(self.confidence, self.right)
 
-class Row(NamedTuple):
-    """The confidence of one model on one folder of records, or on all of them."""
+    @property
+    def coverage(self) -> Coverage:
+        """The precision of the most confident points."""
+        return evaluation.precision_over_coverage(self.confidence, self.right)
 
-    model: str
-    records: str
-    points: Points
-    bins: Reliability
-    coverage: Coverage
+
+Found = dict[tuple[str, str], Points]  # by model, and by records or `TOGETHER`
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the study and return the exit code."""
-    parser = study_parser("reliability", __doc__)
+    parser = study_parser("experiments.studies.reliability", __doc__)
     several = {"action": "append", "required": True}
     parser.add_argument(
         "--records", **several, help="folder of `jradar prepare`; can be repeated"
@@ -80,21 +82,21 @@ def study(options: Namespace) -> None:
     folders = {
         folder: data.Records(folder, options.split) for folder in options.records
     }
-    rows = []
+    found: Found = {}
     for name, model in models.items():
-        found = {
-            folder: drawn_points(model, records, every=options.every, name=name)
+        parts = {
+            (name, folder): drawn_points(model, records, every=options.every, name=name)
             for folder, records in folders.items()
         }
-        if len(found) > 1:
-            found[TOGETHER] = together([*found.values()])
-        rows += [row_of(name, folder, points) for folder, points in found.items()]
-    text = report(rows)
+        if len(parts) > 1:
+            parts[name, TOGETHER] = together([*parts.values()])
+        found |= parts
+    text = report(found)
     write_text(options.output / "reliability.md", text)
-    last = {row.model: row for row in rows}  # on all records
+    last = {model: points for (model, _), points in found.items()}  # on all records
     figure = viz.reliability_figure(
-        {name: (row.bins.confidence, row.bins.right) for name, row in last.items()},
-        {name: row.coverage for name, row in last.items()},
+        {name: points.bins[1:] for name, points in last.items()},
+        {name: points.coverage for name, points in last.items()},
     )
     viz.save_figure(figure, options.output / "reliability.png")
     print(f"{text}\nwritten to {options.output}")
@@ -142,34 +144,28 @@ def together(parts: Sequence[Points]) -> Points:
     return Points(np.concatenate(confidence), np.concatenate(right), sum(frames))
 
 
-def row_of(model: str, records: str, points: Points) -> Row:
-    """Return the scores of some points."""
-    bins = evaluation.reliability(points.confidence, points.right)
-    coverage = evaluation.precision_over_coverage(points.confidence, points.right)
-    return Row(model, records, points, bins, coverage)
-
-
-def report(rows: Sequence[Row]) -> str:
+def report(found: Found) -> str:
     """Return Markdown: a row for each model and folder, then the bins of each model."""
-    parts = [summary_table(rows)]
-    for row in {row.model: row for row in rows}.values():
-        parts.append(f"## {row.model}, {row.records}\n")
-        parts += [bins_table(row.bins), coverage_table(row.coverage)]
+    parts = [summary_table(found)]
+    for model, records in {model: records for model, records in found}.items():
+        points = found[model, records]
+        parts.append(f"## {model}, {records}\n")
+        parts += [bins_table(points.bins)]
     return "\n".join(parts)
 
 
-def summary_table(rows: Sequence[Row]) -> str:
+def summary_table(found: Found) -> str:
     """Return Markdown: the calibration error and precision of each model."""
     titles = ["model", "records", "frames", "points", "mean confidence (%)"]
     titles += ["right (%)", "calibration error (%)"]
     titles += [f"right of the surest {100 * share:g} % (%)" for share in SUREST]
     lines = []
-    for row in rows:
-        surest = np.interp(SUREST, *row.coverage)
-        numbers = [row.points.confidence.mean(dtype=float), row.points.right.mean()]
-        numbers += [evaluation.reliability_error(row.bins), *surest]
-        counts = [f"{row.points.frames:,}", f"{len(row.points.right):,}"]
-        lines.append([row.model, row.records, *counts, *map(percent, numbers)])
+    for place, points in found.items():
+        numbers = [points.confidence.mean(dtype=float), points.right.mean()]
+        numbers += [evaluation.reliability_error(points.bins)]
+        numbers += [*np.interp(SUREST, *points.coverage)]
+        counts = [f"{points.frames:,}", f"{len(points.right):,}"]
+        lines.append([*place, *counts, *map(percent, numbers)])
     return markdown_table(titles, lines)
 
 
@@ -184,15 +180,6 @@ def bins_table(bins: Reliability) -> str:
     ]
     titles = ["confidence (%)", "points", "mean confidence (%)", "right (%)"]
     return markdown_table(titles, lines)
-
-
-def coverage_table(coverage: Coverage) -> str:
-    """Return Markdown: the precision of the most confident points."""
-    lines = [
-        [f"{100 * kept:g}", percent(right)]
-        for kept, right in zip(*coverage, strict=True)
-    ]
-    return markdown_table(["points kept (%)", "right (%)"], lines)
 
 
 def percent(share: float) -> str:

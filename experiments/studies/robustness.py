@@ -11,15 +11,11 @@ resumes. The shifts `ground-and-bounces`, `ti-indoor-waveform` and `clipping` ar
 only where `--shift` asks for them: the mean is over the others.
 
 `evaluation/shifts.md` has a row for each shift and a column for each method, with 95 %
-intervals over layouts. A method is judged by its mean over the shifts; the clean row is
-the unit without a shift.
-
-The last columns say of how many frames a model warns because their radar points look
-unlike training, and of how many because their mean confidence is low; and how well each
-of the two tells shifted frames from clean ones: the areas under the ROC curves.
+intervals over layouts. The clean row is the unit without a shift. The last columns say
+of how many frames a model warns because their radar points look unlike training, and of
+how many because their mean confidence is low.
 """
 
-import itertools
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
@@ -29,9 +25,8 @@ from typing import Any
 import jax
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import mannwhitneyu
 
-from experiments.build import build_pairs, prepare_spec
+from experiments.build import build_pairs, prepare_spec, simulate
 from experiments.command import run_study, study_parser
 from experiments.configs import default, varied
 from experiments.detectors import choose_rates, detector_methods
@@ -42,15 +37,8 @@ from jradar.errors import UsageError
 from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.model import Model, load_model
-from jradar.progress import progress
-from jradar.range_image import STRANGE, UNSURE, training_distance, unlikeness
-from jradar.simulation import (
-    LATER_SHIFTS,
-    SHIFTS,
-    robust_set,
-    set_sequences,
-    simulate_set,
-)
+from jradar.range_image import STRANGE, UNSURE, unlikeness
+from jradar.simulation import LATER_SHIFTS, SHIFTS, robust_set
 
 KEY = 20
 CLEAN = "clean"
@@ -60,7 +48,7 @@ Confidences = dict[str, dict[Place, float]]  # mean of each frame, by model
 
 def main(argv: list[str] | None = None) -> int:
     """Run the study and return the exit code."""
-    parser = study_parser("robustness", __doc__)
+    parser = study_parser("experiments.studies.robustness", __doc__)
     parser.add_argument(
         "--rates", required=True, help="records whose validation split sets the rates"
     )
@@ -103,18 +91,10 @@ def study(options: Namespace) -> None:
 def prepared_shift(folder: Path, shift: str) -> Path:
     """Return the records of a shift, simulated and prepared if they are missing."""
     records = folder / "records"
-    recordings = simulated_shift(folder / "recordings", shift)
-    data.prepare(recordings, records, prepare_spec(varied.get_config()), workers=1)
+    simulate(robust_set(shift), folder / "recordings", frames=1)
+    spec = prepare_spec(varied.get_config())
+    data.prepare(folder / "recordings", records, spec, workers=1)
     return records
-
-
-def simulated_shift(folder: Path, shift: str, *, frames: int = 1) -> Path:
-    """Return the recordings of a shift, simulated if they are missing."""
-    name = robust_set(shift)
-    total, done = frames * len(set_sequences(name)), itertools.count(1)
-    with progress(f"simulating {shift}", total, unit="frames") as show:
-        simulate_set(name, folder, frames=frames, advance=lambda: show(next(done)))
-    return folder
 
 
 def score_shift(
@@ -148,7 +128,7 @@ def score_shift(
     if pairs is None:
         pairs = data.PairSource(records, view.fine, view.fine, num_slices=1)
     key = jax.random.key(KEY)
-    for row in score_records(key, view, records, pairs, methods):
+    for row in score_records(key, view, pairs, methods):
         yield row | {"scene": shift, "sequence": f"{shift} {row['sequence']}"}
 
 
@@ -168,23 +148,19 @@ def _watched(method: evaluation.Method, seen: dict[Place, float]) -> evaluation.
 
 def warning(
     folder: Path, model: Model, seen: dict[Place, float]
-) -> Float[np.ndarray, "frame 3"]:
-    """Return each frame's distance from training, its unlikeness, its confidence.
-
-    The confidence is NaN for a model without one.
-    """
+) -> Float[np.ndarray, "frame 2"]:
+    """Return each frame's unlikeness, and its confidence, NaN without one."""
     trust = model.trust
     assert trust is not None
     records = data.Records(folder, "test")
     conditions = np.stack([p.condition for p in build_pairs(model.spec, records)])
     confidence = [seen.get(place, np.nan) for place in records.where]
-    both = training_distance(conditions, trust), unlikeness(conditions, trust)
-    return np.stack([*map(np.asarray, both), np.array(confidence)], -1)
+    return np.stack([np.asarray(unlikeness(conditions, trust)), confidence], -1)
 
 
 def shifts_table(
     scores: Sequence[dict[str, Any]],
-    doubts: dict[tuple[str, str], Float[np.ndarray, "frame 3"]],
+    doubts: dict[tuple[str, str], Float[np.ndarray, "frame 2"]],
 ) -> str:
     """Return Markdown: CD (m) / F-score at 0.2 m (%) of each method under each shift.
 
@@ -199,7 +175,7 @@ def shifts_table(
     rows = []
     for shift in shifts:
         row = [shift, *(_cell(found[shift, method]) for method in methods)]
-        rows.append(row + [_warned(doubts, name, shift) for name in names])
+        rows.append(row + [_warned(*doubts[name, shift].T) for name in names])
     if shifted := [shift for shift in shifts if shift != CLEAN]:
         row = ["**mean over shifts**"]
         for method in methods:
@@ -209,9 +185,7 @@ def shifts_table(
             ]
             row.append(f"**{means[0]:.2f} / {100 * means[1]:.1f}**")
         rows.append(row + ["" for _ in names])
-    warned = (
-        f"{name}: unlike, unsure (%) / areas of points, confidence" for name in names
-    )
+    warned = (f"{name}: unlike, unsure (%)" for name in names)
     return markdown_table(["shift", *methods, *warned], rows)
 
 
@@ -222,21 +196,10 @@ def _cell(row: dict[str, Any]) -> str:
     return f"{row['chamfer'].mean:.2f} / {100 * score.mean:.1f}{spread}"
 
 
-def _warned(doubts, name: str, shift: str) -> str:
-    """The shares of frames with each warning, and the areas under the ROC curves."""
-    distance, unlike, confidence = doubts[name, shift].T
-    shares = [(unlike > STRANGE).mean(), (confidence < UNSURE).mean()]
-    text = ", ".join(f"{100 * share:.0f}" for share in shares)
-    if shift == CLEAN or (name, CLEAN) not in doubts:
-        return text
-    clean = doubts[name, CLEAN].T
-    areas = [_area(distance, clean[0]), _area(-confidence, -clean[2])]
-    return " / ".join([text, *(f"{area:.2f}" for area in areas)])
-
-
-def _area(shifted: Float[np.ndarray, " frame"], clean: Float[np.ndarray, " other"]):
-    """The probability that a shifted frame's value is above a clean frame's."""
-    return mannwhitneyu(shifted, clean).statistic / (len(shifted) * len(clean))
+def _warned(unlike: np.ndarray, confidence: np.ndarray) -> str:
+    """The shares of frames with each warning, in percent."""
+    shares = (unlike > STRANGE).mean(), (confidence < UNSURE).mean()
+    return ", ".join(f"{100 * share:.0f}" for share in shares)
 
 
 if __name__ == "__main__":

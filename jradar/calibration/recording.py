@@ -132,10 +132,7 @@ def _of_each(
 
 
 def _up(recording: Recording) -> tuple[float, float, float]:
-    """Return the vertical along the radar's axes.
-
-    It is the mean force on the IMU, or else the base's vertical, or the radar's.
-    """
+    """The vertical along the radar's axes: the IMU's mean force, or the base's z."""
     up, imu, mount = np.array([0.0, 0.0, 1.0]), recording.imu, recording.base_from_radar
     if mount is None:
         return tuple(up)
@@ -164,21 +161,6 @@ def _hidden(radar: RadarSpec, *, reflector: bool, level: bool) -> Iterator[str]:
     if not reflector:
         yield "a turn of all azimuths: the phase's slope along the columns is kept"
         if radar.has_elevation and not level:
-            yield (
-                "a tilt of all elevations: the phase's slope along the rows is kept"
-                + _alone_in_its_row(radar)
-            )
+            yield "a tilt of all elevations: the phase's slope along the rows is kept"
         yield "the range bias: it is kept"
     yield "a gain and a phase that all channels share"
-
-
-def _alone_in_its_row(radar: RadarSpec) -> str:
-    """Name the transmitter whose antennas alone are the upper of two rows."""
-    rows = radar.virtual_positions[:, 1].reshape(radar.num_tx, radar.num_rx)
-    values = sorted({*rows.ravel().tolist()})
-    if len(values) == 2:
-        for value in values[::-1]:
-            on_it = np.flatnonzero((rows == value).any(1))
-            if len(on_it) == 1 and (rows[on_it[0]] == value).all():
-                return f" (here the phase of transmitter {on_it[0]})"
-    return ""

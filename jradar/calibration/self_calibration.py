@@ -15,11 +15,9 @@ Echoes that one direction does not explain, because their cell holds several ech
 lose their weight (Geman & McClure 1987).
 
 Not observable: a response whose phase grows linearly along columns or along rows turns
-every echo by the same amount in u or w, which nothing in the snapshots contradicts. If
-all antennas of the upper row belong to one transmitter, as on an AWR1843, that
-transmitter's phase is such a tilt. Three rules fix it: the estimate's phase has no
-linear part, or a reflector in a known direction (`tilt_towards`); a common factor, in
-gain and phase, is left out.
+every echo by the same amount in u or w, which nothing in the snapshots contradicts. On
+an AWR1843, the phase of the upper row's transmitter is such a tilt. The estimate's
+phase has no linear part, unless a reflector shows it, and no common factor.
 """
 
 import functools
@@ -91,12 +89,11 @@ def self_calibrate(
 ) -> SelfCalibration:
     """Return the factors of the channels from the echoes `[frame, echo]`; host.
 
-    `reflector` is the range in metres and the direction (azimuth, elevation) in radians
-    of a corner reflector that stands still among the echoes. Without it the factors'
-    phases have no linear part. Echoes with values that are not finite are left out.
-    Raises ValueError for an array that shows nothing, for fewer than 5 echoes in either
-    half of the range bins, for a channel that is 20 dB off, and if the reflector is not
-    found.
+    `reflector` is the range in metres, azimuth and elevation in radians of a corner
+    reflector that stands still. Without it the factors' phases have no linear part.
+    Echoes that are not finite are left out. Raises ValueError for an array that shows
+    nothing, fewer than 5 echoes in either half of the range bins, a channel that is
+    20 dB off, and a reflector that is not found.
     """
     _check_observable(radar)
     echoes = _finite(echoes)

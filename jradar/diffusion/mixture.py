@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Float, Key
 
 from jradar.diffusion.noise import NoiseSpec
 from jradar.diffusion.precondition import Denoiser
@@ -72,17 +72,8 @@ def _softmax(values):
     return jnp.stack([power * share for power in powers])
 
 
-def mixture_mass(
-    mixture: RangeMixture,
-    low: Float[Array, "*batch row column"],
-    high: Float[Array, "*batch row column"],
-) -> Float[Array, "*batch row column"]:
-    """Return the probability of a coded range from `low` to `high`, given a return."""
-    return window_mass(mixture)(low, high)
-
-
 def window_mass(mixture: RangeMixture) -> Callable[[Any, Any], Float[Array, "..."]]:
-    """Return `mixture_mass` of this mixture, for a caller that asks several times."""
+    """Return `(low, high)` -> the probability of a coded range between, if any."""
     weight, centre, scale = (jnp.moveaxis(part, -1, 0) for part in mixture[1:])
     steepness = 1 / scale
 
@@ -97,16 +88,11 @@ def window_mass(mixture: RangeMixture) -> Callable[[Any, Any], Float[Array, "...
 
 
 def mixture_loss(
-    key: Key[Array, ""],
-    denoise: Denoiser,
-    clean: Image,
-    *,
-    noise: NoiseSpec,
-    step: int | Int[Array, ""] = 0,
+    key: Key[Array, ""], denoise: Denoiser, clean: Image, *, noise: NoiseSpec
 ) -> Float[Array, ""]:
     """Return the negative log-likelihood of range and return, a mean over pixels.
 
-    It is called as `denoising_loss` is; `key` and `step` are not used.
+    It is called as `denoising_loss` is; `key` is not used.
     """
     mixture = range_mixture(denoise, clean.shape, noise=noise)
     hit = clean[..., 1] > 0

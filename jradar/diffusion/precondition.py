@@ -12,12 +12,7 @@ from jaxtyping import Array, Float
 
 from jradar.diffusion.network import Network
 from jradar.diffusion.noise import NoiseSpec
-from jradar.diffusion.predictions import (
-    Image,
-    Level,
-    NetworkFunction,
-    Output,
-)
+from jradar.diffusion.predictions import Image, Level, NetworkFunction, Output
 
 Condition = Float[Array, "batch row column channel"]
 Denoiser = Callable[[Image, Level], Output]

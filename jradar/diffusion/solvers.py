@@ -8,16 +8,13 @@ denoised image itself and stands outside.
     euler                      N             h
     heun                       2 N - 1       h^2
     ipndm2, ipndm3, ipndm4     N             h^2 after their first, short steps
-    dpm++2m, dpm++3m           N             h^2, h^3
 
-Heun is the paper's. The multistep solvers reuse earlier evaluations: iPNDM (Zhang &
-Chen 2023) extrapolates slopes with the weights of equal steps; DPM-Solver++ (Lu et al.
-2022) extrapolates the denoised image over ln sigma, here with the exact integral of the
-polynomial, and walks levels that are equal in ln sigma.
+Heun is the paper's. iPNDM (Zhang & Chen 2023) reuses earlier evaluations: it
+extrapolates slopes with the weights of equal steps.
 
-A solver is an object with its own levels and rule: a new one is a class here, or an
-instance, and an entry in `SOLVERS`. Functions that take a denoiser are not jitted: jit
-the whole around them.
+A solver is an object with its own rule: a new one is a class here, or an instance, and
+an entry in `SOLVERS`. Functions that take a denoiser are not jitted: jit the whole
+around them.
 """
 
 import abc
@@ -28,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from jradar.diffusion.noise import NoiseSpec, karras_sigmas, log_sigmas
+from jradar.diffusion.noise import NoiseSpec, karras_sigmas
 from jradar.diffusion.precondition import Denoiser
 
 Image = Float[Array, "*batch row column channel"]
@@ -48,14 +45,6 @@ class Solver(abc.ABC):
 
     name: str
 
-    def evaluations(self, steps: int) -> int:
-        """Return how often `steps` steps evaluate the network."""
-        return steps
-
-    def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
-        """Return the levels that the solver walks, `[steps]`, on the host."""
-        return karras_sigmas(steps, noise)
-
     @abc.abstractmethod
     def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
         """Solve the ODE from `x` at level `sigmas[0]` through all levels down to 0."""
@@ -64,76 +53,45 @@ class Solver(abc.ABC):
 class Heun(Solver):
     """Heun's method of second order."""
 
-    def evaluations(self, steps: int) -> int:
-        """Return how often `steps` steps evaluate the network."""
-        return 2 * steps - 1
-
     def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
         """Solve the ODE from `x`; see `Solver`."""
         levels = jnp.asarray(sigmas, x.dtype)
-        pairs = jnp.stack([levels[:-1], levels[1:]], axis=-1)
 
         def step(x, pair):
-            return heun_step(denoise, x, pair[0], pair[1]), None
+            sigma, after = pair
+            slope = (x - denoise(x, sigma)) / sigma
+            euler = x + (after - sigma) * slope
+            slope_after = (euler - denoise(euler, after)) / after
+            return x + (after - sigma) * (slope + slope_after) / 2, None
 
-        end, _ = jax.lax.scan(step, x, pairs)
+        end, _ = jax.lax.scan(step, x, (levels[:-1], levels[1:]))
         return denoise(end, levels[-1])
 
 
 @dataclasses.dataclass(frozen=True)
 class Multistep(Solver):
-    """Steps x' = keep x + weights . history, with a table made on the host.
-
-    The history holds slopes, or with `exponential` denoised images, newest first.
-    """
+    """Steps x' = x + weights . slopes, newest first; the first ones of lower order."""
 
     order: int
-    exponential: bool = False
-
-    def levels(self, steps: int, noise: NoiseSpec) -> np.ndarray:
-        """Return levels equal in ln sigma with `exponential`, else Karras et al.'s."""
-        return (log_sigmas if self.exponential else karras_sigmas)(steps, noise)
-
-    def table(self, sigmas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return `keep` [step] and `weights` [step, order] in float64, on the host.
-
-        The first steps have too short a history and are of lower order.
-        """
-        steps = len(sigmas) - 1
-        weights = np.zeros((steps, self.order))
-        for i in range(steps):
-            past = min(i + 1, self.order)
-            if self.exponential:
-                nodes = np.log(sigmas[i]) - np.log(sigmas[i + 1 - past : i + 1])[::-1]
-                weights[i, :past] = _exponential_weights(
-                    nodes, np.log(sigmas[i] / sigmas[i + 1])
-                )
-            else:
-                step = sigmas[i + 1] - sigmas[i]
-                weights[i, :past] = step * np.array(ADAMS[past - 1])
-        keep = sigmas[1:] / sigmas[:-1] if self.exponential else np.ones(steps)
-        return keep, weights
 
     def solve(self, denoise: Denoiser, x: Image, sigmas: np.ndarray) -> Image:
         """Solve the ODE from `x`; see `Solver`."""
-        keep, weights = self.table(sigmas)
-        levels, keep, weights = (
-            jnp.asarray(v, x.dtype) for v in (sigmas[:-1], keep, weights)
-        )
+        weights = np.zeros((len(sigmas) - 1, self.order))
+        for i, step in enumerate(np.diff(sigmas)):
+            past = min(i + 1, self.order)
+            weights[i, :past] = step * np.array(ADAMS[past - 1])
+        levels, weights = (jnp.asarray(v, x.dtype) for v in (sigmas, weights))
 
         def step(carry, given):
-            x, history = carry
-            sigma, keep, weights = given
-            newest = denoise(x, sigma)
-            if not self.exponential:
-                newest = (x - newest) / sigma
-            history = jnp.concatenate([newest[None], history[:-1]])
-            x = keep * x + jnp.tensordot(weights, history, 1)
-            return (x, history), None
+            x, slopes = carry
+            sigma, weights = given
+            newest = (x - denoise(x, sigma)) / sigma
+            slopes = jnp.concatenate([newest[None], slopes[:-1]])
+            return (x + jnp.tensordot(weights, slopes, 1), slopes), None
 
-        history = jnp.zeros((weights.shape[1], *x.shape), x.dtype)
-        (end, _), _ = jax.lax.scan(step, (x, history), (levels, keep, weights))
-        return denoise(end, jnp.asarray(sigmas[-1], x.dtype))
+        slopes = jnp.zeros((self.order, *x.shape), x.dtype)
+        (end, _), _ = jax.lax.scan(step, (x, slopes), (levels[:-1], weights))
+        return denoise(end, levels[-1])
 
 
 HEUN = Heun("heun")
@@ -146,8 +104,6 @@ SOLVERS: dict[str, Solver] = {
         Multistep("ipndm2", 2),
         Multistep("ipndm3", 3),
         Multistep("ipndm4", 4),
-        Multistep("dpm++2m", 2, exponential=True),
-        Multistep("dpm++3m", 3, exponential=True),
     )
 }
 
@@ -180,28 +136,4 @@ def sample(
     start = temperature * noise.sigma_max * jax.random.normal(key, shape)
     solver = solver or solver_for(steps)
     denoise = jax.jit(denoise)  # traced once, however often the solver names it
-    return solver.solve(denoise, start, solver.levels(steps, noise))
-
-
-def heun_step(
-    denoise: Denoiser,
-    x: Image,
-    sigma: Float[Array, ""],
-    after: Float[Array, ""],
-) -> Image:
-    """Take one step of second order from level `sigma` to level `after` > 0."""
-    slope = (x - denoise(x, sigma)) / sigma
-    euler = x + (after - sigma) * slope
-    slope_after = (euler - denoise(euler, after)) / after
-    return x + (after - sigma) * (slope + slope_after) / 2
-
-
-def _exponential_weights(nodes, step):
-    """Weights of values at `nodes` for the integral of exp(s - step) over 0 .. step.
-
-    They are exact for polynomials of degree `len(nodes) - 1`.
-    """
-    moments = [-np.expm1(-step)]
-    for degree in range(1, len(nodes)):
-        moments.append(step**degree - degree * moments[-1])
-    return np.linalg.solve(np.vander(nodes, increasing=True).T, moments)
+    return solver.solve(denoise, start, karras_sigmas(steps, noise))

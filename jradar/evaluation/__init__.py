@@ -8,9 +8,9 @@ near_truth, reliability, reliability_error, precision_over_coverage
                                  whether the confidence of points holds
 summarise, markdown, COLUMNS     means of groups of rows, as a table; its columns
 overview, write_tables           the tables that a run prints; Markdown, LaTeX and CSV
-markdown_table, csv_text         any titles and cells as Markdown; any rows as CSV
+markdown_table                   any titles and cells as Markdown
 read_runs, comparison_table      several runs side by side
-runs_table, frames_csv           one run minus another, frame by frame
+runs_table                       one run minus another, frame by frame
 save_clouds                      clouds of a few frames
 build_report, open_report        tables, curves and clouds of a run in one HTML file
 """
@@ -36,7 +36,6 @@ from jradar.evaluation.report import (
 )
 from jradar.evaluation.runs import (
     comparison_table as comparison_table,
-    frames_csv as frames_csv,
     read_runs as read_runs,
     runs_table as runs_table,
 )
@@ -47,7 +46,6 @@ from jradar.evaluation.scores import (
 from jradar.evaluation.statistics import mean_interval as mean_interval
 from jradar.evaluation.tables import (
     COLUMNS as COLUMNS,
-    csv_text as csv_text,
     markdown as markdown,
     markdown_table as markdown_table,
     overview as overview,

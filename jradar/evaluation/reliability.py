@@ -2,10 +2,8 @@
 
 A point is right if the truth has a point nearby. The reliability of a confidence is the
 share of right points in bins of confidence, and its error is the mean distance between
-the two (the expected calibration error of Guo et al., "On Calibration of Modern Neural
-Networks", 2017).
-The precision over the coverage says what a threshold buys: how many of the points are
-right if only the most confident are kept.
+the two (the expected calibration error, Guo et al. 2017). The precision over the
+coverage says how many points are right if only the most confident are kept.
 
     share                        precision
     right |        /             of kept  |--..

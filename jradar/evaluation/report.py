@@ -17,7 +17,6 @@ confidence of each point, 0 to 1, as its fourth column.
 import json
 import re
 import webbrowser
-import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,7 @@ from jradar.evaluation.tables import (
     pooled_table,
     summarise,
 )
-from jradar.files import atomic_folder, atomic_path, inside
+from jradar.files import atomic_folder, atomic_path, check_unpacked, inside
 from jradar.recordings import write_ply
 from jradar.types import PointCloud
 from jradar.viz import (
@@ -57,8 +56,7 @@ OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
 
 
 def save_clouds(
-    path: Path | str,
-    clouds: Mapping[tuple[str, str, int], Mapping[str, np.ndarray]],
+    path: Path | str, clouds: Mapping[tuple[str, str, int], Mapping[str, np.ndarray]]
 ) -> None:
     """Write clouds by (scene, sequence, frame) and by name, as float32.
 
@@ -77,10 +75,7 @@ def load_clouds(path: Path | str) -> dict[tuple[str, str, int], dict[str, np.nda
     """Return the clouds of `save_clouds`. Raises ValueError for a damaged file."""
     clouds: dict[tuple[str, str, int], dict[str, np.ndarray]] = {}
     with parsing(path, "a file of clouds (evaluate the run again)"):
-        with zipfile.ZipFile(path) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size > MAX_CLOUD_BYTES:
-            raise ValueError(f"{size} bytes unpacked, more than {MAX_CLOUD_BYTES}")
+        check_unpacked(path, limit=MAX_CLOUD_BYTES)
         with np.load(path, allow_pickle=False) as arrays:
             for i, entry in enumerate(json.loads(str(arrays["index"]))):
                 scene, sequence, frame, name = entry
@@ -178,10 +173,7 @@ def open_report(run: Path | str, *, show: bool = True) -> Path:
 
 
 def _clouds_figure(clouds) -> Figure:
-    """Draw the first frame of each scene, sparse clouds with larger points.
-
-    OS-CFAR is the only detector drawn, as in the paper.
-    """
+    """Draw the first frame of each scene, with one detector alone as in the paper."""
     scenes: dict[str, dict[str, np.ndarray]] = {}
     for (scene, _, _), named in clouds.items():
         scenes.setdefault(scene, {n: x for n, x in named.items() if n not in OTHERS})

@@ -7,15 +7,9 @@ from pathlib import Path
 import jax
 from jaxtyping import Array, Key
 
-from jradar.evaluation.scores import IDENTITY, Scores, read_scores
+from jradar.evaluation.scores import Scores, read_scores
 from jradar.evaluation.statistics import compare_methods
-from jradar.evaluation.tables import (
-    COLUMNS,
-    IN_SCENES as COMPARED,
-    csv_number,
-    csv_text,
-    markdown_table,
-)
+from jradar.evaluation.tables import COLUMNS, IN_SCENES as COMPARED, markdown_table
 
 TITLES = ("95 % interval", "p, t-test", "p, sign flips", "frames", "left out")
 
@@ -103,20 +97,6 @@ def runs_table(key: Key[Array, ""], first: Scores, second: Scores) -> str:
     titles = ["method", "score", "second minus first", *TITLES]
     text = markdown_table(titles, lines)
     return text + (f"\nThe same in both: {', '.join(same)}.\n" if same else "")
-
-
-def frames_csv(first: Scores, second: Scores) -> str:
-    """Return every frame's scores in both runs and their difference, as CSV."""
-    found = {tuple(row[f] for f in IDENTITY): row for row in first}
-    rows = []
-    for row in second:
-        if (before := found.get(tuple(row[f] for f in IDENTITY))) is not None:
-            rows.append({field: row[field] for field in IDENTITY})
-            for score in COMPARED:
-                a, b = before[score], row[score]
-                parts = {"first": a, "second": b, "difference": b - a}
-                rows[-1] |= {f"{score} {k}": csv_number(v) for k, v in parts.items()}
-    return csv_text(rows)
 
 
 def _by_method(scores: Scores, truth: str) -> dict[str, Scores]:

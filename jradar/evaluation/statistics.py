@@ -1,10 +1,8 @@
 """Means over frames that are not independent, and their comparison.
 
-Neighbouring frames see almost the same room, so a thousand frames may hold no more
-information than thirty independent ones. The variance of a mean is the sum of the
-autocovariance over all pairs of frames. The sum stops at the lag beyond which noise
-dominates (the initial positive sequence of Geyer, "Practical Markov chain Monte
-Carlo", 1992). Autocovariance is computed within each sequence, around the mean of all
+The variance of a mean is the sum of the autocovariance over all pairs of frames. The
+sum stops at the lag beyond which noise dominates (the initial positive sequence of
+Geyer 1992). Autocovariance is computed within each sequence, around the mean of all
 sequences, and summed over sequences: if sequences differ more than their frames do,
 they become the independent units.
 
@@ -66,11 +64,7 @@ def mean_interval(sequences: Series, *, confidence: float = 0.95) -> Estimate:
 
 
 def compare_paired(
-    key: Key[Array, ""],
-    first: Series,
-    second: Series,
-    *,
-    flips: int = 9999,
+    key: Key[Array, ""], first: Series, second: Series, *, flips: int = 9999
 ) -> Comparison:
     """Return the mean difference of two methods on the same frames, with two tests.
 
@@ -144,10 +138,7 @@ def _arrays(sequences):
 
 
 def _analyse(sequences):
-    """Return mean, its variance, degrees of freedom, frames, effective frames, reach.
-
-    `reach` is the number of frames that the sum of the autocovariance spans.
-    """
+    """Mean, its variance, degrees of freedom, frames, effective ones, their reach."""
     values = np.concatenate([*sequences, np.zeros(0)])
     known = np.isfinite(values)
     count = int(known.sum())
@@ -183,10 +174,7 @@ def _autocovariance(sequences, mean):
 
 
 def _positive_lags(products):
-    """Return the last lag before noise: before a sum of lags 2k and 2k + 1 is <= 0.
-
-    All these sums are positive for a reversible chain.
-    """
+    """The last lag before noise: before a sum of lags 2k and 2k + 1 is <= 0."""
     even = np.append(products, np.zeros(len(products) % 2)).reshape(-1, 2).sum(1)
     first = np.flatnonzero(even <= 0)
     return max(2 * int(first[0] if len(first) else len(even)) - 1, 0)

@@ -5,7 +5,7 @@ points has the F-score 0. The number of such frames is printed next to the means
 
 `summarise` groups rows and `markdown` prints the groups: any rows with a `sequence`, a
 `frame`, `points`, `truth_points` and some of the scores in `COLUMNS`. `markdown_table`
-and `csv_text` write what is a table already.
+writes what is a table already.
 """
 
 import csv
@@ -196,16 +196,15 @@ def csv_table(summary: Summary) -> str:
     A line for each truth, scene and method; metres, and F-scores from 0 to 1.
     """
     names = ("truth", "scene", "method", "frames", "empty", "no_truth")
-    parts = ("mean", "low", "high", "effective")
-    return csv_text(
-        {name: row[name] for name in names}
-        | {
-            f"{column} {part}": csv_number(getattr(row[column], part))
-            for column in REPEATED
-            for part in parts
-        }
-        for row in summary
-    )
+    parts = [*itertools.product(REPEATED, ("mean", "low", "high", "effective"))]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*names, *map(" ".join, parts)])
+    for row in summary:
+        numbers = [getattr(row[column], part) for column, part in parts]
+        cells = ["" if np.isnan(value) else f"{value:.6g}" for value in numbers]
+        writer.writerow([*(row[name] for name in names), *cells])
+    return text.getvalue()
 
 
 def write_tables(path: Path | str) -> list[Path]:
@@ -240,22 +239,6 @@ def markdown_table(titles: Sequence[Any], rows: Iterable[Sequence[Any]]) -> str:
         for line in (titles, *rows)
     )
     return "\n".join([head, "|---" * len(titles) + "|", *body]) + "\n"
-
-
-def csv_text(rows: Iterable[dict[str, Any]]) -> str:
-    """Return rows with the same fields as CSV. Raises ValueError without a row."""
-    if not (rows := [*rows]):
-        raise ValueError("no rows to write as CSV, expected one or more")
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [*rows[0]], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
-
-
-def csv_number(value: float) -> str:
-    """Return a number with six digits, and nothing for NaN."""
-    return f"{value:.6g}" if value == value else ""
 
 
 def _latex_table(titles: list[str], rows: list[list[str]], caption: str) -> str:

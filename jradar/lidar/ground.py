@@ -1,8 +1,7 @@
 """Floor and ceiling, by Patchwork++ (Lee et al. 2022), on the host.
 
-Patchwork++ fits small planes to the patches of a polar grid. It was made for cars: it
-needs the sensor's height, and accepts any level patch below the sensor, even a table,
-until it has learnt the height of the road from earlier scans. Here each scan is
+Patchwork++ fits small planes to the patches of a polar grid. It needs the sensor's
+height, and accepts any level patch below the sensor, even a table. Here each scan is
 labelled independently:
 
 1. the floor is the level plane with the largest area (RANSAC over flat cells of
@@ -192,10 +191,7 @@ def _patchwork(xyz, height_m, max_range_m, thickness_m):
 
 @contextlib.contextmanager
 def _stdout_to_nowhere() -> Iterator[None]:
-    """Redirect file descriptor 1: the C++ library prints a greeting there.
-
-    One thread at a time; output of other threads is lost meanwhile.
-    """
+    """Redirect file descriptor 1, to which the library prints a greeting."""
     with _STDOUT:
         kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
         try:

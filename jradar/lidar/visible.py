@@ -37,7 +37,11 @@ def visible_mask(
         return seen
     first, voxel = voxel_filter(lidar_xyz[real], voxel_m=voxel_m, max_points=max_points)
     points = lidar_xyz[real][first]
-    labels = _dbscan(np.concatenate([points, radar_xyz]), eps_m, min_points)
+    need = "clusters need scikit-learn"
+    cluster = optional("sklearn.cluster", need=need, extra="data")
+    # The ball tree is faster here than the k-d tree that "auto" would choose.
+    method = cluster.DBSCAN(eps=eps_m, min_samples=min_points, algorithm="ball_tree")
+    labels = method.fit_predict(np.concatenate([points, radar_xyz]))
     of_lidar, of_radar = np.split(labels, [len(points)])
     noise = of_lidar < 0
     kept = ~noise & np.isin(of_lidar, of_radar)
@@ -68,12 +72,3 @@ def voxel_filter(
         if len(first) <= max(max_points, 1):
             return first, voxel
         voxel_m *= 1.25
-
-
-def _dbscan(xyz, eps_m, min_points):
-    """Cluster of each point, -1 for noise."""
-    need = "clusters need scikit-learn"
-    cluster = optional("sklearn.cluster", need=need, extra="data")
-    # The ball tree is faster here than the k-d tree that "auto" would choose.
-    method = cluster.DBSCAN(eps=eps_m, min_samples=min_points, algorithm="ball_tree")
-    return method.fit_predict(xyz)

@@ -118,16 +118,13 @@ def draw(
 ) -> RangeImage:
     """Return a LiDAR-like range image in metres, 0 where nothing is seen.
 
-    A model of one pass and a regression model have one answer and take neither of the
-    first four options. A diffusion model takes `draws` samples at once, 8 by default,
-    and returns the range on which they agree (`agreed_range`). `draws=1` is the paper's
-    single sample, and `draws=1, steps=1` its one-step estimate. Defaults for several
-    draws: 5 steps of iPNDM, temperature 1; for one: 18 steps, the model's temperature,
-    and the solver of `solver_for`: Heun, or iPNDM below 8 steps.
-
-    Pixels of less than `least_confidence`, by default the model's, are dropped. Without
-    a radar point in the condition the image is empty. One condition; `vmap` it. Raises
-    ValueError for options that the model does not take.
+    A diffusion model takes `draws` samples at once, 8 by default, and returns the range
+    on which they agree. `draws=1` is the paper's single sample, `draws=1, steps=1` its
+    one-step estimate. Defaults for several draws: 5 steps of iPNDM, temperature 1; for
+    one: 18 steps, the model's temperature, and the solver of `solver_for`. Other models
+    take none of these. Pixels of less than `least_confidence`, by default the model's,
+    are dropped. Without a radar point in the condition the image is empty. One
+    condition; `vmap` it. Raises ValueError for options that the model does not take.
     """
     spec = model.spec
     expected = *spec.coarse.shape, len(CHANNELS) * spec.num_slices

@@ -115,12 +115,13 @@ def save_model(
 def _model_to_json(model: Model) -> dict[str, Any]:
     """Everything but the parameters as JSON takes it."""
     spec, card, trust = model.spec, model.card, model.trust
-    noise = spec.noise
+    noise, dtype = spec.noise, str(getattr(spec.network, "dtype", "float32"))
+    other = {} if dtype == "float32" else {"dtype": dtype}
     return {
         **{f.name: getattr(spec, f.name) for f in dataclasses.fields(spec)},
         **{n: dataclasses.asdict(getattr(spec, n)) for n in ("coarse", "fine")},
         "points": dataclasses.asdict(spec.points),
-        "network": network_fields(spec.network) | _dtype_of(spec.network),
+        "network": network_fields(spec.network) | other,
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
         "confidence": _table_to_json(model.confidence),
         "trust": None if trust is None else _table_to_json(trust),
@@ -132,12 +133,6 @@ def _table_to_json(table: ConfidenceTable | TrustTable) -> dict[str, Any]:
     """The numbers of a table as they were fitted, without the noise of float32."""
     parts = {k: np.asarray(v, float).round(6) for k, v in table._asdict().items()}
     return {name: values.tolist() for name, values in parts.items()}
-
-
-def _dtype_of(network: Network) -> dict[str, str]:
-    """What the network computes in, unless that is float32."""
-    name = str(getattr(network, "dtype", "float32"))
-    return {} if name == "float32" else {"dtype": name}
 
 
 def _model_from_json(values: dict[str, Any]) -> Model:

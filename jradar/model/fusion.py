@@ -23,8 +23,8 @@ from jaxtyping import Array, Bool, Float
 from jradar.diffusion import (
     RangeMixture,
     conditional_denoiser,
-    mixture_mass,
     range_mixture,
+    window_mass,
 )
 from jradar.errors import UsageError
 from jradar.model.methods import SIDE_STEPS, WINDOW_M, likeliest_range
@@ -106,10 +106,9 @@ def fuse(
     """Return the present frame's range image, as all frames together see it.
 
     `frames` holds the `mixtures` of each frame, the present one first, and `poses` the
-    transforms of points from each frame's radar to the present one's; the first is the
-    identity. A pose of NaN leaves its frame out. `moving` marks the `moving_pixels`.
-    Confidences are calibrated, and those under `least_confidence` dropped, as in
-    `draw`. Raises ValueError for other numbers of poses than of frames.
+    transforms of points from each frame's radar to the present one's, NaN to leave it
+    out. `moving` marks the `moving_pixels`. Confidences are calibrated and dropped as
+    in `draw`. Raises ValueError for other numbers of poses than of frames.
 
         frames = jax.vmap(mixtures, (0, None))(conditions, model)  # newest first
         image = fuse(frames, relative_poses(trajectory, [9, 8, 7], 9), model)
@@ -180,7 +179,7 @@ def _surface(mixture, range_m, spec, window_m):
     """The probability of a return within the window around a range."""
     view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
     low, high = (encode_range(range_m + side, **view) for side in (-window_m, window_m))
-    return jax.nn.sigmoid(mixture.returned) * mixture_mass(mixture, low, high)
+    return jax.nn.sigmoid(mixture.returned) * window_mass(mixture)(low, high)
 
 
 def _table(mixture):

@@ -134,8 +134,5 @@ def _refuse(sampling: dict[str, Any], why: str) -> None:
 def _metres(values, spec: "ModelSpec"):
     """Range images in metres from the network's values."""
     return decode_target(
-        values,
-        spec.fine,
-        codec=spec.codec,
-        validity_threshold=spec.validity_threshold,
+        values, spec.fine, codec=spec.codec, validity_threshold=spec.validity_threshold
     )

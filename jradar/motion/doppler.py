@@ -25,7 +25,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jradar.radar.angle.deviations import Deviations
 from jradar.types import PointCloud, check_one_cloud
 
 REFINEMENTS = 3  # of inliers and velocity in turn
@@ -59,7 +58,6 @@ def ego_velocity(
     key: Array,
     cloud: PointCloud,
     *,
-    deviations: Deviations | None = None,
     elevation: bool = True,
     unambiguous_mps: float | None = None,
     folds: int = 1,
@@ -70,10 +68,9 @@ def ego_velocity(
 ) -> EgoVelocity:
     """Return the radar's velocity from the valid points of one cloud; `vmap` it.
 
-    Inliers differ from -u . v by less than `threshold_mps`. They weigh as their
-    `deviations` say, or else by SNR or power up to the median, beyond which other
-    errors than noise count. The covariance follows from the residuals, whether or not
-    the weights are right; none of them counts as less than `noise_mps`. With
+    Inliers differ from -u . v by less than `threshold_mps`. They weigh by SNR or power
+    up to the median, beyond which other errors than noise count. The covariance follows
+    from the residuals, none of which counts as less than `noise_mps`. With
     `unambiguous_mps`, velocities up to `2 folds + 1` times it are considered. `solved`
     is False with fewer than `least_inliers`, or if their directions are all alike.
     Phase errors of the channels turn all directions, and the velocity with them: the
@@ -113,10 +110,7 @@ def ego_velocity(
     for _ in range(REFINEMENTS):
         echo = _residual(velocity, direction, doppler, period)
         inliers = usable & (jnp.abs(echo) < threshold_mps)
-        weight = strength
-        if deviations is not None:
-            weight = _weight(deviations, cloud.xyz, velocity, noise_mps)
-        weight = jax.lax.stop_gradient(jnp.where(inliers, weight, 0.0))
+        weight = jax.lax.stop_gradient(jnp.where(inliers, strength, 0.0))
         velocity, inverse, spread = _least_squares(velocity, direction, echo, weight)
     residual = _residual(velocity, direction, doppler, period)
     inliers = usable & (jnp.abs(residual) < threshold_mps)
@@ -203,23 +197,6 @@ def _strength(cloud, usable):
     known = usable & jnp.isfinite(strength) & (strength > 0)
     median = jnp.nanmedian(jnp.where(known, strength, jnp.nan))
     return jnp.where(known, strength / (strength + median), 0.0)
-
-
-def _weight(deviations, xyz, velocity, noise_mps):
-    """Inverse variances of the residuals: of the Doppler, and of the direction."""
-    x, y, z = xyz.T
-    azimuth, elevation = jnp.arctan2(y, x), jnp.arctan2(z, jnp.hypot(x, y))
-    (ca, sa), (ce, se) = ((jnp.cos(a), jnp.sin(a)) for a in (azimuth, elevation))
-    turned = jnp.stack([-sa * ce, ca * ce, jnp.zeros_like(sa)], -1)
-    raised = jnp.stack([-se * ca, -se * sa, ce], -1)
-    variance = noise_mps**2
-    for deviation, slope in (
-        (deviations.velocity_mps, jnp.ones_like(sa)),
-        (deviations.azimuth, turned[:, : len(velocity)] @ velocity),
-        (deviations.elevation, raised[:, : len(velocity)] @ velocity),
-    ):
-        variance += jnp.where(jnp.isfinite(deviation), deviation * slope, 0.0) ** 2
-    return 1 / variance
 
 
 def _least_squares(velocity, direction, residual, weight):

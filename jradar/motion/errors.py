@@ -38,8 +38,7 @@ def umeyama(
 
 
 def position_errors(
-    estimated: Float[np.ndarray, "pose 4 4"],
-    true: Float[np.ndarray, "pose 4 4"],
+    estimated: Float[np.ndarray, "pose 4 4"], true: Float[np.ndarray, "pose 4 4"]
 ) -> Errors:
     """Return the APE of positions in metres. Raises ValueError for fewer than 3."""
     _check(estimated, true, 3)
@@ -50,8 +49,7 @@ def position_errors(
 
 
 def step_errors(
-    estimated: Float[np.ndarray, "pose 4 4"],
-    true: Float[np.ndarray, "pose 4 4"],
+    estimated: Float[np.ndarray, "pose 4 4"], true: Float[np.ndarray, "pose 4 4"]
 ) -> tuple[Errors, Errors]:
     """Return the RPE from pose to pose: in metres, and in degrees.
 

@@ -97,10 +97,7 @@ class Follower:
         return kind, np.linalg.inv(step)
 
     def _turn(self, stamps):
-        """What gives the newer radar's orientation along the older one's axes, and it.
-
-        It is the IMU where its records cover the step, else the rig does not turn.
-        """
+        """The source of the newer radar's orientation along the older one's, and it."""
         imu, place = self._recording.imu, self._recording.base_from_imu
         if imu is not None and place is not None and self._mount is not None:
             near = slice(*np.searchsorted(imu.stamps, stamps + [-MARGIN_S, MARGIN_S]))

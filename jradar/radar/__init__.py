@@ -9,9 +9,7 @@ Channels     calibrate, subtract_leakage, compensate_tdm
 Spectra      range_doppler, power_map, window
 Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
-Angles       directions                        strongest direction of each cell
-             angle_spectrum, direction_sines
-             velocity_folds                    velocities beyond the unambiguous one
+Angles       directions, angle_spectrum, direction_sines, velocity_folds
 Points       PointSpec, radar_points           cube to points of the detected cells
              points_and_count                  and the number of detected cells
              Cells, all_cells, cell_points     all directions first, any mask later

@@ -90,13 +90,18 @@ def compensate_tdm(
     In signed Doppler bin k, transmitter t leads by 2 pi k f_t / (num_tx num_chirps),
     where f_t is its place in the firing order. `doppler_bin` may lie between bins.
     """
-    if snapshot.shape[-1] != radar.num_virtual:
-        raise ValueError(
-            f"{snapshot.shape[-1]} values per snapshot, {radar.name} has "
-            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
-        )
+    check_antennas(snapshot.shape, radar)
     lead = radar.firing_position / radar.num_tx / radar.num_chirps
     doppler_bin = doppler_bin[..., None]
     cycles = doppler_bin * to_rank(np.float32(lead), doppler_bin)
     turn = jnp.exp(-2j * jnp.pi * cycles)
     return snapshot * jnp.repeat(turn, radar.num_rx, -1)
+
+
+def check_antennas(shape: tuple[int, ...], radar: RadarSpec) -> None:
+    """Raise ValueError unless snapshots have one value for each virtual antenna."""
+    if shape[-1] != radar.num_virtual:
+        raise ValueError(
+            f"{shape[-1]} values per snapshot, {radar.name} has "
+            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
+        )

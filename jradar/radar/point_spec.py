@@ -4,8 +4,7 @@ import dataclasses
 import math
 from typing import Any
 
-from jradar.radar.detect.cfar import DETECTORS
-from jradar.radar.detect.cfar_window import EDGES, Window, check_window, largest_window
+from jradar.radar.detect.cfar_window import Window, check_window, largest_window
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import WINDOWS
 
@@ -16,7 +15,7 @@ LIMITS = {
     "num_azimuth": (1, 4096),
     "num_elevation": (1, 4096),
     "folds": (0, 16),
-    "sources": (0, 64),
+    "sources": (1, 64),
 }
 
 
@@ -69,27 +68,19 @@ class PointSpec:
     folds: int = 0
     """also resolve velocities up to 2 N + 1 times the unambiguous one"""
     sources: int = 2
-    """targets in a beam for music, or 0 to count them in each cell"""
+    """targets in a beam for music"""
     focus: bool = False
     """focus wide arrays, such as a cascade's, on each target: delays, near field"""
 
     def __post_init__(self):
         """Refuse values that no radar could use, naming the field."""
+        check_window(Window(self.guard, self.train, self.edge), self.detector)
         for field in ("guard", "train"):
-            cells = getattr(self, field)
-            pair = isinstance(cells, tuple | list) and len(cells) == 2
-            if not pair or not all(type(n) is int and n >= 0 for n in cells):
-                raise ValueError(
-                    f"{field} = {cells!r}, expected two whole numbers of 0 or more: "
-                    "cells in Doppler and in range"
-                )
-            object.__setattr__(self, field, tuple(cells))
+            object.__setattr__(self, field, tuple(getattr(self, field)))
         for field, choices in (
-            ("detector", tuple(DETECTORS)),
             ("angles", ANGLES),
             ("range_window", tuple(WINDOWS)),
             ("doppler_window", tuple(WINDOWS)),
-            ("edge", EDGES),
         ):
             if (value := getattr(self, field)) not in choices:
                 raise ValueError(f"{field} = {value!r}, expected one of {choices}")
@@ -98,7 +89,6 @@ class PointSpec:
             raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
         if self.factor is not None and not 0 < self.factor < math.inf:
             raise ValueError(f"factor = {self.factor}, expected more than 0 and finite")
-        check_window(Window(self.guard, self.train, self.edge), self.detector)
         for field, (least, most) in LIMITS.items():
             value = getattr(self, field)
             if value is not None and not least <= value <= most:

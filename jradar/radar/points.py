@@ -57,12 +57,9 @@ def radar_points(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Poi
     """Return the strongest detections of one frame, strongest first.
 
     The samples are as recorded; the radar's calibration is applied here. Positions are
-    those in the middle of the frame, `radar.spec.frame_middle_s` after its first chirp.
-    Velocity is in m/s, power in ADC counts squared; the SNR compares the power with the
-    mean of the training cells. Elevation is 0 for an array with one row, azimuth for
-    one with one column. Bin 0 and the last two range bins, into which a window spreads
-    the leakage of the antennas, never become points.
-
+    those in the middle of the frame. Velocity is in m/s, power in ADC counts squared;
+    the SNR compares it with the mean of the training cells. Bin 0 and the last two
+    range bins, into which a window spreads the antennas' leakage, never become points.
     With a leakage the range window is Blackman, the only one that its file fits. One
     frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
     """
@@ -208,12 +205,7 @@ def frame_spectra(
 
 
 def _candidates(power, mask, radar):
-    """Power of the cells in `mask` that may become points, 0 elsewhere.
-
-    Three kinds of range bins are excluded: bin 0, which is the sensor itself; bins that
-    the bias moves to 0 or below; and the last two, into which the window spreads the
-    leakage of the antennas.
-    """
+    """Power of the cells in `mask` at ranges that may become points, 0 elsewhere."""
     bias = jnp.floor(radar.range_bias_m / radar.spec.range_resolution_m + 0.5)
     usable = jnp.arange(power.shape[-1]) > jnp.maximum(bias, 0)
     candidates = jnp.where(mask & to_rank(usable, mask), power, 0.0)

@@ -4,13 +4,12 @@ A scatterer at range R(t) = R + v t returns the beat signal
 
     a exp(2 pi j (2 R(t) / c * f(n) + d (a_az u + a_el w)))
 
-in sample n of the chirp that starts at time t, which is 0 in the middle of the frame.
-The chirp has the frequency f(n) there,
-d is the spacing of the antenna positions, and (u, w) = (sin az cos el, sin el) is the
-direction. The range may change by whole bins within a frame, but is constant within a
-chirp. After a reflection the wave may return on another path: then R is the mean of
-both legs, and transmitters and receivers see different directions. Waves are plane,
-antennas isotropic, and the amplitudes include the whole radar equation.
+in sample n of the chirp that starts at time t, 0 in the middle of the frame. The chirp
+has the frequency f(n) there, d is the spacing of the antenna positions, and (u, w) =
+(sin az cos el, sin el) is the direction. The range is constant within a chirp. After a
+reflection the wave may return on another path: then R is the mean of both legs, and
+transmitters and receivers see different directions. Waves are plane, antennas
+isotropic, and the amplitudes include the whole radar equation.
 
 The signal is a phasor per chirp times a phasor per sample, apart from one term: the
 change of range times the sample's frequency. Over a block of a few chirps this term is

@@ -1,27 +1,18 @@
 """Points to range images and back (sections IV-A and IV-B of the paper).
 
-Pixels
-    ImageSpec                       field of view and pixels, a static argument
-    pixel_of, pixel_directions      points to pixels; pixels to unit vectors
-
-Projection
-    project, unproject              cloud to image of metres, and back
-    RangeImage, image_cloud         ranges with a confidence, and their cloud
-    project_slices                  one image for each slice of the range axis
-
-Values of the network
-    condition_image, CHANNELS       cloud to the network's condition
-    encode_target, decode_target    image of metres to the network's values, and back
-    encode_range, decode_range      the same for the range alone
-    close_gaps                      fill pixels between a LiDAR's beams
-
-    agreed_range                    the range on which several images agree
-    confident                       without pixels of little confidence
-    ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
-                                    confidence that holds on new frames
-    velocity_image                  the radar's velocity at each pixel
-    TrustTable, fit_trust           what conditions looked like in training
-    unlikeness, STRANGE             how unlike them a condition is, 0 to 1; when to warn
+ImageSpec, pixel_of, pixel_directions   field of view; points to pixels; unit vectors
+project, unproject, project_slices      cloud to image of metres, back, and by slices
+RangeImage, image_cloud                 ranges with a confidence, and their cloud
+condition_image, CHANNELS               cloud to the network's condition
+encode_target, decode_target, encode_range, decode_range
+                                        metres to the network's values, and back
+close_gaps                              fill pixels between a LiDAR's beams
+agreed_range, confident                 what several images agree on; sure pixels alone
+ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
+                                        confidence that holds on new frames
+velocity_image                          the radar's velocity at each pixel
+TrustTable, fit_trust, condition_features, unlikeness, STRANGE
+                                        how unlike training a condition is, 0 to 1
 """
 
 from jradar.range_image.agreement import (
@@ -62,6 +53,5 @@ from jradar.range_image.trust import (
     TrustTable as TrustTable,
     condition_features as condition_features,
     fit_trust as fit_trust,
-    training_distance as training_distance,
     unlikeness as unlikeness,
 )

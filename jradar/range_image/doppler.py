@@ -55,10 +55,7 @@ def velocity_image(
 
 
 def _spread(known):
-    """Range and velocity [row, column, slice, 2] with gaps filled from nearby pixels.
-
-    A slice's nearest occupied pixel gives its values, if it is at most REACH away.
-    """
+    """Range and velocity [row, column, slice, 2], gaps filled from near pixels."""
     rows, columns = known.shape[:2]
     margin = [(REACH, REACH)] * 2 + [(0, 0)] * 2
     padded = jnp.pad(known, margin)

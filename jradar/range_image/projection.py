@@ -119,10 +119,7 @@ def image_cloud(image: RangeImage, spec: ImageSpec) -> PointCloud:
 
 
 def _scatter_min(values, index, size):
-    """The smallest value of each of `size` pixels, or infinity; drops index `size`.
-
-    A scatter with one flat index is faster than one with row and column.
-    """
+    """The smallest value of each of `size` pixels, or infinity; drops index `size`."""
     return jnp.full(size, jnp.inf, values.dtype).at[index].min(values, mode="drop")
 
 

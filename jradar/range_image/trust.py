@@ -83,15 +83,7 @@ def unlikeness(
     condition: Float[Array, "*batch row column channel"], trust: TrustTable
 ) -> Float[Array, "*batch"]:
     """Return the share of training frames that are nearer to the mean, 0 to 1."""
-    distance = training_distance(condition, trust)
+    apart = condition_features(condition) - jnp.asarray(trust.mean)
+    distance = jnp.linalg.norm(apart @ jnp.asarray(trust.whitening).T, axis=-1)
     steps = jnp.linspace(0.0, 1.0, trust.distances.shape[0])
     return jnp.interp(distance, jnp.asarray(trust.distances), steps)
-
-
-@jax.jit
-def training_distance(
-    condition: Float[Array, "*batch row column channel"], trust: TrustTable
-) -> Float[Array, "*batch"]:
-    """Return the distance from the mean of training, in standard deviations."""
-    apart = condition_features(condition) - jnp.asarray(trust.mean)
-    return jnp.linalg.norm(apart @ jnp.asarray(trust.whitening).T, axis=-1)

@@ -61,16 +61,12 @@ def train(
 ) -> TrainState:
     """Train up to step `steps`, resuming from the workdir's last checkpoint.
 
-    `batch_at` returns the whole batch of a step, even if several devices or processes
-    share it. `data_digest` identifies the data: a run that was started on other data is
-    refused with CheckpointError. Every `evaluate_every` steps, and after the last one,
-    `evaluate(state, step)` is called; metrics.jsonl records its values as
-    `validation/<name>`.
-
-    After SIGTERM or SIGINT, the step in progress ends, the state is saved, and
-    Interrupted is raised. If a loss or a gradient is not finite, training returns to
-    the last checkpoint (see `retries`). If that happens a fourth time, it raises
-    FloatingPointError.
+    `batch_at` returns the whole batch of a step. A run that was started on data of
+    another `data_digest` is refused with CheckpointError. Values of
+    `evaluate(state, step)` go to metrics.jsonl as `validation/<name>`. After SIGTERM or
+    SIGINT the state is saved, and Interrupted is raised. If a loss or a gradient is not
+    finite, training returns to the last checkpoint (see `retries`); a fourth time
+    raises FloatingPointError.
     """
     workdir, mesh = Path(workdir), data_mesh()
     seed = np.asarray(jax.random.key_data(key)).tolist()
@@ -139,13 +135,10 @@ def _due(done, every, steps):
 
 @contextlib.contextmanager
 def _signals():
-    """Collect SIGINT and SIGTERM in a list; a second signal ends the process at once.
-
-    Several processes have to agree on the step instead, see `preempted`.
-    """
+    """Collect SIGINT and SIGTERM in a list; a second one ends the process at once."""
     caught: list[int] = []
     elsewhere = threading.current_thread() is not threading.main_thread()
-    if elsewhere or jax.process_count() > 1:
+    if elsewhere or jax.process_count() > 1:  # several agree on a step: `preempted`
         yield caught
         return
 

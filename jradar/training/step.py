@@ -48,8 +48,7 @@ def make_train_step(
     """Return the jitted step `(state, key, batch) -> (state, metrics)`.
 
     The step's randomness is `fold_in(key, state.step)`, so that a resumed run repeats
-    the uninterrupted one. `loss` takes the arguments of `denoising_loss`:
-    `(key, denoise, clean, *, noise, step)`.
+    the uninterrupted one. `loss` is called as `(key, denoise, clean, noise=noise)`.
     """
 
     @jax.jit
@@ -58,7 +57,7 @@ def make_train_step(
 
         def loss_of(params):
             denoise = conditional_denoiser(network, params, noise)(batch.condition)
-            return loss(key, denoise, batch.target, noise=noise, step=state.step)
+            return loss(key, denoise, batch.target, noise=noise)
 
         value, gradient = jax.value_and_grad(loss_of)(state.params)
         updates, opt_state = optimizer.update(gradient, state.opt_state, state.params)

@@ -18,10 +18,7 @@ from jradar.viz.figures import (
     save_figure as save_figure,
 )
 from jradar.viz.maps import maps_figure as maps_figure
-from jradar.viz.page import (
-    CloudFrame as CloudFrame,
-    write_page as write_page,
-)
+from jradar.viz.page import CloudFrame as CloudFrame, write_page as write_page
 from jradar.viz.results import (
     clouds_figure as clouds_figure,
     error_curves_figure as error_curves_figure,

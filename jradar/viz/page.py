@@ -164,11 +164,9 @@ def _thin(points, most):
 
 
 def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
-    """Return base64 of the deflated int16 differences between neighbouring points.
+    """Return base64 of the deflated int16 steps along a Z-order curve of the points.
 
-    Points are sorted along a Z-order curve, so that differences are small. For each
-    axis, the low bytes of all points come before the high bytes. A byte for each
-    point's confidence follows where the cloud has it.
+    Of each axis the low bytes come first; a byte for each point's confidence follows.
     """
     planes = []
     for points in clouds:

@@ -79,9 +79,7 @@ def error_curves_figure(
 
 
 def clouds_figure(
-    scenes: Mapping[str, Mapping[str, Points]],
-    *,
-    enlarged: Collection[str] = (),
+    scenes: Mapping[str, Mapping[str, Points]], *, enlarged: Collection[str] = ()
 ) -> Figure:
     """Draw clouds, a row per scene and a column per method (Fig. 5).
 

@@ -13,8 +13,8 @@ from jradar.diffusion import (
     conditional_denoiser,
     load_pretrained,
     mixture_loss,
-    mixture_mass,
     range_mixture,
+    window_mass,
     write_params,
 )
 from jradar.diffusion.mixture import mixture_of
@@ -52,7 +52,7 @@ def test_mass_and_likelihood_equal_scipys():
         values = function(at[..., None], loc=centre, scale=scale)
         return (weight * values).sum(-1)
 
-    mass = mixture_mass(mixture, jnp.asarray(code - 0.1), jnp.asarray(code + 0.1))
+    mass = window_mass(mixture)(jnp.asarray(code - 0.1), jnp.asarray(code + 0.1))
     wanted = expected(logistic.cdf, code + 0.1) - expected(logistic.cdf, code - 0.1)
     np.testing.assert_allclose(mass, wanted, atol=1e-5)
 

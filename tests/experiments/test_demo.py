@@ -99,7 +99,7 @@ def test_layouts_are_of_the_test_split_and_simulated_once(
     monkeypatch.setattr(demo, "set_sequences", lambda name: two)
 
     def prepared():
-        return build.prepared_data(config, tmp_path, simulate=demo.simulate_layouts)
+        return build.prepared_data(config, tmp_path, write=demo.simulate_layouts)
 
     folder = prepared()
     records = Records(folder, "test")

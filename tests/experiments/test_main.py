@@ -193,7 +193,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
     assert ("tower" in names) != spec.network.condition_at_input
 
 
-@pytest.mark.parametrize("name", ["paper", "coloradar", "selfmade"])
+@pytest.mark.parametrize("name", ["paper", "coloradar"])
 def test_the_papers_setting_is_edms_and_starts_from_image_weights(name):
     config = importlib.import_module(f"experiments.configs.{name}").get_config()
     noise = build.build_noise(config)
@@ -214,7 +214,6 @@ def test_ablations_differ_from_their_base_in_a_few_fields():
     for path in CONFIGS:
         if not path.stem.startswith("ablation_"):
             continue
-        base = "default" if "import default" in path.read_text() else "paper_loss"
-        mine, theirs = fields(path.stem), fields(base)
+        mine, theirs = fields(path.stem), fields("default")
         changed = {k for k in mine | theirs if mine.get(k) != theirs.get(k)}
         assert 1 <= len(changed) <= 2, (path.stem, changed)

@@ -14,9 +14,7 @@ from jradar.data.records import from_bytes, to_bytes
 from jradar.diffusion.weights.files import read_state
 from jradar.evaluation import read_scores, save_clouds, write_scores
 from jradar.evaluation.report import load_clouds
-from jradar.export import export_function, load_function
 from jradar.model import load_model, save_model
-from jradar.radar import Radar
 from jradar.recordings import describe, open_imu, open_recording
 from jradar.recordings.bags.bags import bag_topics, open_bag
 from jradar.recordings.clouds.read import read_cloud
@@ -27,7 +25,7 @@ from jradar.viz import learning_curve_figure
 from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
 from tests.evaluation.invented import scores
-from tests.models import RADAR, tiny_model
+from tests.models import tiny_model
 from tests.recordings import bag_writer as bags, cube_writer, small_sequence
 from tests.recordings.bags import test_imu as imu_bags, test_raw as raw_bags
 from tests.recordings.clouds.test_read import pcd, ply
@@ -199,12 +197,6 @@ def model(folder: Path) -> Path:
     return folder / "model"
 
 
-def exported(folder: Path) -> Path:
-    path = folder / "model.jradar"
-    export_function(path, Radar(RADAR), tiny_model(method="regression"))
-    return path
-
-
 def npz_weights(folder: Path) -> Path:
     np.savez(folder / "a.npz", **{"a.weight": np.ones((4, 3), np.float32)})
     return folder / "a.npz"
@@ -291,7 +283,6 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "model's weights": target(
         model, load_model, "model", "weights.safetensors", head=200
     ),
-    "exported": target(exported, load_function, head=300),
     "npz weights": target(npz_weights, read_state, head=80),
     "safetensors": text("a.safetensors", WEIGHTS, read_state, head=80),
     "scores": target(score_file, read_scores),

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from jradar.motion import ego_velocity
-from jradar.radar.angle.deviations import Deviations
 from jradar.recordings.bags.bags import open_bag
 from jradar.types import PointCloud
 from tests.directions import unit
@@ -209,29 +208,6 @@ def test_gradients_are_finite_and_those_of_least_squares():
         return jnp.nansum(ego_velocity(KEY, cloud._replace(xyz=xyz)).velocity)
 
     assert np.isfinite(few(padded(cloud_of(1, points=2)[0]).xyz)).all()
-
-
-@pytest.mark.parametrize("angle", ["azimuth", "elevation"])
-def test_echoes_weigh_by_the_deviations_of_their_velocity_and_direction(angle):
-    """An error of an angle moves the expected Doppler by the slope along that angle."""
-    velocity, random = np.array([1.0, 0.5, 0.8]), np.random.default_rng(6)
-    cloud, _ = cloud_of(6, velocity, noise=0.02)
-    cloud = cloud._replace(snr=None)
-    x, y, z = cloud.xyz.T.astype(float)
-    angles = {"azimuth": np.arctan2(y, x), "elevation": np.arctan2(z, np.hypot(x, y))}
-    direction, moved = unit(**angles), angles | {angle: angles[angle] + 1e-6}
-    slope = (unit(**moved) - direction) @ velocity / 1e-6
-    deviation, doppler = random.uniform(0, 0.1, POINTS), random.uniform(0, 0.02, POINTS)
-    weight = 1 / (0.01**2 + doppler**2 + (deviation * slope) ** 2)
-    side = (weight[:, None] * direction).T
-    expected = -np.linalg.solve(side @ direction, side @ cloud.velocity)
-    known = Deviations(*np.full((4, POINTS), np.inf, np.float32))
-    known = known._replace(velocity_mps=np.float32(doppler))
-    known = known._replace(**{angle: np.float32(deviation)})
-    found = ego_velocity(KEY, cloud, deviations=known, threshold_mps=1.0)
-    plain = ego_velocity(KEY, cloud, threshold_mps=1.0)
-    np.testing.assert_allclose(found.velocity, expected, atol=3e-4)
-    assert np.abs(plain.velocity - expected).max() > 2e-3
 
 
 @pytest.mark.parametrize(

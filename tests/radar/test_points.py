@@ -186,7 +186,7 @@ def test_options_are_fitted_to_a_radar():
         ({"guard": 2}, "guard = 2, expected two whole numbers"),
         ({"train": (4, 4, 4)}, r"train = \(4, 4, 4\), expected two whole numbers"),
         ({"folds": -1}, "folds = -1, expected 0 to 16"),
-        ({"sources": -1}, "sources = -1, expected 0 to 64"),
+        ({"sources": 0}, "sources = 0, expected 1 to 64"),
         ({"focus": True, "angles": "music"}, "expected 'fft' and 1: a focus has one"),
         ({"focus": True, "peaks": 2}, "expected 'fft' and 1: a focus has one"),
     ],

@@ -107,7 +107,7 @@ OPTIONS = (
     {"edge": "wrap", "doppler_window": "hamming", "focus": True},
     {"folds": 1, "peaks": 2, "num_azimuth": 32, "num_elevation": 8},
     *({"angles": "capon"}, {"angles": "music"}, {"angles": "capon", "peaks": 2}),
-    {"angles": "music", "sources": 0, "peaks": 3, "folds": 1},
+    {"angles": "music", "sources": 1, "peaks": 3, "folds": 1},
 )
 
 

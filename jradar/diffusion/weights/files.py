@@ -5,7 +5,6 @@ Pickles are never read; `experiments.convert_weights` converts published ones.
 """
 
 import functools
-import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import safetensors.numpy
 
 from jradar.diffusion.network import Network
 from jradar.errors import parsing
-from jradar.files import atomic_path
+from jradar.files import atomic_path, check_unpacked
 
 MAX_FILE_BYTES = 4 << 30
 MAX_PARTS = 32  # of the name of a parameter; each is a level of nested dictionaries
@@ -112,10 +111,7 @@ def read_state(path: Path | str) -> State:
 
 def _read_npz(path):
     """The arrays of an .npz file."""
-    with zipfile.ZipFile(path) as archive:
-        size = sum(member.file_size for member in archive.infolist())
-    if size > MAX_FILE_BYTES:
-        raise ValueError(f"it unpacks to {size:,} bytes")
+    check_unpacked(path, limit=MAX_FILE_BYTES)
     with np.load(path, allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}
 

@@ -123,11 +123,7 @@ def _load_published(path, state, params, network, attention_order):
 
 
 def _load_trained_here(path, state, params, network):
-    """`params` with the weights of a model, or of a trunk alone.
-
-    Every prediction's first two outputs are range and validity. A network of another
-    prediction keeps these, and its other outputs start at 0.
-    """
+    """`params` with the weights of a model of any prediction, or of a trunk alone."""
     flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
     new = [name for name in flat if name not in state]
     unused = [name for name in state if name not in flat]
@@ -144,7 +140,7 @@ def _load_trained_here(path, state, params, network):
 
 
 def _with_outputs(tensor, size, outputs):
-    """[..., pixel and output] with `outputs` for each pixel: the first two, then 0."""
+    """[..., pixel and output] with `outputs` a pixel: range and validity, then 0."""
     pixels = size // outputs
     known = [MEANS * each.outputs_per_channel for each in PREDICTIONS.values()]
     if tensor.shape[-1] == size or tensor.shape[-1] not in [n * pixels for n in known]:

@@ -36,7 +36,7 @@ def cell_directions(snapshot, radar, points):
     if points.angles == "fft":
         bins = angle_bins(points, radar)
         return directions(snapshot, radar, interpolate=points.refine, **bins)
-    sources = {"num_sources": points.sources or None}
+    sources = {"num_sources": points.sources}
     return subspace_directions(snapshot, radar, method=points.angles, **sources)
 
 
@@ -63,7 +63,7 @@ def strongest_peaks(power, snapshot, radar, points):
     if points.angles == "fft":
         peaks = jax.lax.map(peaks_of, snapshot, batch_size=SPECTRA)
     else:
-        options |= {"method": points.angles, "num_sources": points.sources or None}
+        options |= {"method": points.angles, "num_sources": points.sources}
         peaks = subspace_peaks(snapshot, radar, **options)
     strongest = peaks.power[:, :1]
     share = peaks.power / jnp.where(strongest > 1e-30, strongest, 1e-30)

@@ -10,8 +10,7 @@ for one target in white noise, to first order in the noise:
 
 Other targets within a beam or two bins, interference and errors of calibration add to
 these. So does a weak SNR: below 15 dB by a tenth for 12 antennas, and below 20 dB by
-half for 192, because the noise in the neighbouring cells pulls the peak towards the
-middle of its bin. A cascade's azimuth errs by 0.0001 in its sine without any noise.
+half for 192.
 """
 
 import functools
@@ -43,10 +42,7 @@ class Deviations(NamedTuple):
 
 @functools.partial(jax.jit, static_argnames=("radar", "points"))
 def point_deviations(
-    cloud: PointCloud,
-    radar: RadarSpec,
-    *,
-    points: PointSpec | None = None,
+    cloud: PointCloud, radar: RadarSpec, *, points: PointSpec | None = None
 ) -> Deviations:
     """Return the standard deviations of the points of `radar_points` with `points`.
 

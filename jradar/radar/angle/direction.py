@@ -49,8 +49,7 @@ class _Row(NamedTuple):
 
 
 @functools.partial(
-    jax.jit,
-    static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate"),
+    jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate")
 )
 def directions(
     snapshot: Complex[Array, "*batch virtual"],
@@ -180,14 +179,11 @@ def _offset(power, index):
 
 
 def _sums_over_bins(cells, rows, radar, u):
-    """Sums of the rows towards every azimuth bin: real, imaginary `[azimuth, cell]`.
-
-    Bins to the left and to the right share the products with cosines and sines.
-    """
+    """Sums of the rows towards every azimuth bin: real, imaginary `[azimuth, cell]`."""
     half, (_, num_cells) = len(u) // 2, cells.shape
     turn = 2 * np.pi * radar.spacing_wavelengths * -u[half::-1]
     sums = []
-    for row in rows:
+    for row in rows:  # bins to the left and to the right share the products
         phase = np.outer(turn, row.columns)
         waves = np.concatenate([np.cos(phase), np.sin(phase)]) * row.weights
         part = cells[row.part]

@@ -1,7 +1,6 @@
 """Directions for wide arrays: true delays across the aperture, spherical waves.
 
-`directions` takes all antennas to see a target in one range cell, and its wave to be
-plane. Across an array as wide as a cascade's neither holds:
+Across an array as wide as a cascade's, what `directions` assumes does not hold:
 
     delays      towards the sides, the outer antennas are up to half a cell nearer or
                 farther, so that a cell holds only part of their power
@@ -110,14 +109,12 @@ def _paths(distance, azimuth, elevation, radar):
 
 
 def _extra(direction, far, places):
-    """Distances to antennas beyond the origin's, and beyond a plane wave's.
-
-    The difference of two nearly equal distances is taken without subtracting them.
-    """
+    """Distances to antennas beyond the origin's, and beyond a plane wave's."""
     antennas = jnp.asarray(places, jnp.float32)
     plane = -jnp.matmul(direction, antennas.T, precision="highest")
     square = jnp.broadcast_to((antennas**2).sum(-1), plane.shape)
     change = 2 * far * plane + square
+    # Without subtracting two nearly equal distances.
     extra = change / (jnp.sqrt(far**2 + change) + far)
     # sqrt(far^2 + change) = far + extra, hence the rest after the plane wave's.
     return extra, (square - extra**2) / (2 * far)

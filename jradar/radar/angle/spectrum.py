@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
+from jradar.radar.channels import check_antennas
 from jradar.radar.peaks import local_maxima, parabola_offset
 from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
@@ -77,15 +78,6 @@ def check_sizes(
         )
     check_antennas(shape, radar)
     return rows, columns
-
-
-def check_antennas(shape: tuple[int, ...], radar: RadarSpec) -> None:
-    """Raise ValueError unless snapshots have one value for each virtual antenna."""
-    if shape[-1] != radar.num_virtual:
-        raise ValueError(
-            f"{shape[-1]} values per snapshot, {radar.name} has "
-            f"{radar.num_tx} tx x {radar.num_rx} rx = {radar.num_virtual}"
-        )
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation"))

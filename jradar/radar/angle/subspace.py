@@ -22,17 +22,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Int
+from jaxtyping import Array, Complex, Float
 
 from jradar.radar.angle.direction import elevation_sines
-from jradar.radar.angle.sources import mdl_sources
 from jradar.radar.angle.spectrum import (
     NEARLY_ONE,
     Angle,
     angles_of_sines,
-    check_antennas,
     direction_sines,
 )
+from jradar.radar.channels import check_antennas
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
@@ -86,50 +85,11 @@ def music_spectrum(
             f"{num_sources=}, expected 1 to {size - 1}: a subarray of {size} elements "
             "needs one more than there are sources"
         )
-    return _pseudo_spectrum(covariance, num_sources, radar, num_azimuth)
-
-
-def _pseudo_spectrum(covariance, num_sources, radar, num_azimuth):
-    """`music_spectrum` of covariances, for a number of sources that may be traced."""
-    size = covariance.shape[-1]
-    normal = covariance / _mean_power(covariance)
-    projector = _signal_projector(normal, jnp.asarray(num_sources))
-    steering = _steering(radar, size, num_azimuth)
-    steering = to_rank(steering, projector)
+    projector = _signal_projector(covariance / _mean_power(covariance), num_sources)
+    steering = to_rank(_steering(radar, size, num_azimuth), projector)
     noise = steering - projector @ steering
     share = (noise.real**2 + noise.imag**2).sum(-2) / size
     return 1 / (share + NOISE)
-
-
-def music_pseudo_spectrum(
-    cell: Complex[Array, " virtual"], radar: RadarSpec, num_sources: int | None
-) -> tuple[Float[Array, " azimuth"], Int[Array, ""] | int]:
-    """Return one snapshot's `music_spectrum` and its number of sources, None counts."""
-    if num_sources is not None:
-        return music_spectrum(cell[None], radar, num_sources=num_sources), num_sources
-    covariance = smoothed_covariance(cell[None], radar)
-    count = jnp.clip(source_count(cell[None], radar), 1, covariance.shape[-1] - 1)
-    return _pseudo_spectrum(covariance, count, radar, NUM_AZIMUTH), count
-
-
-@functools.partial(jax.jit, static_argnames="radar")
-def source_count(
-    snapshot: Complex[Array, "*batch snapshot virtual"], radar: RadarSpec
-) -> Int[Array, "*batch"]:
-    """Return the number of sources by `mdl_sources`, from half of the longest row.
-
-    Raises ValueError for a row of fewer than 3 neighbouring elements.
-    """
-    length = len(_longest_row(radar))
-    if length < 3:
-        raise ValueError(
-            f"the longest row of {radar.name} has {length} neighbouring elements, "
-            "expected 3 or more to count sources"
-        )
-    size = max(2, length // 2)
-    covariance = smoothed_covariance(snapshot, radar, subarray=size)
-    samples = snapshot.shape[-2] * (length - size + 1)
-    return mdl_sources(jnp.linalg.eigvalsh(covariance), samples=samples)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "method", "num_sources"))
@@ -138,22 +98,20 @@ def subspace_directions(
     radar: RadarSpec,
     *,
     method: str,
-    num_sources: int | None = SOURCES,
+    num_sources: int = SOURCES,
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of each snapshot by "capon" or "music".
 
     The azimuth is the highest maximum of `capon_spectrum`; or among the maxima of
     `music_spectrum`, whose heights are not powers, the one at which the conventional
-    beam is strongest. `num_sources=None` counts the sources (`source_count`). The
-    elevation is found afterwards, from the phases between beams of the rows towards
-    that azimuth. A second target within such a beam bends it: `subspace_peaks`
-    separates both.
+    beam is strongest. The elevation follows from the phases between beams of the rows
+    towards it. A second target in such a beam bends it: see `subspace_peaks`.
     """
 
     def strongest(cell):
         if method == "capon":
             return spectrum_maxima(capon_spectrum(cell[None], radar), radar, 1)[0][0]
-        spectrum, _ = music_pseudo_spectrum(cell, radar, num_sources)
+        spectrum = music_spectrum(cell[None], radar, num_sources=num_sources)
         row = jnp.asarray(_longest_row(radar)) @ cell
         beam = jnp.abs(_steering(radar, len(row), NUM_AZIMUTH).conj().T @ row)
         return spectrum_maxima(spectrum, radar, 1, rank=beam)[0][0]
@@ -254,35 +212,24 @@ def _mean_power(covariance):
     return jnp.where(level > 0, level, 1.0)[..., None, None]
 
 
-@jax.custom_jvp
+@functools.partial(jax.custom_jvp, nondiff_argnums=(1,))
 def _signal_projector(covariance, num_sources):
-    """Projector on the eigenvectors of the `num_sources` largest eigenvalues.
-
-    Its derivative depends only on the gap between signal and noise. The derivatives of
-    single eigenvectors would be infinite where two noise eigenvalues are equal.
-    """
+    """Projector on the eigenvectors of the `num_sources` largest eigenvalues."""
     _, vectors = jnp.linalg.eigh(covariance)
-    signal = vectors * _is_signal(covariance, num_sources)[..., None, :]
+    signal = vectors[..., -num_sources:]  # of the largest eigenvalues
     return signal @ signal.conj().mT
 
 
 @_signal_projector.defjvp
-def _signal_projector_jvp(primals, tangents):
-    """First-order perturbation of a projector: a sum over pairs (noise, signal)."""
-    (covariance, num_sources), (change, _) = primals, tangents
+def _signal_projector_jvp(num_sources, primals, tangents):
+    """A sum over pairs (noise, signal), finite where noise eigenvalues are equal."""
+    (covariance,), (change,) = primals, tangents
     values, vectors = jnp.linalg.eigh(covariance)
-    signal = _is_signal(covariance, num_sources)
-    pair = ~signal[..., :, None] & signal[..., None, :]
+    signal = np.arange(covariance.shape[-1]) >= covariance.shape[-1] - num_sources
+    pair = to_rank(~signal[:, None] & signal, covariance)
     gap = values[..., None, :] - values[..., :, None]
     coupling = vectors.conj().mT @ change @ vectors
     coupling = jnp.where(pair, coupling / jnp.maximum(gap, 1e-6), 0.0)
     half = vectors @ coupling @ vectors.conj().mT
-    signal = vectors * signal[..., None, :]
+    signal = vectors[..., -num_sources:]
     return signal @ signal.conj().mT, half + half.conj().mT
-
-
-def _is_signal(covariance, num_sources):
-    """Which of the ascending eigenvalues are sources."""
-    *batch, _, size = covariance.shape
-    index = jnp.broadcast_to(jnp.arange(size), (*batch, size))
-    return index >= size - jnp.broadcast_to(num_sources, batch)[..., None]

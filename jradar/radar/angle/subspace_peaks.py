@@ -17,20 +17,20 @@ import numpy as np
 from jaxtyping import Array, Complex
 
 from jradar.radar.angle.direction import elevation_sines
-from jradar.radar.angle.spectrum import Peaks, angles_of_sines, check_antennas
+from jradar.radar.angle.spectrum import WEAKEST, Peaks, angles_of_sines
 from jradar.radar.angle.subspace import (
     NUM_AZIMUTH,
     SOURCES,
     capon_spectrum,
     in_blocks,
-    music_pseudo_spectrum,
+    music_spectrum,
     spectrum_maxima,
 )
+from jradar.radar.channels import check_antennas
 from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
 
 METHODS = ("capon", "music")
-WEAKEST = 10**-0.6  # of a cell's peaks, relative to its strongest
 DAMPING = 1e-4  # of the least squares, relative to a row's number of antennas
 
 
@@ -41,15 +41,14 @@ def subspace_peaks(
     *,
     method: str,
     count: int = 2,
-    num_sources: int | None = SOURCES,
+    num_sources: int = SOURCES,
 ) -> Peaks:
     """Return up to `count` targets of each snapshot, strongest first.
 
     `method` is "capon" or "music". Power is that of a target's plane wave. A peak is
     `valid` down to 6 dB below the strongest one: with Capon in the spectrum and in
-    power, with MUSIC in power, and no more of them than `num_sources`, which None
-    counts in each snapshot (`source_count`). Raises ValueError for another method or
-    count, and as `music_spectrum`.
+    power, with MUSIC in power, and no more of them than `num_sources`. Raises
+    ValueError for another method or count, and as `music_spectrum`.
     """
     if method not in METHODS:
         raise ValueError(f"{method=}, expected one of {METHODS}")
@@ -62,7 +61,8 @@ def subspace_peaks(
         if method == "capon":
             spectrum = capon_spectrum(cell[None], radar, num_azimuth=NUM_AZIMUTH)
         else:
-            spectrum, most = music_pseudo_spectrum(cell, radar, num_sources)
+            spectrum = music_spectrum(cell[None], radar, num_sources=num_sources)
+            most = num_sources
         u, height = spectrum_maxima(spectrum, radar, count)
         known = (height > 0) & (np.arange(count) < most)
         if method == "capon":
@@ -82,10 +82,7 @@ def subspace_peaks(
 
 
 def _plane_waves(cell, u, known, radar):
-    """The parts of one snapshot that come from each azimuth sine, `[peak virtual]`.
-
-    Each row has amplitudes of its own; those of unknown peaks are 0.
-    """
+    """The parts of a snapshot from each azimuth sine, row by row, `[peak virtual]`."""
     columns, rows = radar.virtual_positions.T
     member = (rows == np.unique(rows)[:, None]).astype(np.float32)  # [row, virtual]
     size = member.sum(1)

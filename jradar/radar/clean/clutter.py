@@ -43,8 +43,7 @@ def static_background(
 
 @jax.jit
 def subtract_background(
-    cube: Cube,
-    background: Inexact[Array, "_tx _rx _sample"],
+    cube: Cube, background: Inexact[Array, "_tx _rx _sample"]
 ) -> Inexact[Array, "*batch tx rx chirp sample"]:
     """Subtract the background, times the factor of each chirp that fits it best.
 

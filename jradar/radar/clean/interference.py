@@ -14,15 +14,9 @@ In the spectrum, such a burst lies over all ranges and velocities, as noise does
 fill all samples and few cells. `excise_interference` takes the cells far over the floor
 as the echoes, compares what is left of each sample with what is usual, and puts the
 echoes alone where a sample stands out. It repeats this with lower thresholds, because
-the floor falls with each pass.
-
-What is usual is the median over chirps, or over the samples of the chirp if that is
-more: strong echoes are not known well at the edges of the frame, where the windows are
-low, and what is left of them there is not interference. A burst may fill a chirp, but
-seldom also the one as far from the other end, whose median counts if it is less.
-
-Sources: iteration with an adaptive threshold, Bechter, Roos, Rahman & Waldschmidt
-(2017); median over slow time, Wagner, Sulejmani, Melzer, Meissner & Huemer (2018).
+the floor falls with each pass (Bechter et al. 2017). What is usual is the median over
+chirps (Wagner et al. 2018), or over the samples of the chirp if that is more, because
+strong echoes are not known well at the edges of the frame, where the windows are low.
 
 A radar whose chirps keep step with the own ones, so that a burst lies in the same
 sample of most chirps, is not found.
@@ -42,12 +36,7 @@ from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
 
-PASSES = (
-    8.0,
-    2.0,
-    1.0,
-    1.0,
-)  # factors on the threshold: the strongest bursts come first
+PASSES = (8.0, 2.0, 1.0, 1.0)  # factors on the threshold: strong bursts come first
 ECHO = 6.0  # power over the median cell from which a cell counts as an echo
 SURE = 0.2  # window's weight below which the echoes are not known well
 TINY = 1e-30  # instead of nothing left over, in frames of zeros
@@ -167,9 +156,7 @@ def _one(it, cycles, first_s, sample_s, radar):
 
 @functools.partial(jax.jit, static_argnames="false_alarm_rate")
 def excise_interference(
-    cube: Cube,
-    *,
-    false_alarm_rate: float = 1e-8,
+    cube: Cube, *, false_alarm_rate: float = 1e-8
 ) -> tuple[
     Inexact[Array, "*batch tx rx chirp sample"], Bool[Array, "*batch tx chirp sample"]
 ]:
@@ -238,11 +225,9 @@ def _at_edges(power):
 
 
 def _median(power, axes):
-    """`jnp.median` of values from 0 up, with the axes kept, and without its sort.
-
-    Such floats are in the order of their bits. From the highest on, a bit of the middle
-    value is 1 if, with it, no more values lie below than belong there.
-    """
+    """`jnp.median` of values from 0 up, with the axes kept, and without its sort."""
+    # Such floats are in the order of their bits. From the highest on, a bit of the
+    # middle value is 1 if, with it, no more values lie below than belong there.
     width = 8 * power.dtype.itemsize
     kind = jnp.dtype(f"int{width}")
     bits = jax.lax.bitcast_convert_type(power, kind)

@@ -12,9 +12,8 @@ cells on every side, without the `guard` cells next to x:
 With guard = (0, 1), train = (0, 2) only the middle row remains: a detector along range.
 
 Detectors take linear power summed over `channels` antennas, with trailing axes
-[doppler, range], and return a boolean mask of the same shape. Integers and floats of
-half precision become float32; complex spectra are refused. Leading axes are independent
-maps. Sums never subtract, so a strong target leaves no rounding error next to it.
+[doppler, range], and return a boolean mask of the same shape. Leading axes are
+independent maps. Sums never subtract, so a strong target leaves no rounding error.
 
 The kinds of detectors differ in their noise estimate:
 
@@ -34,9 +33,7 @@ Doppler wraps around. `edge` says what happens at the ends of the range axis:
     skip        cells without a complete window are not detected (MATLAB's
                 CFARDetector2D, for both axes)
 
-A fixed `factor` replaces the rate, to repeat others' detectors. TI's detection matrices
-hold logarithms, so that their factor is an offset: compare them with `noise_floor` of
-the matrix plus the offset.
+A fixed `factor` replaces the rate, to repeat others' detectors.
 
 Multipliers are exact for square-law noise that is independent from cell to cell (see
 `multipliers`). They are computed on the host, so the rate is static. A rate of 1
@@ -182,10 +179,7 @@ def linear_power(power: Power) -> Map:
 
 
 def _counter(values, beyond, window):
-    """The function that counts training cells below a level, and the rank of "os".
-
-    Where no cells exist, their value is `beyond`.
-    """
+    """The function that counts training cells below a level, and the rank of "os"."""
     low, high = cells_per_range_bin(values.shape, window)
     padded = pad(values, window, beyond)
     counted = halves_counted(low, high, values) if window.edge == "one_sided" else None

@@ -46,15 +46,15 @@ def check_window(window: Window, kind: str) -> None:
     guard, train, edge = window
     for name, cells in (("guard", guard), ("train", train)):
         pair = isinstance(cells, tuple | list) and len(cells) == 2
-        if not (pair and all(isinstance(n, int) for n in cells)):
+        if not (pair and all(type(n) is int and n >= 0 for n in cells)):
             raise ValueError(
-                f"CFAR {name} = {cells!r}, expected two whole numbers: cells in "
-                "Doppler and in range"
+                f"{name} = {cells!r}, expected two whole numbers of 0 or more: cells "
+                "in Doppler and in range"
             )
     if kind not in KINDS:
-        raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
+        raise ValueError(f"detector = {kind!r}, expected one of {KINDS}")
     if edge not in EDGES:
-        raise ValueError(f"CFAR {edge=}, expected one of {EDGES}")
+        raise ValueError(f"edge = {edge!r}, expected one of {EDGES}")
     if edge == "fill" and (train[0] or kind in ("go", "so")):
         raise ValueError(
             f"CFAR edge='fill' with {kind=}, {train=}: expected ca or os along range "
@@ -79,8 +79,6 @@ def cells_per_range_bin(shape, window):
     for axis, bins, g, t in zip(
         ("Doppler", "range"), shape[-2:], guard, train, strict=True
     ):
-        if g < 0 or t < 0:
-            raise ValueError(f"CFAR {guard=}, {train=}: expected 0 or more cells")
         if 2 * (g + t) + 1 > bins:
             raise ValueError(
                 f"CFAR window of {2 * (g + t) + 1} cells (guard {g}, train {t} on a "

@@ -152,38 +152,29 @@ def place(image, grid):
     return row.mean(), np.rad2deg(grid.angles[column].mean())
 
 
-def changed(name, seed, item, *other):
-    return module.AUGMENTATIONS[name](np.random.default_rng(seed), *item, *other)
+def rotated(seed, item):
+    return module.rotated_at_random(Batch(*item), np.random.default_rng(seed))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_scaled_ranges_move_both_images_by_one_factor(seed):
-    item = item_of(100, 20)
-    radar, occupied = changed("scale", seed, item)
-    rows = place(radar, RADAR)[0], place(occupied, LIDAR)[0]
-    assert rows[0] == rows[1] and 79 <= rows[0] <= 126 and rows[0] != 100
-    assert place(radar, RADAR)[1] == pytest.approx(place(item.condition, RADAR)[1])
-
-
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [2, 3, 8])
 def test_a_rotation_moves_both_images_by_one_angle_and_empties_no_part(seed):
     item = item_of(100, 10)
     turns = [
         place(after, grid)[1] - place(before, grid)[1]
         for before, after, grid in zip(
-            item, changed("turn", seed, item), (RADAR, LIDAR), strict=True
+            item, rotated(seed, item), (RADAR, LIDAR), strict=True
         )
     ]
     assert turns[0] == pytest.approx(turns[1], abs=0.2)  # half a LiDAR cell
     assert 2.6 < abs(turns[1]) < 29
     full = [np.ones((*grid.shape, 1), np.float32) for grid in (RADAR, LIDAR)]
-    assert all(image.all() for image in changed("turn", seed, full))
+    assert all(image.all() for image in rotated(seed, full))
 
 
-@pytest.mark.parametrize("seed", [3, 4, 7])  # 20, 14 and 26 degrees to the left
+@pytest.mark.parametrize("seed", [11, 12])  # 17 and 29 degrees to the left
 def test_what_a_rotation_uncovers_is_the_mirror_image_of_the_view(seed):
     edges = []
-    images = changed("turn", seed, item_of(100, -80))
+    images = rotated(seed, item_of(100, -80))
     for image, grid in zip(images, (RADAR, LIDAR), strict=True):
         columns = np.flatnonzero(image.any((0, 2)))
         assert len(columns) == 2
@@ -191,48 +182,8 @@ def test_what_a_rotation_uncovers_is_the_mirror_image_of_the_view(seed):
     assert edges[0] == pytest.approx(edges[1], abs=0.3) and -80 < edges[1] < -60
 
 
-@pytest.mark.parametrize("name", ["gain", "speckle"])
-def test_grey_values_change_and_stay_between_0_and_1(name):
+def test_half_of_the_items_are_rotated():
     item = item_of(100, 10)
-    radar, occupied = changed(name, 0, item)
-    np.testing.assert_array_equal(occupied, item.target)
-    np.testing.assert_array_equal(radar > 0, item.condition > 0)
-    assert radar.max() <= 1 and np.abs(radar - item.condition).max() > 0.01
-
-
-def test_dropped_azimuths_are_neighbours():
-    full = np.ones((*RADAR.shape, 1), np.float32)
-    radar, _ = changed("drop", 0, (full, item_of(100, 10).target))
-    dropped = np.flatnonzero(~radar.any((0, 2)))
-    assert 1 <= len(dropped) <= module.MOST_DROPPED and full.all()
-    assert (np.diff(dropped) == 1).all()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_pasted_sector_is_the_same_in_both_images(seed):
-    """Of another pair, which has a wall at row 200, in place of one at row 100."""
-    here, there = (
-        Batch(*(np.zeros((*grid.shape, 1)) for grid in (RADAR, LIDAR)))
-        for _ in range(2)
+    assert (
+        30 < sum(rotated(seed, item).target is item.target for seed in range(100)) < 70
     )
-    for item, row in ((here, 100), (there, 200)):
-        for image in item:
-            image[row] = 1
-    ends, images = [], changed("paste", seed, here, there)
-    for image, grid in zip(images, (RADAR, LIDAR), strict=True):
-        pasted = image[200, :, 0] == 1
-        np.testing.assert_array_equal(image[100, :, 0] == 0, pasted)
-        ends.append(np.rad2deg(grid.angles[np.flatnonzero(pasted)[[0, -1]]]))
-        assert 27 < np.ptp(ends[-1]) < 90
-    np.testing.assert_allclose(*ends, atol=3)
-    assert here.condition[200].max() == 0
-
-
-def test_half_of_the_items_change_and_none_without_names():
-    item, rng = item_of(100, 10), np.random.default_rng(0)
-    assert module.augmented(item, rng, names=(), others=[item]) is item
-    found = [
-        module.augmented(item, rng, names=("gain",), others=[item]) is not item
-        for _ in range(100)
-    ]
-    assert 30 < sum(found) < 70

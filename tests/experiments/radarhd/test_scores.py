@@ -1,4 +1,4 @@
-"""RadarHD's grid and formulas against a loop over pixels; limits; confidence."""
+"""RadarHD's grid and formulas against a loop over pixels; limits."""
 
 import math
 
@@ -9,7 +9,7 @@ import pytest
 from experiments.configs import radarhd
 from experiments.radarhd import report, scores
 from experiments.radarhd.pairs import LIDAR, open_radarhd
-from experiments.radarhd.scores import cartesian_points, count_cells, polar_points
+from experiments.radarhd.scores import cartesian_points, polar_points
 from jradar.evaluation import score_points
 from tests.experiments.radarhd.conftest import shrink
 
@@ -147,63 +147,3 @@ def test_the_worst_frames_are_of_different_trajectories(walls):
     rows.insert(0, row(140, method="other", **{score: 0.0}))
     worst = report.worst_frames(pairs, rows)
     assert pairs.keys[worst].tolist() == [[136, 1], [138, 0], [1, 1]]
-
-
-def wall(row, value):
-    image = np.zeros(LIDAR.shape)
-    image[row] = value
-    return image
-
-
-def cells_of(image, truth, *, limit=0.1, above=0.1):
-    """Values of the cells of an image, and whether they are right."""
-    counts = count_cells(image, limit, cartesian_points(truth > 0))
-    return scores.drawn_cells([row(cells=counts, limit=above)])
-
-
-def test_cells_within_20_centimetres_are_right():
-    for rows, right in ((0, True), (4, True), (6, False), (-6, False)):
-        assert (abs(rows * LIDAR.ranges[1]) <= 0.2) == right
-        values, found = cells_of(wall(100 + rows, 0.6), wall(100, 1))
-        assert len(values) > 300
-        np.testing.assert_allclose(values, round(0.6 * 32) / 32)
-        assert found.mean() > 0.95 if right else found.mean() < 0.05
-
-
-def test_values_up_to_the_limit_are_not_drawn():
-    image, truth = wall(100, 0.2) + wall(150, 0.7), wall(150, 1)
-    values, right = cells_of(image, truth, above=0.5)
-    assert len(cells_of(image, truth)[0]) > len(values) > 300
-    assert right.all() and {*values.tolist()} == {round(0.7 * 32) / 32}
-    assert not len(cells_of(image, truth, limit=0.8)[0])
-
-
-def cells(drawn, right):
-    """Counts of cells of low and of high values."""
-    counts = np.zeros((256, 2), int)
-    counts[[0, 128]] = np.stack([np.subtract(drawn, right), right], -1)
-    return counts
-
-
-def test_the_confidence_is_the_frequency_that_was_seen():
-    """Low values are right in 10 %, high ones in 60 % of the cells."""
-    first = row(117, cells=cells((100, 50), (10, 30)), limit=-1)
-    second = row(230, cells=cells((100, 150), (10, 90)), limit=-1)
-    confidence = scores.fit_confidences([first, second])
-    lines = scores.confidence_table([first, second], confidence).splitlines()[2:]
-    for line, number, share in zip(lines, (150, 250), (40 / 150, 0.4), strict=True):
-        assert f"| a | {number} | " in line
-        _, sure, right, error = map(float, line.split("|")[4:8])
-        assert right == pytest.approx(100 * share, abs=0.05)
-        assert sure == pytest.approx(right, abs=0.1) and error < 0.1
-    # In a building where only half as many are right, the error says so.
-    elsewhere = [row(250, cells=cells((100, 100), (5, 30)), limit=-1)]
-    table = scores.confidence_table(elsewhere, confidence)
-    assert float(table.splitlines()[-1].split("|")[7]) == pytest.approx(17.5, abs=0.1)
-
-
-def test_no_cell_is_no_error():
-    nothing = [row(cells=cells((0, 0), (0, 0)))]
-    confidence = scores.fit_confidences(nothing)
-    assert confidence["a"].frequencies.tolist() == [0.0, 1.0]
-    assert len(scores.confidence_table(nothing, confidence).splitlines()) == 2

@@ -10,13 +10,11 @@ import pytest
 
 from jradar.radar import PointSpec, angle_spectrum, direction_sines
 from jradar.radar.angle import subspace
-from jradar.radar.angle.sources import mdl_sources
 from jradar.radar.angle.spectrum import spectrum_peaks
 from jradar.radar.angle.subspace import (
     capon_spectrum,
     music_spectrum,
     smoothed_covariance,
-    source_count,
     subspace_directions,
 )
 from jradar.radar.angle.subspace_peaks import subspace_peaks
@@ -129,70 +127,24 @@ def test_gradients_are_slopes_and_finite_without_noise_and_without_signal(method
     np.testing.assert_allclose(jnp.linalg.norm(slope), difference, rtol=0.03)
 
 
-def test_mdl_is_its_formula():
-    """For eigenvalues of every number of sources, clear and less clear ones."""
-    rng = np.random.default_rng(0)
-    values = rng.uniform(0.7, 1.4, (60, 6))
-    for i, sources in enumerate(rng.integers(0, 5, 60)):
-        values[i, :sources] *= rng.uniform(1.5, 8)
-    expected = []
-    for one in values:
-        falling, lengths = np.sort(one)[::-1], []
-        for k in range(6):
-            rest = falling[k:]
-            ratio = np.log(rest.mean()) - np.log(rest).mean()
-            lengths.append(30 * len(rest) * ratio + k * (12 - k) / 2 * np.log(30))
-        expected.append(np.argmin(lengths))
-    np.testing.assert_array_equal(
-        mdl_sources(jnp.asarray(values), samples=30), expected
-    )
-    assert len(set(expected)) > 3
-
-
-@pytest.mark.parametrize(
-    ("radar", "azimuth_sines", "share"),
-    [
-        (SMALL, [], 0.7),
-        (SMALL, [0.1], 0.7),
-        (SMALL, [-0.2, 0.3], 0.7),
-        (CASCADE, [0.1], 0.85),
-        (CASCADE, [0.0, 0.02], 0.85),
-    ],
-)
-def test_sources_of_single_snapshots_are_counted(radar, azimuth_sines, share):
-    cells = waves_of(radar, azimuth_sines, 60, grain=0.07)
-    found = source_count(cells[:, None], radar)
-    assert (np.asarray(found) == len(azimuth_sines)).mean() > share
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"method": "capon"},
-        {"method": "music"},
-        {"method": "music", "num_sources": None},
-    ],
-    ids=str,
-)
-def test_one_target_is_found_where_it_is_whatever_the_block(options, monkeypatch):
+@METHODS
+def test_one_target_is_found_where_it_is_whatever_the_block(method, monkeypatch):
     monkeypatch.setattr(subspace, "BLOCK", 2)  # of five cells, which no other test has
     angles = np.radians([[-50, -20, 0, 8, 35], [3, -12, 0, 15, -8]])
     cells = single(plane_wave(SMALL, *angles))
-    found = subspace_directions(cells, SMALL, **options)
+    found = subspace_directions(cells, SMALL, method=method)
     np.testing.assert_allclose(found[0], angles[0], atol=np.radians(0.3))
     np.testing.assert_allclose(found[1], angles[1], atol=np.radians(0.5))
-    batch = subspace_directions(cells[:, None], SMALL, **options)
+    batch = subspace_directions(cells[:, None], SMALL, method=method)
     np.testing.assert_allclose(batch[0][:, 0], found[0], atol=1e-5)
 
 
-@pytest.mark.parametrize(
-    "changes", [{"angles": "capon"}, {"angles": "music", "sources": 0}], ids=str
-)
+@METHODS
 @pytest.mark.parametrize("points", [ONE, TWO], ids=["one peak", "two peaks"])
-def test_one_target_of_a_cell_is_one_point(points, changes):
+def test_one_target_of_a_cell_is_one_point(points, method):
     cloud = cloud_of(
         simulate(target(4.0, -30, -14, 0.0), seed=1),
-        points=dataclasses.replace(points, **changes),
+        points=dataclasses.replace(points, angles=method, sources=1),
     )
     assert cloud.valid.tolist() == [True, False][: points.capacity]
     np.testing.assert_allclose(degrees(cloud), [[-30, -14]], atol=0.4)
@@ -246,11 +198,6 @@ def test_a_cell_of_nothing_has_no_peaks():
     assert peaks.azimuth[1, 0] > 0.05 and peaks.elevation[1, 0] > 0.05
 
 
-NARROW = dataclasses.replace(
-    SMALL, tx_positions=((0, 0),), rx_positions=((0, 0), (1, 0)), tx_firing_order=(0,)
-)
-
-
 @pytest.mark.parametrize(
     ("function", "antennas", "options", "message"),
     [
@@ -276,11 +223,8 @@ NARROW = dataclasses.replace(
             {"count": 0},
             "count=0, expected 1 to 256 targ",
         ),
-        (source_count, 2, {"radar": NARROW}, "has 2 neighbouring elements, expected 3"),
     ],
 )
 def test_what_cannot_be_resolved_is_refused(function, antennas, options, message):
     with pytest.raises(ValueError, match=message):
         function(jnp.ones((3, antennas), complex), **({"radar": SMALL} | options))
-    with pytest.raises(ValueError, match="samples=1, expected 2 or more"):
-        mdl_sources(jnp.ones(4), samples=1)

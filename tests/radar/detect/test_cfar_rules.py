@@ -71,7 +71,7 @@ def test_maps_that_hold_no_power_are_refused():
 
 def test_a_window_must_have_two_whole_numbers():
     for wrong in (2, (2,), (1, 2, 3), (1.5, 2), "ab"):
-        with pytest.raises(ValueError, match=r"CFAR guard = .*, expected two whole"):
+        with pytest.raises(ValueError, match=r"guard = .*, expected two whole"):
             ca_cfar(POWER, false_alarm_rate=0.05, guard=wrong)
 
 
@@ -152,7 +152,7 @@ def test_floors_and_masks_follow_the_rule_in_a_loop_over_cells(edge, guard, trai
 
 def test_impossible_rules_at_the_ends_and_factors_are_refused():
     for options, message in (
-        ({"edge": "mirror", "factor": 2.0}, "edge='mirror', expected one of"),
+        ({"edge": "mirror", "factor": 2.0}, "edge = 'mirror', expected one of"),
         ({"edge": "fill", "factor": 2.0}, r"edge='fill' .* train = \(0, cells\)"),
         ({}, "false_alarm_rate=None, factor=None: expected one of them"),
         ({"factor": 2.0, "false_alarm_rate": 0.1}, "expected one of them"),
