@@ -196,10 +196,11 @@ def build_pairs(spec: ModelSpec, records: Any) -> data.PairSource:
 
 def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
     """Return AdamW with gradient clipping and a warm-up, then cosine, learning rate."""
-    warmup = min(train.warmup_steps, train.steps // 2)
-    rate = optax.warmup_cosine_decay_schedule(
-        0.0, train.learning_rate, warmup, train.steps
-    )
+    warmup, steps = min(train.warmup_steps, train.steps // 2), max(train.steps, 1)
+    with section("train"):
+        rate = optax.warmup_cosine_decay_schedule(
+            0.0, train.learning_rate, warmup, steps
+        )
     return optax.chain(
         optax.clip_by_global_norm(train.clip_norm),
         optax.adamw(rate, weight_decay=train.weight_decay),

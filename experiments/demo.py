@@ -25,6 +25,12 @@ from jradar.simulation import set_sequences, simulate_sequence
 
 SPLIT = "test"
 FIRST = "jradar-sim"  # the model whose rows come first, under their plain names
+EXPECTED = """
+Expect F-scores at 0.2 m of about 47 % for `jradar, one pass` and 23 % for OS-CFAR. The
+README's table has higher ones: here, each layout has another radar unit, of a wider
+population and with other waveforms. The models that draw (one-step estimate, Heun,
+draws) have learned from a single unit, and do hardly better than CFAR detectors here.
+"""
 
 
 def check(config: ConfigDict) -> None:
@@ -64,7 +70,9 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         data.PairSource(records, coarse, fine, num_slices=slices),
         detector_methods(view, rates) | shipped_methods(config, usable),
     )
-    if not usable:
+    if usable:
+        print(EXPECTED)
+    else:
         print(
             "\nThis version ships no model for these images: the table holds the CFAR "
             "detectors alone."

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+import jax
 import numpy as np
 
 from experiments.evaluate import View, points_of, spread
@@ -14,19 +15,53 @@ from jradar.types import PointCloud
 
 RATES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)  # false-alarm rates to choose from
 FRAMES = 48  # that the choice is made on
+SMEAR_M = 0.2  # the deviation of a smeared point in each coordinate
 Choice = TypeVar("Choice")
 
 
 def detector_methods(view: View, rates: dict[str, float]) -> dict[str, Method]:
-    """Return a method for each CFAR detector, at its false-alarm rate."""
+    """Return a method for each CFAR detector, at its false-alarm rate, and `splat`.
+
+    `splat` smears the points of the last detector. A model that scores below it is
+    worth nothing there.
+    """
 
     def method(**options) -> Method:
         return lambda key, frame: detected(frame.prepared, view, **options)
 
-    return {
+    found = {
         f"{detector.upper()}-CFAR": method(detector=detector, rate=rate)
         for detector, rate in rates.items()
     }
+    if not found:
+        return {}
+    last = [*found.values()][-1]
+    return {**found, "splat": lambda key, frame: smeared(key, last(key, frame), view)}
+
+
+def smeared(key: jax.Array, cloud: PointCloud, view: View) -> PointCloud:
+    """Return a cloud's points smeared by SMEAR_M, one for each pixel of the image.
+
+    These are about as many as a model draws. Those outside the field of view are not
+    valid.
+    """
+    xyz, (rows, columns) = points_of(cloud), view.fine.shape
+    if not len(xyz):
+        return cloud
+    random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
+    index = random.integers(len(xyz), size=rows * columns)
+    moved = random.normal(xyz[index], SMEAR_M)
+    return PointCloud(moved, in_view(moved, view))
+
+
+def in_view(xyz: np.ndarray, view: View) -> np.ndarray:
+    """Return which points lie in the field of view."""
+    return shared_field_of_view(
+        xyz,
+        azimuth=view.fine.azimuth,
+        elevation=view.fine.elevation,
+        max_range_m=view.fine.max_range_m,
+    )
 
 
 def detected(
@@ -43,12 +78,7 @@ def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointClo
     """Return the points of the cells in `mask` that lie in the field of view."""
     radar = Radar(view.radar_of(prepared), range_bias_m=prepared.range_bias_m)
     cloud = cell_points(prepared.cells, mask, radar, points=view.points(prepared))
-    seen = shared_field_of_view(
-        np.asarray(cloud.xyz),
-        azimuth=view.fine.azimuth,
-        elevation=view.fine.elevation,
-        max_range_m=view.fine.max_range_m,
-    )
+    seen = in_view(np.asarray(cloud.xyz), view)
     return cloud._replace(valid=np.asarray(cloud.valid) & seen)
 
 

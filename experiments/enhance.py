@@ -26,9 +26,11 @@ from experiments.evaluate import (
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
+from jradar.data.sources import SPLITS
 from jradar.errors import UsageError
 from jradar.evaluation import Method
 from jradar.model import Model, draw, load_model, save_model
+from jradar.radar import DETECTORS
 from jradar.range_image import (
     TrustTable,
     close_gaps,
@@ -52,7 +54,18 @@ def check(config: ConfigDict) -> None:
     build.build_network(config)
     build.build_images(config.image)
     build.build_solver(config)
+    build.build_loss(config.loss, method=config.method)
+    build.build_optimizer(config.train)
+    build.prepare_spec(config)
     initial_weights(config.train)
+    for field, name, known in (
+        ("split", config.evaluation.split, SPLITS),
+        *(("detectors", name, DETECTORS) for name in config.evaluation.detectors),
+    ):
+        if name not in known:
+            raise UsageError(
+                f"evaluation.{field}: {name!r}, expected one of {[*known]}"
+            )
     low, high = config.image.azimuth_deg
     if config.train.mirror and low != -high:
         raise UsageError(

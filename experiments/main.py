@@ -4,7 +4,8 @@ r"""Run an experiment.
         --workdir=runs/smoke
 
 `--config.train.steps=10` overrides a field of the config. The same command resumes an
-interrupted run. `--mode=eval` evaluates the trained model again.
+interrupted run. `--mode=eval` evaluates the trained model again. `--seeds=0:3` repeats
+the run in WORKDIR/seed_0 to seed_2, and prints the mean and the spread of the scores.
 
 Compiled programs are cached in ~/.cache/jradar; JRADAR_CACHE=off disables the cache.
 Several processes train together if JAX_COORDINATOR_ADDRESS names the first one: see
@@ -35,7 +36,7 @@ def main(argv: list[str]) -> int:
     if "--help" in argv:
         print(__doc__)
         return 0
-    return exit_code_of(lambda: _run(*_parse(argv)))
+    return exit_code_of(lambda: _run_seeds(*_parse(argv)))
 
 
 def _flags(argv):
@@ -48,12 +49,13 @@ def _flags(argv):
     flags.DEFINE_enum(
         "mode", "train", ["train", "eval"], "what to do", flag_values=values
     )
+    flags.DEFINE_string("seeds", "", "seeds A to B-1, A:B", flag_values=values)
     flags.mark_flags_as_required(["config", "workdir"], flag_values=values)
     return values
 
 
-def _parse(argv: list[str]) -> tuple[ConfigDict, Path, str]:
-    """The config, the workdir and the mode. Raises UsageError for a wrong flag."""
+def _parse(argv: list[str]) -> tuple[ConfigDict, Path, str, range | None]:
+    """The config, workdir, mode and seeds. Raises UsageError for a wrong flag."""
     values = _flags(argv)
     try:
         rest = values(argv)
@@ -65,7 +67,32 @@ def _parse(argv: list[str]) -> tuple[ConfigDict, Path, str]:
         raise UsageError(_explain(argv, e)) from e
     if config.task not in TASKS:
         raise UsageError(f"task = {config.task!r}, expected one of {TASKS}")
-    return config, Path(values.workdir), values.mode
+    seeds = None
+    if values.seeds:
+        ends = re.fullmatch(r"(\d{1,9}):(\d{1,9})", values.seeds)
+        seeds = range(*map(int, ends.groups())) if ends else range(0)
+        if len(seeds) < 2:
+            raise UsageError(f"--seeds={values.seeds}, expected two or more, as 0:3")
+    return config, Path(values.workdir), values.mode, seeds
+
+
+def _run_seeds(
+    config: ConfigDict, workdir: Path, mode: str, seeds: range | None
+) -> int:
+    """Run once, or once for each seed; later seeds use the data of the first."""
+    if seeds is None:
+        return _run(config, workdir, mode)
+    runs = [workdir / f"seed_{seed}" for seed in seeds]
+    for seed, run in zip(seeds, runs, strict=True):
+        config.seed = seed
+        if code := _run(config, run, mode):
+            return code
+        if (records := runs[0] / "data" / "records").is_dir() and not config.data.path:
+            config.data.path = str(records)
+    from jradar.evaluation import seeds_table
+
+    print(f"\n{seeds_table(runs)}")
+    return 0
 
 
 def _run(config: ConfigDict, workdir: Path, mode: str) -> int:

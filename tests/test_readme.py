@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from experiments import main as experiments_main
+from experiments.demo import EXPECTED
 from jradar.cli import options
 from jradar.cli.commands import simulate
 from jradar.recordings import open_recording, read_description
@@ -36,7 +37,9 @@ def commands():
         for block in blocks("bash", name):
             for line in block.splitlines():
                 command = re.sub(r"\s+#.*", "", line).strip()
-                if command and not command.startswith(("python3 -m venv", "source ")):
+                if command and not command.startswith(
+                    ("python3 -m venv", "source ", "git clone")
+                ):
                     yield name, command
 
 
@@ -53,6 +56,39 @@ def simulated(tmp_path_factory):
     (found,) = (folder / "sim").glob("hall_*")
     (folder / "sim" / "lab_0").symlink_to(found)
     return folder
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_every_line_of_the_readme_runs_in_order(tmp_path):
+    """Pasted into one shell, in the environment that runs this test."""
+    pytest.importorskip("embreex")
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    run, use = README.split("## Run it")[1].split("## Use it")
+    demo = run.split(" && ")[2].split("\n")[0].replace(".venv/bin/", "")
+    lines = ["set -e", 'jradar() { python -m jradar.cli "$@"; }', demo]
+    for language, block in re.findall(r"```(bash|python)\n(.*?)```", use, re.DOTALL):
+        block = block.replace("source .venv/bin/activate\n", "")
+        block = block.replace("jradar view", "jradar view --no-open")
+        lines += [f"python - <<'END'\n{block}END" if language == "python" else block]
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)}
+    script = "\n".join(lines)
+    assert script.count("\njradar ") == 10 and "experiments.main" in demo
+    done = subprocess.run(
+        ["bash", "-c", script],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
+    for row in ("jradar, one pass", "OS-CFAR"):  # as the demo says
+        found = re.search(rf"\| {row} \|[^|]*\|[^|]*\|[^|]*\| ([0-9.]+)", done.stdout)
+        expected = re.search(rf"([0-9]+) % for `?{row}", EXPECTED)
+        assert float(found[1]) == pytest.approx(float(expected[1]), abs=2)
+    written = {path.name for path in tmp_path.iterdir()}
+    assert {"out", "my.toml", "points", "walk.tum", "records", "enhance.jax"} <= written
 
 
 def run_blocks(name):
@@ -158,7 +194,12 @@ def test_every_command_parses(command, monkeypatch):
         assert (ROOT / given["config"]).exists()
         path = given.pop("config").removesuffix(".py").replace("/", ".")
         known = experiments_main._keys(importlib.import_module(path).get_config())
-        assert given.keys() <= {"workdir", "mode", *(f"config.{key}" for key in known)}
+        assert given.keys() <= {
+            "workdir",
+            "mode",
+            "seeds",
+            *(f"config.{key}" for key in known),
+        }
         return
     seen = []
     parse = argparse.ArgumentParser.parse_args
@@ -190,6 +231,7 @@ NOT_RUN = {  # and why
     "--repeat": "sends until it is ended",
     "--board": "needs a radar",
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
+    "--seeds": "minutes; see test_main",
     "--config=experiments/configs/default.py": "an hour of training",
     "--config=experiments/configs/regression.py": "an hour of training",
     "--config=experiments/configs/finetune.py": "starts from that",

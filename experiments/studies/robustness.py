@@ -190,9 +190,10 @@ def shifts_table(
 
 
 def _cell(row: dict[str, Any]) -> str:
-    """Chamfer distance and F-score with half of its interval's width."""
+    """Chamfer distance and F-score with its interval."""
     score = row["f_score_0.2"]
-    spread = f" ± {100 * score.half_width:.0f}" if np.isfinite(score.half_width) else ""
+    ends = f" ({100 * score.low:.0f}–{100 * score.high:.0f})"
+    spread = ends if np.isfinite(score.low) else ""
     return f"{row['chamfer'].mean:.2f} / {100 * score.mean:.1f}{spread}"
 
 

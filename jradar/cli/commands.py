@@ -23,8 +23,12 @@ PREVIEW = "preparation.png"
 
 
 def info(options: argparse.Namespace) -> dict[str, Any]:
-    """Describe a recording, a bag or a point cloud, and check that it can be read."""
+    """Describe a recording, a bag, a cloud or a radar's configuration; check it."""
     recordings = jradar.recordings
+    if recordings.is_description(options.path):
+        return jradar.session.describe_configuration(
+            options.path, device=options.device
+        )
     if not (options.radar and recordings.is_recording(options.path)):
         # Bags may hold radar frames: a description of the radar asks for those.
         if (contents := recordings.describe_file(options.path)) is not None:

@@ -27,7 +27,8 @@ Without --radar, jradar looks for the description next to the recording."""
 FILES_HELP = """
 
 PATH can also be a bag (.bag, .mcap, .db3 or a ROS 2 folder) or a point cloud (.ply,
-.pcd, or a .bin of KITTI or of ColoRadar's LiDAR)."""
+.pcd, or a .bin of KITTI or of ColoRadar's LiDAR), or what configures a radar (.cfg,
+.toml, a log or .json of mmWave Studio): what it measures, if its board can run it."""
 PREPARE_HELP = """
 
 PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same
@@ -135,7 +136,7 @@ def _points(sub):
 def _enhance(sub):
     groups.recording(sub)
     groups.frame(sub, several=True)
-    text = "output folder, created if missing; or a new .mcap file or .ros2 bag, by "
+    text = "output folder, created if missing; or a new .mcap, .ros2, .mp4 or .gif, by "
     groups.output(sub, text + "default of all frames", may_stream=True)
     groups.model(sub)
     groups.anyway(sub)

@@ -10,7 +10,7 @@ from jradar.files import open_file
 from jradar.results import Results, check_replaceable
 
 INPUTS = ("path", "radar", "replay", "spec", "coupling", "run")  # name a file
-STREAMED = (".mcap", ".ros2")  # outputs that hold all frames in one file or bag
+STREAMED = (".mcap", ".ros2", ".mp4", ".gif")  # all frames in one file or bag
 
 
 def is_streamed(output: str) -> bool:

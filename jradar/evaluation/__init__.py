@@ -11,6 +11,7 @@ overview, write_tables           the tables that a run prints; Markdown, LaTeX a
 markdown_table                   any titles and cells as Markdown
 read_runs, comparison_table      several runs side by side
 runs_table                       one run minus another, frame by frame
+seeds_table                      mean and spread over runs with other seeds
 save_clouds                      clouds of a few frames
 build_report, open_report        tables, curves and clouds of a run in one HTML file
 """
@@ -38,6 +39,7 @@ from jradar.evaluation.runs import (
     comparison_table as comparison_table,
     read_runs as read_runs,
     runs_table as runs_table,
+    seeds_table as seeds_table,
 )
 from jradar.evaluation.scores import (
     read_scores as read_scores,

@@ -21,11 +21,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 from matplotlib.figure import Figure
 
 from jradar.errors import parsing
 from jradar.evaluation.scores import Scores, read_scores
+from jradar.evaluation.statistics import compare_methods
 from jradar.evaluation.tables import (
     COLUMNS,
     IN_SCENES,
@@ -52,6 +54,7 @@ CLOUDS_NOTE = "clouds.txt"  # marks the folder of clouds as written here
 MAX_REPORT_BYTES = 10_000_000
 SPARSE = 2000  # points; clouds with fewer are drawn with larger dots
 DRAWN = ("curves.png", "clouds.png", "training.png")
+JUDGED = "f_score_0.2"  # the score by which a method is the best
 OTHERS = ("SO-CFAR", "CA-CFAR", "GO-CFAR")
 
 
@@ -126,16 +129,52 @@ def build_report(run: Path | str) -> Path:
     figures = {title: folder / name for title, (name, _) in drawn.items()}
     others = [p for p in sorted(folder.glob("*.png")) if p.name not in DRAWN]
     figures |= {path.stem: path for path in others}
-    path = folder / "report.html"
+    path, (best, other) = folder / "report.html", _best_and_rival(first)
     write_page(
         path,
         title=f"{run.resolve().name}: {', '.join(errors)}",
+        summary=_summary(first, best, other),
+        opens_with=[other, best, truths[0]],
         tables=tables,
         figures=figures,
         frames=frames,
         max_bytes=MAX_REPORT_BYTES,
     )
     return path
+
+
+def _best_and_rival(scores: Scores) -> tuple[str, str]:
+    """Return the method with the best mean F-score, and the best CFAR detector.
+
+    Where there is no other CFAR detector, the second is the next best method, or else
+    the same one.
+    """
+    series: dict[str, list[float]] = {}
+    for row in scores:
+        if row["truth_points"]:
+            series.setdefault(row["method"], []).append(row[JUDGED])
+    ranked = sorted(series, key=lambda name: -np.mean(series[name]))
+    best, *others = ranked or [scores[0]["method"]]
+    return best, next((n for n in others if "CFAR" in n), [*others, best][0])
+
+
+def _summary(scores: Scores, best: str, other: str) -> str:
+    """Return who wins, by how much and on what, in one sentence."""
+    rows, rivals = (
+        [r for r in scores if r["method"] == name] for name in (best, other)
+    )
+    seen = [row for row in rows if row["truth_points"]]
+    if not seen:
+        return "No frame has a true point."
+    mean = 100 * np.mean([row[JUDGED] for row in seen])
+    text = f"**{best}** has the best F-score at 0.2 m: {mean:.1f} % on average"
+    if other != best:
+        found = compare_methods(jax.random.key(0), rows, rivals, score=JUDGED)
+        gain, low, high = (100 * value for value in found.difference[:3])
+        text += f", {gain:.1f} points above {other}"
+        text += f" ({low:.1f} to {high:.1f})" if np.isfinite(low) else ""
+    scenes = ", ".join(dict.fromkeys(row["scene"] for row in seen))
+    return f"{text}, over {len(seen)} frames of {scenes}."
 
 
 def _write_clouds(folder: Path, clouds) -> None:

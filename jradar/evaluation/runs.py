@@ -1,10 +1,12 @@
 """Several runs side by side: merged scores, and tests of their differences."""
 
 import functools
+import statistics
 from collections.abc import Sequence
 from pathlib import Path
 
 import jax
+import numpy as np
 from jaxtyping import Array, Key
 
 from jradar.evaluation.scores import Scores, read_scores
@@ -43,6 +45,33 @@ def read_runs(runs: Sequence[Path | str]) -> Scores:
                 merged.append(row)
         shared |= {row["method"] for row in scores}
     return merged
+
+
+def seeds_table(runs: Sequence[Path | str]) -> str:
+    """Return each method's mean scores over runs, and their deviation from run to run.
+
+    Scores are against the first truth, and scenes are pooled.
+    """
+    means: dict[str, dict[str, list[float]]] = {}
+    for run in runs:
+        scores = read_scores(Path(run) / "evaluation" / "frames.jsonl")
+        for method, rows in _by_method(scores, scores[0]["truth"]).items():
+            found = means.setdefault(method, {})
+            for score in COMPARED:
+                values = [row[score] for row in rows if row["truth_points"]]
+                found.setdefault(score, []).append(float(np.nanmean(values)))
+    lines = [
+        [method, *(_spread(found[score], score) for score in COMPARED), len(runs)]
+        for method, found in means.items()
+    ]
+    titles = [COLUMNS[score].title for score in COMPARED]
+    return markdown_table(["method", *titles, "runs"], lines)
+
+
+def _spread(means: list[float], score: str) -> str:
+    """Return a mean over runs with its deviation, as printed."""
+    text = COLUMNS[score].text
+    return f"{text(statistics.mean(means))} ± {text(statistics.stdev(means))}"
 
 
 def comparison_table(
@@ -112,7 +141,8 @@ def _cells(key: Key[Array, ""], rows: Scores, other: Scores, score: str) -> list
     found = compare_methods(key, rows, other, score=score)
     text = functools.partial(COLUMNS[score].text, sign="+")
     mean, low, high = map(text, found.difference[:3])
-    cells = [mean, f"{low} .. {high}", f"{found.t_test:.2g}", f"{found.sign_flip:.2g}"]
+    interval = f"{low} .. {high}" if np.isfinite(found.difference.low) else "–"
+    cells = [mean, interval, f"{found.t_test:.2g}", f"{found.sign_flip:.2g}"]
     return [*cells, str(found.difference.frames), str(found.left_out)]
 
 

@@ -9,7 +9,8 @@ they become the independent units.
 Deviations from a sample's own mean are too small. If the sum holds the fraction `share`
 of all pairs, its expectation is `1 - share` of the true variance. That factor is
 divided out, and the estimate has about `1 / share` degrees of freedom, so an interval
-from few correlation lengths is wide.
+from few correlation lengths is wide. Two or three lengths have no interval: it would
+span nearly everything.
 """
 
 from collections.abc import Sequence
@@ -21,6 +22,7 @@ from jaxtyping import Array, Key
 from scipy.signal import correlate
 from scipy.stats import t as student
 
+LEAST_FREEDOM = 3  # of an interval: four independent frames
 Series = Sequence[Sequence[float | int] | np.ndarray]
 
 
@@ -33,11 +35,6 @@ class Estimate(NamedTuple):
     frames: int  # finite values
     effective: float  # independent frames that would give this interval
 
-    @property
-    def half_width(self) -> float:
-        """Half of the interval's width."""
-        return (self.high - self.low) / 2
-
 
 class Comparison(NamedTuple):
     """First minus second, frame by frame."""
@@ -48,19 +45,28 @@ class Comparison(NamedTuple):
     left_out: int  # frames without a score from both
 
 
-def mean_interval(sequences: Series, *, confidence: float = 0.95) -> Estimate:
+def mean_interval(
+    sequences: Series, *, confidence: float = 0.95, most: float | None = None
+) -> Estimate:
     """Return the mean over all frames, without NaN, and its confidence interval.
 
-    Each sequence is in order of time. The interval is NaN for fewer than two finite
-    values.
+    Each sequence is in order of time. Values from 0 to `most`, which may be infinite,
+    have an interval that stays there: it is symmetric in the log-odds, or in the
+    logarithm. The interval is NaN for fewer than `LEAST_FREEDOM` degrees of freedom.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"{confidence=}, expected between 0 and 1")
     mean, variance, freedom, frames, effective, _ = _analyse(_arrays(sequences))
+    if not freedom >= LEAST_FREEDOM:  # which is NaN for fewer than two values
+        return Estimate(float(mean), np.nan, np.nan, frames, effective)
     half = student.ppf((1 + confidence) / 2, freedom) * np.sqrt(variance)
-    return Estimate(
-        float(mean), float(mean - half), float(mean + half), frames, effective
-    )
+    ends = mean + half * np.array([-1, 1])
+    if most is not None and variance:
+        share = mean / most
+        factor = np.exp((ends - mean) / mean / (1 - share))
+        ends = mean * factor / (1 - share + share * factor)
+    low, high = map(float, ends)
+    return Estimate(float(mean), low, high, frames, effective)
 
 
 def compare_paired(

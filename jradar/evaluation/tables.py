@@ -32,6 +32,7 @@ class Column(NamedTuple):
     digits: int = 3
     scale: float = 1.0
     best: Callable = min
+    most: float = np.inf  # the largest value that is possible
 
     def text(self, value: float, *, sign: str = "") -> str:
         """Return a value as printed."""
@@ -41,9 +42,9 @@ class Column(NamedTuple):
 COLUMNS = {
     "chamfer": Column("CD (m)"),
     "modified_hausdorff": Column("MHD (m)"),
-    "f_score_0.1": Column("F 0.1 m (%)", 1, 100.0, max),
-    "f_score_0.2": Column("F 0.2 m (%)", 1, 100.0, max),
-    "f_score_0.5": Column("F 0.5 m (%)", 1, 100.0, max),
+    "f_score_0.1": Column("F 0.1 m (%)", 1, 100.0, max, 1.0),
+    "f_score_0.2": Column("F 0.2 m (%)", 1, 100.0, max, 1.0),
+    "f_score_0.5": Column("F 0.5 m (%)", 1, 100.0, max, 1.0),
     "points": Column("points", 0, best=max),
     "milliseconds": Column("ms", 1),
 }
@@ -51,7 +52,7 @@ REPEATED = tuple(COLUMNS)[:-1]  # of the same clouds, on any machine
 IN_SCENES = (*DISTANCES, "f_score_0.2")  # of the paper's tables
 TABLE_II = ("corridor", "hall")
 BOLD = {"markdown": ("**", "**"), "latex": (r"\textbf{", "}")}
-PLUS_MINUS = {"markdown": "±", "latex": r"$\pm$"}
+DASH = {"markdown": "–", "latex": "--"}
 MARK = {"markdown": " †", "latex": r"\textsuperscript{\dag}"}
 
 
@@ -78,7 +79,9 @@ def summarise(
         ]
         rows = [row for sequence in ordered for row in sequence]
         estimates = {
-            column: mean_interval([[r[column] for r in s] for s in ordered])
+            column: mean_interval(
+                [[r[column] for r in s] for s in ordered], most=COLUMNS[column].most
+            )
             for column in columns
         }
         counts = {
@@ -101,7 +104,7 @@ def markdown(
     """Return a summary as a Markdown table, F-scores in percent.
 
     What all rows are grouped by is a column if it varies, and the last of it always.
-    `intervals` adds half the width of the 95 % interval to each mean. `bold` marks the
+    `intervals` adds the 95 % interval to each mean. `bold` marks the
     best of each column among the rows that differ only in the last name.
     """
     *others, last = (name for name in summary[0] if isinstance(summary[0][name], str))
@@ -128,8 +131,8 @@ def scenes_table(
     """Return the paper's table: a row for each method, a column for each scene.
 
     A cell holds CD (m) / MHD (m) / F-score at 0.2 m (%), the best of each scene in
-    bold. `intervals` adds half the width of the 95 % interval. A caption counts the
-    frames in which a method found nothing. LaTeX needs booktabs.
+    bold. `intervals` adds the 95 % intervals. A caption counts the frames in which a
+    method found nothing. LaTeX needs booktabs.
     """
     of_truth = [r for r in summary if r["truth"] == truth and r["scene"] in scenes]
     rows = {(r["method"], r["scene"]): r for r in of_truth}
@@ -220,7 +223,10 @@ def write_tables(path: Path | str) -> list[Path]:
         return [*itertools.chain.from_iterable(tables)]
 
     every = markdown(summary, intervals=True)
-    note = "± is half of a 95 % interval that allows for correlated frames.\n"
+    note = (
+        "Brackets hold 95 % intervals, which allow for correlated frames. Fewer than "
+        "four independent frames have none.\n"
+    )
     tables = {
         "table.md": "\n".join([*of_truths("markdown"), every, note]),
         "table.tex": "\n".join(of_truths("latex")),
@@ -285,7 +291,8 @@ def _cells(
         means = [r[name].mean for r in alike if np.isfinite(r[name].mean)]
         text = column.text(estimate.mean)
         best = bool(means) and text == column.text(column.best(means))
-        if intervals and np.isfinite(estimate.half_width):
-            text += f" {PLUS_MINUS[style]} {column.text(estimate.half_width)}"
+        if intervals and np.isfinite(estimate.low):
+            low, high = map(column.text, (estimate.low, estimate.high))
+            text += f" ({low}{DASH[style]}{high})"
         texts.append(text.join(BOLD[style]) if best else text)
     return texts

@@ -9,10 +9,11 @@ Channels     calibrate, subtract_leakage, compensate_tdm
 Spectra      range_doppler, power_map, window
 Detection    ca_cfar, go_cfar, so_cfar, os_cfar, DETECTORS, noise_floor,
              false_alarm_multiplier, detect
-Angles       directions, angle_spectrum, direction_sines, velocity_folds
+Angles       directions, angle_spectrum, azimuth_map, direction_sines, velocity_folds
 Points       PointSpec, radar_points           cube to points of the detected cells
              points_and_count                  and the number of detected cells
              Cells, all_cells, cell_points     all directions first, any mask later
+             frame_spectra                     spectra without leakage, as it takes them
              point_deviations                  standard deviation of each coordinate
              cluster                           one cluster for each object, on the host
              strongest_echoes                  summary of a cloud, on the host
@@ -30,6 +31,7 @@ from jradar.radar.angle.direction import directions as directions
 from jradar.radar.angle.folds import velocity_folds as velocity_folds
 from jradar.radar.angle.spectrum import (
     angle_spectrum as angle_spectrum,
+    azimuth_map as azimuth_map,
     direction_sines as direction_sines,
 )
 from jradar.radar.channels import (
@@ -68,6 +70,7 @@ from jradar.radar.points import (
     all_cells as all_cells,
     cell_points as cell_points,
     detect as detect,
+    frame_spectra as frame_spectra,
     points_and_count as points_and_count,
     radar_points as radar_points,
 )

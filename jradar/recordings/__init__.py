@@ -5,6 +5,7 @@
     without_background               the recording without what stands still
     nearest_scan, radar_from_lidar   the LiDAR scan of a frame, in the radar's frame
     describe, describe_file          what a recording, a bag or a cloud holds
+    describe_radar                   what a radar measures
     check_samples                    clipped, or in another byte order or code
     propose_offset                   the time between the clocks of radar and LiDAR
 
@@ -30,8 +31,12 @@ from jradar.recordings.coloradar.calib import read_coupling as read_coupling
 from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,
+    describe_radar as describe_radar,
 )
-from jradar.recordings.descriptions import read_description as read_description
+from jradar.recordings.descriptions import (
+    is_description as is_description,
+    read_description as read_description,
+)
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,

@@ -9,6 +9,7 @@ import scipy  # loads `spatial` when it is first used
 
 from jradar.radar import RadarSpec
 from jradar.recordings.bags.bags import bag_times, bag_topics, open_bag
+from jradar.recordings.bags.foxglove import describe_mcap, is_other_mcap
 from jradar.recordings.bags.messages import is_cloud_type
 from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.recording import (
@@ -44,7 +45,7 @@ def describe(recording: Recording) -> dict[str, Any]:
     return {
         "recording": str(recording.path),
         "frames": len(recording.cubes),
-        "radar": _radar(recording.radar.spec),
+        "radar": describe_radar(recording.radar.spec),
         "streams": streams,
         **_matches(recording),
         "readable": {
@@ -98,6 +99,7 @@ def describe_cloud(path: Path | str) -> dict[str, Any]:
 
 
 CONTENTS = (
+    Format("an MCAP file for Foxglove", is_other_mcap, describe_mcap),
     Format(
         "a bag: .bag, .mcap, .db3 or a ROS 2 folder",
         lambda path: path.suffix in BAGS or (path / "metadata.yaml").is_file(),
@@ -117,7 +119,8 @@ def describe_file(path: Path | str) -> dict[str, Any] | None:
     return next((kind.open(path) for kind in CONTENTS if kind.matches(path)), None)
 
 
-def _radar(radar: RadarSpec) -> dict[str, Any]:
+def describe_radar(radar: RadarSpec) -> dict[str, Any]:
+    """Return what a radar measures: directions, resolutions and largest values."""
     return {
         "name": radar.name,
         "tx x rx x chirps x samples": list(radar.cube_shape),

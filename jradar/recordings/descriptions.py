@@ -75,6 +75,12 @@ DESCRIPTIONS = (
 )
 
 
+def is_description(path: Path | str) -> bool:
+    """Return whether a file, or a configuration in a log, may describe a radar."""
+    file = Path(str(path).partition("#")[0])
+    return file.suffix in SIGNS and file.is_file()
+
+
 def read_description(path: Path | str, *, device: str | None = None) -> Description:
     """Return the radar that a file or folder describes.
 

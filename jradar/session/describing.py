@@ -7,6 +7,8 @@ from jradar.recordings import Recording, describe, propose_offset
 from jradar.session.detecting import detect_recording
 from jradar.session.warnings import no_echoes
 
+LEAST_CONFIDENCE = 0.1  # of an offset between two clocks
+
 
 def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any]:
     """Return `describe`, and a frame's samples, noise and strongest echoes.
@@ -41,4 +43,6 @@ def _time_offset(recording: Recording) -> dict[str, Any]:
         seconds, confidence = propose_offset(recording)
     except ValueError as error:
         return {"not estimated": str(error)}
+    if confidence < LEAST_CONFIDENCE:
+        return {"not estimated": f"no offset stands out (confidence {confidence:.3f})"}
     return {"add to the radar's start (s)": seconds, "confidence, 0 to 1": confidence}

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Inexact, Key
+from jaxtyping import Array, Bool, Float, Inexact, Key
 
 from jradar.errors import UsageError
 from jradar.model import Model
@@ -37,7 +37,7 @@ class Frame(NamedTuple):
     stamp_s: float | None  # None if the recording has no times
     samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
     power: Float[Array, "doppler range"]
-    detections: int  # cells above the noise, at 1 false alarm in 1,000
+    detected: Bool[Array, "doppler range"]  # above the noise; 1 false alarm in 1,000
     points: PointCloud  # of the radar
     image: RangeImage
     cloud: PointCloud
@@ -54,7 +54,7 @@ class Frame(NamedTuple):
         """Return the numbers of points, and how far to trust them."""
         row: dict[str, float] = {
             "frame": self.number,
-            "detections": self.detections,
+            "detections": int(np.asarray(self.detected).sum()),
             "radar points": int(np.asarray(self.points.valid).sum()),
             "enhanced points": int(np.asarray(self.cloud.valid).sum()),
         }
@@ -91,7 +91,7 @@ class Enhancement(Iterator[Frame]):
     def __next__(self) -> Frame:
         """Return the next frame."""
         frame = next(self._iterator)
-        light = {"samples": None, "power": None, "image": None, "cloud": None}
+        light = dict.fromkeys(("samples", "power", "detected", "image", "cloud"))
         self._given.append(frame._replace(**light))  # keeps what warnings need
         return frame
 
@@ -144,7 +144,7 @@ class Enhancement(Iterator[Frame]):
         return number, radar, detected, seen, self._stages.cloud(seen, radar)
 
     def _frame(self, number: int, heard: Heard, detected, image, cloud) -> Frame:
-        power, detections = detected
+        power, cells = detected
         kept = np.asarray(cloud.valid)
         confidence = None
         if cloud.confidence is not None and kept.any():
@@ -155,7 +155,7 @@ class Enhancement(Iterator[Frame]):
             stamp_s=stamp_s(self.recording, number),
             samples=heard.samples,
             power=power,
-            detections=int(detections),
+            detected=cells,
             points=heard.points,
             image=image,
             cloud=cloud,

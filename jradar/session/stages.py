@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Inexact, Int, Key
+from jaxtyping import Array, Bool, Float, Inexact, Int, Key
 
 from jradar.errors import UsageError
 from jradar.model import Model, compiler_options, dense_cloud, draw
@@ -107,7 +107,7 @@ class _Programs:
     def detected(self, _key, radar, _model, samples):
         power = power_map(samples, remove_static=self.points.remove_static)
         rate = dataclasses.replace(self.points, false_alarm_rate=DETECTION_RATE)
-        return power, detect(power, radar.spec, points=rate).sum()
+        return power, detect(power, radar.spec, points=rate)
 
 
 @functools.lru_cache(maxsize=64)
@@ -168,8 +168,8 @@ class Stages:
 
     def detections(
         self, heard: Heard
-    ) -> tuple[Float[Array, "doppler range"], Int[Array, ""]]:
-        """Return the power map and the number of cells above its noise.
+    ) -> tuple[Float[Array, "doppler range"], Bool[Array, "doppler range"]]:
+        """Return the power map and its cells above the noise.
 
         Noise alone gives 1 in 1,000.
         """

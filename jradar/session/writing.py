@@ -10,11 +10,18 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from jradar.errors import UsageError
 from jradar.model import Model
-from jradar.radar import PointSpec, point_deviations
+from jradar.radar import (
+    PointSpec,
+    Radar,
+    azimuth_map,
+    point_deviations,
+    range_doppler,
+)
 from jradar.range_image import ImageSpec
 from jradar.recordings import (
     CLOUD_WRITERS,
@@ -132,6 +139,20 @@ class FrameFolder:
         return self._results.put(files, keep=self._flat)
 
 
+def detections(frame: Frame, radar: Radar) -> PointCloud:
+    """Return the radar points of a frame whose cells are detections.
+
+    A model takes weaker ones too.
+    """
+    spec, cells, points = radar.spec, np.asarray(frame.detected), frame.points
+    distance = np.linalg.norm(points.xyz, axis=1) + radar.range_bias_m
+    column = np.rint(distance / spec.range_resolution_m).astype(int)
+    row = np.rint(np.asarray(points.velocity) / spec.velocity_resolution_mps)
+    row = (row.astype(int) + spec.num_chirps // 2) % spec.num_chirps
+    seen = cells[row, np.minimum(column, cells.shape[1] - 1)]
+    return points._replace(valid=np.asarray(points.valid) & seen)
+
+
 def _figure(
     frame: Detected | Frame,
     recording: Recording,
@@ -140,13 +161,15 @@ def _figure(
     dense: PointCloud | None = None,
     more: str = "",
 ) -> "Figure":
-    """Draw the range-Doppler map and the clouds, with the LiDAR's if there is one."""
+    """Draw the maps and the clouds, with the LiDAR's if there is one."""
     from jradar.viz import capture_figure
 
+    radar = recording.radar
     return capture_figure(
         frame.power,
-        recording.radar.spec,
-        frame.points,
+        azimuth_map(*range_doppler(jnp.asarray(frame.samples)), radar.spec),
+        radar.spec,
+        detections(frame, radar) if isinstance(frame, Frame) else frame.points,
         view,
         dense=dense,
         lidar=nearest_scan(recording, frame.number),

@@ -3,6 +3,7 @@
     out.mcap      MCAP with Foxglove's messages; a crash loses its last second
     out.ros2      ROS 2 bag: sensor_msgs/PointCloud2, sensor_msgs/Image, tf2_msgs;
                   a crash loses its last second
+    out.mp4       video from above, complete at the end; also out.gif
     out           folder with a PLY file of each cloud, frame by frame
 
 All have `write(view)`, `save()` and `close()`. An MCAP file or a bag is never
@@ -65,7 +66,7 @@ class FolderWriter:
         """Nothing is left to do."""
 
 
-STREAMED = (".mcap", ".ros2")  # outputs that hold all frames in one file or bag
+STREAMED = (".mcap", ".ros2", ".mp4", ".gif")  # all frames in one file or bag
 CLOUDS_OF_OTHERS = (".bag", ".db3", ".ply", ".npz", ".pcd")
 
 
@@ -79,7 +80,7 @@ def open_writer(path: Path | str, *, force: bool = False) -> Writer:
     if path.suffix in CLOUDS_OF_OTHERS:
         raise UsageError(
             f"{path} cannot be written: expected a file .mcap, a ROS 2 bag, a folder "
-            ".ros2, or a folder"
+            ".ros2, a video .mp4 or .gif, or a folder"
         )
     if path.suffix not in STREAMED:
         if path.is_file():
@@ -87,6 +88,8 @@ def open_writer(path: Path | str, *, force: bool = False) -> Writer:
         return FolderWriter(path, force=force)
     if path.suffix == ".mcap":
         from jradar.stream.foxglove_writers import McapWriter as StreamWriter
+    elif path.suffix != ".ros2":
+        from jradar.viz.video import VideoWriter as StreamWriter
     else:
         from jradar.stream.bag_writer import BagWriter as StreamWriter
     if path.exists() and not force:

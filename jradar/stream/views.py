@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact, UInt8
 
 from jradar.lidar import interpolate_poses
-from jradar.radar import RadarSpec, angle_spectrum, compensate_tdm, range_doppler
+from jradar.radar import RadarSpec, azimuth_map, range_doppler
 from jradar.recordings import (
     Recording,
     nearest_scan,
@@ -55,19 +55,11 @@ class View(NamedTuple):
 def range_azimuth(
     cube: Inexact[Array, "tx rx chirp sample"], radar: RadarSpec
 ) -> UInt8[Array, "range azimuth"]:
-    """Return a picture of a frame from above: far is up, left is left.
+    """Return `azimuth_map` as a picture: far is up, left is left.
 
-    Each range shows its strongest velocity, over the direction sines of the azimuth,
-    the strongest elevation of each. 255 is the strongest echo of the frame, 0 is 50 dB
-    or more below it.
+    255 is the strongest echo of the frame, 0 is 50 dB or more below it.
     """
-    spectrum, power = range_doppler(cube)
-    spectrum = spectrum[..., : radar.num_range_bins]
-    row = power[:, : radar.num_range_bins].argmax(0)
-    bins = jnp.arange(radar.num_range_bins)
-    snapshot = spectrum[:, row, bins].T
-    snapshot = compensate_tdm(snapshot, row - power.shape[0] // 2, radar)
-    above = angle_spectrum(snapshot, radar).max(-2)
+    above = azimuth_map(*range_doppler(cube), radar)
     level = 10 * jnp.log10(above / jnp.maximum(above.max(), 1e-30) + 1e-30)
     shade = jnp.clip(255 * (1 + level / SHOWN_DB), 0, 255)
     return jnp.where(above.max() > 0, shade, 0).astype(jnp.uint8)[::-1, ::-1]

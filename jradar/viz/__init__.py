@@ -1,18 +1,22 @@
 """Figures with matplotlib, and a page with point clouds.
 
-capture_figure                   a radar frame: spectrum, clouds, range image
+range_doppler, range_azimuth     the power of a cube
+capture_figure                   a radar frame: maps of power, clouds, range image
 samples_figure                   range images side by side
 reliability_figure               the confidence of points: is it right, what it buys
 preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
 maps_figure                      maps side by side, from above and from the side
+video.VideoWriter                frames from above, one after another
 save_figure                      any of them as PNG
 write_page, CloudFrame           one HTML file with point clouds that can be rotated
 """
 
 from jradar.viz.figures import (
     capture_figure as capture_figure,
+    range_azimuth as range_azimuth,
+    range_doppler as range_doppler,
     reliability_figure as reliability_figure,
     samples_figure as samples_figure,
     save_figure as save_figure,

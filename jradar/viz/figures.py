@@ -7,22 +7,31 @@ range in metres; misses are white.
 from collections.abc import Mapping
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jradar.files import atomic_path
-from jradar.radar import RadarSpec
+from jradar.radar import (
+    PointSpec,
+    Radar,
+    RadarSpec,
+    azimuth_map,
+    direction_sines,
+    frame_spectra,
+)
+from jradar.radar.echoes import MIN_RANGE_M
 from jradar.range_image import ImageSpec, project
 from jradar.types import PointCloud
 
 STYLES = {  # colour and size of a point
     "LiDAR": ("tab:gray", 1.2),
-    "enhanced": ("tab:blue", 1.2),
-    "radar": ("tab:red", 2.7),
+    "detections": ("tab:red", 2.7),
+    "jradar": ("tab:blue", 1.2),
 }
 LEGEND_SIZE = 3  # of a marker, beside its size in the picture
 
@@ -34,8 +43,36 @@ def save_figure(figure: Figure, path: Path | str) -> None:
         figure.savefig(scratch, dpi=110)
 
 
+def range_doppler(
+    cube: Inexact[ArrayLike, "tx rx chirp sample"], radar: Radar
+) -> Figure:
+    """Draw the power of one frame over velocity and range, without its leakage."""
+    _, power = frame_spectra(jnp.asarray(cube), radar, PointSpec())
+    figure, axes = _single()
+    _draw_spectrum(axes, np.asarray(power), radar.spec)
+    return figure
+
+
+def range_azimuth(
+    cube: Inexact[ArrayLike, "tx rx chirp sample"], radar: Radar
+) -> Figure:
+    """Draw the power of one frame over azimuth and range, as `azimuth_map` has it."""
+    spectra = frame_spectra(jnp.asarray(cube), radar, PointSpec())
+    figure, axes = _single()
+    _draw_azimuths(axes, np.asarray(azimuth_map(*spectra, radar.spec)), radar.spec)
+    return figure
+
+
+def _single() -> tuple[Figure, Axes]:
+    """Return a figure of one panel with room for a bar below."""
+    figure = Figure(figsize=(5, 5))
+    figure.subplots_adjust(left=0.13, right=0.96, bottom=0.26, top=0.9)
+    return figure, figure.subplots()
+
+
 def capture_figure(
     power: Float[ArrayLike, "doppler range"],
+    azimuths: Float[ArrayLike, "range azimuth"],
     radar: RadarSpec,
     cloud: PointCloud,
     image: ImageSpec,
@@ -44,28 +81,30 @@ def capture_figure(
     lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
 ) -> Figure:
-    """Draw one capture: range-Doppler map, clouds from above, range image.
+    """Draw one capture: maps of power, clouds from above, range image.
 
-    `power` is linear. `dense` is the enhanced cloud. `lidar` holds LiDAR points in the
+    `power` and `azimuths`, the `azimuth_map`, are linear. `cloud` holds the detections,
+    `dense` is the enhanced cloud, drawn above them. `lidar` holds LiDAR points in the
     radar's frame; only points ahead and within the image's range are drawn.
     """
-    figure = Figure(figsize=(13, 5))  # `constrained` layout takes twice as long
-    figure.subplots_adjust(left=0.045, right=0.985, bottom=0.26, top=0.86, wspace=0.18)
-    spectrum, above, front = figure.subplots(1, 3)
+    figure = Figure(figsize=(17, 5))  # `constrained` layout takes twice as long
+    figure.subplots_adjust(left=0.035, right=0.99, bottom=0.26, top=0.86, wspace=0.22)
+    spectrum, angles, above, front = figure.subplots(1, 4)
     figure.suptitle(title)
     _draw_spectrum(spectrum, np.asarray(power), radar)
+    _draw_azimuths(angles, np.asarray(azimuths), radar)
     clouds = {}
     if lidar is not None:
         near = np.linalg.norm(lidar, axis=1) <= image.max_range_m
         clouds["LiDAR"] = lidar[near & (lidar[:, 0] > 0)]
-    for name, drawn in (("enhanced", dense), ("radar", cloud)):
+    for name, drawn in (("detections", cloud), ("jradar", dense)):
         if drawn is not None:
             clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
     _draw_above(above, clouds)
     picture = _draw_image(front, project(dense or cloud, image), image)
     _add_bar(front, picture, "range (m)")
-    shown = "radar" if dense is None else "enhanced"
-    front.set_title(f"range image of the {shown} cloud")
+    shown = "the detections" if dense is None else "jradar's cloud"
+    front.set_title(f"range image of {shown}")
     return figure
 
 
@@ -127,6 +166,25 @@ def _draw_spectrum(axes: Axes, power, radar):
     )
     _add_bar(axes, picture, "power (dB)")
     axes.set(title="range-Doppler map", xlabel="velocity (m/s)", ylabel="range (m)")
+
+
+def _draw_azimuths(axes: Axes, power, radar):
+    """Draw power [range, azimuth] over degrees; colours leave the leakage out."""
+    sines, _ = direction_sines(radar, num_azimuth=power.shape[1])
+    seen = np.abs(sines) <= 1
+    level = 10 * np.log10(power[:, seen] + power.max() * 1e-12 + 1e-30)
+    distance = radar.range_resolution_m * np.arange(len(power))
+    beyond = level[distance >= min(MIN_RANGE_M, distance[-1])]
+    picture = axes.pcolormesh(
+        np.degrees(np.arcsin(sines[seen])),
+        distance,
+        level,
+        vmin=np.percentile(level, 5),
+        vmax=beyond.max(),
+    )
+    _add_bar(axes, picture, "power (dB)")
+    axes.set(title="range-azimuth map", xlabel="azimuth (degrees)", ylabel="range (m)")
+    axes.invert_xaxis()
 
 
 def _add_bar(axes: Axes, picture, label: str):

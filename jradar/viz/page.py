@@ -7,7 +7,8 @@ The template `page.html` draws points on a canvas without a library. Clouds are 
 as deflated int16 millimetres, and a byte for each point's confidence. If the file would
 be larger than allowed, the largest clouds are thinned, and the legend shows how many
 points are drawn. Where a cloud has confidence, the page colours by it, and hides points
-of less than a chosen confidence. The address takes
+of less than a chosen confidence. The first table stands open, the other tables and the
+pictures are folded. The address takes
 `#frame=3&layout=side&colour=confidence&least=0.5&hide=radar,LiDAR&theme=dark`.
 """
 
@@ -52,18 +53,29 @@ def write_page(
     tables: Mapping[str, str],
     figures: Mapping[str, Path],
     frames: Sequence[CloudFrame],
+    summary: str = "",
+    opens_with: Sequence[str] = (),
     max_bytes: int = 5_000_000,
 ) -> None:
-    """Write a page of clouds, Markdown tables and pictures (PNG).
+    """Write a page of a summary, clouds, Markdown tables and pictures (PNG).
 
-    Raises ValueError if tables and pictures alone are larger than `max_bytes`.
+    The page opens with the clouds of `opens_with` side by side, or with all of them in
+    one panel. Raises ValueError if tables and pictures alone are larger than
+    `max_bytes`.
     """
-    sections = [_table(name, text) for name, text in tables.items()]
-    sections += [_picture(name, figure) for name, figure in figures.items()]
+    parts = {name: _table(text) for name, text in tables.items()}
+    parts |= {name: _picture(name, figure) for name, figure in figures.items()}
+    sections = [
+        f"<details{'' if i else ' open'}><summary>{html.escape(name)}</summary>\n"
+        f"{part}</details>"
+        for i, (name, part) in enumerate(parts.items())
+    ]
+    head = {"title": title, "summary": summary}
     page = TEMPLATE.read_text(encoding="utf-8")
     most = max((len(x) for f in frames for x in f.clouds.values()), default=0)
     while True:
-        text, size_of_clouds = _page(page, title, sections, _viewer_data(frames, most))
+        data = _viewer_data(frames, most) | {"shown": [*opens_with]}
+        text, size_of_clouds = _page(page, head, sections, data)
         excess = len(text.encode()) - max_bytes
         if excess <= 0:
             return write_text(path, text)
@@ -76,10 +88,9 @@ def write_page(
         most = int(share * most)
 
 
-def _page(page, title, sections, data):
+def _page(page, head, sections, data):
     """Return the page with its parts filled in, and the size of its clouds in bytes."""
-    parts = {
-        "title": html.escape(title),
+    parts = {name: _inline(text) for name, text in head.items()} | {
         "sections": "\n".join(sections),
         "data": json.dumps(data, allow_nan=False).replace("<", "\\u003c"),
         "grid": f"{data['grid_m']:g}",
@@ -196,11 +207,11 @@ def _picture(name: str, path: Path) -> str:
         raise ValueError(f"{name}: expected a PNG picture, found {png[:4]!r}")
     label, source = html.escape(name), base64.b64encode(png).decode()
     image = f'<img alt="{label}" src="data:image/png;base64,{source}">'
-    return f"<h2>{label}</h2>\n<figure>{image}</figure>"
+    return f"<figure>{image}</figure>"
 
 
-def _table(name: str, text: str) -> str:
-    """Return a section with Markdown tables; other lines become paragraphs."""
+def _table(text: str) -> str:
+    """Return Markdown tables; other lines become paragraphs."""
     parts: list[str] = []
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     for is_table, group in itertools.groupby(lines, lambda line: line.startswith("|")):
@@ -209,7 +220,7 @@ def _table(name: str, text: str) -> str:
             parts.append(_rows([row for row in rows if not _is_rule(row)]))
         else:
             parts += [f"<p class='hint'>{_inline(line)}</p>" for line in group]
-    return f"<h2>{html.escape(name)}</h2>\n" + "\n".join(parts)
+    return "\n".join(parts)
 
 
 def _is_rule(cells: list[str]) -> bool:

@@ -150,3 +150,10 @@ def test_a_fault_is_one_line_and_leaves_nothing(tmp_path, refused, make, code, m
     found = refused("points", capture, "-o", out, code=code)
     assert message in found and "pickle" not in found
     assert not out.exists()
+
+
+def test_a_configuration_is_read_as_one(samples, run_json, refused):
+    path = samples / "cfg" / "mmwave_ti_ros__1843_3d.cfg"
+    result = run_json("info", path)
+    assert result["the_board_can_run_it"] == "yes" and result["models"]
+    assert "awr9999" in refused("info", path, "--device", "awr9999")

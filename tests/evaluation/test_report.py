@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.evaluation import build_report, open_report, save_clouds, write_scores
+from jradar.evaluation import (
+    build_report,
+    open_report,
+    read_scores,
+    save_clouds,
+    write_scores,
+)
 from jradar.evaluation.report import load_clouds
 from jradar.recordings import read_cloud
 from tests.evaluation import invented
@@ -50,6 +56,32 @@ def test_clouds_come_back(tmp_path):
         assert [*found[place]] == [*named]
         for name, xyz in named.items():
             np.testing.assert_array_equal(found[place][name], xyz)
+
+
+def test_the_report_says_who_wins_by_how_much_and_on_what(run):
+    text = build_report(run).read_text()
+    scores = read_scores(run / "evaluation" / "frames.jsonl")
+    rows = [row for row in scores if row["truth"] == "LiDAR"]
+    mean = {
+        name: np.mean([100 * r["f_score_0.2"] for r in rows if r["method"] == name])
+        for name in ("jradar", "OS-CFAR")
+    }
+    gain = mean["jradar"] - mean["OS-CFAR"]
+    assert "<strong>jradar</strong> has the best F-score" in text
+    assert f"0.2 m: {mean['jradar']:.1f} % on average" in text
+    assert f"{gain:.1f} points above OS-CFAR" in text  # not RPDNet, the second
+    assert "over 36 frames of Hallways, Outdoor." in text
+    assert '"shown": ["OS-CFAR", "jradar", "LiDAR"]' in text
+
+
+def test_one_method_alone_has_no_rival(run):
+    rows = [r for r in invented.scores(frames=3) if r["method"] == "jradar"]
+    write_scores(run / "evaluation" / "frames.jsonl", rows)
+    text = build_report(run).read_text()
+    assert "points above" not in text and "over 12 frames of" in text
+    blind = [row | {"truth_points": 0} for row in rows]
+    write_scores(run / "evaluation" / "frames.jsonl", blind)
+    assert "No frame has a true point." in build_report(run).read_text()
 
 
 def one_cloud(path, cloud):

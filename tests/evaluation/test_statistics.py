@@ -27,14 +27,14 @@ def autoregressive(rng, length, correlation, *, mean=0.0):
 @pytest.mark.parametrize("lengths", [(400,), (150, 150, 100)], ids=str)
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
 def test_95_of_100_intervals_cover_the_mean(correlation, lengths):
-    rng, runs = np.random.default_rng(1), 300
-    covered = 0
-    for _ in range(runs):
-        series = [autoregressive(rng, n, correlation, mean=2.0) for n in lengths]
-        found = mean_interval(series)
-        covered += found.low <= 2.0 <= found.high
-    spread = np.sqrt(0.95 * 0.05 / runs)
-    assert abs(covered / runs - 0.95) < 3 * spread
+    rng = np.random.default_rng(1)
+    found = [
+        mean_interval([autoregressive(rng, n, correlation, mean=2.0) for n in lengths])
+        for _ in range(300)
+    ]
+    known = [x for x in found if np.isfinite(x.low)]
+    covered = np.mean([x.low <= 2.0 <= x.high for x in known])
+    assert len(known) > 250 and abs(covered - 0.95) < 3 * np.sqrt(0.95 * 0.05 / 300)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
@@ -49,7 +49,8 @@ def test_effective_frames_of_an_autoregressive_series(correlation):
 def test_the_interval_of_independent_frames_is_students():
     values = np.random.default_rng(3).normal(size=2000)
     found = mean_interval([values], confidence=0.9)
-    assert found.half_width == pytest.approx(1.645 * values.std() / 2000**0.5, rel=0.1)
+    half = (found.high - found.low) / 2
+    assert half == pytest.approx(1.645 * values.std() / 2000**0.5, rel=0.1)
 
 
 def test_sequences_that_differ_more_than_their_frames_are_what_counts():
@@ -59,14 +60,40 @@ def test_sequences_that_differ_more_than_their_frames_are_what_counts():
     assert found.effective == pytest.approx(4, rel=0.05)
     one_each = mean_interval([levels])
     assert found.mean == pytest.approx(2.5, abs=1e-3)
-    assert found.half_width > 0.8 * one_each.half_width
+    assert found.high - found.low > 0.8 * (one_each.high - one_each.low)
+
+
+def test_two_or_three_blocks_have_no_interval():
+    rng = np.random.default_rng(5)
+    levels = [1.0, 2.0, 3.0, 4.0]
+    blocks = [level + 1e-3 * rng.normal(size=50) for level in levels]
+    for count, known in ((2, False), (3, False), (4, True)):
+        for series in (blocks[:count], [levels[:count]]):
+            found = mean_interval(series)
+            assert np.isfinite([found.low, found.high]).all() == known
+            assert found.mean == pytest.approx(np.mean(levels[:count]), abs=1e-3)
+
+
+@pytest.mark.parametrize("most", [1.0, 50.0, np.inf])
+def test_intervals_of_scores_stay_where_scores_are(most):
+    values = min(most, 50) * np.array([0.01, 0.01, 0.02, 0.9])
+    wide, found = mean_interval([values]), mean_interval([values], most=most)
+    assert wide.low < 0 < found.low < found.mean < found.high < most
+    narrow = min(most, 50) * np.random.default_rng(6).normal(0.5, 0.01, 2000)
+    straight, bent = mean_interval([narrow]), mean_interval([narrow], most=most)
+    assert bent.low == pytest.approx(straight.low, rel=1e-5)
+    assert bent.high == pytest.approx(straight.high, rel=1e-5)
+    if most < np.inf:  # what is missing to the most has the mirrored interval
+        other = mean_interval([most - values], most=most)
+        assert other.low == pytest.approx(most - found.high)
+    assert mean_interval([[0.0] * 9], most=most)[:3] == (0, 0, 0)
 
 
 def test_constant_series_and_missing_values():
     assert mean_interval([[0.1] * 30]) == (0.1, 0.1, 0.1, 30, 30.0)
     nan = float("nan")
-    found = mean_interval([[1.0, nan, 3.0, nan], [nan], [2.0], []])
-    assert found.mean == 2 and found.frames == 3 and found.low < 1.5
+    found = mean_interval([[1.0, nan, 3.0, nan], [nan], [2.0], [1.0], [3.0], []])
+    assert found.mean == 2 and found.frames == 5 and found.low < 1.5
     for few in ([], [[nan]], [[1.0, nan]]):
         found = mean_interval(few)
         assert np.isnan(found.low) and np.isnan(found.high) and found.frames < 2
@@ -80,7 +107,7 @@ def test_gaps_keep_their_place_in_time():
     full = mean_interval([series])
     series[rng.random(20_000) < 0.5] = np.nan
     half = mean_interval([series])
-    assert half.half_width == pytest.approx(full.half_width, rel=0.25)
+    assert half.high - half.low == pytest.approx(full.high - full.low, rel=0.25)
     assert half.effective < 0.2 * half.frames
 
 

@@ -55,12 +55,12 @@ def test_shipped_models_are_scored_beside_the_detectors(
         save_model(tmp_path / "weights" / name, dataclasses.replace(model, spec=spec))
     demo.evaluate(config, workdir)
     out, err = capsys.readouterr()
-    assert "ships no model" not in out and "other is for another" in err
+    assert "Expect F-scores" in out and "other is for another" in err
     rows = read_scores(workdir / "evaluation" / "frames.jsonl")
     methods = [*dict.fromkeys(row["method"] for row in rows)]
     drawn = ["one-step estimate", "jradar, Heun 2", "jradar, 2 draws"]
     more = [*drawn, *(f"more: {d}" for d in drawn), "direct regression"]
-    assert methods == ["OS-CFAR", "CA-CFAR", *more]
+    assert methods == ["OS-CFAR", "CA-CFAR", "splat", *more]
     clouds = load_clouds(workdir / "evaluation" / "clouds.npz")
     for named in clouds.values():
         assert [*named] == ["radar", *methods, "LiDAR"]
@@ -72,13 +72,20 @@ def test_clouds_pictures_and_scores_stand_beside_the_report(
     monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
     demo.evaluate(config, workdir)
     text = capsys.readouterr().out
-    assert "ships no model" in text and "| OS-CFAR |" in text and "| ms |" in text
+    assert (
+        "ships no model" in text
+        and "Expect" not in text
+        and "| OS-CFAR |" in text
+        and "| ms |" in text
+    )
     out = workdir / "evaluation"
     names = {path.name for path in out.iterdir()}
     pictures = {"curves.png", "clouds.png", "samples.png"}
     assert {"report.html", "table.md", "table.tex", "table.csv"} | pictures <= names
     files = {path.name for path in (out / "clouds" / "lab_200_1").iterdir()}
-    assert files == {"radar.ply", "OS-CFAR.ply", "CA-CFAR.ply", "LiDAR.ply"}
+    assert files == {
+        f"{name}.ply" for name in ("radar", "OS-CFAR", "CA-CFAR", "splat", "LiDAR")
+    }
     cloud = recordings.read_cloud(out / "clouds" / "lab_200_1" / "LiDAR.ply")
     truth = load_clouds(out / "clouds.npz")["lab", "lab_200", 1]["LiDAR"]
     assert (cloud["x"] == truth[:, 0]).all() and len(truth) > 100

@@ -9,7 +9,7 @@ import pytest
 
 from experiments import build, enhance
 from experiments.configs import regression
-from experiments.detectors import detected, detector_methods, seen_points
+from experiments.detectors import detected, detector_methods, seen_points, smeared
 from experiments.evaluate import (
     Frame,
     mean_scores,
@@ -102,6 +102,21 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
     expected = points_of(frame.radar)
     assert len(expected) > 10 and view.points(frame).range_window == "blackman"
     np.testing.assert_allclose(found, expected, atol=0.01)  # angles are float16
+
+
+def test_splat_smears_the_points_by_20_cm_to_one_for_each_pixel(records):
+    view = view_of(data.Records(records, "train"))
+    middle = PointCloud.from_xyz(np.array([[5.0, 0, 0]]))
+    cloud = smeared(jax.random.key(1), middle, view)
+    assert cloud.valid.shape == (128 * 512,) and cloud.valid.all()
+    np.testing.assert_allclose(cloud.xyz.mean(0), [5, 0, 0], atol=0.01)
+    np.testing.assert_allclose(np.cov(cloud.xyz.T), 0.04 * np.eye(3), atol=0.002)
+    edge = PointCloud.from_xyz(np.array([[view.fine.max_range_m, 0, 0]]))
+    assert smeared(jax.random.key(1), edge, view).valid.mean() == pytest.approx(
+        0.5, abs=0.02
+    )
+    nothing = PointCloud.from_xyz(np.zeros((4, 3)))
+    assert not smeared(jax.random.key(1), nothing, view).valid.any()
 
 
 def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():

@@ -8,15 +8,19 @@ import time
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
-from experiments import build, main as command, rpdnet
+from experiments import build, main as command, rpdnet, train
+from experiments.configs import smoke
 from experiments.radarhd.model import networks
 from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records
 from jradar.errors import UsageError
+from jradar.evaluation import write_scores
 from tests import programs
+from tests.evaluation import invented
 from tests.programs import ROOT, started
 
 SMOKE = f"--config={ROOT}/experiments/configs/smoke.py"
@@ -79,6 +83,32 @@ def test_other_data_at_the_same_path_are_refused(finished, monkeypatch, capsys):
     assert "is of another run: data was" in err and "now of other data" in err
 
 
+def test_seeds_are_run_one_after_another_and_spread(tmp_path, monkeypatch, capsys):
+    seen = []
+
+    def fake_run(task, config, workdir):
+        seen.append((config.seed, workdir.name, config.data.path))
+        factor = 1 + 0.1 * config.seed
+        rows = [r | {"chamfer": factor * r["chamfer"]} for r in invented.scores()]
+        write_scores(workdir / "evaluation" / "frames.jsonl", rows)
+        (workdir / "data" / "records").mkdir(parents=True, exist_ok=True)
+
+    monkeypatch.setattr(train, "run", fake_run)
+    assert run(tmp_path, SMOKE, "--seeds=0:3") == 0
+    records = str(tmp_path / "seed_0" / "data" / "records")
+    assert seen == [(0, "seed_0", ""), (1, "seed_1", records), (2, "seed_2", records)]
+    mean = np.mean([r["chamfer"] for r in invented.scores() if r["method"] == "jradar"])
+    expected = f"| jradar | {1.1 * mean:.3f} ± {0.1 * mean:.3f} |"
+    assert expected in capsys.readouterr().out
+
+
+def test_an_optimizer_of_no_steps_can_be_built():
+    config = smoke.get_config()
+    config.train.steps = 0
+    optimizer = build.build_optimizer(config.train)
+    assert optimizer.init({"w": jnp.zeros(2)})
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -103,6 +133,10 @@ def test_a_workdir_is_for_one_config(finished, change, message, capsys):
         (["--config.network.preset=huge"], 2, "huge"),
         (["--config.noise.prediction=huge"], 2, "noise.prediction = 'huge', expected"),
         (["--config.noise.sigma_min=-1.0"], 2, "config.noise: sigma_min = -1.0"),
+        (["--config.method=huge"], 2, "method='huge', expected one of"),
+        (["--config.evaluation.split=final"], 2, "evaluation.split: 'final', expected"),
+        (["--seeds=3"], 2, "--seeds=3, expected two or more"),
+        (["--seeds=3:4"], 2, "--seeds=3:4, expected two or more"),
         (["--config.sampling.solver=huge"], 2, "sampling.solver = 'huge', expected"),
         ([NOWHERE], 2, "data.path = nowhere: no such"),
         ([RADARHD, NOWHERE], 2, "data.path = nowhere: no such"),

@@ -156,11 +156,11 @@ def test_detections_are_counted_by_cfar_not_by_capacity():
     few = dataclasses.replace(MODEL.spec.points, capacity=8)
     stages = Stages(jax.random.key(0), UNIT, None, points=few)
     heard = stages.hear(CUBES[0])
-    _, count = stages.detections(heard)
+    _, cells = stages.detections(heard)
     points = PointSpec(false_alarm_rate=1e-3)
     (found,) = detect_recording(recording(1), points=points)
     assert int(heard.points.valid.sum()) == 8 < found.detected
-    assert int(count) == pytest.approx(found.detected, rel=0.3)
+    assert int(cells.sum()) == pytest.approx(found.detected, rel=0.3)
 
 
 def test_a_frame_unlike_training_is_not_to_be_trusted():

@@ -1,5 +1,7 @@
 """Outputs: files that other programs read; nothing is overwritten."""
 
+import collections
+import itertools
 import subprocess
 import sys
 
@@ -7,13 +9,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.animation import FFMpegWriter
+from PIL import Image, ImageSequence
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec, Scatterers, direction_sines, simulate_cube
-from jradar.recordings import read_cloud
+from jradar.recordings import describe_file, read_cloud
 from jradar.stream.outputs import open_writer
 from jradar.stream.views import range_azimuth
 from jradar.types import PointCloud
+from jradar.viz.video import points_shown
+from tests.stream.readers import mcap_messages
 from tests.stream.scenes import columns_of, view_of
 
 VIEWS = [view_of(number) for number in range(3)]
@@ -73,6 +79,42 @@ def test_other_names_what_exists_and_missing_packages_are_named(tmp_path, monkey
         (tmp_path / name).mkdir()
         with pytest.raises(UsageError, match="exists and is not overwritten"):
             open_writer(tmp_path / name)
+
+
+def test_an_mcap_file_is_listed_without_its_messages(tmp_path):
+    path = write(tmp_path / "out.mcap")
+    counts = collections.Counter(message[:2] for message in mcap_messages(path))
+    found = describe_file(path)
+    rows = {(row["topic"], row["type"]): row["messages"] for row in found["topics"]}
+    assert rows == dict(counts) and found["first_s"] <= found["last_s"]
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(ValueError, match="a whole MCAP file"):
+        describe_file(path)
+
+
+def test_a_video_shows_frame_after_frame(tmp_path):
+    with Image.open(write(tmp_path / "walk.gif")) as video:
+        assert video.n_frames == len(VIEWS) and video.info["duration"] == 100
+        shown = [np.asarray(f.convert("RGB")) for f in ImageSequence.Iterator(video)]
+    assert all((a != b).any() for a, b in itertools.pairwise(shown))
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.gif"]
+    write(tmp_path / "none.gif", views=[])
+    assert not (tmp_path / "none.gif").exists()
+
+
+def test_an_mp4_asks_for_ffmpeg_where_it_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", lambda: False)
+    with pytest.raises(UsageError, match="name a .gif"):
+        write(tmp_path / "walk.mp4")
+
+
+def test_a_video_leaves_weak_radar_points_out():
+    xyz, valid = jnp.eye(3), jnp.ones(3, bool)
+    cloud = PointCloud(xyz, valid, snr=jnp.array([2.0, 20.0, 30.0]))
+    found = points_shown({"radar": cloud}, "radar")
+    np.testing.assert_array_equal(found, np.eye(3)[1:])
+    assert len(points_shown({"radar": PointCloud(xyz, valid)}, "radar")) == 3
+    assert len(points_shown({}, "lidar")) == 0
 
 
 def test_the_picture_shows_an_echo_where_it_is():

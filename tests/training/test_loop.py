@@ -68,6 +68,10 @@ def test_loop_does_the_steps_and_nothing_else(start, tmp_path):
     assert all(line["seconds"] >= 0 for line in lines(tmp_path))
 
 
+def test_a_run_of_no_steps_leaves_the_state_as_it_is(start, tmp_path):
+    assert_equal_trees(run(start, tmp_path, 0).params, start.params)
+
+
 def test_resumed_run_equals_the_uninterrupted_one(start, tmp_path):
     whole = run(start, tmp_path / "a", 7)
     for steps in (1, 2, 5):

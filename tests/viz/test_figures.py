@@ -1,14 +1,18 @@
 """Figures of captures: what is drawn, and that left is left."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from PIL import Image
 
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec, Scatterers, simulate_cube
 from jradar.range_image import ImageSpec
 from jradar.types import PointCloud
 from jradar.viz import (
     capture_figure,
+    range_azimuth,
+    range_doppler,
     reliability_figure,
     samples_figure,
     save_figure,
@@ -23,31 +27,53 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
     lidar = np.array([[2.0, 1, 0], [-2, 0, 0], [50, 0, 0]])  # behind, out of range
     power = np.random.default_rng(0).exponential(size=(16, 32))
     power[3, 20] = 1e4
+    azimuths = np.random.default_rng(1).exponential(size=(32, 64))
+    azimuths[0, 0], azimuths[20, 48] = 1e9, 1e4  # leakage; an echo at a sine of 0.5
     figure = capture_figure(
-        power, RADAR, cloud, IMAGE, dense=dense, lidar=lidar, title="a room"
+        power, azimuths, RADAR, cloud, IMAGE, dense=dense, lidar=lidar, title="a room"
     )
-    spectrum, above, front = figure.axes
+    spectrum, angles, above, front = figure.axes
     assert figure.get_suptitle() == "a room"
-    bars = [panel.child_axes[0].get_xlabel() for panel in (spectrum, front)]
-    assert bars == ["power (dB)", "range (m)"]
+    bars = [panel.child_axes[0].get_xlabel() for panel in (spectrum, angles, front)]
+    assert bars == ["power (dB)", "power (dB)", "range (m)"]
+    mesh = angles.collections[0]
+    assert mesh.get_clim()[1] == pytest.approx(40) and angles.xaxis_inverted()
+    azimuth = mesh.get_coordinates()[20, :, 0]
+    assert azimuth[48] < 30 < azimuth[49]
     shown = spectrum.images[0].get_array()  # [range, doppler]
     assert np.unravel_index(shown.argmax(), shown.shape) == (20, 3)
     drawn = {line.get_label(): line.get_xydata() for line in above.lines[:3]}
-    assert [*drawn] == ["LiDAR: 1", "enhanced: 1", "radar: 2"]
-    np.testing.assert_allclose(drawn["radar: 2"][0], [1, 3])  # y to the left, x up
+    assert [*drawn] == ["LiDAR: 1", "detections: 2", "jradar: 1"]
+    np.testing.assert_allclose(drawn["detections: 2"][0], [1, 3])  # y left, x up
     assert above.xaxis_inverted()
     assert np.isfinite(front.images[0].get_array().filled(np.nan)).sum() == 1
-    assert "enhanced" in front.get_title()
+    assert "jradar" in front.get_title()
     save_figure(figure, tmp_path / "a.png")
     assert Image.open(tmp_path / "a.png").format == "PNG"
 
 
 def test_a_capture_without_points_is_drawn():
     empty = PointCloud(jnp.zeros((4, 3)), jnp.zeros(4, bool))
-    figure = capture_figure(np.ones((16, 32)), RADAR, empty, IMAGE, dense=empty)
-    _, above, front = figure.axes
+    power = np.ones((16, 32))
+    figure = capture_figure(power, power, RADAR, empty, IMAGE, dense=empty)
+    *_, above, front = figure.axes
     assert [len(line.get_xydata()) for line in above.lines[:2]] == [0, 0]
     assert np.isnan(front.images[0].get_array().filled(np.nan)).all()
+
+
+def test_maps_of_a_cube_have_an_echo_in_its_place():
+    spec = RadarSpec.awr1843(num_chirps=16, num_samples=64)
+    place = spec.range_resolution_m * 20 * np.array([[np.cos(0.5), np.sin(0.5), 0]])
+    echo = Scatterers(jnp.asarray(place), jnp.array([0.0]), jnp.array([1.0]))
+    cube = simulate_cube(jax.random.key(0), echo, spec, noise_power=1e-6)
+    (doppler,) = range_doppler(cube, Radar(spec)).axes
+    shown = doppler.images[0].get_array()
+    assert np.unravel_index(shown.argmax(), shown.shape) == (20, 8)
+    (angles,) = range_azimuth(cube, Radar(spec)).axes
+    mesh = angles.collections[0]
+    row, column = np.unravel_index(mesh.get_array().argmax(), mesh.get_array().shape)
+    left, right = mesh.get_coordinates()[row, column : column + 2, 0]
+    assert row == 20 and left < np.degrees(0.5) + 1 and right > np.degrees(0.5) - 1
 
 
 def test_left_is_left():

@@ -123,6 +123,16 @@ def test_tables_and_pictures_are_inside_and_nothing_is_outside(tmp_path):
         write(tmp_path / "report.html", [], figures={"x": tmp_path / "x.png"})
 
 
+def test_a_page_opens_with_a_sentence_and_the_chosen_clouds(tmp_path):
+    options = {"summary": "**jradar** is best", "opens_with": ["radar", "LiDAR"]}
+    tables = {"Scores": TABLE, "Every score": TABLE}
+    text = write(tmp_path / "report.html", frames(1), tables=tables, **options)
+    assert text.index("<strong>jradar</strong> is best") < text.index('id="stage"')
+    assert data_of(text)["shown"] == ["radar", "LiDAR"]
+    assert "<details open><summary>Scores" in text
+    assert "<details><summary>Every score" in text
+
+
 @pytest.mark.usefixtures("as_a_user")
 def test_bad_clouds_are_refused(tmp_path):
     for bad in (np.zeros((4, 2)), np.full((4, 3), np.nan), np.full((4, 4), 1.5)):
@@ -246,3 +256,18 @@ def test_a_browser_colours_by_confidence_and_hides_unsure_points(tmp_path, brows
     text = write(path, frames(1), title="probe")
     seen = probed(path, browser, text, SURE_PROBE, "#colour=confidence")
     assert seen["hidden"] and seen["options"] == 2
+
+
+def test_a_browser_opens_with_the_chosen_clouds_side_by_side(tmp_path, browser):
+    probe = """<script>(async () => { await show(0); draw();
+      const layout = find("layout").value, points = Number(canvas.dataset.points);
+      document.title = JSON.stringify({ layout, points }); })();</script></body>"""
+    path, shown = tmp_path / "report.html", ["radar", "LiDAR"]
+    text = write(path, frames(1), title="probe", opens_with=shown)
+    seen = probed(path, browser, text, probe)
+    assert seen["layout"] == "side" and 2500 < seen["points"] <= 3100
+    seen = probed(path, browser, text, probe, "#hide=LiDAR&layout=together")
+    assert seen["layout"] == "together" and 2500 < seen["points"] <= 3100
+    text = write(path, frames(1), title="probe")
+    seen = probed(path, browser, text, probe)
+    assert seen["layout"] == "together" and seen["points"] > 5000

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from jradar.radar.channels import check_antennas
+from jradar.radar.channels import check_antennas, compensate_tdm
 from jradar.radar.peaks import local_maxima, parabola_offset
 from jradar.radar.ranks import to_rank
 from jradar.radar.sensor import RadarSpec
@@ -105,6 +105,24 @@ def angle_spectrum(
     spectrum = jnp.fft.fft2(grid, s=(num_elevation, num_azimuth))
     spectrum = jnp.fft.fftshift(spectrum, axes=(-2, -1))
     return spectrum.real**2 + spectrum.imag**2
+
+
+@functools.partial(jax.jit, static_argnames="radar")
+def azimuth_map(
+    spectrum: Complex[Array, "virtual doppler sample"],
+    power: Float[Array, "doppler sample"],
+    radar: RadarSpec,
+) -> Float[Array, "range azimuth"]:
+    """Return the power of each range over the `direction_sines` of the azimuth.
+
+    Takes what `range_doppler` returns of one frame. Each range shows its strongest
+    velocity, and of each azimuth the strongest elevation.
+    """
+    bins = jnp.arange(radar.num_range_bins)
+    row = power[:, bins].argmax(0)
+    snapshot = spectrum[:, row, bins].T
+    snapshot = compensate_tdm(snapshot, row - power.shape[0] // 2, radar)
+    return angle_spectrum(snapshot, radar).max(-2)
 
 
 @functools.partial(jax.jit, static_argnames=("radar", "count", "interpolate"))

@@ -46,7 +46,7 @@ def test_every_shift_is_a_row_of_one_table(records, tmp_path, monkeypatch, capsy
     assert robustness.main(command) == 0
     rows = read_scores(tmp_path / "evaluation" / "frames.jsonl")
     assert {row["scene"] for row in rows} == {"clean", "standing-still"}
-    assert {row["method"] for row in rows} == {"OS-CFAR"}
+    assert {row["method"] for row in rows} == {"OS-CFAR", "splat"}
     table = (tmp_path / "evaluation" / "table.md").read_text()
     assert "standing-still" in table
     shifts = (tmp_path / "evaluation" / "shifts.md").read_text()
