@@ -83,7 +83,7 @@ def test_every_line_of_the_readme_runs_in_order(tmp_path):
         text=True,
     )
     assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
-    for row in ("jradar, one pass", "OS-CFAR"):  # as the demo says
+    for row in ("jradar, one pass", "splat", "OS-CFAR"):  # as the demo says
         found = re.search(rf"\| {row} \|[^|]*\|[^|]*\|[^|]*\| ([0-9.]+)", done.stdout)
         expected = re.search(rf"([0-9]+) % for `?{row}", EXPECTED)
         assert float(found[1]) == pytest.approx(float(expected[1]), abs=2)
