@@ -1,7 +1,8 @@
 """Scores of methods against LiDAR: tables, intervals, comparisons, reports.
 
 score_frames, Method, Truth      scores of each method on each frame of a sequence
-score_points                     scores of one cloud
+score_points, mean_scores        scores of one cloud; their means over several
+with_confidence                  a model whose confidence holds on given records
 write_scores, read_scores        the file of scores, the source of all that follows
 mean_interval                    mean of correlated frames, with its interval
 near_truth, reliability, reliability_error, precision_over_coverage
@@ -16,9 +17,12 @@ save_clouds                      clouds of a few frames
 build_report, open_report        tables, curves and clouds of a run in one HTML file
 """
 
+from jradar.evaluation.confidence import with_confidence as with_confidence
 from jradar.evaluation.methods import (
     Method as Method,
     Truth as Truth,
+    known_mean as known_mean,
+    mean_scores as mean_scores,
     score_frames as score_frames,
     score_points as score_points,
 )
@@ -45,7 +49,10 @@ from jradar.evaluation.scores import (
     read_scores as read_scores,
     write_scores as write_scores,
 )
-from jradar.evaluation.statistics import mean_interval as mean_interval
+from jradar.evaluation.statistics import (
+    mean_interval as mean_interval,
+    spread as spread,
+)
 from jradar.evaluation.tables import (
     COLUMNS as COLUMNS,
     markdown as markdown,

@@ -82,3 +82,26 @@ def score_points(
     distances = (scores.chamfer, scores.modified_hausdorff)
     values = [float(value) for value in (*distances, *scores.f_score)]
     return dict(zip((*DISTANCES, *F_SCORES), values, strict=True))
+
+
+def mean_scores(
+    clouds: Iterable[np.ndarray], truths: Iterable[np.ndarray]
+) -> dict[str, float]:
+    """Return the mean Chamfer distance and F-score at 0.2 m of clouds `[point, 3]`.
+
+    By the rule of the tables, an empty cloud has no distance and an F-score of 0;
+    `empty` is the share of such clouds. A cloud with an empty truth is left out.
+    """
+    found = [(c, t) for c, t in zip(clouds, truths, strict=True) if len(t)]
+    scores = [score_points(cloud, truth) for cloud, truth in found]
+    return {
+        "chamfer": known_mean(score["chamfer"] for score in scores),
+        "f_score_0.2": known_mean(score["f_score_0.2"] for score in scores),
+        "empty": known_mean(not len(cloud) for cloud, _ in found),
+    }
+
+
+def known_mean(values: Iterable[float]) -> float:
+    """Return the mean of the values that are not NaN, or NaN if there is none."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else np.nan

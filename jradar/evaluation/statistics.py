@@ -184,3 +184,8 @@ def _positive_lags(products):
     even = np.append(products, np.zeros(len(products) % 2)).reshape(-1, 2).sum(1)
     first = np.flatnonzero(even <= 0)
     return max(2 * int(first[0] if len(first) else len(even)) - 1, 0)
+
+
+def spread(total: int, count: int) -> list[int]:
+    """Return at most `count` indices, evenly spread over `total` items."""
+    return np.linspace(0, total - 1, min(count, total)).astype(int).tolist()

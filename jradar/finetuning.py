@@ -1,0 +1,391 @@
+"""Fine-tuning: a model and the records of one's own rig to a model that knows them.
+
+    FOLDER/model/             the model, for load_model(FOLDER) and --model FOLDER
+    FOLDER/checkpoints/       from which a stopped run resumes
+    FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
+    FOLDER/replay/            simulated frames, so that nothing is forgotten
+
+Each batch holds a share of old frames. The weights with the best F-score on the
+validation frames are kept, those of the model as it was included. The confidence is
+then fitted to the validation frames.
+"""
+
+import dataclasses
+import functools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import optax
+
+from jradar import data, diffusion, simulation, training
+from jradar.data import PrepareSpec, Records
+from jradar.errors import UsageError
+from jradar.evaluation import mean_scores, spread, with_confidence
+from jradar.fields import typed_fields
+from jradar.files import lock_folder, read_json, write_text
+from jradar.model import Card, Model, draw, load_model, save_model
+from jradar.range_image import (
+    close_gaps,
+    condition_features,
+    encode_target,
+    fit_trust,
+    image_cloud,
+)
+from jradar.range_image.trust import LEAST_FRAMES
+from jradar.viz import learning_curve_figure, save_figure
+
+BEST = "best.json"  # of the evaluations so far
+GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
+JUDGED = 32  # validation frames of an evaluation
+EVALUATIONS = 8
+TRUSTED = 1200  # most frames of the table of trust
+REPLAYED = ("hallways", "mine", "lab", "outdoor", "corridor", "hall", "home", "forest")
+REPLAY_SEEDS = (0, 1000)
+REPLAY_FRAMES = 3  # of each sequence
+STEPS = (100, 3000)  # the fewest and the most that are chosen by themselves
+
+
+@dataclasses.dataclass(frozen=True)
+class FinetuneSpec:
+    """How a model is fine-tuned; `steps` follows from the number of frames if None."""
+
+    steps: int | None = None
+    learning_rate: float = 3e-4
+    batch_size: int = 8
+    replay: float = 0.25  # share of old frames in a batch; 0 forgets
+    seed: int = 0
+
+    def __post_init__(self):
+        """Refuse values that cannot be used."""
+        if self.steps is not None and self.steps < 1:
+            raise ValueError(f"steps = {self.steps}, expected 1 or more")
+        if not self.learning_rate > 0:
+            raise ValueError(f"learning_rate = {self.learning_rate}, expected above 0")
+        if self.batch_size < 1:
+            raise ValueError(f"batch_size = {self.batch_size}, expected 1 or more")
+        if not 0 <= self.replay < 1:
+            raise ValueError(f"replay = {self.replay}, expected 0 to less than 1")
+
+    def steps_for(self, frames: int) -> int:
+        """Return the steps for a number of own frames: about 16 looks at each."""
+        wanted = round(16 * frames / (self.batch_size * (1 - self.replay)))
+        return self.steps or int(np.clip(wanted, *STEPS))
+
+
+class Finetuned(NamedTuple):
+    """The model, and the scores on validation frames that chose its weights."""
+
+    model: Model
+    steps: int
+    best_step: int  # 0: the model as it was
+    before: dict[str, float]
+    after: dict[str, float]
+    frames: dict[str, int]  # of training, validation and replay
+
+    def describe(self) -> dict[str, Any]:
+        """Return what a user wants to know."""
+        return {
+            "frames": self.frames,
+            "steps": self.steps,
+            "best step": self.best_step,
+            "validation before": _rounded(self.before),
+            "validation after": _rounded(self.after),
+            "purpose": self.model.card.purpose,
+        }
+
+
+def finetune(
+    records: Path | str,
+    folder: Path | str,
+    *,
+    model: Path | str = "jradar-sim",
+    spec: FinetuneSpec = FinetuneSpec(),
+    replay: Path | str | None = None,
+) -> Finetuned:
+    """Fine-tune a model on the train split of records, and write it into a folder.
+
+    `replay` are records of old frames; by default, some are simulated. The same call
+    resumes a run that was stopped. Raises UsageError for records without a training or
+    a validation split, and for a folder of another run.
+    """
+    start, folder = load_model(model), Path(folder)
+    own, checked = _split(records, "train"), _split(records, "validation")
+    start = dataclasses.replace(start, spec=_spec_for(start, own))
+    with lock_folder(folder):
+        run = {
+            "model": str(model),
+            "records": own.digest,
+            "validation": checked.digest,
+            "replay": None if replay is None else str(replay),
+            **dataclasses.asdict(spec),
+        }
+        _check_run(folder, run)
+        old = None
+        if spec.replay:
+            made = _simulated(folder / "replay", own) if replay is None else replay
+            old = Records(made, "train")
+        return _trained(folder, start, own, checked, old, spec, str(model))
+
+
+def _trained(folder, start, own, checked, old, spec, name):
+    """Train, keep the best weights, fit the tables, and write the model."""
+    steps = spec.steps_for(len(own))
+    pairs, judge = _pairs(start, own), functools.partial(_judge, records=checked)
+    optimizer = optax.chain(
+        optax.clip_by_global_norm(1.0),
+        optax.adamw(
+            optax.warmup_cosine_decay_schedule(
+                0.0, spec.learning_rate, min(50, steps // 4), steps
+            ),
+            weight_decay=1e-2,
+        ),
+    )
+    state = training.TrainState(
+        np.zeros((), np.int32),
+        start.params,
+        start.params,
+        jax.jit(optimizer.init)(start.params),
+    )
+    best = folder / BEST
+    if not best.exists():
+        scores = judge(start)
+        _keep(best, start, 0, scores)
+        write_text(folder / "before.json", json.dumps(scores) + "\n")
+
+    def evaluate(state, step):
+        found = dataclasses.replace(start, params=jax.device_get(state.ema_params))
+        scores = judge(found)
+        if scores["f_score_0.2"] > read_json(best)["scores"]["f_score_0.2"]:
+            _keep(best, found, step, scores)
+        return scores
+
+    training.train(
+        jax.random.fold_in(jax.random.key(spec.seed), 0),
+        state,
+        training.make_train_step(
+            start.spec.network,
+            optimizer,
+            start.spec.noise,
+            loss=LOSSES[start.spec.method],
+            ema_decay=min(0.995, 1 - 10 / steps),
+        ),
+        _batches(start, pairs, old, spec),
+        steps=steps,
+        workdir=folder,
+        data_digest=own.digest,
+        checkpoint_every=max(steps // 10, 10),
+        evaluate_every=max(steps // EVALUATIONS, 1),
+        evaluate=evaluate,
+    )
+    kept = read_json(best)
+    found = load_model(folder / "best")
+    found = dataclasses.replace(
+        found,
+        card=_card(start.card, own, old, kept["step"], name),
+        trust=_trust(pairs, old and _pairs(start, old)) or start.trust,
+    )
+    key = jax.random.fold_in(jax.random.key(spec.seed), 1)
+    found = with_confidence(key, found, checked)
+    save_model(folder / "model", found)
+    training.write_model_card(
+        folder,
+        config={"finetune": dataclasses.asdict(spec), "model": name},
+        data_digest=own.digest,
+        seed=spec.seed,
+        steps=steps,
+        purpose=found.card.purpose,
+    )
+    curve = learning_curve_figure(folder / "metrics.jsonl")
+    save_figure(curve, folder / "learning.png")
+    counts = {"training": len(own), "validation": len(checked)}
+    counts["replay"] = 0 if old is None else len(old)
+    before = read_json(folder / "before.json")
+    return Finetuned(found, steps, kept["step"], before, kept["scores"], counts)
+
+
+def _split(records: Path | str, split: str) -> Records:
+    """Return a split of records, or say how to get it."""
+    try:
+        return Records(records, split)
+    except ValueError as error:
+        if "has no sequences of split" not in str(error):
+            raise
+        names = ", ".join(s["name"] for s in Records(records).sequences)
+        option = "" if split == "train" else f" with --{split} NAME"
+        raise UsageError(
+            f"{records} has no {split} frames: prepare several recordings again"
+            f"{option}, so that some train and others validate; it holds {names}"
+        ) from error
+
+
+def _spec_for(model: Model, records: Records) -> Any:
+    """Return the model's spec; UsageError for records of another field of view."""
+    options, fine = records.manifest["options"], model.spec.fine
+    seen = typed_fields(LidarView, {k: options["lidar"][k] for k in VIEW})
+    wanted = {name: getattr(fine, name) for name in VIEW}
+    if seen != wanted:
+        raise UsageError(
+            f"{records.folder} was prepared for the view {seen}, the model has "
+            f"{wanted}: prepare it again with --spec and these values in [lidar]"
+        )
+    return model.spec
+
+
+@dataclasses.dataclass(frozen=True)
+class LidarView:
+    """The fields of a view that records and models share."""
+
+    azimuth: tuple[float, float]
+    elevation: tuple[float, float]
+    max_range_m: float
+
+
+VIEW = tuple(field.name for field in dataclasses.fields(LidarView))
+
+
+def _check_run(folder: Path, run: dict[str, Any]) -> None:
+    """Record what a run is; UsageError for the folder of another one."""
+    path = folder / "finetune.json"
+    if path.exists():
+        found = read_json(path)
+        changed = [k for k in run if found.get(k) != run[k]]
+        if changed:
+            key = changed[0]
+            raise UsageError(
+                f"{folder} holds a run with {key} = {found.get(key)}, now {run[key]}: "
+                "choose another output"
+            )
+        return
+    if others := sorted(p.name for p in folder.glob("[!.]*")):
+        raise UsageError(
+            f"{folder} holds {others[0]}, which is not of a fine-tuning: choose "
+            "another output"
+        )
+    write_text(path, json.dumps(run, indent=2) + "\n")
+
+
+def _simulated(folder: Path, own: Records) -> Path:
+    """Return records of simulated scenes, prepared as one's own; made once."""
+    records = folder / "records"
+    try:
+        return Records(records, "train").folder
+    except (FileNotFoundError, ValueError):
+        pass
+    from jradar.progress import progress
+
+    scenes = [(family, seed) for seed in REPLAY_SEEDS for family in REPLAYED]
+    done = 0
+    with progress("simulating", len(scenes), unit="scenes") as show:
+        for family, seed in scenes:
+            if not (folder / "recordings" / f"{family}_{seed}").is_dir():
+                simulation.simulate_sequence(
+                    family, seed, folder / "recordings", frames=REPLAY_FRAMES
+                )
+            show(done := done + 1)
+    options = typed_fields(PrepareSpec, own.manifest["options"])
+    data.prepare(folder / "recordings", records, PrepareSpec(**options), workers=1)
+    return records
+
+
+def _pairs(model: Model, records: Records) -> data.PairSource:
+    """Return the images of records on the model's grids."""
+    spec = model.spec
+    return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
+
+
+def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
+    """Return the function from a step to a batch of own and old frames."""
+    low, high = model.spec.fine.azimuth
+    change = data.mirrored if low == -high else None
+    share = round(spec.batch_size * spec.replay) if old is not None else 0
+    share = min(share, spec.batch_size - 1)
+    sources = [(pairs, spec.batch_size - share)]
+    if share:
+        sources.append((_pairs(model, old), share))
+    parts = [
+        data.Batches(source, seed=spec.seed, batch_size=count, change=change)
+        for source, count in sources
+    ]
+
+    def batch_at(step):
+        found = [part[step] for part in parts]
+        condition, lidar = (
+            np.concatenate([getattr(batch, name) for batch in found])
+            for name in ("condition", "lidar")
+        )
+        closed = close_gaps(lidar, reach=GAP_PIXELS)
+        target = encode_target(closed, model.spec.fine, codec=model.spec.codec)
+        return training.Batch(condition, np.asarray(target))
+
+    return batch_at
+
+
+def _judge(model: Model, records: Records) -> dict[str, float]:
+    """Return the mean scores of the quickest answer on some validation frames."""
+    pairs, key = _pairs(model, records), jax.random.key(0)
+    quick = {"draws": 1, "steps": 1} if model.spec.method == "diffusion" else {}
+    index = spread(len(records), JUDGED)
+    clouds = [
+        _cloud(jax.random.fold_in(key, i), pairs[i].condition, model, (*quick.items(),))
+        for i in index
+    ]
+    points = [np.asarray(cloud.xyz)[np.asarray(cloud.valid)] for cloud in clouds]
+    return mean_scores(points, [records[i].lidar_xyz for i in index])
+
+
+@functools.partial(jax.jit, static_argnames="options")
+def _cloud(key, condition, model, options):
+    image = draw(key, condition, model, **dict(options))
+    return image_cloud(image, model.spec.fine)
+
+
+def _keep(path: Path, model: Model, step: int, scores: dict[str, float]) -> None:
+    """Write the weights that are the best so far, and then their scores."""
+    save_model(path.parent / "best", model, dtype=np.float32)
+    write_text(path, json.dumps({"step": step, "scores": scores}) + "\n")
+
+
+def _trust(pairs, old) -> Any:
+    """Return what conditions looked like in training; None for too few frames."""
+    features = [
+        np.asarray(condition_features(source[i].condition))
+        for source in (pairs, old)
+        if source is not None
+        for i in spread(len(source), TRUSTED)
+    ]
+    return fit_trust(np.stack(features)) if len(features) >= LEAST_FRAMES else None
+
+
+def _card(card: Card, own: Records, old: Records | None, step: int, name: str) -> Card:
+    """Return the card of the new model."""
+    if not step:
+        return card
+    radars = dict.fromkeys((own.radar, *own.other_radars, *card.radars))
+    replayed = f", replaying {len(old)} simulated ones" if old is not None else ""
+    return Card(
+        purpose=f"{name} fine-tuned on {len(own)} frames of one's own rig",
+        steps_seen=card.steps_seen + step,
+        trained_on=f"{len(own)} own frames {own.digest[:12]}{replayed}",
+        radars=tuple(radars),
+    )
+
+
+def _rounded(scores: dict[str, float]) -> dict[str, float]:
+    return {name: round(value, 4) for name, value in scores.items()}
+
+
+def _denoising(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
+    """Eq. 12 with the weights of the shipped models' training."""
+    weights = diffusion.LossSpec(range_weight=4.0)
+    return diffusion.denoising_loss(key, denoise, clean, weights=weights, **given)
+
+
+LOSSES: dict[str, Callable[..., jax.Array]] = {
+    "diffusion": _denoising,
+    "regression": functools.partial(diffusion.regression_loss, range_weight=4.0),
+    "marginal": diffusion.mixture_loss,
+}

@@ -1,0 +1,99 @@
+"""Fine-tuning on a small room: what is kept, refused, and resumed."""
+
+import dataclasses
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from jradar.data import PrepareSpec, Records, prepare
+from jradar.errors import UsageError
+from jradar.finetuning import FinetuneSpec, finetune
+from jradar.lidar import LidarSpec
+from jradar.model import load_model, save_model
+from tests.models import SPEC, tiny_model
+from tests.recordings.small_sequence import write_sequence, write_splits
+
+QUICK = FinetuneSpec(steps=8, batch_size=2, learning_rate=1e-2)
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    source, folder = (tmp_path_factory.mktemp(name) for name in ("source", "records"))
+    for seed, (name, frames) in enumerate({"a": 4, "b": 2}.items()):
+        write_sequence(source, name, frames=frames, seed=seed)
+    write_splits(source, {"a": "train", "b": "validation"})
+    view = {k: getattr(SPEC.fine, k) for k in ("azimuth", "elevation", "max_range_m")}
+    prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("model") / "start"
+    save_model(folder, tiny_model(method="regression"), dtype=np.float32)
+    return folder
+
+
+def test_own_frames_are_learnt_and_the_best_weights_are_kept(records, start, tmp_path):
+    found = finetune(
+        records, tmp_path / "mine", model=start, spec=QUICK, replay=records
+    )
+    assert found.after["f_score_0.2"] >= found.before["f_score_0.2"]
+    assert found.frames == {"training": 4, "validation": 2, "replay": 4}
+    lines = (tmp_path / "mine" / "metrics.jsonl").read_text().splitlines()
+    scores = [json.loads(line).get("validation/f_score_0.2", -1) for line in lines]
+    assert len(scores) == 8
+    assert found.after["f_score_0.2"] == max(*scores, found.before["f_score_0.2"])
+    saved = load_model(tmp_path / "mine")
+    assert saved.spec == dataclasses.replace(found.model.spec)
+    if found.best_step:
+        assert "fine-tuned on 4 frames" in saved.card.purpose
+        assert Records(records).radar in saved.card.radars
+    assert (tmp_path / "mine" / "learning.png").stat().st_size > 1000
+    # Again: nothing is trained, and the same model comes out.
+    again = finetune(
+        records, tmp_path / "mine", model=start, spec=QUICK, replay=records
+    )
+    jax.tree.map(np.testing.assert_array_equal, again.model.params, found.model.params)
+    with pytest.raises(UsageError, match="holds a run with learning_rate = 0.01"):
+        other = dataclasses.replace(QUICK, learning_rate=1e-4)
+        finetune(records, tmp_path / "mine", model=start, spec=other, replay=records)
+
+
+def test_records_without_a_validation_split_say_how_to_get_one(start, tmp_path):
+    source, folder = tmp_path / "source", tmp_path / "records"
+    source.mkdir()
+    write_sequence(source, "walk", frames=2)
+    view = {k: getattr(SPEC.fine, k) for k in ("azimuth", "elevation", "max_range_m")}
+    prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
+    with pytest.raises(UsageError, match=r"no validation frames.*--validation NAME"):
+        finetune(folder, tmp_path / "mine", model=start, spec=QUICK)
+
+
+def test_another_field_of_view_is_refused(records, tmp_path):
+    wide = dataclasses.replace(SPEC.fine, max_range_m=20.0)
+    save_model(tmp_path / "wide", tiny_model(fine=wide), dtype=np.float32)
+    with pytest.raises(UsageError, match="was prepared for the view"):
+        finetune(records, tmp_path / "mine", model=tmp_path / "wide", spec=QUICK)
+
+
+def test_a_folder_of_something_else_is_kept(records, start, tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(UsageError, match=r"holds notes\.txt"):
+        finetune(records, tmp_path, model=start, spec=QUICK)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("frames", "steps"), [(10, 100), (114, 304), (10_000, 3000)])
+def test_steps_follow_from_the_number_of_frames(frames, steps):
+    assert FinetuneSpec().steps_for(frames) == steps
+
+
+@pytest.mark.parametrize(
+    "values", [{"steps": 0}, {"replay": 1.0}, {"learning_rate": 0.0}, {"batch_size": 0}]
+)
+def test_values_that_cannot_be_used_are_refused(values):
+    with pytest.raises(ValueError, match=f"{next(iter(values))} = "):
+        FinetuneSpec(**values)
