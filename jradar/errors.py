@@ -51,9 +51,12 @@ EXIT_CODES: dict[type[BaseException], int] = {
 
 
 def exit_code(error: BaseException) -> int | None:
-    """Return the exit code of an error, or None for a fault of the program."""
-    kinds = EXIT_CODES.items()
-    return next((code for kind, code in kinds if isinstance(error, kind)), None)
+    """Return the exit code of an error, or None for a fault of the program.
+
+    Some errors carry their own as `exit_code`, such as a training that was stopped.
+    """
+    kinds, own = EXIT_CODES.items(), getattr(error, "exit_code", None)
+    return next((code for kind, code in kinds if isinstance(error, kind)), own)
 
 
 def printable(text: str) -> str:

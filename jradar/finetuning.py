@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import optax
 
@@ -145,7 +146,7 @@ def _trained(folder, start, own, checked, old, spec, name):
         ),
     )
     state = training.TrainState(
-        np.zeros((), np.int32),
+        jnp.zeros((), jnp.int32),
         start.params,
         start.params,
         jax.jit(optimizer.init)(start.params),
@@ -301,11 +302,10 @@ def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
     """Return the function from a step to a batch of own and old frames."""
     low, high = model.spec.fine.azimuth
     change = data.mirrored if low == -high else None
-    share = round(spec.batch_size * spec.replay) if old is not None else 0
-    share = min(share, spec.batch_size - 1)
-    sources = [(pairs, spec.batch_size - share)]
-    if share:
-        sources.append((_pairs(model, old), share))
+    share = min(round(spec.batch_size * spec.replay), spec.batch_size - 1)
+    sources = [(pairs, spec.batch_size)]
+    if old is not None and share:
+        sources = [(pairs, spec.batch_size - share), (_pairs(model, old), share)]
     parts = [
         data.Batches(source, seed=spec.seed, batch_size=count, change=change)
         for source, count in sources
@@ -313,13 +313,11 @@ def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
 
     def batch_at(step):
         found = [part[step] for part in parts]
-        condition, lidar = (
-            np.concatenate([getattr(batch, name) for batch in found])
-            for name in ("condition", "lidar")
-        )
+        condition: Any = np.concatenate([batch.condition for batch in found])
+        lidar: Any = np.concatenate([batch.lidar for batch in found])
         closed = close_gaps(lidar, reach=GAP_PIXELS)
         target = encode_target(closed, model.spec.fine, codec=model.spec.codec)
-        return training.Batch(condition, np.asarray(target))
+        return training.Batch(condition, target)
 
     return batch_at
 

@@ -126,6 +126,12 @@ def prepare(options: argparse.Namespace) -> dict[str, Any]:
         workers=options.workers,
         scheduler=options.scheduler,
         keep_going=options.keep_going,
+        splits={
+            name: split
+            for split in ("validation", "test")
+            for name in getattr(options, split)
+        },
+        validation_share=options.validation_share,
         **opening(options),
     )
     written = [str(Path(options.output) / "manifest.json")]
@@ -151,6 +157,29 @@ def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]
         "notes": list(recording.notes),
         "written": results.put({PREVIEW: lambda path: viz.save_figure(figure, path)}),
     }
+
+
+def finetune(options: argparse.Namespace) -> dict[str, Any]:
+    """Fine-tune a model on the records of one's own rig."""
+    from jradar.finetuning import FinetuneSpec, finetune as tune
+
+    try:
+        chosen = given(options, "steps", "learning_rate")
+        if options.replay is not None:
+            chosen["replay"] = options.replay
+        spec = FinetuneSpec(**chosen, seed=options.seed)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    found = tune(
+        options.records,
+        options.output,
+        model=options.model,
+        spec=spec,
+        replay=options.replay_records,
+    )
+    folder = Path(options.output)
+    written = [str(folder / name) for name in ("model", "learning.png")]
+    return {"records": options.records, **found.describe(), "written": written}
 
 
 def simulate(options: argparse.Namespace) -> dict[str, Any]:

@@ -61,6 +61,9 @@ MAP_HELP = """\
 Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
 that a LiDAR would have made, with the confidence of each voxel; radar_map.ply, the
 radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a picture."""
+FINETUNE_HELP = """\
+RECORDS hold a train and a validation split: see --validation of `jradar prepare`.
+The same command resumes a run that was stopped. `--model DIR` then uses the model."""
 ROTATIONS = ("imu", "poses", "lidar", "none")
 FAMILIES = (
     *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
@@ -91,15 +94,25 @@ def parser() -> argparse.ArgumentParser:
     _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
     _odometry(_command(kinds, commands.odometry, RECORDING_HELP + ODOMETRY_HELP))
     _map(_command(kinds, commands.map_, RECORDING_HELP + MAP_HELP))
-    _prepare(_command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP))
+    _prepare(
+        _command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP, several=True)
+    )
+    _finetune(_command(kinds, commands.finetune, more=FINETUNE_HELP))
     _simulate(_command(kinds, commands.simulate))
     _view(_command(kinds, commands.view))
     _export(_command(kinds, commands.export))
     return top
 
 
-def _command(kinds, command: Callable, path_help: str = "", *, more: str = ""):
-    """Return a command's parser; `path_help` describes its PATH, if it has one.
+def _command(
+    kinds,
+    command: Callable,
+    path_help: str = "",
+    *,
+    more: str = "",
+    several: bool = False,
+):
+    """Return a command's parser; `path_help` describes its PATH, or `several` of them.
 
     `more` is the description of a command without a PATH.
     """
@@ -112,7 +125,12 @@ def _command(kinds, command: Callable, path_help: str = "", *, more: str = ""):
     )
     sub.set_defaults(command=command)
     if path_help:
-        sub.add_argument("path", metavar="PATH", help="file or folder, see above")
+        sub.add_argument(
+            "path",
+            metavar="PATH",
+            nargs="+" if several else None,
+            help="file or folder, see above",
+        )
     groups.flag(sub, "--json", "print the result as JSON")
     return sub
 
@@ -251,6 +269,26 @@ def _prepare(sub):
     groups.flag(sub, "--keep-going", "skip frames that cannot be read, and count them")
     text = "write only a picture of how the first of the frames is prepared"
     groups.flag(sub, "--preview", text)
+    for split in ("validation", "test"):
+        text = f"put the recording NAME into the {split} split (repeatable)"
+        groups.option(sub, f"--{split}", "NAME", text, action="append", default=[])
+    text = "let the last P of each recording that trains validate, 0 to 1"
+    groups.option(sub, "--validation-share", "P", text, type=values.share, default=0.0)
+
+
+def _finetune(sub):
+    sub.add_argument("records", metavar="RECORDS", help="folder of `jradar prepare`")
+    groups.output(sub, "folder of the run, which --model takes", force=False)
+    groups.model(sub)
+    text = "steps of training (default: by the number of frames)"
+    groups.count(sub, "--steps", text)
+    text = "peak of the learning rate (default: 3e-4)"
+    groups.option(sub, "--learning-rate", "RATE", text, type=values.positive)
+    text = "share of old frames in each batch, so that nothing is forgotten "
+    groups.option(sub, "--replay", "P", text + "(default: 0.25)", type=values.share)
+    text = "records of old frames (default: simulated ones, made in three minutes)"
+    groups.option(sub, "--replay-records", "FOLDER", text)
+    groups.seed(sub, "random seed of the batches")
 
 
 def _simulate(sub):

@@ -9,7 +9,10 @@ from jradar.errors import ModelError, UsageError
 from jradar.files import open_file
 from jradar.results import Results, check_replaceable
 
-INPUTS = ("path", "radar", "replay", "spec", "coupling", "run")  # name a file
+INPUTS = (  # options that name a file or folder
+    *("path", "radar", "replay", "spec", "coupling", "run"),
+    *("records", "replay_records"),
+)
 STREAMED = (".mcap", ".ros2", ".mp4", ".gif")  # all frames in one file or bag
 
 
@@ -28,13 +31,15 @@ def check_paths(options: argparse.Namespace) -> None:
     inputs = {name: path for name, path in named if path is not None}
     if (radar := inputs.get("radar")) and not os.path.lexists(radar):
         inputs["radar"] = re.sub(r"#\d+$", "", radar)  # a configuration of a log
-    for path in inputs.values():
+    several = inputs.pop("path", [])
+    paths = [*(several if isinstance(several, list) else [several]), *inputs.values()]
+    for path in paths:
         _check_input(path)
     model = getattr(options, "model", None) or ""
     if os.sep in model and not os.path.exists(model):  # no name of a shipped model
         raise ModelError(f"no model at {model}: no such folder")
     if getattr(options, "output", None) is not None:
-        _check_output(options, [*inputs.values(), model])
+        _check_output(options, [*paths, model])
 
 
 def _check_input(path: str) -> None:

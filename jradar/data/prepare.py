@@ -16,6 +16,7 @@ import dataclasses
 import functools
 import hashlib
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,7 +64,7 @@ class Job(NamedTuple):
 
 
 def prepare(
-    path: Path | str,
+    path: Path | str | Sequence[Path | str],
     folder: Path | str,
     spec: PrepareSpec,
     *,
@@ -71,26 +72,31 @@ def prepare(
     workers: int = 2,
     scheduler: str | None = None,
     keep_going: bool = False,
+    splits: Mapping[str, str] | None = None,
+    validation_share: float = 0.0,
     **opening: Any,
 ) -> dict[str, Any]:
     """Prepare all recordings at `path` into `folder`; returns the manifest.
 
     `frames` selects frames of each sequence, and `opening` are keyword arguments of
-    `open_recording`. Frames in which a sensor saw nothing are dropped and counted; with
-    `keep_going`, so are frames that cannot be read. A script with several workers needs
-    `if __name__ == "__main__"` around the call. Raises UsageError for a folder with
-    other contents, or with frames of another preparation; OSError if the disk is full,
-    after which the same call resumes; ValueError for a frame that cannot be read
-    (without `keep_going`), for a sequence that loses more than half of its frames to
-    times or damage, and if no frame is left.
+    `open_recording`; `splits` and `validation_share` are as in `find_sources`, and may
+    change later without preparing again. Frames in which a sensor saw nothing are
+    dropped and counted; with `keep_going`, so are frames that cannot be read. A script
+    with several workers needs `if __name__ == "__main__"` around the call. Raises
+    UsageError for a folder with other contents, or with frames of another preparation;
+    OSError if the disk is full, after which the same call resumes; ValueError for a
+    frame that cannot be read (without `keep_going`), for a sequence that loses more
+    than half of its frames to times or damage, and if no frame is left.
     """
     folder = Path(folder).absolute()
-    sources = find_sources(path, **opening)
+    sources = find_sources(
+        path, splits=splits, validation_share=validation_share, **opening
+    )
     _check_contents(folder)  # before a lock is left there
     with lock_folder(folder):
         head = _head(sources, spec, frames)
         _check_options(folder, head)
-        chosen = {source: _chosen(_opened(source), spec, frames) for source in sources}
+        chosen = {source: _chosen(source, spec, frames) for source in sources}
         jobs = [
             job for s, found in chosen.items() for job in _jobs(s, found, folder, spec)
         ]
@@ -279,10 +285,11 @@ def _jobs(source, matches, folder, spec):
         yield Job(source, str(path), about)
 
 
-def _chosen(recording, spec, frames):
+def _chosen(source, spec, frames):
     """Return the matches of selected frames; ValueError if too many are dropped."""
+    recording = _opened(source)
     matches = matches_of(recording, spec)
-    wanted = range(*frames.indices(len(recording.cubes)))
+    wanted = source.frames(recording, frames)
     dropped = {i: why for i, why in matches.dropped.items() if i in wanted}
     check_dropped(recording.name, len(wanted), dropped)
     keep = np.isin(matches.radar, wanted)
@@ -294,7 +301,7 @@ def _summary(source, matches, shards, spec, frames):
     recording, dropped = _opened(source), dict(matches.dropped)
     for shard in shards:
         dropped |= {int(i): why for i, why in shard["failed"].items()}
-    count = len(range(*frames.indices(len(recording.cubes))))
+    count = len(source.frames(recording, frames))
     check_dropped(source.name, count, dropped)
     reasons = [*dropped.values()]
     keys = ("file", "frames", "bytes", "sha256")

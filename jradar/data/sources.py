@@ -4,17 +4,21 @@ ColoRadar's 52 sequences are divided as in the paper (section V-A). Their names 
 taken with and without the date with which the release starts them.
 """
 
-import dataclasses
 import difflib
 import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+
+from jradar.errors import UsageError
 from jradar.files import read_json
 from jradar.recordings.open import is_recording, open_recording
 from jradar.recordings.recording import Recording
 
 SPLITS = ("train", "validation", "test")
+APART_S, APART = 2.0, 20  # between the parts of a recording: seconds, frames
 TRAIN_RUNS = 3  # "the first three trajectories of each environment"
 
 # date of the recording, environment, number of runs, scene of the paper's Table I
@@ -35,30 +39,85 @@ SEQUENCES = {
 }
 
 
-@dataclasses.dataclass(frozen=True)
-class Source:
+class Source(NamedTuple):
     """Name, split and path of a recording; any process can open it."""
 
     name: str
     split: str  # "train", "validation" or "test"
     path: str
     opening: tuple[tuple[str, Any], ...] = ()  # keyword arguments of `open_recording`
+    part: tuple[float, float] = (0.0, 1.0)  # of the frames, first and last
 
     def open(self) -> Recording:
         """Open the recording; its frames are read on access."""
         return open_recording(self.path, **dict(self.opening))
 
+    def frames(self, recording: Recording, chosen: slice) -> range:
+        """Return the numbers of the chosen frames that are in this part.
 
-def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
-    """Return the recording at `path`, or all recordings in this folder, by name.
+        A part that ends before the last frame ends early, so that the frames of two
+        parts are at least `APART_S` apart, or `APART` frames without times.
+        """
+        count, stamps = len(recording.cubes), recording.cubes.stamps
+        wanted = range(*chosen.indices(count))
+        first, last = (round(share * len(wanted)) for share in self.part)
+        if last < len(wanted):
+            last = max(last - APART, 0)
+            if stamps is not None:
+                end = stamps[wanted[round(self.part[1] * len(wanted))]] - APART_S
+                last = int(np.searchsorted(np.asarray(stamps)[list(wanted)], end))
+        return wanted[first:last]
+
+
+def find_sources(
+    path: Path | str | Sequence[Path | str],
+    *,
+    splits: Mapping[str, str] | None = None,
+    validation_share: float = 0.0,
+    **opening: Any,
+) -> tuple[Source, ...]:
+    """Return the recordings at `path`, or in these folders, by name.
 
     `opening` are keyword arguments of `open_recording`. The split of a sequence comes
-    from `splits.json` at `path` ({name: split}), then from the paper's split for names
-    of ColoRadar, and is "train" otherwise. Raises ValueError for two sequences of the
-    same name and for a `splits.json` with other splits.
+    from `splits` ({name: split}), then from `splits.json` in the folder, then from the
+    paper's split for names of ColoRadar, and is "train" otherwise. The last
+    `validation_share` of each sequence that trains validates instead, as NAME-end.
+    Raises ValueError for two sequences of the same name and for a `splits.json` with
+    other splits, and UsageError for `splits` of unknown sequences.
     """
-    path = Path(path).absolute()
+    paths = [path] if isinstance(path, str | Path) else [*path]
     options = tuple((k, v) for k, v in sorted(opening.items()) if v is not None)
+    found = [source for p in paths for source in _sources(Path(p).absolute(), options)]
+    names = [source.name for source in found]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise ValueError(
+            f"{', '.join(map(str, paths))}: more than one sequence is named "
+            f"{sorted(twice)[0]}: prepare them into different folders"
+        )
+    wanted = dict(splits or {})
+    for name, split in wanted.items():
+        if name not in names:
+            near = difflib.get_close_matches(name, names, 1) or [", ".join(names)]
+            raise UsageError(f"no sequence {name!r} to put into {split}: {near[0]}?")
+    if not 0 <= validation_share < 1:
+        raise UsageError(f"{validation_share=}, expected 0 to less than 1")
+    found = [s._replace(split=wanted.get(s.name, s.split)) for s in found]
+    return tuple(part for s in found for part in _parts(s, validation_share))
+
+
+def _parts(source: Source, share: float) -> tuple[Source, ...]:
+    """A sequence, or its first part, which trains, and its last, which validates."""
+    if not share or source.split != "train":
+        return (source,)
+    end = {"name": f"{source.name}-end", "split": "validation"}
+    return (
+        source._replace(part=(0.0, 1 - share)),
+        source._replace(part=(1 - share, 1.0), **end),
+    )
+
+
+def _sources(path: Path, options: Any) -> tuple[Source, ...]:
+    """The recording at a path, or those in this folder, by name."""
     found, splits = [path], {}
     if path.is_dir() and not is_recording(path):
         inside = (p for pattern in ("*", "*/*") for p in path.glob(pattern))
@@ -73,11 +132,6 @@ def find_sources(path: Path | str, **opening: Any) -> tuple[Source, ...]:
                 f"{listed}: {name} is in {json.dumps(split)}, expected one of {SPLITS}"
             )
     names = [p.name if p.is_dir() else p.stem for p in found]
-    if twice := {name for name in names if names.count(name) > 1}:
-        raise ValueError(
-            f"{path} contains more than one sequence named {sorted(twice)[0]}: prepare "
-            "them into different folders"
-        )
     return tuple(
         Source(name, splits.get(name) or usual_split(name), str(p), options)
         for name, p in zip(names, found, strict=True)

@@ -106,6 +106,40 @@ def test_a_file_of_splits_overrides_the_paper(tmp_path):
         find_sources(tmp_path)
 
 
+def test_splits_by_name_override_all_others(tmp_path):
+    write_sequence(tmp_path, "a", frames=1)
+    write_sequence(tmp_path, "b", frames=1)
+    write_splits(tmp_path, {"b": "validation"})
+    found = find_sources(tmp_path, splits={"a": "test", "b": "train"})
+    assert [s.split for s in found] == ["test", "train"]
+    assert find_sources([tmp_path / "b", tmp_path / "a"])[0].name == "b"
+    with pytest.raises(UsageError, match="no sequence 'c' to put into test: "):
+        find_sources(tmp_path, splits={"c": "test"})
+    with pytest.raises(UsageError, match="validation_share=1, expected 0 to less"):
+        find_sources(tmp_path, validation_share=1)
+
+
+@pytest.mark.parametrize("times", [True, False])
+def test_the_end_of_a_recording_validates_apart_from_its_beginning(tmp_path, times):
+    write_sequence(tmp_path, "a", frames=1)
+    first, last = find_sources(tmp_path, validation_share=0.25)
+    assert (first.split, last.split) == ("train", "validation")
+    assert (first.name, last.name) == ("a", "a-end")
+
+    class Walk:
+        def __init__(self):
+            self.cubes, self.stamps = self, np.arange(400) * 0.05 if times else None
+
+        def __len__(self):
+            return 400
+
+    # 2 s, or 20 frames, lie between the two.
+    gap = 40 if times else 20
+    assert first.frames(Walk(), slice(None)) == range(300 - gap)
+    assert last.frames(Walk(), slice(None)) == range(300, 400)
+    assert last.frames(Walk(), slice(0, 200)) == range(150, 200)
+
+
 def test_a_second_run_writes_only_missing_shards_and_keeps_the_users_files(
     root, prepared, tmp_path
 ):
