@@ -5,9 +5,10 @@
     FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
     FOLDER/replay/            simulated frames, so that nothing is forgotten
 
-Each batch holds a share of old frames. The weights with the best F-score on the
-validation frames are kept, those of the model as it was included. The confidence is
-then fitted to the validation frames.
+A scan tells nothing of the pixels between its beams, so these are not learnt: they are
+most of an image, for one frame of a Livox. Each batch holds a share of old frames. The
+weights with the best F-score on the validation frames are kept, those of the model as
+it was included. The confidence is then fitted to the validation frames.
 """
 
 import dataclasses
@@ -35,6 +36,8 @@ from jradar.range_image import (
     encode_target,
     fit_trust,
     image_cloud,
+    pattern_reach,
+    told_pixels,
 )
 from jradar.range_image.trust import LEAST_FRAMES
 from jradar.viz import learning_curve_figure, save_figure
@@ -306,6 +309,10 @@ def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
     sources = [(pairs, spec.batch_size)]
     if old is not None and share:
         sources = [(pairs, spec.batch_size - share), (_pairs(model, old), share)]
+    reach = max(
+        pattern_reach(np.stack([source[i].lidar for i in spread(len(source), JUDGED)]))
+        for source, _ in sources
+    )
     parts = [
         data.Batches(source, seed=spec.seed, batch_size=count, change=change)
         for source, count in sources
@@ -317,7 +324,8 @@ def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
         lidar: Any = np.concatenate([batch.lidar for batch in found])
         closed = close_gaps(lidar, reach=GAP_PIXELS)
         target = encode_target(closed, model.spec.fine, codec=model.spec.codec)
-        return training.Batch(condition, target)
+        told = told_pixels(closed, reach=reach)[..., None]
+        return training.Batch(condition, target.at[..., 1:].multiply(told))
 
     return batch_at
 
@@ -377,13 +385,26 @@ def _rounded(scores: dict[str, float]) -> dict[str, float]:
 
 
 def _denoising(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
-    """Eq. 12 with the weights of the shipped models' training."""
+    """Eq. 12 with the weights of the shipped models' training, where scans tell."""
     weights = diffusion.LossSpec(range_weight=4.0)
-    return diffusion.denoising_loss(key, denoise, clean, weights=weights, **given)
+    mask = jnp.broadcast_to(clean[..., 1:] != 0, clean.shape)
+    return diffusion.denoising_loss(
+        key, denoise, clean, weights=weights, mask=mask, **given
+    )
+
+
+def _regression(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
+    """The squared error where scans tell: elsewhere, the estimate is the truth."""
+    told = clean[..., 1:] != 0
+
+    def answer(x: Any, sigma: Any) -> Any:
+        return jnp.where(told, denoise(x, sigma), clean)
+
+    return diffusion.regression_loss(key, answer, clean, range_weight=4.0, **given)
 
 
 LOSSES: dict[str, Callable[..., jax.Array]] = {
     "diffusion": _denoising,
-    "regression": functools.partial(diffusion.regression_loss, range_weight=4.0),
+    "regression": _regression,
     "marginal": diffusion.mixture_loss,
 }

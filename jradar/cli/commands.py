@@ -165,8 +165,8 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
 
     try:
         chosen = given(options, "steps", "learning_rate")
-        if options.replay is not None:
-            chosen["replay"] = options.replay
+        if options.replay_share is not None:
+            chosen["replay"] = options.replay_share
         spec = FinetuneSpec(**chosen, seed=options.seed)
     except ValueError as error:
         raise UsageError(str(error)) from error

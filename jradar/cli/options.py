@@ -285,7 +285,9 @@ def _finetune(sub):
     text = "peak of the learning rate (default: 3e-4)"
     groups.option(sub, "--learning-rate", "RATE", text, type=values.positive)
     text = "share of old frames in each batch, so that nothing is forgotten "
-    groups.option(sub, "--replay", "P", text + "(default: 0.25)", type=values.share)
+    groups.option(
+        sub, "--replay-share", "P", text + "(default: 0.25)", type=values.share
+    )
     text = "records of old frames (default: simulated ones, made in three minutes)"
     groups.option(sub, "--replay-records", "FOLDER", text)
     groups.seed(sub, "random seed of the batches")

@@ -92,11 +92,13 @@ def mixture_loss(
 ) -> Float[Array, ""]:
     """Return the negative log-likelihood of range and return, a mean over pixels.
 
+    Where the validity of `clean` is 0, it is not known whether there was a return.
     It is called as `denoising_loss` is; `key` is not used.
     """
     mixture = range_mixture(denoise, clean.shape, noise=noise)
     hit = clean[..., 1] > 0
-    returned = jax.nn.log_sigmoid(jnp.where(hit, 1, -1) * mixture.returned)
+    sign = jnp.sign(clean[..., 1])
+    returned = jnp.abs(sign) * jax.nn.log_sigmoid(sign * mixture.returned)
     away = (clean[..., :1] - mixture.centre) / mixture.scale
     density = (  # of the logistic distribution, in logarithms
         jax.nn.log_sigmoid(away) + jax.nn.log_sigmoid(-away) - jnp.log(mixture.scale)

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jradar.range_image.grid import ImageSpec
@@ -24,6 +25,8 @@ from jradar.types import PointCloud
 
 CHANNELS = ("presence", "range", "power")  # of each slice of the condition
 DYNAMIC_RANGE_DB = 60.0  # power further below the strongest point is coded as 0
+SEEN_HITS = 5.0  # in a window that would show a surface
+BLOCK = 8  # rows and columns in which there are hits, or not
 ALIKE = 0.05  # share by which two ranges of one surface differ at most
 
 Image = Float[Array, "*batch row column"]
@@ -151,6 +154,38 @@ def close_gaps(image: Image, *, reach: int = 2) -> Image:
             found = jnp.where(alike, between, nearer)
             filled = jnp.where((filled == 0) & (nearer > 0), found, filled)
     return filled
+
+
+@functools.partial(jax.jit, static_argnames="reach")
+def told_pixels(image: Image, *, reach: int) -> Bool[Array, "*batch row column"]:
+    """Return the pixels that a scan tells about: its hits, and misses away from these.
+
+    A miss within `reach` rows and columns of a hit may lie between two beams. See
+    `pattern_reach`.
+    """
+    hit = image > 0
+    window = (1,) * (image.ndim - 2) + (2 * reach + 1, 2 * reach + 1)
+    near = jax.lax.reduce_window(
+        image, 0.0, jax.lax.max, window, (1,) * image.ndim, "SAME"
+    )
+    return hit | (near == 0)
+
+
+def pattern_reach(images: Float[np.ndarray, "*batch row column"]) -> int:
+    """Return within how many pixels the scans would have hit a surface; host.
+
+    It is the smallest window that holds `SEEN_HITS` hits on average where there are
+    any: 2 for an Ouster of 64 beams, 4 for one frame of a Livox.
+    """
+    hit = np.asarray(images) > 0
+    rows, columns = (size // BLOCK * BLOCK for size in hit.shape[-2:])
+    hit = hit[..., :rows, :columns]
+    blocks = hit.reshape(*hit.shape[:-2], rows // BLOCK, BLOCK, columns // BLOCK, BLOCK)
+    share = blocks.mean((-3, -1))
+    if not share.any():
+        return 0
+    density = share[share > 0].mean()
+    return math.ceil((math.sqrt(SEEN_HITS / density) - 1) / 2)
 
 
 def fill_misses(value: Image, hit: Bool[Array, "*batch row column"]) -> Image:

@@ -14,7 +14,7 @@ from jradar.range_image import (
     encode_range,
     encode_target,
 )
-from jradar.range_image.codec import CODECS, fill_misses
+from jradar.range_image.codec import CODECS, fill_misses, pattern_reach, told_pixels
 from jradar.types import PointCloud
 
 FILL = jax.jit(fill_misses)
@@ -111,3 +111,23 @@ def test_gradients_of_points_without_power_are_finite():
     for powers in ([0.0, 0.0], [0.0, 2.0], [1e-25, 1.0]):
         for part in slopes(cloud.xyz, jnp.array(powers)):
             assert np.isfinite(part).all()
+
+
+def test_a_scan_tells_of_hits_and_of_misses_away_from_them():
+    image = np.zeros((8, 9), np.float32)
+    image[2, 3] = 5.0
+    told = np.asarray(told_pixels(image, reach=2))
+    assert told[2, 3]
+    assert not told[2, 4]
+    assert not told[4, 5]
+    assert told[2, 6]
+    assert told[5, 3]
+    assert told_pixels(image, reach=0).all()
+
+
+@pytest.mark.parametrize(("density", "reach"), [(1.0, 1), (0.25, 2), (0.05, 5), (0, 0)])
+def test_the_reach_of_a_pattern_grows_as_it_thins_out(density, reach):
+    rng = np.random.default_rng(0)
+    wall = rng.random((4, 64, 128)) < density
+    wall[:, :, 64:] = False  # open space has no pattern
+    assert pattern_reach(np.float32(wall)) == reach
