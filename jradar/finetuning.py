@@ -42,6 +42,7 @@ from jradar.range_image import (
 from jradar.range_image.trust import LEAST_FRAMES
 from jradar.viz import learning_curve_figure, save_figure
 
+RUN = "finetune.json"  # what is fine-tuned, and how
 BEST = "best.json"  # of the evaluations so far
 GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 JUDGED = 32  # validation frames of an evaluation
@@ -116,7 +117,9 @@ def finetune(
     resumes a run that was stopped. Raises UsageError for records without a training or
     a validation split, and for a folder of another run.
     """
-    start, folder = load_model(model), Path(folder)
+    folder = Path(folder)
+    _check_contents(folder)  # before a lock is left there
+    start = load_model(model)
     own, checked = _split(records, "train"), _split(records, "validation")
     start = dataclasses.replace(start, spec=_spec_for(start, own))
     with lock_folder(folder):
@@ -127,7 +130,7 @@ def finetune(
             "replay": None if replay is None else str(replay),
             **dataclasses.asdict(spec),
         }
-        _check_run(folder, run)
+        _check_run(folder / RUN, run)
         old = None
         if spec.replay:
             made = _simulated(folder / "replay", own) if replay is None else replay
@@ -251,25 +254,28 @@ class LidarView:
 VIEW = tuple(field.name for field in dataclasses.fields(LidarView))
 
 
-def _check_run(folder: Path, run: dict[str, Any]) -> None:
-    """Record what a run is; UsageError for the folder of another one."""
-    path = folder / "finetune.json"
-    if path.exists():
-        found = read_json(path)
-        changed = [k for k in run if found.get(k) != run[k]]
-        if changed:
-            key = changed[0]
-            raise UsageError(
-                f"{folder} holds a run with {key} = {found.get(key)}, now {run[key]}: "
-                "choose another output"
-            )
-        return
-    if others := sorted(p.name for p in folder.glob("[!.]*")):
+def _check_contents(folder: Path) -> None:
+    """Raise UsageError for a folder with other contents than those of a run."""
+    others = sorted(path.name for path in folder.glob("[!.]*"))
+    if others and not (folder / RUN).is_file():
         raise UsageError(
             f"{folder} holds {others[0]}, which is not of a fine-tuning: choose "
             "another output"
         )
-    write_text(path, json.dumps(run, indent=2) + "\n")
+
+
+def _check_run(path: Path, run: dict[str, Any]) -> None:
+    """Record what a run is; UsageError for the folder of another one."""
+    if not path.exists():
+        write_text(path, json.dumps(run, indent=2) + "\n")
+        return
+    found = read_json(path)
+    for key in run:
+        if found.get(key) != run[key]:
+            raise UsageError(
+                f"{path.parent} holds a run with {key} = {found.get(key)}, now "
+                f"{run[key]}: choose another output"
+            )
 
 
 def _simulated(folder: Path, own: Records) -> Path:

@@ -66,6 +66,7 @@ def commands(run, uncalibrated, model_folder, map_model_folder):
         "my.toml": ["calibrate", uncalibrated],
         "walk.tum": ["odometry", run],
         "map": ["map", run, "--model", map_model_folder],
+        "finetune": ["finetune", run, "--model", model_folder],
         "prepare": prepare,
         "preview": [*prepare, "--preview"],
         "scene": scene,
@@ -88,6 +89,7 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         "live": "000000/radar.ply was not written by this command",
         "walk.tum": "walk.tum was not written by this command",
         "map": "map.ply was not written by this command",
+        "finetune": "which is not of a fine-tuning",
         "prepare": "own is neither empty nor a folder of records, it holds ",
         "preview": "preparation.png was not written by this command",
         "scene": "calib holds notes.txt but no simulated.txt",
@@ -101,7 +103,9 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
             output = own / f"out{name[-5:]}"
         found = refused(*words, "-o", output, code=4 if name == "set" else 2)
         assert str(output) in found and said.get(name, "") in found
-        forced = words[0] not in ("prepare", "simulate") or "--preview" in words
+        forced = (
+            words[0] not in ("prepare", "finetune", "simulate") or "--preview" in words
+        )
         assert ("--force" in found) == (forced and name != ""), found
         assert hashes(own) == before, name
 
@@ -130,6 +134,7 @@ def test_a_second_run_replaces_the_first_and_nothing_else(
     pytest.importorskip("flatbuffers")
     before, new = hashes(own), own / "new"
     commands = {k: words for k, words in commands.items() if (k in LONG) == long}
+    commands.pop("finetune", None)  # it resumes, see tests/test_finetuning.py
     for name, words in commands.items():
         run_json(*words, "-o", new / name)
     (new / "notes.txt").write_bytes(WORK)
