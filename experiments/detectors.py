@@ -6,9 +6,9 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from experiments.evaluate import View, points_of, spread
+from experiments.evaluate import View, points_of
 from jradar import data
-from jradar.evaluation import Method, score_points
+from jradar.evaluation import Method, score_points, spread
 from jradar.lidar import shared_field_of_view
 from jradar.radar import DETECTORS, Radar, cell_points, detect
 from jradar.types import PointCloud

@@ -13,14 +13,11 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.confidence import with_confidence
 from experiments.detectors import choose_rates, detector_methods
 from experiments.evaluate import (
     Frame,
     View,
-    mean_scores,
     points_of,
-    spread,
     write_results,
 )
 from experiments.train import Training
@@ -28,21 +25,17 @@ from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
 from jradar.data.sources import SPLITS
 from jradar.errors import UsageError
-from jradar.evaluation import Method
+from jradar.evaluation import Method, mean_scores, spread, with_confidence
+from jradar.finetuning import trust_of
 from jradar.model import Model, draw, load_model, save_model
 from jradar.radar import DETECTORS
 from jradar.range_image import (
-    TrustTable,
     close_gaps,
-    condition_features,
     encode_target,
-    fit_trust,
     image_cloud,
 )
-from jradar.range_image.trust import LEAST_FRAMES
 
 FRAMES_IN_FIGURE = 4
-FRAMES_FOR_TRUST = 1200
 ONE_ANSWER = {  # rows of methods that draw no samples, if not "jradar, METHOD"
     "regression": "direct regression",
     "marginal": "jradar, one pass",
@@ -138,15 +131,6 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     )
 
 
-def trust_of(pairs: data.PairSource) -> TrustTable | None:
-    """Return what the conditions of training look like; None for too few frames."""
-    if len(pairs) < LEAST_FRAMES:
-        return None
-    chosen = spread(len(pairs), FRAMES_FOR_TRUST)
-    features = [np.asarray(condition_features(pairs[i].condition)) for i in chosen]
-    return fit_trust(np.stack(features))
-
-
 def validate(
     config: ConfigDict, model: Model, records: data.Records, *, picture: Path
 ) -> dict[str, float]:
@@ -163,7 +147,8 @@ def validate(
         name: np.stack([data.lidar_image(points_of(clouds[i]), fine) for i in some]),
     }
     viz.save_figure(viz.samples_figure(columns, fine), picture)
-    return mean_scores(clouds, [frame.prepared for frame in frames])
+    truths = [frame.prepared.lidar_xyz for frame in frames]
+    return mean_scores(map(points_of, clouds), truths)
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:

@@ -7,7 +7,7 @@ a dictionary of methods on records, and writes
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jradar import data, evaluation, viz
-from jradar.evaluation import Method
+from jradar.evaluation import Method, spread
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
 from jradar.range_image import ImageSpec, unproject
@@ -80,35 +80,6 @@ def scene_of(sequence: str) -> str:
         return data.scene(sequence)
     except ValueError:
         return sequence.rpartition("_")[0] or sequence
-
-
-def spread(total: int, count: int) -> list[int]:
-    """Return at most `count` indices, evenly spread over `total` items."""
-    return np.linspace(0, total - 1, min(count, total)).astype(int).tolist()
-
-
-def mean_scores(
-    clouds: Sequence[PointCloud], frames: Sequence[data.PreparedFrame]
-) -> dict[str, float]:
-    """Return the mean Chamfer distance and F-score at 0.2 m of some frames.
-
-    By the rule of the tables, an empty cloud has no distance and an F-score of 0;
-    `empty` is the share of such frames. A frame with an empty truth is left out.
-    """
-    pairs = zip(map(points_of, clouds), frames, strict=True)
-    found = [(xyz, frame.lidar_xyz) for xyz, frame in pairs if len(frame.lidar_xyz)]
-    scores = [evaluation.score_points(xyz, truth) for xyz, truth in found]
-    return {
-        "chamfer": known_mean(score["chamfer"] for score in scores),
-        "f_score_0.2": known_mean(score["f_score_0.2"] for score in scores),
-        "empty": known_mean(not len(xyz) for xyz, _ in found),
-    }
-
-
-def known_mean(values: Iterable[float]) -> float:
-    """Return the mean of the values that are not NaN, or NaN if there is none."""
-    known = [value for value in values if not np.isnan(value)]
-    return float(np.mean(known)) if known else np.nan
 
 
 def write_results(

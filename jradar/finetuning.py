@@ -31,6 +31,7 @@ from jradar.fields import typed_fields
 from jradar.files import lock_folder, read_json, write_text
 from jradar.model import Card, Model, draw, load_model, save_model
 from jradar.range_image import (
+    TrustTable,
     close_gaps,
     condition_features,
     encode_target,
@@ -193,7 +194,8 @@ def _trained(folder, start, own, checked, old, spec, name):
     found = dataclasses.replace(
         found,
         card=_card(start.card, own, old, kept["step"], name),
-        trust=_trust(pairs, old and _pairs(start, old)) or start.trust,
+        trust=trust_of(pairs, *([] if old is None else [_pairs(start, old)]))
+        or start.trust,
     )
     key = jax.random.fold_in(jax.random.key(spec.seed), 1)
     found = with_confidence(key, found, checked)
@@ -361,13 +363,12 @@ def _keep(path: Path, model: Model, step: int, scores: dict[str, float]) -> None
     write_text(path, json.dumps({"step": step, "scores": scores}) + "\n")
 
 
-def _trust(pairs, old) -> Any:
-    """Return what conditions looked like in training; None for too few frames."""
+def trust_of(*sources: data.PairSource) -> TrustTable | None:
+    """Return what conditions look like in training; None for too few frames."""
     features = [
-        np.asarray(condition_features(source[i].condition))
-        for source in (pairs, old)
-        if source is not None
-        for i in spread(len(source), TRUSTED)
+        np.asarray(condition_features(pairs[i].condition))
+        for pairs in sources
+        for i in spread(len(pairs), TRUSTED)
     ]
     return fit_trust(np.stack(features)) if len(features) >= LEAST_FRAMES else None
 
@@ -390,27 +391,22 @@ def _rounded(scores: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in scores.items()}
 
 
-def _denoising(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
-    """Eq. 12 with the weights of the shipped models' training, where scans tell."""
-    weights = diffusion.LossSpec(range_weight=4.0)
-    mask = jnp.broadcast_to(clean[..., 1:] != 0, clean.shape)
-    return diffusion.denoising_loss(
-        key, denoise, clean, weights=weights, mask=mask, **given
-    )
+def _where_told(loss: Callable[..., jax.Array], **options: Any) -> Callable[..., Any]:
+    """Return the loss of images with no error where a scan does not tell."""
+
+    def told(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
+        def answer(x: Any, sigma: Any) -> Any:
+            return jnp.where(clean[..., 1:] != 0, denoise(x, sigma), clean)
+
+        return loss(key, answer, clean, **options, **given)
+
+    return told
 
 
-def _regression(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
-    """The squared error where scans tell: elsewhere, the estimate is the truth."""
-    told = clean[..., 1:] != 0
-
-    def answer(x: Any, sigma: Any) -> Any:
-        return jnp.where(told, denoise(x, sigma), clean)
-
-    return diffusion.regression_loss(key, answer, clean, range_weight=4.0, **given)
-
-
-LOSSES: dict[str, Callable[..., jax.Array]] = {
-    "diffusion": _denoising,
-    "regression": _regression,
+LOSSES: dict[str, Callable[..., jax.Array]] = {  # with the weights of shipped models
+    "diffusion": _where_told(
+        diffusion.denoising_loss, weights=diffusion.LossSpec(range_weight=4.0)
+    ),
+    "regression": _where_told(diffusion.regression_loss, range_weight=4.0),
     "marginal": diffusion.mixture_loss,
 }

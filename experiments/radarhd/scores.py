@@ -29,10 +29,10 @@ from jaxtyping import Bool, Float, Int
 from ml_collections import ConfigDict
 
 from experiments.build import SAMPLE_KEY, random_key
-from experiments.evaluate import known_mean
 from experiments.radarhd.model import Answers
 from experiments.radarhd.pairs import LIDAR, MAX_RANGE_M, PolarItems, PolarPair, RadarHD
 from jradar import evaluation
+from jradar.evaluation import known_mean
 
 # Limits of the drawn value to choose from: evenly spaced log-odds.
 LIMITS = 1 / (1 + np.exp(-np.arange(-5.0, 4.1, 0.25)))

@@ -17,13 +17,14 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.detectors import best_choice, seen_points
-from experiments.evaluate import View, mean_scores, spread, view_of, write_results
+from experiments.evaluate import View, points_of, view_of, write_results
 from experiments.rpdnet.labels import LabelledMaps
 from experiments.rpdnet.loss import make_rpdnet_step, rpdnet_params
 from experiments.train import Training
 from experiments.weights import load_weights
 from jradar import data, diffusion, training
 from jradar.baselines import RPDNet, map_values
+from jradar.evaluation import mean_scores, spread
 from jradar.types import PointCloud
 
 LIMITS = (0.05, 0.15, 0.25, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the probability
@@ -82,7 +83,7 @@ def validate(
     limit, score = choose_limit(view, probability, records, frames=count)
     frames = [records[i] for i in spread(len(records), count)]
     clouds = [marked_points(frame, view, probability, limit) for frame in frames]
-    scores = mean_scores(clouds, frames)
+    scores = mean_scores(map(points_of, clouds), [f.lidar_xyz for f in frames])
     return {"chamfer": scores["chamfer"], "f_score_0.2": score, "limit": limit}
 
 

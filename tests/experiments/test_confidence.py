@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from experiments import confidence
-from experiments.confidence import Judged, least_confidence
 from experiments.configs import marginal, regression
 from jradar.data import Records
+from jradar.evaluation.confidence import Judged, judged, least_confidence
 from jradar.model import load_model, save_model
 from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 
@@ -45,14 +45,14 @@ def test_the_command_fits_the_confidence_to_other_records(records, made, tmp_pat
         points._replace(
             confidence=np.asarray(frequency(points.confidence, fitted.confidence))
         )
-        for points in confidence.judged(key, plain, frames)
+        for points in judged(key, plain, frames)
     ]
     said = np.concatenate([part.confidence for part in found])
     right = np.concatenate([part.right for part in found])
     # Isotonic regression keeps the mean; the 33 knots round it.
     assert 0 < right.mean() < 0.9
     np.testing.assert_allclose(said.mean(), right.mean(), atol=0.02)
-    least = confidence.least_confidence(found)
+    least = least_confidence(found)
     assert float(fitted.confidence.least) == pytest.approx(least)
 
 

@@ -12,7 +12,6 @@ from experiments.configs import regression
 from experiments.detectors import detected, detector_methods, seen_points, smeared
 from experiments.evaluate import (
     Frame,
-    mean_scores,
     points_of,
     score_records,
     view_of,
@@ -20,6 +19,7 @@ from experiments.evaluate import (
 )
 from jradar import data
 from jradar.errors import UsageError
+from jradar.evaluation import mean_scores
 from jradar.model import Model
 from jradar.radar import PointSpec
 from jradar.range_image import encode_range
@@ -29,10 +29,9 @@ from tests.recordings.small_sequence import write_sequence
 
 def test_validation_follows_the_tables_rule_for_frames_without_points(records):
     frame = data.Records(records, "train")[0]
-    perfect = PointCloud.from_xyz(frame.lidar_xyz)
-    nothing = PointCloud.from_xyz(np.zeros((4, 3)))
-    no_truth = frame._replace(lidar_xyz=np.zeros((0, 3), np.float32))
-    found = mean_scores([perfect, nothing, perfect], [frame, frame, no_truth])
+    perfect, nothing = frame.lidar_xyz, np.zeros((0, 3))
+    truths = [perfect, perfect, nothing]
+    found = mean_scores([perfect, nothing, perfect], truths)
     assert found == {
         "chamfer": pytest.approx(0, abs=1e-5),
         "f_score_0.2": pytest.approx(0.5),
