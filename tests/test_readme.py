@@ -21,8 +21,9 @@ from jradar.recordings import open_recording, read_description
 
 ROOT = Path(__file__).parents[1]
 GUIDE, STREAM = "jradar/recordings/README", "jradar/stream/README"
+RIG = "jradar/data/README"
 EXPERIMENTS = "experiments/README", "experiments/RESULTS"
-FILES = "README", GUIDE, STREAM, *EXPERIMENTS, "benchmarks/README"
+FILES = "README", GUIDE, STREAM, RIG, *EXPERIMENTS, "benchmarks/README"
 TEXTS = {name: (ROOT / f"{name}.md").read_text() for name in FILES}
 README = TEXTS["README"]
 

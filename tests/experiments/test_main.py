@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import build, main as command, rpdnet, train
+from experiments import build, main as command, maps, rpdnet, train
 from experiments.configs import smoke
 from experiments.radarhd.model import networks
 from experiments.train import flat
@@ -211,11 +211,15 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
         network, noise = networks(config)
         assert network.outputs == 1 and noise.prediction.name == "occupancy"
         return
+    if config.task == "maps":
+        found, _ = shapes_of(maps.network(config), (1, 64, 64, 65), (1, 64, 64, 67))
+        assert found == (1, 64, 64, 65)
+        return
     if config.task == "rpdnet":
-        maps = jnp.zeros((2, 128, 128, 1))
+        power = jnp.zeros((2, 128, 128, 1))
         network = rpdnet.build_detector(config)
-        logits, _ = jax.eval_shape(network.init_with_output, jax.random.key(0), maps)
-        assert logits.shape == maps.shape
+        logits, _ = jax.eval_shape(network.init_with_output, jax.random.key(0), power)
+        assert logits.shape == power.shape
         return
     spec = build.build_spec(config, Records(records, "train"))
     assert spec.points.false_alarm_rate == 1.0
