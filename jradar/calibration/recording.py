@@ -161,6 +161,21 @@ def _hidden(radar: RadarSpec, *, reflector: bool, level: bool) -> Iterator[str]:
     if not reflector:
         yield "a turn of all azimuths: the phase's slope along the columns is kept"
         if radar.has_elevation and not level:
-            yield "a tilt of all elevations: the phase's slope along the rows is kept"
+            yield (
+                "a tilt of all elevations: the phase's slope along the rows is kept"
+                + _alone_in_its_row(radar)
+            )
         yield "the range bias: it is kept"
     yield "a gain and a phase that all channels share"
+
+
+def _alone_in_its_row(radar: RadarSpec) -> str:
+    """Name the transmitter whose antennas alone are the upper of two rows."""
+    rows = radar.virtual_positions[:, 1].reshape(radar.num_tx, radar.num_rx)
+    values = sorted({*rows.ravel().tolist()})
+    if len(values) == 2:
+        for value in values[::-1]:
+            on_it = np.flatnonzero((rows == value).any(1))
+            if len(on_it) == 1 and (rows[on_it[0]] == value).all():
+                return f" (here the phase of transmitter {on_it[0]})"
+    return ""

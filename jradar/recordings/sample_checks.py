@@ -4,6 +4,7 @@
                       was stronger, and its distortion looks like further echoes
     other byte order  big-endian samples read as little-endian
     offset binary     unsigned samples, 0 at the most negative voltage
+    other antennas    chirps that repeat with another number of transmitters
 
 `check_samples` takes a frame as it was recorded, before any calibration.
 """
@@ -37,6 +38,10 @@ FLOOR_DB = 10.0
 # transmitter adds a constant of a few per cent.
 MIDDLE = 1 / 8
 CHIRPS = 256  # whose spectra are compared
+# Echoes of chirps from the same antenna agree, but for the phase of motion that all
+# share in a range bin; those from different antennas differ in phase by direction.
+STRONG_BINS = 8
+AGREE, APART = 0.9, 0.3  # of correlations
 READINGS = {
     "in the other byte order": (
         lambda words: words.byteswap(),
@@ -82,6 +87,7 @@ def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
     full_scale, share = _clipping(parts)
     if parts.min() >= -(2**15) and parts.max() < 2**15:
         doubts += _code_doubts(parts[:, :CHIRPS].astype(np.int16))
+    doubts += _antenna_doubts(cube)
     if full_scale and share > CLIPPED_SHARE and not doubts:
         doubts.append(
             f"{share:.1%} of the samples are at full scale ({full_scale - 1:,}): the "
@@ -136,6 +142,35 @@ def _code_doubts(words: Int16[np.ndarray, "part chirp sample"]):
         yield (
             f"the samples look like numbers {best}, because the noise floor is then "
             f"{below:.0f} dB lower: {READINGS[best][1]}"
+        )
+
+
+def _antenna_doubts(cube):
+    """Yield a warning if the chirps repeat with another number of antennas."""
+    count = len(cube)
+    in_time = np.moveaxis(cube, 2, 0).reshape(-1, *cube.shape[1::2])[:CHIRPS]
+    spectra = np.fft.fft(in_time * np.hanning(cube.shape[-1]))
+    spectra = spectra[..., 2 : cube.shape[-1] // (1 if np.iscomplexobj(cube) else 2)]
+    power = (np.abs(spectra) ** 2).sum((0, 1))
+    strong = spectra[..., np.argsort(power)[-STRONG_BINS:]]
+
+    def agreement(chirps):
+        late, early = strong[chirps:], strong[: len(strong) - chirps]
+        both = np.abs((late * early.conj()).sum((0, 1)))
+        alone = np.sqrt(
+            (np.abs(late) ** 2).sum((0, 1)) * (np.abs(early) ** 2).sum((0, 1))
+        )
+        return float(np.median(both / np.maximum(alone, 1e-12)))
+
+    if len(strong) < 12 or not strong.size:
+        return
+    taken = agreement(count)
+    found = {n: agreement(n) for n in (2, 3) if n != count}
+    best = max(found, key=lambda n: found[n])
+    if found[best] > AGREE and found[best] - taken > APART:
+        yield (
+            f"the chirps repeat after {best}, not after {count} as described: targets "
+            f"appear as {best} ghosts; describe the radar with {best} transmit antennas"
         )
 
 

@@ -1,8 +1,12 @@
 """Doubts about samples: clipped, in another byte order or code; no false alarms."""
 
+import dataclasses
+
+import jax
 import numpy as np
 import pytest
 
+from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.recordings import check_samples, open_recording, with_sample_doubts
 from tests.recordings.cube_writer import SHAPE, random_cube, save
 
@@ -119,3 +123,30 @@ def test_doubts_are_notes_of_a_recording(tmp_path):
     silent = open_recording(save(tmp_path, np.zeros(SHAPE, np.complex64)))
     [note] = with_sample_doubts(silent, 0).notes
     assert note.startswith("frame 0: all samples are zero: did the radar send")
+
+
+def split(cube, count):
+    """The same chirps, taken for those of another number of antennas."""
+    in_time = np.moveaxis(cube, 2, 0).reshape(-1, *cube.shape[1::2])
+    parts = in_time.reshape(-1, count, *in_time.shape[1:])
+    return np.moveaxis(np.moveaxis(parts, 1, 0), 1, 2)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.4, 3.0])
+@pytest.mark.parametrize(("sent", "taken"), [(3, 2), (2, 3), (2, 1), (3, 1)])
+def test_chirps_of_another_number_of_antennas_are_named(sent, taken, speed):
+    full = RadarSpec.awr1843(num_chirps=48, num_samples=64)
+    radar = dataclasses.replace(
+        full,
+        tx_positions=full.tx_positions[:sent],
+        tx_firing_order=tuple(range(sent)),
+    )
+    key = jax.random.key(0)
+    place = jax.random.uniform(key, (12, 3), minval=-3.0, maxval=3.0)
+    targets = Scatterers(
+        place + np.array([6.0, 0, 0]), np.full(12, speed), np.full(12, 3e3)
+    )
+    cube = np.rint(np.asarray(simulate_cube(key, targets, radar, noise_power=1.0)))
+    assert check_samples(cube).doubts == ()
+    (doubt,) = check_samples(split(cube, taken)).doubts
+    assert f"repeat after {sent}, not after {taken}" in doubt
