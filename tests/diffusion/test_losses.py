@@ -105,7 +105,7 @@ def test_the_estimate_is_the_networks_output():
 
 def test_the_mean_of_all_answers_has_the_least_squared_error():
     rng = np.random.default_rng(0)
-    clean = rng.integers(-8, 9, size=(64, 2, 2, 1)).astype(np.float32) / 8
+    clean = jnp.asarray(rng.integers(-8, 9, size=(64, 2, 2, 1)).astype(np.float32) / 8)
     gradient = jax.grad(
         lambda image: regression_loss(KEY, constant(image), clean, noise=NOISE)
     )
