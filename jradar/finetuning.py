@@ -5,7 +5,7 @@
     FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
     FOLDER/replay/            simulated frames, so that nothing is forgotten
 
-A scan tells nothing of the pixels between its beams, so these are not learnt: they are
+The pixels between the beams of a scan are not observed, and not learnt: they are
 most of an image, for one frame of a Livox. Each batch holds a share of old frames. The
 weights with the best F-score on the validation frames are kept, those of the model as
 it was included. The confidence is then fitted to the validation frames.
@@ -30,6 +30,7 @@ from jradar.evaluation import mean_scores, spread, with_confidence
 from jradar.fields import typed_fields
 from jradar.files import lock_folder, read_json, write_text
 from jradar.model import Card, Model, draw, load_model, save_model
+from jradar.progress import progress
 from jradar.range_image import (
     TrustTable,
     close_gaps,
@@ -37,8 +38,8 @@ from jradar.range_image import (
     encode_target,
     fit_trust,
     image_cloud,
+    observed_pixels,
     pattern_reach,
-    told_pixels,
 )
 from jradar.range_image.trust import LEAST_FRAMES
 from jradar.viz import learning_curve_figure, save_figure
@@ -48,6 +49,7 @@ BEST = "best.json"  # of the evaluations so far
 GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 JUDGED = 32  # validation frames of an evaluation
 EVALUATIONS = 8
+VIEW = ("azimuth", "elevation", "max_range_m")
 TRUSTED = 1200  # most frames of the table of trust
 REPLAYED = ("hallways", "mine", "lab", "outdoor", "corridor", "hall", "home", "forest")
 REPLAY_SEEDS = (0, 1000)
@@ -122,7 +124,7 @@ def finetune(
     _check_contents(folder)  # before a lock is left there
     start = load_model(model)
     own, checked = _split(records, "train"), _split(records, "validation")
-    start = dataclasses.replace(start, spec=_spec_for(start, own))
+    _check_view(start, own)
     with lock_folder(folder):
         run = {
             "model": str(model),
@@ -231,29 +233,16 @@ def _split(records: Path | str, split: str) -> Records:
         ) from error
 
 
-def _spec_for(model: Model, records: Records) -> Any:
-    """Return the model's spec; UsageError for records of another field of view."""
-    options, fine = records.manifest["options"], model.spec.fine
-    seen = typed_fields(LidarView, {k: options["lidar"][k] for k in VIEW})
-    wanted = {name: getattr(fine, name) for name in VIEW}
+def _check_view(model: Model, records: Records) -> None:
+    """Raise UsageError for records of another field of view than the model's."""
+    lidar, fine = records.manifest["options"]["lidar"], model.spec.fine
+    seen = {name: np.ravel(lidar[name]).tolist() for name in VIEW}
+    wanted = {name: np.ravel(getattr(fine, name)).tolist() for name in VIEW}
     if seen != wanted:
         raise UsageError(
             f"{records.folder} was prepared for the view {seen}, the model has "
             f"{wanted}: prepare it again with --spec and these values in [lidar]"
         )
-    return model.spec
-
-
-@dataclasses.dataclass(frozen=True)
-class LidarView:
-    """The fields of a view that records and models share."""
-
-    azimuth: tuple[float, float]
-    elevation: tuple[float, float]
-    max_range_m: float
-
-
-VIEW = tuple(field.name for field in dataclasses.fields(LidarView))
 
 
 def _check_contents(folder: Path) -> None:
@@ -287,8 +276,6 @@ def _simulated(folder: Path, own: Records) -> Path:
         return Records(records, "train").folder
     except (FileNotFoundError, ValueError):
         pass
-    from jradar.progress import progress
-
     scenes = [(family, seed) for seed in REPLAY_SEEDS for family in REPLAYED]
     done = 0
     with progress("simulating", len(scenes), unit="scenes") as show:
@@ -332,8 +319,8 @@ def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
         lidar: Any = np.concatenate([batch.lidar for batch in found])
         closed = close_gaps(lidar, reach=GAP_PIXELS)
         target = encode_target(closed, model.spec.fine, codec=model.spec.codec)
-        told = told_pixels(closed, reach=reach)[..., None]
-        return training.Batch(condition, target.at[..., 1:].multiply(told))
+        observed = observed_pixels(closed, reach=reach)[..., None]
+        return training.Batch(condition, target.at[..., 1:].multiply(observed))
 
     return batch_at
 
@@ -391,22 +378,22 @@ def _rounded(scores: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in scores.items()}
 
 
-def _where_told(loss: Callable[..., jax.Array], **options: Any) -> Callable[..., Any]:
-    """Return the loss of images with no error where a scan does not tell."""
+def _where_seen(loss: Callable[..., jax.Array], **options: Any) -> Callable[..., Any]:
+    """Return the loss of images with no error where a scan observed nothing."""
 
-    def told(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
+    def observed(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
         def answer(x: Any, sigma: Any) -> Any:
             return jnp.where(clean[..., 1:] != 0, denoise(x, sigma), clean)
 
         return loss(key, answer, clean, **options, **given)
 
-    return told
+    return observed
 
 
 LOSSES: dict[str, Callable[..., jax.Array]] = {  # with the weights of shipped models
-    "diffusion": _where_told(
+    "diffusion": _where_seen(
         diffusion.denoising_loss, weights=diffusion.LossSpec(range_weight=4.0)
     ),
-    "regression": _where_told(diffusion.regression_loss, range_weight=4.0),
+    "regression": _where_seen(diffusion.regression_loss, range_weight=4.0),
     "marginal": diffusion.mixture_loss,
 }

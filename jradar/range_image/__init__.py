@@ -7,7 +7,7 @@ condition_image, CHANNELS               cloud to the network's condition
 encode_target, decode_target, encode_range, decode_range
                                         metres to the network's values, and back
 close_gaps                              fill pixels between a LiDAR's beams
-told_pixels, pattern_reach              which pixels a scan tells of, and not of gaps
+observed_pixels, pattern_reach          pixels that are not between two beams
 agreed_range, confident                 what several images agree on; sure pixels alone
 ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
                                         confidence that holds on new frames
@@ -28,8 +28,8 @@ from jradar.range_image.codec import (
     decode_target as decode_target,
     encode_range as encode_range,
     encode_target as encode_target,
+    observed_pixels as observed_pixels,
     pattern_reach as pattern_reach,
-    told_pixels as told_pixels,
 )
 from jradar.range_image.confidence import (
     IDENTITY as IDENTITY,

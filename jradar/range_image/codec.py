@@ -157,8 +157,8 @@ def close_gaps(image: Image, *, reach: int = 2) -> Image:
 
 
 @functools.partial(jax.jit, static_argnames="reach")
-def told_pixels(image: Image, *, reach: int) -> Bool[Array, "*batch row column"]:
-    """Return the pixels that a scan tells about: its hits, and misses away from these.
+def observed_pixels(image: Image, *, reach: int) -> Bool[Array, "*batch row column"]:
+    """Return the pixels that a scan observed: its hits, and misses away from these.
 
     A miss within `reach` rows and columns of a hit may lie between two beams. See
     `pattern_reach`.

@@ -14,7 +14,7 @@ from jradar.range_image import (
     encode_range,
     encode_target,
 )
-from jradar.range_image.codec import CODECS, fill_misses, pattern_reach, told_pixels
+from jradar.range_image.codec import CODECS, fill_misses, observed_pixels, pattern_reach
 from jradar.types import PointCloud
 
 FILL = jax.jit(fill_misses)
@@ -113,16 +113,16 @@ def test_gradients_of_points_without_power_are_finite():
             assert np.isfinite(part).all()
 
 
-def test_a_scan_tells_of_hits_and_of_misses_away_from_them():
+def test_hits_and_misses_away_from_them_are_observed():
     image = np.zeros((8, 9), np.float32)
     image[2, 3] = 5.0
-    told = np.asarray(told_pixels(image, reach=2))
-    assert told[2, 3]
-    assert not told[2, 4]
-    assert not told[4, 5]
-    assert told[2, 6]
-    assert told[5, 3]
-    assert told_pixels(image, reach=0).all()
+    observed = np.asarray(observed_pixels(image, reach=2))
+    assert observed[2, 3]
+    assert not observed[2, 4]
+    assert not observed[4, 5]
+    assert observed[2, 6]
+    assert observed[5, 3]
+    assert observed_pixels(image, reach=0).all()
 
 
 @pytest.mark.parametrize(("density", "reach"), [(1.0, 1), (0.25, 2), (0.05, 5), (0, 0)])
