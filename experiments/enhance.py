@@ -134,11 +134,14 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
 def validate(
     config: ConfigDict, model: Model, records: data.Records, *, picture: Path
 ) -> dict[str, float]:
-    """Return the quickest method's scores on validation frames, and draw a picture."""
+    """Return the scores of the model's default answer on validation frames.
+
+    It is the last row of `model_methods`. A picture shows it next to the LiDAR's.
+    """
     pairs = build.build_pairs(model.spec, records)
     index = spread(len(records), config.evaluation.frames_while_training)
     frames = [Frame(records[i], pairs[i]) for i in index]
-    name, method = next(iter(model_methods(config, model).items()))
+    name, method = [*model_methods(config, model).items()][-1]
     key = build.random_key(config, build.SAMPLE_KEY)
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in enumerate(frames)]
     fine, some = model.spec.fine, range(min(FRAMES_IN_FIGURE, len(frames)))
@@ -179,7 +182,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
 
 
 def model_methods(config: ConfigDict, model: Model) -> dict[str, Method]:
-    """Return the rows of a model in the tables, the quickest first."""
+    """Return the rows of a model in the tables, its default answer last."""
     if (method := model.spec.method) != "diffusion":
         return {ONE_ANSWER.get(method, f"jradar, {method}"): drawn(model)}
     sampling, solver = config.sampling, build.build_solver(config)

@@ -326,22 +326,19 @@ def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
 
 
 def _judge(model: Model, records: Records) -> dict[str, float]:
-    """Return the mean scores of the quickest answer on some validation frames."""
+    """Return the mean scores of the model's answer to some validation frames."""
     pairs, key = _pairs(model, records), jax.random.key(0)
-    quick = {"draws": 1, "steps": 1} if model.spec.method == "diffusion" else {}
     index = spread(len(records), JUDGED)
     clouds = [
-        _cloud(jax.random.fold_in(key, i), pairs[i].condition, model, (*quick.items(),))
-        for i in index
+        _cloud(jax.random.fold_in(key, i), pairs[i].condition, model) for i in index
     ]
     points = [np.asarray(cloud.xyz)[np.asarray(cloud.valid)] for cloud in clouds]
     return mean_scores(points, [records[i].lidar_xyz for i in index])
 
 
-@functools.partial(jax.jit, static_argnames="options")
-def _cloud(key, condition, model, options):
-    image = draw(key, condition, model, **dict(options))
-    return image_cloud(image, model.spec.fine)
+@jax.jit
+def _cloud(key, condition, model):
+    return image_cloud(draw(key, condition, model), model.spec.fine)
 
 
 def _keep(path: Path, model: Model, step: int, scores: dict[str, float]) -> None:

@@ -84,7 +84,7 @@ def get_config():
     config.train.weight_decay = 1e-2
     config.train.ema_decay = 0.995
     config.train.checkpoint_every = 200
-    config.train.evaluate_every = 900  # scores the one-step estimate
+    config.train.evaluate_every = 900  # scores what `enhance` draws
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

@@ -11,14 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments import build, main as command, maps, rpdnet, train
+from experiments import build, enhance, main as command, maps, rpdnet, train
 from experiments.configs import smoke
+from experiments.evaluate import points_of
 from experiments.radarhd.model import networks
 from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records
 from jradar.errors import UsageError
-from jradar.evaluation import write_scores
+from jradar.evaluation import mean_scores, write_scores
+from jradar.model import draw
+from jradar.range_image import image_cloud
 from tests import programs
 from tests.evaluation import invented
 from tests.programs import ROOT, started
@@ -55,6 +58,19 @@ def test_a_run_leaves_its_results_in_the_workdir(finished, records):
     card = json.loads((workdir / "model_card.json").read_text())
     assert card["steps"] == 12 and card["config"]["train"]["batch_size"] == 4
     assert card["data_digest"] == Records(records, "train").digest
+
+
+def test_validation_scores_what_the_final_table_scores(made, records, tmp_path):
+    config, model = made(smoke)
+    config.sampling.update(steps=2, draws=3)
+    checked = Records(records, "validation")
+    found = enhance.validate(config, model, checked, picture=tmp_path / "some.png")
+    key, clouds = build.random_key(config, build.SAMPLE_KEY), []
+    for i, pair in enumerate(build.build_pairs(model.spec, checked)):
+        image = draw(jax.random.fold_in(key, i), pair.condition, model, draws=3)
+        clouds.append(points_of(image_cloud(image, model.spec.fine)))
+    assert found == mean_scores(clouds, [frame.lidar_xyz for frame in checked])
+    assert np.isfinite(found["chamfer"])
 
 
 @pytest.mark.slow  # test_processes kills a smaller run
