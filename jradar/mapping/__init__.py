@@ -3,7 +3,8 @@
 VoxelMap, SensorModel              detections of many frames to log-odds of voxels
 MapModel, load_map_model, save_map_model
                                    a network that gives each voxel's probability
-map_recording, map_files           a recording to maps, and their files
+map_recording, map_clouds, map_files
+                                   a recording, or clouds with poses, to maps; files
 enhance_map                        a radar's map -> the voxels that a LiDAR would find
 enhance_patch, best_count          the same for a patch, in ColoRadar's sense
 MapRun, open_runs                  ColoRadar's maps of radar and LiDAR
@@ -31,6 +32,7 @@ from jradar.mapping.predict import (
 from jradar.mapping.recording import (
     FILES as FILES,
     RecordingMap as RecordingMap,
+    map_clouds as map_clouds,
     map_files as map_files,
     map_recording as map_recording,
 )

@@ -1,7 +1,7 @@
 """A recording to maps: the radar's own, and the one that a LiDAR would have made."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +30,8 @@ FEWEST = 10  # frames of a map
 BAND_M = (-0.3, 0.6)  # below and above the radar's path: what stands in a robot's way
 FILES = ("map.ply", "radar_map.ply", "grid.pgm", "grid.yaml", "map.json", "map.png")
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # grey values of ROS's map_server
+
+Points = Float[np.ndarray, "point 3"]
 
 
 class RecordingMap(NamedTuple):
@@ -79,31 +81,58 @@ def map_recording(
     """
     found = detect_recording(recording, points=points, frames=frames)
     poses, notes = _radar_poses(recording, found.frames, rotation)
-    path = poses[:, :3, 3]
-    notes += [*_check_path(recording, found.frames, path)]
+    notes += [*_check_path(recording, found.frames, poses[:, :3, 3])]
     radar = recording.radar.spec
     if not radar.has_elevation:
         notes.append("the array has one row: the map is of its plane alone")
-    voxels, key = VoxelMap(SensorModel(voxel_m=model.spec.voxel_m)), jax.random.key(0)
-    for done, (frame, pose) in enumerate(zip(found, poses, strict=True), 1):
+    key = jax.random.key(0)
+
+    def still(frame):
+        """The points of a frame that do not move."""
         kept = np.asarray(frame.points.valid)
         if radar.num_chirps > 1:
             motion = ego_velocity(key, frame.points, elevation=radar.has_elevation)
             kept = kept & ~np.asarray(motion.moving)
-        voxels.add(np.asarray(frame.points.xyz)[kept], pose)
+        return np.asarray(frame.points.xyz)[kept]
+
+    return map_clouds(
+        map(still, found),
+        poses,
+        model,
+        notes=[*found.warnings, *notes],
+        advance=advance,
+    )
+
+
+def map_clouds(
+    clouds: Iterable[Points],
+    poses: Float[np.ndarray, "frame 4 4"],
+    model: MapModel,
+    *,
+    notes: Iterable[str] = (),
+    advance: Callable[[int], None] = lambda done: None,
+) -> RecordingMap:
+    """Return the maps of clouds, each in the frame of its sensor's pose; host.
+
+    Raises UsageError where no point is within the sensor model's range.
+    """
+    voxels = VoxelMap(SensorModel(voxel_m=model.spec.voxel_m))
+    for done, (xyz, pose) in enumerate(zip(clouds, poses, strict=True), 1):
+        voxels.add(xyz, pose)
         advance(done)
     occupied = likely_first(*voxels.occupied())
     if not len(occupied.voxels):
         raise UsageError(
-            f"{recording.path}: no detections within {voxels.sensor.max_range_m:g} m "
-            "in these frames, expected some to make a map of"
+            f"no detections within {voxels.sensor.max_range_m:g} m in these frames, "
+            "expected some to make a map of"
         )
+    path = poses[:, :3, 3]
     start = int(np.floor(path[0, 2] / model.spec.voxel_m))
     likely = enhance_map(occupied.voxels, model, start_height=start)
     count = best_count(likely.probability, float(likely.probability.sum()))
     enhanced = Occupied(likely.voxels[:count], likely.probability[:count])
     return RecordingMap(
-        model.spec, occupied, enhanced, voxels.free(), path, (*found.warnings, *notes)
+        model.spec, occupied, enhanced, voxels.free(), path, tuple(notes)
     )
 
 
