@@ -35,8 +35,7 @@ from jradar.mapping import (
     published_distance,
     save_map_model,
 )
-from jradar.mapping.losses import occupancy_loss
-from jradar.mapping.model import ONE_PASS
+from jradar.mapping.methods import METHODS
 from jradar.range_image import fit_confidence
 
 SCORES = {  # of a patch
@@ -54,6 +53,8 @@ VALIDATED = 12  # every so many patches, while training
 def check(config: ConfigDict) -> None:
     """Raise UsageError for a config that cannot be trained."""
     network(config)
+    if config.method not in METHODS:
+        raise UsageError(f"method = {config.method!r}, expected one of {[*METHODS]}")
     if not config.data.path:
         raise UsageError("no maps: pass the folder of runs as --config.data.path")
     initial_weights(config.train)
@@ -92,7 +93,7 @@ def splits(config: ConfigDict) -> dict[str, list[MapRun]]:
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on tiles."""
-    runs = splits(config)
+    runs, method = splits(config), METHODS[config.method]
     train, checked = runs["train"], runs["validation"]
     with build.section("map"):
         spec = MapSpec(**config.map)
@@ -114,7 +115,12 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
 
     def model_of(state: training.TrainState) -> MapModel:
         return MapModel(
-            state.ema_params, net, spec, purpose=config.purpose, trained_on=words
+            state.ema_params,
+            net,
+            spec,
+            config.method,
+            purpose=config.purpose,
+            trained_on=words,
         )
 
     def validate(state: training.TrainState, step: int) -> dict[str, float]:
@@ -132,8 +138,8 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         step=training.make_train_step(
             net,
             optimizer,
-            ONE_PASS,
-            loss=occupancy_loss,
+            method.noise,
+            loss=method.loss,
             ema_decay=config.train.ema_decay,
         ),
         batch_at=lambda step: training.Batch(*batches[step]),

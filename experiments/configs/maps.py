@@ -19,6 +19,7 @@ def get_config():
     config.task = "maps"
     config.purpose = "trained on real maps of ColoRadar"
     config.seed = main.seed
+    config.method = "occupancy"  # or nearness, diffusion
     config.model = ""  # to evaluate; by default the workdir's own
 
     config.data = ConfigDict()

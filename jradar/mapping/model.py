@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jradar.diffusion import (
-    PREDICTIONS,
     Network,
-    NoiseSpec,
     conditional_denoiser,
     misfit,
     network_fields,
@@ -30,18 +29,18 @@ from jradar.errors import ModelError
 from jradar.fields import typed_fields
 from jradar.files import atomic_folder, read_json
 from jradar.mapping.columns import EXTRA, MapSpec
-from jradar.mapping.losses import log_odds
+from jradar.mapping.methods import METHODS
 from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 
 FORMAT = 1
 MARKER, WEIGHTS = "map_model.json", "weights.safetensors"
-ONE_PASS = NoiseSpec(sigma_data=1.0, prediction=PREDICTIONS["mixture"])
+DRAWS = 8  # of a model of diffusion
 
 
 @functools.partial(
     jax.tree_util.register_dataclass,
     data_fields=("params", "confidence"),
-    meta_fields=("network", "spec"),
+    meta_fields=("network", "spec", "method"),
     drop_fields=("purpose", "trained_on"),
 )
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -51,6 +50,7 @@ class MapModel:
     params: Any
     network: Network
     spec: MapSpec
+    method: str = "occupancy"  # a key of METHODS
     confidence: ConfidenceTable = IDENTITY
     purpose: str = ""
     trained_on: str = ""
@@ -68,20 +68,27 @@ class MapModel:
         )
 
 
-@jax.jit
-def column_odds(
-    condition: Float[Array, "batch x y channel"], model: MapModel
-) -> Float[Array, "batch x y output"]:
-    """Return log-odds of each voxel, and of each column to be in the LiDAR's patch."""
-    network, params = model.network, model.params
-    denoise = conditional_denoiser(network, params, ONE_PASS)(condition)
-    channels = condition.shape[-1] - EXTRA + 1
-    return log_odds(denoise, (*condition.shape[:-1], channels), ONE_PASS)
+@functools.partial(jax.jit, static_argnames="draws")
+def column_frequencies(
+    condition: Float[Array, "x y channel"], model: MapModel, *, draws: int = DRAWS
+) -> Float[Array, "x y output"]:
+    """Return how often a voxel of such a score is occupied, for each.
 
-
-def calibrated(odds: Float[Array, "..."], model: MapModel) -> Float[Array, "..."]:
-    """Return the frequency with which voxels of these log-odds are occupied."""
-    return frequency(jax.nn.sigmoid(odds), model.confidence)
+    The last channel is that of each column to be in the LiDAR's patch. `draws` is of
+    models of diffusion alone.
+    """
+    method = METHODS[model.method]
+    denoise = conditional_denoiser(model.network, model.params, method.noise)
+    shape = *condition.shape[:-1], condition.shape[-1] - EXTRA + 1
+    score = method.scores(
+        jax.random.key(0),
+        denoise(condition[None]),
+        (1, *shape),
+        method.noise,
+        draws=draws,
+    )[0]
+    voxels = frequency(score[..., :-1], model.confidence)
+    return jnp.concatenate([voxels, score[..., -1:]], -1)
 
 
 def save_map_model(
@@ -94,6 +101,7 @@ def save_map_model(
         values = {
             "format": FORMAT,
             "weights_sha256": digest,
+            "method": model.method,
             "network": network_fields(model.network),
             "map": dataclasses.asdict(model.spec),
             "confidence": {
@@ -124,6 +132,8 @@ def load_map_model(folder: Path | str) -> MapModel:
         values = read_json(path, limit=1 << 20)
         if values["format"] != FORMAT:
             raise ValueError(f"format {values['format']}, expected {FORMAT}")
+        if (method := values["method"]) not in METHODS:
+            raise ValueError(f"method {method!r}, expected one of {[*METHODS]}")
         network = network_from_fields(values["network"])
         spec = MapSpec(**typed_fields(MapSpec, values["map"]))
         confidence = ConfidenceTable.of(**values["confidence"])
@@ -144,6 +154,7 @@ def load_map_model(folder: Path | str) -> MapModel:
         params,
         network,
         spec,
+        method,
         confidence,
         str(values.get("purpose", "")),
         str(values.get("trained_on", "")),

@@ -2,13 +2,12 @@
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
 from jradar.mapping.columns import Voxels, condition_columns, middle_height, outline
-from jradar.mapping.model import MapModel, calibrated, column_odds
+from jradar.mapping.model import MapModel, column_frequencies
 
 SIZES = (64, 96, 128, 160)  # of images of patches, in columns; each is compiled once
 MARGIN = 16  # columns of an image beyond the radar's patch, both sides together
@@ -35,9 +34,8 @@ def enhance_patch(radar: Voxels, model: MapModel) -> Occupied:
     x, y = round(around.x) - size // 2, round(around.y) - size // 2
     origin = (x, y, middle_height(radar) - spec.heights // 2)
     image = condition_columns(radar, origin, (size, size), spec, observed=around)
-    odds = column_odds(jnp.asarray(image[None]), model)[0]
-    inside = jax.nn.sigmoid(odds[..., -1:])
-    share = np.asarray(calibrated(odds[..., :-1], model) * inside)
+    found = np.asarray(column_frequencies(jnp.asarray(image), model))
+    share = found[..., :-1] * found[..., -1:]
     cells = np.argwhere(share > LEAST)
     return likely_first(cells + np.asarray(origin), share[tuple(cells.T)])
 
@@ -78,8 +76,8 @@ def enhance_map(radar: Voxels, model: MapModel, *, start_height: int = 0) -> Occ
         image = condition_columns(
             relative, (x, y, z - start_height), (TILE, TILE), spec, observed=None
         )
-        odds = column_odds(jnp.asarray(image[None]), model)[0, ..., :-1]
-        share = np.asarray(calibrated(odds, model))
+        found = np.asarray(column_frequencies(jnp.asarray(image), model))
+        share = found[..., :-1]
         cells = np.argwhere(share > LEAST)
         first = row * STRIDE, column * STRIDE
         weights[first[0] : first[0] + TILE, first[1] : first[1] + TILE] += taper

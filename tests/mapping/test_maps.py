@@ -1,8 +1,10 @@
 """Voxel maps against rays by hand, ColoRadar's patches, and the model of maps."""
 
+import functools
 import math
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -34,8 +36,7 @@ from jradar.mapping.columns import (
     outline,
     target_columns,
 )
-from jradar.mapping.losses import occupancy_loss
-from jradar.mapping.model import ONE_PASS
+from jradar.mapping.methods import METHODS, nearness
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
 from jradar.recordings.clouds.write import write_pcd
@@ -181,17 +182,42 @@ def test_the_loss_is_least_where_the_odds_are_right():
     target[0, :2, :, 3] = 1
     target[..., -1] = 1
 
+    method = METHODS["occupancy"]
+
     def at(odds):
-        return float(
-            occupancy_loss(None, lambda x, sigma: odds, target, noise=ONE_PASS)
-        )
+        denoise = functools.partial(lambda odds, x, sigma: odds, jnp.asarray(odds))
+        return float(method.loss(None, denoise, target, noise=method.noise))
 
     right = np.where(target > 0, 20.0, -20.0)
-    assert at(jax.numpy.asarray(right)) < 0.01 < at(jax.numpy.zeros(target.shape))
-    assert at(jax.numpy.asarray(-right)) > at(jax.numpy.zeros(target.shape))
+    assert at(right) < 0.01 < at(np.zeros(target.shape))
+    assert at(-right) > at(np.zeros(target.shape))
 
 
-def test_a_few_steps_of_training_learn_a_room(model):
+def test_nearness_is_one_in_a_voxel_and_falls_by_a_third_with_each_around_it():
+    occupied = np.zeros((1, 9, 9, 9), np.float32)
+    occupied[0, 4, 4, 0] = 1
+    x, y, z = np.indices((9, 9, 9))
+    away = np.maximum(np.maximum(abs(x - 4), abs(y - 4)), z)
+    found = nearness(jnp.asarray(occupied))[0]
+    np.testing.assert_allclose(found, np.maximum(1 - away / 3, 0), atol=1e-6)
+
+
+def test_a_draw_from_the_truth_scores_the_truth():
+    """A denoiser that knows the answer draws it, whatever the noise."""
+    method = METHODS["diffusion"]
+    clean = np.random.default_rng(0).random((1, 4, 4, 17)) < 0.1
+    found = method.scores(
+        jax.random.key(0),
+        lambda x, sigma: jnp.asarray(2 * (clean - 0.03)),
+        clean.shape,
+        method.noise,
+        draws=2,
+    )
+    np.testing.assert_allclose(found, clean, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_few_steps_of_training_learn_a_room(model, name):
     optax = pytest.importorskip("optax")
     tiles = Tiles([room(np.random.default_rng(0))], SPEC, TileSpec(whole=0.0))
     optimizer = optax.adam(1e-2)
@@ -199,7 +225,7 @@ def test_a_few_steps_of_training_learn_a_room(model):
         np.zeros((), np.int32), model.params, model.params, optimizer.init(model.params)
     )
     step = training.make_train_step(
-        model.network, optimizer, ONE_PASS, loss=occupancy_loss
+        model.network, optimizer, METHODS[name].noise, loss=METHODS[name].loss
     )
     rng, losses = np.random.default_rng(1), []
     items = [tiles.draw(tiles[0], rng) for _ in range(2)]
