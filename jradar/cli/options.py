@@ -250,8 +250,8 @@ def _map(sub):
     groups.recording(sub)
     groups.output(sub)
     groups.all_frames(sub, "frames A to B-1 (default: all)")
-    text = "model of maps: the workdir of a run of experiments/configs/maps.py"
-    sub.add_argument("--model", metavar="FOLDER", required=True, help=text)
+    text = "model of maps, shipped or the workdir of a run (default: %(default)s)"
+    groups.option(sub, "--model", "NAME", text, default="jradar-maps")
     text = "poses by Doppler and this rotation (default: the recording's poses)"
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
 

@@ -30,6 +30,7 @@ from jradar.fields import typed_fields
 from jradar.files import atomic_folder, read_json
 from jradar.mapping.columns import EXTRA, MapSpec
 from jradar.mapping.methods import METHODS
+from jradar.model.folder import SHIPPED
 from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 
 FORMAT = 1
@@ -115,18 +116,20 @@ def save_map_model(
 
 
 def load_map_model(folder: Path | str) -> MapModel:
-    """Load a model of maps from its folder, or from the workdir of its training.
+    """Load a shipped model of maps by its name, or any by its folder.
 
-    Raises ModelError, with the reason, for a model that is missing or damaged.
+    The folder can also be the workdir of a training. Raises ModelError, with the
+    reason, for a model that is missing or damaged.
     """
-    folder = Path(folder)
+    shipped = SHIPPED / folder
+    folder = shipped if (shipped / MARKER).is_file() else Path(folder)
     if not (folder / MARKER).is_file() and (folder / "model").is_dir():
         folder /= "model"
     path, weights = folder / MARKER, folder / WEIGHTS
     if not path.is_file() or not weights.is_file():
         raise ModelError(
             f"no model of maps at {folder}: expected a folder with {MARKER} and "
-            f"{WEIGHTS}"
+            f"{WEIGHTS}, or the name of a shipped one"
         )
     try:
         values = read_json(path, limit=1 << 20)
