@@ -35,6 +35,7 @@ from jradar.mapping.recording import (
     map_clouds as map_clouds,
     map_files as map_files,
     map_recording as map_recording,
+    radar_poses as radar_poses,
 )
 from jradar.mapping.scores import (
     f_score as f_score,

@@ -26,7 +26,7 @@ from jradar.diffusion import (
 OUTSIDE = 0.25  # weight of columns outside the LiDAR's patch
 SHARE = 0.03  # of occupied voxels; the network's output is relative to its log-odds
 REACH = 3  # voxels at which nearness is 0
-QUICK_STEPS = 5  # of each of several draws; a single draw takes 18
+QUICK_STEPS = 5  # of each of several draws
 
 Columns = Float[Array, "batch x y channel"]
 
@@ -113,10 +113,10 @@ def _one_pass(key, denoise, shape, noise, *, draws):
 
 def _drawn(key, denoise, shape, noise, *, draws):
     """The mean of draws, one after another; several are quick ones."""
-    steps = {} if draws == 1 else {"steps": QUICK_STEPS}
+    steps = 18 if draws == 1 else QUICK_STEPS
 
     def draw(key):
-        image = sample(key, denoise, shape, noise=noise, **steps)
+        image = sample(key, denoise, shape, noise=noise, steps=steps)
         return jnp.clip(image / 2 + SHARE, 0, 1)
 
     return jax.lax.map(draw, jax.random.split(key, draws)).mean(0)

@@ -1,7 +1,7 @@
 """A recording to maps: the radar's own, and the one that a LiDAR would have made."""
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,7 +80,7 @@ def map_recording(
     UsageError for poses that jump, and where no detection is left.
     """
     found = detect_recording(recording, points=points, frames=frames)
-    poses, notes = _radar_poses(recording, found.frames, rotation)
+    poses, notes = radar_poses(recording, found.frames, rotation)
     notes += [*_check_path(recording, found.frames, poses[:, :3, 3])]
     radar = recording.radar.spec
     if not radar.has_elevation:
@@ -136,8 +136,14 @@ def map_clouds(
     )
 
 
-def _radar_poses(recording, frames, rotation):
-    """The radar's pose in each frame, and notes on where they come from."""
+def radar_poses(
+    recording: Recording, frames: Sequence[int], rotation: str | None = None
+) -> tuple[Float[np.ndarray, "frame 4 4"], list[str]]:
+    """Return the radar's poses in the world, and notes on where they come from.
+
+    They are the recorded ones. Without these, or with `rotation`, they follow from
+    Doppler.
+    """
     stamps, mount = recording.cubes.stamps, recording.base_from_radar
     if recording.poses is not None and rotation is None and stamps is not None:
         notes = []

@@ -7,7 +7,6 @@ are those of RMap's radar maps of ColoRadar (Mopidevi et al. 2023).
 """
 
 import dataclasses
-import math
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -48,34 +47,37 @@ class VoxelMap:
         self.sensor = sensor
         self._keys = np.zeros(0, np.int64)
         self._odds = np.zeros(0)
-        self._new: list[tuple[np.ndarray, float]] = []
+        self._new: list[tuple[np.ndarray, np.ndarray]] = []
 
     def add(
         self,
         xyz: Float[np.ndarray, "point 3"],
         world_from_sensor: Float[np.ndarray, "4 4"],
+        *,
+        probability: Float[np.ndarray, " point"] | None = None,
     ) -> None:
         """Add the points of one frame, in the sensor's frame.
 
-        A voxel counts once a frame, as occupied if any point is in it. Raises
-        ValueError for a pose that is not finite, or that is farther than 100 km.
+        A voxel counts once a frame, as occupied if any point is in it: with the largest
+        probability of these points, by default the sensor model's. Raises ValueError
+        for a pose that is not finite, or that is farther than 100 km.
         """
         pose = np.asarray(world_from_sensor, float)
         if not (np.isfinite(pose).all() and np.abs(pose[:3, 3]).max() < LONGEST_M):
             raise ValueError(f"pose {pose.tolist()}, expected finite numbers of metres")
         xyz = np.asarray(xyz, float).reshape(-1, 3)
+        share = (
+            np.full(len(xyz), self.sensor.hit) if probability is None else probability
+        )
         range_m = np.linalg.norm(xyz, axis=1)
-        xyz = xyz[np.isfinite(range_m) & (range_m <= self.sensor.max_range_m)]
-        points = xyz @ pose[:3, :3].T + pose[:3, 3]
-        hits = np.unique(self._key(points))
+        kept = np.isfinite(range_m) & (range_m <= self.sensor.max_range_m)
+        order = np.argsort(share[kept], kind="stable")[::-1]  # the likeliest first
+        points = xyz[kept][order] @ pose[:3, :3].T + pose[:3, 3]
+        hits, first = np.unique(self._key(points), return_index=True)
+        share = np.clip(share[kept][order][first], self.sensor.least, self.sensor.most)
         misses = np.setdiff1d(self._key(self._before(points, pose[:3, 3])), hits)
-        log_odds = {
-            p: math.log(p / (1 - p)) for p in (self.sensor.hit, self.sensor.miss)
-        }
-        self._new += [
-            (hits, log_odds[self.sensor.hit]),
-            (misses, log_odds[self.sensor.miss]),
-        ]
+        against = np.full(len(misses), _log_odds(self.sensor.miss))
+        self._new += [(hits, _log_odds(share)), (misses, against)]
         if len(self._new) >= 2 * MERGED:
             self._merge()
 
@@ -109,13 +111,9 @@ class VoxelMap:
         if not self._new:
             return
         keys = np.concatenate([self._keys, *(keys for keys, _ in self._new)])
-        odds = np.concatenate(
-            [self._odds, *(np.full(len(keys), value) for keys, value in self._new)]
-        )
+        odds = np.concatenate([self._odds, *(odds for _, odds in self._new)])
         self._keys, index = np.unique(keys, return_inverse=True)
-        low, high = (
-            math.log(p / (1 - p)) for p in (self.sensor.least, self.sensor.most)
-        )
+        low, high = _log_odds(np.array([self.sensor.least, self.sensor.most]))
         self._odds = np.clip(np.bincount(index, odds), low, high)
         self._new = []
 
@@ -128,3 +126,8 @@ class VoxelMap:
         """The numbers of voxels along the axes."""
         rest, z = np.divmod(keys, SPAN)
         return np.stack([*np.divmod(rest, SPAN), z], -1) - SPAN // 2
+
+
+def _log_odds(probability):
+    """ln(p / (1 - p))."""
+    return np.log(probability / (1 - probability))

@@ -103,6 +103,16 @@ def test_a_voxel_counts_once_a_frame_within_bounds_and_range():
     assert found.occupied()[1] == pytest.approx(0.97)
 
 
+def test_a_voxel_takes_the_largest_probability_of_its_points():
+    found = VoxelMap(SensorModel(voxel_m=1.0))
+    xyz = np.array([[2.2, 0.1, 0.1], [2.4, 0.2, 0.2], [2.3, 5.5, 0.1]])
+    found.add(xyz, np.eye(4), probability=np.array([0.6, 0.9, 0.3]))
+    voxels, probability = found.occupied(above=0.0)
+    by_voxel = dict(zip(map(tuple, voxels.tolist()), probability, strict=True))
+    assert by_voxel[2, 0, 0] == pytest.approx(0.9)
+    assert by_voxel[2, 5, 0] == pytest.approx(0.3)
+
+
 def test_a_map_does_not_depend_on_where_its_world_begins():
     rng = np.random.default_rng(0)
     points, far = rng.uniform(-4, 4, (50, 3)), np.eye(4)

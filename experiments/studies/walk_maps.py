@@ -1,0 +1,186 @@
+r"""Compare maps of walks with the map of their LiDAR: what serves a robot best.
+
+    python -m experiments.studies.walk_maps walks/home_901 walks/hall_902 \
+        -o runs/walk_maps
+
+The walks are recordings of radar and LiDAR with poses. The truth is the map of the
+scans' part in the radar's field of view, up to 10 m. Rows: all CFAR detections, their
+log-odds, all points of a model of frames, their log-odds by confidence, and a model of
+maps on the CFAR map. In the plane of the radar, columns of voxels near its height say
+how much free space is closed, and how much of the walls is missed. `table.md` has the
+mean over the walks; the maps of each walk are drawn.
+"""
+
+import math
+import sys
+from argparse import Namespace
+from typing import Any
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from experiments.command import run_study, study_parser
+from jradar.errors import UsageError
+from jradar.evaluation import markdown_table
+from jradar.files import write_text
+from jradar.lidar import shared_field_of_view
+from jradar.mapping import (
+    MapModel,
+    SensorModel,
+    VoxelMap,
+    f_score,
+    load_map_model,
+    map_recording,
+    radar_poses,
+)
+from jradar.mapping.recording import BAND_M
+from jradar.model import Model, load_model
+from jradar.recordings import Recording, nearest_scan, open_recording
+from jradar.session import enhance_recording
+from jradar.viz import maps_figure, save_figure
+
+SCORES = {
+    "f_15": "F at 0.15 m (%)",
+    "f_30": "F at 0.3 m (%)",
+    "closed": "free space closed (%)",
+    "missed": "walls missed (%)",
+    "voxels": "voxels",
+}
+NEAR_M = 0.3  # of a wall that is not missed
+MAX_RANGE_M = 10.0
+AZIMUTH, ELEVATION = ((-math.radians(deg), math.radians(deg)) for deg in (60, 20))
+
+Voxels = np.ndarray  # whole numbers [voxel, 3]
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Score the maps of walks and return the exit code."""
+    parser = study_parser("experiments.studies.walk_maps", __doc__)
+    parser.add_argument("walks", nargs="+", metavar="WALK", help="recording")
+    parser.add_argument("--model", default="jradar-sim", help="model of frames")
+    parser.add_argument("--maps", default="jradar-maps", help="model of maps")
+    return run_study(study, parser, argv)
+
+
+def study(options: Namespace) -> None:
+    """Score each walk, and write the table of means."""
+    model, maps = load_model(options.model), load_map_model(options.maps)
+    rows = []
+    for path in options.walks:
+        recording = open_recording(path)
+        truth, free, path_m = lidar_map(recording, maps.spec.voxel_m)
+        found = maps_of(recording, model, maps)
+        for method, voxels in found.items():
+            row = scores(voxels, truth, free, path_m, maps.spec.voxel_m)
+            rows.append({"walk": recording.name, "method": method, **row})
+        drawn = {
+            name: maps.spec.metres(voxels)
+            for name, voxels in ({**found, "LiDAR": truth}).items()
+            if len(voxels)
+        }
+        figure = maps_figure(drawn, path=path_m)
+        save_figure(figure, options.output / f"{recording.name}.png")
+        write_text(options.output / "table.md", table(rows))
+    print(table(rows))
+
+
+def lidar_map(
+    recording: Recording, voxel_m: float
+) -> tuple[Voxels, Voxels, np.ndarray]:
+    """Return the LiDAR's occupied and free voxels, and the radar's path in metres."""
+    frames = range(len(recording.cubes))
+    poses, _ = radar_poses(recording, frames)
+    found = VoxelMap(SensorModel(voxel_m=voxel_m, max_range_m=MAX_RANGE_M))
+    for frame, pose in zip(frames, poses, strict=True):
+        scan = nearest_scan(recording, frame)
+        if scan is None:
+            continue
+        seen = shared_field_of_view(
+            scan, azimuth=AZIMUTH, elevation=ELEVATION, max_range_m=MAX_RANGE_M
+        )
+        found.add(scan[seen], pose)
+    truth = found.occupied()[0]
+    if not len(truth):
+        raise UsageError(
+            f"{recording.path}: no LiDAR scan shows anything within {MAX_RANGE_M:g} m "
+            "of the radar, expected one near the time of most frames"
+        )
+    return truth, found.free(), poses[:, :3, 3]
+
+
+def maps_of(recording: Recording, model: Model, maps: MapModel) -> dict[str, Voxels]:
+    """Return the occupied voxels of each row of the table."""
+    voxel_m, completed = maps.spec.voxel_m, map_recording(recording, maps)
+    poses, _ = radar_poses(recording, range(len(recording.cubes)))
+    likely = VoxelMap(SensorModel(voxel_m=voxel_m, max_range_m=MAX_RANGE_M))
+    every: dict[str, list[Voxels]] = {"CFAR": [], "frames": []}
+    for frame, pose in zip(enhance_recording(recording, model), poses, strict=True):
+        for name, cloud in (("CFAR", frame.points), ("frames", frame.cloud)):
+            xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+            xyz = xyz[np.linalg.norm(xyz, axis=1) <= MAX_RANGE_M]
+            world = xyz @ pose[:3, :3].T + pose[:3, 3]
+            every[name].append(np.floor(world / voxel_m).astype(int))
+        cloud, confidence = frame.cloud, frame.cloud.confidence
+        if confidence is not None:
+            kept = np.asarray(cloud.valid)
+            xyz, share = np.asarray(cloud.xyz)[kept], np.asarray(confidence)[kept]
+            likely.add(xyz, pose, probability=share)
+    joined = {k: np.unique(np.concatenate(parts), axis=0) for k, parts in every.items()}
+    return {
+        "CFAR, all detections": joined["CFAR"],
+        "CFAR, log-odds": completed.radar.voxels,
+        "model of frames, all points": joined["frames"],
+        "model of frames, log-odds of confidence": likely.occupied()[0],
+        "model of maps": completed.enhanced.voxels,
+    }
+
+
+def scores(
+    voxels: Voxels, truth: Voxels, free: Voxels, path_m: np.ndarray, voxel_m: float
+) -> dict[str, Any]:
+    """Return the scores of a map; see `SCORES`. All lengths in metres."""
+    points, right = ((some + 0.5) * voxel_m for some in (voxels, truth))
+    tree = KDTree(path_m[:, :2])
+
+    def plan(some):
+        """The columns of voxels near the height of the path."""
+        xyz = (some + 0.5) * voxel_m
+        height = xyz[:, 2] - path_m[tree.query(xyz[:, :2])[1], 2]
+        kept = (height >= BAND_M[0]) & (height <= BAND_M[1])
+        return np.unique(some[kept, :2], axis=0)
+
+    drawn, walls, open_ = plan(voxels), plan(truth), plan(free)
+    open_ = _without(open_, walls)
+    closed = len(open_) - len(_without(open_, drawn))
+    away = KDTree(drawn).query(walls)[0] if len(drawn) else np.full(len(walls), np.inf)
+    return {
+        "f_15": 100 * f_score(points, right, 0.15),
+        "f_30": 100 * f_score(points, right, 0.3),
+        "closed": 100 * closed / max(len(open_), 1),
+        "missed": 100 * float(np.mean(away * voxel_m > NEAR_M)) if len(walls) else 0.0,
+        "voxels": len(voxels),
+    }
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the means over walks in Markdown."""
+    methods = dict.fromkeys(row["method"] for row in rows)
+    return markdown_table(
+        ["map", "walks", *SCORES.values()],
+        [
+            [method, len(some)]
+            + [f"{np.mean([row[score] for row in some]):.1f}" for score in SCORES]
+            for method in methods
+            if (some := [row for row in rows if row["method"] == method])
+        ],
+    )
+
+
+def _without(cells, others):
+    """The rows of whole numbers that are not among others."""
+    left = {*map(tuple, cells.tolist())} - {*map(tuple, others.tolist())}
+    return np.array(sorted(left), int).reshape(-1, cells.shape[1])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
