@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
 from experiments import build
@@ -28,6 +29,7 @@ from jradar.mapping import (
     Tiles,
     TileSpec,
     best_count,
+    enhance_map,
     enhance_patch,
     f_score,
     load_map_model,
@@ -37,6 +39,7 @@ from jradar.mapping import (
 )
 from jradar.mapping.methods import METHODS
 from jradar.range_image import fit_confidence
+from jradar.viz import maps_figure, save_figure
 
 SCORES = {  # of a patch
     "published": "F, published protocol",
@@ -205,11 +208,25 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
             f"evaluation.split = {config.evaluation.split!r}: no runs, expected one of "
             f"{[name for name, some in runs.items() if some]}"
         )
+    for run in checked:
+        figure = whole_map_figure(model, run)
+        save_figure(figure, workdir / "evaluation" / f"{run.name}.png")
     rows = [*score_patches(model, checked, every=config.evaluation.every)]
     text = summary(rows)
     write_text(workdir / "evaluation" / "scores.json", json.dumps(rows) + "\n")
     write_text(workdir / "evaluation" / "table.md", text)
     print(f"{model}\n\n{text}")
+
+
+def whole_map_figure(model: MapModel, run: MapRun) -> Figure:
+    """Draw a run's whole maps: the radar's, the model's of it, and the LiDAR's.
+
+    The model's has as many voxels as give the largest F-score that it expects.
+    """
+    found = enhance_map(run.radar.astype(int), model)
+    count = best_count(found.probability, float(found.probability.sum()))
+    maps = {"radar": run.radar, "jradar": found.voxels[:count], "LiDAR": run.lidar}
+    return maps_figure({name: model.spec.metres(maps[name]) for name in maps})
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:

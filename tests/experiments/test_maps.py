@@ -82,6 +82,7 @@ def test_a_short_run_trains_saves_and_scores(folder, tmp_path, capsys):
     assert main.main(command) == 0
     table = (workdir / "evaluation" / "table.md").read_text()
     assert "| mine " in table and table in capsys.readouterr().out
+    assert (workdir / "evaluation" / "mine_run2.png").stat().st_size > 5_000
     model = load_map_model(workdir)
     assert "4 patches of 2 runs" in model.trained_on
     assert main.main([*command, "--mode=eval", "--config.evaluation.split=test"]) == 0
