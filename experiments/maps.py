@@ -50,6 +50,7 @@ SCORES = {  # of a patch
 }
 TEST = "_run0"  # the published test runs, which training never sees
 NEAR_M = 0.2
+BINS = 10  # of the probability, in which it is compared with the share of right voxels
 VALIDATED = 12  # every so many patches, while training
 
 
@@ -165,7 +166,8 @@ def score_patches(
             count = best_count(found.probability, PATCH_VOXELS)
             points, truth = metres(found.voxels), metres(lidar)
             exact = published_distance(truth)
-            hits = found.probability[:count].sum()
+            chosen = found.probability[:count]
+            right = is_among(found.voxels[:count], lidar)
             yield {
                 "run": run.name,
                 "environment": run.environment,
@@ -174,7 +176,8 @@ def score_patches(
                 "published_8192": f_score(points[:PATCH_VOXELS], truth, exact),
                 "radar": f_score(metres(radar), truth, exact),
                 "near": f_score(points[:count], truth, NEAR_M),
-                "expected": float(2 * hits / (count + PATCH_VOXELS)),
+                "expected": float(2 * chosen.sum() / (count + PATCH_VOXELS)),
+                "bins": reliability_sums(chosen, right).tolist(),
             }
 
 
@@ -190,6 +193,13 @@ def voxel_truth(
             parts.append((found.probability, is_among(found.voxels, lidar)))
     probability, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     return probability, right
+
+
+def reliability_sums(probability: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return counts, sums of probability, and right voxels, in BINS of probability."""
+    place = np.minimum((probability * BINS).astype(int), BINS - 1)
+    sums = (np.bincount(place, of, minlength=BINS) for of in (probability, right))
+    return np.stack([np.bincount(place, minlength=BINS), *sums])
 
 
 def is_among(voxels: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -230,16 +240,27 @@ def whole_map_figure(model: MapModel, run: MapRun) -> Figure:
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the table of mean scores, by environment and of all patches."""
+    """Return the table of mean scores, by environment and of all patches.
+
+    The calibration error is the mean distance of the probability of drawn voxels and
+    the share of right ones, over bins of the probability.
+    """
     groups: dict[str, list] = {}
     for row in rows:
         groups.setdefault(row["environment"], []).append(row)
     groups["all patches"] = [*rows]
     return markdown_table(
-        ["environment", "patches", *SCORES.values()],
+        ["environment", "patches", *SCORES.values(), "calibration error (%)"],
         [
             [name, str(len(group))]
             + [f"{np.mean([row[score] for row in group]):.3f}" for score in SCORES]
+            + [f"{100 * _calibration_error(group):.1f}"]
             for name, group in groups.items()
         ],
     )
+
+
+def _calibration_error(rows):
+    """That of the drawn voxels of patches."""
+    count, probability, right = np.sum([row["bins"] for row in rows], 0)
+    return np.abs(probability - right).sum() / max(count.sum(), 1)

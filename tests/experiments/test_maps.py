@@ -61,6 +61,18 @@ def test_unknown_runs_and_environments_are_named(folder):
         maps.check(wrong)
 
 
+def test_the_calibration_error_is_that_of_all_voxels_of_a_group():
+    """Half of the voxels are as right as they say, half 20 % less."""
+    first = maps.reliability_sums(np.full(10, 0.7), np.arange(10) < 7)
+    second = maps.reliability_sums(np.full(10, 0.85), np.arange(10) < 6.5)
+    assert first[:, 7].tolist() == pytest.approx([10, 7, 7])
+    rows = [
+        {"environment": "mine", "bins": bins.tolist(), **dict.fromkeys(maps.SCORES, 0)}
+        for bins in (first, second)
+    ]
+    assert "| 7.5 |" in maps.summary(rows)
+
+
 @pytest.mark.slow
 def test_a_short_run_trains_saves_and_scores(folder, tmp_path, capsys):
     options = {
