@@ -13,11 +13,9 @@ from typing import Any
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.detectors import detector_methods
 from experiments.enhance import model_methods
-from experiments.evaluate import View, write_results
 from jradar import data
-from jradar.evaluation import Method
+from jradar.evaluation import Method, View, detector_methods, write_results
 from jradar.files import write_text
 from jradar.model import Model, load_model, shipped_models
 from jradar.progress import progress

@@ -4,36 +4,35 @@ The detectors' false-alarm rates are chosen on the validation split; the scores 
 the config's split.
 """
 
-import functools
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.detectors import choose_rates, detector_methods
-from experiments.evaluate import (
-    Frame,
-    View,
-    points_of,
-    write_results,
-)
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
 from jradar.data.sources import SPLITS
 from jradar.errors import UsageError
-from jradar.evaluation import Method, mean_scores, spread, with_confidence
-from jradar.finetuning import trust_of
-from jradar.model import Model, draw, load_model, save_model
-from jradar.radar import DETECTORS
-from jradar.range_image import (
-    close_gaps,
-    encode_target,
-    image_cloud,
+from jradar.evaluation import (
+    Frame,
+    Method,
+    View,
+    choose_rates,
+    detector_methods,
+    drawn,
+    mean_scores,
+    points_of,
+    spread,
+    with_confidence,
+    write_results,
 )
+from jradar.finetuning import trust_of
+from jradar.model import Model, load_model, save_model
+from jradar.radar import DETECTORS
+from jradar.range_image import close_gaps, encode_target
 
 FRAMES_IN_FIGURE = 4
 ONE_ANSWER = {  # rows of methods that draw no samples, if not "jradar, METHOD"
@@ -195,16 +194,3 @@ def model_methods(config: ConfigDict, model: Model) -> dict[str, Method]:
     if sampling.draws > 1:
         methods[f"jradar, {sampling.draws} draws"] = drawn(model, draws=sampling.draws)
     return methods
-
-
-def drawn(model: Model, **drawing: Any) -> Method:
-    """Return the method that draws the model's cloud with options of `draw`."""
-    options = tuple(drawing.items())
-    return lambda key, frame: _cloud(key, frame.pair.condition, model, options)
-
-
-@functools.partial(jax.jit, static_argnames="options")
-def _cloud(key, condition, model, options):
-    """The cloud of one condition; models of the same spec share what is compiled."""
-    image = draw(key, condition, model, **dict(options))
-    return image_cloud(image, model.spec.fine)

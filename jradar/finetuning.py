@@ -26,10 +26,18 @@ import optax
 from jradar import data, diffusion, simulation, training
 from jradar.data import PrepareSpec, Records
 from jradar.errors import UsageError
-from jradar.evaluation import mean_scores, spread, with_confidence
+from jradar.evaluation import (
+    Frame,
+    check_view,
+    drawn,
+    mean_scores,
+    points_of,
+    spread,
+    with_confidence,
+)
 from jradar.fields import typed_fields
 from jradar.files import lock_folder, read_json, write_text
-from jradar.model import Card, Model, draw, load_model, save_model
+from jradar.model import Card, Model, load_model, save_model
 from jradar.progress import progress
 from jradar.range_image import (
     TrustTable,
@@ -37,7 +45,6 @@ from jradar.range_image import (
     condition_features,
     encode_target,
     fit_trust,
-    image_cloud,
     observed_pixels,
     pattern_reach,
 )
@@ -49,7 +56,6 @@ BEST = "best.json"  # of the evaluations so far
 GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 JUDGED = 32  # validation frames of an evaluation
 EVALUATIONS = 8
-VIEW = ("azimuth", "elevation", "max_range_m")
 TRUSTED = 1200  # most frames of the table of trust
 REPLAYED = ("hallways", "mine", "lab", "outdoor", "corridor", "hall", "home", "forest")
 REPLAY_SEEDS = (0, 1000)
@@ -124,7 +130,7 @@ def finetune(
     _check_contents(folder)  # before a lock is left there
     start = load_model(model)
     own, checked = _split(records, "train"), _split(records, "validation")
-    _check_view(start, own)
+    check_view(start, own)
     with lock_folder(folder):
         run = {
             "model": str(model),
@@ -163,8 +169,8 @@ def _trained(folder, start, own, checked, old, spec, name):
     best = folder / BEST
     if not best.exists():
         scores = judge(start)
-        _keep(best, start, 0, scores)
         write_text(folder / "before.json", json.dumps(scores) + "\n")
+        _keep(best, start, 0, scores)  # the last: who resumes has both
 
     def evaluate(state, step):
         found = dataclasses.replace(start, params=jax.device_get(state.ema_params))
@@ -231,18 +237,6 @@ def _split(records: Path | str, split: str) -> Records:
             f"{records} has no {split} frames: prepare several recordings again"
             f"{option}, so that some train and others validate; it holds {names}"
         ) from error
-
-
-def _check_view(model: Model, records: Records) -> None:
-    """Raise UsageError for records of another field of view than the model's."""
-    lidar, fine = records.manifest["options"]["lidar"], model.spec.fine
-    seen = {name: np.ravel(lidar[name]).tolist() for name in VIEW}
-    wanted = {name: np.ravel(getattr(fine, name)).tolist() for name in VIEW}
-    if seen != wanted:
-        raise UsageError(
-            f"{records.folder} was prepared for the view {seen}, the model has "
-            f"{wanted}: prepare it again with --spec and these values in [lidar]"
-        )
 
 
 def _check_contents(folder: Path) -> None:
@@ -328,17 +322,11 @@ def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
 def _judge(model: Model, records: Records) -> dict[str, float]:
     """Return the mean scores of the model's answer to some validation frames."""
     pairs, key = _pairs(model, records), jax.random.key(0)
-    index = spread(len(records), JUDGED)
-    clouds = [
-        _cloud(jax.random.fold_in(key, i), pairs[i].condition, model) for i in index
-    ]
-    points = [np.asarray(cloud.xyz)[np.asarray(cloud.valid)] for cloud in clouds]
-    return mean_scores(points, [records[i].lidar_xyz for i in index])
-
-
-@jax.jit
-def _cloud(key, condition, model):
-    return image_cloud(draw(key, condition, model), model.spec.fine)
+    method, index = drawn(model), spread(len(records), JUDGED)
+    frames = {i: Frame(records[i], pairs[i]) for i in index}
+    clouds = [method(jax.random.fold_in(key, i), f) for i, f in frames.items()]
+    truths = [frame.prepared.lidar_xyz for frame in frames.values()]
+    return mean_scores(map(points_of, clouds), truths)
 
 
 def _keep(path: Path, model: Model, step: int, scores: dict[str, float]) -> None:

@@ -1,5 +1,6 @@
 """Fine-tuning on a small room: what is kept, refused, and resumed."""
 
+import contextlib
 import dataclasses
 import json
 
@@ -7,6 +8,7 @@ import jax
 import numpy as np
 import pytest
 
+from jradar import finetuning
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.errors import UsageError
 from jradar.finetuning import FinetuneSpec, finetune
@@ -36,7 +38,9 @@ def start(tmp_path_factory):
     return folder
 
 
-def test_own_frames_are_learnt_and_the_best_weights_are_kept(records, start, tmp_path):
+def test_own_frames_are_learnt_and_the_best_weights_are_kept(
+    records, start, tmp_path, monkeypatch
+):
     found = finetune(
         records, tmp_path / "mine", model=start, spec=QUICK, replay=records
     )
@@ -57,6 +61,26 @@ def test_own_frames_are_learnt_and_the_best_weights_are_kept(records, start, tmp
         records, tmp_path / "mine", model=start, spec=QUICK, replay=records
     )
     jax.tree.map(np.testing.assert_array_equal, again.model.params, found.model.params)
+    # A run that was killed ends with the same model.
+    judged, judge = [], finetuning._judge
+
+    def killed(model, records):
+        judged.append(model)
+        if len(judged) == 5:
+            raise KeyboardInterrupt
+        return judge(model, records)
+
+    monkeypatch.setattr(finetuning, "_judge", killed)
+    for _ in range(2):
+        with contextlib.suppress(KeyboardInterrupt):
+            resumed = finetune(
+                records, tmp_path / "killed", model=start, spec=QUICK, replay=records
+            )
+    assert len(judged) > 5 and resumed.before == found.before
+    assert resumed.best_step == found.best_step
+    jax.tree.map(
+        np.testing.assert_array_equal, resumed.model.params, found.model.params
+    )
     with pytest.raises(UsageError, match="holds a run with learning_rate = 0.01"):
         other = dataclasses.replace(QUICK, learning_rate=1e-4)
         finetune(records, tmp_path / "mine", model=start, spec=other, replay=records)

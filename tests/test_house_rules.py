@@ -40,6 +40,7 @@ FLOORS = {
     "training": 6,
     "evaluation": 6,
     "finetuning": 7,
+    "scoring": 7,
     "mapping": 7,
     "stream": 7,
     "export": 7,

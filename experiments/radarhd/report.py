@@ -12,7 +12,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
-from experiments.evaluate import write_report
 from experiments.radarhd.model import Answers
 from experiments.radarhd.pairs import MAX_RANGE_M, RADAR, PolarPair, RadarHD
 from experiments.radarhd.scores import (
@@ -25,7 +24,7 @@ from experiments.radarhd.scores import (
     score_pairs,
 )
 from jradar import evaluation
-from jradar.evaluation import spread
+from jradar.evaluation import spread, write_report
 from jradar.evaluation.scores import FIELDS
 from jradar.files import write_text
 

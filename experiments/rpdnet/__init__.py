@@ -16,15 +16,22 @@ import numpy as np
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.detectors import best_choice, seen_points
-from experiments.evaluate import View, points_of, view_of, write_results
 from experiments.rpdnet.labels import LabelledMaps
 from experiments.rpdnet.loss import make_rpdnet_step, rpdnet_params
 from experiments.train import Training
 from experiments.weights import load_weights
 from jradar import data, diffusion, training
 from jradar.baselines import RPDNet, map_values
-from jradar.evaluation import mean_scores, spread
+from jradar.evaluation import (
+    View,
+    best_choice,
+    mean_scores,
+    points_of,
+    seen_points,
+    spread,
+    view_of,
+    write_results,
+)
 from jradar.types import PointCloud
 
 LIMITS = (0.05, 0.15, 0.25, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the probability

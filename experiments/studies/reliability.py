@@ -24,11 +24,17 @@ from jaxtyping import Bool, Float
 
 from experiments.build import build_pairs
 from experiments.command import run_study, study_parser
-from experiments.enhance import drawn
-from experiments.evaluate import Frame, points_of, with_confidence
 from jradar import data, evaluation, viz
 from jradar.errors import UsageError
-from jradar.evaluation import Coverage, Reliability, markdown_table
+from jradar.evaluation import (
+    Coverage,
+    Frame,
+    Reliability,
+    drawn,
+    markdown_table,
+    points_of,
+    surest_points,
+)
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.progress import progress
@@ -129,7 +135,7 @@ def drawn_points(
                     "leave it out"
                 )
             right = evaluation.near_truth(points_of(cloud), frame.lidar_xyz)
-            confidence = with_confidence(cloud)[:, 3]
+            confidence = surest_points(cloud)[:, 3]
             found.append(np.stack([confidence, right], -1).astype(np.float32))
             frames += 1
     confidence, right = np.concatenate(found).T

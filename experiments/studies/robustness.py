@@ -29,12 +29,16 @@ from jaxtyping import Float
 from experiments.build import build_pairs, prepare_spec, simulate
 from experiments.command import run_study, study_parser
 from experiments.configs import default, varied
-from experiments.detectors import choose_rates, detector_methods
 from experiments.enhance import model_methods
-from experiments.evaluate import score_records, view_of
 from jradar import data, evaluation
 from jradar.errors import UsageError
-from jradar.evaluation import markdown_table
+from jradar.evaluation import (
+    choose_rates,
+    detector_methods,
+    markdown_table,
+    score_records,
+    view_of,
+)
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.range_image import STRANGE, UNSURE, unlikeness

@@ -6,6 +6,9 @@ with it, loads when a command first names it.
 
 import argparse
 import dataclasses
+import functools
+import shutil
+import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -180,6 +183,42 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
     folder = Path(options.output)
     written = [str(folder / name) for name in ("model", "learning.png")]
     return {"records": options.records, **found.describe(), "written": written}
+
+
+def score(options: argparse.Namespace) -> dict[str, Any]:
+    """Score CFAR, splat and models against the LiDAR of recordings."""
+    from jradar.scoring import score as scored
+
+    report, results = "evaluation/report.html", None
+    if options.output:
+        results = Results(options.output, "score", force=options.force)
+        results.check([report])
+    found = scored(
+        options.path,
+        models=options.model or ("jradar-sim",),
+        split=options.split,
+        frames=options.frames,
+        seed=options.seed,
+        **opening(options),
+    )
+    result = found.describe()
+    if results:
+        with tempfile.TemporaryDirectory() as scratch:
+            folder = Path(scratch) / results.folder.resolve().name
+            found.write(folder)
+            files = {
+                path.relative_to(folder).as_posix(): functools.partial(_copied, path)
+                for path in sorted(folder.rglob("*"))
+                if path.is_file()
+            }
+            results.put(files)
+        result["written"] = [str(results.folder / report)]
+    return result
+
+
+def _copied(source: Path, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, path)
 
 
 def simulate(options: argparse.Namespace) -> dict[str, Any]:

@@ -64,6 +64,12 @@ radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a pictur
 FINETUNE_HELP = """\
 RECORDS hold a train and a validation split: see --validation of `jradar prepare`.
 The same command resumes a run that was stopped. `--model DIR` then uses the model."""
+SCORE_HELP = """
+
+PATH can also be a folder of recordings, or one folder of `jradar prepare`, of which
+the test frames are scored, or else the validation frames. The truth is the part of the
+LiDAR that the radar could have seen, as in training, and for recordings also all of its
+points in view. Intervals hold 95 % and allow for frames that resemble each other."""
 ROTATIONS = ("imu", "poses", "lidar", "none")
 FAMILIES = (
     *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
@@ -74,6 +80,7 @@ SETS = (
     *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
     *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
 )
+SPLITS = ("train", "validation", "test")
 MAX_FUSED = 16
 COMPLETION = """\
 Completion of commands and options in a shell: pip install argcomplete, then
@@ -98,6 +105,7 @@ def parser() -> argparse.ArgumentParser:
         _command(kinds, commands.prepare, RECORDING_HELP + PREPARE_HELP, several=True)
     )
     _finetune(_command(kinds, commands.finetune, more=FINETUNE_HELP))
+    _score(_command(kinds, commands.score, RECORDING_HELP + SCORE_HELP, several=True))
     _simulate(_command(kinds, commands.simulate))
     _view(_command(kinds, commands.view))
     _export(_command(kinds, commands.export))
@@ -291,6 +299,18 @@ def _finetune(sub):
     text = "records of old frames (default: simulated ones, made in three minutes)"
     groups.option(sub, "--replay-records", "FOLDER", text)
     groups.seed(sub, "random seed of the batches")
+
+
+def _score(sub):
+    groups.recording(sub)
+    text = "folder for tables, pictures and a report (default: only print)"
+    groups.output(sub, text, required=False)
+    text = f"{groups.MODEL}; repeatable (default: jradar-sim)"
+    groups.option(sub, "--model", "NAME|FOLDER", text, action="append", default=[])
+    groups.all_frames(sub, "frames of each recording: A to B-1 (default: all)")
+    text = "split of records (default: test, or else validation)"
+    groups.option(sub, "--split", "NAME", text, choices=SPLITS)
+    groups.seed(sub, "random seed of the draws and of splat")
 
 
 def _simulate(sub):

@@ -35,11 +35,13 @@ def check_paths(options: argparse.Namespace) -> None:
     paths = [*(several if isinstance(several, list) else [several]), *inputs.values()]
     for path in paths:
         _check_input(path)
-    model = getattr(options, "model", None) or ""
-    if os.sep in model and not os.path.exists(model):  # no name of a shipped model
-        raise ModelError(f"no model at {model}: no such folder")
+    models = getattr(options, "model", None) or []
+    models = models if isinstance(models, list) else [models]
+    for model in models:
+        if os.sep in model and not os.path.exists(model):  # no name of a shipped model
+            raise ModelError(f"no model at {model}: no such folder")
     if getattr(options, "output", None) is not None:
-        _check_output(options, [*paths, model])
+        _check_output(options, [*paths, *models])
 
 
 def _check_input(path: str) -> None:

@@ -4,14 +4,19 @@ find_sources                          the recordings in a folder, and their spli
 scene                                 of a sequence of ColoRadar, in the paper's words
 matches_of                            radar frames and LiDAR scans of the same time
 PrepareSpec, prepare_frame            options, and one prepared frame
+lidar_in_view                         all LiDAR points that were in its view
 preview                               one frame with the steps of its preparation
-prepare, Records                      folders of prepared frames: write and read
+prepare, Records, is_records          folders of prepared frames: write and read
 PairSource, lidar_image               prepared frames to images
 mirrored, thinned                     changes of a pair at random in training
 Batches                               shuffled batches by step
 """
 
-from jradar.data.frames import matches_of as matches_of, prepare_frame as prepare_frame
+from jradar.data.frames import (
+    lidar_in_view as lidar_in_view,
+    matches_of as matches_of,
+    prepare_frame as prepare_frame,
+)
 from jradar.data.loading import (
     Batches as Batches,
     Pair as Pair,
@@ -25,7 +30,11 @@ from jradar.data.prepare import (
     prepare as prepare,
 )
 from jradar.data.preview import preview as preview
-from jradar.data.records import PreparedFrame as PreparedFrame, Records as Records
+from jradar.data.records import (
+    PreparedFrame as PreparedFrame,
+    Records as Records,
+    is_records as is_records,
+)
 from jradar.data.sources import (
     find_sources as find_sources,
     scene as scene,

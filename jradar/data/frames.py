@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Inexact, Int
 
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
-from jradar.lidar import LidarSteps, interpolate_poses, preprocess
+from jradar.lidar import LidarSpec, LidarSteps, aligned, interpolate_poses, preprocess
 from jradar.radar import (
     Cells,
     Radar,
@@ -146,6 +146,21 @@ def prepare_frame(
         range_bias_m=float(recording.radar.range_bias_m),
     )
     return frame, steps, trusted_xyz
+
+
+def lidar_in_view(
+    recording: Recording, prepared: PreparedFrame, spec: LidarSpec
+) -> Float[np.ndarray, "point 3"]:
+    """Return all LiDAR points in the field of view of a frame that was prepared; host.
+
+    They are in the radar's frame, floor and ceiling included.
+    """
+    _, lidar, stamps = _timed(recording)
+    index = int(np.argmin(np.abs(np.asarray(stamps) - prepared.lidar_stamp)))
+    radar, scanner = sensor_poses(recording, prepared.stamp, prepared.lidar_stamp)
+    transform = np.linalg.inv(radar) @ scanner
+    xyz, seen = aligned(lidar[index][:, :3], radar_from_lidar=transform, spec=spec)
+    return xyz[seen]
 
 
 def _timed(recording: Recording) -> tuple[np.ndarray, Stream, np.ndarray]:

@@ -124,7 +124,8 @@ def prepare(
             summaries.append(_summary(source, found, ours, spec, frames))
         if not any(summary["frames"] for summary in summaries):
             reasons = dict.fromkeys(why for s in summaries for why in s["dropped"])
-            raise ValueError(f"{path} has no usable frame: {', '.join(reasons)}")
+            names = ", ".join(source.name for source in sources)
+            raise ValueError(f"no usable frame in {names}: {', '.join(reasons)}")
         manifest = head | {"complete": True, "sequences": summaries}
         _write_manifest(folder, manifest)
     return manifest
@@ -200,8 +201,8 @@ def _head(sources, spec, frames):
         names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
         raise ValueError(
             f"the sequences were recorded with {len(radars)} radars ({', '.join(names)}"
-            ") whose antennas differ, expected one array: prepare them into different "
-            "folders"
+            ") whose antennas differ, expected one array: take the recordings of "
+            "one radar at a time"
         )
     for radar in radars:
         dtype = np.float32 if radar.real_samples else np.complex64
@@ -290,6 +291,12 @@ def _chosen(source, spec, frames):
     recording = _opened(source)
     matches = matches_of(recording, spec)
     wanted = source.frames(recording, frames)
+    if not wanted and source.part != (0.0, 1.0):
+        raise UsageError(
+            f"{source.name}: a recording of {len(recording.cubes)} frames is too short "
+            "to be cut into two parts: record longer, or name another recording by "
+            "--validation"
+        )
     dropped = {i: why for i, why in matches.dropped.items() if i in wanted}
     check_dropped(recording.name, len(wanted), dropped)
     keep = np.isin(matches.radar, wanted)

@@ -177,6 +177,15 @@ def _check(values: Any, **kinds: type) -> None:
             raise ValueError(f"{name} is {found}, expected {kind.__name__}")
 
 
+def is_records(path: Path | str) -> bool:
+    """Return whether a folder was begun by `jradar prepare`."""
+    try:
+        found = read_json(Path(path) / "manifest.json")
+    except (OSError, ValueError):
+        return False
+    return {"format", "options", "names"} <= found.keys()
+
+
 class Records(Stream):
     """The prepared frames of a folder; ValueError on access to damaged bytes."""
 
@@ -253,11 +262,12 @@ class Records(Stream):
 
     def _frame(self, index):
         try:
-            return from_bytes(self._source[index])
+            frame = from_bytes(self._source[index])
         except (RuntimeError, ValueError) as error:
             sequence, frame = self.where[index]
             where = f"record {index} ({sequence}, frame {frame})"
             raise ValueError(f"{self.folder}, {where}: {error}") from error
+        return frame._replace(sequence=self.where[index][0])  # NAME-end, of a part
 
     def radar_of(self, sequence: str) -> RadarSpec:
         """Return the radar of a sequence; its antennas are those of `radar`."""

@@ -2,12 +2,18 @@
 
 score_frames, Method, Truth      scores of each method on each frame of a sequence
 score_points, mean_scores        scores of one cloud; their means over several
+score_records, score_and_keep, View, Frame, drawn
+                                 methods on records: rows, and clouds of some frames
+write_results, write_report      all of it, written as the report of a run
+detector_methods, choose_rates   CFAR detectors, and `splat`, with the best rates
 with_confidence                  a model whose confidence holds on given records
 write_scores, read_scores        the file of scores, the source of all that follows
 mean_interval                    mean of correlated frames, with its interval
+score_rings, ring_edges          scores by distance from the radar
 near_truth, reliability, reliability_error, precision_over_coverage
                                  whether the confidence of points holds
-summarise, markdown, COLUMNS     means of groups of rows, as a table; its columns
+summarise, pooled, markdown, COLUMNS
+                                 means of groups of rows, as a table; its columns
 overview, write_tables           the tables that a run prints; Markdown, LaTeX and CSV
 markdown_table                   any titles and cells as Markdown
 read_runs, comparison_table      several runs side by side
@@ -18,6 +24,18 @@ build_report, open_report        tables, curves and clouds of a run in one HTML 
 """
 
 from jradar.evaluation.confidence import with_confidence as with_confidence
+from jradar.evaluation.detectors import (
+    best_choice as best_choice,
+    choose_rates as choose_rates,
+    detected as detected,
+    detector_methods as detector_methods,
+    seen_points as seen_points,
+    smeared as smeared,
+)
+from jradar.evaluation.distances import (
+    ring_edges as ring_edges,
+    score_rings as score_rings,
+)
 from jradar.evaluation.methods import (
     Method as Method,
     Truth as Truth,
@@ -25,6 +43,20 @@ from jradar.evaluation.methods import (
     mean_scores as mean_scores,
     score_frames as score_frames,
     score_points as score_points,
+)
+from jradar.evaluation.records import (
+    Frame as Frame,
+    View as View,
+    check_view as check_view,
+    drawn as drawn,
+    points_of as points_of,
+    samples as samples,
+    score_and_keep as score_and_keep,
+    score_records as score_records,
+    surest_points as surest_points,
+    view_of as view_of,
+    write_report as write_report,
+    write_results as write_results,
 )
 from jradar.evaluation.reliability import (
     Coverage as Coverage,
@@ -50,6 +82,7 @@ from jradar.evaluation.scores import (
     write_scores as write_scores,
 )
 from jradar.evaluation.statistics import (
+    compare_methods as compare_methods,
     mean_interval as mean_interval,
     spread as spread,
 )
@@ -58,6 +91,7 @@ from jradar.evaluation.tables import (
     markdown as markdown,
     markdown_table as markdown_table,
     overview as overview,
+    pooled as pooled,
     summarise as summarise,
     write_tables as write_tables,
 )

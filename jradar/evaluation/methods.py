@@ -21,6 +21,7 @@ from jradar.types import PointCloud
 
 Method = Callable[[Key[Array, ""], Any], PointCloud]
 Truth = Callable[[Any], np.ndarray]
+Watch = Callable[[Any, dict[str, Any], PointCloud, np.ndarray], None]
 
 
 def score_frames(
@@ -32,13 +33,15 @@ def score_frames(
     scene: str,
     sequence: str = "",
     warm_up: bool = True,
+    watch: Watch | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Yield the scores of each method on each frame of a sequence, against each truth.
 
     `frames` is in order of time. A truth returns a frame's points `[point, 3]`. All
     methods get the same key for a frame. Rows have the fields of `scores`, of which
     `milliseconds` is the wall time of the method. Before the first frame, an untimed
-    call compiles the method, unless `warm_up` is False.
+    call compiles the method, unless `warm_up` is False. `watch` is called with each
+    frame and row, and with the cloud and the true points that were compared.
     """
     if not methods or not truths:
         raise ValueError(
@@ -55,7 +58,7 @@ def score_frames(
             milliseconds = 1e3 * (time.perf_counter() - start)
             found = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
             for truth_name, truth in true_points.items():
-                yield {
+                row = {
                     "scene": scene,
                     "sequence": sequence,
                     "frame": index,
@@ -65,6 +68,9 @@ def score_frames(
                     "milliseconds": milliseconds,
                     **score_points(found, truth),
                 }
+                if watch is not None:
+                    watch(frame, row, cloud, truth)
+                yield row
 
 
 def score_points(

@@ -175,10 +175,20 @@ def overview(scores: Sequence[dict[str, Any]]) -> str:
 
 def pooled_table(scores: Sequence[dict[str, Any]]) -> str:
     """Return means over all scenes, with milliseconds, a row for each method."""
-    together = [
+    return markdown(pooled(scores), columns=COLUMNS)
+
+
+def pooled(
+    scores: Iterable[dict[str, Any]],
+    *,
+    by: tuple[str, ...] = ("truth", "method"),
+    columns: Sequence[str] = tuple(COLUMNS),
+) -> Summary:
+    """Return `summarise` over all scenes."""
+    together = (
         row | {"sequence": f"{row['scene']} {row['sequence']}"} for row in scores
-    ]
-    return markdown(summarise(together, by=("truth", "method")), columns=COLUMNS)
+    )
+    return summarise(together, by=by, columns=columns)
 
 
 def paper_tables(summary: Summary, *, truth: str, **options: Any) -> list[str]:

@@ -2,7 +2,7 @@
 
 Poses         Poses, rigid_transform, transform, interpolate_poses
 Scans         returns (points that are echoes), accumulate, shared_field_of_view
-All steps     LidarSpec, preprocess, LidarSteps
+All steps     LidarSpec, preprocess, LidarSteps; aligned, the first of them
 
 The steps are in `ground` (floor and ceiling by Patchwork++) and `visible` (clusters of
 both sensors).
@@ -20,5 +20,6 @@ from jradar.lidar.align import (
 from jradar.lidar.preprocess import (
     LidarSpec as LidarSpec,
     LidarSteps as LidarSteps,
+    aligned as aligned,
     preprocess as preprocess,
 )

@@ -83,15 +83,7 @@ def preprocess(
     `lidar_xyz` is in the LiDAR's frame, `radar_xyz` in the radar's. The result depends
     on the arguments only.
     """
-    xyz = np.where(returns(lidar_xyz)[:, None], lidar_xyz, np.nan)
-    xyz = transform(radar_from_lidar, xyz.astype(lidar_xyz.dtype))
-    in_view = shared_field_of_view(
-        xyz,
-        azimuth=spec.azimuth,
-        elevation=spec.elevation,
-        max_range_m=spec.max_range_m,
-        min_range_m=spec.min_range_m,
-    )
+    xyz, in_view = aligned(lidar_xyz, radar_from_lidar=radar_from_lidar, spec=spec)
     reach = {"max_range_m": spec.max_range_m, "thickness_m": spec.thickness_m}
     ground = ground_mask(
         xyz, among=in_view, sensor_height_m=spec.sensor_height_m, **reach
@@ -108,3 +100,25 @@ def preprocess(
         max_points=spec.max_points,
     )
     return LidarSteps(xyz, in_view, ground, ceiling, visible)
+
+
+def aligned(
+    lidar_xyz: Float[np.ndarray, "point 3"],
+    *,
+    radar_from_lidar: Float[np.ndarray, "4 4"],
+    spec: LidarSpec,
+) -> tuple[Float[np.ndarray, "point 3"], Bool[np.ndarray, " point"]]:
+    """Return a scan in the radar's frame, and which points are in the field of view.
+
+    Missing returns become NaN.
+    """
+    xyz = np.where(returns(lidar_xyz)[:, None], lidar_xyz, np.nan)
+    xyz = transform(radar_from_lidar, xyz.astype(lidar_xyz.dtype))
+    in_view = shared_field_of_view(
+        xyz,
+        azimuth=spec.azimuth,
+        elevation=spec.elevation,
+        max_range_m=spec.max_range_m,
+        min_range_m=spec.min_range_m,
+    )
+    return xyz, in_view

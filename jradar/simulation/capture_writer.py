@@ -8,7 +8,7 @@ FAMILY_SEED/capture.toml      description of the capture, which `jradar` reads
 FAMILY_SEED/timestamps.txt    true start of each radar frame, seconds since 1970
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from jradar.errors import UsageError, optional
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
 from jradar.simulation import coloradar_writer as files
-from jradar.simulation.rig import EXTRINSICS, sensor_pose
+from jradar.simulation.rig import EXTRINSICS, described_mount, sensor_pose
 from jradar.simulation.scanner import MID360, MID360_LINES, mid360_rays, scan
 from jradar.simulation.sequence import (
     EPOCH_S,
@@ -29,6 +29,7 @@ from jradar.simulation.sequence import (
     radar_frames,
     stream_stamps,
 )
+from jradar.simulation.units import UnitSpec
 
 FIRING_MASKS = (1, 4, 2)  # of the AWR1843's transmitters, in ColoRadar's order
 FRAME_PERIOD_S = 0.1
@@ -58,10 +59,12 @@ def simulate_capture(
     root: Path | str,
     *,
     frames: int = 50,
+    unit: UnitSpec | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Path:
     """Write a capture of a scene as `root/FAMILY_SEED`; return its folder.
 
+    A `unit` is described as its user measured it, without the factors of its channels.
     `advance` is called after each of the `frames` frames. Needs rosbags (the extra
     `ros`).
     """
@@ -71,7 +74,7 @@ def simulate_capture(
         optional(f"rosbags.{name}", need="bags need rosbags", extra="ros")
         for name in ("rosbag1", "typesys")
     )
-    setting = make_setting(family, seed, sensor="single_chip")
+    setting = make_setting(family, seed, sensor="single_chip", unit=unit)
     radar, _ = setting.radars["single_chip"]
     seconds = frames * FRAME_PERIOD_S
     stamps = stream_stamps(setting, "single_chip", seconds)
@@ -85,7 +88,12 @@ def simulate_capture(
         turned = Rotation.from_matrix(turn).as_quat()
         rows = np.column_stack([EPOCH_S + poses, xyz, turned])
         np.savetxt(scratch / "poses.txt", rows, fmt="%.6f")
-        write_description(scratch / "capture.toml", start_time_s=EPOCH_S + stamps[0])
+        mounts = EXTRINSICS
+        if unit is not None:
+            mounts = EXTRINSICS | {"single_chip": described_mount("single_chip", unit)}
+        write_description(
+            scratch / "capture.toml", mounts, start_time_s=EPOCH_S + stamps[0]
+        )
         with open(scratch / "adc_data.bin", "wb") as samples:
             for frame in radar_frames(setting, "single_chip", stamps):
                 samples.write(dca1000_bytes(np.asarray(frame)))
@@ -99,11 +107,13 @@ def simulate_capture(
     return folder
 
 
-def write_description(path: Path, *, start_time_s: float) -> None:
-    """Write the `capture.toml` of a simulated capture."""
+def write_description(
+    path: Path, mounts: Mapping[str, Any], *, start_time_s: float
+) -> None:
+    """Write the `capture.toml` of a simulated capture, with `EXTRINSICS` or others."""
     place = {
         sensor: f"xyz = {[*map(float, xyz)]}\nquaternion = {[*map(float, turn)]}\n"
-        for sensor, (xyz, turn) in EXTRINSICS.items()
+        for sensor, (xyz, turn) in mounts.items()
     }
     path.write_text(
         '[radar]\nfile = "adc_data.bin"\ndescription = "awr1843.cfg"\n'

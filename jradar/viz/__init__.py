@@ -7,6 +7,7 @@ reliability_figure               the confidence of points: is it right, what it 
 preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
+bars_figure                      a number of each method in groups, such as distances
 maps_figure                      maps side by side, from above and from the side
 video.VideoWriter                frames from above, one after another
 save_figure                      any of them as PNG
@@ -24,6 +25,7 @@ from jradar.viz.figures import (
 from jradar.viz.maps import maps_figure as maps_figure
 from jradar.viz.page import CloudFrame as CloudFrame, write_page as write_page
 from jradar.viz.results import (
+    bars_figure as bars_figure,
     clouds_figure as clouds_figure,
     error_curves_figure as error_curves_figure,
     learning_curve_figure as learning_curve_figure,

@@ -78,6 +78,26 @@ def error_curves_figure(
     return figure
 
 
+def bars_figure(
+    values: Mapping[str, Mapping[str, float]], *, ylabel: str = ""
+) -> Figure:
+    """Draw `values[method][group]` as bars, side by side in each group."""
+    groups = [*dict.fromkeys(name for named in values.values() for name in named)]
+    figure = Figure(figsize=(1.6 * len(groups) + 2, 4), layout="constrained")
+    axes = figure.add_subplot()
+    width = 0.8 / max(len(values), 1)
+    for i, (name, named) in enumerate(values.items()):
+        heights = [named.get(group, math.nan) for group in groups]
+        places = np.arange(len(groups)) + (i - (len(values) - 1) / 2) * width
+        axes.bar(places, heights, width, label=name)
+    axes.set_xticks(range(len(groups)), groups)
+    axes.set_ylabel(ylabel)
+    axes.grid(alpha=0.3, axis="y")
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
 def clouds_figure(
     scenes: Mapping[str, Mapping[str, Points]], *, enlarged: Collection[str] = ()
 ) -> Figure:

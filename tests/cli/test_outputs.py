@@ -16,10 +16,11 @@ OWN = (  # the names of all that commands write, and others
     *("000000/radar.ply", "000001/enhanced.npz", "radar/000000.pcd", "capture.png"),
     *("preparation.png", "manifest.json", "run0/0000.array_record", ".lock"),
     *("splits.json", "calib/notes.txt", "corridor_0/notes.txt", "thesis.txt"),
-    *("map.ply", "grid.yaml", "map.png"),
+    *("map.ply", "grid.yaml", "map.png", "evaluation/report.html"),
     *("walk.tum", "my.toml", "function.jax", "out.mcap", "out.ros2/metadata.yaml"),
 )
-LONG = ("live", "live.mcap", "out.ros2", "prepare", "scene", "capture", "function.jax")
+LONG = ("live", "live.mcap", "out.ros2", "score", "prepare", "scene")
+LONG += ("capture", "function.jax")
 
 
 def hashes(folder):
@@ -67,6 +68,7 @@ def commands(run, uncalibrated, model_folder, map_model_folder):
         "walk.tum": ["odometry", run],
         "map": ["map", run, "--model", map_model_folder],
         "finetune": ["finetune", run, "--model", model_folder],
+        "score": ["score", run, "--model", model_folder],
         "prepare": prepare,
         "preview": [*prepare, "--preview"],
         "scene": scene,
@@ -90,6 +92,7 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         "walk.tum": "walk.tum was not written by this command",
         "map": "map.ply was not written by this command",
         "finetune": "which is not of a fine-tuning",
+        "score": "evaluation/report.html was not written by this command",
         "prepare": "own is neither empty nor a folder of records, it holds ",
         "preview": "preparation.png was not written by this command",
         "scene": "calib holds notes.txt but no simulated.txt",

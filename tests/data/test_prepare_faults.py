@@ -17,7 +17,7 @@ from jradar.data import workers as workers_module
 from jradar.data.frames import prepare_frame
 from jradar.data.prepare import prepare
 from jradar.data.records import Records, write_shard
-from jradar.errors import exit_code
+from jradar.errors import UsageError, exit_code
 from jradar.recordings import open_recording
 from tests.data.prepared import SPEC, digests, with_points
 from tests.recordings.small_sequence import write_sequence, write_stamps
@@ -71,8 +71,18 @@ def test_sequences_of_one_frame_may_be_blind_but_not_all_of_them(tmp_path):
     assert [s["frames"] for s in manifest["sequences"]] == [0, 1]
     assert Records(tmp_path / "dst").where == [("run1", 0)]
     blind(tmp_path / "src/run1", lidar=[0])
-    with pytest.raises(ValueError, match="no usable frame: all radar.*, no LiDAR"):
+    with pytest.raises(ValueError, match="no usable frame in run0, run1: all radar"):
         prepare(tmp_path / "src", tmp_path / "other", SPEC, workers=1)
+
+
+def test_a_recording_too_short_to_be_cut_says_so(tmp_path):
+    write_sequence(tmp_path / "src", frames=3)
+    with pytest.raises(UsageError, match="3 frames is too short .* --validation"):
+        prepare(
+            *(tmp_path / "src", tmp_path / "dst", SPEC),
+            workers=1,
+            validation_share=0.3,
+        )
 
 
 def no_space(*_):

@@ -9,17 +9,20 @@ import pytest
 
 from experiments import build, enhance
 from experiments.configs import regression
-from experiments.detectors import detected, detector_methods, seen_points, smeared
-from experiments.evaluate import (
-    Frame,
-    points_of,
-    score_records,
-    view_of,
-    with_confidence,
-)
 from jradar import data
 from jradar.errors import UsageError
-from jradar.evaluation import mean_scores
+from jradar.evaluation import (
+    Frame,
+    detected,
+    detector_methods,
+    mean_scores,
+    points_of,
+    score_records,
+    seen_points,
+    smeared,
+    surest_points,
+    view_of,
+)
 from jradar.model import Model
 from jradar.radar import PointSpec
 from jradar.range_image import encode_range
@@ -121,10 +124,10 @@ def test_splat_smears_the_points_by_20_cm_to_one_for_each_pixel(records):
 def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():
     xyz, valid = np.eye(3, dtype=np.float32), np.array([True, False, True])
     plain = PointCloud(jnp.asarray(xyz), jnp.asarray(valid))
-    np.testing.assert_array_equal(with_confidence(plain), xyz[valid])
+    np.testing.assert_array_equal(surest_points(plain), xyz[valid])
     sure = plain._replace(confidence=jnp.asarray([0.25, 0.5, 1.0000001]))
     expected = [[1, 0, 0, 0.25], [0, 0, 1, 1]]
-    np.testing.assert_array_equal(with_confidence(sure), expected)
+    np.testing.assert_array_equal(surest_points(sure), expected)
 
 
 def test_models_are_not_trained_on_directions_by_music(trained):

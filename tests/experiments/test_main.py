@@ -13,13 +13,12 @@ import pytest
 
 from experiments import build, enhance, main as command, maps, rpdnet, train
 from experiments.configs import smoke
-from experiments.evaluate import points_of
 from experiments.radarhd.model import networks
 from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records
 from jradar.errors import UsageError
-from jradar.evaluation import mean_scores, write_scores
+from jradar.evaluation import mean_scores, points_of, write_scores
 from jradar.model import draw
 from jradar.range_image import image_cloud
 from tests import programs

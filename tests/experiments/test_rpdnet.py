@@ -11,7 +11,6 @@ import pytest
 from experiments import rpdnet, train
 from experiments.build import build_optimizer
 from experiments.configs import rpdnet as default
-from experiments.evaluate import view_of
 from experiments.rpdnet import labels as module, loss
 from experiments.rpdnet.labels import LabelledMaps, label_cells, sensor_velocities
 from experiments.rpdnet.loss import (
@@ -22,6 +21,7 @@ from experiments.rpdnet.loss import (
 )
 from jradar import data, evaluation, training
 from jradar.baselines import RPDNet
+from jradar.evaluation import view_of
 from jradar.radar import Radar, RadarSpec, Scatterers, all_cells, simulate_cube
 
 KEY = jax.random.key(0)

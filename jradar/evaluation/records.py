@@ -1,12 +1,13 @@
-"""The evaluation that tasks and studies share: methods, scores, tables, report.
+"""Methods on records: what they are given, their rows, and the report of a run.
 
 A method is a function from a key and a `Frame` to a PointCloud. `write_results` scores
-a dictionary of methods on records, and writes
+a dictionary of methods, and writes
 
     evaluation/frames.jsonl    every score of every frame; all else is made from it
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
 """
 
+import functools
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,15 +16,24 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
-from jradar import data, evaluation, viz
-from jradar.evaluation import Method, spread
+from jradar import data, viz
+from jradar.errors import UsageError
+from jradar.evaluation.methods import Method, Truth, Watch, score_frames
+from jradar.evaluation.report import build_report, save_clouds
+from jradar.evaluation.scores import Scores, write_scores
+from jradar.evaluation.statistics import spread
+from jradar.evaluation.tables import overview, write_tables
+from jradar.model import Model, draw
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
-from jradar.range_image import ImageSpec, unproject
+from jradar.range_image import ImageSpec, image_cloud, unproject
 from jradar.types import PointCloud
 
 CLOUDS_IN_REPORT = 18
 SCENES_IN_FIGURE = 6
+TRUTH = "LiDAR"  # the part that the radar could have seen
+VIEW = ("azimuth", "elevation", "max_range_m")
+Clouds = dict[tuple[str, str, int], dict[str, np.ndarray]]  # by frame and name
 
 
 class Frame(NamedTuple):
@@ -62,7 +72,7 @@ def points_of(cloud: PointCloud) -> np.ndarray:
     return np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
 
 
-def with_confidence(cloud: PointCloud) -> np.ndarray:
+def surest_points(cloud: PointCloud) -> np.ndarray:
     """Return the valid points, with the cloud's confidence as a fourth column.
 
     A cloud without confidence has three columns.
@@ -82,6 +92,31 @@ def scene_of(sequence: str) -> str:
         return sequence.rpartition("_")[0] or sequence
 
 
+def check_view(model: Model, records: data.Records) -> None:
+    """Raise UsageError for records of another field of view than the model's."""
+    lidar, fine = records.manifest["options"]["lidar"], model.spec.fine
+    seen = {name: np.ravel(lidar[name]).tolist() for name in VIEW}
+    wanted = {name: np.ravel(getattr(fine, name)).tolist() for name in VIEW}
+    if seen != wanted:
+        raise UsageError(
+            f"{records.folder} was prepared for the view {seen}, the model has "
+            f"{wanted}: prepare it again with --spec and these values in [lidar]"
+        )
+
+
+def drawn(model: Model, **drawing: Any) -> Method:
+    """Return the method that draws the model's cloud with options of `draw`."""
+    options = tuple(drawing.items())
+    return lambda key, frame: _cloud(key, frame.pair.condition, model, options)
+
+
+@functools.partial(jax.jit, static_argnames="options")
+def _cloud(key, condition, model, options):
+    """The cloud of one condition; models of the same spec share what is compiled."""
+    image = draw(key, condition, model, **dict(options))
+    return image_cloud(image, model.spec.fine)
+
+
 def write_results(
     key: jax.Array,
     workdir: Path,
@@ -95,37 +130,43 @@ def write_results(
 
     The report shows the clouds of some frames, spread over all of them.
     """
-    records = view.records
-    scored = [i for index in _scored(records, every).values() for i in index]
-    shown = [scored[i] for i in spread(len(scored), CLOUDS_IN_REPORT)]
-    drawn: dict[tuple[int, str], PointCloud] = {}
+    rows, clouds = score_and_keep(key, view, pairs, methods, every=every)
+    figures = {"samples": samples(clouds, view.fine)}
+    report = write_report(workdir, rows, clouds, figures)
+    print(f"{overview(rows)}\nreport: {report}")
 
-    def watched(name, method):
-        """The method, keeping its clouds of the frames that are shown."""
-        places = {records.where[i]: i for i in shown}
 
-        def call(key, frame):
-            cloud = method(key, frame)
-            place = frame.prepared.sequence, frame.prepared.frame
-            if place in places:
-                drawn[places[place], name] = cloud
-            return cloud
+def score_and_keep(
+    key: jax.Array,
+    view: View,
+    pairs: Any,
+    methods: dict[str, Method],
+    *,
+    every: int = 1,
+    truths: Mapping[str, Truth] | None = None,
+    watch: Watch | None = None,
+) -> tuple[Scores, Clouds]:
+    """Return the rows of `score_records`, and the clouds of some frames."""
+    scored = [i for index in _scored(view.records, every).values() for i in index]
+    shown = {
+        view.records.where[scored[i]] for i in spread(len(scored), CLOUDS_IN_REPORT)
+    }
+    clouds: Clouds = {}
 
-        return call
+    def keep(frame, row, cloud, truth):
+        if watch is not None:
+            watch(frame, row, cloud, truth)
+        place = frame.prepared.sequence, frame.prepared.frame
+        if place in shown and row["truth"] == TRUTH:
+            named = clouds.setdefault((row["scene"], *place), {})
+            named.setdefault("radar", points_of(frame.prepared.radar))
+            named[row["method"]] = surest_points(cloud)
+            named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # the last
 
-    calls = {name: watched(name, method) for name, method in methods.items()}
-    rows = [*score_records(key, view, pairs, calls, every=every)]
-    clouds = {}
-    for i in shown:
-        sequence, frame = records.where[i]
-        prepared = records[i]
-        clouds[scene_of(sequence), sequence, frame] = {
-            "radar": points_of(prepared.radar),
-            **{name: with_confidence(drawn[i, name]) for name in methods},
-            "LiDAR": np.asarray(prepared.lidar_xyz),
-        }
-    report = write_report(workdir, rows, clouds, {"samples": _samples(clouds, view)})
-    print(f"{evaluation.overview(rows)}\nreport: {report}")
+    rows = score_records(
+        key, view, pairs, methods, every=every, truths=truths, watch=keep
+    )
+    return [*rows], clouds
 
 
 def write_report(
@@ -139,12 +180,12 @@ def write_report(
     `clouds` are by scene, sequence and frame, and by name.
     """
     out = workdir / "evaluation"
-    evaluation.write_scores(out / "frames.jsonl", rows)
-    evaluation.write_tables(out / "frames.jsonl")
-    evaluation.save_clouds(out / "clouds.npz", clouds)
+    write_scores(out / "frames.jsonl", rows)
+    write_tables(out / "frames.jsonl")
+    save_clouds(out / "clouds.npz", clouds)
     for name, figure in figures.items():
         viz.save_figure(figure, out / f"{name}.png")
-    return evaluation.build_report(workdir)
+    return build_report(workdir)
 
 
 def score_records(
@@ -154,14 +195,16 @@ def score_records(
     methods: dict[str, Method],
     *,
     every: int = 1,
+    truths: Mapping[str, Truth] | None = None,
+    watch: Watch | None = None,
 ) -> Iterator[dict[str, Any]]:
     """Yield scores of methods on every `every`-th frame of each sequence.
 
-    There are two truths: the prepared LiDAR cloud, and that cloud after its range
-    image. A row's `frame` is the number of the radar frame in its recording.
+    By default there are two truths: the prepared LiDAR cloud, and that cloud after its
+    range image. A row's `frame` is the number of the radar frame in its recording.
     """
-    truths = {
-        "LiDAR": lambda frame: frame.prepared.lidar_xyz,
+    truths = truths or {
+        TRUTH: lambda frame: frame.prepared.lidar_xyz,
         "LiDAR as an image": lambda frame: points_of(
             unproject(frame.pair.lidar, view.fine)
         ),
@@ -170,7 +213,7 @@ def score_records(
     scored = _scored(records, every)
     with progress("scoring", sum(map(len, scored.values())), unit="frames") as show:
         for number, (sequence, index) in enumerate(scored.items()):
-            rows = evaluation.score_frames(
+            rows = score_frames(
                 jax.random.fold_in(key, number),
                 (Frame(records[i], pairs[i]) for i in index),
                 methods,
@@ -178,6 +221,7 @@ def score_records(
                 scene=scene_of(sequence),
                 sequence=sequence,
                 warm_up=not done,
+                watch=watch,
             )
             for row in rows:
                 yield row | {"frame": records.where[index[row["frame"]]][1]}
@@ -193,16 +237,14 @@ def _scored(records: data.Records, every: int) -> dict[str, list[int]]:
     return {sequence: index[::every] for sequence, index in found.items()}
 
 
-def _samples(clouds, view: View):
-    """Range images of the first frame of each scene."""
+def samples(clouds: Clouds, fine: ImageSpec) -> Figure:
+    """Draw the range images of the first frame of each scene."""
     scenes: dict[str, dict[str, np.ndarray]] = {}
     for (scene, _, _), named in clouds.items():
         scenes.setdefault(scene, named)
     first = [*scenes.values()][:SCENES_IN_FIGURE]
     columns = {
-        name: np.stack(
-            [data.lidar_image(named[name][:, :3], view.fine) for named in first]
-        )
+        name: np.stack([data.lidar_image(named[name][:, :3], fine) for named in first])
         for name in first[0]
     }
-    return viz.samples_figure(columns, view.fine)
+    return viz.samples_figure(columns, fine)

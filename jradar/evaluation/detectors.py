@@ -6,9 +6,10 @@ from typing import Any, TypeVar
 import jax
 import numpy as np
 
-from experiments.evaluate import View, points_of
 from jradar import data
-from jradar.evaluation import Method, score_points, spread
+from jradar.evaluation.methods import Method, score_points
+from jradar.evaluation.records import View, points_of
+from jradar.evaluation.statistics import spread
 from jradar.lidar import shared_field_of_view
 from jradar.radar import DETECTORS, Radar, cell_points, detect
 from jradar.types import PointCloud
@@ -50,8 +51,9 @@ def smeared(key: jax.Array, cloud: PointCloud, view: View) -> PointCloud:
         return cloud
     random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
     index = random.integers(len(xyz), size=rows * columns)
-    moved = random.normal(xyz[index], SMEAR_M)
-    return PointCloud(moved, in_view(moved, view))
+    moved: Any = random.normal(xyz[index], SMEAR_M)
+    seen: Any = in_view(moved, view)
+    return PointCloud(moved, seen)
 
 
 def in_view(xyz: np.ndarray, view: View) -> np.ndarray:

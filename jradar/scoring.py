@@ -1,0 +1,308 @@
+"""Scores on one's own rig: CFAR, splat and models against the recording's own LiDAR.
+
+    found = score(["walks/home_902"], models=["jradar-sim", "mine"])
+    found.describe(), found.write("scores")
+
+Recordings are prepared as for training, and then scored as records are; the folder of
+`jradar prepare` can be given instead. There are two truths: the part of the LiDAR that
+the radar could have seen, by the rule of training, and, for recordings, all of its
+points in the field of view. The detector has the false-alarm rate that is best on the
+scored frames, which favours it.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jradar import data, viz
+from jradar.data import PrepareSpec, Records
+from jradar.errors import UsageError
+from jradar.evaluation import (
+    COLUMNS,
+    View,
+    check_view,
+    choose_rates,
+    compare_methods,
+    detector_methods,
+    drawn,
+    near_truth,
+    pooled,
+    precision_over_coverage,
+    reliability,
+    reliability_error,
+    ring_edges,
+    samples,
+    score_and_keep,
+    score_rings,
+    surest_points,
+    write_report,
+)
+from jradar.evaluation.records import TRUTH, VIEW, Clouds
+from jradar.evaluation.scores import Scores
+from jradar.lidar import LidarSpec
+from jradar.model import Model, load_model
+from jradar.session import of_radar
+
+WHOLE = "whole LiDAR in view"
+DETECTORS = ("os",)
+SCORED = ("test", "validation")  # splits of records, the first that there is
+JUDGED = "f_score_0.2"
+
+
+class Score(NamedTuple):
+    """What was scored, every score, and the clouds of some frames."""
+
+    records: dict[str, int]  # sequences and their scored frames
+    radar: str
+    models: tuple[str, ...]
+    rows: Scores
+    rings: Scores  # by distance from the radar
+    confidence: dict[str, tuple[np.ndarray, np.ndarray]]  # of points; which are right
+    clouds: Clouds
+    view: View
+    notes: tuple[str, ...]
+
+    def describe(self) -> dict[str, Any]:
+        """Return the tables, in metres and percent; intervals hold 95 %."""
+        found: dict[str, Any] = {
+            "radar": self.radar,
+            "frames": sum(self.records.values()),
+            "recordings": [f"{k}: {n} frames" for k, n in self.records.items()],
+            "notes": list(self.notes),
+        }
+        for truth in dict.fromkeys(row["truth"] for row in self.rows):
+            means = pooled(row for row in self.rows if row["truth"] == truth)
+            found[f"against the {truth}"] = [_line(mean) for mean in means]
+        found["by distance"] = [
+            {"distance": mean["distance"], **_line(mean)}
+            for mean in self._by_distance()
+        ]
+        found["compared"] = [*self._compared()]
+        found["confidence"] = [
+            {
+                "model": name,
+                "points": len(right),
+                "confidence (%)": 100 * float(confidence.mean(dtype=float)),
+                "right (%)": 100 * float(right.mean()),
+                "calibration error (%)": 100
+                * reliability_error(reliability(confidence, right)),
+            }
+            for name, (confidence, right) in self.confidence.items()
+        ]
+        return found
+
+    def _by_distance(self):
+        """The means of each method in each ring with a true point, nearest first."""
+        columns = {"by": ("distance", "method"), "columns": (JUDGED, "points")}
+        means = [mean for mean in pooled(self.rings, **columns) if mean["frames"]]
+        order = [*dict.fromkeys(row["distance"] for row in self.rings)]
+        return sorted(means, key=lambda mean: order.index(mean["distance"]))
+
+    def _compared(self):
+        """Each method minus the first model, frame by frame."""
+        rows = {}
+        for row in self.rows:
+            if row["truth"] == TRUTH:
+                rows.setdefault(row["method"], []).append(row)
+        reference, key = self.models[0], jax.random.key(0)
+        for name, scores in rows.items():
+            if name != reference:
+                found = compare_methods(key, scores, rows[reference], score=JUDGED)
+                yield {
+                    "methods": f"{name} minus {reference}",
+                    **_interval("F 0.2 m (points)", found.difference),
+                    "p": found.t_test,
+                }
+
+    def write(self, folder: Path | str) -> Path:
+        """Write scores, tables, pictures, clouds and a report; return its path."""
+        curves: dict[str, dict[str, float]] = {}
+        for mean in self._by_distance():
+            curve = curves.setdefault(mean["method"], {})
+            curve[mean["distance"]] = 100 * mean[JUDGED].mean
+        title = COLUMNS[JUDGED].title
+        figures = {
+            "samples": samples(self.clouds, self.view.fine),
+            "distance": viz.bars_figure(curves, ylabel=title),
+        }
+        if judged := self.confidence:
+            bins = {name: reliability(*points)[1:] for name, points in judged.items()}
+            kept = {name: precision_over_coverage(*p) for name, p in judged.items()}
+            figures["reliability"] = viz.reliability_figure(bins, kept)
+        return write_report(Path(folder), self.rows, self.clouds, figures)
+
+
+def score(
+    path: Path | str | Sequence[Path | str],
+    *,
+    models: Sequence[Path | str] = ("jradar-sim",),
+    split: str | None = None,
+    frames: slice = slice(None),
+    seed: int = 0,
+    **opening: Any,
+) -> Score:
+    """Score models and detectors on recordings, or on one folder of records.
+
+    `split` is that of records, by default test or else validation; `frames` selects
+    frames of each recording, and `opening` are keyword arguments of `open_recording`.
+    Raises UsageError for models of other views or radar points than the first, and for
+    records without the split; ValueError for recordings without LiDAR, of radars with
+    other antennas, or in which no LiDAR point can be seen.
+    """
+    paths = [path] if isinstance(path, str | Path) else [*path]
+    loaded = {str(name): load_model(name) for name in models}
+    first = _alike(loaded)
+    if any(map(data.is_records, paths)):
+        if len(paths) > 1 or frames != slice(None):
+            raise UsageError(
+                f"{len(paths)} paths, {frames=}: expected one folder of records, all "
+                "of whose frames are scored, or recordings"
+            )
+        records = _records(paths[0], split)
+        check_view(first, records)
+        return _scored(records, loaded, {}, seed)
+    if split is not None:
+        raise UsageError(f"{split=}: recordings have no splits, only records do")
+    view = {name: getattr(first.spec.fine, name) for name in VIEW}
+    spec = PrepareSpec(points=first.spec.points, lidar=LidarSpec(**view))
+    with tempfile.TemporaryDirectory() as scratch:
+        data.prepare(paths, scratch, spec, frames=frames, workers=1, **opening)
+        sources = data.find_sources(paths, **opening)
+        recordings = {source.name: source.open() for source in sources}
+
+        def whole(frame):
+            recording = recordings[frame.prepared.sequence]
+            return data.lidar_in_view(recording, frame.prepared, spec.lidar)
+
+        return _scored(Records(scratch), loaded, {WHOLE: whole}, seed)
+
+
+def _alike(models: dict[str, Model]) -> Model:
+    """Return the first model; UsageError for others that see something else."""
+    (name, first), *others = models.items()
+    for other, model in others:
+        for field in ("points", "coarse", "fine", "num_slices"):
+            found, wanted = (getattr(m.spec, field) for m in (model, first))
+            if found != wanted:
+                raise UsageError(
+                    f"--model {other} takes {field} = {found}, {name} {wanted}: score "
+                    "them one at a time"
+                )
+    return first
+
+
+def _records(folder: Path | str, split: str | None) -> Records:
+    """Return the split of records that is scored, or say how to get it."""
+    there = {sequence["split"] for sequence in Records(folder).sequences}
+    found = split or next((name for name in SCORED if name in there), None)
+    if found not in there:
+        wanted = split or " or ".join(SCORED)
+        raise UsageError(
+            f"{folder} has no {wanted} frames, only {', '.join(sorted(there))}: "
+            "prepare it again with --test NAME or --validation NAME, or choose --split"
+        )
+    return Records(folder, found)
+
+
+def _scored(records, models, truths, seed) -> Score:
+    """Return the scores of the detectors and models on records."""
+    first = next(iter(models.values())).spec
+    view = View(records, first.fine)
+    if not any(len(records[i].lidar_xyz) for i in range(len(records))):
+        raise ValueError(
+            f"none of {len(records)} frames has a LiDAR point that the radar could "
+            "have seen: are the poses of the sensors and their clocks right? `jradar "
+            "prepare --preview` draws a frame of them"
+        )
+    rates = choose_rates(view, records, detectors=DETECTORS)
+    methods = detector_methods(view, rates)
+    methods |= {name: drawn(model) for name, model in models.items()}
+    edges, rings, judged = ring_edges(first.fine.max_range_m), [], {}
+
+    def watch(frame, row, cloud, truth):
+        if row["truth"] != TRUTH:
+            return
+        points = surest_points(cloud)
+        about = {name: row[name] for name in ("scene", "sequence", "frame", "method")}
+        rings.extend(
+            about | ring for ring in score_rings(points[:, :3], truth, edges=edges)
+        )
+        if row["method"] in models and points.shape[1] > 3 and len(truth):
+            right = near_truth(points[:, :3], truth)
+            judged.setdefault(row["method"], []).append((points[:, 3], right))
+
+    pairs = data.PairSource(
+        records, first.coarse, first.fine, num_slices=first.num_slices
+    )
+    truth = {TRUTH: lambda frame: np.asarray(frame.prepared.lidar_xyz)}
+    rows, clouds = score_and_keep(
+        jax.random.key(seed), view, pairs, methods, truths=truth | truths, watch=watch
+    )
+    names = [name for name, _ in records.where]
+    return Score(
+        records={name: names.count(name) for name in dict.fromkeys(names)},
+        radar=records.radar.name,
+        models=tuple(models),
+        rows=rows,
+        rings=rings,
+        confidence={
+            name: (
+                np.concatenate([confidence for confidence, _ in parts]),
+                np.concatenate([right for _, right in parts]),
+            )
+            for name, parts in judged.items()
+            if any(len(right) for _, right in parts)
+        },
+        clouds=clouds,
+        view=view,
+        notes=tuple(_notes(records, models, rates, rows)),
+    )
+
+
+def _notes(records, models, rates, rows):
+    """Yield what to know of the scores, one sentence each."""
+    about = data.describe_manifest(records.manifest | {"sequences": records.sequences})
+    yield from about["notes"]
+    for part in about["dropped"]:
+        yield "{sequence}: {frames} frames dropped, {reason}".format(**part)
+    for name, model in models.items():
+        for warning in of_radar(model.card, records.radar):
+            yield f"{name}: {warning}"
+    for detector, rate in rates.items():
+        yield (
+            f"{detector.upper()}-CFAR has a false-alarm rate of {rate:g}, the best on "
+            "these frames"
+        )
+    means = pooled(row for row in rows if row["truth"] == TRUTH)
+    if without := means[0]["no_truth"]:
+        yield (
+            f"{without} frames are left out: the radar could have seen none "
+            "of their LiDAR points"
+        )
+    if not all(np.isfinite(mean[JUDGED].low) for mean in means):
+        yield (
+            f"{means[0]['frames']} frames are too few for some intervals, which need "
+            "four or more that do not resemble each other: record longer"
+        )
+
+
+def _line(mean: dict[str, Any]) -> dict[str, Any]:
+    """Return a method's means as a line of a table."""
+    line = {"method": mean["method"]}
+    if "chamfer" in mean:
+        line["CD (m)"] = mean["chamfer"].mean
+    line |= _interval(COLUMNS[JUDGED].title, mean[JUDGED])
+    line["points"] = round(mean["points"].mean) if mean["frames"] else 0
+    if "milliseconds" in mean:
+        line["ms"] = mean["milliseconds"].mean
+    return line | {"frames": mean["frames"], "empty": mean["empty"]}
+
+
+def _interval(title: str, estimate: Any) -> dict[str, float]:
+    """Return a mean in percent with the ends of its interval."""
+    values = zip((title, "from", "to"), estimate[:3], strict=True)
+    return {name: 100 * value for name, value in values}
