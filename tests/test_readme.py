@@ -264,6 +264,7 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/finetune.py": "starts from that",
     "--config=experiments/configs/varied.py": "starts from that",
     "-o runs/robustness --rates runs/varied": "needs that run",
+    "-o runs/own_frames": "half an hour of training",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/radarhd.py": "hours of training",
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",
