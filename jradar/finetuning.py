@@ -8,7 +8,7 @@
 The pixels between the beams of a scan are not observed, and not learnt: they are
 most of an image, for one frame of a Livox. Each batch holds a share of old frames. The
 weights with the best F-score on the validation frames are kept, those of the model as
-it was included. The confidence is then fitted to the validation frames.
+it was included. The confidence is then fitted to the validation and the old frames.
 """
 
 import dataclasses
@@ -206,7 +206,8 @@ def _trained(folder, start, own, checked, old, spec, name):
         or start.trust,
     )
     key = jax.random.fold_in(jax.random.key(spec.seed), 1)
-    found = with_confidence(key, found, checked)
+    # The frames of one place alone would make every point look as sure as there.
+    found = with_confidence(key, found, checked, *([] if old is None else [old]))
     save_model(folder / "model", found)
     training.write_model_card(
         folder,

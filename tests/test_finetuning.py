@@ -61,7 +61,15 @@ def test_own_frames_are_learnt_and_the_best_weights_are_kept(
         records, tmp_path / "mine", model=start, spec=QUICK, replay=records
     )
     jax.tree.map(np.testing.assert_array_equal, again.model.params, found.model.params)
-    # A run that was killed ends with the same model.
+    # A run that was killed ends with the same model. Confidence is fitted to
+    # validation and old frames.
+    fitted = []
+
+    def with_confidence(key, model, *sets):
+        fitted.append([len(frames) for frames in sets])
+        return model
+
+    monkeypatch.setattr(finetuning, "with_confidence", with_confidence)
     judged, judge = [], finetuning._judge
 
     def killed(model, records):
@@ -76,7 +84,8 @@ def test_own_frames_are_learnt_and_the_best_weights_are_kept(
             resumed = finetune(
                 records, tmp_path / "killed", model=start, spec=QUICK, replay=records
             )
-    assert len(judged) > 5 and resumed.before == found.before
+    assert len(judged) > 5 and fitted == [[2, 4]]
+    assert resumed.before == found.before
     assert resumed.best_step == found.best_step
     jax.tree.map(
         np.testing.assert_array_equal, resumed.model.params, found.model.params
