@@ -106,7 +106,7 @@ def test_every_line_of_the_readme_runs_in_order(tmp_path):
         block = block.replace("jradar view", "jradar view --no-open")
         lines += [f"python - <<'END'\n{block}END" if language == "python" else block]
     script = "\n".join(lines)
-    assert script.count("\njradar ") == 11 and "experiments.main" in script
+    assert script.count("\njradar ") == 12 and "experiments.main" in script
     ours = ("PYTHON", "JAX", "XLA", "JRADAR")  # of the process that tests
     environment = {k: v for k, v in os.environ.items() if not k.startswith(ours)}
     shown = pasted(lines, clone, environment)
@@ -115,7 +115,7 @@ def test_every_line_of_the_readme_runs_in_order(tmp_path):
         expected = re.search(rf"([0-9]+) % for `?{row}", EXPECTED)
         assert float(found[1]) == pytest.approx(float(expected[1]), abs=2)
     written = {path.name for path in clone.iterdir()}
-    assert {"out", "my.toml", "points", "walk.tum", "records", "enhance.jax"} <= written
+    assert {"out", "my.toml", "points", "walk.tum", "records", "map", "enhance.jax"} <= written
 
 
 def run_blocks(name):
