@@ -115,7 +115,15 @@ def test_every_line_of_the_readme_runs_in_order(tmp_path):
         expected = re.search(rf"([0-9]+) % for `?{row}", EXPECTED)
         assert float(found[1]) == pytest.approx(float(expected[1]), abs=2)
     written = {path.name for path in clone.iterdir()}
-    assert {"out", "my.toml", "points", "walk.tum", "records", "map", "enhance.jax"} <= written
+    assert {
+        "out",
+        "my.toml",
+        "points",
+        "walk.tum",
+        "records",
+        "map",
+        "enhance.jax",
+    } <= written
 
 
 def run_blocks(name):
@@ -243,6 +251,7 @@ def test_every_command_parses(command, monkeypatch):
 
 
 STANDS_FOR = {  # of the user's own
+    "RECORDING": "sim/hall_0",
     "PATH": "sim/hall_0",
     "adc_data.bin": "capture/hall_0/adc_data.bin",
     "profile.cfg": "capture/hall_0/awr1843.cfg",
@@ -266,6 +275,9 @@ NOT_RUN = {  # and why
     "-o runs/robustness --rates runs/varied": "needs that run",
     "-o runs/own_frames": "half an hour of training",
     "--config=experiments/configs/coloradar.py": "days of training",
+    "--config=experiments/configs/maps.py": "hours of training",
+    "--model runs/maps": "needs that run",
+    "-m experiments.studies.dream_pcd": "needs DREAM-PCD",
     "--config=experiments/configs/radarhd.py": "hours of training",
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_nearness.py": "needs RadarHD's folder",

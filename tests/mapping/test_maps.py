@@ -326,6 +326,21 @@ def test_real_runs_of_coloradar(samples):
         assert 0.01 < score < 0.25
 
 
+@pytest.mark.slow
+def test_the_shipped_model_completes_a_run_that_it_has_not_seen(samples):
+    model = load_map_model("jradar-maps")
+    runs = {run.name: run for run in open_runs(samples / "coloradar_maps")}
+    run, metres = runs["edgar_army_run5"], model.spec.metres
+    for number in (0, 100):
+        radar, lidar = run.patch(number)
+        found = enhance_patch(radar, model)
+        count = best_count(found.probability, len(lidar))
+        truth = metres(lidar)
+        exact = published_distance(truth)
+        before = f_score(metres(radar), truth, exact)
+        assert f_score(metres(found.voxels[:count]), truth, exact) > 3 * before > 0
+
+
 def test_a_model_is_saved_and_loaded_and_damage_is_noticed(model, tmp_path):
     save_map_model(tmp_path / "m", model, dtype=np.float32)
     found = load_map_model(tmp_path / "m")
