@@ -27,7 +27,13 @@ from jradar.model import Card, ModelSpec
 from jradar.progress import progress
 from jradar.radar import PointSpec
 from jradar.range_image import ImageSpec
-from jradar.simulation import set_sequences, simulate_set
+from jradar.simulation import (
+    DRAWN,
+    drawn_sources,
+    kind_of,
+    set_sequences,
+    simulate_set,
+)
 
 TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(3)
 
@@ -73,12 +79,38 @@ def prepared_data(
             "several processes cannot simulate their own data: prepare it beforehand, "
             "and pass the folder as --config.data.path"
         )
+    if config.data.set in DRAWN:
+        draw_places(config, records)
+        return records
     if write:
         write(config, recordings)
     else:
         simulate(config.data.set, recordings, frames=config.data.frames)
     data.prepare(recordings, records, prepare_spec(config), workers=1)
     return records
+
+
+def draw_places(config: ConfigDict, folder: Path, *, workers: int = 1) -> None:
+    """Simulate and prepare a set of which each frame has a place of its own."""
+    sources = drawn_sources(config.data.set, maps=config.data.maps)
+    data.prepare_sources(sources, folder, prepare_spec(config), workers=workers)
+
+
+def records_of(config: ConfigDict, folder: Path, split: str) -> data.Records:
+    """Return the records of a split; see `data.without`.
+
+    The kind that is left out of training is all that validates and tests.
+    """
+    left = config.data.get("without", "")
+    if not left:
+        return data.Records(folder, split)
+    kinds = {kind_of(name) for name, _ in data.Records(folder).where}
+    if left not in kinds:
+        raise UsageError(f"data.without = {left!r}, expected one of {sorted(kinds)}")
+    wanted = split != "train"
+    return data.Records(
+        folder, split, choose=lambda name: (kind_of(name) == left) == wanted
+    )
 
 
 def simulate(name: str, folder: Path, *, frames: int) -> None:

@@ -68,8 +68,8 @@ def check(config: ConfigDict) -> None:
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on the records' pairs of images."""
-    records = data.Records(build.prepared_data(config, workdir), "train")
-    checked = data.Records(records.folder, "validation")
+    records = build.records_of(config, build.prepared_data(config, workdir), "train")
+    checked = build.records_of(config, records.folder, "validation")
     spec = build.build_spec(config, records)
     pairs = build.build_pairs(spec, records)
     card, trust = build.build_card(config, records), trust_of(pairs)
@@ -157,11 +157,11 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Score the workdir's model and the detectors: tables, pictures, a report."""
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
-    records = data.Records(folder, config.evaluation.split)
+    records = build.records_of(config, folder, config.evaluation.split)
     view = View(records, model.spec.fine)
     rates = choose_rates(
         view,
-        data.Records(folder, "validation"),
+        build.records_of(config, folder, "validation"),
         detectors=tuple(config.evaluation.detectors),
         frames=config.evaluation.frames_for_rates,
     )

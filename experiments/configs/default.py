@@ -25,6 +25,10 @@ def get_config():
     config.data.path = ""
     config.data.set = "jradar-sim-1"
     config.data.frames = 1  # per sequence
+    # Of jradar-sim-5: a folder of packed runs of ColoRadar's maps, for real places.
+    # `without` is a kind that is left out of training, and validated and tested on.
+    config.data.maps = ""
+    config.data.without = ""
 
     # How recordings are prepared; the field of view is taken from `image`.
     config.prepare = ConfigDict()

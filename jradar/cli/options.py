@@ -74,6 +74,8 @@ ROTATIONS = ("imu", "poses", "lidar", "none")
 FAMILIES = (
     *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
     *("home", "warehouse", "forest"),
+    *("room", "atrium", "lobby", "stairwell", "shed", "carpark", "yard", "street"),
+    *("open", "tunnel"),
 )
 SETS = (
     *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),

@@ -7,6 +7,7 @@ PrepareSpec, prepare_frame            options, and one prepared frame
 lidar_in_view                         all LiDAR points that were in its view
 preview                               one frame with the steps of its preparation
 prepare, Records, is_records          folders of prepared frames: write and read
+prepare_sources                       the same from any sources, such as simulated ones
 PairSource, lidar_image               prepared frames to images
 mirrored, thinned                     changes of a pair at random in training
 Batches                               shuffled batches by step
@@ -28,6 +29,7 @@ from jradar.data.loading import (
 from jradar.data.prepare import (
     describe_manifest as describe_manifest,
     prepare as prepare,
+    prepare_sources as prepare_sources,
 )
 from jradar.data.preview import preview as preview
 from jradar.data.records import (

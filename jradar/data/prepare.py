@@ -88,10 +88,35 @@ def prepare(
     frame that cannot be read (without `keep_going`), for a sequence that loses more
     than half of its frames to times or damage, and if no frame is left.
     """
-    folder = Path(folder).absolute()
     sources = find_sources(
         path, splits=splits, validation_share=validation_share, **opening
     )
+    return prepare_sources(
+        sources,
+        folder,
+        spec,
+        frames=frames,
+        workers=workers,
+        scheduler=scheduler,
+        keep_going=keep_going,
+    )
+
+
+def prepare_sources(
+    sources: Sequence[Source],
+    folder: Path | str,
+    spec: PrepareSpec,
+    *,
+    frames: slice = slice(None),
+    workers: int = 2,
+    scheduler: str | None = None,
+    keep_going: bool = False,
+) -> dict[str, Any]:
+    """Prepare these sources into `folder`, as `prepare` does; returns the manifest.
+
+    A source is a `Source`, or any tuple with its name, split, `open` and `frames`.
+    """
+    folder = Path(folder).absolute()
     _check_contents(folder)  # before a lock is left there
     with lock_folder(folder):
         head = _head(sources, spec, frames)
@@ -124,7 +149,7 @@ def prepare(
             summaries.append(_summary(source, found, ours, spec, frames))
         if not any(summary["frames"] for summary in summaries):
             reasons = dict.fromkeys(why for s in summaries for why in s["dropped"])
-            names = ", ".join(source.name for source in sources)
+            names = ", ".join(source.name for source in sources[:3])
             raise ValueError(f"no usable frame in {names}: {', '.join(reasons)}")
         manifest = head | {"complete": True, "sequences": summaries}
         _write_manifest(folder, manifest)

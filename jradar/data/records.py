@@ -15,7 +15,7 @@ import functools
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -189,9 +189,16 @@ def is_records(path: Path | str) -> bool:
 class Records(Stream):
     """The prepared frames of a folder; ValueError on access to damaged bytes."""
 
-    def __init__(self, folder: Path | str, split: str | None = None):
+    def __init__(
+        self,
+        folder: Path | str,
+        split: str | None = None,
+        *,
+        choose: Callable[[str], bool] = lambda name: True,
+    ):
         """Open all sequences, or the sequences of one `split`, by the manifest.
 
+        Of these, `choose` decides by the name which ones are opened.
         Raises ValueError for a folder that is damaged, not complete or without frames
         of the split.
         """
@@ -207,7 +214,8 @@ class Records(Stream):
                 f"{folder} is not complete: run the same `jradar prepare` again"
             )
         sequences = self._sequences()
-        self.sequences = [s for s in sequences if split in (None, s["split"])]
+        chosen = (s for s in sequences if choose(s["name"]))
+        self.sequences = [s for s in chosen if split in (None, s["split"])]
         if not self.sequences:
             splits = sorted({s["split"] for s in sequences})
             raise ValueError(

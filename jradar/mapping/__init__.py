@@ -18,11 +18,6 @@ from jradar.mapping.model import (
     load_map_model as load_map_model,
     save_map_model as save_map_model,
 )
-from jradar.mapping.patches import (
-    PATCH_VOXELS as PATCH_VOXELS,
-    MapRun as MapRun,
-    open_runs as open_runs,
-)
 from jradar.mapping.predict import (
     Occupied as Occupied,
     best_count as best_count,
@@ -45,4 +40,9 @@ from jradar.mapping.tiles import Tiles as Tiles, TileSpec as TileSpec
 from jradar.mapping.voxel_map import (
     SensorModel as SensorModel,
     VoxelMap as VoxelMap,
+)
+from jradar.recordings.coloradar.maps import (
+    PATCH_VOXELS as PATCH_VOXELS,
+    MapRun as MapRun,
+    open_runs as open_runs,
 )

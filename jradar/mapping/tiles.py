@@ -19,7 +19,7 @@ from jradar.mapping.columns import (
     outline,
     target_columns,
 )
-from jradar.mapping.patches import MapRun
+from jradar.recordings.coloradar.maps import MapRun
 from jradar.training import Batch
 
 

@@ -7,6 +7,7 @@
     draw_unit                   a radar as it is built, mounted and disturbed
     SHIFTS, LATER_SHIFTS, robust_set    what the units of the robustness sets differ in
     simulate_set, set_sequences, SETS   named data sets and their versions
+    drawn_sources, DRAWN        sets of training frames, each of a place of its own
     SimulationPlan              a scene or a set to write, its size and its time
 
     scenes/     geometry, materials, rays, hand-held motion
@@ -17,6 +18,11 @@ Not modelled: diffraction, limbs that swing, wrong stamps (5 ms at walking pace 
 5 mm). Other second bounces are part of the diffuse echoes.
 """
 
+from jradar.simulation.drawn import (
+    DRAWN as DRAWN,
+    drawn_sources as drawn_sources,
+    kind_of as kind_of,
+)
 from jradar.simulation.plan import SimulationPlan as SimulationPlan
 from jradar.simulation.scenes.layouts import FAMILIES as FAMILIES
 from jradar.simulation.sequence import (

@@ -12,7 +12,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
@@ -116,6 +116,19 @@ def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
 
 def _write_coupling(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
     """Write the leakage, which ColoRadar subtracts from calibrated samples."""
+    numbers = coupling(radar, hardware).ravel().view(float)
+    (folder / "coupling_calib.txt").write_text(
+        f"num_tx:{radar.num_tx}\nnum_rx:{radar.num_rx}\n"
+        f"num_range_bins:{radar.num_samples // 2}\n"
+        f"num_doppler_bins:{radar.num_chirps}\n"
+        "data:" + ",".join(f"{number:.6g}" for number in numbers) + "\n"
+    )
+
+
+def coupling(
+    radar: RadarSpec, hardware: Hardware
+) -> Complex[np.ndarray, "tx rx half_range"]:
+    """Return the leakage that calibrated samples have, as the file holds it."""
     half = radar.num_samples // 2
     phase = 2 * np.pi * np.arange(radar.num_samples) / radar.num_samples
     blackman = 0.42 - 0.5 * np.cos(phase) + 0.08 * np.cos(2 * phase)
@@ -127,10 +140,4 @@ def _write_coupling(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
         left = hardware._replace(frequency=common, phase=phase)
     leakage = hardware.leakage * channel_factors(left, radar)
     leakage *= 10 ** (hardware.gain_db / 20)
-    coupling = np.fft.fft(leakage * blackman)[..., 1 : half + 1]
-    numbers = coupling.ravel().view(float)
-    (folder / "coupling_calib.txt").write_text(
-        f"num_tx:{radar.num_tx}\nnum_rx:{radar.num_rx}\nnum_range_bins:{half}\n"
-        f"num_doppler_bins:{radar.num_chirps}\n"
-        "data:" + ",".join(f"{number:.6g}" for number in numbers) + "\n"
-    )
+    return np.fft.fft(leakage * blackman)[..., 1 : half + 1]

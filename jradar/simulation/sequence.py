@@ -106,19 +106,27 @@ def make_setting(
         choices = ["single_chip"] if unit else SENSOR_CHOICES
         raise UsageError(f"sensor {sensor!r}, expected one of {', '.join(choices)}")
     scene = make_scene(family, seed)
-    radars = {name: _radar(name) for name in SENSOR_CHOICES[sensor]}
     if unit is not None:
-        radar = unit.radar()
-        radars = {sensor: (radar, make_unit_hardware(unit, radar))}
-        platform = mounted(
-            scene.platform,
-            raised_m=0.0 if unit.height_m is None else unit.height_m - EYE_M,
-            tilt_rad=math.radians(unit.tilt_degrees),
-            speed_mps=unit.speed_mps,
-        )
-        scene = scene._replace(platform=platform)
-    reflectors = find_reflectors(scene.bodies)
-    return Setting(scene, reflectors, seed, radars, unit or UnitSpec())
+        return carried(scene, seed, unit)
+    radars = {name: _radar(name) for name in SENSOR_CHOICES[sensor]}
+    return Setting(scene, find_reflectors(scene.bodies), seed, radars, UnitSpec())
+
+
+def carried(
+    scene: Scene, seed: int, unit: UnitSpec, *, yaw_rad: float = 0.0
+) -> Setting:
+    """Return a scene in which the rig carries a unit, turned aside by an angle."""
+    radar = unit.radar()
+    platform = mounted(
+        scene.platform,
+        raised_m=0.0 if unit.height_m is None else unit.height_m - EYE_M,
+        tilt_rad=math.radians(unit.tilt_degrees),
+        yaw_rad=yaw_rad,
+        speed_mps=unit.speed_mps,
+    )
+    radars = {"single_chip": (radar, make_unit_hardware(unit, radar))}
+    scene = scene._replace(platform=platform)
+    return Setting(scene, find_reflectors(scene.bodies), seed, radars, unit)
 
 
 def _radar(name):

@@ -109,19 +109,24 @@ def _edges(facets: Facets, outlines: list[np.ndarray]) -> Edges:
 
 def _edges_of_pair(facets, outlines, i, j):
     """Yield the edges of two perpendicular facets, one for each pair of sides."""
-    along = np.cross(facets.normal[i], facets.normal[j])
-    along /= np.linalg.norm(along)
     heights = [
         (outlines[a] - facets.centre[b]) @ facets.normal[b] for a, b in ((i, j), (j, i))
     ]
+    ranges = [(height.min(), height.max()) for height in heights]
+    along = np.cross(facets.normal[i], facets.normal[j])
+    along /= np.linalg.norm(along)
     pair = np.array([i, j])
     normals = facets.normal[pair]
     reach = [(facets.centre[f] * facets.normal[f]).sum() for f in pair]
     # On which side of plane j facet i lies, and the other way round.
-    for side_of_j, side_of_i in itertools.product((-1, 1), repeat=2):
-        sided = (side_of_j * heights[0], side_of_i * heights[1])
-        if any(height.max() <= 0.1 or height.min() >= TOUCH_M for height in sided):
+    for signs in itertools.product((-1, 1), repeat=2):
+        spans = [
+            sorted((s * a, s * b)) for s, (a, b) in zip(signs, ranges, strict=True)
+        ]
+        if any(high <= 0.1 or low >= TOUCH_M for low, high in spans):
             continue
+        side_of_j, side_of_i = signs
+        sided = (side_of_j * heights[0], side_of_i * heights[1])
         first = _crossing(outlines[i], sided[0], along)
         second = _crossing(outlines[j], sided[1], along)
         if first is None or second is None:
@@ -140,12 +145,11 @@ def _crossing(outline, height, along):
     at, inside = outline @ along, height > TOUCH_M
     if inside.all():
         return None
-    ends = [
-        at[k] + (at[m] - at[k]) * (TOUCH_M - height[k]) / (height[m] - height[k])
-        for k in np.flatnonzero(inside)
-        for m in np.flatnonzero(~inside)
-    ]
-    return (min(ends), max(ends)) if ends else None
+    (low, high), far = (at[inside], at[~inside]), height[~inside]
+    ends = low[:, None] + (high - low[:, None]) * (
+        TOUCH_M - height[inside][:, None]
+    ) / (far - height[inside][:, None])
+    return (ends.min(), ends.max()) if ends.size else None
 
 
 def _corners(facets: Facets, edges: Edges) -> Corners:

@@ -9,8 +9,11 @@ hall       a high entrance hall with columns, glass and people
 home       furnished rooms of a flat, joined by open doors (`interiors`)
 warehouse  aisles between racks of goods (`interiors`)
 forest     a clearing among trees, bushes and rocks
+
+The `kinds` are families, too.
 """
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -38,6 +41,7 @@ from jradar.simulation.scenes.furniture import (
     table,
 )
 from jradar.simulation.scenes.interiors import home, warehouse
+from jradar.simulation.scenes.kinds import KINDS, TUNNEL, make_layout
 from jradar.simulation.scenes.scene import Scene, make_body
 from jradar.simulation.scenes.solids import (
     boulder,
@@ -275,7 +279,7 @@ FAMILIES: dict[str, Callable] = {
         *(hallways, mine, lab, outdoor, corridor, hall),
         *(home, warehouse, forest),
     )
-}
+} | {kind: functools.partial(make_layout, kind) for kind in (*KINDS, TUNNEL)}
 
 
 def _ring_spot(random, near, far):

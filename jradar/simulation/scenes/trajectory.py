@@ -93,9 +93,10 @@ def mounted(
     *,
     raised_m: float = 0.0,
     tilt_rad: float = 0.0,
+    yaw_rad: float = 0.0,
     speed_mps: float | None = None,
 ) -> Trajectory:
-    """Return the trajectory at another height, turned down, or at another pace.
+    """Return the trajectory at another height, turned down or aside, or another pace.
 
     A speed of 0 also ends the sway: the rig stands on a tripod. The offsets are a term
     of the sway that does not swing.
@@ -104,7 +105,7 @@ def mounted(
     if speed_mps is not None:
         trajectory = trajectory._replace(speed_mps=speed_mps)
         sway = sway if speed_mps else STILL
-    fixed = np.array([[0.0, 0.0, raised_m, 0.0, tilt_rad, 0.0]])
+    fixed = np.array([[0.0, 0.0, raised_m, 0.0, tilt_rad, yaw_rad]])
     sway = Sway(
         np.concatenate([sway.amplitude, fixed]),
         np.append(sway.frequency_hz, 0.0),

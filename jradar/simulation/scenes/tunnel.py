@@ -1,4 +1,4 @@
-"""A winding tunnel with rough walls along a closed curve."""
+"""Tunnels: a winding one along a closed curve, and any others with two ends."""
 
 import numpy as np
 from jaxtyping import Float
@@ -58,3 +58,48 @@ def _roughness(random, at, length, turn):
         bumps += wave_m**0.5 * np.sin(phase + around * turn)
     bumps *= 0.1 / bumps.std()
     return bumps + 0.02 * random.normal(size=bumps.shape)
+
+
+def tube(
+    random: np.random.Generator,
+) -> tuple[Solid, Float[np.ndarray, "place 2"], float]:
+    """Return a tunnel of any size, the line along its middle, and its half width.
+
+    The section is round, a horseshoe or a box, 1.6 to 12 m wide, over a flat floor. The
+    tunnel is straight or bends with a radius of 8 m or more, is 14 to 45 m long, and
+    each end is open or closed. Walls are smooth concrete or rough rock.
+    """
+    half = float(np.exp(random.uniform(np.log(0.8), np.log(6))))
+    length, height = random.uniform(14, 45), max(half * random.uniform(0.8, 1.8), 2.0)
+    bend = 0.0 if random.random() < 0.35 else 1 / random.uniform(max(8, 3 * half), 60)
+    bend *= random.choice([-1, 1])
+    rough, material, around, every_m = 0.0, "concrete", 16, 2.0
+    if random.random() < 0.5:
+        rough, material = random.uniform(0.3, 1.2), "rock"
+        around, every_m = AROUND, max(EVERY_M, half / 8)
+    count = int(length / every_m)
+    at = np.linspace(0, length, count)
+    heading = bend * at + random.uniform(0, 2 * np.pi)
+    along = np.stack([np.cos(heading), np.sin(heading)], -1)
+    line = np.cumsum(along * length / (count - 1), 0)
+    left = np.stack([-along[:, 1], along[:, 0]], -1)
+
+    turn = np.linspace(0, 2 * np.pi, around, endpoint=False)
+    power = random.choice([1.0, 0.5, 0.15])  # of a superellipse: round to box
+    section = np.abs(np.cos(turn)) ** power * np.sign(np.cos(turn))
+    rise = np.abs(np.sin(turn)) ** power * np.sign(np.sin(turn))
+    bumps = 1 + rough * _roughness(random, at, length, turn)
+    aside = half * bumps * section
+    up = np.maximum(height * bumps * rise + 0.35 * height, 0.0)
+    xy = line[:, None] + aside[..., None] * left[:, None]
+    vertices = np.concatenate([xy, up[..., None]], -1).reshape(-1, 3)
+    place, corner = np.meshgrid(np.arange(count - 1), np.arange(around), indexing="ij")
+    beside = (corner + 1) % around
+    a, b = place * around + corner, (place + 1) * around + corner
+    c, d = (place + 1) * around + beside, place * around + beside
+    faces = [np.stack([a, b, c], -1), np.stack([a, c, d], -1)]
+    ring = np.array([(0, k, k + 1) for k in range(1, around - 1)])
+    ends = [ring + last for last in (0, (count - 1) * around) if random.random() < 0.5]
+    joined = np.concatenate([face.reshape(-1, 3) for face in faces] + ends)
+    made = Solid(vertices, joined, np.full(len(joined), MATERIAL_IDS[material]))
+    return made, line, half

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Int16, UInt8
+import scipy  # loads `optimize` and `spatial` when they are first used
+from jaxtyping import Float, Int16, UInt8
 
 from jradar.errors import parsing
 from jradar.recordings import read_cloud
@@ -60,6 +61,35 @@ class MapRun(NamedTuple):
             for voxels, rows in zip(maps, bits, strict=True)
         )
 
+    def place(self, number: int) -> Float[np.ndarray, " 2"]:
+        """Return x and y of the robot in a patch, in metres.
+
+        A circle about the robot separates the columns of the patch from the others: the
+        one of the widest margin, by a linear program in its centre and c^2 - r^2.
+        """
+        ours = np.unpackbits(self.lidar_in_patch[number], count=len(self.lidar)) > 0
+        inside, outside = (
+            (np.unique(self.lidar[mask][:, :2], axis=0) + 0.5) * VOXEL_M
+            for mask in (ours, ~ours)
+        )
+        middle = (inside.min(0) + inside.max(0)) / 2
+        hull = scipy.spatial.ConvexHull(inside).vertices
+        inside, outside = inside[hull] - middle, outside - middle
+        reach = np.linalg.norm(inside, axis=1).max() + 1.0
+        outside = outside[np.linalg.norm(outside, axis=1) < reach]
+        xy = np.concatenate([inside, outside])
+        sign = np.repeat([1.0, -1.0], [len(inside), len(outside)])[:, None]
+        squared = (xy**2).sum(1, keepdims=True)
+        # sign (|p|^2 - 2 p c + c^2 - r^2) + margin <= 0
+        rows = np.hstack([sign * np.hstack([-2 * xy, np.ones_like(squared)]), sign**2])
+        found = scipy.optimize.linprog(
+            [0, 0, 0, -1],
+            A_ub=rows,
+            b_ub=-(sign * squared)[:, 0],
+            bounds=[(-reach, reach)] * 2 + [(None, None), (None, 1.0)],
+        )
+        return middle + found.x[:2]
+
 
 def open_runs(path: Path | str) -> list[MapRun]:
     """Return the runs of a folder of packed files, or of a folder of PCD files.
@@ -71,7 +101,7 @@ def open_runs(path: Path | str) -> list[MapRun]:
     if not path.is_dir():
         raise FileNotFoundError(f"no such folder: {path}")
     if packed := sorted(path.glob("*.npz")):
-        return [_packed(file) for file in packed]
+        return [open_run(file) for file in packed]
     if (path / "input").is_dir() and (path / "gt").is_dir():
         return _loose(path)
     raise ValueError(
@@ -80,8 +110,8 @@ def open_runs(path: Path | str) -> list[MapRun]:
     )
 
 
-def _packed(path):
-    """A run of a packed file."""
+def open_run(path: Path) -> MapRun:
+    """Return the run of a packed file; ValueError for a damaged one."""
     with parsing(path, f"a packed run with {', '.join(ARRAYS)}"):
         with zipfile.ZipFile(path) as archive:
             if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:

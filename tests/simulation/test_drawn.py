@@ -1,0 +1,75 @@
+"""Frames of places of their own: splits, calibration, the same frame again."""
+
+import numpy as np
+import pytest
+
+from jradar.errors import UsageError
+from jradar.recordings.coloradar.calib import read_coupling, read_frequency_phase
+from jradar.simulation import drawn, drawn_sources, kind_of
+from jradar.simulation.coloradar_writer import write_calib
+from jradar.simulation.hardware.hardware import make_unit_hardware
+from jradar.simulation.units import draw_unit
+
+pytest.importorskip("embreex", reason="the extra `sim` is not installed")
+
+
+def test_splits_share_neither_layouts_nor_runs(tmp_path):
+    for kind in drawn.ENVIRONMENTS:
+        for run in range(12):
+            (tmp_path / f"{kind}_run{run}.npz").touch()
+    sources = drawn_sources("jradar-sim-5", maps=tmp_path)
+    frames, runs = {}, {}
+    for source in sources:
+        assert kind_of(source.name) == source.kind
+        frames.setdefault(source.split, set()).add((source.kind, source.number))
+        runs.setdefault(source.split, set()).add(source.path)
+    names = [source.name for source in sources]
+    assert len(set(names)) == len(names)
+    assert drawn.FRAMES * len(frames["train"]) > 20_000
+    for a, b in (("train", "validation"), ("train", "test"), ("validation", "test")):
+        assert not frames[a] & frames[b]
+        assert not (runs[a] & runs[b]) - {""}
+    assert not any("_run0." in path for paths in runs.values() for path in paths)
+
+
+def test_sets_and_maps_that_are_missing_are_named(tmp_path):
+    with pytest.raises(UsageError, match="expected one of jradar-sim-5"):
+        drawn_sources("jradar-sim-6")
+    with pytest.raises(FileNotFoundError, match="no arpg_lab_runN"):
+        drawn_sources("jradar-sim-5", maps=tmp_path)
+    kinds = {source.kind for source in drawn_sources("jradar-sim-5-mini")}
+    assert kinds == {*drawn.NEWER, *drawn.OLDER}
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_radar_is_the_one_that_calibration_files_would_describe(seed, tmp_path):
+    unit = draw_unit(seed, population=2)
+    radar = unit.radar()
+    hardware = make_unit_hardware(unit, radar)
+    found = drawn.described(radar, hardware)
+    write_calib(tmp_path / "calib", {"single_chip": (radar, hardware)})
+    folder = tmp_path / "calib" / "single_chip"
+    leakage = read_coupling(folder / "coupling_calib.txt")
+    np.testing.assert_allclose(found.leakage, leakage, rtol=1e-4, atol=0.1)
+    path = folder / "phase_frequency_calib.txt"
+    assert path.exists() == (found.channels is not None)
+    if found.channels is not None:
+        channels, beats = read_frequency_phase(path, radar)
+        np.testing.assert_allclose(found.channels, channels, rtol=1e-5)
+        np.testing.assert_allclose(found.beat_bins, beats, atol=1e-6)
+
+
+def test_a_frame_is_the_same_whenever_it_is_drawn():
+    source = drawn_sources("jradar-sim-5-mini")[3]
+    first, other = source.open().lidar[5], source.open().lidar[6]
+    drawn._setting.cache_clear()
+    drawn._scene.cache_clear()
+    np.testing.assert_array_equal(source.open().lidar[5], first)
+    assert np.abs(first - other).max() > 1
+    ahead = np.linalg.norm(first[:, :3], axis=1) > 0
+    assert 15_000 < len(first) < 65_536 and ahead.mean() > 0.3
+
+
+def test_the_lowest_full_level_is_the_floor():
+    heights = np.r_[np.full(90, -1.4), np.full(20, 0.1), np.full(100, 1.6), -3.0]
+    assert drawn.floor_height(heights) == pytest.approx(-1.4, abs=0.08)
