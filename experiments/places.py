@@ -24,7 +24,7 @@ def main() -> None:
     words.add_argument("--workers", default=1, type=int, help="processes")
     chosen = words.parse_args()
     config = marginal.get_config()
-    config.data.update(set=chosen.set, maps=chosen.maps)
+    config.data.set, config.data.maps = chosen.set, chosen.maps
     build.draw_places(config, chosen.output, workers=chosen.workers)
 
 

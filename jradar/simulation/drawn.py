@@ -20,6 +20,7 @@ show the same buildings.
 """
 
 import functools
+import itertools
 import zlib
 from pathlib import Path
 from typing import NamedTuple
@@ -157,13 +158,7 @@ def make_map_scene(
     The rig walks around that place, looking anywhere. Patches are in no order.
     """
     xyz = (run.lidar + 0.5) * VOXEL_M
-    for _ in range(TRIES):  # the last one is taken as it is
-        place = run.place(int(random.integers(len(run.lidar_in_patch))))
-        apart = np.linalg.norm(xyz[:, :2] - place, axis=1)
-        floor = floor_height(xyz[apart < 2.5, 2])
-        above = xyz[apart < WALK_M + FREE_M, 2] - floor
-        if not ((above > 0.3) & (above < 2.2)).any():
-            break
+    place, floor, apart = _free_place(random, run, xyz)
     near = xyz[apart < REACH_M] - [*place, floor]
     floors, walls, others = ENVIRONMENTS[kind]
     solid = surfaces(random, near, VOXEL_M, floors=floors, walls=walls, others=others)
@@ -172,6 +167,20 @@ def make_map_scene(
     at_eye = np.column_stack([way, np.full(4, EYE_M)])
     platform = walk(random, at_eye, speed_mps=1.0, rounding_m=0.3, hand_held=True)
     return Scene(f"{kind}_{seed}", (make_body(random, solid),), platform)
+
+
+def _free_place(random, run, xyz):
+    """Return a place without a voxel around it, its floor, and distances to voxels.
+
+    The last of `TRIES` is taken as it is.
+    """
+    for tries in itertools.count(1):
+        place = run.place(int(random.integers(len(run.lidar_in_patch))))
+        apart = np.linalg.norm(xyz[:, :2] - place, axis=1)
+        floor = floor_height(xyz[apart < 2.5, 2])
+        above = xyz[apart < WALK_M + FREE_M, 2] - floor
+        if tries == TRIES or not ((above > 0.3) & (above < 2.2)).any():
+            return place, floor, apart
 
 
 def floor_height(heights: np.ndarray) -> float:

@@ -45,7 +45,7 @@ def surfaces(
     `floors`, `walls` and `others` are materials; each plane draws its own, and other
     voxels do so in blocks of `BLOCK_M`.
     """
-    tree = spatial.cKDTree(centres)
+    tree = spatial.KDTree(centres)
     _, near = tree.query(centres, k=min(NEIGHBOURS, len(centres)))
     offset = centres[near] - centres[near].mean(1, keepdims=True)
     _, axes = np.linalg.eigh(np.einsum("vni,vnj->vij", offset, offset))
@@ -96,8 +96,8 @@ def _plane(flat, mean, sides, voxel_m, material) -> Solid:
     full = np.zeros(cell.max(0) + 3, bool)
     full[tuple(cell.T)] = True
     full = ndimage.binary_closing(full, np.ones((3, 3)))
-    rows, columns = full.shape
-    corner = np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, columns + 1)
+    shape = np.add(full.shape, 1)
+    corner = np.arange(shape.prod()).reshape(shape)
     a, b = corner[:-1, :-1][full], corner[1:, :-1][full]
     c, d = corner[1:, 1:][full], corner[:-1, 1:][full]
     faces = np.concatenate([np.stack([a, b, c], -1), np.stack([a, c, d], -1)])
