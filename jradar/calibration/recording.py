@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -10,9 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.calibration.level import Tilt, level_tilt, untilted
+from jradar.calibration.mount import Mount, mount_from_motion
 from jradar.calibration.self_calibration import SelfCalibration, self_calibrate
 from jradar.calibration.snapshots import strong_snapshots
 from jradar.errors import UsageError
+from jradar.motion import frame_velocities
+from jradar.motion.scans import scan_poses
 from jradar.progress import progress
 from jradar.radar import PointSpec, Radar, RadarSpec, radar_points
 from jradar.recordings import Recording, sample_doubts
@@ -34,6 +38,7 @@ class Calibration(NamedTuple):
     radar: Radar
     fit: SelfCalibration
     tilt: Tilt | None  # None unless it was asked for
+    mount: Mount | None  # likewise
     frames: range  # that were used
     warnings: tuple[str, ...]
     hidden: tuple[str, ...]  # what the recording does not show, in words
@@ -71,6 +76,8 @@ class Calibration(NamedTuple):
             tables["tilt (deg)"] = self.tilt.degrees
             tables["uncertainty of the tilt (deg)"] = self.tilt.deviation_deg
             tables["frames that tell the tilt"] = self.tilt.frames
+        if self.mount is not None:
+            tables |= self.mount.describe()
         return tables | {"not observable": [*self.hidden]}
 
 
@@ -80,12 +87,15 @@ def calibrate_recording(
     frames: slice = slice(None),
     reflector: tuple[float, float, float] | None = None,
     level: bool = False,
+    mount: bool = False,
 ) -> Calibration:
     """Return the radar with the factors that explain its echoes; host.
 
     At most 200 of the `frames` are used, evenly spaced. `reflector` is that of
     `self_calibrate`. With `level`, the radar was carried over level ground, which shows
-    the tilt. Raises UsageError without frames and for both options together.
+    the tilt. With `mount`, the radar's place on the base is estimated from its motion
+    and the recorded poses, or else those of matched LiDAR scans. Raises UsageError
+    without frames, and for `level` and `reflector` together.
     """
     if level and reflector:
         raise UsageError("--level and --reflector both fix the tilt: leave one out")
@@ -100,14 +110,28 @@ def calibrate_recording(
         calibrated = calibrated.with_factors(untilted(tilt.sine, radar.spec))
     if fit.range_bias_m is not None:
         calibrated = dataclasses.replace(calibrated, range_bias_m=fit.range_bias_m)
+    place = _mount(recording._replace(radar=calibrated), frames) if mount else None
+    doubts = _warnings(fit, tilt), place.warnings() if place else ()
     return Calibration(
         radar=calibrated,
         fit=fit,
         tilt=tilt,
+        mount=place,
         frames=chosen,
-        warnings=(*sample_doubts(recording, chosen[0]), *_warnings(fit, tilt)),
+        warnings=(*sample_doubts(recording, chosen[0]), *itertools.chain(*doubts)),
         hidden=tuple(_hidden(radar.spec, reflector=reflector is not None, level=level)),
     )
+
+
+def _mount(recording: Recording, frames: slice) -> Mount:
+    """Return the radar's place by all frames: the filter needs their rate."""
+    poses = scan_poses(recording) if recording.poses is None else recording.poses
+    chosen = range(*frames.indices(len(recording.cubes)))
+    with progress("measuring the motion", len(chosen), unit="frames") as show:
+        velocities = frame_velocities(recording, frames=chosen, advance=show)
+    described = recording.base_from_radar
+    described = np.eye(4) if described is None else described
+    return mount_from_motion(velocities, poses, described)
 
 
 def _evenly(recording: Recording, frames: slice) -> range:

@@ -50,12 +50,14 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
         frames=options.frames,
         reflector=options.reflector,
         level=options.level,
+        mount=options.mount,
     )
     jradar.recordings.write_radar_toml(
         options.output,
         found.radar,
         **({"iq_order": recording.iq_order} if recording.iq_order else {}),
         axes=recording.axes,
+        mount=None if found.mount is None else found.mount.base_from_radar,
         comment=f"written by jradar calibrate from {recording.name}",
     )
     return {

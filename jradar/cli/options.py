@@ -39,6 +39,11 @@ The board runs the .cfg that --radar names; the DCA1000 sends its samples here, 
 newest frame becomes a cloud. Ctrl-C ends the session. Without a radar, --replay plays a
 recording through an emulated card. jradar/stream/README.md describes the wiring and
 the network."""
+RECORD_HELP = """
+
+The folder holds the samples, the time at which each frame came, and a capture.toml, to
+which the tables of a LiDAR that was recorded beside it are added. Ctrl-C ends the
+recording; one that was killed is readable, too. The rest is as in `jradar live`."""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
@@ -99,6 +104,7 @@ def parser() -> argparse.ArgumentParser:
     _points(_command(kinds, frames.points, RECORDING_HELP))
     _enhance(_command(kinds, frames.enhance, RECORDING_HELP))
     _live(_command(kinds, streaming.live, more=LIVE_HELP))
+    _record(_command(kinds, streaming.record, more=RECORD_HELP))
     _replay(_command(kinds, streaming.replay, RECORDING_HELP + REPLAY_HELP))
     _calibrate(_command(kinds, commands.calibrate, RECORDING_HELP + CALIBRATE_HELP))
     _odometry(_command(kinds, commands.odometry, RECORDING_HELP + ODOMETRY_HELP))
@@ -207,6 +213,20 @@ def _live(sub):
         sub, "--steps", "solver steps per draw (default: 1)", most=groups.MAX_STEPS
     )
     groups.seed(sub, "random seed of the draws")
+    _on_the_cable(sub)
+
+
+def _record(sub):
+    groups.recording(sub)
+    text = "record what an emulated card plays of this recording"
+    groups.option(sub, "--replay", "RECORDING", text)
+    text = "folder of the recording, new or empty"
+    groups.output(sub, text, force=False)
+    _on_the_cable(sub)
+
+
+def _on_the_cable(sub):
+    """Add how long to listen, the board, and the addresses."""
     groups.option(sub, "--seconds", "S", "end after S seconds", type=values.positive)
     text = "seconds without a packet that are reported (default: %(default)s)"
     groups.option(sub, "--silence", "S", text, type=values.positive, default=5.0)
@@ -241,6 +261,9 @@ def _calibrate(sub):
     groups.option(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
     text = "estimate the tilt from Doppler; the radar was carried over level ground"
     groups.flag(sub, "--level", text)
+    text = "estimate the radar's place on the rig, from its motion and the recording's "
+    text += "poses or LiDAR scans; the rig was walked ahead and turned"
+    groups.flag(sub, "--mount", text)
 
 
 def _odometry(sub):

@@ -1,4 +1,4 @@
-"""`jradar live` and `jradar replay`: a radar on the cable, or a recording instead."""
+"""`jradar live`, `record`, `replay`: a radar on the cable, or a recording instead."""
 
 import argparse
 import contextlib
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from jradar.stream.outputs import Writer
 
 NO_MODEL = "none"
+WAITING = 64  # frames that wait for the disk
 
 
 def live(options: argparse.Namespace) -> dict[str, Any]:
@@ -54,6 +55,44 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
         **stream.summary(session, receiver),
         "notes": [*recording.notes, *session.warnings],
         "written": [options.output] if options.output else [],
+    }
+
+
+def record(options: argparse.Namespace) -> dict[str, Any]:
+    """Record the raw frames of a radar on the cable, with their times and losses."""
+    stream, source = jradar.stream, _recording(options)
+    network = stream.loopback_network() if options.replay else _network(options)
+    with contextlib.ExitStack() as stack:
+        size = stream.frame_bytes(source)
+        receiver = stream.Receiver(size, network, waiting=WAITING)
+        stack.callback(receiver.close)
+        emulator = None
+        if options.replay:
+            emulator = _emulator(options, source, network)
+            stack.callback(emulator.close)
+        recorder = stack.enter_context(stream.FrameRecorder(options.output, source))
+        session = stream.run_session(
+            receiver,
+            stream.Processor(source),
+            (),
+            emulator=emulator,
+            commands=not options.no_commands,
+            packet_delay_us=options.packet_delay,
+            board=options.board,
+            silence_s=options.silence,
+            seconds=options.seconds,
+            keep=recorder.write,
+            say=say,
+        )
+    counts = receiver.counts
+    return {
+        "radar": source.radar.spec.name,
+        "frames recorded": recorder.frames,
+        "frames missing": counts.missing + counts.frames - recorder.frames,
+        "frames with losses": counts.damaged,
+        "lost bytes": recorder.lost_bytes,
+        "notes": [*source.notes, *session.warnings],
+        "written": [options.output],
     }
 
 

@@ -4,7 +4,8 @@
     file = "adc_data.bin"            # of a DCA1000
     description = "profile.cfg"      # or mmWave Studio's log, or a .toml
     start_time_s = 1732190000.25     # of its first frame, on the LiDAR's clock; or
-    # offset_s = 0.4                 # .. after the LiDAR's first cloud
+    # offset_s = 0.4                 # .. after the LiDAR's first cloud; or
+    # stamps = "frames.txt"          # .. lines of a frame's time and its lost bytes
     xyz = [0.03, 0.12, -0.09]        # position on the base: metres, x forward,
     rpy_degrees = [0, 0, 90]         # y left, z up; roll, then pitch, then yaw
 
@@ -23,9 +24,10 @@
     topic = "/livox/imu"             # optional if only one topic holds them
     rpy_degrees = [0, 30, 0]
 
-`quaternion` (x y z w) may replace `rpy_degrees`. `[radar]` also takes `device`,
-`iq_order`, `allow_partial` and `frame_period_s`. Times are in seconds. All files lie in
-the folder or below it.
+A [mount] in the radar's description, as `jradar calibrate --mount` writes it, replaces
+the radar's place here. `quaternion` (x y z w) may replace `rpy_degrees`. `[radar]` also
+takes `device`, `iq_order`, `allow_partial` and `frame_period_s`. Times are in seconds.
+All files lie in the folder or below it.
 """
 
 from pathlib import Path
@@ -42,14 +44,14 @@ from jradar.recordings.bags.bags import open_bag
 from jradar.recordings.bags.imu import open_imu
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME
 from jradar.recordings.recording import Format, Recording, Stream, clocks_apart
-from jradar.recordings.text_files import check_names, read_tum, toml
+from jradar.recordings.text_files import check_names, read_frame_times, read_tum, toml
 from jradar.recordings.ti.dca1000 import open_dca1000
 
 PLACE = {"xyz": 3, "rpy_degrees": 3, "quaternion": 4}  # lists of so many numbers
 KEYS = {
     "radar": {
         **{"file": str, "description": str, "device": str, "iq_order": str},
-        **{"allow_partial": bool, "frame_period_s": float},
+        **{"allow_partial": bool, "frame_period_s": float, "stamps": str},
         **{"start_time_s": float, "offset_s": float, **PLACE},
     },
     "lidar": {"file": str, "topic": str, "accumulate": int, **PLACE},
@@ -85,8 +87,14 @@ def open_capture(folder: Path | str) -> Recording:
         allow_partial=radar.get("allow_partial", False),
         device=radar.get("device"),
     )
+    if "stamps" in radar:
+        recording = _stamped(path, radar, recording)
     notes = [*recording.notes]
-    base_from_radar = _read_place(path, "radar", radar)
+    base_from_radar = recording.base_from_radar
+    if base_from_radar is None:
+        base_from_radar = _read_place(path, "radar", radar)
+    else:
+        notes.append(f"the radar's place is that in {radar['description']}, [mount]")
     poses = scans = base_from_lidar = None
     lidar_stamps = np.zeros(0)
     if "poses" in tables:
@@ -166,11 +174,29 @@ def _file(path: Path, name: str, table: dict[str, Any], *, key: str = "file") ->
         raise UsageError(f"{error}: copy or link the {key} of [{name}]") from error
 
 
+def _stamped(path, radar, recording):
+    """Return the frames whose times were recorded, and how many bytes each lost."""
+    if given := [key for key in TIMES if key in radar]:
+        raise UsageError(f"{path}: [radar] has stamps and {given[0]}: keep one of them")
+    times, lost = read_frame_times(_file(path, "radar", radar, key="stamps"))
+    count = min(len(times), len(recording.cubes))
+    if not count:
+        raise ValueError(f"{path}: no frame of {radar['stamps']} is in {radar['file']}")
+    notes = recording.notes
+    if damaged := int((lost[:count] > 0).sum()):
+        notes += (f"{damaged} of {count} frames lost bytes, which are read as zeros",)
+    return recording._replace(
+        cubes=Stream(recording.cubes.__getitem__, count, times[:count]),
+        lost_bytes=lost[:count],
+        notes=notes,
+    )
+
+
 def _radar_stamps(path, radar, recording, lidar_stamps):
     """Return the times of the radar's frames on the LiDAR's clock, and warnings."""
     period = radar.get("frame_period_s", recording.radar.spec.frame_period_s)
     given = [key for key in TIMES[:2] if key in radar]
-    if not period > 0:
+    if not period > 0 and "stamps" not in radar:
         raise UsageError(
             f"{path}: the time between frames is unknown: set frame_period_s in [radar]"
         )
@@ -191,7 +217,9 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
     first = float(lidar_stamps[0]) if len(lidar_stamps) else 0.0
     start = radar.get("start_time_s", first + radar.get("offset_s", 0.0))
     stamps, doubts = start + np.arange(len(recording.cubes)) * period, []
-    if len(lidar_stamps) and not given:
+    if "stamps" in radar:
+        stamps = recording.cubes.stamps
+    elif len(lidar_stamps) and not given:
         doubts.append("no start_time_s: the radar is assumed to start with the LiDAR")
     if spans := clocks_apart(stamps, lidar_stamps):
         doubts.append(

@@ -12,6 +12,10 @@
     gain_db = [0.0, 0.1, ..]            by which samples are multiplied: one number for
     phase_degrees = [0.0, -2.5, ..]     each tx and rx, the receivers of tx 0 first
 
+    [mount]                             optional, of `jradar calibrate --mount`
+    xyz = [0.03, 0.12, -0.09]           position on the base of the rig
+    quaternion = [0.0, 0.0, 0.0, 1.0]   rotation from the radar to the base, x y z w
+
 A file without gains and phases has the signs of its board's receivers.
 """
 
@@ -22,6 +26,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
+from jaxtyping import Float
 
 from jradar.errors import UsageError, printable
 from jradar.files import write_text
@@ -32,6 +38,7 @@ from jradar.recordings.ti.frame import CaptureSpec
 from jradar.recordings.ti.iq_order import IQ_ORDERS
 
 FILE_KEYS = ("axes", "iq_order")
+MOUNT = ("xyz", "quaternion")
 CALIBRATION_KEYS = ("range_bias_m", "gain_db", "phase_degrees")
 LARGEST = {"gain_db": 60.0, "phase_degrees": 720.0}  # beyond, another unit
 
@@ -62,6 +69,14 @@ def read_radar_toml(path: Path | str) -> tuple[RadarSpec, CaptureSpec]:
         )
     elif board is not None and board.rx_positions == radar.rx_positions:
         factors = tuple(complex(sign) for sign in board.rx_signs) * radar.num_tx
+    place = _table(path, tables, "mount", MOUNT)
+    numbers = [*place.get("xyz", [0.0] * 3), *place.get("quaternion", [0.0] * 3 + [1])]
+    good = len(numbers) == 7 and all(type(n) in (int, float) for n in numbers)
+    if not good or not 0.99 < sum(n * n for n in numbers[3:]) < 1.01:
+        raise UsageError(
+            f"{path}: [mount] {place!r:.80}, expected xyz and quaternion, 3 and 4 "
+            "numbers, the quaternion x y z w of length 1"
+        )
     bias = measured.get("range_bias_m", 0.0)
     if type(bias) not in (int, float) or not abs(bias) < radar.max_range_m:
         raise UsageError(
@@ -69,7 +84,10 @@ def read_radar_toml(path: Path | str) -> tuple[RadarSpec, CaptureSpec]:
             f"{radar.max_range_m:.2f} m"
         )
     return radar, CaptureSpec(
-        iq_order=order, range_bias_m=float(bias), channel_factors=factors
+        iq_order=order,
+        range_bias_m=float(bias),
+        channel_factors=factors,
+        mount=tuple(map(float, numbers)) if place else (),
     )
 
 
@@ -79,12 +97,13 @@ def write_radar_toml(
     *,
     iq_order: str = CaptureSpec.iq_order,
     axes: Sequence[str] = (),
+    mount: Float[np.ndarray, "4 4"] | None = None,
     comment: str = "",
 ) -> None:
     """Write what `read_radar_toml` reads: a radar, its channels and its range bias.
 
-    The samples have the `axes` of a cube, or else an `iq_order`. `comment` is put at
-    the top.
+    `mount` is base_from_radar, if it was measured. The samples have the `axes` of a
+    cube, or else an `iq_order`. `comment` is put at the top.
     """
     stored = {"axes": [*axes]} if axes else {"iq_order": iq_order}
     measured: dict[str, Any] = {"range_bias_m": float(radar.range_bias_m)}
@@ -93,6 +112,14 @@ def write_radar_toml(
         measured["gain_db"] = (20 * np.log10(abs(factors))).round(4).tolist()
         measured["phase_degrees"] = np.degrees(np.angle(factors)).round(3).tolist()
     tables = {"radar": asdict(radar.spec), "file": stored, "calibration": measured}
+    if mount is not None:
+        quaternion = scipy.spatial.transform.Rotation.from_matrix(
+            mount[:3, :3]
+        ).as_quat()
+        tables["mount"] = {
+            "xyz": mount[:3, 3].round(6).tolist(),
+            "quaternion": quaternion.round(9).tolist(),
+        }
     lines = [f"# {printable(line)}" for line in comment.splitlines()]
     for name, table in tables.items():
         lines += [f"\n[{name}]", *(f"{k} = {_as_toml(v)}" for k, v in table.items())]

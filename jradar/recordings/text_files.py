@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from jradar.errors import UsageError, parsing
 from jradar.files import read_text
@@ -41,6 +42,31 @@ def radar_of(path: Path | str, values: dict[str, Any]) -> RadarSpec:
         return RadarSpec.from_dict(values)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def read_frame_times(
+    path: Path | str,
+) -> tuple[Float[np.ndarray, " frame"], Int[np.ndarray, " frame"]]:
+    """Return time (s) and lost bytes of each frame, from lines of both.
+
+    A last line that was not finished is left out. Raises ValueError, with the line, for
+    others than two numbers.
+    """
+    rows = []
+    text = read_text(path, limit=MAX_POSES_BYTES)
+    for number, line in enumerate(text.splitlines(keepends=True), 1):
+        if not line.endswith("\n"):
+            break
+        try:
+            time, lost = line.split()
+            rows.append((float(time), int(lost)))
+        except ValueError:
+            raise ValueError(
+                f"{path}, line {number}: {line.strip()!r:.80}, expected the time of a "
+                "frame in seconds and its lost bytes"
+            ) from None
+    times, lost = zip(*rows, strict=True) if rows else ((), ())
+    return np.array(times, float), np.array(lost, int)
 
 
 def read_tum(path: Path | str) -> Poses:

@@ -15,6 +15,7 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.recordings import nearest_scan
+from jradar.stream.assembler import Frame
 from jradar.stream.board import Board
 from jradar.stream.card import Card
 from jradar.stream.emulator import Emulator, Sent
@@ -76,6 +77,7 @@ def run_session(
     board: str | None = None,
     silence_s: float = SILENCE_S,
     seconds: float | None = None,
+    keep: Callable[[Frame], None] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Session:
     """Start the card and the board, publish frames as `run_live`, and stop both.
@@ -97,7 +99,8 @@ def run_session(
             return None
         return nearest_scan(recording, number % len(recording.cubes))
 
-    processor.warm_up()
+    if keep is None:
+        processor.warm_up()
     with contextlib.ExitStack() as stack:
         stack.enter_context(receiver)
         if emulator is not None:
@@ -118,6 +121,7 @@ def run_session(
             seconds=seconds,
             finished=played,
             lidar=scan,
+            keep=keep,
             say=say,
         )
         receiver.close()  # what comes while the devices stop does not count
@@ -150,14 +154,15 @@ def run_live(
     seconds: float | None = None,
     finished: Callable[[], bool] = lambda: False,
     lidar: Callable[[int], np.ndarray | None] = lambda number: None,
+    keep: Callable[[Frame], None] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Session:
     """Publish the newest frame until the end: SIGINT, SIGTERM, `seconds`, `finished`.
 
     `finished` is asked while no frame waits. `lidar` returns the scan to put beside a
-    frame. `say` is called with warnings. Raises
-    TimeoutError, with what to check, if nothing ever comes from the card for
-    `silence_s`; a card that falls silent later is only reported.
+    frame. `keep` takes frames as they came, and nothing is published then. `say` is
+    called with warnings. Raises TimeoutError, with what to check, if nothing ever comes
+    from the card for `silence_s`; a card that falls silent later is only reported.
     """
     session, line = Session(), StatusLine()
     session.warnings += [receiver.note] if receiver.note else []
@@ -192,6 +197,11 @@ def run_live(
                 continue
             if doubt := rate.add(frame.number, frame.arrived_s):
                 warn(doubt)
+            if keep is not None:
+                keep(frame)
+                receiver.recycle(frame)
+                session.add(frame.arrived_s)
+                continue
             cube = processor.cube(frame.data)
             receiver.recycle(frame)
             scan = lidar(frame.number)

@@ -6,6 +6,8 @@ import pytest
 from jradar.radar import calibrate
 from jradar.recordings import open_recording
 from jradar.simulation import simulate_sequence
+from jradar.simulation.capture_writer import simulate_capture
+from jradar.simulation.rig import base_from
 
 
 def test_the_written_file_calibrates_the_recording(uncalibrated, run_json, tmp_path):
@@ -56,3 +58,24 @@ def test_what_cannot_be_calibrated_is_named(uncalibrated, tmp_path, refused):
         (["-o", out, "--reflector", "14.5"], 4, "reflector at 14.5 m is seen in 0"),
     ):
         assert message in refused("calibrate", uncalibrated, *wrong, code=code)
+
+
+@pytest.mark.slow  # test_mount has walks that are not simulated ray by ray
+def test_a_walk_shows_the_mount_and_its_capture_reads_it(run_json, tmp_path):
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    pytest.importorskip("embreex", reason="the extra `sim` is not installed")
+    walk = simulate_capture("hallways", 35, tmp_path, frames=200)
+    file = walk / "calibrated.toml"
+    found = run_json("calibrate", walk, "--level", "--mount", "-o", file)
+    shown = {row["axis"]: row for row in found["mount"]}
+    true = base_from("single_chip")
+    for k, axis in enumerate("xyz"):
+        row = shown[f"position along the base's {axis} (m)"]
+        assert abs(row["value"] - true[k, 3]) < 0.05 and row["shown_by_the_walk"]
+    description = walk / "capture.toml"
+    text = description.read_text()
+    assert open_recording(walk).base_from_radar[0, 3] != pytest.approx(true[0, 3])
+    description.write_text(text.replace("awr1843.cfg", "calibrated.toml"))
+    after = open_recording(walk)
+    assert abs(after.base_from_radar[:3, 3] - true[:3, 3]).max() < 0.05
+    assert any("[mount]" in note for note in after.notes)

@@ -64,6 +64,7 @@ def commands(run, uncalibrated, model_folder, map_model_folder):
         "out.ros2": enhance,
         "live": live,
         "live.mcap": live,
+        "record": ["record", "--replay", run, "--silence", 60, "--speed", 2],
         "my.toml": ["calibrate", uncalibrated],
         "walk.tum": ["odometry", run],
         "map": ["map", run, "--model", map_model_folder],
@@ -89,6 +90,7 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         "points flat": "radar/000000.pcd was not written by this command",
         "enhance flat": "own/radar is not empty",
         "live": "000000/radar.ply was not written by this command",
+        "record": "recordings are never overwritten",
         "walk.tum": "walk.tum was not written by this command",
         "map": "map.ply was not written by this command",
         "finetune": "which is not of a fine-tuning",
@@ -107,7 +109,8 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         found = refused(*words, "-o", output, code=4 if name == "set" else 2)
         assert str(output) in found and said.get(name, "") in found
         forced = (
-            words[0] not in ("prepare", "finetune", "simulate") or "--preview" in words
+            words[0] not in ("prepare", "finetune", "simulate", "record")
+            or "--preview" in words
         )
         assert ("--force" in found) == (forced and name != ""), found
         assert hashes(own) == before, name
@@ -137,6 +140,7 @@ def test_a_second_run_replaces_the_first_and_nothing_else(
     pytest.importorskip("flatbuffers")
     before, new = hashes(own), own / "new"
     commands = {k: words for k, words in commands.items() if (k in LONG) == long}
+    commands.pop("record", None)  # never replaces, see tests/stream/test_record.py
     commands.pop("finetune", None)  # it resumes, see tests/test_finetuning.py
     for name, words in commands.items():
         run_json(*words, "-o", new / name)

@@ -162,6 +162,7 @@ def recording_of_samples(
         radar=capture.radar(radar),
         cubes=Stream(read, count, None if stamps is None else stamps[:count]),
         lost_bytes=lost,
+        base_from_radar=capture.base_from_radar(),
         iq_order=order,
         notes=tuple(notes),
     )

@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from jradar.errors import UsageError
+from jradar.lidar import rigid_transform
 from jradar.radar import Radar, RadarSpec
 from jradar.radar.devices import BOARDS, Board
 from jradar.recordings.text_files import radar_of
@@ -45,6 +47,7 @@ class CaptureSpec:
     has_headers: bool = False  # the stream holds more than samples
     range_bias_m: float = 0.0  # by which measured ranges are too long
     channel_factors: tuple[complex, ...] = ()  # per virtual antenna, in cube order
+    mount: tuple[float, ...] = ()  # on the base: x y z and a quaternion, if measured
 
     def radar(self, spec: RadarSpec) -> Radar:
         """Return the radar with these factors, if they change anything, and bias."""
@@ -53,6 +56,11 @@ class CaptureSpec:
             factors = np.array(self.channel_factors, np.complex64)
             channels = factors.reshape(spec.num_tx, spec.num_rx)
         return Radar(spec, channels=channels, range_bias_m=self.range_bias_m)
+
+    def base_from_radar(self) -> Float[np.ndarray, "4 4"] | None:
+        """Return the measured place of the radar on its base, if there is one."""
+        place = np.array(self.mount)
+        return rigid_transform(place[:3], place[3:]) if self.mount else None
 
 
 class Chirp(NamedTuple):

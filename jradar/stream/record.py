@@ -1,0 +1,68 @@
+"""A radar's frames as they come from the cable, as a folder that is a recording.
+
+walk/adc_data.bin    samples of every frame, as the capture card sent them
+walk/frames.txt      a line each: arrival of its first packet, lost bytes
+walk/radar.toml      the radar, with its calibration
+walk/capture.toml    joins them; add the tables [lidar], [poses] and [imu] to it
+
+Each frame is handed to the system when it is complete, samples first, so a recording
+that was killed holds all frames but the last.
+"""
+
+from pathlib import Path
+
+from jradar.errors import UsageError
+from jradar.files import write_text
+from jradar.recordings import Recording, write_radar_toml
+from jradar.stream.assembler import Frame
+
+DESCRIPTION = """\
+# written by jradar record
+[radar]
+file = "adc_data.bin"
+description = "radar.toml"
+stamps = "frames.txt"
+allow_partial = true
+# xyz = [0, 0, 0]              # position on the base, metres
+# rpy_degrees = [0, 0, 0]
+
+# [lidar]
+# file = "lidar.bag"           # or the folder of `ros2 bag record`
+# xyz = [0, 0, 0]
+# rpy_degrees = [0, 0, 0]
+"""
+
+
+class FrameRecorder:
+    """Writes frames into a folder; a `with` block ends the recording."""
+
+    def __init__(self, path: Path | str, radar: Recording):
+        """Begin a recording of `radar`; UsageError if the folder holds anything."""
+        self.path, self.frames, self.lost_bytes = Path(path), 0, 0
+        self.path.mkdir(parents=True, exist_ok=True)
+        if any(self.path.iterdir()):
+            raise UsageError(
+                f"{path} is not empty, and recordings are never overwritten: name "
+                "another folder"
+            )
+        order = {"iq_order": radar.iq_order} if radar.iq_order else {}
+        write_radar_toml(self.path / "radar.toml", radar.radar, **order)
+        write_text(self.path / "capture.toml", DESCRIPTION)
+        self._samples = (self.path / "adc_data.bin").open("wb", buffering=0)
+        self._times = (self.path / "frames.txt").open("w", buffering=1)
+
+    def __enter__(self) -> "FrameRecorder":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self._samples.close()
+        self._times.close()
+
+    def write(self, frame: Frame) -> None:
+        """Append a frame, lost bytes as zeros."""
+        left = memoryview(frame.data)
+        while left:
+            left = left[self._samples.write(left) or 0 :]
+        self._times.write(f"{frame.stamp_s:.6f} {frame.lost_bytes}\n")
+        self.frames += 1
+        self.lost_bytes += frame.lost_bytes
