@@ -70,7 +70,8 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
         if options.replay:
             emulator = _emulator(options, source, network)
             stack.callback(emulator.close)
-        recorder = stack.enter_context(stream.FrameRecorder(options.output, source))
+        recorder = jradar.recordings.FrameRecorder(options.output, source)
+        stack.enter_context(recorder)
         session = stream.run_session(
             receiver,
             stream.Processor(source),
@@ -81,7 +82,7 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
             board=options.board,
             silence_s=options.silence,
             seconds=options.seconds,
-            keep=recorder.write,
+            keep=lambda f: recorder.write(f.data, f.stamp_s, f.lost_bytes),
             say=say,
         )
     counts = receiver.counts

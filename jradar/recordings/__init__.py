@@ -12,6 +12,7 @@
     read_description                 a radar in a .toml, .cfg, log or calib folder
     write_radar_toml, read_coupling  a radar and its calibration; ColoRadar's leakage
     read_cloud, read_tum             clouds in PLY, PCD or KITTI's files; poses
+    FrameRecorder                    frames as they come from the cable, as a recording
     CLOUD_WRITERS, write_npz         a cloud's valid points, which `point_table` lists
 
 Each format has a module, with its layout at the top. `recording` explains how to add
@@ -37,6 +38,7 @@ from jradar.recordings.descriptions import (
     is_description as is_description,
     read_description as read_description,
 )
+from jradar.recordings.frame_recorder import FrameRecorder as FrameRecorder
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,

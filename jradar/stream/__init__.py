@@ -10,7 +10,6 @@
     Processor, View             `processing`, `views`: a frame to clouds and a picture
     open_writer                 `outputs`: MCAP, ROS 2 bag or folder, by name
     run_session, run_live       `live`: all of it; the loop alone
-    FrameRecorder               `record`: frames as they come, as a recording
     replaying, run_replay       a card that plays a recording, until its end
 
 README.md has the wiring, the network's settings and what to check.
@@ -38,7 +37,6 @@ from jradar.stream.processing import (
 )
 from jradar.stream.protocol import NetworkSpec as NetworkSpec
 from jradar.stream.receiver import Receiver as Receiver
-from jradar.stream.record import FrameRecorder as FrameRecorder
 from jradar.stream.sockets import loopback_network as loopback_network
 from jradar.stream.views import (
     View as View,

@@ -140,7 +140,7 @@ def test_a_second_run_replaces_the_first_and_nothing_else(
     pytest.importorskip("flatbuffers")
     before, new = hashes(own), own / "new"
     commands = {k: words for k, words in commands.items() if (k in LONG) == long}
-    commands.pop("record", None)  # never replaces, see tests/stream/test_record.py
+    commands.pop("record", None)  # never replaces, see test_frame_recorder.py
     commands.pop("finetune", None)  # it resumes, see tests/test_finetuning.py
     for name, words in commands.items():
         run_json(*words, "-o", new / name)

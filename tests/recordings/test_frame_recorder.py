@@ -5,9 +5,7 @@ import signal
 import numpy as np
 import pytest
 
-from jradar.recordings import open_recording
-from jradar.stream.assembler import Frame
-from jradar.stream.record import FrameRecorder
+from jradar.recordings import FrameRecorder, open_recording
 from tests.programs import finished
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 
@@ -15,12 +13,12 @@ CUBES = random_cubes(4)
 STAMPS = 1.7e9 + 0.1 * np.array([0, 1, 2, 5])  # two frames never came
 KILLED = """
 import os, pathlib, signal
-from tests.stream.test_record import frames, radar
-from jradar.stream.record import FrameRecorder
+from tests.recordings.test_frame_recorder import frames, radar
+from jradar.recordings import FrameRecorder
 folder = pathlib.Path({folder!r})
 recorder = FrameRecorder(folder / "walk", radar(folder))
 for frame in frames():
-    recorder.write(frame)
+    recorder.write(*frame)
 with (folder / "walk" / "adc_data.bin").open("ab") as file:
     file.write(bytes(100))  # a frame that was being written
 with (folder / "walk" / "frames.txt").open("a") as file:
@@ -38,7 +36,7 @@ def radar(folder):
 def frames():
     for number, (cube, stamp) in enumerate(zip(CUBES, STAMPS, strict=True)):
         data = np.frombuffer(as_bytes([cube]), np.uint8)
-        yield Frame(number, data, 1456 * (number == 2), float(stamp), 0.0)
+        yield data, float(stamp), 1456 * (number == 2)
 
 
 def check(walk):
@@ -54,7 +52,7 @@ def test_frames_times_and_losses_come_back(tmp_path):
     source = radar(tmp_path)
     with FrameRecorder(tmp_path / "walk", source) as recorder:
         for frame in frames():
-            recorder.write(frame)
+            recorder.write(*frame)
     assert check(tmp_path / "walk").radar.spec == source.radar.spec
     with pytest.raises(ValueError, match="never overwritten"):
         FrameRecorder(tmp_path / "walk", source)
@@ -69,7 +67,7 @@ def test_a_killed_recording_holds_all_whole_frames(tmp_path):
 
 def test_damaged_times_are_named(tmp_path):
     with FrameRecorder(tmp_path / "walk", radar(tmp_path)) as recorder:
-        recorder.write(next(frames()))
+        recorder.write(*next(frames()))
     file, toml = tmp_path / "walk" / "frames.txt", tmp_path / "walk" / "capture.toml"
     toml.write_text(toml.read_text().replace("stamps =", "offset_s = 1\nstamps ="))
     with pytest.raises(ValueError, match="has stamps and offset_s"):

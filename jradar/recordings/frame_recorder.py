@@ -11,10 +11,13 @@ that was killed holds all frames but the last.
 
 from pathlib import Path
 
+import numpy as np
+from jaxtyping import UInt8
+
 from jradar.errors import UsageError
 from jradar.files import write_text
-from jradar.recordings import Recording, write_radar_toml
-from jradar.stream.assembler import Frame
+from jradar.recordings.radar_toml import write_radar_toml
+from jradar.recordings.recording import Recording
 
 DESCRIPTION = """\
 # written by jradar record
@@ -58,11 +61,13 @@ class FrameRecorder:
         self._samples.close()
         self._times.close()
 
-    def write(self, frame: Frame) -> None:
-        """Append a frame, lost bytes as zeros."""
-        left = memoryview(frame.data)
+    def write(
+        self, data: UInt8[np.ndarray, " byte"], stamp_s: float, lost_bytes: int = 0
+    ) -> None:
+        """Append a frame, lost bytes as zeros, with its time in seconds since 1970."""
+        left = memoryview(data)
         while left:
             left = left[self._samples.write(left) or 0 :]
-        self._times.write(f"{frame.stamp_s:.6f} {frame.lost_bytes}\n")
+        self._times.write(f"{stamp_s:.6f} {lost_bytes}\n")
         self.frames += 1
-        self.lost_bytes += frame.lost_bytes
+        self.lost_bytes += lost_bytes
