@@ -201,7 +201,7 @@ def _both_smoothed(velocities: Velocities, poses: Poses, used: np.ndarray) -> "_
 
     covariance = velocities.covariance[used].reshape(-1, 9)
     columns = np.concatenate([velocities.velocity[used], covariance], 1)
-    known = np.isfinite(columns).all(0)
+    known = np.all(np.isfinite(columns), axis=0)
     smooth = _smooth(stamps, np.where(known, columns, 0.0), stamps, width)
     weight = _whitening(smooth[:, 3:].reshape(-1, 3, 3), known[3::4])
     return _Walk(stamps, smooth[:, :3], weight, motion)

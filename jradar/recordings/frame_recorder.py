@@ -18,6 +18,7 @@ from jradar.errors import UsageError
 from jradar.files import write_text
 from jradar.recordings.radar_toml import write_radar_toml
 from jradar.recordings.recording import Recording
+from jradar.recordings.ti.frame import CaptureSpec
 
 DESCRIPTION = """\
 # written by jradar record
@@ -48,8 +49,8 @@ class FrameRecorder:
                 f"{path} is not empty, and recordings are never overwritten: name "
                 "another folder"
             )
-        order = {"iq_order": radar.iq_order} if radar.iq_order else {}
-        write_radar_toml(self.path / "radar.toml", radar.radar, **order)
+        order = radar.iq_order or CaptureSpec.iq_order
+        write_radar_toml(self.path / "radar.toml", radar.radar, iq_order=order)
         write_text(self.path / "capture.toml", DESCRIPTION)
         self._samples = (self.path / "adc_data.bin").open("wb", buffering=0)
         self._times = (self.path / "frames.txt").open("w", buffering=1)
@@ -65,7 +66,7 @@ class FrameRecorder:
         self, data: UInt8[np.ndarray, " byte"], stamp_s: float, lost_bytes: int = 0
     ) -> None:
         """Append a frame, lost bytes as zeros, with its time in seconds since 1970."""
-        left = memoryview(data)
+        left = memoryview(data.tobytes())
         while left:
             left = left[self._samples.write(left) or 0 :]
         self._times.write(f"{stamp_s:.6f} {lost_bytes}\n")
