@@ -10,6 +10,7 @@ points in the field of view. The detector has the false-alarm rate that is best 
 scored frames, which favours it.
 """
 
+import dataclasses
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -184,15 +185,25 @@ def score(
 def _alike(models: dict[str, Model]) -> Model:
     """Return the first model; UsageError for others that see something else."""
     (name, first), *others = models.items()
+    wanted = _seen(first)
     for other, model in others:
-        for field in ("points", "coarse", "fine", "num_slices"):
-            found, wanted = (getattr(m.spec, field) for m in (model, first))
-            if found != wanted:
+        for field, value in _seen(model).items():
+            if value != wanted[field]:
                 raise UsageError(
-                    f"--model {other} takes {field} = {found}, {name} {wanted}: score "
-                    "them one at a time"
+                    f"--model {other} has {field} = {value}, {name} {wanted[field]}: "
+                    "score them one at a time"
                 )
     return first
+
+
+def _seen(model: Model) -> dict[str, Any]:
+    """Return what shapes a model's input and view, by name."""
+    spec = model.spec
+    found: dict[str, Any] = {"num_slices": spec.num_slices}
+    for part in ("points", "coarse", "fine"):
+        fields = dataclasses.asdict(getattr(spec, part))
+        found |= {f"{part}.{name}": value for name, value in fields.items()}
+    return found
 
 
 def _records(folder: Path | str, split: str | None) -> Records:

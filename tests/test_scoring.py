@@ -134,7 +134,9 @@ def test_the_end_of_a_walk_is_scored_under_its_own_name(models, tmp_path):
 def test_models_that_see_something_else_are_refused(walks, models, tmp_path):
     wide = dataclasses.replace(SPEC.fine, max_range_m=20.0)
     save_model(tmp_path / "wide", tiny_model(method="regression", fine=wide))
-    with pytest.raises(UsageError, match=r"wide takes fine = .*20\.0.*one at a time"):
+    with pytest.raises(
+        UsageError, match=r"wide has fine\.max_range_m = 20\.0, .*12\.0: score"
+    ):
         score(walks, models=[models[0], tmp_path / "wide"])
 
 

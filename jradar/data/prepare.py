@@ -223,7 +223,7 @@ def _head(sources, spec, frames):
         of_radar.setdefault(source.open().radar.spec, []).append(source.name)
     radars = sorted(of_radar, key=lambda radar: -len(of_radar[radar]))  # stable
     if len({tuple(getattr(r, name) for name in ARRAY) for r in radars}) > 1:
-        names = sorted(f"{radar.name} {radar.cube_shape}" for radar in radars)
+        names = [f"{r.name} {r.cube_shape} of {of_radar[r][0]}" for r in radars]
         raise ValueError(
             f"the sequences were recorded with {len(radars)} radars ({', '.join(names)}"
             ") whose antennas differ, expected one array: take the recordings of "
