@@ -176,6 +176,7 @@ def test_kernels_trace_in_double_precision_without_silent_broadcasting(name):
         jax.eval_shape(KERNELS[name])
 
 
+@pytest.mark.slow
 def test_distances_of_many_points_are_exact_in_double_precision():
     with jax.enable_x64(True):
         a, b = cloud(1100), cloud(1300)

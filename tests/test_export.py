@@ -47,6 +47,7 @@ def exported(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_the_file_runs_without_jradar_and_equals_enhance(exported, tmp_path):
     np.save(tmp_path / "cube.npy", CUBE)
     (tmp_path / "reader.py").write_text(READER)

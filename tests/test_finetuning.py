@@ -38,6 +38,7 @@ def start(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_own_frames_are_learnt_and_the_best_weights_are_kept(
     records, start, tmp_path, monkeypatch
 ):

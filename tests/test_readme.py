@@ -150,6 +150,7 @@ def test_the_readme_is_short():
     assert len(README.split()) <= 900
 
 
+@pytest.mark.slow
 def test_five_compositions_run_as_they_stand(simulated, monkeypatch):
     monkeypatch.chdir(simulated)
     found = []

@@ -231,6 +231,7 @@ def with_reflector():
     return echoes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_other_precisions_give_the_same_factors(mode):
     expected = self_calibrate(with_reflector(), CHIP, reflector=REFLECTOR)

@@ -36,6 +36,7 @@ def enhance(walk, one_pass, run_json, tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_each_frame_is_fused_with_those_before_it(enhance):
     result, fused = enhance("all", "--fuse", 3, "--frames", "1:")
     assert result["frames_fused"] == 3 and result["motion_by"] == {"poses": 3}

@@ -19,8 +19,6 @@ OWN = (  # the names of all that commands write, and others
     *("map.ply", "grid.yaml", "map.png", "evaluation/report.html"),
     *("walk.tum", "my.toml", "function.jax", "out.mcap", "out.ros2/metadata.yaml"),
 )
-LONG = ("live", "live.mcap", "out.ros2", "score", "prepare", "scene")
-LONG += ("capture", "function.jax")
 
 
 def hashes(folder):
@@ -132,14 +130,13 @@ def test_no_command_takes_a_file_of_somebody_for_its_output(own, commands, refus
     assert writing == {words[0] for words in commands.values()}  # all are tried here
 
 
-@pytest.mark.parametrize("long", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_second_run_replaces_the_first_and_nothing_else(
-    own, commands, run_json, refused, long
+    own, commands, run_json, refused
 ):
     pytest.importorskip("foxglove")
     pytest.importorskip("flatbuffers")
     before, new = hashes(own), own / "new"
-    commands = {k: words for k, words in commands.items() if (k in LONG) == long}
     commands.pop("record", None)  # never replaces, see test_frame_recorder.py
     commands.pop("finetune", None)  # it resumes, see tests/test_finetuning.py
     for name, words in commands.items():

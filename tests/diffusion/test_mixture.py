@@ -76,6 +76,7 @@ def test_the_likelihood_has_finite_gradients_far_from_all_components():
     assert np.isfinite(found).all() and np.abs(found).sum() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "detail"), [("clean", 0), ("gaussian", 0), ("gaussian", 4)]
 )

@@ -89,6 +89,7 @@ def test_distance_equals_the_reference(network):
     assert all(value > 0.05 for value in expected)
 
 
+@pytest.mark.slow
 @installed
 def test_gradients_are_finite_without_structure():
     weights = load_lpips()

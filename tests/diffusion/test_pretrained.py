@@ -81,6 +81,7 @@ def save(path, state):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "stem", "labelled"),
     [

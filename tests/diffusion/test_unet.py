@@ -71,6 +71,7 @@ def test_without_the_full_path_an_image_is_drawn_patch_by_patch():
     assert {(column % 4, channel) for column, channel in places.tolist()} == {(2, 0)}
 
 
+@pytest.mark.slow
 def test_remat_in_bfloat16_is_nearly_the_same_function():
     network, params, args = build()
     expected = apply(network, params, *args)
@@ -135,6 +136,7 @@ def test_one_condition_serves_a_batch(at_input):
     np.testing.assert_allclose(one, each, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_gradients_are_finite_and_reach_every_parameter():
     network, params, args = build()
 

@@ -30,6 +30,7 @@ def test_wrong_points_are_cut_off_and_right_ones_kept():
     assert 0.2 <= between <= 0.5
 
 
+@pytest.mark.slow
 def test_the_command_fits_the_confidence_to_other_records(records, made, tmp_path):
     _, model = made(marginal)
     wrong = dataclasses.replace(model, confidence=ConfidenceTable.of((1.0, 1.0)))

@@ -147,6 +147,7 @@ def test_a_config_for_recordings_asks_for_them(tmp_path):
         build.build_loss(config.loss, method="guess")
 
 
+@pytest.mark.slow
 def test_frames_with_more_or_fewer_points_are_scored_without_compiling(records, caplog):
     frames = data.Records(records, "train")
     assert len({len(frames[i].lidar_xyz) for i in range(3)}) > 1

@@ -184,6 +184,7 @@ def params():
         yield rpdnet_params(jax.random.key(0, impl="rbg"), SMALL, (16, 16))
 
 
+@pytest.mark.slow
 def test_detector_descends_the_distance_that_the_critic_climbs(params):
     maps = jax.random.uniform(KEY, (2, 16, 16, 1))
     labels = (maps > 0.9).astype(jnp.float32)

@@ -93,6 +93,7 @@ def test_numbers_are_leaves_and_the_description_is_static():
     assert calibrate._cache_size() == before
 
 
+@pytest.mark.slow
 def test_slopes_of_the_strongest_point_are_those_of_the_formulas():
     """Power grows with the square of the channels, and the bias shortens the range."""
 
@@ -107,6 +108,7 @@ def test_slopes_of_the_strongest_point_are_those_of_the_formulas():
     assert (slopes[2] * FRAME).real.sum() == pytest.approx(2, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_vmap_over_units_equals_the_loop():
     bias = jnp.array([0.0, 0.7])
     channels = jnp.asarray(np.stack([FACTORS, FACTORS.conj()]), jnp.complex64)

@@ -130,6 +130,7 @@ def test_every_option_and_every_choice_has_a_gradient_here():
 
 
 CASES = [(options, False) for options in OPTIONS] + [({"folds": 1}, True)]
+CASES[2:] = [pytest.param(*case, marks=pytest.mark.slow) for case in CASES[2:]]
 
 
 @pytest.mark.parametrize(("options", "leaky"), CASES, ids=str)

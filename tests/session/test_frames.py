@@ -203,6 +203,7 @@ def test_stages_of_the_same_radar_and_model_compile_once():
     assert compiled(UNIT, draws=3, steps=2)["sampling"] is not first["sampling"]
 
 
+@pytest.mark.slow
 def test_two_frames_are_fused_by_their_poses_without_what_moves(monkeypatch):
     model, moving = one_pass_model(), np.zeros(SPEC.fine.shape, bool)
     moving[:, 20:] = True

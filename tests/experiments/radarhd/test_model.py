@@ -153,6 +153,7 @@ def test_the_mean_with_the_mirror_image_is_a_mirror_image_itself():
     np.testing.assert_allclose(found, even)
 
 
+@pytest.mark.slow
 def test_draws_agree_and_are_averaged_with_nearness(tmp_path, monkeypatch):
     config, other = shrink(radarhd.get_config()), shrink(radarhd_nearness.get_config())
     other.data.history = 1

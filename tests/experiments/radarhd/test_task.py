@@ -71,6 +71,7 @@ def started(walls, tmp_path_factory):
     return training, workdir
 
 
+@pytest.mark.slow
 def test_a_run_starts_from_weights_with_rotated_pairs(walls, started):
     start, workdir = started
     config = shrink(default.get_config(), walls)

@@ -68,6 +68,7 @@ def errors_over_deviations(seed, cells, bins, angles, amplitude, points):
     return errors / np.stack([values[:, 0] for values in deviations])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snr_db", [17, 30])
 def test_deviations_are_those_of_monte_carlo(snr_db):
     amplitude = np.sqrt(10 ** (snr_db / 10) * CELL_NOISE)
@@ -82,6 +83,7 @@ def test_deviations_are_those_of_monte_carlo(snr_db):
     np.testing.assert_allclose(spread, 1.0, atol=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("snr_db", [10, 20, 30])
 def test_the_bias_without_windows_is_part_of_the_deviations(snr_db):
     """Targets anywhere between bins: noise alone would be up to 13 times too small."""

@@ -88,6 +88,7 @@ def test_points_of_a_near_target_are_focused():
     assert error[1] < 0.05 < 0.2 < error[0]
 
 
+@pytest.mark.slow
 def test_focused_cells_are_the_focused_points():
     """Every cell is a point here, with its fold, which is found before."""
     radar = dataclasses.replace(CASCADE, num_samples=32)

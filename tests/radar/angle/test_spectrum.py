@@ -103,6 +103,7 @@ def test_directions_do_not_depend_on_scale_batch_or_block(radar, bins, monkeypat
         np.testing.assert_allclose(a[:23], d, atol=2e-3)
 
 
+@pytest.mark.slow
 @radars("chip", "cascade")
 def test_gradients_are_slopes_and_finite_even_in_empty_cells_and_at_the_edge(
     radar, bins
