@@ -44,6 +44,10 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
     """Estimate the factors of the radar's channels from echoes; write a description."""
     if Path(options.output).suffix != ".toml":
         raise UsageError(f"{options.output}: expected the name of a .toml file")
+    if (picture := options.picture) and (not options.mount or Path(picture).exists()):
+        raise UsageError(
+            f"--picture {picture}: expected --mount, and the name of a new file"
+        )
     recording = jradar.open_recording(options.path, **opening(options))
     found = jradar.calibration.calibrate_recording(
         recording,
@@ -60,10 +64,16 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
         mount=None if found.mount is None else found.mount.base_from_radar,
         comment=f"written by jradar calibrate from {recording.name}",
     )
+    if picture and found.mount is not None:
+        mount = found.mount
+        figure = jradar.viz.velocities_figure(
+            mount.stamps, mount.velocity, mount.expected
+        )
+        jradar.viz.save_figure(figure, picture)
     return {
         **summary(recording, found.warnings),
         **found.describe(),
-        "written": [options.output],
+        "written": [options.output, *([picture] if picture else [])],
     }
 
 

@@ -264,6 +264,8 @@ def _calibrate(sub):
     text = "estimate the radar's place on the rig, from its motion and the recording's "
     text += "poses or LiDAR scans; the rig was walked ahead and turned"
     groups.flag(sub, "--mount", text)
+    text = "new .png to draw how well --mount explains the radar's velocities"
+    groups.option(sub, "--picture", "FILE", text)
 
 
 def _odometry(sub):

@@ -80,7 +80,7 @@ def map_recording(
     UsageError for poses that jump, and where no detection is left.
     """
     found = detect_recording(recording, points=points, frames=frames)
-    poses, notes = radar_poses(recording, found.frames, rotation)
+    poses, notes = radar_poses(recording, found.frames, rotation=rotation)
     notes += [*_check_path(recording, found.frames, poses[:, :3, 3])]
     radar = recording.radar.spec
     if not radar.has_elevation:
@@ -137,7 +137,7 @@ def map_clouds(
 
 
 def radar_poses(
-    recording: Recording, frames: Sequence[int], rotation: str | None = None
+    recording: Recording, frames: Sequence[int], *, rotation: str | None = None
 ) -> tuple[Float[np.ndarray, "frame 4 4"], list[str]]:
     """Return the radar's poses in the world, and notes on where they come from.
 

@@ -8,6 +8,7 @@ preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
 bars_figure                      a number of each method in groups, such as distances
+velocities_figure                a radar's velocities by Doppler and by poses
 maps_figure                      maps side by side, from above and from the side
 video.VideoWriter                frames from above, one after another
 save_figure                      any of them as PNG
@@ -29,5 +30,6 @@ from jradar.viz.results import (
     clouds_figure as clouds_figure,
     error_curves_figure as error_curves_figure,
     learning_curve_figure as learning_curve_figure,
+    velocities_figure as velocities_figure,
 )
 from jradar.viz.steps import preparation_figure as preparation_figure

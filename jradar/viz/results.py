@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -136,6 +137,27 @@ def clouds_figure(
                 axes.text2D(-0.05, 0.86, scene, **style)
         heights = ScalarMappable(norm, "turbo")
         figure.colorbar(heights, ax=panels, label="height (m)", shrink=0.75, pad=0.01)
+    return figure
+
+
+def velocities_figure(
+    stamps: Float[np.ndarray, " frame"],
+    measured: Float[np.ndarray, "frame 3"],
+    expected: Float[np.ndarray, "frame 3"],
+) -> Figure:
+    """Draw a radar's velocities (m/s) by Doppler and by poses, and their difference."""
+    figure = Figure(figsize=(9, 6), layout="constrained")
+    rows: Any = figure.subplots(3, sharex=True)
+    time, names = stamps - stamps[0], ("ahead", "to the left", "up")
+    for axis, (axes, name) in enumerate(zip(rows, names, strict=True)):
+        off = measured[:, axis] - expected[:, axis]
+        axes.plot(time, measured[:, axis], ".", color="tab:red", label="by Doppler")
+        axes.plot(time, expected[:, axis], color="tab:blue", label="by poses and mount")
+        axes.plot(time, off, color="0.6", lw=0.8, label="difference")
+        axes.set_ylabel(f"{name} (m/s)")
+        axes.set_title(f"rms difference {np.sqrt(np.mean(off**2)):.3f} m/s", size=9)
+    rows[0].legend(loc="upper right", ncols=3, fontsize=8)
+    rows[2].set_xlabel("time (s)")
     return figure
 
 

@@ -54,6 +54,7 @@ def test_what_cannot_be_calibrated_is_named(uncalibrated, tmp_path, refused):
     for wrong, code, message in (
         (["-o", tmp_path / "out.cfg"], 2, "expected the name of a .toml"),
         (["-o", out, "--frames", "7:9"], 2, "has frames 0 to 5"),
+        (["-o", out, "--picture", tmp_path / "x.png"], 2, "expected --mount"),
         (["-o", out, "--level", "--reflector", "3"], 2, "leave one out"),
         (["-o", out, "--reflector", "14.5"], 4, "reflector at 14.5 m is seen in 0"),
     ):
@@ -66,7 +67,11 @@ def test_a_walk_shows_the_mount_and_its_capture_reads_it(run_json, tmp_path):
     pytest.importorskip("embreex", reason="the extra `sim` is not installed")
     walk = simulate_capture("hallways", 35, tmp_path, frames=200)
     file = walk / "calibrated.toml"
-    found = run_json("calibrate", walk, "--level", "--mount", "-o", file)
+    picture = walk / "mount.png"
+    words = ["--level", "--mount", "-o", file, "--picture", picture]
+    found = run_json("calibrate", walk, *words)
+    assert found["written"] == [str(file), str(picture)]
+    assert picture.read_bytes().startswith(b"\x89PNG")
     shown = {row["axis"]: row for row in found["mount"]}
     true = base_from("single_chip")
     for k, axis in enumerate("xyz"):
