@@ -278,6 +278,8 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/maps.py": "hours of training",
     "--model runs/maps": "needs that run",
+    "-m experiments.places": "hours; needs ColoRadar's maps",
+    "--workdir=runs/kinds": "needs that set",
     "-m experiments.studies.dream_pcd": "needs DREAM-PCD",
     "--config=experiments/configs/radarhd.py": "hours of training",
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",

@@ -10,7 +10,7 @@
     drawn_sources, DRAWN        sets of training frames, each of a place of its own
     SimulationPlan              a scene or a set to write, its size and its time
 
-    scenes/     geometry, materials, rays, hand-held motion
+    scenes/     geometry, layouts, maps to surfaces, materials, rays, hand-held motion
     paths/      echoes, mirrors, ghosts; bounces, wind and diffuse echoes of units
     hardware/   channels, leakage, filters, I and Q, phase noise
 

@@ -1,0 +1,33 @@
+"""A set of places: prepared without recordings, resumed, and without one kind."""
+
+import pytest
+
+from experiments import build
+from experiments.configs import smoke
+from jradar import data
+from jradar.errors import UsageError
+from jradar.simulation import drawn
+
+pytest.importorskip("embreex", reason="the extra `sim` is not installed")
+
+
+def test_a_kind_is_left_out_and_alone_validates(tmp_path, monkeypatch):
+    monkeypatch.setattr(drawn, "FRAMES", 1)
+    monkeypatch.setattr(drawn, "NEWER", ("open", "stairwell"))
+    monkeypatch.setattr(drawn, "OLDER", ())
+    unit = drawn.draw_unit(0)  # one waveform: compiled once
+    monkeypatch.setattr(drawn, "draw_unit", lambda seed, *, population: unit)
+    config = smoke.get_config()
+    config.data.set = "jradar-sim-5-mini"
+    folder = build.prepared_data(config, tmp_path)
+    frames = [*data.Records(folder, "train")]
+    assert [frame.sequence for frame in frames] == ["open_00000", "stairwell_00000"]
+    assert all(frame.radar.valid.any() for frame in frames)
+    assert len(frames[1].lidar_xyz) > 1000
+    config.data.without = "open"
+    for split, expected in (("train", "stairwell_00000"), ("test", "open_60000")):
+        records = build.records_of(config, folder, split)
+        assert [name for name, _ in records.where] == [expected]
+    config.data.without = "opera"
+    with pytest.raises(UsageError, match=r"'opera', expected one of \['open', 'stair"):
+        build.records_of(config, folder, "train")
