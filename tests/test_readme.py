@@ -40,7 +40,7 @@ def commands():
             for line in block.splitlines():
                 command = re.sub(r"\s+#.*", "", line).strip()
                 if command and not command.startswith(
-                    ("python3 -m venv", "source ", "git clone")
+                    ("python3 -m venv", "source ", "git clone", "ros2 ")
                 ):
                     yield name, command
 
