@@ -81,6 +81,10 @@ def odometry(options: argparse.Namespace) -> dict[str, Any]:
     """Estimate the radar's trajectory from Doppler, and write it."""
     from jradar.motion.velocities import POINTS
 
+    if jradar.recordings.holds_radar_clouds(options.path):
+        return _odometry_of_clouds(options)
+    if options.topic:
+        raise UsageError("--topic is of bags with radar clouds alone")
     motion = jradar.motion
     recording = jradar.open_recording(options.path, **opening(options))
     count = len(recording.cubes)
@@ -103,6 +107,26 @@ def odometry(options: argparse.Namespace) -> dict[str, Any]:
         **summary(recording, found.notes),
         "rotation": rotation,
         **motion.describe_trajectory(found, velocities, recording.poses),
+        "written": [options.output],
+    }
+
+
+def _odometry_of_clouds(options: argparse.Namespace) -> dict[str, Any]:
+    """The same for a bag of the clouds that the radar itself found."""
+    motion = jradar.motion
+    bag = jradar.recordings.open_radar_clouds(options.path, topic=options.topic)
+    with progress("odometry", len(bag.clouds[options.frames]), unit="clouds") as show:
+        velocities = motion.cloud_velocities(bag, frames=options.frames, advance=show)
+    rotation = options.rotation or ("none" if bag.imu is None else "imu")
+    found = motion.odometry(bag, velocities, rotation=rotation)
+    motion.write_tum(options.output, found)
+    return {
+        "recording": str(bag.path),
+        "topic": bag.topic,
+        "velocity": bag.field,
+        "notes": [*bag.notes, *found.notes],
+        "rotation": rotation,
+        **motion.describe_trajectory(found, velocities, None),
         "written": [options.output],
     }
 

@@ -61,7 +61,8 @@ ODOMETRY_HELP = """
 Doppler gives the radar's own velocity in each frame. FILE holds the poses of the
 base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each frame. If
 the recording has poses, the trajectory is compared with them: APE (positions, aligned
-without scale) and RPE (from frame to frame), as evo defines them."""
+without scale) and RPE (from frame to frame), as evo defines them. PATH can also be a
+ROS bag with the radar's point clouds alone, if they have a Doppler velocity."""
 MAP_HELP = """\
 Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
 that a LiDAR would have made, with the confidence of each voxel; radar_map.ply, the
@@ -278,6 +279,8 @@ def _odometry(sub):
         "or no rotation (default: imu if there is one, else none)"
     )
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
+    text = "of a bag with radar clouds alone: the topic to follow"
+    groups.option(sub, "--topic", "NAME", text)
     groups.add_point_options(sub, "folds")
 
 

@@ -2,8 +2,9 @@
 
     ego_velocity                       the radar's own velocity in one frame, and movers
     frame_velocities, Velocities       the radar's own velocity in each frame
+    cloud_velocities                   the same from a bag of the radar's clouds
     integrate, Trajectory              velocities and orientation to a trajectory
-    odometry                           all of it for one recording
+    odometry                           all of it for one recording, or such a bag
     relative_poses                     between the radar's places in two frames
     Follower                           the same for the last frames, as they come
     write_tum                          a trajectory as a file
@@ -31,5 +32,6 @@ from jradar.motion.trajectory import (
 )
 from jradar.motion.velocities import (
     Velocities as Velocities,
+    cloud_velocities as cloud_velocities,
     frame_velocities as frame_velocities,
 )

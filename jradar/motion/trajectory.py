@@ -15,7 +15,7 @@ from jradar.files import atomic_path
 from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_attitude
 from jradar.motion.scans import scan_poses, to_poses
 from jradar.motion.velocities import Velocities
-from jradar.recordings import Recording
+from jradar.recordings import RadarClouds, Recording
 
 ROTATIONS = ("imu", "poses", "lidar", "none")
 COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
@@ -42,9 +42,9 @@ class Trajectory(NamedTuple):
 
 
 def odometry(
-    recording: Recording, velocities: Velocities, *, rotation: str = "imu"
+    recording: Recording | RadarClouds, velocities: Velocities, *, rotation: str = "imu"
 ) -> Trajectory:
-    """Return the trajectory of a recording's radar from its velocities.
+    """Return the trajectory of a recording's radar, or a bag's, from its velocities.
 
     `rotation` is "imu" (its gyroscope), "poses" (the recorded ones), "lidar" (scan
     matching) or "none" (the rig does not rotate). The base is first at the origin.
@@ -65,13 +65,15 @@ def odometry(
             raise UsageError(f"{recording.path} has no poses: use another rotation")
         turns = pose_attitude(recording.poses, stamps)
     elif rotation == "lidar":
+        if isinstance(recording, RadarClouds):
+            raise UsageError(f"{recording.path} has no scans: use another rotation")
         poses = scan_poses(recording)
         # The LiDAR's first and last scan may lie within the radar's frames.
         turns = pose_attitude(poses, np.clip(stamps, *poses.stamps[[0, -1]]))
     return integrate(velocities, turns, mount)._replace(notes=tuple(notes))
 
 
-def _notes(recording: Recording, velocities: Velocities) -> Iterator[str]:
+def _notes(recording: Recording | RadarClouds, velocities: Velocities) -> Iterator[str]:
     """Yield what the velocities lack."""
     missing = np.flatnonzero(~np.isfinite(velocities.velocity[:, 0]))
     if len(missing):
@@ -79,7 +81,7 @@ def _notes(recording: Recording, velocities: Velocities) -> Iterator[str]:
             f"no velocity in {len(missing)} of {len(velocities.stamps)} frames, which "
             "are bridged"
         )
-    if not recording.radar.spec.has_elevation:
+    if not recording.has_elevation:
         yield "the array has one row: the radar is taken to move in its own plane"
 
 

@@ -10,7 +10,8 @@ from jaxtyping import Float, Int
 from jradar.errors import UsageError
 from jradar.motion.doppler import ego_velocity
 from jradar.radar import PointSpec, radar_points
-from jradar.recordings import Recording
+from jradar.recordings import RadarClouds, Recording
+from jradar.types import PointCloud
 
 POINTS = PointSpec(capacity=512)
 
@@ -66,7 +67,40 @@ def frame_velocities(
         counts = (mask.sum() for mask in (cloud.valid, found.inliers, found.moving))
         rows.append((found.velocity, found.covariance, *counts))
         advance(done)
-    columns = [np.array(jax.device_get(column)) for column in zip(*rows, strict=True)]
     middle = stamps[list(chosen)] + radar.frame_middle_s
+    return _velocities(middle, rows)
+
+
+def cloud_velocities(
+    bag: RadarClouds,
+    *,
+    frames: slice = slice(None),
+    seed: int = 0,
+    advance: Callable[[int], None] = lambda done: None,
+) -> Velocities:
+    """Return the radar's velocity in each cloud of a bag; host.
+
+    The clouds' velocities are taken as unambiguous. `frames` and `advance` as in
+    `frame_velocities`. Raises UsageError for fewer than two clouds.
+    """
+    clouds, stamps = bag.clouds[frames], bag.stamps[frames]
+    if len(clouds) < 2:
+        raise UsageError(f"{bag.path}: {len(clouds)} clouds, expected 2 or more")
+    size, rows = max(map(len, clouds)), []
+    for done, cloud in enumerate(clouds, 1):
+        table = np.zeros((size, 4), np.float32)  # of one size, and compiled once
+        table[: len(cloud)] = cloud
+        points = PointCloud(table[:, :3], np.arange(size) < len(cloud), table[:, 3])  # pyright: ignore[reportArgumentType]
+        key = jax.random.fold_in(jax.random.key(seed), done)
+        found = ego_velocity(key, points, elevation=bag.has_elevation)
+        counts = (mask.sum() for mask in (points.valid, found.inliers, found.moving))
+        rows.append((found.velocity, found.covariance, *counts))
+        advance(done)
+    return _velocities(stamps, rows)
+
+
+def _velocities(stamps, rows):
+    """Rows of velocity, covariance and counts as columns."""
+    columns = [np.array(jax.device_get(column)) for column in zip(*rows, strict=True)]
     velocity, covariance = (column.astype(float) for column in columns[:2])
-    return Velocities(middle, velocity, covariance, *columns[2:])
+    return Velocities(stamps, velocity, covariance, *columns[2:])

@@ -20,6 +20,11 @@ one.
 """
 
 from jradar.recordings.background import without_background as without_background
+from jradar.recordings.bags.radar_clouds import (
+    RadarClouds as RadarClouds,
+    holds_radar_clouds as holds_radar_clouds,
+    open_radar_clouds as open_radar_clouds,
+)
 from jradar.recordings.clouds.read import read_cloud as read_cloud
 from jradar.recordings.clouds.write import (
     CLOUD_WRITERS as CLOUD_WRITERS,

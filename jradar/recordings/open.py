@@ -9,6 +9,7 @@ from jradar.errors import UsageError
 from jradar.files import open_file
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
+from jradar.recordings.bags.radar_clouds import holds_radar_clouds
 from jradar.recordings.coloradar import sequence
 from jradar.recordings.recording import Recording, Stream, read
 from jradar.recordings.ti import dca1000, packet_trace
@@ -50,7 +51,12 @@ def open_recording(
         raise FileNotFoundError(f"no such file or folder: {path}")
     if not path.is_dir():
         open_file(path).close()  # refuses pipes and devices
-    elif not is_recording(path):
+    if holds_radar_clouds(path):
+        raise UsageError(
+            f"{path} is a bag of point clouds, expected raw samples of the radar: "
+            "`jradar odometry` follows a radar by clouds, `jradar info` lists them"
+        )
+    if path.is_dir() and not is_recording(path):
         _refuse_folder(path)
     recording = read(
         path,

@@ -89,6 +89,11 @@ class Recording(NamedTuple):
         """Return the samples of a frame as recorded; `radar` holds the calibration."""
         return self.cubes[frame]
 
+    @property
+    def has_elevation(self) -> bool:
+        """Whether the array measures elevations."""
+        return self.radar.spec.has_elevation
+
     def __repr__(self) -> str:
         """One line: name, frames, radar, and what else was recorded."""
         others = ("lidar", "poses", "imu")
