@@ -1,13 +1,24 @@
 """What `jradar info` says of a recording: an offset of clocks only if it stands out."""
 
+from pathlib import Path
+
 import pytest
 
+from jradar.radar import Radar, RadarSpec
+from jradar.recordings import Recording, Stream
 from jradar.session import describing
+
+RECORDING = Recording(
+    "walk",
+    Path("walk"),
+    Radar(RadarSpec.awr1843()),
+    Stream(lambda _: None, 1),
+)
 
 
 @pytest.mark.parametrize(("confidence", "given"), [(0.09, False), (0.11, True)])
 def test_an_offset_of_low_confidence_is_withheld(monkeypatch, confidence, given):
     monkeypatch.setattr(describing, "propose_offset", lambda _: (0.42, confidence))
-    found = describing._time_offset(None)
+    found = describing._time_offset(RECORDING)
     assert (found.get("add to the radar's start (s)") == 0.42) == given
     assert ("not estimated" in found) != given
