@@ -73,6 +73,7 @@ def test_pruned_distances_of_large_clouds_equal_brute_force(kind, valid):
         np.testing.assert_allclose(one, other, rtol=1e-6, atol=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(1, 300), (129, 64)])
 def test_pruned_search_of_any_size_equals_all_pairs(sizes):
     a, b = (random_cloud(i, num, 1.0) for i, num in enumerate(sizes))
@@ -171,6 +172,7 @@ def test_vmap_equals_the_loop(function, sizes):
             np.testing.assert_allclose(one, np.asarray(many)[i], rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(40, 30), LARGE])
 def test_gradient_is_that_of_the_table_of_all_pairs(sizes):
     clouds = [random_cloud(i, num) for i, num in enumerate(sizes)]

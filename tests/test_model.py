@@ -124,6 +124,7 @@ def test_one_echo_anywhere_fills_the_image(quick):
     assert draw(KEY, one, quick).range_m.all()
 
 
+@pytest.mark.slow
 def test_vmap_over_frames_equals_the_loop(quick):
     keys = jax.random.split(KEY, 2)
     cubes = jnp.stack([echoes(seed) for seed in range(2)])
@@ -175,6 +176,7 @@ def test_what_a_user_holds_is_one_line(model):
     assert repr(UNIT).endswith("not calibrated)") and len(repr(UNIT)) < 200
 
 
+@pytest.mark.slow
 def test_a_gradient_reaches_the_parameters(quick):
     slope = jax.jit(jax.grad(lambda model: draw(KEY, IMAGE, model).range_m.mean()))
     found = slope(quick)

@@ -66,6 +66,7 @@ def test_round_trip_is_exact_except_for_half_precision(tmp_path, model, leaves):
     assert [path.name for path in tmp_path.iterdir()] == ["m"]
 
 
+@pytest.mark.slow
 def test_a_model_that_computes_in_bfloat16_does_so_after_loading(tmp_path, model):
     half = model.spec.network.clone(dtype="bfloat16")
     spec = dataclasses.replace(model.spec, network=half)

@@ -43,6 +43,7 @@ def found(walks, models):
     return score(walks, models=models)
 
 
+@pytest.mark.slow
 def test_methods_are_scored_against_the_seen_part_and_the_whole_lidar(
     found, walks, models
 ):

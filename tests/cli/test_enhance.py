@@ -155,6 +155,7 @@ def test_a_regression_model_takes_no_sampling_options(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_background_and_interference_reach_the_radar_points(
     enhance, small_cube, tmp_path
 ):

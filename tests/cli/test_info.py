@@ -31,6 +31,7 @@ def openradar(samples, tmp_path):
     return [str(capture), "--radar", str(tmp_path / "radar.toml")]
 
 
+@pytest.mark.slow
 def test_a_wall_and_two_walkers_are_found(openradar, run_json, tmp_path):
     result = run_json("info", *openradar)
     assert result["radar"]["range_resolution_m"] == pytest.approx(0.04879, abs=1e-5)
@@ -53,6 +54,7 @@ def test_a_wall_and_two_walkers_are_found(openradar, run_json, tmp_path):
         assert not file["xyz"][:, 2].any()  # one row of antennas
 
 
+@pytest.mark.slow
 def test_frames_of_one_chirp_are_range_profiles_or_slow_time(samples, run_json):
     capture = str(samples / "dca1000" / "adc_data_0.bin")
     for options in (["--frame", "617"], ["--frames-as-chirps"]):

@@ -185,6 +185,7 @@ def test_a_folder_of_something_else_is_left_alone(root, tmp_path, name, content)
     assert (tmp_path / name).read_text() == content
 
 
+@pytest.mark.slow
 def test_two_workers_write_the_same_bytes(root, prepared, tmp_path):
     prepare(root, tmp_path, SPEC, workers=2)
     assert digests(tmp_path) == digests(prepared)

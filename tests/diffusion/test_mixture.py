@@ -112,6 +112,7 @@ def test_weights_of_another_prediction_start_as_the_same_image(
     np.testing.assert_array_equal(found[..., 2:], 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fields", [{}, {"detail_channels": 0}, {"condition_at_input": True}]
 )

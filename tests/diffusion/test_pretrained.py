@@ -152,6 +152,7 @@ FILTER = r"resample_filter has taps in the shares .*, expected \[0.5, 0.5\]"
 DISCRETE = "6 outputs for 3 colours: .* guided-diffusion, .* 1000 discrete steps"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "fields", "change", "message"),
     [

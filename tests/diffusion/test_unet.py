@@ -122,6 +122,7 @@ def test_encoding_once_equals_the_whole_network():
     np.testing.assert_allclose(denoised, expected, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_input", [False, True])
 def test_one_condition_serves_a_batch(at_input):
     network, params, (x, _, condition) = build(

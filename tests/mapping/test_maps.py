@@ -226,14 +226,8 @@ def test_a_draw_from_the_truth_scores_the_truth():
     np.testing.assert_allclose(found, clean, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "occupancy",
-        pytest.param("nearness", marks=pytest.mark.slow),
-        pytest.param("diffusion", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", METHODS)
 def test_a_few_steps_of_training_learn_a_room(model, name):
     optax = pytest.importorskip("optax")
     tiles = Tiles([room(np.random.default_rng(0))], SPEC, TileSpec(whole=0.0))

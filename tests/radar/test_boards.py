@@ -75,6 +75,7 @@ def assert_found(cloud):
     np.testing.assert_allclose(np.degrees(found[1:]), CORNER[1:], atol=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["awr2944", "iwr6843ods", "iwr6843aop"])
 def test_a_moving_corner_is_found_after_its_signs_are_undone(name):
     """Boards of arrays that no other test simulates."""

@@ -73,6 +73,7 @@ def test_without_refinement_points_lie_on_bins(cube):
         np.testing.assert_allclose(bins, np.round(bins), atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radar", "peaks", "place", "blind"),
     [

@@ -122,6 +122,7 @@ def test_vmap_over_units_equals_the_loop():
     assert jnp.linalg.norm(many.xyz[0, 0] - many.xyz[1, 0]) > 0.5
 
 
+@pytest.mark.slow
 def test_every_function_of_a_cube_takes_integer_pairs():
     unit = Radar(SHORT).with_factors(np.exp(1j * np.arange(12)))
     pairs, cube = COUNTS.astype(np.int16), jnp.asarray(CUBE, jnp.complex64)

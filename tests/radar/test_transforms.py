@@ -80,6 +80,7 @@ for kind, detector in DETECTORS.items():
 ONE_FRAME = "radar_points", "cell_points"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MAPPED)
 def test_vmap_and_leading_axes_equal_the_loop(name):
     function, items = MAPPED[name]

@@ -82,6 +82,7 @@ def stopped():
     return taken, numbers, left, times, warnings
 
 
+@pytest.mark.slow
 def test_each_frame_is_what_enhance_gives_for_the_same_seed(stopped):
     for number, frame in enumerate(stopped[0]):
         cloud, other = (
@@ -163,6 +164,7 @@ def test_detections_are_counted_by_cfar_not_by_capacity():
     assert int(cells.sum()) == pytest.approx(found.detected, rel=0.3)
 
 
+@pytest.mark.slow
 def test_a_frame_unlike_training_is_not_to_be_trusted():
     usual = np.asarray(condition_features(condition(CUBES[0], UNIT, MODEL)))
     noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))

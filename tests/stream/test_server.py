@@ -188,6 +188,7 @@ def test_what_is_unsubscribed_from_is_not_sent(server):
         assert messages(socket, 1).keys() == {kept}
 
 
+@pytest.mark.slow
 def test_a_viewer_that_does_not_read_holds_up_nobody(server):
     """It misses the oldest messages; memory does not grow."""
     with contextlib.ExitStack() as sockets:

@@ -53,6 +53,7 @@ def beam_power(snapshot, azimuth, elevation):
     return abs((snapshot * plane_wave(CASCADE, azimuth, elevation).conj()).mean()) ** 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("truth", "most"),
     [
@@ -75,6 +76,7 @@ def test_focused_targets_are_where_they_are_with_all_their_power(truth, most):
         assert before > 1
 
 
+@pytest.mark.slow
 def test_points_of_a_near_target_are_focused():
     truth = (1.2, -25.0, 6.0)
     cube = in_noise(place(*truth), CASCADE)

@@ -162,6 +162,7 @@ def test_one_target_of_a_cell_is_one_point(points, method):
     np.testing.assert_allclose(degrees(cloud), [[-30, -14]], atol=0.4)
 
 
+@pytest.mark.slow
 @METHODS
 def test_two_targets_of_a_cell_within_a_beam_are_two_points(method):
     """Equal ones, 1.6 radians apart in the middle, less than the beam's 14 degrees."""
