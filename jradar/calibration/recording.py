@@ -111,14 +111,14 @@ def calibrate_recording(
     if fit.range_bias_m is not None:
         calibrated = dataclasses.replace(calibrated, range_bias_m=fit.range_bias_m)
     place = _mount(recording._replace(radar=calibrated), frames) if mount else None
-    doubts = _warnings(fit, tilt), place.warnings() if place else ()
+    warnings = _warnings(fit, tilt), place.warnings() if place else ()
     return Calibration(
         radar=calibrated,
         fit=fit,
         tilt=tilt,
         mount=place,
         frames=chosen,
-        warnings=(*sample_doubts(recording, chosen[0]), *itertools.chain(*doubts)),
+        warnings=(*sample_doubts(recording, chosen[0]), *itertools.chain(*warnings)),
         hidden=tuple(_hidden(radar.spec, reflector=reflector is not None, level=level)),
     )
 

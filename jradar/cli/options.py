@@ -42,7 +42,7 @@ the network."""
 RECORD_HELP = """
 
 The folder holds the samples, the time at which each frame came, and a capture.toml, to
-which the tables of a LiDAR that was recorded beside it are added. Ctrl-C ends the
+which the tables of a LiDAR that was recorded with it are added. Ctrl-C ends the
 recording; one that was killed is readable, too. The rest is as in `jradar live`."""
 REPLAY_HELP = """
 

@@ -41,12 +41,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
             processor,
             writers,
             emulator=emulator,
-            commands=not options.no_commands,
-            packet_delay_us=options.packet_delay,
-            board=options.board,
-            silence_s=options.silence,
-            seconds=options.seconds,
-            say=say,
+            **_of_session(options),
         )
     return {
         "radar": recording.radar.spec.name,
@@ -55,6 +50,18 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
         **stream.summary(session, receiver),
         "notes": [*recording.notes, *session.warnings],
         "written": [options.output] if options.output else [],
+    }
+
+
+def _of_session(options: argparse.Namespace) -> dict[str, Any]:
+    """How a session of the card is run, as asked."""
+    return {
+        "commands": not options.no_commands,
+        "packet_delay_us": options.packet_delay,
+        "board": options.board,
+        "silence_s": options.silence,
+        "seconds": options.seconds,
+        "say": say,
     }
 
 
@@ -77,13 +84,8 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
             stream.Processor(source),
             (),
             emulator=emulator,
-            commands=not options.no_commands,
-            packet_delay_us=options.packet_delay,
-            board=options.board,
-            silence_s=options.silence,
-            seconds=options.seconds,
+            **_of_session(options),
             keep=lambda f: recorder.write(f.data, f.stamp_s, f.lost_bytes),
-            say=say,
         )
     counts = receiver.counts
     return {

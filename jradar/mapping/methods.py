@@ -2,7 +2,7 @@
 
 occupancy   one pass: the probability of each voxel
 nearness    one pass: the expected nearness, 1 in an occupied voxel, 2/3 and 1/3 in the
-            voxels around it; voxels beside a likely one score too
+            voxels around it; neighbours of a likely voxel score too
 diffusion   the paper's method in the plane of the map: columns drawn from noise; the
             score is the mean of several draws
 """

@@ -1,1 +1,1 @@
-"""Tests of `jradar.radar`."""
+"""Tests of `jradar.mapping`."""

@@ -1,7 +1,6 @@
-"""Voxel maps against rays by hand, ColoRadar's patches, and the model of maps."""
+"""ColoRadar's patches, images of them, and the model of maps."""
 
 import functools
-import math
 
 import jax
 import jax.numpy as jnp
@@ -16,10 +15,8 @@ from jradar.mapping import (
     MapSpec,
     Occupied,
     RecordingMap,
-    SensorModel,
     Tiles,
     TileSpec,
-    VoxelMap,
     best_count,
     enhance_map,
     enhance_patch,
@@ -69,75 +66,6 @@ def room(rng, *, half=12, patches=2):
         for voxels in (radar, lidar)
     ]
     return MapRun("room_run1", radar, lidar, *whole)
-
-
-def test_log_odds_are_those_of_hits_and_of_rays_through_a_voxel():
-    sensor = SensorModel(voxel_m=1.0, hit=0.7, miss=0.4)
-    found = VoxelMap(sensor)
-    pose = np.eye(4)
-    pose[:3, 3] = 0.5, 0.5, 0.5
-    for _ in range(2):
-        found.add([[4.0, 0.0, 0.0]], pose)  # ends in voxel 4, passes 0 to 3
-    found.add([[7.0, 0.0, 0.0]], pose)  # passes voxel 4 and ends in 7
-    voxels, probability = found.occupied(above=0.0)
-    by_voxel = dict(zip(map(tuple, voxels.tolist()), probability, strict=True))
-    odds = {p: math.log(p / (1 - p)) for p in (0.7, 0.4)}
-    assert by_voxel[4, 0, 0] == pytest.approx(
-        1 / (1 + math.exp(-2 * odds[0.7] - odds[0.4]))
-    )
-    assert by_voxel[7, 0, 0] == pytest.approx(0.7)
-    assert by_voxel[2, 0, 0] == pytest.approx(1 / (1 + math.exp(-3 * odds[0.4])))
-    assert {tuple(v) for v in found.free().tolist()} == {
-        (x, 0, 0) for x in (0, 1, 2, 3, 5, 6)
-    }
-
-
-def test_a_voxel_counts_once_a_frame_within_bounds_and_range():
-    found = VoxelMap(SensorModel(voxel_m=1.0, max_range_m=5.0))
-    found.add([[2.2, 0.1, 0.1]] * 9 + [[6.0, 0.0, 0.0], [np.nan, 0, 0]], np.eye(4))
-    voxels, probability = found.occupied()
-    assert voxels.tolist() == [[2, 0, 0]]
-    assert probability == pytest.approx(0.7)
-    for _ in range(200):
-        found.add([[2.2, 0.1, 0.1]], np.eye(4))
-    assert found.occupied()[1] == pytest.approx(0.97)
-
-
-def test_a_voxel_takes_the_largest_probability_of_its_points():
-    found = VoxelMap(SensorModel(voxel_m=1.0))
-    xyz = np.array([[2.2, 0.1, 0.1], [2.4, 0.2, 0.2], [2.3, 5.5, 0.1]])
-    found.add(xyz, np.eye(4), probability=np.array([0.6, 0.9, 0.3]))
-    voxels, probability = found.occupied(above=0.0)
-    by_voxel = dict(zip(map(tuple, voxels.tolist()), probability, strict=True))
-    assert by_voxel[2, 0, 0] == pytest.approx(0.9)
-    assert by_voxel[2, 5, 0] == pytest.approx(0.3)
-
-
-def test_a_map_does_not_depend_on_where_its_world_begins():
-    rng = np.random.default_rng(0)
-    points, far = rng.uniform(-4, 4, (50, 3)), np.eye(4)
-    far[:3, 3] = -150.0, 300.0, 45.0  # whole voxels
-    maps = [VoxelMap(), VoxelMap()]
-    for voxel_map, pose in zip(maps, (np.eye(4), far), strict=True):
-        voxel_map.add(points, pose)
-    shift = np.array([-1000, 2000, 300])
-    assert (maps[0].occupied()[0] + shift).tolist() == maps[1].occupied()[0].tolist()
-
-
-@pytest.mark.parametrize("pose", [np.full((4, 4), np.nan), np.diag([1, 1, 1, 1.0]) * 1])
-def test_a_pose_that_is_no_place_is_refused(pose):
-    pose = np.array(pose)
-    pose[0, 3] = pose[0, 3] if np.isnan(pose[0, 3]) else 1e6
-    with pytest.raises(ValueError, match="expected finite numbers of metres"):
-        VoxelMap().add([[1.0, 0, 0]], pose)
-
-
-@pytest.mark.parametrize(
-    "values", [{"hit": 0.4}, {"miss": 0.6}, {"least": 0.45}, {"voxel_m": 0.0}]
-)
-def test_a_sensor_model_that_says_the_opposite_is_refused(values):
-    with pytest.raises(ValueError, match="expected"):
-        SensorModel(**values)
 
 
 def test_columns_hold_each_voxel_at_its_place():
