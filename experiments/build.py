@@ -163,9 +163,11 @@ def build_noise(
 
 def build_network(config: ConfigDict) -> diffusion.Network:
     """Return the network: a preset with the config's changes, for its prediction."""
-    outputs = 2 * build_noise(config).prediction.outputs_per_channel
+    fields = {"outputs": 2 * build_noise(config).prediction.outputs_per_channel}
+    if config.network.get("kind") == "evidence":
+        fields |= field_of_view(config.image) | {"codec": config.image.codec}
     with section("network"):
-        return diffusion.build_network(**{"outputs": outputs, **config.network})
+        return diffusion.build_network(**{**fields, **config.network})
 
 
 def build_solver(config: ConfigDict) -> diffusion.Solver:
@@ -226,6 +228,24 @@ def build_pairs(spec: ModelSpec, records: Any) -> data.PairSource:
     return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
 
 
+def build_augmentation(config: ConfigDict, spec: ModelSpec) -> data.AugmentedPairs:
+    """Return the changes of frames in training; AugmentSpec's fields, angle in degrees.
+
+    Raises UsageError for a view that cannot be mirrored.
+    """
+    fields = config.augment.to_dict()
+    low, high = config.image.azimuth_deg
+    if fields["mirror"] and low != -high:
+        raise UsageError(
+            f"image.azimuth_deg = ({low:g}, {high:g}) cannot be mirrored: expected the "
+            "same angle to both sides, or augment.mirror = False"
+        )
+    with section("augment"):
+        turn = math.radians(fields.pop("turn_deg"))
+        augment = data.AugmentSpec(turn=turn, **fields)
+    return data.AugmentedPairs(spec.coarse, spec.fine, spec.num_slices, augment)
+
+
 def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
     """Return AdamW with gradient clipping and a warm-up, then cosine, learning rate."""
     warmup, steps = min(train.warmup_steps, train.steps // 2), max(train.steps, 1)
@@ -256,12 +276,12 @@ def _denoising_loss(loss):
             loaded = diffusion.load_lpips(network=network)
             perceptual = functools.partial(diffusion.lpips, loaded)
     terms = {"weights": spec, "perceptual": perceptual}
-    return functools.partial(diffusion.denoising_loss, **terms)
+    return diffusion.where_known(diffusion.denoising_loss, **terms)
 
 
 LOSSES = {  # of each method of `jradar.model`, from the config's section `loss`
     "diffusion": _denoising_loss,
-    "regression": lambda loss: functools.partial(
+    "regression": lambda loss: diffusion.where_known(
         diffusion.regression_loss, range_weight=loss.range_weight
     ),
     "marginal": lambda loss: diffusion.mixture_loss,

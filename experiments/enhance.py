@@ -58,12 +58,6 @@ def check(config: ConfigDict) -> None:
             raise UsageError(
                 f"evaluation.{field}: {name!r}, expected one of {[*known]}"
             )
-    low, high = config.image.azimuth_deg
-    if config.train.mirror and low != -high:
-        raise UsageError(
-            f"image.azimuth_deg = ({low:g}, {high:g}) cannot be mirrored: expected the "
-            "same angle to both sides, or train.mirror = False"
-        )
 
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
@@ -73,18 +67,11 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     spec = build.build_spec(config, records)
     pairs = build.build_pairs(spec, records)
     card, trust = build.build_card(config, records), trust_of(pairs)
-    most = config.train.thin
-
-    def change(pair, random):
-        if config.train.mirror:
-            pair = data.mirrored(pair, random)
-        return data.thinned(pair, random, most=most) if most else pair
-
     batches = data.Batches(
-        pairs,
+        records,
         seed=config.seed,
         batch_size=config.train.batch_size,
-        change=change,
+        change=build.build_augmentation(config, spec),
     )
 
     def batch_at(step):

@@ -189,7 +189,7 @@ def _trained(folder, start, own, checked, old, spec, name):
             loss=LOSSES[start.spec.method],
             ema_decay=min(0.995, 1 - 10 / steps),
         ),
-        _batches(start, pairs, old, spec),
+        _batches(start, own, old, spec),
         steps=steps,
         workdir=folder,
         data_digest=own.digest,
@@ -291,17 +291,18 @@ def _pairs(model: Model, records: Records) -> data.PairSource:
     return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
 
 
-def _batches(model, pairs, old, spec) -> Callable[[int], training.Batch]:
+def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
     """Return the function from a step to a batch of own and old frames."""
     low, high = model.spec.fine.azimuth
-    change = data.mirrored if low == -high else None
+    grids = model.spec.coarse, model.spec.fine, model.spec.num_slices
+    change = data.AugmentedPairs(*grids, data.AugmentSpec(mirror=low == -high))
     share = min(round(spec.batch_size * spec.replay), spec.batch_size - 1)
-    sources = [(pairs, spec.batch_size)]
+    sources = [(own, spec.batch_size)]
     if old is not None and share:
-        sources = [(pairs, spec.batch_size - share), (_pairs(model, old), share)]
+        sources = [(own, spec.batch_size - share), (old, share)]
     reach = max(
-        pattern_reach(np.stack([source[i].lidar for i in spread(len(source), JUDGED)]))
-        for source, _ in sources
+        pattern_reach(np.stack([pairs[i].lidar for i in spread(len(pairs), JUDGED)]))
+        for pairs in (_pairs(model, source) for source, _ in sources)
     )
     parts = [
         data.Batches(source, seed=spec.seed, batch_size=count, change=change)
@@ -364,22 +365,10 @@ def _rounded(scores: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in scores.items()}
 
 
-def _where_seen(loss: Callable[..., jax.Array], **options: Any) -> Callable[..., Any]:
-    """Return the loss of images with no error where a scan observed nothing."""
-
-    def observed(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
-        def answer(x: Any, sigma: Any) -> Any:
-            return jnp.where(clean[..., 1:] != 0, denoise(x, sigma), clean)
-
-        return loss(key, answer, clean, **options, **given)
-
-    return observed
-
-
 LOSSES: dict[str, Callable[..., jax.Array]] = {  # with the weights of shipped models
-    "diffusion": _where_seen(
+    "diffusion": diffusion.where_known(
         diffusion.denoising_loss, weights=diffusion.LossSpec(range_weight=4.0)
     ),
-    "regression": _where_seen(diffusion.regression_loss, range_weight=4.0),
+    "regression": diffusion.where_known(diffusion.regression_loss, range_weight=4.0),
     "marginal": diffusion.mixture_loss,
 }

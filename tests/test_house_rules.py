@@ -18,6 +18,7 @@ ROOT = PACKAGE.parent
 FLOORS = {
     "errors": 0,
     "types": 1,
+    "range_code": 1,
     "nearest": 1,
     "fields": 1,
     "files": 1,
@@ -46,7 +47,10 @@ FLOORS = {
     "export": 7,
     "cli": 8,
 }
-PURE = ("types", "nearest", "radar", "range_image", "lidar", "diffusion", "metrics")
+PURE = (
+    *("types", "nearest", "range_code"),
+    *("radar", "range_image", "lidar", "diffusion", "metrics"),
+)
 READERS = (
     "diffusion/weights/files.py",
     "diffusion/weights/pretrained.py",

@@ -80,8 +80,6 @@ def get_config():
     config.train.attention_order = config_dict.placeholder(str)  # of OpenAI's weights
     config.train.steps = 3600
     config.train.batch_size = 8
-    config.train.mirror = True  # flip every other pair left to right
-    config.train.thin = 0.0  # leave out up to this share of the radar points
     config.train.learning_rate = 1e-3
     config.train.warmup_steps = 100
     config.train.clip_norm = 1.0
@@ -89,6 +87,15 @@ def get_config():
     config.train.ema_decay = 0.995
     config.train.checkpoint_every = 200
     config.train.evaluate_every = 900  # scores what `enhance` draws
+
+    # How frames change at random in training: fields of data.AugmentSpec.
+    config.augment = ConfigDict()
+    config.augment.mirror = True
+    config.augment.thin = 0.0
+    config.augment.scale = (1.0, 1.0)
+    config.augment.turn_deg = 0.0
+    config.augment.alone = 0.0
+    config.augment.perfect = 0.0
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

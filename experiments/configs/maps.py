@@ -51,8 +51,6 @@ def get_config():
     }
 
     config.train = main.train
-    del config.train.thin  # of radar points; `tiles.thin` is that of voxels
-    del config.train.mirror  # tiles are mirrored, and rotated, always
     config.train.update(steps=4000, checkpoint_every=250, evaluate_every=1000)
     config.train.ema_decay = 0.998
 

@@ -74,7 +74,7 @@ def get_config():
     }
 
     config.train = main.train
-    del config.train.thin  # of radar points, which images are not
+    config.train.mirror = True  # every other pair
     config.train.update(steps=5400, checkpoint_every=300)
     config.train.rotate = False  # every other pair, by up to 29 degrees
 

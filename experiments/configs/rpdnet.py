@@ -19,7 +19,7 @@ def get_config():
     config.data.min_snr_db = 3.0  # of a labelled cell, above the noise
     config.network = {"channels": 16, "levels": 8}
     config.train.update(steps=2000, batch_size=8, learning_rate=1e-3, warmup_steps=100)
-    config.train.mirror = False  # range-Doppler maps have no left and right
+    del config.augment  # range-Doppler maps have no left and right
     config.train.adversarial = 0.1  # weight of the critic's distance; 0: no critic
     config.train.evaluate_every = 500
     config.evaluation.frames_for_limit = 48

@@ -8,23 +8,24 @@ lidar_in_view                         all LiDAR points that were in its view
 preview                               one frame with the steps of its preparation
 prepare, Records, is_records          folders of prepared frames: write and read
 prepare_sources                       the same from any sources, such as simulated ones
-PairSource, lidar_image               prepared frames to images
-mirrored, thinned                     changes of a pair at random in training
+PairSource, make_pair, lidar_image    prepared frames to images
 Batches                               shuffled batches by step
+AugmentSpec, AugmentedPairs           changes of frames at random in training
 """
 
+from jradar.data.augment import AugmentSpec as AugmentSpec
 from jradar.data.frames import (
     lidar_in_view as lidar_in_view,
     matches_of as matches_of,
     prepare_frame as prepare_frame,
 )
 from jradar.data.loading import (
+    AugmentedPairs as AugmentedPairs,
     Batches as Batches,
     Pair as Pair,
     PairSource as PairSource,
     lidar_image as lidar_image,
-    mirrored as mirrored,
-    thinned as thinned,
+    make_pair as make_pair,
 )
 from jradar.data.prepare import (
     describe_manifest as describe_manifest,

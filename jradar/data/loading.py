@@ -1,6 +1,7 @@
 """Prepared frames to batches of images, each a pure function of (seed, step).
 
-    Records --PairSource--> Pair --Batches--> stacked pairs of a step
+    Records --PairSource--> Pair
+    Records --Batches, AugmentedPairs--> stacked pairs of a step
 
 Images are computed on reading, so one preparation serves every size of image and every
 number of slices.
@@ -15,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jradar.data.augment import AugmentSpec, augmented
 from jradar.data.records import PreparedFrame, package
-from jradar.range_image import CHANNELS, ImageSpec, condition_image, project
+from jradar.range_image import ImageSpec, condition_image, project
 from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
 
@@ -50,29 +52,35 @@ class PairSource(Stream):
         super().__init__(self._pair, len(source))
 
     def _pair(self, index):
-        frame = self._source[index]
-        condition = condition_image(
-            frame.radar, self._coarse, num_slices=self._num_slices
+        return make_pair(
+            self._source[index], self._coarse, self._fine, num_slices=self._num_slices
         )
-        return Pair(np.asarray(condition), lidar_image(frame.lidar_xyz, self._fine))
 
 
-def mirrored(pair: Pair, random: np.random.Generator) -> Pair:
-    """Return the pair, mirrored left to right with probability 0.5.
+def make_pair(
+    frame: PreparedFrame, coarse: ImageSpec, fine: ImageSpec, *, num_slices: int
+) -> Pair:
+    """Return the images of a frame, see `PairSource`; a host function."""
+    condition = condition_image(frame.radar, coarse, num_slices=num_slices)
+    return Pair(np.asarray(condition), lidar_image(frame.lidar_xyz, fine))
 
-    Only for images whose view is as wide to the left as to the right.
+
+class AugmentedPairs(NamedTuple):
+    """A change for `Batches` of frames: each becomes a pair, changed at random.
+
+    Pixels of the LiDAR's image are -1 where it is not known what a scan would see.
     """
-    if random.random() < 0.5:
-        return pair
-    return Pair(pair.condition[:, ::-1], pair.lidar[:, ::-1])
 
+    coarse: ImageSpec
+    fine: ImageSpec
+    num_slices: int
+    augment: AugmentSpec
 
-def thinned(pair: Pair, random: np.random.Generator, *, most: float) -> Pair:
-    """Return the pair without some radar points: a share of them, 0 to `most`."""
-    slices = pair.condition.shape[-1] // len(CHANNELS)
-    kept = random.random((*pair.condition.shape[:2], slices)) >= random.uniform(0, most)
-    kept = np.tile(kept, len(CHANNELS)).astype(pair.condition.dtype)
-    return Pair(pair.condition * kept, pair.lidar)
+    def __call__(self, frame: PreparedFrame, random: np.random.Generator) -> Pair:
+        """Return the pair of a frame."""
+        frame, unknown = augmented(frame, random, self.augment)
+        pair = make_pair(frame, self.coarse, self.fine, num_slices=self.num_slices)
+        return pair._replace(lidar=unknown.marked(pair.lidar, self.fine.azimuth))
 
 
 def lidar_image(
@@ -102,7 +110,7 @@ class Batches(Stream):
         batch_size: int,
         change: Callable[[Any, np.random.Generator], Any] | None = None,
     ):
-        """`change` alters each drawn item at random, as `mirrored` does.
+        """`change` alters each drawn item at random, as `AugmentedPairs` does.
 
         Its random numbers depend on the seed and the item's place only. Raises
         ValueError for an empty source.

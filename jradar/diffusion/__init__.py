@@ -20,6 +20,7 @@ from jradar.diffusion.losses import (
     denoising_loss as denoising_loss,
     regression_estimate as regression_estimate,
     regression_loss as regression_loss,
+    where_known as where_known,
 )
 from jradar.diffusion.mixture import (
     RangeMixture as RangeMixture,

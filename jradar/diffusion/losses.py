@@ -12,6 +12,7 @@ mean of all images that the condition allows, and is blurred where these differ.
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -113,6 +114,21 @@ def regression_loss(
     """
     estimate = regression_estimate(denoise, clean.shape, noise=noise)
     return jnp.mean(channel_weights(clean, range_weight) * (estimate - clean) ** 2)
+
+
+def where_known(loss: Callable[..., jax.Array], **options: Any) -> Callable[..., Any]:
+    """Return the loss without an error where the validity of `clean` is 0.
+
+    There it is not known what a scan would see. `options` are passed on to `loss`.
+    """
+
+    def known(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
+        def answer(x: Any, sigma: Any) -> Any:
+            return jnp.where(clean[..., 1:] != 0, denoise(x, sigma), clean)
+
+        return loss(key, answer, clean, **options, **given)
+
+    return known
 
 
 def channel_weights(image: Image, range_weight: float) -> Float[Array, "1 1 1 channel"]:

@@ -7,6 +7,9 @@ surfaces has two components, and no mean between them (mixture density networks,
 1994; Tosi et al. 2021 for depth).
 
     F [.. 2 + 3 COMPONENTS] -> centre, return | offset, log-scale, weight of components
+
+Further channels are components of their own: logit, centre and scale of each anchor
+(`evidence`).
 """
 
 import functools
@@ -20,12 +23,13 @@ from jaxtyping import Array, Float, Key
 
 from jradar.diffusion.noise import NoiseSpec
 from jradar.diffusion.precondition import Denoiser
-from jradar.diffusion.predictions import COMPONENTS, Image
+from jradar.diffusion.predictions import FREE, Image
 
 # Scales of the components where the network returns 0; they differ, so that the
 # components learn different things.
 FIRST_SCALES = (0.01, 0.02, 0.05, 0.2)
 LEAST_SCALE = 1e-3
+THINNED = 2  # rows and columns of pixels, of which one counts in the loss
 SHARPNESS = 4.0  # logit of a return for each unit of validity, which is -1 to 1
 
 
@@ -42,22 +46,21 @@ def range_mixture(
     denoise: Denoiser, shape: tuple[int, ...], *, noise: NoiseSpec
 ) -> RangeMixture:
     """Return the mixtures of images of `shape` [*batch row column 2]."""
-    blank: Any = jax.ShapeDtypeStruct(shape, jnp.zeros(()).dtype)
-    values = denoise(blank, jnp.asarray(noise.sigma_max))
-    return mixture_of(values)
+    return mixture_of(denoise(_blank(shape), jnp.asarray(noise.sigma_max)))
 
 
 def mixture_of(values: Float[Array, "*batch row column output"]) -> RangeMixture:
     """Return the mixtures that the outputs of the prediction "mixture" describe."""
     # Outputs come first meanwhile: XLA's loops are fast along pixels, not components.
     fields = jnp.moveaxis(values, -1, 0)
-    offset, growth, weight = fields[2:].reshape(3, COMPONENTS, *fields.shape[1:])
+    offset, growth, weight = jnp.split(fields[2:FREE], 3)
+    logit, centre, scale = jnp.split(fields[FREE:], 3)
     first = np.log(FIRST_SCALES).astype(values.dtype)
     first = first.reshape(-1, *[1] * (values.ndim - 1))
     components = (
-        _softmax(SHARPNESS * weight),
-        fields[:1] + offset,
-        jnp.exp(first + 4 * jnp.tanh(growth)) + LEAST_SCALE,
+        _softmax(jnp.concatenate([SHARPNESS * weight, logit])),
+        jnp.concatenate([fields[:1] + offset, centre]),
+        jnp.concatenate([jnp.exp(first + 4 * jnp.tanh(growth)), scale]) + LEAST_SCALE,
     )
     return RangeMixture(
         SHARPNESS * fields[1], *(jnp.moveaxis(part, 0, -1) for part in components)
@@ -93,9 +96,12 @@ def mixture_loss(
     """Return the negative log-likelihood of range and return, a mean over pixels.
 
     Where the validity of `clean` is 0, it is not known whether there was a return.
-    It is called as `denoising_loss` is; `key` is not used.
+    It is called as `denoising_loss` is. Neighbours are alike: of each THINNED x THINNED
+    pixels of an image, `key` draws the one that counts, the same place in all of them.
     """
-    mixture = range_mixture(denoise, clean.shape, noise=noise)
+    values = denoise(_blank(clean.shape), jnp.asarray(noise.sigma_max))
+    mixture = mixture_of(_thinned(key, values))
+    clean = _thinned(key, clean)
     hit = clean[..., 1] > 0
     sign = jnp.sign(clean[..., 1])
     returned = jnp.abs(sign) * jax.nn.log_sigmoid(sign * mixture.returned)
@@ -106,3 +112,19 @@ def mixture_loss(
     weight = jnp.log(jnp.maximum(mixture.weight, 1e-6))
     range_ = jax.nn.logsumexp(weight + density, axis=-1)
     return -jnp.mean(returned + jnp.where(hit, range_, 0.0))
+
+
+def _blank(shape) -> Any:
+    """An image of zeros, by its shape."""
+    return jax.ShapeDtypeStruct(shape, jnp.zeros(()).dtype)
+
+
+def _thinned(key, image):
+    """One of each THINNED x THINNED pixels; an image of odd size stays whole."""
+    *leading, rows, columns, channels = image.shape
+    if rows % THINNED or columns % THINNED:
+        return image
+    row, column = jax.random.randint(key, (2,), 0, THINNED)
+    shape = (*leading, rows // THINNED, THINNED, columns // THINNED, THINNED, channels)
+    chosen = jax.lax.dynamic_index_in_dim(image.reshape(shape), row, -4, False)
+    return jax.lax.dynamic_index_in_dim(chosen, column, -2, False)

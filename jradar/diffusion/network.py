@@ -16,6 +16,7 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 from jaxtyping import Array, Float
 
+from jradar.diffusion.evidence import EvidenceUNet
 from jradar.diffusion.unet import PRESETS, UNet
 
 
@@ -39,7 +40,7 @@ class Network(Protocol):
         ...
 
 
-NETWORKS: dict[str, Callable[..., Any]] = {"unet": UNet}
+NETWORKS: dict[str, Callable[..., Any]] = {"unet": UNet, "evidence": EvidenceUNet}
 SKIPPED = ("parent", "name", "dtype")  # fields that do not describe the network
 
 

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 if TYPE_CHECKING:
@@ -113,11 +114,17 @@ class Mixture(Prediction):
         sigma: Level,
         noise: "NoiseSpec",
     ) -> Output:
-        """Return sigma_data F, with as many channels as F; `x` may be a shape."""
-        return noise.sigma_data * network_output(network, x, sigma, noise)
+        """Return sigma_data F, with as many channels as F; `x` may be a shape.
+
+        Channels beyond those of `COMPONENTS` are anchors, which have no unit.
+        """
+        output = network_output(network, x, sigma, noise)
+        unit = np.where(np.arange(output.shape[-1]) < FREE, noise.sigma_data, 1.0)
+        return output * jnp.asarray(unit, output.dtype)[None, None, None]
 
 
-COMPONENTS = 4  # of a mixture
+COMPONENTS = 4  # of a mixture, without anchors
+FREE = 2 + 3 * COMPONENTS  # channels of these, of the return, and of the centre
 EDM = Edm("edm")
 PREDICTIONS: dict[str, Prediction] = {
     prediction.name: prediction
@@ -125,7 +132,7 @@ PREDICTIONS: dict[str, Prediction] = {
         EDM,
         Clean("clean"),
         Gaussian("gaussian", 2),
-        Mixture("mixture", 1 + 3 * COMPONENTS // 2),
+        Mixture("mixture", FREE // 2),
     )
 }
 

@@ -149,6 +149,12 @@ class UNet(nn.Module):
         Features of one condition are used for all images of the batch. Where `x` is
         only a shape, the images are zero, and the stem costs nothing.
         """
+        return self.described(x, c_noise, features)[0]
+
+    def described(
+        self, x: ImageOrShape, c_noise: Float[Array, " batch"], features: Features
+    ) -> tuple[Float[Array, "batch row column output"], Float[Array, "batch _ _ _"]]:
+        """Return the output, and the trunk's features of each patch."""
         if not self.condition_at_input:
             return self.trunk(x, c_noise, features)
         x = _filled(x)
@@ -209,8 +215,11 @@ class Trunk(nn.Module):
     @nn.compact
     def __call__(
         self, x: ImageOrShape, c_noise: Float[Array, " batch"], features: Features
-    ) -> Float[Array, "batch row column output"]:
-        """Return images of the size of `x`. Raises ValueError for unsuitable sizes."""
+    ) -> tuple[Float[Array, "batch row column output"], Float[Array, "batch _ _ _"]]:
+        """Return images of the size of `x`, and the features of their patches.
+
+        Raises ValueError for unsuitable sizes.
+        """
         self._check(x.shape, features)
         song = self.form == "ddpm++"
         width = [self.channels * m for m in self.multipliers]
@@ -263,7 +272,10 @@ class Trunk(nn.Module):
                 h = jnp.concatenate([h, skips.pop()], -1)
                 name = f"dec{level}_block{i}"
                 h = block(name, channels, attend=attend)(h, embedding)
-        return self._head(h, detail)
+        epsilon = 1e-6 if song else 1e-5
+        groups = {"group_channels": self.group_channels}
+        h = nn.silu(norm(epsilon, self.dtype, "norm", **groups)(h))
+        return self._head(h, detail), h
 
     def _stem(self, x, channels):
         """Features of patches of the image and of their angles."""
@@ -288,10 +300,7 @@ class Trunk(nn.Module):
         return detail * (1 + scale) + shift
 
     def _head(self, h, detail):
-        """The trunk's output plus, with detail, a correction from every pixel."""
-        epsilon = 1e-6 if self.form == "ddpm++" else 1e-5
-        groups = {"group_channels": self.group_channels}
-        h = nn.silu(norm(epsilon, self.dtype, "norm", **groups)(h))
+        """The image plus, with detail, a correction from every pixel."""
         patch = math.prod(self.stem)
         if detail is None:
             coarse = self._dense(self.outputs * patch, "unfold", zero=True)(h)

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from jradar.model.spec import ModelSpec
 
 WINDOW_M = 0.2  # a point is right within this distance of a surface
+TRIED = 6  # components of a mixture; the heaviest of its anchors come first
 SIDE_STEPS = (-0.5, 0.5)  # of a window, tried to both sides of the best component
 
 Answer = Callable[..., RangeImage]
@@ -95,7 +96,7 @@ def likeliest_range(
     """Return the range whose window of +- `window_m` holds the most probability.
 
     The confidence is that probability times the probability of a return. The windows
-    around the components' centres are tried, and two beside the best of them.
+    around the first TRIED components' centres are tried, and two beside the best.
     """
     view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
     inside = window_mass(mixture)
@@ -107,7 +108,7 @@ def likeliest_range(
         return inside(low, high)
 
     # `map` computes each mass once; where XLA fuses, it repeats it for both results.
-    centres = decode_range(jnp.moveaxis(mixture.centre, -1, 0), **view)
+    centres = decode_range(jnp.moveaxis(mixture.centre[..., :TRIED], -1, 0), **view)
     best, most = _best(centres, jax.lax.map(mass, centres))
     beside = jnp.stack([best + step * window_m for step in SIDE_STEPS])
     masses = jax.lax.map(mass, beside)

@@ -11,8 +11,8 @@ import numpy as np
 from jradar.diffusion import Network, NoiseSpec
 from jradar.model.methods import METHODS
 from jradar.radar import PointSpec, RadarSpec
+from jradar.range_code import CODECS
 from jradar.range_image import IDENTITY, ConfidenceTable, ImageSpec, TrustTable
-from jradar.range_image.codec import CODECS
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,6 +16,7 @@ TrustTable, fit_trust, condition_features, unlikeness, STRANGE
                                         how unlike training a condition is, 0 to 1
 """
 
+from jradar.range_code import decode_range as decode_range, encode_range as encode_range
 from jradar.range_image.agreement import (
     agreed_range as agreed_range,
     confident as confident,
@@ -24,9 +25,7 @@ from jradar.range_image.codec import (
     CHANNELS as CHANNELS,
     close_gaps as close_gaps,
     condition_image as condition_image,
-    decode_range as decode_range,
     decode_target as decode_target,
-    encode_range as encode_range,
     encode_target as encode_target,
     observed_pixels as observed_pixels,
     pattern_reach as pattern_reach,

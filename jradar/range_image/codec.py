@@ -11,14 +11,13 @@ slice (-1 near, 1 far), and its power in decibels relative to the frame's strong
 
 import functools
 import math
-from collections.abc import Callable
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jradar.range_code import decode_range, encode_range
 from jradar.range_image.grid import ImageSpec
 from jradar.range_image.projection import project_slices
 from jradar.types import PointCloud
@@ -33,62 +32,16 @@ Image = Float[Array, "*batch row column"]
 Target = Float[Array, "*batch row column 2"]
 
 
-class Codec(NamedTuple):
-    """A pair of inverse functions of (value, max_range_m)."""
-
-    encode: Callable[[Array, float], Array]  # metres to 0 .. 1
-    decode: Callable[[Array, float], Array]  # 0 .. 1 to metres
-
-
-def _decode_inverse(unit, most):
-    share = unit * (most / (1 + most))
-    return share / (1 - share)
-
-
-CODECS = {
-    "log": Codec(
-        lambda r, most: jnp.log1p(r) / math.log1p(most),
-        lambda unit, most: jnp.expm1(unit * math.log1p(most)),
-    ),
-    "linear": Codec(lambda r, most: r / most, lambda unit, most: unit * most),
-    "inverse": Codec(
-        lambda r, most: r / (1 + r) * ((1 + most) / most), _decode_inverse
-    ),
-}
-
-
-def encode_range(
-    range_m: Float[Array, "..."], *, max_range_m: float, codec: str = "log"
-) -> Float[Array, "..."]:
-    """Return -1 .. 1 for 0 .. `max_range_m` metres, and 1 beyond.
-
-    Raises ValueError for a codec that is not in `CODECS`.
-    """
-    r = jnp.clip(range_m, 0.0, max_range_m)
-    return 2 * _codec(codec).encode(r, max_range_m) - 1
-
-
-def decode_range(
-    value: Float[Array, "..."], *, max_range_m: float, codec: str = "log"
-) -> Float[Array, "..."]:
-    """Return metres: the inverse of `encode_range`, of values clipped to -1 .. 1."""
-    unit = (jnp.clip(value, -1.0, 1.0) + 1) / 2
-    return _codec(codec).decode(unit, max_range_m)
-
-
-def _codec(name):
-    """The codec of this name."""
-    if name not in CODECS:
-        raise ValueError(f"codec = {name!r}, expected one of {[*CODECS]}")
-    return CODECS[name]
-
-
 @functools.partial(jax.jit, static_argnames=("spec", "codec"))
 def encode_target(image: Image, spec: ImageSpec, *, codec: str = "log") -> Target:
-    """Return range code and validity of an image in metres, where a miss is 0."""
+    """Return range code and validity of an image in metres, where a miss is 0.
+
+    Where the image is below 0, it is unknown: the validity is 0.
+    """
     hit = image > 0
     code = encode_range(image, max_range_m=spec.max_range_m, codec=codec)
-    return jnp.stack([fill_misses(code, hit), jnp.where(hit, 1.0, -1.0)], -1)
+    validity = jnp.where(hit, 1.0, jnp.where(image < 0, 0.0, -1.0))
+    return jnp.stack([fill_misses(code, hit), validity], -1)
 
 
 @functools.partial(jax.jit, static_argnames=("spec", "codec"))

@@ -22,6 +22,7 @@ show the same buildings.
 import functools
 import itertools
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -92,17 +93,9 @@ class DrawnSource(NamedTuple):
 
     def open(self) -> Recording:
         """Return the recording; its frames are simulated on access."""
-        radar, hardware = _radar(self.name)
-        stamps = np.arange(FRAMES, dtype=float)
-        return Recording(
-            name=self.name,
-            path=Path(self.path),
-            radar=described(radar, hardware),
-            cubes=Stream(lambda k: _cube(self, k), FRAMES, stamps),
-            lidar=Stream(lambda k: _scan(self, k), FRAMES, stamps),
-            base_from_radar=base_from("single_chip"),
-            base_from_lidar=base_from("lidar"),
-        )
+        radar = described(*_radar(self.name))
+        found = recording_of(lambda k: _setting(self, k), FRAMES, radar, name=self.name)
+        return found._replace(path=Path(self.path))
 
     def frames(self, recording: Recording, chosen: slice) -> range:
         """Return the numbers of the chosen frames."""
@@ -139,6 +132,25 @@ def drawn_sources(name: str, *, maps: Path | str = "") -> tuple[DrawnSource, ...
 def kind_of(sequence: str) -> str:
     """Return the kind of a sequence, by its name."""
     return sequence.rsplit("_", 1)[0]
+
+
+def recording_of(
+    setting_at: Callable[[int], Setting], frames: int, radar: Radar, *, name: str
+) -> Recording:
+    """Return a recording of which each frame has a setting of its own.
+
+    Frames are simulated on access. `radar` describes the radar of all settings.
+    """
+    stamps = np.arange(frames, dtype=float)
+    return Recording(
+        name=name,
+        path=Path(),
+        radar=radar,
+        cubes=Stream(lambda k: _cube(setting_at(k)), frames, stamps),
+        lidar=Stream(lambda k: _scan(setting_at(k)), frames, stamps),
+        base_from_radar=base_from("single_chip"),
+        base_from_lidar=base_from("lidar"),
+    )
 
 
 def described(radar: RadarSpec, hardware: Hardware) -> Radar:
@@ -238,16 +250,14 @@ def _seen_share(scene, yaw) -> float:
     return float((hits.distance < REACH_M).mean())
 
 
-def _cube(source, frame):
+def _cube(setting):
     """Return the radar's samples of a frame."""
-    setting = _setting(source, frame)
     (pairs,) = radar_frames(setting, "single_chip", np.array([TIME_S]))
     return np.asarray(pairs).astype(np.float32).view(np.complex64)[..., 0]
 
 
-def _scan(source, frame):
+def _scan(setting):
     """Return the part of the LiDAR's scan that the radar can see."""
-    setting = _setting(source, frame)
     directions, seconds = _rays()
     random = np.random.default_rng([setting.seed, 1])
     return scan(random, setting.scene, TIME_S - AHEAD_S, directions, seconds)

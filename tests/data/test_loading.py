@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.data.loading import Batches, PairSource, lidar_image, mirrored
+from jradar.data.loading import Batches, PairSource, lidar_image
 from jradar.range_image import ImageSpec, condition_image, project
 from jradar.types import PointCloud
 from tests.data.prepared import invented_frame
@@ -60,30 +60,6 @@ def test_pairs_are_stacked_leaf_by_leaf(pairs):
     known = {pair.lidar.tobytes() for pair in pairs[:]}
     assert all(image.tobytes() in known for image in batch.lidar)
     assert jax.tree.structure(batch).num_leaves == 2
-
-
-def test_pairs_are_mirrored_at_random_but_reproducibly(pairs):
-    def drawn():
-        batches = Batches(pairs[1:], seed=0, batch_size=8, change=mirrored)
-        return np.stack([batches[step].lidar for step in range(8)])
-
-    whole, known = drawn(), {pair.lidar.tobytes() for pair in pairs[1:]}
-    flat = whole.reshape(-1, *FINE.shape)
-    as_is = np.array([image.tobytes() in known for image in flat])
-    turned = np.array([image[:, ::-1].tobytes() in known for image in flat])
-    assert (as_is ^ turned).all() and 16 < turned.sum() < 48
-    np.testing.assert_array_equal(drawn(), whole)
-
-
-def test_a_mirrored_scene_gives_the_mirrored_pair():
-    """Clouds with y negated give images flipped left to right."""
-    frame, across = invented_frame(0), np.array([1, -1, 1], np.float32)
-    radar = frame.radar._replace(xyz=frame.radar.xyz * across)
-    seen = frame._replace(radar=radar, lidar_xyz=frame.lidar_xyz * across)
-    one, other = PairSource([frame, seen], COARSE, FINE, num_slices=2)[:]
-    turn = np.random.default_rng(0)  # its first number is 0.64
-    for image, expected in zip(mirrored(one, turn), other, strict=True):
-        np.testing.assert_allclose(image, expected, atol=1e-5)
 
 
 def test_a_damaged_item_is_an_error_of_its_batch_and_no_items_are_refused():

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jradar.range_code import CODECS
 from jradar.range_image import (
     ImageSpec,
     close_gaps,
@@ -14,7 +15,7 @@ from jradar.range_image import (
     encode_range,
     encode_target,
 )
-from jradar.range_image.codec import CODECS, fill_misses, observed_pixels, pattern_reach
+from jradar.range_image.codec import fill_misses, observed_pixels, pattern_reach
 from jradar.types import PointCloud
 
 FILL = jax.jit(fill_misses)

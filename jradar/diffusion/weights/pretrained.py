@@ -40,13 +40,15 @@ from jradar.diffusion.weights.published import (
 from jradar.errors import parsing
 
 ATTENTION_ORDERS = ("legacy", "new")
-OWN, TOWER = "params/", "params/tower/"  # prefixes in files written here
+# Prefixes in files written here.
+OWN, TOWER, EVIDENCE = "params/", "params/tower/", "params/evidence/"
 HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
 MEANS = 2  # outputs of every prediction: range and validity
 # Fields of a network that the shapes of its parameters do not determine.
 UNSHAPED = (
     "kind", "form", "stem", "head_channels", "noise_scale", "group_channels",
 )  # fmt: skip
+BEGUN_AS = {"evidence": "unet"}  # kinds that may start from another kind's weights
 UNRECORDED = {"group_channels": 4}  # what networks had before files recorded it
 # New parameters that must be zero for the network to be the published one.
 ZERO = ("refine/", "angles/")
@@ -127,8 +129,11 @@ def _load_trained_here(path, state, params, network):
     flat: dict[str, Any] = flax.traverse_util.flatten_dict(params, sep="/")
     new = [name for name in flat if name not in state]
     unused = [name for name in state if name not in flat]
-    tower = [name for name in flat if name.startswith(TOWER)]
-    _check_complete(path, [] if new == tower else new, unused)
+    missing = set(new)
+    for part in (TOWER, EVIDENCE):  # new as a whole, or not at all
+        names = {name for name in flat if name.startswith(part)}
+        missing -= names if names <= missing else set()
+    _check_complete(path, sorted(missing), unused)
     loaded = {}
     for name, tensor in state.items():
         if name.startswith(HEADS):
@@ -166,7 +171,7 @@ def _check_network(path, network):
         found = dict(json.loads(text))
     for name, wanted in _unshaped(network).items():
         held = found.get(name, UNRECORDED.get(name, wanted) if found else wanted)
-        if held != wanted:
+        if held != wanted and (name != "kind" or BEGUN_AS.get(wanted) != held):
             raise ValueError(
                 f"{path} holds a network with {name} = {held}, expected {wanted}"
             )

@@ -1,0 +1,131 @@
+"""Frames changed at random in training: other sizes of rooms, directions and echoes.
+
+Radar points and LiDAR points change together, in space, as a place could: they are
+mirrored left to right, turned about the vertical axis, moved nearer or farther, or left
+to one object. Radar points alone are left out at random, or are replaced by true ones:
+a network that sees perfect points must believe them.
+
+What a turned or smaller frame would show from beyond its old view is `Unknown`.
+"""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jradar.data.records import PreparedFrame
+
+OBJECT_M = (0.5, 1.5)  # radius of the place that is left alone
+
+
+@dataclasses.dataclass(frozen=True)
+class AugmentSpec:
+    """How frames change; a spec without arguments changes nothing.
+
+    Raises ValueError for probabilities outside 0 to 1, and for limits in wrong order.
+    """
+
+    mirror: bool = False  # every other frame, if the view is as wide to both sides
+    thin: float = 0.0  # leave out up to this share of the radar points
+    scale: tuple[float, float] = (1.0, 1.0)  # of all ranges, from and to
+    turn: float = 0.0  # up to this angle to either side, in radians
+    alone: float = 0.0  # probability that all but one object vanish
+    perfect: float = 0.0  # probability that true points replace the radar's
+
+    def __post_init__(self):
+        """Refuse values that cannot be used."""
+        for name in ("thin", "alone", "perfect"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} = {getattr(self, name)}, expected 0 to 1")
+        if not 0 < self.scale[0] <= self.scale[1] < math.inf:
+            raise ValueError(f"scale = {self.scale}, expected 0 < lowest <= highest")
+        if not 0 <= self.turn < math.pi:
+            raise ValueError(f"turn = {self.turn}, expected 0 to less than pi radians")
+
+
+class Unknown(NamedTuple):
+    """What lies outside of the view that a changed frame was recorded with."""
+
+    turned: float = 0.0  # by this angle, in radians, to the left
+    scaled: float = 1.0  # beyond this share of the greatest range
+
+    def marked(
+        self, image: Float[np.ndarray, "row column"], azimuth: tuple[float, float]
+    ) -> Float[np.ndarray, "row column"]:
+        """Return a LiDAR image with -1 where it is not known what a scan would see.
+
+        `azimuth` is the image's view in radians.
+        """
+        columns = image.shape[1]
+        moved = round(self.turned * columns / (azimuth[1] - azimuth[0]))
+        hidden = np.zeros(columns, bool)
+        hidden[: max(moved, 0)] = True
+        hidden[columns + min(moved, 0) :] = True
+        unseen = hidden | ((image == 0) & (self.scaled < 1))
+        return np.where(unseen, np.float32(-1), image)
+
+
+def augmented(
+    frame: PreparedFrame, random: np.random.Generator, spec: AugmentSpec
+) -> tuple[PreparedFrame, Unknown]:
+    """Return the frame changed at random, and what is not known of it then."""
+    unknown = Unknown()
+    if random.random() < spec.alone:
+        frame = alone(frame, random)
+    if random.random() < spec.perfect:
+        frame = with_true_points(frame, random)
+    if spec.thin:
+        kept = random.random(len(frame.radar.valid)) >= random.uniform(0, spec.thin)
+        valid = np.asarray(frame.radar.valid) & kept
+        frame = frame._replace(radar=frame.radar._replace(valid=valid))
+    if spec.mirror and random.random() < 0.5:
+        frame = moved(frame, np.diag([1.0, -1.0, 1.0]))
+    if spec.turn:
+        angle = random.uniform(-spec.turn, spec.turn)
+        cosine, sine = math.cos(angle), math.sin(angle)
+        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        frame, unknown = moved(frame, turn), unknown._replace(turned=angle)
+    if spec.scale != (1.0, 1.0):
+        factor = math.exp(random.uniform(*np.log(spec.scale)))
+        frame = moved(frame, factor * np.eye(3))
+        unknown = unknown._replace(scaled=factor)
+    return frame, unknown
+
+
+def moved(frame: PreparedFrame, matrix: Float[np.ndarray, "3 3"]) -> PreparedFrame:
+    """Return the frame whose radar and LiDAR points are multiplied by a matrix."""
+    matrix = matrix.astype(np.float32)
+    radar = frame.radar._replace(xyz=np.asarray(frame.radar.xyz) @ matrix.T)
+    return frame._replace(radar=radar, lidar_xyz=frame.lidar_xyz @ matrix.T)
+
+
+def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
+    """Return the frame with the points around a random LiDAR point alone."""
+    if not len(frame.lidar_xyz):
+        return frame
+    place = frame.lidar_xyz[random.integers(len(frame.lidar_xyz)), :2]
+    radius = random.uniform(*OBJECT_M)
+
+    def near(xyz):
+        return np.linalg.norm(xyz[:, :2] - place, axis=1) < radius
+
+    xyz, valid = np.asarray(frame.radar.xyz), np.asarray(frame.radar.valid)
+    return frame._replace(
+        radar=frame.radar._replace(valid=valid & near(xyz)),
+        lidar_xyz=frame.lidar_xyz[near(frame.lidar_xyz)],
+    )
+
+
+def with_true_points(
+    frame: PreparedFrame, random: np.random.Generator
+) -> PreparedFrame:
+    """Return the frame with LiDAR points in the place of as many radar points."""
+    places = np.flatnonzero(np.asarray(frame.radar.valid))
+    count = min(len(places), len(frame.lidar_xyz))
+    valid, xyz = np.zeros_like(frame.radar.valid), np.array(frame.radar.xyz)
+    places = random.permutation(places)[:count]
+    chosen = random.permutation(len(frame.lidar_xyz))[:count]
+    xyz[places], valid[places] = frame.lidar_xyz[chosen], True
+    return frame._replace(radar=frame.radar._replace(xyz=xyz, valid=valid))

@@ -1,0 +1,120 @@
+"""Evidence: smeared points, and anchors where these are."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.diffusion import (
+    PREDICTIONS,
+    NoiseSpec,
+    build_network,
+    conditional_denoiser,
+    load_pretrained,
+    network_fields,
+    range_mixture,
+    write_params,
+)
+from jradar.diffusion.evidence import smear
+from jradar.diffusion.network import network_from_fields
+from jradar.range_code import decode_range
+from tests.diffusion.networks import apply, random_params
+
+VIEW = {"azimuth": (-1.0, 1.0), "elevation": (-0.4, 0.4), "max_range_m": 8.0}
+FIELDS = {
+    "channels": 8,
+    "multipliers": (1,),
+    "attention_levels": (),
+    "blocks": 1,
+    "stem": (4, 8),
+    "condition_stem": (2, 2),
+    "outputs": 14,
+}
+NOISE = NoiseSpec(prediction=PREDICTIONS["mixture"])
+IMAGE, CONDITION, SLICES = (16, 64), (8, 16), 4
+NETWORK = build_network(kind="evidence", **FIELDS, **VIEW)
+ARGS = (jnp.zeros((1, *IMAGE, 2)), jnp.zeros(1), jnp.zeros((1, *CONDITION, 12)))
+
+
+def one_point(row=4, column=8, part=2, offset=0.5, power=0.7):
+    """A condition with one point; the middle of slice 2 is at 5 m."""
+    condition = np.zeros((1, *CONDITION, 3, SLICES), np.float32)
+    condition[0, row, column, :, part] = (1.0, offset, power)
+    return jnp.asarray(condition.reshape(1, *CONDITION, 12))
+
+
+@pytest.fixture(scope="module")
+def first_params():
+    return jax.jit(NETWORK.init)(jax.random.key(0), *ARGS)
+
+
+def test_a_point_is_smeared_by_a_fifth_of_a_metre_at_its_range():
+    parts = np.split(np.asarray(smear(one_point(), **VIEW))[0], 3, -1)
+    count, place, power = (part[..., 2] for part in parts)
+    row, column = np.ogrid[:8, :16]
+    away_m = 5.0 * np.hypot(0.1 * (row - 4), 0.125 * (column - 8))
+    np.testing.assert_allclose(count, np.exp(-((away_m / 0.2) ** 2) / 2), atol=1e-5)
+    reached = count > 1e-3
+    assert 3 < reached.sum() < 20
+    np.testing.assert_allclose(place[reached], 0.5, rtol=1e-4)
+    np.testing.assert_allclose(power[reached], 0.7, rtol=1e-4)
+    assert not np.delete(parts[0], 2, -1).any()  # of the other slices
+
+
+def test_points_in_one_reach_give_their_mean():
+    both = one_point(column=7, offset=-0.5, power=0.1) + one_point(column=8)
+    count, place, power = np.split(np.asarray(smear(both, **VIEW))[0], 3, -1)
+    near = np.exp(-((5.0 * 0.125 / 0.2) ** 2) / 2)
+    assert count[4, 8, 2] == pytest.approx(1 + near, rel=1e-5)
+    assert place[4, 8, 2] == pytest.approx((0.5 - 0.5 * near) / (1 + near), rel=1e-4)
+
+
+@jax.jit
+def mixture_at_first(params, condition):
+    denoise = conditional_denoiser(NETWORK, params, NOISE)(condition)
+    return range_mixture(denoise, (1, *IMAGE, 2), noise=NOISE)
+
+
+def test_the_first_anchor_is_at_the_point_and_outweighs_the_others(first_params):
+    mixture = mixture_at_first(first_params, one_point())
+    assert mixture.centre.shape == (1, *IMAGE, 8)
+    weight, centre = np.asarray(mixture.weight)[0], mixture.centre[0]
+    range_m = np.asarray(decode_range(centre, max_range_m=8.0))
+    there = np.s_[8:10, 32:36]  # the pixels of the point's own coarse pixel
+    np.testing.assert_allclose(range_m[there][..., 4], 5.5, atol=1e-3)
+    assert (weight[there][..., 4] > 5 * weight[there][..., 5:].max(-1)).all()
+    elsewhere = np.sort(range_m[0, 0, 4:])
+    np.testing.assert_allclose(elsewhere, [1.0, 3.0, 5.0, 7.0], atol=1e-3)
+    np.testing.assert_allclose(weight.sum(-1), 1.0, rtol=1e-5)
+
+
+def test_without_a_correction_the_other_components_are_those_of_the_unet(
+    first_params, tmp_path
+):
+    plain = build_network(**FIELDS)
+    known = random_params(plain, *ARGS)
+    path = tmp_path / "plain.safetensors"
+    write_params(path, known)
+    params, report = load_pretrained(path, NETWORK, first_params)
+    assert {name.split("/")[1] for name in report.new} == {"evidence"}
+    condition = jax.random.normal(jax.random.key(1), ARGS[2].shape)
+    expected = apply(plain, known, *ARGS[:2], condition)
+    found = apply(NETWORK, params, *ARGS[:2], condition)
+    np.testing.assert_allclose(found[..., :14], expected, atol=0.01)  # of about 1
+
+
+def test_gradients_are_finite_without_a_point_and_with_one(first_params):
+    @jax.jit
+    @jax.grad
+    def slope(params, condition):
+        mixture = mixture_at_first(params, condition)
+        return sum(part.mean() for part in mixture) + mixture.centre[..., 4].mean()
+
+    for condition in (0 * one_point(), one_point()):
+        found = jax.tree.leaves(slope(first_params, condition))
+        assert all(np.isfinite(leaf).all() for leaf in found)
+        assert any(np.any(leaf) for leaf in found)
+
+
+def test_its_fields_come_back_from_a_file():
+    assert network_from_fields(network_fields(NETWORK)) == NETWORK
