@@ -99,17 +99,19 @@ def draw_places(config: ConfigDict, folder: Path, *, workers: int = 1) -> None:
 def records_of(config: ConfigDict, folder: Path, split: str) -> data.Records:
     """Return the records of a split; see `data.without`.
 
-    The kind that is left out of training is all that validates and tests.
+    The kinds that are left out of training are all that validates and tests.
     """
-    left = config.data.get("without", "")
+    left = set(filter(None, config.data.get("without", "").split(",")))
     if not left:
         return data.Records(folder, split)
     kinds = {kind_of(name) for name, _ in data.Records(folder).where}
-    if left not in kinds:
-        raise UsageError(f"data.without = {left!r}, expected one of {sorted(kinds)}")
+    if unknown := sorted(left - kinds):
+        raise UsageError(
+            f"data.without = {unknown[0]!r}, expected one of {sorted(kinds)}"
+        )
     wanted = split != "train"
     return data.Records(
-        folder, split, choose=lambda name: (kind_of(name) == left) == wanted
+        folder, split, choose=lambda name: (kind_of(name) in left) == wanted
     )
 
 

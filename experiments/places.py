@@ -4,7 +4,7 @@
 
 `--maps` is a folder of packed runs of ColoRadar's maps; without it there are no frames
 of real places. The same command resumes what was interrupted. Configs take the records
-as --config.data.path=runs/sim5, and leave a kind out by --config.data.without=KIND.
+as --config.data.path=runs/sim5, and leave kinds out by --config.data.without=KIND,KIND.
 """
 
 import argparse

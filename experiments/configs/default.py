@@ -26,7 +26,8 @@ def get_config():
     config.data.set = "jradar-sim-1"
     config.data.frames = 1  # per sequence
     # Of jradar-sim-5: a folder of packed runs of ColoRadar's maps, for real places.
-    # `without` is a kind that is left out of training, and validated and tested on.
+    # `without` names kinds, with commas, that are left out of training, and on which
+    # the run validates and tests.
     config.data.maps = ""
     config.data.without = ""
 

@@ -1,11 +1,12 @@
-r"""A trained model, trained on with a radar unit of its own for every sequence.
+r"""The recipe of `jradar-sim-diffusion`: the paper's own method, trained on many places.
 
     python -m experiments.main --config=experiments/configs/varied.py \
-        --config.train.initial=runs/finetune --workdir=runs/varied
+        --workdir=runs/varied
 
-Boards, calibrations, mounts, speeds, clutter and interference differ from sequence to
-sequence (`jradar-sim-2`). `python -m experiments.studies.robustness` scores the result
-under shifts that training never saw.
+Each frame has a place of its own (`jradar-sim-5`), and each source a radar unit of its
+own. Frames change in size and direction whenever they are drawn. The run trains the
+shipped model on. `python -m experiments.studies.robustness` scores the result under
+shifts that training never saw.
 """
 
 from experiments.configs import finetune
@@ -13,8 +14,11 @@ from experiments.configs import finetune
 
 def get_config():
     config = finetune.get_config()
-    config.data.set = "jradar-sim-2"
+    config.data.set = "jradar-sim-5"
     config.points.remove_interference = True
-    config.train.update(steps=6000, learning_rate=7e-4, warmup_steps=100)
-    config.train.update(checkpoint_every=250, evaluate_every=1000, ema_decay=0.995)
+    config.train.initial = "jradar-sim-diffusion"
+    config.train.update(steps=3000, learning_rate=6e-4, warmup_steps=100)
+    config.train.update(checkpoint_every=200, evaluate_every=500, ema_decay=0.997)
+    config.augment.update(thin=0.3, scale=(0.7, 1.5), turn_deg=15.0)
+    config.augment.update(alone=0.05, perfect=0.05)
     return config
