@@ -18,6 +18,8 @@ from jaxtyping import Float
 from jradar.data.records import PreparedFrame
 
 OBJECT_M = (0.5, 1.5)  # radius of the place that is left alone
+NOISE_DB = (15.0, 65.0)  # noise below the strongest echo of that place
+FARTHEST_M = 15.0  # of noise
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +104,11 @@ def moved(frame: PreparedFrame, matrix: Float[np.ndarray, "3 3"]) -> PreparedFra
 
 
 def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
-    """Return the frame with the points around a random LiDAR point alone."""
+    """Return the frame with nothing but the points around a random LiDAR point.
+
+    The other radar points become noise: at a false-alarm rate of 1 an empty place has
+    as many points as a full one, in all directions and equally weak.
+    """
     if not len(frame.lidar_xyz):
         return frame
     place = frame.lidar_xyz[random.integers(len(frame.lidar_xyz)), :2]
@@ -111,11 +117,25 @@ def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
     def near(xyz):
         return np.linalg.norm(xyz[:, :2] - place, axis=1) < radius
 
-    xyz, valid = np.asarray(frame.radar.xyz), np.asarray(frame.radar.valid)
-    return frame._replace(
-        radar=frame.radar._replace(valid=valid & near(xyz)),
-        lidar_xyz=frame.lidar_xyz[near(frame.lidar_xyz)],
+    echo = near(np.asarray(frame.radar.xyz)) & np.asarray(frame.radar.valid)
+    radar = frame.radar._replace(
+        xyz=np.where(echo[:, None], frame.radar.xyz, _anywhere(len(echo), random))
     )
+    if radar.power is not None:
+        strongest = np.max(radar.power, where=echo, initial=0.0) or 1.0
+        floor = strongest * 10 ** (-random.uniform(*NOISE_DB) / 10)
+        radar = radar._replace(power=np.where(echo, radar.power, np.float32(floor)))
+    seen = frame.lidar_xyz[near(frame.lidar_xyz)]
+    return frame._replace(radar=radar, lidar_xyz=seen)
+
+
+def _anywhere(count, random):
+    """Points in random directions to the front, at random ranges."""
+    sine, elevation = random.uniform(-1, 1, count), random.uniform(-0.5, 0.5, count)
+    range_m = random.uniform(0, FARTHEST_M, count)
+    ahead = np.stack([np.sqrt(1 - sine**2), sine, np.tan(elevation)], -1)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    return (range_m[:, None] * ahead).astype(np.float32)
 
 
 def with_true_points(

@@ -77,10 +77,14 @@ def test_points_are_left_out_at_random():
 
 def test_one_object_is_left_alone():
     found = alone(FRAME, random())
-    radar = np.asarray(found.radar.xyz)[np.asarray(found.radar.valid)]
-    points = np.concatenate([found.lidar_xyz, radar])
     assert 0 < len(found.lidar_xyz) < 0.7 * len(FRAME.lidar_xyz)
-    assert np.ptp(points[:, :2], axis=0).max() < 3.0
+    same = (found.radar.xyz == FRAME.radar.xyz).all(1) & FRAME.radar.valid
+    points = np.concatenate([found.lidar_xyz, found.radar.xyz[same]])
+    assert same.any() and np.ptp(points[:, :2], axis=0).max() < 3.0
+    np.testing.assert_array_equal(found.radar.power[same], FRAME.radar.power[same])
+    noise = found.radar.power[~same]
+    assert np.ptp(noise) == 0 and noise[0] < 0.04 * found.radar.power[same].max()
+    np.testing.assert_array_equal(found.radar.valid, FRAME.radar.valid)
 
 
 def test_true_points_replace_the_radars_one_by_one():
@@ -99,7 +103,7 @@ def test_a_frame_without_lidar_points_changes_too():
     empty = FRAME._replace(lidar_xyz=FRAME.lidar_xyz[:0])
     spec = AugmentSpec(True, 0.5, (0.5, 2.0), 0.3, 1.0, 1.0)
     found, _ = augmented(empty, random(), spec)
-    assert not np.any(found.radar.valid)
+    assert not np.any(found.radar.valid)  # no true points
 
 
 def test_batches_of_changed_frames_depend_on_the_seed():
