@@ -14,6 +14,7 @@ from jradar.diffusion import (
     regression_estimate,
     regression_loss,
     training_sigma,
+    where_known,
 )
 
 KEY, NOISE = jax.random.key(1), NoiseSpec()
@@ -136,3 +137,19 @@ def test_the_range_counts_as_in_the_denoising_loss():
 def test_impossible_losses_are_refused(fields, options, message):
     with pytest.raises(ValueError, match=message):
         loss(fields, **options)
+
+
+@pytest.mark.parametrize("plain", [denoising_loss, regression_loss])
+def test_pixels_that_nobody_observed_have_no_error(plain):
+    whole = where_known(plain)
+    assert whole(KEY, shifted, CLEAN, noise=NOISE) == pytest.approx(
+        float(plain(KEY, shifted, CLEAN, noise=NOISE))
+    )
+    half = CLEAN.at[:, :2, :, 1].set(0.0)  # of validity 0
+    left = float(whole(KEY, shifted, half, noise=NOISE))
+
+    def right_there(x, sigma):
+        return jnp.where(half[..., 1:] == 0, half, shifted(x, sigma))
+
+    assert left == pytest.approx(float(plain(KEY, right_there, half, noise=NOISE)))
+    assert left < 0.7 * float(plain(KEY, shifted, half, noise=NOISE))

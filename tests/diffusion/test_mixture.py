@@ -63,6 +63,37 @@ def test_mass_and_likelihood_equal_scipys():
     np.testing.assert_allclose(loss, -np.log(likelihood).mean(), rtol=1e-3)
 
 
+def test_one_of_four_pixels_counts_at_the_same_place_in_all():
+    rng = np.random.default_rng(2)
+    shape = (2, 6, 8)
+    values = jnp.asarray(rng.normal(scale=0.3, size=(*shape, 14)), jnp.float32)
+    clean = jnp.asarray(rng.uniform(-1, 1, (*shape, 2)), jnp.float32)
+
+    def loss_of(key, values, clean):
+        return float(mixture_loss(key, lambda x, sigma: values, clean, noise=NOISE))
+
+    found = {round(loss_of(jax.random.key(i), values, clean), 5) for i in range(40)}
+    places = [(slice(i, None, 2), slice(j, None, 2)) for i in (0, 1) for j in (0, 1)]
+    expected = [
+        loss_of(jax.random.key(0), values[:, *p], clean[:, *p]) for p in places
+    ]  # of 3 x 4 pixels, an odd number: all count
+    assert sorted(found) == pytest.approx(sorted(expected), abs=2e-5)
+
+
+def test_where_a_scan_observed_nothing_the_likelihood_is_that_of_the_rest():
+    clean = np.stack([np.full(SHAPE, 0.3), np.ones(SHAPE)], -1)
+    clean[:, 1:, :, 1] = 0.0
+
+    def loss_of(values, clean):
+        def denoise(x, sigma):
+            return jnp.asarray(values)
+
+        return float(mixture_loss(jax.random.key(0), denoise, clean, noise=NOISE))
+
+    some = loss_of(VALUES[:, :1], jnp.asarray(clean[:, :1]))
+    assert loss_of(VALUES, jnp.asarray(clean)) == pytest.approx(some / 3, rel=1e-5)
+
+
 def test_the_likelihood_has_finite_gradients_far_from_all_components():
     @jax.jit
     @jax.grad
