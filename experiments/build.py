@@ -230,8 +230,8 @@ def build_pairs(spec: ModelSpec, records: Any) -> data.PairSource:
     return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
 
 
-def build_augmentation(config: ConfigDict, spec: ModelSpec) -> data.AugmentedPairs:
-    """Return the changes of frames in training; AugmentSpec's fields, angle in degrees.
+def build_augment(config: ConfigDict) -> data.AugmentSpec:
+    """Return how frames change in training.
 
     Raises UsageError for a view that cannot be mirrored.
     """
@@ -244,8 +244,7 @@ def build_augmentation(config: ConfigDict, spec: ModelSpec) -> data.AugmentedPai
         )
     with section("augment"):
         turn = math.radians(fields.pop("turn_deg"))
-        augment = data.AugmentSpec(turn=turn, **fields)
-    return data.AugmentedPairs(spec.coarse, spec.fine, spec.num_slices, augment)
+        return data.AugmentSpec(turn=turn, **fields)
 
 
 def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:

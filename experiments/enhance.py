@@ -48,6 +48,7 @@ def check(config: ConfigDict) -> None:
     build.build_solver(config)
     build.build_loss(config.loss, method=config.method)
     build.build_optimizer(config.train)
+    build.build_augment(config)
     build.prepare_spec(config)
     initial_weights(config.train)
     for field, name, known in (
@@ -71,7 +72,9 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         records,
         seed=config.seed,
         batch_size=config.train.batch_size,
-        change=build.build_augmentation(config, spec),
+        change=data.AugmentedPairs(
+            spec.coarse, spec.fine, spec.num_slices, build.build_augment(config)
+        ),
     )
 
     def batch_at(step):

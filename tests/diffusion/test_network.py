@@ -36,7 +36,7 @@ def test_json_of_a_network_makes_an_equal_network():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kind": "vit"}, r"kind = 'vit', expected one of \['unet'\]"),
+        ({"kind": "vit"}, r"kind = 'vit', expected one of \['unet', 'evidence'\]"),
         ({"preset": "huge"}, "preset = 'huge', expected one of .*'tiny'"),
         ({"chanels": 64}, "'chanels', expected channels"),
     ],

@@ -12,7 +12,7 @@ from experiments.configs import marginal, regression
 from experiments.studies import reliability
 from jradar import data
 from jradar.errors import UsageError
-from jradar.model import draw, save_model
+from jradar.model import draw, load_model, save_model
 from jradar.range_image import ConfidenceTable, unproject
 
 KEY = jax.random.fold_in(jax.random.key(reliability.KEY), 0)  # of the first frame
@@ -64,7 +64,8 @@ def test_the_command_writes_tables_and_a_figure(records, model, tmp_path, capsys
     assert reliability.main(["-o", str(out), *chosen, "--split", "validation"]) == 0
     text = (out / "reliability.md").read_text()
     assert text in capsys.readouterr().out
-    found = reliability.drawn_points(model, data.Records(records, "validation"))
+    saved = load_model(tmp_path / "model")  # rounded
+    found = reliability.drawn_points(saved, data.Records(records, "validation"))
     right = found.right.mean()
     error = f"{100 * abs(right - 0.25):.1f}"
     first = text.splitlines()[2].split(" | ")
