@@ -1,12 +1,12 @@
-r"""The recipe of `jradar-sim-diffusion`, the method of the paper on many places.
+r"""The diffusion model, trained on with a place of its own in every frame.
 
     python -m experiments.main --config=experiments/configs/varied.py \
         --workdir=runs/varied
 
-Each frame has a place of its own (`jradar-sim-5`), and each source a radar unit of its
-own. Frames change in size and direction whenever they are drawn. The run trains the
-shipped model on. `python -m experiments.studies.robustness` scores the result under
-shifts that training never saw.
+Each frame has a place of its own (`jradar-sim-5`), and each eight frames a radar unit
+of their own. Frames change in size and direction whenever they are drawn. The run
+starts from `jradar-sim-diffusion`. `python -m experiments.studies.robustness` scores
+the result under shifts that training never saw.
 """
 
 from experiments.configs import finetune

@@ -39,7 +39,8 @@ class EvidenceUNet(UNet):
 
     azimuth, elevation, max_range_m, codec
                          view of the images, in radians and metres, and the range code
-    anchors              components that each pixel gets beside those of the trunk
+    anchors              components that each pixel gets beside those of the trunk; no
+                         parameter depends on it
     evidence_channels    width of the second way
     """
 
@@ -47,7 +48,7 @@ class EvidenceUNet(UNet):
     elevation: tuple[float, float] = (-math.pi / 9, math.pi / 9)
     max_range_m: float = 12.0
     codec: str = "log"
-    anchors: int = 4
+    anchors: int = 1
     evidence_channels: int = 32
 
     def setup(self):

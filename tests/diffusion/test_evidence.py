@@ -32,7 +32,7 @@ FIELDS = {
 }
 NOISE = NoiseSpec(prediction=PREDICTIONS["mixture"])
 IMAGE, CONDITION, SLICES = (16, 64), (8, 16), 4
-NETWORK = build_network(kind="evidence", **FIELDS, **VIEW)
+NETWORK = build_network(kind="evidence", anchors=4, **FIELDS, **VIEW)
 ARGS = (jnp.zeros((1, *IMAGE, 2)), jnp.zeros(1), jnp.zeros((1, *CONDITION, 12)))
 
 
