@@ -85,7 +85,7 @@ def test_the_page_of_ones_own_rig_runs_as_it_stands(tmp_path):
     shown = pasted([command, *blocks("bash", RIG)], tmp_path, environment)
     rows = re.findall(r"^ +(jradar-sim|mine) +[0-9.]+ +([0-9.]+) ", shown, re.M)
     shipped, own = (dict(rows[::-1])[name] for name in ("jradar-sim", "mine"))
-    assert float(own) >= float(shipped) - 5  # of few frames
+    assert float(own) >= float(shipped) - 2
     assert (tmp_path / "scores" / "evaluation" / "report.html").is_file()
 
 
