@@ -243,8 +243,8 @@ def build_augment(config: ConfigDict) -> data.AugmentSpec:
             "same angle to both sides, or augment.mirror = False"
         )
     with section("augment"):
-        turn = math.radians(fields.pop("turn_deg"))
-        return data.AugmentSpec(turn=turn, **fields)
+        rotation = math.radians(fields.pop("rotation_deg"))
+        return data.AugmentSpec(rotation=rotation, **fields)
 
 
 def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:

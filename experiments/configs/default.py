@@ -94,7 +94,7 @@ def get_config():
     config.augment.mirror = True
     config.augment.thin = 0.0
     config.augment.scale = (1.0, 1.0)
-    config.augment.turn_deg = 0.0
+    config.augment.rotation_deg = 0.0
     config.augment.alone = 0.0
     config.augment.perfect = 0.0
 

@@ -19,6 +19,6 @@ def get_config():
     config.train.initial = "jradar-sim-diffusion"
     config.train.update(steps=3000, learning_rate=6e-4, warmup_steps=100)
     config.train.update(checkpoint_every=200, evaluate_every=500, ema_decay=0.997)
-    config.augment.update(thin=0.3, scale=(0.7, 1.5), turn_deg=15.0)
+    config.augment.update(thin=0.3, scale=(0.7, 1.5), rotation_deg=15.0)
     config.augment.update(alone=0.08, perfect=0.05)
     return config

@@ -1,11 +1,11 @@
 """Frames changed at random in training: other sizes of rooms, directions and echoes.
 
 Radar points and LiDAR points change together, in space, as a place could: they are
-mirrored left to right, turned about the vertical axis, moved nearer or farther, or left
-to one object. Radar points alone are left out at random, or are replaced by true ones:
-a network that sees perfect points must believe them.
+mirrored left to right, rotated about the vertical axis, moved nearer or farther, or
+left to one object. Radar points alone are left out at random, or are replaced by true
+ones: a network that sees perfect points must believe them.
 
-What a turned or smaller frame would show from beyond its old view is `Unknown`.
+What a rotated or smaller frame would show from beyond its old view is `Unknown`.
 """
 
 import dataclasses
@@ -32,7 +32,7 @@ class AugmentSpec:
     mirror: bool = False  # every other frame, if the view is as wide to both sides
     thin: float = 0.0  # leave out up to this share of the radar points
     scale: tuple[float, float] = (1.0, 1.0)  # of all ranges, from and to
-    turn: float = 0.0  # up to this angle to either side, in radians
+    rotation: float = 0.0  # up to this angle to either side, in radians
     alone: float = 0.0  # probability that all but one object vanish
     perfect: float = 0.0  # probability that true points replace the radar's
 
@@ -43,14 +43,16 @@ class AugmentSpec:
                 raise ValueError(f"{name} = {getattr(self, name)}, expected 0 to 1")
         if not 0 < self.scale[0] <= self.scale[1] < math.inf:
             raise ValueError(f"scale = {self.scale}, expected 0 < lowest <= highest")
-        if not 0 <= self.turn < math.pi:
-            raise ValueError(f"turn = {self.turn}, expected 0 to less than pi radians")
+        if not 0 <= self.rotation < math.pi:
+            raise ValueError(
+                f"rotation = {self.rotation}, expected 0 to less than pi radians"
+            )
 
 
 class Unknown(NamedTuple):
     """What lies outside of the view that a changed frame was recorded with."""
 
-    turned: float = 0.0  # by this angle, in radians, to the left
+    rotated: float = 0.0  # by this angle, in radians, to the left
     scaled: float = 1.0  # beyond this share of the greatest range
 
     def marked(
@@ -61,7 +63,7 @@ class Unknown(NamedTuple):
         `azimuth` is the image's view in radians.
         """
         columns = image.shape[1]
-        moved = round(self.turned * columns / (azimuth[1] - azimuth[0]))
+        moved = round(self.rotated * columns / (azimuth[1] - azimuth[0]))
         hidden = np.zeros(columns, bool)
         hidden[: max(moved, 0)] = True
         hidden[columns + min(moved, 0) :] = True
@@ -84,11 +86,11 @@ def augmented(
         frame = frame._replace(radar=frame.radar._replace(valid=valid))
     if spec.mirror and random.random() < 0.5:
         frame = moved(frame, np.diag([1.0, -1.0, 1.0]))
-    if spec.turn:
-        angle = random.uniform(-spec.turn, spec.turn)
+    if spec.rotation:
+        angle = random.uniform(-spec.rotation, spec.rotation)
         cosine, sine = math.cos(angle), math.sin(angle)
-        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-        frame, unknown = moved(frame, turn), unknown._replace(turned=angle)
+        matrix = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        frame, unknown = moved(frame, matrix), unknown._replace(rotated=angle)
     if spec.scale != (1.0, 1.0):
         factor = math.exp(random.uniform(*np.log(spec.scale)))
         frame = moved(frame, factor * np.eye(3))

@@ -39,7 +39,7 @@ class EvidenceUNet(UNet):
 
     azimuth, elevation, max_range_m, codec
                          view of the images, in radians and metres, and the range code
-    anchors              components that each pixel gets beside those of the trunk; no
+    anchors              components that join those of the trunk in each pixel; no
                          parameter depends on it
     evidence_channels    width of the second way
     """

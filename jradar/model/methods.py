@@ -96,7 +96,7 @@ def likeliest_range(
     """Return the range whose window of +- `window_m` holds the most probability.
 
     The confidence is that probability times the probability of a return. The windows
-    around the first TRIED components' centres are tried, and two beside the best.
+    around the first TRIED components' centres are tried, and two next to the best.
     """
     view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
     inside = window_mass(mixture)

@@ -41,10 +41,10 @@ def test_a_mirrored_frame_gives_the_mirrored_images():
     assert 3 < sum(turned) < 17
 
 
-def test_a_turned_frame_moves_along_the_columns_and_leaves_the_unknown():
-    plain, found = pair_of(FRAME).lidar, drawn(turn=0.5).lidar
-    _, unknown = augmented(FRAME, random(), AugmentSpec(turn=0.5))
-    columns = round(unknown.turned * 32)
+def test_a_rotated_frame_moves_along_the_columns_and_leaves_the_unknown():
+    plain, found = pair_of(FRAME).lidar, drawn(rotation=0.5).lidar
+    _, unknown = augmented(FRAME, random(), AugmentSpec(rotation=0.5))
+    columns = round(unknown.rotated * 32)
     assert abs(columns) > 3
     hidden = (found == -1).all(0)
     assert hidden.sum() == abs(columns) and not (found[:, ~hidden] == -1).any()
@@ -125,7 +125,7 @@ def test_batches_of_changed_frames_depend_on_the_seed():
         ({"alone": -1.0}, "alone = -1.0"),
         ({"perfect": 2.0}, "perfect = 2.0"),
         ({"scale": (2.0, 1.0)}, "scale = "),
-        ({"turn": -0.1}, "turn = -0.1"),
+        ({"rotation": -0.1}, "rotation = -0.1"),
     ],
 )
 def test_impossible_changes_are_refused(wrong, words):
