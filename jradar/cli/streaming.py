@@ -37,11 +37,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
             stack.callback(emulator.close)
         _tell("compiling ..")
         session = stream.run_session(
-            receiver,
-            processor,
-            writers,
-            emulator=emulator,
-            **_of_session(options),
+            receiver, processor, writers, emulator=emulator, **_of_session(options)
         )
     return {
         "radar": recording.radar.spec.name,

@@ -38,8 +38,5 @@ from jradar.data.records import (
     Records as Records,
     is_records as is_records,
 )
-from jradar.data.sources import (
-    find_sources as find_sources,
-    scene as scene,
-)
+from jradar.data.sources import find_sources as find_sources, scene as scene
 from jradar.data.spec import PrepareSpec as PrepareSpec

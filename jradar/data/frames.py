@@ -10,13 +10,7 @@ from jaxtyping import Array, Float, Inexact, Int
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSpec, LidarSteps, aligned, interpolate_poses, preprocess
-from jradar.radar import (
-    Cells,
-    Radar,
-    all_cells,
-    cell_points,
-    detect,
-)
+from jradar.radar import Cells, Radar, all_cells, cell_points, detect
 from jradar.recordings.recording import Recording, Stream
 from jradar.types import PointCloud
 

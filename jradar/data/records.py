@@ -25,13 +25,7 @@ from jaxtyping import Float
 
 from jradar.errors import optional, parsing
 from jradar.fields import typed_fields
-from jradar.files import (
-    DISK_FULL,
-    atomic_path,
-    inside,
-    read_json,
-    write_text,
-)
+from jradar.files import DISK_FULL, atomic_path, inside, read_json, write_text
 from jradar.lidar import LidarSpec
 from jradar.radar import Cells, PointSpec, RadarSpec
 from jradar.recordings.recording import Stream

@@ -51,9 +51,7 @@ def _processes(workers: int) -> Iterator[concurrent.futures.Executor]:
     """
     others = {*multiprocessing.active_children()}
     pool = concurrent.futures.ProcessPoolExecutor(
-        workers,
-        multiprocessing.get_context("spawn"),
-        initializer=_begin,
+        workers, multiprocessing.get_context("spawn"), initializer=_begin
     )
     try:
         yield pool

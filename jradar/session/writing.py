@@ -15,13 +15,7 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.model import Model
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    azimuth_map,
-    point_deviations,
-    range_doppler,
-)
+from jradar.radar import PointSpec, Radar, azimuth_map, point_deviations, range_doppler
 from jradar.range_image import ImageSpec
 from jradar.recordings import (
     CLOUD_WRITERS,

@@ -91,11 +91,7 @@ class Setting(NamedTuple):
 
 
 def make_setting(
-    family: str,
-    seed: int,
-    *,
-    sensor: str = "single_chip",
-    unit: UnitSpec | None = None,
+    family: str, seed: int, *, sensor: str = "single_chip", unit: UnitSpec | None = None
 ) -> Setting:
     """Return the scene of a family and seed, and its radars.
 

@@ -47,10 +47,7 @@ SIX = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
 SEEN = (*SIX, "home")
 EIGHT = (*SEEN, "forest")
 UNSEEN = "warehouse"
-TEST: Splits = {
-    "validation": tuple(range(100, 116)),
-    "test": tuple(range(200, 392)),
-}
+TEST: Splits = {"validation": tuple(range(100, 116)), "test": tuple(range(200, 392))}
 MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
 ROBUST: Splits = {"test": tuple(range(200, 204))}
 

@@ -24,13 +24,7 @@ LEAST_BUFFER, MOST_BUFFER = 1 << 20, 1 << 30  # bytes of the socket's buffer
 class Receiver:
     """Frames of the card in `network`; a `with` block starts and ends the thread."""
 
-    def __init__(
-        self,
-        frame_bytes: int,
-        network: NetworkSpec,
-        *,
-        waiting: int = 1,
-    ):
+    def __init__(self, frame_bytes: int, network: NetworkSpec, *, waiting: int = 1):
         """Bind the data port; OSError if it is taken.
 
         At most `waiting` frames wait to be taken.

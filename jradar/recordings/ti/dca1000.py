@@ -28,11 +28,7 @@ from jradar.recordings.descriptions import (
     read_description,
 )
 from jradar.recordings.recording import Format, Recording, Stream
-from jradar.recordings.ti.iq_order import (
-    advise_iq_order,
-    check_iq_order,
-    cube_of_words,
-)
+from jradar.recordings.ti.iq_order import advise_iq_order, check_iq_order, cube_of_words
 from jradar.recordings.ti.packets import (
     PAYLOAD,
     Files,

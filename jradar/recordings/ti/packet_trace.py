@@ -69,12 +69,7 @@ def open_packet_trace(
     count = packets.size // frame_bytes
     first = np.searchsorted(packets.end, np.arange(count) * frame_bytes, "right")
     recording = recording_of_samples(
-        path,
-        path.stem,
-        packets,
-        described,
-        allow_partial=True,
-        stamps=times[first],
+        path, path.stem, packets, described, allow_partial=True, stamps=times[first]
     )
     return recording._replace(notes=(*notes, *recording.notes))
 

@@ -86,9 +86,7 @@ def column_of(cosine: Float[np.ndarray, "*batch"]) -> Int[np.ndarray, "*batch"]:
 
 
 def line_of_sight(
-    sight: Sight,
-    start: Float[np.ndarray, "*ray 3"],
-    end: Float[np.ndarray, "ray 3"],
+    sight: Sight, start: Float[np.ndarray, "*ray 3"], end: Float[np.ndarray, "ray 3"]
 ) -> tuple[Float[np.ndarray, " ray"], Bool[np.ndarray, " ray"]]:
     """Return the share of the power that reaches `end`, and whether a surface is there.
 
