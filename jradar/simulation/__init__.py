@@ -11,7 +11,7 @@
     SimulationPlan              a scene or a set to write, its size and its time
 
     scenes/     geometry, layouts, maps to surfaces, materials, rays, hand-held motion
-    paths/      echoes, mirrors, ghosts; bounces, wind and diffuse echoes of units
+    paths/      echoes, mirrors, ghosts; bounces and clutter of units
     hardware/   channels, leakage, filters, I and Q, phase noise
 
 Not modelled: diffraction, limbs that swing, wrong stamps (5 ms at walking pace would be

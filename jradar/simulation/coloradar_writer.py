@@ -16,22 +16,12 @@ from jaxtyping import Complex, Float
 
 from jradar.files import atomic_folder
 from jradar.radar import RadarSpec
+from jradar.recordings.coloradar.calib import FIELDS
 from jradar.simulation.hardware.hardware import Hardware, channel_factors
 from jradar.simulation.rig import EXTRINSICS, described_mount
 from jradar.simulation.units import UnitSpec
 
-WAVEFORM = {  # key in the file: field of RadarSpec
-    "num_rx": "num_rx",
-    "num_tx": "num_tx",
-    "num_adc_samples_per_chirp": "num_samples",
-    "num_chirps_per_frame": "num_chirps",
-    "adc_sample_frequency": "sample_rate_hz",
-    "start_frequency": "start_frequency_hz",
-    "idle_time": "idle_time_s",
-    "adc_start_time": "adc_start_time_s",
-    "ramp_end_time": "ramp_end_time_s",
-    "frequency_slope": "slope_hz_per_s",
-}
+WAVEFORM = {"num_rx": "num_rx", "num_tx": "num_tx", **FIELDS}  # keys and fields
 IN_CALIB = ("single_chip", "cascade", "lidar", "imu")
 NOTE = "simulated.txt"
 CALIBRATED_AT_BIN = 100.0  # of the phase calibration's target

@@ -27,7 +27,7 @@ from jradar.simulation.hardware.hardware import (
     make_unit_hardware,
     sample_frame,
 )
-from jradar.simulation.paths.diffuse import diffuse_clutter
+from jradar.simulation.paths.clutter import diffuse_clutter
 from jradar.simulation.paths.line_of_sight import joined
 from jradar.simulation.paths.propagation import radar_paths
 from jradar.simulation.paths.reflectors import Reflectors, find_reflectors

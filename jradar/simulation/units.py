@@ -5,8 +5,8 @@ they were calibrated, how it is mounted and carried, and what disturbs it. The d
 is the unit of `jradar-sim-1`. `draw_unit` draws a unit from a population. `SHIFTS`
 names the units of the robustness set; the population contains none of their boards.
 Population 1 is that of `jradar-sim-2` and `jradar-sim-3`. Population 2, of
-`jradar-sim-4`, adds other chirps (`waveforms`), reflections by way of the floor and
-between walls (`bounces`), moving leaves (`wind`) and receivers that clip; boards,
+`jradar-sim-4`, adds other chirps (`WAVEFORMS`), reflections by way of the floor and
+between walls (`bounces`), moving leaves (`clutter`) and receivers that clip; boards,
 mounts, speeds and clutter spread more widely.
 
 The spreads are those of the boards and captures at hand: phases of channels that TI's
@@ -22,14 +22,27 @@ from typing import Any
 import numpy as np
 
 from jradar.radar import RadarSpec
-from jradar.simulation.waveforms import (
-    WAVEFORM_NAMES,
-    WAVEFORM_SHARES,
-    WAVEFORMS,
-    named_waveform,
-)
 
 FIRST_SHIFT = 1 << 20  # boards of the robustness set; the population's lie below
+WAVEFORM_FIELDS = ("num_chirps", "num_samples", "slope_hz_per_s", "sample_rate_hz",
+                   "idle_time_s", "ramp_end_time_s")  # fmt: skip
+# Share of units, and WAVEFORM_FIELDS; None where they are ColoRadar's. They are of the
+# kind that TI's SDK and published .cfg files for the AWR1843 set: range bins of 4.4 to
+# 12.5 cm, ranges of 9 to 16 m. They are few because each is compiled once.
+WAVEFORMS = {
+    "coloradar": (0.52, None, None, None, None, None, None),
+    "96-chirps": (0.08, 96, None, 80e12, 5e6, 30e-6, 40e-6),
+    "255-chirps": (0.06, 255, None, None, None, 40e-6, None),
+    "long-chirps": (0.1, None, None, 60e12, 5e6, 60e-6, 40e-6),
+    "slow-slope": (0.08, None, None, 40e12, 4e6, 20e-6, 44e-6),
+    "fine-range": (0.08, 64, 256, 72e12, 5.4e6, 150e-6, 55e-6),
+    "fine-range-quick": (0.08, 64, 256, 79e12, 8e6, 20e-6, 42e-6),
+}
+# Of the robustness set: TI's 3-D example for the AWR1843 (`1843_3d.cfg` of its ROS
+# driver), with 16 chirps.
+UNSEEN = {"ti-3d": (0.0, 16, 256, 70e12, 5.209e6, 267e-6, 57.14e-6)}
+WAVEFORM_NAMES = tuple(WAVEFORMS)
+WAVEFORM_SHARES = [share for share, *_ in WAVEFORMS.values()]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,6 +102,18 @@ class UnitSpec:
             for k, field in enumerate(fields)
             if k < later or getattr(self, field.name) != field.default
         }
+
+
+def named_waveform(name: str) -> dict[str, Any]:
+    """Return the fields of a `RadarSpec` by which a waveform differs from ColoRadar's.
+
+    Raises ValueError for an unknown name.
+    """
+    known = WAVEFORMS | UNSEEN
+    if name not in known:
+        raise ValueError(f"waveform {name!r}, expected one of {', '.join(known)}")
+    fields = zip(WAVEFORM_FIELDS, known[name][1:], strict=True)
+    return {field: value for field, value in fields if value is not None}
 
 
 def draw_unit(seed: int, *, population: int = 1) -> UnitSpec:

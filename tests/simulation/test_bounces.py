@@ -10,10 +10,10 @@ from jradar.simulation.paths.bounces import (
     floor_share,
     is_floor,
 )
+from jradar.simulation.paths.clutter import beta, foliage_velocity, standing_ratio
 from jradar.simulation.paths.line_of_sight import Paths, Sight, surface_tables
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.propagation import radar_paths
-from jradar.simulation.paths.wind import beta, foliage_velocity, standing_ratio
 from jradar.simulation.rig import Viewpoint
 from jradar.simulation.scenes.scene import placements
 from jradar.simulation.scenes.solids import box, moved, sheet, slab

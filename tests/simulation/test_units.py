@@ -14,7 +14,7 @@ from jradar.recordings import open_recording
 from jradar.simulation import make_setting, simulate_sequence
 from jradar.simulation.hardware.front_end import distort, make_front_end, phase_drift
 from jradar.simulation.hardware.hardware import make_unit_hardware, sample_frame
-from jradar.simulation.paths.diffuse import CELL_M, diffuse_clutter
+from jradar.simulation.paths.clutter import CELL_M, diffuse_clutter
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.propagation import Paths
 from jradar.simulation.rig import Viewpoint, described_mount
@@ -24,11 +24,12 @@ from jradar.simulation.units import (
     FIRST_SHIFT,
     LATER_SHIFTS,
     SHIFTS,
+    WAVEFORM_SHARES,
+    WAVEFORMS,
     UnitSpec,
     draw_unit,
     shifted_unit,
 )
-from jradar.simulation.waveforms import WAVEFORM_SHARES, WAVEFORMS
 
 RADAR = RadarSpec.awr1843()
 FIRST = (401778, 0, True, 13.639520305235212, 5.417872029960084, 1.7381923674469104)

@@ -21,16 +21,16 @@ from jradar.radar import RadarSpec
 from jradar.radar.devices import CASCADE
 from jradar.recordings.text_files import radar_of
 
-# Keys of the waveform file and fields of the radar, all in SI units.
+# Keys of a waveform file and the fields of a radar, all in SI units.
 FIELDS = {
     "num_adc_samples_per_chirp": "num_samples",
     "num_chirps_per_frame": "num_chirps",
     "adc_sample_frequency": "sample_rate_hz",
     "start_frequency": "start_frequency_hz",
-    "frequency_slope": "slope_hz_per_s",
     "idle_time": "idle_time_s",
     "adc_start_time": "adc_start_time_s",
     "ramp_end_time": "ramp_end_time_s",
+    "frequency_slope": "slope_hz_per_s",
 }
 COUNTS = ("num_tx", "num_rx", "num_adc_samples_per_chirp", "num_chirps_per_frame")
 

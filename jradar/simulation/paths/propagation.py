@@ -21,6 +21,7 @@ from jradar.simulation.paths.bounces import (
     is_floor,
     mirrored_paths,
 )
+from jradar.simulation.paths.clutter import foliage_velocity
 from jradar.simulation.paths.line_of_sight import (
     COSINES,
     NO_PATHS,
@@ -33,7 +34,6 @@ from jradar.simulation.paths.line_of_sight import (
 )
 from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.reflectors import Reflectors
-from jradar.simulation.paths.wind import foliage_velocity
 from jradar.simulation.rig import viewpoint
 from jradar.simulation.scenes.materials import MATERIAL_IDS
 from jradar.simulation.scenes.scene import NUDGE_M, Scene, placements

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jradar.simulation.scenes.solids import Solid, box, join, moved, pole, posts
+from jradar.simulation.scenes.solids import Solid, box, boxes, join, moved, pole, posts
 
 
 def pick(random: np.random.Generator, makers: list[Callable]) -> Callable:
@@ -25,9 +25,8 @@ def cabinet(random: np.random.Generator) -> Solid:
 
 def bench(random: np.random.Generator) -> Solid:
     """Return a bench of wood on two legs of metal."""
-    seat = moved(box((1.3, 0.4, 0.05), "wood"), (0, 0, 0.43))
-    legs = posts((0.05, 0.35, 0.43), "metal", (-0.5, 0.5), (0,))
-    return join([seat, *legs])
+    seat = boxes("wood", ((1.3, 0.4, 0.05), (0, 0, 0.43)))
+    return join(seat + posts((0.05, 0.35, 0.43), "metal", (-0.5, 0.5), (0,)))
 
 
 def waste_bin(random: np.random.Generator) -> Solid:
@@ -38,66 +37,49 @@ def waste_bin(random: np.random.Generator) -> Solid:
 def table(random: np.random.Generator) -> Solid:
     """Return a table with a screen on it."""
     width = random.uniform(1.2, 1.8)
-    top = moved(box((width, 0.75, 0.03), "wood"), (0, 0, 0.71))
+    top = boxes("wood", ((width, 0.75, 0.03), (0, 0, 0.71)))
     x = width / 2 - 0.05
     legs = posts((0.04, 0.04, 0.71), "metal", (-x, x), (-0.33, 0.33))
-    screen = moved(
-        box((0.55, 0.03, 0.35), "plastic"), (random.uniform(-0.3, 0.3), 0.2, 0.85)
-    )
-    return join([top, *legs, screen])
+    place = (random.uniform(-0.3, 0.3), 0.2, 0.85)
+    return join(top + legs + boxes("plastic", ((0.55, 0.03, 0.35), place)))
 
 
 def shelf(random: np.random.Generator) -> Solid:
     """Return a shelf of metal with boxes in it."""
     height = random.uniform(1.4, 2.1)
-    boards = [
-        moved(box((0.9, 0.35, 0.03), "metal"), (0, 0, z))
-        for z in np.linspace(0.1, height, 5)
-    ]
+    levels = np.linspace(0.1, height, 5)
+    boards = boxes("metal", *(((0.9, 0.35, 0.03), (0, 0, z)) for z in levels))
     frame = posts((0.04, 0.04, height), "metal", (-0.43, 0.43), (-0.15, 0.15))
-    boxes = [
-        moved(
-            box((random.uniform(0.2, 0.5), 0.25, 0.25), "wood"),
-            (random.uniform(-0.25, 0.25), 0, z + 0.03),
-        )
-        for z in np.linspace(0.1, height, 5)[:-1]
-    ]
-    return join([*boards, *frame, *boxes])
+    for z in levels[:-1]:
+        size = (random.uniform(0.2, 0.5), 0.25, 0.25)
+        frame += boxes("wood", (size, (random.uniform(-0.25, 0.25), 0, z + 0.03)))
+    return join(boards + frame)
 
 
 def chair(random: np.random.Generator) -> Solid:
     """Return a chair on one leg."""
-    parts = [
-        moved(box((0.45, 0.45, 0.05), "plastic"), (0, 0, 0.43)),
-        moved(box((0.05, 0.42, 0.5), "plastic"), (-0.22, 0, 0.48)),
-        pole(0.03, 0.43, "metal", sides=8),
-        moved(box((0.5, 0.06, 0.04), "metal"), (0, 0, 0.02)),
-    ]
-    return join(parts)
+    back = ((0.05, 0.42, 0.5), (-0.22, 0, 0.48))
+    seat = boxes("plastic", ((0.45, 0.45, 0.05), (0, 0, 0.43)), back)
+    foot = boxes("metal", ((0.5, 0.06, 0.04), (0, 0, 0.02)))
+    return join([*seat, pole(0.03, 0.43, "metal", sides=8), *foot])
 
 
 def sofa(random: np.random.Generator) -> Solid:
     """Return a sofa whose back is at its right side, -y."""
     width = random.uniform(1.5, 2.2)
-    return join(
-        [
-            moved(box((width, 0.75, 0.42), "wood"), (0, 0, 0)),
-            moved(box((width, 0.2, 0.4), "wood"), (0, -0.3, 0.42)),
-            *posts((0.18, 0.75, 0.2), "wood", (-width / 2, width / 2), (0,), z=0.42),
-        ]
-    )
+    back = ((width, 0.2, 0.4), (0, -0.3, 0.42))
+    seat = boxes("wood", ((width, 0.75, 0.42), (0, 0, 0)), back)
+    x = width / 2
+    return join(seat + posts((0.18, 0.75, 0.2), "wood", (-x, x), (0,), z=0.42))
 
 
 def bed(random: np.random.Generator) -> Solid:
     """Return a bed with a board at its head, -y."""
     width = random.uniform(0.9, 1.6)
-    return join(
-        [
-            moved(box((width, 1.9, 0.3), "wood"), (0, 0, 0.1)),
-            moved(box((width - 0.1, 1.85, 0.15), "plastic"), (0, 0, 0.4)),
-            moved(box((width, 0.05, 0.9), "wood"), (0, -0.97, 0)),
-        ]
-    )
+    frame = boxes("wood", ((width, 1.9, 0.3), (0, 0, 0.1)))
+    mattress = boxes("plastic", ((width - 0.1, 1.85, 0.15), (0, 0, 0.4)))
+    board = boxes("wood", ((width, 0.05, 0.9), (0, -0.97, 0)))
+    return join(frame + mattress + board)
 
 
 def wardrobe(random: np.random.Generator) -> Solid:
@@ -108,15 +90,12 @@ def wardrobe(random: np.random.Generator) -> Solid:
 def counter(random: np.random.Generator) -> Solid:
     """Return a kitchen's counter: cupboards, a worktop, an oven and a fridge."""
     width = random.uniform(1.2, 1.8)
-    return join(
-        [
-            box((width, 0.58, 0.86), "wood"),
-            moved(box((width, 0.62, 0.04), "wood"), (0, 0, 0.86)),
-            moved(box((0.6, 0.02, 0.6), "metal"), (-width / 4, 0.31, 0.2)),
-            moved(box((0.5, 0.4, 0.02), "metal"), (width / 4, 0, 0.9)),
-            moved(box((0.6, 0.6, 1.7), "metal"), (width / 2 + 0.32, 0, 0)),
-        ]
-    )
+    top = ((width, 0.62, 0.04), (0, 0, 0.86))
+    cupboards = boxes("wood", ((width, 0.58, 0.86), (0, 0, 0)), top)
+    oven = ((0.6, 0.02, 0.6), (-width / 4, 0.31, 0.2))
+    hob = ((0.5, 0.4, 0.02), (width / 4, 0, 0.9))
+    fridge = ((0.6, 0.6, 1.7), (width / 2 + 0.32, 0, 0))
+    return join(cupboards + boxes("metal", oven, hob, fridge))
 
 
 def rack_bay(

@@ -30,7 +30,7 @@ from jradar.simulation.scenes.furniture import (
     wardrobe,
 )
 from jradar.simulation.scenes.scene import make_body
-from jradar.simulation.scenes.solids import box, join, moved, person, posts, wall
+from jradar.simulation.scenes.solids import box, boxes, join, moved, person, posts, wall
 from jradar.simulation.scenes.trajectory import walk
 
 LANE_M = 1.15  # from the walls of a living room to the way through it
@@ -131,14 +131,12 @@ def warehouse(random: np.random.Generator):
 
 
 def _forklift():
-    """Return a forklift that faces x: body, counterweight, roof, mast and forks."""
-    return join(
-        [
-            moved(box((1.9, 1.1, 0.7), "metal"), (-0.2, 0, 0.15)),
-            moved(box((0.5, 1.1, 0.5), "metal"), (-0.95, 0, 0.6)),
-            moved(box((1.3, 1.0, 0.05), "metal"), (-0.15, 0, 2.1)),
-            moved(box((0.12, 0.8, 2.2), "metal"), (0.8, 0, 0.05)),
-            *posts((0.06, 0.06, 1.3), "metal", (-0.7, 0.4), (-0.45, 0.45), z=0.8),
-            *posts((1.0, 0.12, 0.05), "metal", (1.3,), (-0.3, 0.3), z=0.1),
-        ]
+    """Return a forklift that faces x."""
+    body, weight = (
+        ((1.9, 1.1, 0.7), (-0.2, 0, 0.15)),
+        ((0.5, 1.1, 0.5), (-0.95, 0, 0.6)),
     )
+    roof, mast = ((1.3, 1.0, 0.05), (-0.15, 0, 2.1)), ((0.12, 0.8, 2.2), (0.8, 0, 0.05))
+    pillars = posts((0.06, 0.06, 1.3), "metal", (-0.7, 0.4), (-0.45, 0.45), z=0.8)
+    forks = posts((1.0, 0.12, 0.05), "metal", (1.3,), (-0.3, 0.3), z=0.1)
+    return join(boxes("metal", body, weight, roof, mast) + pillars + forks)

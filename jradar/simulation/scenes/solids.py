@@ -60,6 +60,11 @@ def box(size: Numbers, material: str) -> Solid:
     return of_mesh(mesh, material)
 
 
+def boxes(material: str, *rows: tuple[Numbers, Numbers]) -> list[Solid]:
+    """Return boxes of one material, each of a size and standing at x, y and z."""
+    return [moved(box(size, material), xyz) for size, xyz in rows]
+
+
 def posts(
     size: Numbers, material: str, xs: Numbers, ys: Numbers, *, z: float = 0.0
 ) -> list[Solid]:
