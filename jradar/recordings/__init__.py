@@ -19,7 +19,6 @@ Each format has a module, with its layout at the top. `recording` explains how t
 one.
 """
 
-from jradar.recordings.background import without_background as without_background
 from jradar.recordings.bags.radar_clouds import (
     RadarClouds as RadarClouds,
     holds_radar_clouds as holds_radar_clouds,
@@ -47,6 +46,7 @@ from jradar.recordings.frame_recorder import FrameRecorder as FrameRecorder
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,
+    without_background as without_background,
 )
 from jradar.recordings.radar_toml import write_radar_toml as write_radar_toml
 from jradar.recordings.recording import (

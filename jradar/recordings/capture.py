@@ -40,8 +40,7 @@ from jaxtyping import Float
 from jradar.errors import UsageError
 from jradar.files import inside
 from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_transform
-from jradar.recordings.bags.bags import open_bag
-from jradar.recordings.bags.imu import open_imu
+from jradar.recordings.bags.bags import open_bag, open_imu
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME
 from jradar.recordings.recording import Format, Recording, Stream, clocks_apart
 from jradar.recordings.text_files import check_names, read_frame_times, read_tum, toml

@@ -1,4 +1,7 @@
-"""`open_recording`: the first of `READERS` that matches a path reads it."""
+"""`open_recording`: the first of `READERS` that matches a path reads it.
+
+`without_background` changes what was opened.
+"""
 
 import dataclasses
 from pathlib import Path
@@ -7,6 +10,7 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.files import open_file
+from jradar.radar import static_background, subtract_background
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
 from jradar.recordings.bags.radar_clouds import holds_radar_clouds
@@ -102,4 +106,29 @@ def _frames_as_chirps(recording: Recording) -> Recording:
         cubes=Stream(lambda _: np.concatenate([*frames], axis=2), 1),
         lost_bytes=None if lost is None else lost.sum(keepdims=True),
         notes=(*recording.notes, f"{len(frames)} frames were taken as chirps of one"),
+    )
+
+
+def without_background(recording: Recording, frames: slice) -> Recording:
+    """Return the recording of a radar that stands still without what stands still.
+
+    The background is the mean of `frames`; it contains the leakage, which is dropped.
+    Raises UsageError if the recording has none of the frames.
+    """
+    cubes, chosen = recording.cubes, range(*frames.indices(len(recording.cubes)))
+    if not chosen:
+        raise UsageError(
+            f"no background in frames {frames.start or 0} and later: {recording.path} "
+            f"has frames 0 to {len(cubes) - 1}"
+        )
+    background = static_background(cubes[i] for i in chosen)
+
+    def read(frame: int) -> np.ndarray:
+        return np.asarray(subtract_background(cubes[frame], background))
+
+    note = f"the mean of frames {chosen[0]} to {chosen[-1]} is subtracted as background"
+    return recording._replace(
+        cubes=Stream(read, len(cubes), cubes.stamps, cubes.notes),
+        radar=dataclasses.replace(recording.radar, leakage=None),
+        notes=(*recording.notes, note),
     )

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, Inexact, Int
 
 from jradar.errors import UsageError
-from jradar.lidar import Poses, transform
+from jradar.lidar import Poses, returns, transform
 from jradar.radar import Radar
 
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
@@ -126,8 +126,7 @@ def nearest_scan(
     if apart.min() > tolerance_s:
         return None
     xyz = lidar[int(apart.argmin())][:, :3]
-    kept = np.isfinite(xyz).all(1) & (xyz != 0).any(1)
-    return transform(move, xyz[kept])
+    return transform(move, xyz[returns(xyz)])
 
 
 def clocks_apart(

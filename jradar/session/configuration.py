@@ -4,7 +4,6 @@ The limits are those of TI's chips in the demo of the mmWave SDK, and of the DCA
 The demo keeps one frame in the chip's memory even if it only sends the samples.
 """
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 from jradar.model import load_model, shipped_models
 from jradar.radar import RadarSpec
 from jradar.recordings import describe_radar, read_description
+from jradar.recordings.ti.dca1000 import bytes_of_frame
 from jradar.session.warnings import of_radar
 
 MOST_DUTY = 50.0  # % of the time in which a transmitter is on
@@ -67,7 +67,9 @@ def board_checks(radar: RadarSpec) -> Iterator[Check]:
     yield Check("bandwidth (GHz)", sweep_hz / 1e9, MOST_BANDWIDTH_GHZ)
     yield Check("end of the ramp (GHz)", end_ghz, 64.0 if end_ghz < 70 else 81.0)
     if not radar.real_samples:  # of whose chip the memory is not known
-        yield Check("frame in memory (KiB)", frame_bytes(radar) / 1024, MOST_FRAME_KIB)
+        yield Check(
+            "frame in memory (KiB)", bytes_of_frame(radar) / 1024, MOST_FRAME_KIB
+        )
     if period_s := radar.frame_period_s:
         busy_s = chirps * (radar.idle_time_s + radar.ramp_end_time_s)
         sending_s = chirps * radar.ramp_end_time_s
@@ -76,14 +78,9 @@ def board_checks(radar: RadarSpec) -> Iterator[Check]:
         yield Check("link (Mbit/s)", link_mbps(radar), _card_mbps(SHORTEST_DELAY_S))
 
 
-def frame_bytes(radar: RadarSpec) -> int:
-    """Return the bytes of a frame's samples: 4 of a complex one, 2 of a real one."""
-    return math.prod(radar.cube_shape) * (2 if radar.real_samples else 4)
-
-
 def link_mbps(radar: RadarSpec) -> float:
     """Return the megabits of samples in a second, at the radar's frame period."""
-    return 8e-6 * frame_bytes(radar) / radar.frame_period_s
+    return 8e-6 * bytes_of_frame(radar) / radar.frame_period_s
 
 
 def _card_mbps(delay_s: float) -> float:

@@ -16,8 +16,7 @@ from jradar.evaluation import read_scores, save_clouds, write_scores
 from jradar.evaluation.report import load_clouds
 from jradar.model import load_model, save_model
 from jradar.recordings import describe, open_recording
-from jradar.recordings.bags.bags import bag_topics, open_bag
-from jradar.recordings.bags.imu import open_imu
+from jradar.recordings.bags.bags import bag_topics, open_bag, open_imu
 from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.descriptions import read_description
 from jradar.recordings.text_files import read_tum

@@ -1,15 +1,17 @@
-"""LiDAR clouds in ROS bags, through the package `rosbags`; no ROS is needed.
+"""LiDAR clouds and IMUs in ROS bags, through the package `rosbags`; no ROS is needed.
 
     recording.bag                     ROS 1
     folder with metadata.yaml         ROS 2, SQLite or MCAP; or a single .db3 or .mcap
 
-`messages` lists the types of messages that hold clouds.
+`messages` lists the types of messages that hold clouds. An IMU that lies still with z
+upwards measures a specific force of +9.81 m/s^2 along z.
 """
 
 import contextlib
 import functools
 import itertools
 import os
+import struct
 import threading
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
@@ -20,14 +22,24 @@ from jaxtyping import Float
 
 from jradar.errors import UsageError, optional
 from jradar.files import open_file
-from jradar.recordings.bags.messages import NS, decode_cloud, is_cloud_type, stamp_ns
+from jradar.recordings.bags.messages import (
+    NS,
+    decode_cloud,
+    decode_imu,
+    is_cloud_type,
+    stamp_ns,
+)
 from jradar.recordings.bags.unpacking import limit_rosbags
-from jradar.recordings.recording import Stream
+from jradar.recordings.recording import Imu, Stream
 
 INTENSITIES = ("intensity", "reflectivity", "i")
 LAST_NS = 1 << 62  # a later time is damaged
 MOST_METADATA = 1 << 20  # bytes of a ROS 2 bag's metadata.yaml
 OTHER_CLOCK_S = 10.0  # a larger offset between two clocks is reported
+IMU = "sensor_msgs/msg/Imu"
+RATE, FORCE = slice(13, 16), slice(25, 28)  # of the numbers of a message
+STANDARD_GRAVITY = 9.80665
+MOST_IN_G = 3.0  # a smaller mean of |force| is in units of gravity: Livox's IMUs
 READING = threading.Lock()  # all streams of a bag share its file position
 
 
@@ -146,6 +158,35 @@ def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
     """
     name, kind = topic_of(path, topic, is_cloud_type, "clouds")
     return LidarStream(Path(path), name, kind)
+
+
+def open_imu(
+    path: Path | str, *, topic: str | None = None
+) -> tuple[Imu, tuple[str, ...]]:
+    """Return the IMU in a bag, and notes on it.
+
+    `topic` is optional if only one holds sensor_msgs/Imu; of several records at one
+    time the first is kept. Errors as in `open_bag`.
+    """
+    topic, _ = topic_of(path, topic, IMU.__eq__, IMU)
+    path = Path(path)
+    decode = functools.partial(decode_imu, is_ros1=path.suffix == ".bag")
+    stream = TopicStream(path, topic, decode, sensor="IMU")
+    notes = stream.notes
+    try:
+        table = np.array([decode(raw) for *_, raw in messages(path, topic)])
+    except struct.error as error:
+        raise ValueError(f"{path}: a message of {topic} is cut off: {error}") from error
+    if not len(table):
+        raise ValueError(f"{path}: no messages on {topic}")
+    if not np.isfinite(table[:, [*range(37)[RATE], *range(37)[FORCE]]]).all():
+        raise ValueError(f"{path}: {topic} holds NaN or infinite numbers")
+    force, rate = table[:, FORCE], table[:, RATE]
+    if np.median(np.linalg.norm(force, axis=1)) < MOST_IN_G:
+        force = force * STANDARD_GRAVITY
+        notes += (f"{topic}: accelerations are in g, and are converted to m/s^2",)
+    times, order = np.unique(np.asarray(stream.stamps), return_index=True)
+    return Imu(times, force[order], rate[order]), notes
 
 
 def topic_of(

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.errors import UsageError
-from jradar.recordings.bags.bags import LidarStream, bag_topics
-from jradar.recordings.bags.imu import KIND as IMU, open_imu
+from jradar.recordings.bags.bags import IMU, LidarStream, bag_topics, open_imu
 from jradar.recordings.bags.messages import is_cloud_type
 from jradar.recordings.bags.raw import READER as RAW, SUFFIXES
 from jradar.recordings.recording import Imu, Poses

@@ -7,13 +7,24 @@ from jaxtyping import Float
 
 from jradar.errors import UsageError, parsing
 from jradar.files import open_file
-from jradar.recordings.clouds.pcd import read_pcd
-from jradar.recordings.clouds.ply import read_ply
+from jradar.recordings.clouds.pcd import (
+    MAX_HEADER,
+    binary_points,
+    read_pcd,
+    text_points,
+)
 
 MAX_BYTES = 4 << 30
 KITTI = ("x", "y", "z", "intensity")
 NUSCENES = (*KITTI, "ring")
 MOST_RINGS = 256  # lasers of a LiDAR
+PLY_TYPES = {
+    **{"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"},
+    **{"uchar": "u1", "ushort": "u2", "uint": "u4", "float32": "f4", "float64": "f8"},
+    **{"int8": "i1", "int16": "i2", "int32": "i4"},
+    **{"uint8": "u1", "uint16": "u2", "uint32": "u4"},
+}
+PLY_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
@@ -66,3 +77,40 @@ def _read_bin_columns(content: bytes) -> dict[str, np.ndarray]:
         if whole.all() and ring.any():
             return dict(zip(NUSCENES, table.T, strict=True))
     return dict(zip(KITTI, _table(content, len(KITTI)).T, strict=True))
+
+
+def read_ply(content: bytes) -> dict[str, np.ndarray]:
+    """Return the columns of the vertices of a PLY file, with all their properties.
+
+    The vertices come first, and hold numbers without lists, as in the files of all
+    programs that write clouds. Errors are ValueError, KeyError or IndexError.
+    """
+    end = content.find(b"end_header", 0, MAX_HEADER)
+    start = content.find(b"\n", end) + 1
+    if not content.startswith(b"ply") or end < 0 or not start:
+        raise ValueError("no header from `ply` to `end_header`")
+    order, elements = _ply_header(content[:end].decode("ascii", "replace"))
+    name, count, properties = elements[0]
+    if name != "vertex" or any(kind[0] == "list" for kind, _ in properties):
+        raise ValueError("expected vertices without lists as the first element")
+    vertex = np.dtype([(name, order + PLY_TYPES[kind[0]]) for kind, name in properties])
+    if not order:
+        return text_points(content, start, vertex, count, more=len(elements) > 1)
+    columns = binary_points(content, start, vertex, count)
+    return {k: v.astype(v.dtype.newbyteorder("=")) for k, v in columns.items()}
+
+
+def _ply_header(text: str) -> tuple[str, list[tuple[str, int, list]]]:
+    """Return the byte order (empty for text); name, rows, properties of elements."""
+    order, elements = None, []
+    for line in text.splitlines():
+        match line.split():
+            case ["format", form, *_]:
+                order = PLY_ORDERS[form]
+            case ["element", name, count]:
+                elements.append((name, int(count), []))
+            case ["property", *kind, name]:
+                elements[-1][2].append((kind, name))
+    if order is None:
+        raise ValueError("no line `format`")
+    return order, elements

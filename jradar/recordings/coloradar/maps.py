@@ -13,7 +13,6 @@ or one packed .npz a run: `radar_map` and `lidar_map` int16 [voxel, 3], `patch`,
 """
 
 import re
-import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +21,7 @@ import scipy  # loads `optimize` and `spatial` when they are first used
 from jaxtyping import Float, Int16, UInt8
 
 from jradar.errors import parsing
+from jradar.files import check_unpacked
 from jradar.recordings import read_cloud
 
 VOXEL_M = 0.15
@@ -113,9 +113,7 @@ def open_runs(path: Path | str) -> list[MapRun]:
 def open_run(path: Path) -> MapRun:
     """Return the run of a packed file; ValueError for a damaged one."""
     with parsing(path, f"a packed run with {', '.join(ARRAYS)}"):
-        with zipfile.ZipFile(path) as archive:
-            if (size := sum(m.file_size for m in archive.infolist())) > MAX_BYTES:
-                raise ValueError(f"it unpacks to {size:,} bytes, limit {MAX_BYTES:,}")
+        check_unpacked(path, limit=MAX_BYTES)
         with np.load(path, allow_pickle=False) as arrays:
             radar, lidar, _, *bits = (arrays[name] for name in ARRAYS)
         for voxels, packed in zip((radar, lidar), bits, strict=True):

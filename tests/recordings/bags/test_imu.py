@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
 
 from jradar.errors import UsageError  # noqa: E402
-from jradar.recordings.bags.imu import open_imu  # noqa: E402
+from jradar.recordings.bags.bags import open_imu  # noqa: E402
 from jradar.recordings.capture import open_capture  # noqa: E402
 from tests.recordings.bag_writer import IMU, START, imu, write_bag  # noqa: E402
 from tests.recordings.test_capture import (  # noqa: E402
