@@ -32,7 +32,8 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
         return jradar.session.describe_configuration(
             options.path, device=options.device
         )
-    if not (options.radar and recordings.is_recording(options.path)):
+    described = options.radar or recordings.describes_its_radar(options.path)
+    if not (described and recordings.is_recording(options.path)):
         # Bags may hold radar frames: a description of the radar asks for those.
         if (contents := recordings.describe_file(options.path)) is not None:
             return contents

@@ -19,6 +19,7 @@ PATH is a recording:
                   radar and the axes of the cube
   adc_data.bin    a capture of TI's DCA1000; --radar names the log of mmWave Studio,
                   the .cfg of the mmWave SDK or a TOML file
+  walk.mcap       of jradar record, which describes its radar
   a folder        with a capture.toml, or a ColoRadar sequence such as
                   12_21_2020_ec_hallways_run0; --radar names its calib folder if
                   that is not inside, next to or above the sequence
@@ -41,9 +42,11 @@ recording through an emulated card. jradar/stream/README.md describes the wiring
 the network."""
 RECORD_HELP = """
 
-The folder holds the samples, the time at which each frame came, and a capture.toml, to
-which the tables of a LiDAR that was recorded with it are added. Ctrl-C ends the
-recording; one that was killed is readable, too. The rest is as in `jradar live`."""
+walk.mcap is one file with the samples, the time at which each frame came, its lost
+bytes, and the radar: every command reads it without --radar. A folder holds the same in
+files, and a capture.toml, to which the tables of a LiDAR that was recorded with it are
+added. Ctrl-C ends the recording; one that was killed is readable, too. The rest is as
+in `jradar live`."""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
@@ -221,7 +224,7 @@ def _record(sub):
     groups.recording(sub)
     text = "record what an emulated card plays of this recording"
     groups.option(sub, "--replay", "RECORDING", text)
-    text = "folder of the recording, new or empty"
+    text = "a new file .mcap, or a folder, new or empty"
     groups.output(sub, text, force=False)
     _on_the_cable(sub)
 

@@ -73,7 +73,7 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
         if options.replay:
             emulator = _emulator(options, source, network)
             stack.callback(emulator.close)
-        recorder = jradar.recordings.FrameRecorder(options.output, source)
+        recorder = jradar.recordings.open_recorder(options.output, source)
         stack.enter_context(recorder)
         session = stream.run_session(
             receiver,

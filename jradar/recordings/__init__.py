@@ -12,7 +12,8 @@
     read_description                 a radar in a .toml, .cfg, log or calib folder
     write_radar_toml, read_coupling  a radar and its calibration; ColoRadar's leakage
     read_cloud, read_tum             clouds in PLY, PCD or KITTI's files; poses
-    FrameRecorder                    frames as they come from the cable, as a recording
+    open_recorder, FrameRecorder     frames as they come from the cable, as a recording
+    BagRecorder, describes_its_radar   the same in one MCAP file
     CLOUD_WRITERS, write_npz         a cloud's valid points, which `point_table` lists
 
 Each format has a module, with its layout at the top. `recording` explains how to add
@@ -23,6 +24,10 @@ from jradar.recordings.bags.radar_clouds import (
     RadarClouds as RadarClouds,
     holds_radar_clouds as holds_radar_clouds,
     open_radar_clouds as open_radar_clouds,
+)
+from jradar.recordings.bags.radar_frames import (
+    BagRecorder as BagRecorder,
+    describes_its_radar as describes_its_radar,
 )
 from jradar.recordings.clouds.read import read_cloud as read_cloud
 from jradar.recordings.clouds.write import (
@@ -42,7 +47,10 @@ from jradar.recordings.descriptions import (
     is_description as is_description,
     read_description as read_description,
 )
-from jradar.recordings.frame_recorder import FrameRecorder as FrameRecorder
+from jradar.recordings.frame_recorder import (
+    FrameRecorder as FrameRecorder,
+    open_recorder as open_recorder,
+)
 from jradar.recordings.open import (
     is_recording as is_recording,
     open_recording as open_recording,

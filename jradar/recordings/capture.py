@@ -1,11 +1,13 @@
 """A capture of your own rig: radar, LiDAR, poses, IMU and a `capture.toml`.
 
     [radar]
-    file = "adc_data.bin"            # of a DCA1000
-    description = "profile.cfg"      # or mmWave Studio's log, or a .toml
+    file = "adc_data.bin"            # of a DCA1000, or a bag of raw samples
+    description = "profile.cfg"      # or mmWave Studio's log, or a .toml; a walk.mcap
+                                     # of `jradar record` needs none
     start_time_s = 1732190000.25     # of its first frame, on the LiDAR's clock; or
     # offset_s = 0.4                 # .. after the LiDAR's first cloud; or
     # stamps = "frames.txt"          # .. lines of a frame's time and its lost bytes
+    # add_s = 0.03                   # to the times in a bag or in stamps
     xyz = [0.03, 0.12, -0.09]        # position on the base: metres, x forward,
     rpy_degrees = [0, 0, 90]         # y left, z up; roll, then pitch, then yaw
 
@@ -40,9 +42,16 @@ from jaxtyping import Float
 from jradar.errors import UsageError
 from jradar.files import inside
 from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_transform
-from jradar.recordings.bags.bags import open_bag, open_imu
+from jradar.recordings.bags.bags import is_bag, open_bag, open_imu
+from jradar.recordings.bags.raw import open_raw_bag
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME
-from jradar.recordings.recording import Format, Recording, Stream, clocks_apart
+from jradar.recordings.recording import (
+    Format,
+    Recording,
+    Stream,
+    clocks_apart,
+    loss_notes,
+)
 from jradar.recordings.text_files import check_names, read_frame_times, read_tum, toml
 from jradar.recordings.ti.dca1000 import open_dca1000
 
@@ -51,18 +60,20 @@ KEYS = {
     "radar": {
         **{"file": str, "description": str, "device": str, "iq_order": str},
         **{"allow_partial": bool, "frame_period_s": float, "stamps": str},
-        **{"start_time_s": float, "offset_s": float, **PLACE},
+        **{"start_time_s": float, "offset_s": float, "add_s": float, **PLACE},
     },
     "lidar": {"file": str, "topic": str, "accumulate": int, **PLACE},
     "poses": {"file": str},
     "imu": {"file": str, "topic": str, **PLACE},
 }
 TIMES = ("start_time_s", "offset_s", "frame_period_s")
-NEEDED = {
-    "radar": ("file", "description"),
-    **{name: ("file",) for name in ("lidar", "poses", "imu")},
-}
+NEEDED = {name: ("file",) for name in KEYS}
 KINDS = {str: "a text", float: "a number", int: "an integer", bool: "true or false"}
+START = (
+    "set start_time_s to the time of the first frame on the LiDAR's clock, or offset_s "
+    "to its time after the first cloud"
+)
+ADD = "set add_s to the seconds that bring the frames' times to the LiDAR's clock"
 FARTHEST_M = 20.0  # from a sensor to the base of its rig
 LATEST_S = 1e11  # seconds since 1970; a larger stamp is in another unit
 LARGEST = 1e100  # of any number, so that its square is finite
@@ -79,15 +90,7 @@ def open_capture(folder: Path | str) -> Recording:
         raise FileNotFoundError(f"no such description of a capture: {path}")
     tables = _read_capture_toml(path)
     radar, lidar = tables["radar"], tables.get("lidar")
-    recording = open_dca1000(
-        _file(path, "radar", radar),
-        _file(path, "radar", radar, key="description"),
-        iq_order=radar.get("iq_order"),
-        allow_partial=radar.get("allow_partial", False),
-        device=radar.get("device"),
-    )
-    if "stamps" in radar:
-        recording = _stamped(path, radar, recording)
+    recording = _frames(path, radar)
     notes = [*recording.notes]
     base_from_radar = recording.base_from_radar
     if base_from_radar is None:
@@ -173,6 +176,26 @@ def _file(path: Path, name: str, table: dict[str, Any], *, key: str = "file") ->
         raise UsageError(f"{error}: copy or link the {key} of [{name}]") from error
 
 
+def _frames(path, radar) -> Recording:
+    """Return the frames of the file that [radar] names, a bag's with their times."""
+    file, description = _file(path, "radar", radar), None
+    if "description" in radar:
+        description = _file(path, "radar", radar, key="description")
+    options = {key: radar[key] for key in ("iq_order", "device") if key in radar}
+    if is_bag(file):
+        if given := [k for k in (*TIMES, "stamps", "allow_partial") if k in radar]:
+            raise UsageError(
+                f"{path}: [radar] has {given[0]}, but the frames of {file.name} have "
+                "times of their own: leave it out, or correct them with add_s"
+            )
+        return open_raw_bag(file, description, **options)
+    if description is None:
+        raise UsageError(f"{path}: [radar] lacks description")
+    partial = radar.get("allow_partial", False)
+    recording = open_dca1000(file, description, allow_partial=partial, **options)
+    return _stamped(path, radar, recording) if "stamps" in radar else recording
+
+
 def _stamped(path, radar, recording):
     """Return the frames whose times were recorded, and how many bytes each lost."""
     if given := [key for key in TIMES if key in radar]:
@@ -181,13 +204,10 @@ def _stamped(path, radar, recording):
     count = min(len(times), len(recording.cubes))
     if not count:
         raise ValueError(f"{path}: no frame of {radar['stamps']} is in {radar['file']}")
-    notes = recording.notes
-    if damaged := int((lost[:count] > 0).sum()):
-        notes += (f"{damaged} of {count} frames lost bytes, which are read as zeros",)
     return recording._replace(
         cubes=Stream(recording.cubes.__getitem__, count, times[:count]),
         lost_bytes=lost[:count],
-        notes=notes,
+        notes=(*recording.notes, *loss_notes(lost[:count])),
     )
 
 
@@ -195,7 +215,13 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
     """Return the times of the radar's frames on the LiDAR's clock, and warnings."""
     period = radar.get("frame_period_s", recording.radar.spec.frame_period_s)
     given = [key for key in TIMES[:2] if key in radar]
-    if not period > 0 and "stamps" not in radar:
+    timed = "stamps" in radar or is_bag(recording.path)
+    if "add_s" in radar and not timed:
+        raise UsageError(
+            f"{path}: [radar] add_s changes the times of stamps or of a bag: change "
+            "start_time_s or offset_s instead"
+        )
+    if not period > 0 and not timed:
         raise UsageError(
             f"{path}: the time between frames is unknown: set frame_period_s in [radar]"
         )
@@ -203,7 +229,7 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
         raise UsageError(
             f"{path}: [radar] has start_time_s and offset_s: keep one of them"
         )
-    if wrong := [key for key in TIMES if abs(radar.get(key, 0)) > LATEST_S]:
+    if wrong := [key for key in (*TIMES, "add_s") if abs(radar.get(key, 0)) > LATEST_S]:
         raise UsageError(
             f"{path}: [radar] {wrong[0]} = {radar[wrong[0]]:g}, expected seconds: are "
             "they milliseconds or nanoseconds?"
@@ -216,15 +242,14 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
     first = float(lidar_stamps[0]) if len(lidar_stamps) else 0.0
     start = radar.get("start_time_s", first + radar.get("offset_s", 0.0))
     stamps, doubts = start + np.arange(len(recording.cubes)) * period, []
-    if "stamps" in radar:
-        stamps = recording.cubes.stamps
+    if timed:
+        stamps = recording.cubes.stamps + radar.get("add_s", 0.0)
     elif len(lidar_stamps) and not given:
         doubts.append("no start_time_s: the radar is assumed to start with the LiDAR")
     if spans := clocks_apart(stamps, lidar_stamps):
         doubts.append(
-            f"the clocks of radar and LiDAR do not match: {spans}: set start_time_s to "
-            "the time of the first frame on the LiDAR's clock, or offset_s to its time "
-            "after the first cloud"
+            f"the clocks of radar and LiDAR do not match: {spans}: "
+            + (ADD if timed else START)
         )
     return stamps, doubts
 

@@ -8,7 +8,13 @@ import numpy as np
 import scipy  # loads `spatial` when it is first used
 
 from jradar.radar import RadarSpec
-from jradar.recordings.bags.bags import bag_times, bag_topics, open_bag
+from jradar.recordings.bags.bags import (
+    bag_notes,
+    bag_times,
+    bag_topics,
+    is_bag,
+    open_bag,
+)
 from jradar.recordings.bags.foxglove import describe_mcap, is_other_mcap
 from jradar.recordings.bags.messages import is_cloud_type
 from jradar.recordings.clouds.read import read_cloud
@@ -19,7 +25,6 @@ from jradar.recordings.recording import (
     radar_from_lidar,
 )
 
-BAGS = (".bag", ".mcap", ".db3")
 CLOUD_NAMES = re.compile(r".*\.(ply|pcd)|(.*lidar.*|[0-9]+)\.bin", re.IGNORECASE)
 TIMING = ("seconds", "rate_hz", "gaps", "longest_gap_s")  # of a bag's topic
 GAP = 1.5  # median steps: a longer step between stamps counts as a gap
@@ -66,13 +71,13 @@ def describe_bag(path: Path | str) -> dict[str, Any]:
     Times are in seconds: of clouds those in their headers, the clock that a
     capture.toml counts on; of other messages those of recording.
     """
-    rows, notes, times = [], [], bag_times(path)
+    rows, notes, times = [], [*bag_notes(path)], bag_times(path)
     for topic, (kind, count) in bag_topics(path).items():
         stamps = times.get(topic, np.zeros(0))
         if count and is_cloud_type(kind):
             clouds = open_bag(path, topic=topic)
             stamps = stamps if clouds.stamps is None else clouds.stamps
-            notes += clouds.notes
+            notes += [note for note in clouds.notes if note not in notes]
         timing = _timing(topic, count, stamps)
         first, last = stamps[[0, -1]].tolist() if len(stamps) else (None, None)
         rows.append(
@@ -102,7 +107,7 @@ CONTENTS = (
     Format("an MCAP file for Foxglove", is_other_mcap, describe_mcap),
     Format(
         "a bag: .bag, .mcap, .db3 or a ROS 2 folder",
-        lambda path: path.suffix in BAGS or (path / "metadata.yaml").is_file(),
+        is_bag,
         describe_bag,
     ),
     Format(

@@ -16,6 +16,7 @@ from jaxtyping import UInt8
 
 from jradar.errors import UsageError
 from jradar.files import write_text
+from jradar.recordings.bags.radar_frames import BagRecorder
 from jradar.recordings.radar_toml import write_radar_toml
 from jradar.recordings.recording import Recording
 from jradar.recordings.ti.frame import CaptureSpec
@@ -37,6 +38,26 @@ allow_partial = true
 """
 
 
+WRITTEN_BY_OTHERS = (".bag", ".db3", ".ros2", ".bin", ".pcap", ".pcapng", ".toml")
+
+
+def open_recorder(path: Path | str, radar: Recording) -> "FrameRecorder | BagRecorder":
+    """Return the recorder for a name: a file .mcap, or a folder.
+
+    Raises UsageError for other files, and where a recording is already.
+    """
+    path = Path(path)
+    if path.suffix in WRITTEN_BY_OTHERS:
+        raise UsageError(
+            f"{path}: expected the name of a folder, or of a file .mcap, such as "
+            f"{path.stem}.mcap"
+        )
+    if path.suffix != ".mcap":
+        return FrameRecorder(path, radar)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return BagRecorder(path, radar)
+
+
 class FrameRecorder:
     """Writes frames into a folder; a `with` block ends the recording."""
 
@@ -50,7 +71,9 @@ class FrameRecorder:
                 "another folder"
             )
         order = radar.iq_order or CaptureSpec.iq_order
-        write_radar_toml(self.path / "radar.toml", radar.radar, iq_order=order)
+        mount = radar.base_from_radar
+        toml = self.path / "radar.toml"
+        write_radar_toml(toml, radar.radar, iq_order=order, mount=mount)
         write_text(self.path / "capture.toml", DESCRIPTION)
         self._samples = (self.path / "adc_data.bin").open("wb", buffering=0)
         self._times = (self.path / "frames.txt").open("w", buffering=1)

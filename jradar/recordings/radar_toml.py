@@ -48,7 +48,13 @@ def read_radar_toml(path: Path | str) -> tuple[RadarSpec, CaptureSpec]:
 
     Raises UsageError for unknown keys and for values that do not fit the radar.
     """
-    tables = toml(path)
+    return radar_of_tables(path, toml(path))
+
+
+def radar_of_tables(
+    path: Path | str, tables: dict[str, Any]
+) -> tuple[RadarSpec, CaptureSpec]:
+    """Return what `read_radar_toml` does of the tables; `path` is named in errors."""
     values = _table(path, tables, "radar")
     stored = _table(path, tables, "file", FILE_KEYS)
     measured = _table(path, tables, "calibration", CALIBRATION_KEYS)
@@ -100,10 +106,23 @@ def write_radar_toml(
     mount: Float[np.ndarray, "4 4"] | None = None,
     comment: str = "",
 ) -> None:
-    """Write what `read_radar_toml` reads: a radar, its channels and its range bias.
+    """Write `radar_toml` to a file; `comment` is put at the top."""
+    lines = [f"# {printable(line)}" for line in comment.splitlines()]
+    text = radar_toml(radar, iq_order=iq_order, axes=axes, mount=mount)
+    write_text(path, "\n".join([*lines, "", text]).lstrip())
+
+
+def radar_toml(
+    radar: Radar,
+    *,
+    iq_order: str = CaptureSpec.iq_order,
+    axes: Sequence[str] = (),
+    mount: Float[np.ndarray, "4 4"] | None = None,
+) -> str:
+    """Return what `read_radar_toml` reads: a radar, its channels and its range bias.
 
     `mount` is base_from_radar, if it was measured. The samples have the `axes` of a
-    cube, or else an `iq_order`. `comment` is put at the top.
+    cube, or else an `iq_order`.
     """
     stored = {"axes": [*axes]} if axes else {"iq_order": iq_order}
     measured: dict[str, Any] = {"range_bias_m": float(radar.range_bias_m)}
@@ -120,10 +139,10 @@ def write_radar_toml(
             "xyz": mount[:3, 3].round(6).tolist(),
             "quaternion": quaternion.round(9).tolist(),
         }
-    lines = [f"# {printable(line)}" for line in comment.splitlines()]
+    lines = []
     for name, table in tables.items():
         lines += [f"\n[{name}]", *(f"{k} = {_as_toml(v)}" for k, v in table.items())]
-    write_text(path, "\n".join(lines).lstrip() + "\n")
+    return "\n".join(lines).lstrip() + "\n"
 
 
 def _as_toml(value: Any) -> str:

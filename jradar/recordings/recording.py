@@ -141,6 +141,13 @@ def clocks_apart(
     return f"{first:.3f} to {last:.3f} s against {begin:.3f} to {end:.3f} s"
 
 
+def loss_notes(lost_bytes: Int[np.ndarray, " frame"]) -> tuple[str, ...]:
+    """Return a note on the frames of a live radar that lost bytes, if there are any."""
+    damaged, count = int((lost_bytes > 0).sum()), len(lost_bytes)
+    note = f"{damaged} of {count} frames lost bytes, which are read as zeros"
+    return (note,) if damaged else ()
+
+
 class Format(NamedTuple):
     """One kind of file or folder."""
 

@@ -40,6 +40,7 @@ def radar_on_the_cable(
         path=path,
         radar=capture.radar(radar),
         cubes=Stream([].__getitem__, 0),
+        base_from_radar=capture.base_from_radar(),
         iq_order=capture.iq_order,
         notes=notes,
     )

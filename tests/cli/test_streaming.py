@@ -56,15 +56,20 @@ def test_a_replay_becomes_an_mcap_file(sequence, run_json, tmp_path):
     np.testing.assert_allclose(last["x"], scan[:, 0], rtol=1e-6)
 
 
-def test_an_emulated_radar_is_recorded_frame_by_frame(capture, run_json, tmp_path):
-    out = tmp_path / "walk"
+@pytest.mark.parametrize("name", ["walk", "walk.mcap"])
+def test_an_emulated_radar_is_recorded_frame_by_frame(
+    capture, run_json, tmp_path, name
+):
+    pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
+    out = tmp_path / name
     command = ["record", "--replay", capture, "-o", out, "--silence", PATIENCE_S]
     result = run_json(*command, "--speed", "0.5")
     assert result["frames_recorded"] == 4 and result["lost_bytes"] == 0
     recording, source = open_recording(out), open_recording(capture)
     np.testing.assert_array_equal([*recording.cubes], [*source.cubes])
     assert (np.diff(recording.cubes.stamps) > 0).all()
-    assert run_json("info", out)["frames"] == 4
+    told = run_json("info", out)
+    assert told["frames"] == 4 and told["lost_bytes"] == 0 and "echoes" in told
 
 
 def test_the_model_of_a_live_session_is_one_of_ones_own(

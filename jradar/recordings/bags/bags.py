@@ -3,6 +3,7 @@
     recording.bag                     ROS 1
     folder with metadata.yaml         ROS 2, SQLite or MCAP; or a single .db3 or .mcap
 
+Of a single .mcap that was cut off, the whole messages are read, with a note.
 `messages` lists the types of messages that hold clouds. An IMU that lies still with z
 upwards measures a specific force of +9.81 m/s^2 along z.
 """
@@ -22,6 +23,7 @@ from jaxtyping import Float
 
 from jradar.errors import UsageError, optional
 from jradar.files import open_file
+from jradar.recordings.bags.cut_off import CutOffMcap, is_cut_off
 from jradar.recordings.bags.messages import (
     NS,
     decode_cloud,
@@ -32,6 +34,7 @@ from jradar.recordings.bags.messages import (
 from jradar.recordings.bags.unpacking import limit_rosbags
 from jradar.recordings.recording import Imu, Stream
 
+SUFFIXES = (".bag", ".mcap", ".db3")
 INTENSITIES = ("intensity", "reflectivity", "i")
 LAST_NS = 1 << 62  # a later time is damaged
 MOST_METADATA = 1 << 20  # bytes of a ROS 2 bag's metadata.yaml
@@ -56,22 +59,25 @@ class TopicStream(Stream):
         *,
         sensor: str,
         has_header: bool = True,
+        count: Callable[[bytes], int] | None = None,
     ):
         """Read the times of all messages of `topic`.
 
         `sensor` names the sensor in notes. Without a header the times of recording
-        count.
+        count. `counts` is what `count` returns for each message.
         """
         self.path, self.topic, self._sensor = path, topic, sensor
         is_ros1 = path.suffix == ".bag"
         found = [
-            (time, stamp_ns(raw, is_ros1=is_ros1))
+            (time, stamp_ns(raw, is_ros1=is_ros1), count(raw) if count else 0)
             for _, time, raw in messages(path, topic)
         ]
-        self._times, headers = np.array(found, np.int64).reshape(-1, 2).T
-        seconds, notes = self._times / NS, ()
+        table = np.array(found, np.int64).reshape(-1, 3)
+        self._times, headers, self.counts = table.T
+        seconds, notes = self._times / NS, bag_notes(path)
         if has_header:
-            seconds, notes = self._stamps(headers)
+            seconds, told = self._stamps(headers)
+            notes += told
         super().__init__(lambda i: self.decoded(i, decode), len(found), seconds, notes)
 
     def decoded(self, index: int, decode: Callable[[bytes], Any]) -> Any:
@@ -207,11 +213,22 @@ def topic_of(
     return topic, kinds[topic]
 
 
+def is_bag(path: Path) -> bool:
+    """True for the name of a bag, and for a folder of ROS 2."""
+    return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
+
+
 def bag_topics(path: Path | str) -> dict[str, tuple[str, int]]:
     """Return type and number of messages of every topic, from the bag's index."""
     with _opened(Path(path)) as reader:
         topics = reader.topics.items()
         return {name: (str(info.msgtype), info.msgcount) for name, info in topics}
+
+
+def bag_notes(path: Path | str) -> tuple[str, ...]:
+    """Return what of a bag could not be read, if it was cut off."""
+    with _opened(Path(path)) as reader:
+        return getattr(reader, "notes", ())
 
 
 def bag_definition(path: Path | str, topic: str) -> str:
@@ -277,6 +294,8 @@ def _reader(path, _process, _version):
     kind = "rosbag1" if path.suffix == ".bag" else "rosbag2"
     rosbag = optional(f"rosbags.{kind}", need="bags need rosbags", extra="ros")
     limit_rosbags()
+    if is_cut_off(path):
+        return CutOffMcap(path)
     reader = rosbag.Reader(path)
     reader.open()
     return reader

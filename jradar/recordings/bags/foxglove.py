@@ -17,7 +17,9 @@ from jradar.files import open_file
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<BQQQI8s")  # operation, length, summary, offsets, sum, MAGIC
-HEADER, SCHEMA, CHANNEL, STATISTICS = 0x01, 0x03, 0x04, 0x0B
+HEADER, FOOTER_RECORD, SCHEMA, CHANNEL, MESSAGE = 0x01, 0x02, 0x03, 0x04, 0x05
+CHUNK, MESSAGE_INDEX, CHUNK_INDEX = 0x06, 0x07, 0x08
+STATISTICS, DATA_END = 0x0B, 0x0F
 MOST_BYTES = 64 << 20  # of a summary
 
 

@@ -42,7 +42,7 @@ def stamp_ns(raw: bytes, *, is_ros1: bool) -> int:
 
 def decode_imu(raw: bytes, *, is_ros1: bool) -> tuple[float, ...]:
     """Return orientation, angular velocity, acceleration, each with its covariance."""
-    order, start = _after_header(raw, is_ros1)
+    order, start = after_header(raw, is_ros1)
     return struct.unpack_from(f"{order}37d", raw, start)
 
 
@@ -56,11 +56,12 @@ def _order(raw: bytes, is_ros1: bool) -> str:
     return "<" if is_ros1 or raw[1:2] == b"\1" else ">"
 
 
-def _after_header(raw: bytes, is_ros1: bool) -> tuple[str, int]:
-    """Return the order of bytes, and where the 8-byte fields after a header begin."""
+def after_header(raw: bytes, is_ros1: bool, *, alignment: int = 8) -> tuple[str, int]:
+    """Return the order of bytes, and where fields of so many bytes begin."""
     order = _order(raw, is_ros1)
     (name,) = struct.unpack_from(f"{order}12xI", raw)
-    return order, 16 + (name if is_ros1 else -(-(12 + name) // 8) * 8 - 12)
+    aligned = -(-(12 + name) // alignment) * alignment
+    return order, 16 + (name if is_ros1 else aligned - 12)
 
 
 @functools.cache
@@ -109,7 +110,7 @@ def _point_cloud2(raw, is_ros1):
 
 
 def _livox(raw, is_ros1):
-    order, start = _after_header(raw, is_ros1)
+    order, start = after_header(raw, is_ros1)
     # timebase u64, point_num u32, lidar_id u8, rsvd u8[3], and the array's own count
     (count,) = struct.unpack_from(f"{order}16xI", raw, start)
     size = 19 if is_ros1 else 20

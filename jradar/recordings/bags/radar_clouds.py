@@ -11,9 +11,15 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.errors import UsageError
-from jradar.recordings.bags.bags import IMU, LidarStream, bag_topics, open_imu
+from jradar.recordings.bags.bags import (
+    IMU,
+    LidarStream,
+    bag_topics,
+    is_bag,
+    open_imu,
+)
 from jradar.recordings.bags.messages import is_cloud_type
-from jradar.recordings.bags.raw import READER as RAW, SUFFIXES
+from jradar.recordings.bags.raw import READER as RAW
 from jradar.recordings.recording import Imu, Poses
 
 DOPPLERS = (  # fields of drivers, in small letters
@@ -49,8 +55,7 @@ class RadarClouds(NamedTuple):
 def holds_radar_clouds(path: Path | str) -> bool:
     """True for a bag with clouds and without raw samples; its index is read."""
     path = Path(path)
-    is_bag = path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
-    if not is_bag or not path.exists() or RAW.matches(path):
+    if not is_bag(path) or not path.exists() or RAW.matches(path):
         return False
     return any(is_cloud_type(kind) for kind, _ in bag_topics(path).values())
 

@@ -1,34 +1,48 @@
 """Raw ADC samples in ROS bags: a message of int16 numbers for each frame.
 
+    jradar_msgs/RadarFrame      of `jradar record`, see `radar_frames`
     xwr_msgs/IQ                 of xwr_ros: header, Int16MultiArray iq, bool complete
     mmWave/data_frame           of iwr_raw_rosnode: an array of int16
     std_msgs/Int16MultiArray
 
 Numbers are in the order of the capture card, [chirp][tx][rx][sample]; `iq_order`
-describes I and Q. The radar's description is not in the bag.
+describes I and Q. Only jradar's own bags describe the radar.
 """
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Int16, Num
 
-from jradar.errors import parsing
+from jradar.errors import UsageError, parsing
 from jradar.radar import RadarSpec
 from jradar.recordings.bags.bags import (
     TopicStream,
     bag_definition,
     bag_topics,
+    is_bag,
     topic_of,
 )
-from jradar.recordings.recording import Format, Recording
-from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
+from jradar.recordings.bags.radar_frames import (
+    DEFINITION,
+    KIND,
+    described_radar,
+    describes_its_radar,
+    lost_bytes,
+)
+from jradar.recordings.recording import Format, Recording, loss_notes
+from jradar.recordings.ti.dca1000 import (
+    bytes_of_frame,
+    checked_samples,
+    described_samples,
+)
 from jradar.recordings.ti.iq_order import cube_of_words
 
-SUFFIXES = (".bag", ".db3", ".mcap")
 DEFINITIONS = {  # for bags that do not hold them
+    KIND: DEFINITION,
     "xwr_msgs/msg/IQ": (
         "std_msgs/Header header\nstd_msgs/Int16MultiArray iq\nbool complete\n"
     ),
@@ -46,38 +60,52 @@ def open_raw_bag(
 ) -> Recording:
     """Open the radar frames in a bag; options as in `open_dca1000`.
 
-    Raises UsageError for a bag with several topics of samples, and ValueError for a
-    damaged bag and for messages that do not hold a frame of the radar.
+    A `description` replaces that in the bag. Raises UsageError for a bag with several
+    topics of samples, and ValueError for a damaged bag and for messages that do not
+    hold a frame of the radar.
     """
     path = Path(path)
-    radar, capture, doubts = described_samples(
-        path, description, iq_order=iq_order, device=device
-    )
+    if description is None and describes_its_radar(path):
+        if device is not None:
+            raise UsageError(
+                f"device = {device!r} does not apply to {path}, which describes its "
+                "radar: leave it out, or name another description with --radar"
+            )
+        found = checked_samples(path, path, described_radar(path), iq_order=iq_order)
+    else:
+        found = described_samples(path, description, iq_order=iq_order, device=device)
+    radar, capture, doubts = found
     topic, kind = topic_of(path, None, DEFINITIONS.__contains__, "raw samples")
-    text = bag_definition(path, topic) or DEFINITIONS[kind]
+    text, own = bag_definition(path, topic) or DEFINITIONS[kind], kind == KIND
     cubes = TopicStream(
         path,
         topic,
         _decoder(path, kind, text, radar, capture.iq_order),
         sensor="radar",
         has_header="Header" in text.partition("====")[0],
+        count=partial(lost_bytes, is_ros1=path.suffix == ".bag") if own else None,
     )
     if not len(cubes):
         raise ValueError(f"{path}: no message is on the topic {topic}")
     cubes[0]
+    notes = (*doubts, f"frames are on the topic {topic}", *cubes.notes)
+    if own:
+        notes += loss_notes(cubes.counts)
     return Recording(
         name=path.stem,
         path=path,
         radar=capture.radar(radar),
         cubes=cubes,
+        lost_bytes=cubes.counts if own else None,
+        base_from_radar=capture.base_from_radar(),
         iq_order=capture.iq_order,
-        notes=(*doubts, f"frames are on the topic {topic}", *cubes.notes),
+        notes=notes,
     )
 
 
 def holds_samples(path: Path) -> bool:
     """True for a bag with a topic of raw samples; only its index is read."""
-    if path.suffix not in SUFFIXES and not (path / "metadata.yaml").is_file():
+    if not is_bag(path):
         return False
     try:
         return any(kind in DEFINITIONS for kind, _ in bag_topics(path).values())
@@ -86,7 +114,8 @@ def holds_samples(path: Path) -> bool:
 
 
 READER = Format(
-    "a ROS bag of raw samples with the radar's .cfg, log or .toml",
+    "a ROS bag of raw samples with the radar's .cfg, log or .toml, or one of `jradar "
+    "record`, which describes its radar",
     holds_samples,
     open_raw_bag,
     ("description", "iq_order", "device"),

@@ -102,6 +102,20 @@ def described_samples(
     """
     description = description or find_description(path, DESCRIPTION_NAMES)
     found = read_description(description, device=device)
+    return checked_samples(path, description, found, iq_order=iq_order)
+
+
+def checked_samples(
+    path: Path,
+    description: Path | str,
+    found: Description,
+    *,
+    iq_order: str | None = None,
+) -> Description:
+    """Return a description with the order of I and Q of the samples in `path`.
+
+    `description` is where it was found. Raises ValueError if it does not fit them.
+    """
     if found.capture.has_headers:
         raise ValueError(
             f"{description}: lvdsStreamCfg puts headers between the chirps: set its "
