@@ -15,7 +15,7 @@ from jradar.calibration.mount import Mount, mount_from_motion
 from jradar.calibration.self_calibration import SelfCalibration, self_calibrate
 from jradar.calibration.snapshots import strong_snapshots
 from jradar.errors import UsageError
-from jradar.motion import frame_velocities
+from jradar.motion import frame_velocities, gravity_warnings
 from jradar.motion.scans import scan_poses
 from jradar.progress import progress
 from jradar.radar import PointSpec, Radar, RadarSpec, radar_points
@@ -111,7 +111,9 @@ def calibrate_recording(
     if fit.range_bias_m is not None:
         calibrated = dataclasses.replace(calibrated, range_bias_m=fit.range_bias_m)
     place = _mount(recording._replace(radar=calibrated), frames) if mount else None
-    warnings = _warnings(fit, tilt), place.warnings() if place else ()
+    warnings = [_warnings(fit, tilt), place.warnings() if place else ()]
+    if level or mount:
+        warnings.append(gravity_warnings(recording))
     return Calibration(
         radar=calibrated,
         fit=fit,

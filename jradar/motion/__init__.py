@@ -7,6 +7,7 @@
     odometry                           all of it for one recording, or such a bag
     relative_poses                     between the radar's places in two frames
     Follower                           the same for the last frames, as they come
+    gravity_warnings                   mounts that an IMU contradicts: upside down
     write_tum                          a trajectory as a file
     describe_trajectory                in words and numbers
     position_errors, step_errors       APE and RPE against true poses
@@ -22,6 +23,7 @@ from jradar.motion.errors import (
     step_errors as step_errors,
 )
 from jradar.motion.following import Follower as Follower
+from jradar.motion.gravity import gravity_warnings as gravity_warnings
 from jradar.motion.trajectory import (
     ROTATIONS as ROTATIONS,
     Trajectory as Trajectory,

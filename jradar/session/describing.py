@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from jradar.motion import gravity_warnings
 from jradar.radar import PointSpec
 from jradar.recordings import Recording, describe, propose_offset
 from jradar.session.detecting import detect_recording
@@ -33,6 +34,7 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
         found["time offset"] = _time_offset(recording)
     described = describe(detection.recording)
+    described["notes"] += gravity_warnings(recording)
     described["notes"] += no_echoes([frame] if seen.empty else [])
     return {**described, **found}
 

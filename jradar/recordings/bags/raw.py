@@ -7,6 +7,7 @@
 
 Numbers are in the order of the capture card, [chirp][tx][rx][sample]; `iq_order`
 describes I and Q. Only jradar's own bags describe the radar.
+An IMU in the bag is read, too, if there is one alone.
 """
 
 from collections.abc import Callable
@@ -20,10 +21,12 @@ from jaxtyping import Int16, Num
 from jradar.errors import UsageError, parsing
 from jradar.radar import RadarSpec
 from jradar.recordings.bags.bags import (
+    IMU,
     TopicStream,
     bag_definition,
     bag_topics,
     is_bag,
+    open_imu,
     topic_of,
 )
 from jradar.recordings.bags.radar_frames import (
@@ -33,7 +36,7 @@ from jradar.recordings.bags.radar_frames import (
     describes_its_radar,
     lost_bytes,
 )
-from jradar.recordings.recording import Format, Recording, loss_notes
+from jradar.recordings.recording import Format, Imu, Recording, loss_notes
 from jradar.recordings.ti.dca1000 import (
     bytes_of_frame,
     checked_samples,
@@ -91,6 +94,7 @@ def open_raw_bag(
     notes = (*doubts, f"frames are on the topic {topic}", *cubes.notes)
     if own:
         notes += loss_notes(cubes.counts)
+    imu, told = _imu(path)
     return Recording(
         name=path.stem,
         path=path,
@@ -99,8 +103,19 @@ def open_raw_bag(
         lost_bytes=cubes.counts if own else None,
         base_from_radar=capture.base_from_radar(),
         iq_order=capture.iq_order,
-        notes=notes,
+        imu=imu,
+        notes=(*notes, *told),
     )
+
+
+def _imu(path: Path) -> tuple[Imu | None, tuple[str, ...]]:
+    """Return the only IMU of a bag, and notes on it; a damaged one is left out."""
+    if [kind for kind, _ in bag_topics(path).values()].count(IMU) != 1:
+        return None, ()
+    try:
+        return open_imu(path)
+    except ValueError as error:
+        return None, (f"the IMU is left out: {error}",)
 
 
 def holds_samples(path: Path) -> bool:

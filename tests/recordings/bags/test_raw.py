@@ -10,9 +10,11 @@ from jradar.recordings import is_recording, open_recording  # noqa: E402
 from tests.recordings.bag_writer import (  # noqa: E402
     ARRAY,
     FRAME,
+    IMU,
     IQ,
     START,
     TENTH,
+    imu,
     livox_bag,
     livox_rows,
     raw_samples,
@@ -50,6 +52,22 @@ def test_another_order_of_i_and_q_is_taken(tmp_path):
     words = [np.frombuffer(as_bytes([cube], "QQII"), "<i2") for cube in CUBES]
     recording = open_recording(write(tmp_path, words=words), iq_order="QQII")
     np.testing.assert_array_equal([*recording.cubes], CUBES)
+
+
+def test_an_imu_in_the_bag_is_read_and_a_damaged_one_left_out(tmp_path):
+    (tmp_path / "profile.cfg").write_text(CFG)
+    record = np.array([0, 0, -9.81, 0.1, 0.2, 0.3])
+    frame = ("/radar", IQ, START, raw_samples(IQ, WORDS[0], START))
+    for number, numbers, known in ((0, record, True), (1, record * np.nan, False)):
+        places = range(START, START + 5 * TENTH, TENTH)
+        inertial = [("/imu", IMU, stamp, imu(numbers, stamp)) for stamp in places]
+        (tmp_path / str(number)).mkdir()
+        path = write_bag(tmp_path / str(number), "sqlite", [frame, *inertial])
+        found = open_recording(path, tmp_path / "profile.cfg")
+        if known:
+            np.testing.assert_allclose(found.imu.force, np.tile(record[:3], (5, 1)))
+        else:
+            assert found.imu is None and "IMU is left out" in found.notes[-1]
 
 
 @pytest.mark.parametrize(
