@@ -65,10 +65,7 @@ def test_frames_without_a_scan_are_printed_and_a_wrong_field_leaves_nothing(
 
 @pytest.mark.parametrize(
     ("number", "workers"),
-    [
-        (signal.SIGTERM, 1),
-        pytest.param(signal.SIGINT, 2, marks=pytest.mark.slow),
-    ],
+    [(signal.SIGTERM, 1), pytest.param(signal.SIGINT, 2, marks=pytest.mark.slow)],
 )
 def test_a_signal_ends_prepare_with_one_line_and_nothing_half_written(
     spec, tmp_path, number, workers

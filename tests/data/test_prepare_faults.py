@@ -79,9 +79,7 @@ def test_a_recording_too_short_to_be_cut_says_so(tmp_path):
     write_sequence(tmp_path / "src", frames=3)
     with pytest.raises(UsageError, match="3 frames is too short .* --validation"):
         prepare(
-            *(tmp_path / "src", tmp_path / "dst", SPEC),
-            workers=1,
-            validation_share=0.3,
+            *(tmp_path / "src", tmp_path / "dst", SPEC), workers=1, validation_share=0.3
         )
 
 

@@ -5,12 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import (
-    NoiseSpec,
-    precondition,
-    scalings,
-    training_sigma,
-)
+from jradar.diffusion import NoiseSpec, precondition, scalings, training_sigma
 from jradar.diffusion.noise import karras_sigmas
 from jradar.diffusion.predictions import EDM
 

@@ -94,9 +94,7 @@ def test_distance_equals_the_reference(network):
 def test_gradients_are_finite_without_structure():
     weights = load_lpips()
     dead = weights._replace(biases=jax.tree.map(lambda b: b - 1e3, weights.biases))
-    slope = jax.jit(
-        jax.grad(lambda w, b: lpips(w, jnp.zeros_like(b), b).sum(), 1),
-    )
+    slope = jax.jit(jax.grad(lambda w, b: lpips(w, jnp.zeros_like(b), b).sum(), 1))
     flat = jnp.stack([jnp.full((36, 52, 1), value) for value in (0.0, 1.0)])
     assert jnp.isfinite(slope(weights, flat)).all()
     assert jnp.isfinite(slope(dead, flat)).all()  # all features are 0

@@ -7,13 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import (
-    HEUN,
-    SOLVERS,
-    NoiseSpec,
-    sample,
-    solver_for,
-)
+from jradar.diffusion import HEUN, SOLVERS, NoiseSpec, sample, solver_for
 from jradar.diffusion.noise import karras_sigmas
 
 NOISE = NoiseSpec()
@@ -39,8 +33,7 @@ def error(name, steps):
 
 
 @pytest.mark.parametrize(
-    ("name", "order"),
-    [("euler", 1), ("heun", 2), ("ipndm2", 2), ("ipndm4", 2)],
+    ("name", "order"), [("euler", 1), ("heun", 2), ("ipndm2", 2), ("ipndm4", 2)]
 )
 def test_error_falls_with_the_order(name, order):
     slope = np.log2(error(name, 160) / error(name, 80))

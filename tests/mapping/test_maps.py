@@ -27,12 +27,7 @@ from jradar.mapping import (
     published_distance,
     save_map_model,
 )
-from jradar.mapping.columns import (
-    Circle,
-    condition_columns,
-    outline,
-    target_columns,
-)
+from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
 from jradar.mapping.methods import METHODS, nearness
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import rotated, symmetric

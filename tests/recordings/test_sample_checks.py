@@ -137,9 +137,7 @@ def split(cube, count):
 def test_chirps_of_another_number_of_antennas_are_named(sent, taken, speed):
     full = RadarSpec.awr1843(num_chirps=48, num_samples=64)
     radar = dataclasses.replace(
-        full,
-        tx_positions=full.tx_positions[:sent],
-        tx_firing_order=tuple(range(sent)),
+        full, tx_positions=full.tx_positions[:sent], tx_firing_order=tuple(range(sent))
     )
     key = jax.random.key(0)
     place = jax.random.uniform(key, (12, 3), minval=-3.0, maxval=3.0)

@@ -9,10 +9,7 @@ from jradar.recordings import Recording, Stream
 from jradar.session import describing
 
 RECORDING = Recording(
-    "walk",
-    Path("walk"),
-    Radar(RadarSpec.awr1843()),
-    Stream(lambda _: None, 1),
+    "walk", Path("walk"), Radar(RadarSpec.awr1843()), Stream(lambda _: None, 1)
 )
 
 

@@ -26,12 +26,7 @@ from jradar.radar import (
 )
 from jradar.range_image import condition_features, fit_trust
 from jradar.recordings import Recording, Stream
-from jradar.session import (
-    Stages,
-    detect_recording,
-    enhance_recording,
-    fusion,
-)
+from jradar.session import Stages, detect_recording, enhance_recording, fusion
 from jradar.session.stages import Stopwatch
 from tests.models import RADAR, SPEC, echoes, one_pass_model, tiny_model
 

@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 from experiments import radarhd as task, train
-from experiments.configs import (
-    radarhd as default,
-    radarhd_history,
-    radarhd_nearness,
-)
+from experiments.configs import radarhd as default, radarhd_history, radarhd_nearness
 from experiments.radarhd import scores
 from experiments.radarhd.pairs import RADAR
 from jradar.errors import ModelError, UsageError

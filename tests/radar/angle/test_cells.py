@@ -5,13 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    Radar,
-    all_cells,
-    cell_points,
-    detect,
-    range_doppler,
-)
+from jradar.radar import Radar, all_cells, cell_points, detect, range_doppler
 from tests.radar.targets import (
     CASCADE,
     CELLS,

@@ -8,12 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    DETECTORS,
-    ca_cfar,
-    false_alarm_multiplier,
-    noise_floor,
-)
+from jradar.radar import DETECTORS, ca_cfar, false_alarm_multiplier, noise_floor
 from jradar.radar.detect.cfar import cfar
 from jradar.radar.detect.cfar_window import EDGES, largest_window
 

@@ -5,11 +5,7 @@ import pytest
 
 from jradar.errors import UsageError
 from jradar.motion import cloud_velocities, odometry
-from jradar.recordings import (
-    holds_radar_clouds,
-    open_radar_clouds,
-    open_recording,
-)
+from jradar.recordings import holds_radar_clouds, open_radar_clouds, open_recording
 from tests.recordings import bag_writer
 from tests.recordings.bag_writer import CLOUD, CONTAINERS, START, TENTH, write_bag
 
