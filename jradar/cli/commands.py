@@ -80,13 +80,27 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
 
 def odometry(options: argparse.Namespace) -> dict[str, Any]:
     """Estimate the radar's trajectory from Doppler, and write it."""
+    motion, is_bag = jradar.motion, jradar.recordings.holds_radar_clouds(options.path)
+    measured = _velocities_of_clouds if is_bag else _velocities_of_frames
+    source, velocities, about = measured(options)
+    rotation = options.rotation or ("none" if source.imu is None else "imu")
+    found = motion.odometry(source, velocities, rotation=rotation)
+    motion.write_tum(options.output, found)
+    return {
+        **about,
+        "notes": [*source.notes, *found.notes],
+        "rotation": rotation,
+        **motion.describe_trajectory(found, velocities, source.poses),
+        "written": [options.output],
+    }
+
+
+def _velocities_of_frames(options: argparse.Namespace) -> tuple[Any, ...]:
+    """Return a recording, the radar's velocities, and what the result says of both."""
     from jradar.motion.velocities import POINTS
 
-    if jradar.recordings.holds_radar_clouds(options.path):
-        return _odometry_of_clouds(options)
     if options.topic:
         raise UsageError("--topic is of bags with radar clouds alone")
-    motion = jradar.motion
     recording = jradar.open_recording(options.path, **opening(options))
     count = len(recording.cubes)
     frames = range(*options.frames.indices(count))
@@ -98,38 +112,20 @@ def odometry(options: argparse.Namespace) -> dict[str, Any]:
     recording = jradar.recordings.with_sample_doubts(recording, frames[0])
     points = dataclasses.replace(POINTS, **given(options, "folds"))
     with progress("odometry", len(frames), unit="frames") as show:
-        velocities = motion.frame_velocities(
+        velocities = jradar.motion.frame_velocities(
             recording, frames=frames, points=points, advance=show
         )
-    rotation = options.rotation or ("none" if recording.imu is None else "imu")
-    found = motion.odometry(recording, velocities, rotation=rotation)
-    motion.write_tum(options.output, found)
-    return {
-        **summary(recording, found.notes),
-        "rotation": rotation,
-        **motion.describe_trajectory(found, velocities, recording.poses),
-        "written": [options.output],
-    }
+    return recording, velocities, summary(recording)
 
 
-def _odometry_of_clouds(options: argparse.Namespace) -> dict[str, Any]:
-    """The same for a bag of the clouds that the radar itself found."""
-    motion = jradar.motion
+def _velocities_of_clouds(options: argparse.Namespace) -> tuple[Any, ...]:
+    """Return the same of a bag of the clouds that the radar itself found."""
     bag = jradar.recordings.open_radar_clouds(options.path, topic=options.topic)
-    with progress("odometry", len(bag.clouds[options.frames]), unit="clouds") as show:
-        velocities = motion.cloud_velocities(bag, frames=options.frames, advance=show)
-    rotation = options.rotation or ("none" if bag.imu is None else "imu")
-    found = motion.odometry(bag, velocities, rotation=rotation)
-    motion.write_tum(options.output, found)
-    return {
-        "recording": str(bag.path),
-        "topic": bag.topic,
-        "velocity": bag.field,
-        "notes": [*bag.notes, *found.notes],
-        "rotation": rotation,
-        **motion.describe_trajectory(found, velocities, None),
-        "written": [options.output],
-    }
+    frames = options.frames
+    with progress("odometry", len(bag.clouds[frames]), unit="clouds") as show:
+        velocities = jradar.motion.cloud_velocities(bag, frames=frames, advance=show)
+    about = {"recording": str(bag.path), "topic": bag.topic, "velocity": bag.field}
+    return bag, velocities, about
 
 
 def map_(options: argparse.Namespace) -> dict[str, Any]:

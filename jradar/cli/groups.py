@@ -8,7 +8,7 @@ import argparse
 import ast
 import functools
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from jradar.cli import values
 
@@ -189,33 +189,24 @@ def playing(sub):
     flag(sub, "--repeat", "begin again at the end of the recording")
 
 
-class Field(NamedTuple):
-    """A field of `PointSpec`."""
-
-    name: str
-    kind: str
-    default: Any
-    text: str
-
-
 @functools.cache
-def point_fields() -> tuple[Field, ...]:
-    """Return the fields in their order, each with the help that stands below it."""
+def point_fields() -> dict[str, tuple[str, Any, str]]:
+    """Return type, default and help of each field of `PointSpec`, in their order."""
     module = ast.parse(SOURCE.read_text(encoding="utf-8"))
     (body,) = (n.body for n in module.body if isinstance(n, ast.ClassDef))
-    found = []
+    found = {}
     for field, below in zip(body, body[1:], strict=False):
         if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
             kind = ast.unparse(field.annotation).removesuffix(" | None")
             default = ast.literal_eval(ast.unparse(field.value or ast.Constant(None)))
             text = " ".join(ast.literal_eval(below.value).split())
-            found.append(Field(ast.unparse(field.target), kind, default, text))
-    return tuple(found)
+            found[ast.unparse(field.target)] = kind, default, text
+    return found
 
 
 def add_point_options(sub: argparse.ArgumentParser, *names: str) -> None:
     """Add an option for each field of `PointSpec`, or for those of these names."""
-    for name, kind, default, text in point_fields():
+    for name, (kind, default, text) in point_fields().items():
         if names and name not in names:
             continue
         flag = "--" + name.replace("_", "-")
@@ -234,5 +225,5 @@ def add_point_options(sub: argparse.ArgumentParser, *names: str) -> None:
 
 def given_points(options: argparse.Namespace) -> dict[str, Any]:
     """Return the fields that the user gave."""
-    found = {field.name: getattr(options, field.name, None) for field in point_fields()}
+    found = {name: getattr(options, name, None) for name in point_fields()}
     return {name: value for name, value in found.items() if value is not None}
