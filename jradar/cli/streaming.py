@@ -2,7 +2,9 @@
 
 import argparse
 import contextlib
+import functools
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import jradar
@@ -13,7 +15,8 @@ from jradar.errors import UsageError
 if TYPE_CHECKING:
     from jradar.model import Model
     from jradar.recordings import Recording
-    from jradar.stream import Emulator, NetworkSpec
+    from jradar.stream import Emulator, NetworkSpec, Receiver
+    from jradar.stream.live import Session
     from jradar.stream.outputs import Writer
 
 NO_MODEL = "none"
@@ -26,19 +29,11 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     model = _model(options, recording)
     drawing = stream.quickest(model, draws=options.draws, steps=options.steps)
     processor = stream.Processor(recording, model=model, seed=options.seed, **drawing)
-    network = stream.loopback_network() if options.replay else _network(options)
     with contextlib.ExitStack() as stack:
-        receiver = stream.Receiver(stream.frame_bytes(recording), network)
-        stack.callback(receiver.close)
+        receiver, run_session = _listen(options, recording, stack)
         writers = _writers(options, stack)
-        emulator = None
-        if options.replay:
-            emulator = _emulator(options, recording, network)
-            stack.callback(emulator.close)
         _tell("compiling ..")
-        session = stream.run_session(
-            receiver, processor, writers, emulator=emulator, **_of_session(options)
-        )
+        session = run_session(processor, writers)
     return {
         "radar": recording.radar.spec.name,
         "recording": options.replay or "",
@@ -49,38 +44,48 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def _of_session(options: argparse.Namespace) -> dict[str, Any]:
-    """How a session of the card is run, as asked."""
-    return {
-        "commands": not options.no_commands,
-        "packet_delay_us": options.packet_delay,
-        "board": options.board,
-        "silence_s": options.silence,
-        "seconds": options.seconds,
-        "say": say,
-    }
+def _listen(
+    options: argparse.Namespace,
+    recording: "Recording",
+    stack: contextlib.ExitStack,
+    *,
+    waiting: int = 1,
+) -> "tuple[Receiver, Callable[..., Session]]":
+    """Return what receives a radar's frames, and the function that runs a session.
+
+    A recording is played by an emulated card. Both are closed with the stack.
+    """
+    stream, emulator = jradar.stream, None
+    network = stream.loopback_network() if options.replay else _network(options)
+    size = stream.frame_bytes(recording)
+    receiver = stream.Receiver(size, network, waiting=waiting)
+    stack.callback(receiver.close)
+    if options.replay:
+        emulator = _emulator(options, recording, network)
+        stack.callback(emulator.close)
+    return receiver, functools.partial(
+        stream.run_session,
+        receiver,
+        emulator=emulator,
+        commands=not options.no_commands,
+        packet_delay_us=options.packet_delay,
+        board=options.board,
+        silence_s=options.silence,
+        seconds=options.seconds,
+        say=say,
+    )
 
 
 def record(options: argparse.Namespace) -> dict[str, Any]:
     """Record the raw frames of a radar on the cable, with their times and losses."""
-    stream, source = jradar.stream, _recording(options)
-    network = stream.loopback_network() if options.replay else _network(options)
+    source = _recording(options)
     with contextlib.ExitStack() as stack:
-        size = stream.frame_bytes(source)
-        receiver = stream.Receiver(size, network, waiting=WAITING)
-        stack.callback(receiver.close)
-        emulator = None
-        if options.replay:
-            emulator = _emulator(options, source, network)
-            stack.callback(emulator.close)
+        receiver, run_session = _listen(options, source, stack, waiting=WAITING)
         recorder = jradar.recordings.open_recorder(options.output, source)
         stack.enter_context(recorder)
-        session = stream.run_session(
-            receiver,
-            stream.Processor(source),
+        session = run_session(
+            jradar.stream.Processor(source),
             (),
-            emulator=emulator,
-            **_of_session(options),
             keep=lambda f: recorder.write(f.data, f.stamp_s, f.lost_bytes),
         )
     counts = receiver.counts
