@@ -18,6 +18,7 @@ from jradar.data.frames import (
     lidar_in_view as lidar_in_view,
     matches_of as matches_of,
     prepare_frame as prepare_frame,
+    preview as preview,
 )
 from jradar.data.loading import (
     AugmentedPairs as AugmentedPairs,
@@ -32,7 +33,6 @@ from jradar.data.prepare import (
     prepare as prepare,
     prepare_sources as prepare_sources,
 )
-from jradar.data.preview import preview as preview
 from jradar.data.records import (
     PreparedFrame as PreparedFrame,
     Records as Records,

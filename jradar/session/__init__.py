@@ -13,8 +13,10 @@ of_radar                                 why a model may not suit a radar
 from jradar.session.configuration import (
     describe_configuration as describe_configuration,
 )
-from jradar.session.describing import describe_recording as describe_recording
-from jradar.session.detecting import detect_recording as detect_recording
+from jradar.session.detecting import (
+    describe_recording as describe_recording,
+    detect_recording as detect_recording,
+)
 from jradar.session.frames import (
     Enhancement as Enhancement,
     Frame as Frame,

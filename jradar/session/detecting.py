@@ -1,4 +1,7 @@
-"""Frames of a recording to radar points, one after another, as `jradar points` does."""
+"""Frames of a recording to radar points, one after another, as `jradar points` does.
+
+`describe_recording` is what `jradar info` says of a recording and one of its frames.
+"""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -8,8 +11,15 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Inexact
 
+from jradar.motion import gravity_warnings
 from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
-from jradar.recordings import Recording, check_samples, with_sample_doubts
+from jradar.recordings import (
+    Recording,
+    check_samples,
+    describe,
+    propose_offset,
+    with_sample_doubts,
+)
 from jradar.recordings.sample_checks import SampleCheck
 from jradar.session.frames import ahead, chosen_frames, stamp_s
 from jradar.session.stages import Stages
@@ -17,6 +27,7 @@ from jradar.session.warnings import no_echoes
 from jradar.types import PointCloud
 
 POINTS = PointSpec()
+LEAST_CONFIDENCE = 0.1  # of an offset between two clocks
 
 
 class Detected(NamedTuple):
@@ -129,3 +140,42 @@ def detect_recording(
     """
     chosen = chosen_frames(recording, frames)
     return Detection(with_sample_doubts(recording, chosen[0]), points, chosen)
+
+
+def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any]:
+    """Return `describe`, and a frame's samples, noise and strongest echoes.
+
+    For a rig's own capture with a LiDAR, also the offset between the sensors' clocks.
+    """
+    radar, one = recording.radar.spec, range(frame, frame + 1)
+    detection = detect_recording(recording, frames=one)
+    (seen,) = detection
+    shown = seen.describe(radar)
+    found: dict[str, Any] = {
+        "frame": frame,
+        "largest sample": seen.check.largest,
+        "share at full scale": seen.check.share,
+        "noise": shown["noise"],
+        "echoes": shown["echoes"],
+    }
+    if radar.num_chirps > 1:
+        moving = PointSpec(remove_static=True)
+        (seen_moving,) = detect_recording(recording, points=moving, frames=one)
+        found["moving echoes"] = seen_moving.describe(radar)["echoes"]
+    if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
+        found["time offset"] = _time_offset(recording)
+    described = describe(detection.recording)
+    described["notes"] += gravity_warnings(recording)
+    described["notes"] += no_echoes([frame] if seen.empty else [])
+    return {**described, **found}
+
+
+def _time_offset(recording: Recording) -> dict[str, Any]:
+    """Estimate the offset between the sensors' clocks from the rig's motion."""
+    try:
+        seconds, confidence = propose_offset(recording)
+    except ValueError as error:
+        return {"not estimated": str(error)}
+    if confidence < LEAST_CONFIDENCE:
+        return {"not estimated": f"no offset stands out (confidence {confidence:.3f})"}
+    return {"add to the radar's start (s)": seconds, "confidence, 0 to 1": confidence}
