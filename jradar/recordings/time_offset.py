@@ -139,7 +139,6 @@ def _changes(items, chosen, change):
 
 
 def _radar_change(before, after):
-    """Return the share of power that changed between two frames."""
     power = (np.abs(before) ** 2).sum() + (np.abs(after) ** 2).sum()
     return float((np.abs(after - before) ** 2).sum() / power) if power else 0.0
 

@@ -75,7 +75,6 @@ def write_rows(path: Path, rows: Float[np.ndarray, "item column"]) -> None:
 
 
 def _write_radar(folder: Path, radar: RadarSpec, hardware: Hardware) -> None:
-    """Write waveform, antennas and calibration of one radar."""
     waveform = (f"{key} {getattr(radar, field)!r}" for key, field in WAVEFORM.items())
     (folder / "waveform_cfg.txt").write_text("\n".join(waveform) + "\n")
     antennas = [

@@ -265,7 +265,6 @@ def _scan(setting):
 
 @functools.cache
 def _rays():
-    """Return the scanner's rays to the front."""
     directions, seconds = ouster_rays()
     ahead = directions @ (PLATFORM_FROM_BASE @ base_from("lidar")[:3, :3]).T
     front = np.abs(np.arctan2(ahead[:, 1], ahead[:, 0])) < VIEW

@@ -131,7 +131,6 @@ def _returns(scene, places, origins, directions):
 
 
 def _directions(azimuth, elevation):
-    """Return unit vectors."""
     ground, z = np.cos(elevation), np.sin(elevation)
     xyz = np.broadcast_arrays(ground * np.cos(azimuth), ground * np.sin(azimuth), z)
     return np.stack(xyz, -1)

@@ -92,7 +92,6 @@ def _size(radar: RadarSpec | ValueError) -> str:
 
 
 def _radar(path: Path | str, chosen: Configuration) -> RadarSpec:
-    """Return the radar of one configuration."""
     (chip,), (rx_mask,), (adc_format,), (*ends, turns, period) = (
         chosen[name][()]
         for name in ("select_chip_version", "ChannelConfig", "AdcOutConfig", ENDS[0])

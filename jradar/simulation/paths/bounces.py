@@ -145,7 +145,6 @@ def mirrored_paths(
 
 
 def _longer(xyz, metres):
-    """Return points moved away from the radar."""
     distance = np.linalg.norm(xyz, axis=-1, keepdims=True)
     return xyz * (1 + metres / np.maximum(distance, 1e-6))
 

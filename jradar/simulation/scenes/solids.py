@@ -212,5 +212,4 @@ def _capsule(radius, height, xyz):
 
 
 def _fill(material, count):
-    """Return the material's index for `count` faces."""
     return np.full(count, MATERIAL_IDS[material])
