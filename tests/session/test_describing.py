@@ -6,7 +6,7 @@ import pytest
 
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
-from jradar.session import describing
+from jradar.session import detecting
 
 RECORDING = Recording(
     "walk", Path("walk"), Radar(RadarSpec.awr1843()), Stream(lambda _: None, 1)
@@ -15,7 +15,7 @@ RECORDING = Recording(
 
 @pytest.mark.parametrize(("confidence", "given"), [(0.09, False), (0.11, True)])
 def test_an_offset_of_low_confidence_is_withheld(monkeypatch, confidence, given):
-    monkeypatch.setattr(describing, "propose_offset", lambda _: (0.42, confidence))
-    found = describing._time_offset(RECORDING)
+    monkeypatch.setattr(detecting, "propose_offset", lambda _: (0.42, confidence))
+    found = detecting._time_offset(RECORDING)
     assert (found.get("add to the radar's start (s)") == 0.42) == given
     assert ("not estimated" in found) != given
