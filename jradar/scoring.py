@@ -46,6 +46,7 @@ from jradar.evaluation.records import TRUTH, VIEW, Clouds
 from jradar.evaluation.scores import Scores
 from jradar.lidar import LidarSpec
 from jradar.model import Model, load_model
+from jradar.radar.angle.spectrum import azimuth_bins
 from jradar.session import of_radar
 
 WHOLE = "whole LiDAR in view"
@@ -203,6 +204,9 @@ def _seen(model: Model) -> dict[str, Any]:
     for part in ("points", "coarse", "fine"):
         fields = dataclasses.asdict(getattr(spec, part))
         found |= {f"{part}.{name}": value for name, value in fields.items()}
+    bins = "points.num_azimuth"
+    if found[bins] is None and model.card.radars:
+        found[bins] = azimuth_bins(model.card.radar)
     return found
 
 

@@ -29,12 +29,14 @@ def walks(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    """Two models of the same images."""
+    """Two models of the same images; one names the bins that are the default."""
     folder = tmp_path_factory.mktemp("models")
-    for name, scale in (("one", 1.0), ("two", 0.5)):
+    for name, scale, bins in (("one", 1.0, None), ("two", 0.5, 64)):
         model = tiny_model(method="regression")
+        points = dataclasses.replace(model.spec.points, num_azimuth=bins)
+        spec = dataclasses.replace(model.spec, points=points)
         params = jax.tree.map(lambda leaf, scale=scale: scale * leaf, model.params)
-        save_model(folder / name, dataclasses.replace(model, params=params))
+        save_model(folder / name, dataclasses.replace(model, params=params, spec=spec))
     return [str(folder / name) for name in ("one", "two")]
 
 

@@ -100,7 +100,7 @@ class PointSpec:
             )
 
     def fitted(self, radar: RadarSpec) -> "PointSpec":
-        """Return the spec with CFAR window, azimuth bins and capacity for the radar.
+        """Return the spec with a CFAR window and a capacity that suit the radar.
 
         A frame has no more points than it has cells, times `peaks`.
         """

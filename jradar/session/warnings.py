@@ -67,7 +67,7 @@ def of_frames(frames: "Sequence[Frame]", radar: Radar) -> Iterator[str]:
         yield (
             f"do not trust {_which(unsure)} of {len(frames)}: the model expects more "
             f"than {100 * (1 - UNSURE):.0f} % of the points to be wrong. "
-            "--min-confidence 0.5 keeps the better ones"
+            "--min-confidence 0.5 keeps few of them, most of which are right"
             + ("" if radar.calibrated else f". {UNCALIBRATED}")
         )
 
