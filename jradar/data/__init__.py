@@ -2,7 +2,6 @@
 
 find_sources                          the recordings in a folder, and their splits
 scene                                 of a sequence of ColoRadar, in the paper's words
-matches_of                            radar frames and LiDAR scans of the same time
 PrepareSpec, prepare_frame            options, and one prepared frame
 lidar_in_view                         all LiDAR points that were in its view
 preview                               one frame with the steps of its preparation
@@ -16,7 +15,6 @@ AugmentSpec, AugmentedPairs           changes of frames at random in training
 from jradar.data.augment import AugmentSpec as AugmentSpec
 from jradar.data.frames import (
     lidar_in_view as lidar_in_view,
-    matches_of as matches_of,
     prepare_frame as prepare_frame,
     preview as preview,
 )

@@ -6,7 +6,6 @@ describe_recording                       what a recording holds, and one frame o
 describe_configuration                   what a radar and its board can do
 FrameFolder                              the files of frames
 Stages                                   the stages of one frame, compiled and timed
-Seen, see, fused                         several frames as one
 of_radar                                 why a model may not suit a radar
 """
 
@@ -22,7 +21,6 @@ from jradar.session.frames import (
     Frame as Frame,
     enhance_recording as enhance_recording,
 )
-from jradar.session.fusion import Seen as Seen, fused as fused, see as see
 from jradar.session.stages import Stages as Stages
 from jradar.session.warnings import of_radar as of_radar
 from jradar.session.writing import FrameFolder as FrameFolder

@@ -4,7 +4,7 @@
     Emulator --^
 
     NetworkSpec, Card           `protocol`, `card`: addresses; commands to the card
-    Receiver, Frame             `receiver`, `assembler`: packets to frames, all counted
+    Receiver                    `receiver`, `assembler`: packets to frames, all counted
     Emulator, FaultSpec         `emulator`: a card that plays a recording
     send_cfg                    `board`: the .cfg over the board's serial port
     Processor, View             `processing`, `views`: a frame to clouds and a picture
@@ -15,7 +15,6 @@
 README.md has the wiring, the network's settings and what to check.
 """
 
-from jradar.stream.assembler import Frame as Frame
 from jradar.stream.card import Card as Card
 from jradar.stream.emulator import (
     Emulator as Emulator,
@@ -42,5 +41,4 @@ from jradar.stream.views import (
     View as View,
     enhanced_view as enhanced_view,
     point_table as point_table,
-    range_azimuth as range_azimuth,
 )

@@ -44,7 +44,6 @@ class Viewer:
     """One connection: what it subscribed to, and the messages that wait for it."""
 
     def __init__(self, connection: Any):
-        """Nothing is subscribed to yet."""
         self.connection = connection
         self.subscriptions: dict[int, int] = {}  # by channel
         self._waiting: deque[str | bytes] = deque(maxlen=BACKLOG)
