@@ -110,10 +110,10 @@ class Score(NamedTuple):
         for row in self.rows:
             if row["truth"] == TRUTH:
                 rows.setdefault(row["method"], []).append(row)
-        reference, key = self.models[0], jax.random.key(0)
+        reference = self.models[0]
         for name, scores in rows.items():
             if name != reference:
-                found = compare_methods(key, scores, rows[reference], score=JUDGED)
+                found = compare_methods(scores, rows[reference], score=JUDGED)
                 yield {
                     "methods": f"{name} minus {reference}",
                     **_interval("F 0.2 m (points)", found.difference),

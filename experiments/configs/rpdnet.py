@@ -3,8 +3,7 @@ r"""RPDNet (Cheng et al. 2022), a learned detector, on simulated ColoRadar scene
     python -m experiments.main --config=experiments/configs/rpdnet.py \
         --config.data.path=RECORDS --workdir=runs/rpdnet
 
-The network marks cells in the place of a CFAR detector. To compare its row with other
-runs on the same records, use `experiments.studies.compare`. The authors' network has 64
+The network marks cells in the place of a CFAR detector. The authors' network has 64
 channels; 16 train on a CPU, in 10 minutes on one core.
 """
 

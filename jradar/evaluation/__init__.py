@@ -16,8 +16,6 @@ summarise, pooled, markdown, COLUMNS
                                  means of groups of rows, as a table; its columns
 overview, write_tables           the tables that a run prints; Markdown, LaTeX and CSV
 markdown_table                   any titles and cells as Markdown
-read_runs, comparison_table      several runs side by side
-runs_table                       one run minus another, frame by frame
 seeds_table                      mean and spread over runs with other seeds
 save_clouds                      clouds of a few frames
 build_report, open_report        tables, curves and clouds of a run in one HTML file
@@ -71,12 +69,6 @@ from jradar.evaluation.report import (
     open_report as open_report,
     save_clouds as save_clouds,
 )
-from jradar.evaluation.runs import (
-    comparison_table as comparison_table,
-    read_runs as read_runs,
-    runs_table as runs_table,
-    seeds_table as seeds_table,
-)
 from jradar.evaluation.scores import (
     read_scores as read_scores,
     write_scores as write_scores,
@@ -92,6 +84,7 @@ from jradar.evaluation.tables import (
     markdown_table as markdown_table,
     overview as overview,
     pooled as pooled,
+    seeds_table as seeds_table,
     summarise as summarise,
     write_tables as write_tables,
 )

@@ -21,7 +21,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -169,7 +168,7 @@ def _summary(scores: Scores, best: str, other: str) -> str:
     mean = 100 * np.mean([row[JUDGED] for row in seen])
     text = f"**{best}** has the best F-score at 0.2 m: {mean:.1f} % on average"
     if other != best:
-        found = compare_methods(jax.random.key(0), rows, rivals, score=JUDGED)
+        found = compare_methods(rows, rivals, score=JUDGED)
         gain, low, high = (100 * value for value in found.difference[:3])
         text += f", {gain:.1f} points above {other}"
         text += f" ({low:.1f} to {high:.1f})" if np.isfinite(low) else ""

@@ -16,12 +16,11 @@ span nearly everything.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
-from jaxtyping import Array, Key
 from scipy.signal import correlate
 from scipy.stats import t as student
 
+CONFIDENCE = 0.95  # of an interval
 LEAST_FREEDOM = 3  # of an interval: four independent frames
 Series = Sequence[Sequence[float | int] | np.ndarray]
 
@@ -39,27 +38,21 @@ class Estimate(NamedTuple):
 class Comparison(NamedTuple):
     """First minus second, frame by frame."""
 
-    difference: Estimate
+    difference: Estimate  # of the frames with a score from both
     t_test: float  # p-value of no difference, from the interval's t statistic
-    sign_flip: float  # p-value of no difference, from flipped blocks of frames
-    left_out: int  # frames without a score from both
 
 
-def mean_interval(
-    sequences: Series, *, confidence: float = 0.95, most: float | None = None
-) -> Estimate:
-    """Return the mean over all frames, without NaN, and its confidence interval.
+def mean_interval(sequences: Series, *, most: float | None = None) -> Estimate:
+    """Return the mean over all frames, without NaN, and its 95 % interval.
 
     Each sequence is in order of time. Values from 0 to `most`, which may be infinite,
     have an interval that stays there: it is symmetric in the log-odds, or in the
     logarithm. The interval is NaN for fewer than `LEAST_FREEDOM` degrees of freedom.
     """
-    if not 0 < confidence < 1:
-        raise ValueError(f"{confidence=}, expected between 0 and 1")
-    mean, variance, freedom, frames, effective, _ = _analyse(_arrays(sequences))
+    mean, variance, freedom, frames, effective = _analyse(_arrays(sequences))
     if not freedom >= LEAST_FREEDOM:  # which is NaN for fewer than two values
         return Estimate(float(mean), np.nan, np.nan, frames, effective)
-    half = student.ppf((1 + confidence) / 2, freedom) * np.sqrt(variance)
+    half = student.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(variance)
     ends = mean + half * np.array([-1, 1])
     if most is not None and variance:
         share = mean / most
@@ -69,53 +62,31 @@ def mean_interval(
     return Estimate(float(mean), low, high, frames, effective)
 
 
-def compare_paired(
-    key: Key[Array, ""], first: Series, second: Series, *, flips: int = 9999
-) -> Comparison:
-    """Return the mean difference of two methods on the same frames, with two tests.
+def compare_paired(first: Series, second: Series) -> Comparison:
+    """Return the mean difference of two methods on the same frames, with a t-test.
 
-    The t-test uses the interval of the mean difference. The permutation test flips the
-    signs of whole blocks of frames, each as long as the correlation reaches: flips of
-    single frames, as in Wilcoxon's test, would report chance as a difference. Frames
-    where one of the two is NaN are left out and counted.
+    The test uses the interval of the mean difference. Tests that take frames as
+    independent, such as Wilcoxon's, would report chance as a difference. Frames where
+    one of the two is NaN are left out.
     """
     first, second = _arrays(first), _arrays(second)
     lengths = [[len(series) for series in both] for both in (first, second)]
     if lengths[0] != lengths[1]:
         raise ValueError(f"sequences of {lengths[0]} and of {lengths[1]} frames")
     differences = [a - b for a, b in zip(first, second, strict=True)]
-    difference = mean_interval(differences)
-    mean, variance, freedom, frames, _, reach = _analyse(differences)
+    mean, variance, freedom, *_ = _analyse(differences)
     statistic = np.inf if variance == 0 else abs(mean) / np.sqrt(variance)
     t_test = 1.0 if mean == 0 else float(2 * student.sf(statistic, freedom))
-    sums = np.array(
-        [
-            np.nansum(block)
-            for series in differences
-            if len(series)
-            for block in np.array_split(series, max(round(len(series) / reach), 1))
-        ]
-    )
-    random = np.random.default_rng(np.asarray(jax.random.key_data(key)))
-    signs = random.choice([-1.0, 1.0], size=(flips, len(sums)))
-    tolerance = 1e-9 * np.abs(sums).sum()
-    as_far = np.abs(signs @ sums) >= abs(sums.sum()) - tolerance
-    sign_flip = float((1 + as_far.sum()) / (1 + flips)) if frames else np.nan
-    total = sum(lengths[0])
-    return Comparison(difference, t_test, sign_flip, total - frames)
+    return Comparison(mean_interval(differences), t_test)
 
 
 def compare_methods(
-    key: Key[Array, ""],
-    first: Sequence[dict[str, Any]],
-    second: Sequence[dict[str, Any]],
-    *,
-    score: str,
+    first: Sequence[dict[str, Any]], second: Sequence[dict[str, Any]], *, score: str
 ) -> Comparison:
-    """Return `compare_paired` of the rows of two methods, from one run or two.
+    """Return `compare_paired` of the rows of two methods.
 
     Frames are matched by scene, sequence and frame. A frame that only one method scored
-    is left out and counted.
+    is left out.
     """
     by_frame = []
     for rows in (first, second):
@@ -132,7 +103,7 @@ def compare_methods(
         raise ValueError(
             "the methods have no frame in common: evaluate them on one split"
         )
-    return compare_paired(key, [*series[0].values()], [*series[1].values()])
+    return compare_paired([*series[0].values()], [*series[1].values()])
 
 
 def _place(row):
@@ -144,7 +115,7 @@ def _arrays(sequences):
 
 
 def _analyse(sequences):
-    """Mean, its variance, degrees of freedom, frames, effective ones, their reach."""
+    """Mean, its variance, degrees of freedom, frames, and effective ones."""
     values = np.concatenate([*sequences, np.zeros(0)])
     known = np.isfinite(values)
     count = int(known.sum())
@@ -152,7 +123,7 @@ def _analyse(sequences):
     if count and np.ptp(values[known]) == 0:
         mean = values[known][0]  # exact, so that a constant has a variance of 0
     if count < 2:
-        return mean, np.nan, np.nan, count, float(count), 1
+        return mean, np.nan, np.nan, count, float(count)
     products, pairs = _autocovariance(sequences, mean)
     share = (2 * np.cumsum(pairs) - pairs[0]) / count**2
     lag = min(_positive_lags(products), np.searchsorted(share, 0.5 + 1e-9) - 1)
@@ -161,7 +132,7 @@ def _analyse(sequences):
     independent = (products[0] / count + max(variance, 0)) / count
     variance = max(variance, independent)
     effective = count * independent / variance if variance else float(count)
-    return mean, variance, 1 / share - 1, count, float(effective), 2 * lag + 1
+    return mean, variance, 1 / share - 1, count, float(effective)
 
 
 def _autocovariance(sequences, mean):

@@ -11,6 +11,7 @@ writes what is a table already.
 import csv
 import io
 import itertools
+import statistics
 from collections.abc import Callable, Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -99,21 +100,18 @@ def markdown(
     *,
     columns: Collection[str] = REPEATED,
     intervals: bool = False,
-    bold: bool = False,
 ) -> str:
     """Return a summary as a Markdown table, F-scores in percent.
 
     What all rows are grouped by is a column if it varies, and the last of it always.
-    `intervals` adds the 95 % interval to each mean. `bold` marks the
-    best of each column among the rows that differ only in the last name.
+    `intervals` adds the 95 % interval to each mean.
     """
     *others, last = (name for name in summary[0] if isinstance(summary[0][name], str))
     names = [name for name in others if len({row[name] for row in summary}) > 1]
     names += [last]
     lines = []
     for row in summary:
-        alike = [r for r in summary if all(r[name] == row[name] for name in others)]
-        cells = _cells(row, columns, alike if bold else [], intervals=intervals)
+        cells = _cells(row, columns, intervals=intervals)
         heads = [row[name] for name in names]
         lines.append([*heads, *cells, row["frames"], row["empty"]])
     titles = [COLUMNS[column].title for column in columns]
@@ -248,6 +246,33 @@ def write_tables(path: Path | str) -> list[Path]:
     return [folder / name for name in tables]
 
 
+def seeds_table(runs: Sequence[Path | str]) -> str:
+    """Return each method's mean scores over runs, and their deviation from run to run.
+
+    Scores are against the first truth, and scenes are pooled.
+    """
+    means: dict[str, dict[str, list[float]]] = {}
+    for run in runs:
+        scores = read_scores(Path(run) / "evaluation" / "frames.jsonl")
+        rows: dict[str, list] = {}
+        for row in scores:
+            if row["truth"] == scores[0]["truth"]:
+                rows.setdefault(row["method"], []).append(row)
+        for method, found in rows.items():
+            seen = [row for row in found if row["truth_points"]]
+            for score in IN_SCENES:
+                mean = float(np.nanmean([row[score] for row in seen]))
+                means.setdefault(method, {}).setdefault(score, []).append(mean)
+
+    def spread(method: str, score: str) -> str:
+        text, values = COLUMNS[score].text, means[method][score]
+        return f"{text(statistics.mean(values))} ± {text(statistics.stdev(values))}"
+
+    lines = [[m, *(spread(m, score) for score in IN_SCENES), len(runs)] for m in means]
+    titles = [COLUMNS[score].title for score in IN_SCENES]
+    return markdown_table(["method", *titles, "runs"], lines)
+
+
 def markdown_table(titles: Sequence[Any], rows: Iterable[Sequence[Any]]) -> str:
     """Return a Markdown table of any cells."""
     head, *body = (
@@ -286,7 +311,7 @@ def _latex(text: str) -> str:
 def _cells(
     row: dict[str, Any],
     columns: Collection[str],
-    alike: Summary,
+    alike: Sequence[dict[str, Any]] = (),
     *,
     style: Style = "markdown",
     intervals: bool = False,
