@@ -274,6 +274,7 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/finetune.py": "starts from that",
     "--config=experiments/configs/varied.py": "starts from that",
     "-o runs/robustness --rates runs/varied": "needs that run",
+    "-o runs/own_frames": "half an hour of training",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/maps.py": "hours of training",
     "--model runs/maps": "needs that run",
