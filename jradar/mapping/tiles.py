@@ -1,13 +1,12 @@
 """Training tiles: parts of patches and of whole maps, changed at random.
 
-A tile lies somewhere in the LiDAR's patch, is rotated, mirrored, moved up or down, and
-loses some of its radar voxels. Now and then it is a part of the whole map, since whole
-maps are enhanced, too.
+A tile lies somewhere in the LiDAR's patch, is rotated by quarter turns, mirrored, moved
+up or down, and loses some of its radar voxels. Now and then it is a part of the whole
+map, as whole maps are enhanced.
 """
 
 import dataclasses
 import hashlib
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -29,9 +28,6 @@ class TileSpec:
     """How tiles are drawn: chances and extents of their changes."""
 
     whole: float = 0.15  # chance of a part of the whole map
-    rotated: float = (
-        0.5  # chance of a rotation by any angle, not by quarter turns alone
-    )
     thin: float = 0.5  # chance to lose radar voxels, up to `most_lost` of them
     most_lost: float = 0.6
     most_raised: int = 3  # voxels up or down
@@ -66,9 +62,7 @@ class Tiles(Sequence):
         run, spec, tiles = self.runs[place[0]], self.spec, self.tiles
         radar, patch = run.patch(place[1])
         around, truth = outline(radar), outline(patch)
-        oblique = rng.random() < tiles.rotated
-        side = math.ceil(math.sqrt(2) * spec.tile) if oblique else spec.tile
-        half, middle = spec.tile // 2, side // 2
+        half = spec.tile // 2
         margin = tiles.border_m / spec.voxel_m
         reach = max(truth.radius - half, 0) + margin
         shift = rng.uniform(-reach, reach, 2)
@@ -76,8 +70,8 @@ class Tiles(Sequence):
         z = middle_height(radar) + int(
             rng.integers(-tiles.most_raised, tiles.most_raised + 1)
         )
-        origin = (x - middle, y - middle, z - spec.heights // 2)
-        size = (side, side)
+        origin = (x - half, y - half, z - spec.heights // 2)
+        size = (spec.tile, spec.tile)
         whole = rng.random() < tiles.whole
         if whole:
             radar, around, patch = run.radar, None, None
@@ -93,11 +87,7 @@ class Tiles(Sequence):
             height_known=rng.random() >= tiles.unknown_height,
         )
         target: Any = target_columns(run.lidar, patch, origin, size, spec)
-        pair = symmetric(Batch(condition, target), int(rng.integers(8)))
-        if not oblique:
-            return pair
-        angle = rng.uniform(-np.pi / 4, np.pi / 4)
-        return Batch(*(rotated(image, angle, spec.tile) for image in pair))
+        return symmetric(Batch(condition, target), int(rng.integers(8)))
 
 
 def symmetric(pair: Batch, which: int) -> Batch:
@@ -108,16 +98,3 @@ def symmetric(pair: Batch, which: int) -> Batch:
         return np.ascontiguousarray(image.swapaxes(0, 1) if which >= 4 else image)
 
     return Batch(*map(change, pair))
-
-
-def rotated(image: Any, angle: float, side: int) -> Any:
-    """Return the middle of an image of columns, rotated by `angle` in radians.
-
-    Each column is the nearest one of `image`, which has to be wide enough.
-    """
-    steps = np.arange(side) - (side - 1) / 2
-    x, y = np.meshgrid(steps, steps, indexing="ij")
-    cos, sin = np.cos(angle), np.sin(angle)
-    middle = (image.shape[0] - 1) / 2
-    places = np.stack([cos * x + sin * y, cos * y - sin * x]) + middle
-    return image[tuple(np.rint(places).astype(int))]

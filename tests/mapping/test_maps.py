@@ -30,7 +30,7 @@ from jradar.mapping import (
 from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
 from jradar.mapping.methods import METHODS, nearness
 from jradar.mapping.recording import occupancy_grid
-from jradar.mapping.tiles import rotated, symmetric
+from jradar.mapping.tiles import symmetric
 from jradar.recordings.clouds.write import write_pcd
 from jradar.types import PointCloud
 from tests.models import tiny_map_model
@@ -98,18 +98,6 @@ def test_quarter_turns_and_mirrors_are_eight_different_images():
     assert len({batch.condition.tobytes() for batch in found}) == 8
     assert all((a == b).all() for a, b in found)
     assert (found[0].condition == image).all()
-
-
-@pytest.mark.parametrize("degrees", [0, 30, -45])
-def test_a_rotated_image_has_each_column_where_the_angle_puts_it(degrees):
-    """Within half the diagonal of a column, counterclockwise, around the middle."""
-    image = np.zeros((24, 24, 2), np.float32)
-    image[15, 13, 1] = 1  # x, y = 3.5, 1.5 from the middle
-    turned = rotated(image, np.radians(degrees), 16)
-    assert turned.shape == (16, 16, 2) and not turned[..., 0].any()
-    wanted = (3.5 + 1.5j) * np.exp(1j * np.radians(degrees))
-    found = np.argwhere(turned[..., 1]) - 7.5
-    assert len(found) and abs(found @ [1, 1j] - wanted).max() < 0.71
 
 
 def test_tiles_show_the_patch_and_repeat_with_their_seed():
