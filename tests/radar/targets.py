@@ -18,9 +18,8 @@ from tests.directions import unit
 
 SMALL = RadarSpec.awr1843(num_chirps=32, num_samples=64)  # two rows
 FLAT = RadarSpec.awr1642(num_chirps=32, num_samples=64)  # one row
-ONE = dataclasses.replace(
-    SMALL, tx_positions=((0, 0),), rx_positions=((0, 0),), tx_firing_order=()
-)
+SINGLE = {"tx_positions": ((0, 0),), "rx_positions": ((0, 0),)}
+ONE = dataclasses.replace(SMALL, **SINGLE, tx_firing_order=())
 COLUMN = dataclasses.replace(ONE, rx_positions=((0, 0), (0, 1)))
 CASCADE = RadarSpec.cascade(num_samples=64)  # four rows, another firing order
 LIGHT = 299_792_458.0

@@ -7,28 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    RadarSpec,
-    ca_cfar,
-    calibrate,
-    power_map,
-    radar_points,
-)
+from jradar.radar import PointSpec, Radar, RadarSpec, ca_cfar, calibrate, radar_points
 from jradar.radar.devices import BOARDS
+from jradar.radar.spectrum import power_map
 from tests.radar.targets import cloud_of, simulate, spherical, target
 
 CORNER = 3.13, 15.0, 7.0  # metres, degrees to the left and up
-WAVEFORM = {  # of TI's indoor demonstrations, at either band
-    "slope_hz_per_s": 60e12,
-    "sample_rate_hz": 5e6,
-    "num_samples": 128,
-    "num_chirps": 16,
-    "idle_time_s": 30e-6,
-    "adc_start_time_s": 7e-6,
-    "ramp_end_time_s": 40e-6,
-}
+WAVEFORM = {"slope_hz_per_s": 60e12, "sample_rate_hz": 5e6, "idle_time_s": 30e-6}
+WAVEFORM |= {"num_samples": 128, "num_chirps": 16}  # of TI's indoor demonstrations
+WAVEFORM |= {"adc_start_time_s": 7e-6, "ramp_end_time_s": 40e-6}
 # TI's `antGeometry0`, `antGeometry1` and `antPhaseRot` of the virtual antennas; rows of
 # `antGeometryCfg` count downwards.
 TI_TABLES = {
@@ -96,9 +83,8 @@ def test_a_moving_corner_is_found_after_its_signs_are_undone(name):
 def test_positions_and_signs_are_those_of_ti(name):
     columns, rows, signs = map(np.array, TI_TABLES[name])
     positions = np.stack([-columns, rows], -1)
-    np.testing.assert_array_equal(
-        radar_of(name).virtual_positions, positions - positions.min(0)
-    )
+    expected = positions - positions.min(0)
+    np.testing.assert_array_equal(radar_of(name).virtual_positions, expected)
     found = np.tile(BOARDS[name].rx_signs, radar_of(name).num_tx)
     np.testing.assert_array_equal(found, signs)
 

@@ -93,9 +93,7 @@ def test_axes_that_an_array_does_not_measure_are_zero(radar, peaks, place, blind
     np.testing.assert_allclose(np.degrees(found[1:])[:, 0], place[1:3], atol=2)
 
 
-def test_the_strongest_points_come_first_and_those_beyond_the_capacity_are_counted(
-    cube, cloud
-):
+def test_the_strongest_come_first_and_those_beyond_capacity_are_counted(cube, cloud):
     few, detected = points_and_count(cube, UNIT, points=FEW)
     assert few.valid.all() and detected == cloud.valid.sum() > 8
     assert (np.diff(cloud.power) <= 0).all() and not cloud.xyz[~cloud.valid].any()

@@ -16,9 +16,7 @@ KEY = jax.random.key(0)
 
 def scatterers(xyz, velocity, amplitude, departure=None):
     values = (xyz, velocity, amplitude, departure)
-    return Scatterers(
-        *(None if v is None else jnp.asarray(v, jnp.float32) for v in values)
-    )
+    return Scatterers(*(v if v is None else np.asarray(v, np.float32) for v in values))
 
 
 def nth(scene, i):

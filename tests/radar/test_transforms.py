@@ -40,9 +40,7 @@ from tests.radar.targets import (
 CUBES = jnp.stack([simulate(target(3 + i, 10 * i, 5, 1), seed=i) for i in range(3)])
 POWER = np.random.default_rng(0).exponential(size=(3, 32, 64)).astype("float32")
 SNAPSHOTS = single(noise(3, 6, 8))
-UNIT = Radar(
-    SMALL, channels=noise(3, 4), beat_bins=jnp.linspace(0, 1, 12).reshape(3, 4)
-)
+UNIT = Radar(SMALL, channels=noise(3, 4), beat_bins=np.linspace(0, 1, 12).reshape(3, 4))
 LEAKAGE = single(noise(3, 4, 32))
 
 

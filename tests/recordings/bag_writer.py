@@ -100,26 +100,17 @@ def livox(rows, stamp, frame="livox_frame"):
     return make
 
 
-def livox_bag(
-    folder, container, clouds, *, start=START, step=TENTH, topic="/l", **options
-):
+def livox_bag(folder, container, clouds, start=START, step=TENTH, topic="/l", **more):
     """A bag of Livox clouds, one every `step` nanoseconds."""
     stamps = range(start, start + step * len(clouds), step)
-    messages = [
-        (topic, LIVOX, stamp, livox(rows, stamp))
-        for rows, stamp in zip(clouds, stamps, strict=True)
-    ]
-    return write_bag(folder, container, messages, **options)
+    each = zip(clouds, stamps, strict=True)
+    messages = [(topic, LIVOX, stamp, livox(rows, stamp)) for rows, stamp in each]
+    return write_bag(folder, container, messages, **more)
 
 
-FIELDS = [  # name, PointField type, struct's letter, in an order of its own
-    ("z", 7, "f"),
-    ("intensity", 4, "H"),
-    ("x", 7, "f"),
-    ("ring", 2, "B"),
-    ("y", 7, "f"),
-    ("timestamp", 8, "d"),
-]
+# Name, PointField type, struct's letter, in an order of its own.
+FIELDS = [("z", 7, "f"), ("intensity", 4, "H"), ("x", 7, "f"), ("ring", 2, "B")]
+FIELDS += [("y", 7, "f"), ("timestamp", 8, "d")]
 
 
 def point_cloud2(columns, stamp, big=False, height=1, gap=3, row_gap=0):

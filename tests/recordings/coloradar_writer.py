@@ -64,6 +64,7 @@ def phases_text(frequencies, phases, **changes):
 def write(path, content):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
 
 
 def write_calib(
@@ -108,10 +109,8 @@ def write_lidar(folder, count=12, points=((-3.0, 0.0, 0.0, 7.0), (0, 0, 0, 0))):
 
 def write_poses(folder, source="groundtruth", count=14):
     """A base that drives 0.1 m along x and turns 0.1 rad a step."""
-    rows = "".join(
-        f"{0.1 * n} 0 0.5 0 0 {math.sin(0.05 * n)} {math.cos(0.05 * n)}\n"
-        for n in range(count)
-    )
+    turns = ((n, math.sin(0.05 * n), math.cos(0.05 * n)) for n in range(count))
+    rows = "".join(f"{0.1 * n} 0 0.5 0 0 {sin} {cos}\n" for n, sin, cos in turns)
     write(folder / source / "timestamps.txt", stamps_text(count, 10))
     write(folder / source / f"{source}_poses.txt", rows)
 

@@ -4,22 +4,17 @@ import pytest
 
 from jradar.recordings.capture import open_capture
 from jradar.simulation.capture_writer import simulate_capture
-from tests.recordings.coloradar_writer import (
-    write_calib,
-    write_lidar,
-    write_poses,
-    write_radar,
-)
+from tests.recordings import coloradar_writer
 
 
 @pytest.fixture
 def root(tmp_path):
     """A data set of one sequence, `ec_hallways_run0`, with every stream we read."""
     folder = tmp_path / "12_21_2020_ec_hallways_run0"
-    write_calib(tmp_path / "calib")
-    write_radar(folder)
-    write_lidar(folder)
-    write_poses(folder)
+    coloradar_writer.write_calib(tmp_path / "calib")
+    coloradar_writer.write_radar(folder)
+    coloradar_writer.write_lidar(folder)
+    coloradar_writer.write_poses(folder)
     return tmp_path
 
 

@@ -42,9 +42,8 @@ def room_echoes(rng) -> Scatterers:
     wall = np.stack([np.full(40, SIDE), y, z], -1)
     pillar = np.stack([*np.tile(PILLAR, (10, 1)).T, rng.uniform(-0.8, 0.8, 10)], -1)
     xyz = np.concatenate([wall, pillar])
-    return Scatterers(
-        jnp.asarray(xyz, jnp.float32), jnp.zeros(50), jnp.full(50, 50.0, jnp.float32)
-    )
+    amplitude = jnp.full(50, 50.0, jnp.float32)
+    return Scatterers(jnp.asarray(xyz, jnp.float32), jnp.zeros(50), amplitude)
 
 
 def write_sequence(root: Path, name="run0", frames=6, lidar_delay=0.01, seed=0) -> Path:

@@ -5,13 +5,14 @@ import shutil
 import numpy as np
 import pytest
 
-from jradar.lidar import Poses, transform
+from jradar.lidar import Poses
 from jradar.recordings import describe as describe_recording, open_recording, read_tum
 from jradar.recordings.capture import accumulate, open_capture
 from jradar.recordings.recording import Stream
 
 pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
 from tests.recordings.bag_writer import livox_bag  # noqa: E402
+from tests.recordings.coloradar_writer import write  # noqa: E402
 from tests.recordings.dca1000_writer import (  # noqa: E402
     CFG,
     SHAPE,
@@ -40,13 +41,6 @@ FRAMES = 5
 SPEED = 2.0  # of the base along the world's x axis, m/s
 
 
-def clouds():
-    """A wall that stands at x = 10 in the world, seen from the moving LiDAR, level."""
-    for i in range(6):
-        here = 10 - SPEED * 0.1 * i
-        yield [(here, float(y), 0.5 * i) for y in range(-2, 3)]
-
-
 @pytest.fixture(scope="module")
 def written(tmp_path_factory):
     """The files of a capture: five frames, six clouds, a trajectory."""
@@ -56,7 +50,11 @@ def written(tmp_path_factory):
     poses = ["# t x y z qx qy qz qw"]
     poses += [f"{1000 + 0.1 * i} {SPEED * 0.1 * i} 0 0 0 0 0 1" for i in range(-1, 8)]
     (folder / "poses.txt").write_text("\n".join(poses))
-    scans = [[(0, *row, 7, 0, 0) for row in rows] for rows in clouds()]
+    # A wall that stands at x = 10 in the world, seen from the moving LiDAR, level.
+    scans = [
+        [(0, 10 - SPEED * 0.1 * i, float(y), 0.5 * i, 7, 0, 0) for y in range(-2, 3)]
+        for i in range(6)
+    ]
     livox_bag(folder, "bag", scans, start=10**12).rename(folder / "livox.bag")
     return folder
 
@@ -83,12 +81,11 @@ def test_everything_lies_where_the_description_says(folder):
     np.testing.assert_allclose(recording.lidar.stamps, 1000 + 0.1 * np.arange(6))
     assert len(recording.poses.stamps) == 9
     # Turned to the left by 90 degrees, the radar's x axis is the base's y axis.
-    ahead = np.array([[1.0, 0, 0]])
-    moved = transform(recording.base_from_radar, ahead)
-    np.testing.assert_allclose(moved, [[0.1, 1.2, 0.3]], atol=1e-12)
-    # Pitched by 30 degrees, the LiDAR looks down.
-    moved = transform(recording.base_from_lidar, ahead)
-    np.testing.assert_allclose(moved, [[np.cos(np.pi / 6), 0, 0.5]], atol=1e-12)
+    ahead = np.array([1.0, 0, 0, 1])
+    moved = recording.base_from_radar @ ahead
+    np.testing.assert_allclose(moved, [0.1, 1.2, 0.3, 1], atol=1e-12)
+    moved = recording.base_from_lidar @ ahead  # pitched by 30 degrees, it looks down
+    np.testing.assert_allclose(moved, [np.cos(np.pi / 6), 0, 0.5, 1], atol=1e-12)
     assert recording.notes == ()
 
 
@@ -224,6 +221,5 @@ def test_clocks_that_do_not_match_are_described(folder):
     ],
 )
 def test_wrong_poses_are_named(tmp_path, lines, message):
-    (tmp_path / "poses.txt").write_text(lines)
     with pytest.raises(ValueError, match=message):
-        read_tum(tmp_path / "poses.txt")
+        read_tum(write(tmp_path / "poses.txt", lines))

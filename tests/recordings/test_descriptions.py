@@ -1,13 +1,16 @@
 """Which file beside a capture describes it; radars in .mmwave.json files."""
 
 import copy
+import functools
 import json
 import math
+import operator
 
 import pytest
 
 from jradar.errors import UsageError
 from jradar.recordings import open_recording, read_description
+from tests.recordings.coloradar_writer import write
 from tests.recordings.cube_writer import LOG, RADAR, SHAPE, random_cube, save_studio
 
 CARD_LOG = """\
@@ -15,9 +18,7 @@ DCA1000EVM CLI Record process version : 1.0
 Capture start time - Fri Nov 20 10:00:00 2026
 Out of sequence count - 0
 """
-CARD = {"DCA1000Config": {"dataLoggingMode": "raw", "lvdsMode": 2}}
-
-
+CARD = json.dumps({"DCA1000Config": {"dataLoggingMode": "raw", "lvdsMode": 2}})
 VARIATIONS = ("startFreqVar_MHz", "freqSlopeVar_KHz_usec")
 VARIATIONS += ("idleTimeVar_usec", "adcStartTimeVar_usec")
 
@@ -28,39 +29,22 @@ def chirp(number, mask, **changes):
     return {"rlChirpCfg_t": fields | changes}
 
 
-PROFILE = {
-    "profileId": 0,
-    "startFreqConst_GHz": 77.0,
-    "idleTimeConst_usec": 100.0,
-    "adcStartTimeConst_usec": 6.0,
-    "rampEndTime_usec": 60.0,
-    "freqSlopeConst_MHz_usec": 29.982,
-    "numAdcSamples": 8,
-    "digOutSampleRate": 10000.0,
-}
-STUDIO = {
-    "mmWaveDevices": [
-        {
-            "mmWaveDeviceId": 0,
-            "rfConfig": {
-                "waveformType": "legacyFrameChirp",
-                "rlChanCfg_t": {"rxChannelEn": "0xF", "txChannelEn": "0x7"},
-                "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 1}},
-                "rlProfiles": [{"rlProfileCfg_t": PROFILE}],
-                "rlChirps": [chirp(0, "0x1"), chirp(1, "0x4"), chirp(2, "0x2")],
-                "rlFrameCfg_t": {
-                    "chirpStartIdx": 0,
-                    "chirpEndIdx": 2,
-                    "numLoops": 4,
-                    "framePeriodicity_msec": 40.0,
-                },
-            },
-            "rawDataCaptureConfig": {
-                "rlDevDataFmtCfg_t": {"iqSwapSel": 0, "chInterleave": 1}
-            },
-        }
-    ]
-}
+STUDIO = json.loads("""
+{"mmWaveDevices": [{"mmWaveDeviceId": 0,
+  "rfConfig": {"waveformType": "legacyFrameChirp",
+    "rlChanCfg_t": {"rxChannelEn": "0xF", "txChannelEn": "0x7"},
+    "rlAdcOutCfg_t": {"fmt": {"b2AdcBits": 2, "b2AdcOutFmt": 1}},
+    "rlProfiles": [{"rlProfileCfg_t": {"profileId": 0, "startFreqConst_GHz": 77.0,
+      "idleTimeConst_usec": 100.0, "adcStartTimeConst_usec": 6.0,
+      "rampEndTime_usec": 60.0, "freqSlopeConst_MHz_usec": 29.982,
+      "numAdcSamples": 8, "digOutSampleRate": 10000.0}}],
+    "rlFrameCfg_t": {"chirpStartIdx": 0, "chirpEndIdx": 2, "numLoops": 4,
+      "framePeriodicity_msec": 40.0}},
+  "rawDataCaptureConfig": {
+    "rlDevDataFmtCfg_t": {"iqSwapSel": 0, "chInterleave": 1}}}]}
+""")
+IN_TURN = [chirp(number, mask) for number, mask in enumerate(("0x1", "0x4", "0x2"))]
+STUDIO["mmWaveDevices"][0]["rfConfig"]["rlChirps"] = IN_TURN
 
 
 @pytest.fixture
@@ -73,7 +57,7 @@ def test_other_files_beside_a_capture_describe_nothing(capture, tmp_path):
     for name, text in {
         "CLI_LogFile.txt": CARD_LOG,
         "adc_data_Raw_LogFile.csv": CARD_LOG,
-        "cf.json": json.dumps(CARD),
+        "cf.json": CARD,
         "sensor_start.cfg": "sensorStart\n",
         "notes.toml": "[place]\nname = 'hall'\n",
         "capture.toml": '[radar]\nfile = "adc_data.bin"\ndescription = "other.cfg"\n',
@@ -94,9 +78,7 @@ def test_other_files_beside_a_capture_describe_nothing(capture, tmp_path):
         ("run.bin", ["other.cfg", "run.toml"], 1),
     ],
 )
-def test_a_capture_takes_the_description_of_its_name(
-    capture, tmp_path, name, others, taken
-):
+def test_a_capture_takes_the_file_of_its_name(capture, tmp_path, name, others, taken):
     (tmp_path / "adc_LogFile.txt").unlink()
     path = capture.rename(tmp_path / name)
     for number, other in enumerate(others):
@@ -120,32 +102,23 @@ def changed(*keys, to):
     """The file with the value behind `keys` replaced, or removed by `...`."""
     values = copy.deepcopy(STUDIO)
     *path, last = ("mmWaveDevices", *keys)
-    inner = values
-    for key in path:
-        inner = inner[key]
+    inner = functools.reduce(operator.getitem, path, values)
     inner[last] = to
     if to is ...:
         del inner[last]
     return values
 
 
-@pytest.fixture
-def studio(tmp_path):
-    """A function that writes an .mmwave.json: its path."""
-
-    def write(values=STUDIO):
-        (tmp_path / "run.mmwave.json").write_text(json.dumps(values))
-        return tmp_path / "run.mmwave.json"
-
-    return write
+def studio(folder, values=STUDIO):
+    return write(folder / "run.mmwave.json", json.dumps(values))
 
 
 RADIO = (0, "rfConfig")
 STREAM = (0, "rawDataCaptureConfig", "rlDevDataFmtCfg_t")
 
 
-def test_radar_in_a_json_of_mmwave_studio(studio):
-    radar, capture, notes = read_description(studio())
+def test_radar_in_a_json_of_mmwave_studio(tmp_path):
+    radar, capture, notes = read_description(studio(tmp_path))
     assert radar.cube_shape == (3, 4, 4, 8) and notes == ()
     assert radar.tx_positions == ((0, 0), (4, 0), (2, 1))  # masks 1, 4, 2
     assert radar.start_frequency_hz == 77e9 and radar.sample_rate_hz == 10e6
@@ -154,25 +127,24 @@ def test_radar_in_a_json_of_mmwave_studio(studio):
     assert radar.frame_period_s == pytest.approx(0.04)
     assert capture.iq_order == "IIQQ" and not {*capture.channel_factors} - {1}
     for field, value, order in (("iqSwapSel", 1, "QQII"), ("chInterleave", 0, "I4Q4")):
-        path = studio(changed(*STREAM, field, to=value))
+        path = studio(tmp_path, changed(*STREAM, field, to=value))
         assert read_description(path).capture.iq_order == order
-    three = studio(changed(*RADIO, "rlChanCfg_t", "rxChannelEn", to="0xD"))
+    three = studio(tmp_path, changed(*RADIO, "rlChanCfg_t", "rxChannelEn", to="0xD"))
     assert read_description(three).radar.rx_positions == ((0, 0), (2, 0), (3, 0))
 
 
-def test_a_json_beside_its_capture(capture, tmp_path, studio):
+def test_a_json_beside_its_capture(capture, tmp_path):
     (tmp_path / "adc_LogFile.txt").unlink()
     two = changed(*RADIO, "rlChirps", to=[chirp(0, "0x1"), chirp(1, "0x4")])
     two["mmWaveDevices"][0]["rfConfig"]["rlFrameCfg_t"]["chirpEndIdx"] = 1
-    studio(two)
-    (tmp_path / "cf.json").write_text(json.dumps(CARD))
+    studio(tmp_path, two)
+    write(tmp_path / "cf.json", CARD)
     assert open_recording(capture).radar.spec.cube_shape == SHAPE
 
 
 def test_the_card_is_no_radar(tmp_path, samples):
-    (tmp_path / "cf.json").write_text(json.dumps(CARD))
     real = samples / "cfg" / "EsonJohn__dca1000_cf.json"
-    for path in (tmp_path / "cf.json", real):
+    for path in (write(tmp_path / "cf.json", CARD), real):
         with pytest.raises(UsageError, match=f"{path} describes the capture card"):
             read_description(path)
 
@@ -206,14 +178,13 @@ def test_the_card_is_no_radar(tmp_path, samples):
         ((*STREAM, "iqSwapSel"), ..., "iqSwapSel = None"),
     ],
 )
-def test_unusable_json_is_named(studio, keys, to, message):
-    path = studio(changed(*keys, to=to))
+def test_unusable_json_is_named(tmp_path, keys, to, message):
+    path = studio(tmp_path, changed(*keys, to=to))
     with pytest.raises(ValueError, match=f"run.mmwave.json.*({message})"):
         read_description(path)
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "[" * 100_000, "3", '{"a": 1}'])
 def test_other_json_is_refused(tmp_path, text):
-    (tmp_path / "run.json").write_text(text)
     with pytest.raises(ValueError, match="run.json"):
-        read_description(tmp_path / "run.json")
+        read_description(write(tmp_path / "run.json", text))

@@ -23,31 +23,14 @@ STAMPS = 1.7e9 + 0.1 * np.array([0, 1, 2, 5])  # two frames never came
 KILLED = """
 import os, pathlib, signal
 from tests.recordings.test_frame_recorder import frames, radar
-from jradar.recordings import FrameRecorder
-folder = pathlib.Path({folder!r})
-recorder = FrameRecorder(folder / "walk", radar(folder))
+from jradar.recordings import open_recorder
+folder, path = map(pathlib.Path, ({folder!r}, {path!r}))
+recorder = open_recorder(path, radar(folder))
 for frame in frames():
     recorder.write(*frame)
-with (folder / "walk" / "adc_data.bin").open("ab") as file:
-    file.write(bytes(100))  # a frame that was being written
-with (folder / "walk" / "frames.txt").open("a") as file:
-    file.write("17000")
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-KILLED_BAG = """
-import os, pathlib, signal
-from tests.recordings.test_frame_recorder import frames, radar
-from jradar.recordings import BagRecorder
-folder = pathlib.Path({folder!r})
-(folder / "source").mkdir()
-recorder = BagRecorder(folder / "walk.mcap", radar(folder / "source"))
-for frame in frames():
-    recorder.write(*frame)
-content = (folder / "walk.mcap").read_bytes()
-with (folder / "walk.mcap").open("ab") as file:
-    file.write(content[-1500:-700])  # a frame that was being written
+for name, part in {parts!r}:  # of a frame that was being written
+    content = (path / name).read_bytes()
+    (path / name).write_bytes(content + (part or content[-1500:-700]))
 os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -95,19 +78,21 @@ def check(walk):
 
 def test_frames_times_and_losses_come_back(tmp_path):
     source = radar(tmp_path)
-    with FrameRecorder(tmp_path / "walk", source) as recorder:
-        for frame in frames():
-            recorder.write(*frame)
-    assert check(tmp_path / "walk").radar.spec == source.radar.spec
+    assert check(recorded(tmp_path, source, "walk")).radar.spec == source.radar.spec
     with pytest.raises(ValueError, match="never overwritten"):
         FrameRecorder(tmp_path / "walk", source)
     check(tmp_path / "walk")
 
 
-def test_a_killed_recording_holds_all_whole_frames(tmp_path):
-    died = finished(KILLED.format(folder=str(tmp_path)))
+def killed(folder, path, *parts):
+    died = finished(KILLED.format(folder=str(folder), path=str(path), parts=parts))
     assert died.returncode == -signal.SIGKILL, died.stderr
-    check(tmp_path / "walk")
+    return check(path)
+
+
+def test_a_killed_recording_holds_all_whole_frames(tmp_path):
+    parts = ("adc_data.bin", bytes(100)), ("frames.txt", b"17000")
+    killed(tmp_path, tmp_path / "walk", *parts)
 
 
 def test_damaged_times_are_named(tmp_path):
@@ -178,11 +163,8 @@ def test_other_readers_of_mcap_decode_a_bag(apart, tmp_path):
             assert frame.samples.tobytes() == as_bytes([CUBES[index]])
 
 
-def test_a_killed_bag_holds_all_whole_frames(tmp_path):
-    pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
-    died = finished(KILLED_BAG.format(folder=str(tmp_path)))
-    assert died.returncode == -signal.SIGKILL, died.stderr
-    recording = check(tmp_path / "walk.mcap")
+def test_a_killed_bag_holds_all_whole_frames(apart, tmp_path):
+    recording = killed(apart, tmp_path / "walk.mcap", ("", b""))
     assert any("cut off: its 5 whole messages" in note for note in recording.notes)
     assert any("cut off" in n for n in describe_file(tmp_path / "walk.mcap")["notes"])
 
@@ -264,14 +246,8 @@ def test_a_bag_of_frames_and_one_of_clouds_are_joined(apart, tmp_path):
     clouds = [livox_rows(5), livox_rows(6)]
     livox_bag(tmp_path, "mcap", clouds, start=17 * 10**17)
     toml = tmp_path / "capture.toml"
-    text = """
-    [radar]
-    file = "walk.mcap"
-    add_s = 0.03
-    xyz = [0, 0, 0.1]
-    [lidar]
-    file = "mcap"
-    """
+    text = '[radar]\nfile = "walk.mcap"\nadd_s = 0.03\nxyz = [0, 0, 0.1]\n'
+    text += '[lidar]\nfile = "mcap"\n'
     toml.write_text(text)
     found = open_recording(tmp_path)
     np.testing.assert_array_equal([*found.cubes], CUBES)

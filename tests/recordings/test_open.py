@@ -59,13 +59,8 @@ def test_other_paths_are_refused_with_what_was_expected(tmp_path, name, message)
         open_recording(tmp_path / name)
 
 
-OPTIONS = {
-    "sensor": "cascade",
-    "iq_order": "IIQQ",
-    "allow_partial": True,
-    "device": "awr1642",
-    "description": "radar.toml",
-}
+OPTIONS = {"sensor": "cascade", "iq_order": "IIQQ", "allow_partial": True}
+OPTIONS |= {"device": "awr1642", "description": "radar.toml"}
 TAKEN = {
     ".npy": {"description", "device"},
     ".bin": {"description", "device", "iq_order", "allow_partial"},

@@ -8,9 +8,13 @@ import pytest
 from jradar.errors import UsageError
 from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.recordings import open_recording, read_description, write_radar_toml
+from tests.recordings.coloradar_writer import write
 from tests.recordings.cube_writer import random_cube, save
 
 RADAR = RadarSpec.awr1843(num_chirps=8, num_samples=16, frame_period_s=0.1)
+WAVEFORM = """start_frequency_hz = 60e9\nslope_hz_per_s = 60e12
+sample_rate_hz = 5e6\nnum_samples = 64\nnum_chirps = 8\nidle_time_s = 1e-4
+adc_start_time_s = 6e-6\nramp_end_time_s = 40e-6\n"""
 FACTORS = np.geomspace(0.5, 2, 12) * np.exp(1j * np.linspace(-3, 3, 12))
 
 
@@ -56,18 +60,6 @@ def test_the_factors_of_a_file_are_applied_to_the_cube(tmp_path):
     np.testing.assert_allclose(found, expected, rtol=1e-3)
 
 
-WAVEFORM = """\
-start_frequency_hz = 60e9
-slope_hz_per_s = 60e12
-sample_rate_hz = 5e6
-num_samples = 64
-num_chirps = 8
-idle_time_s = 1e-4
-adc_start_time_s = 6e-6
-ramp_end_time_s = 40e-6
-"""
-
-
 @pytest.mark.parametrize(
     ("device", "tables", "factors"),
     [
@@ -77,12 +69,10 @@ ramp_end_time_s = 40e-6
         ("iwr6843ods", f"[calibration]\ngain_db = {[0] * 12}", (1,) * 12),
     ],
 )
-def test_the_signs_of_a_boards_receivers_unless_they_were_measured(
-    tmp_path, device, tables, factors
-):
-    path = tmp_path / "radar.toml"
-    path.write_text(f'[radar]\ndevice = "{device}"\n{WAVEFORM}{tables}\n')
-    assert read_description(path).capture.channel_factors == factors
+def test_the_signs_of_receivers_unless_measured(tmp_path, device, tables, factors):
+    text = f'[radar]\ndevice = "{device}"\n{WAVEFORM}{tables}\n'
+    found = read_description(write(tmp_path / "radar.toml", text))
+    assert found.capture.channel_factors == factors
 
 
 @pytest.mark.parametrize(
@@ -102,7 +92,6 @@ def test_the_signs_of_a_boards_receivers_unless_they_were_measured(
     ],
 )
 def test_wrong_values_are_named(tmp_path, tables, message):
-    path = tmp_path / "radar.toml"
-    path.write_text(f'[radar]\ndevice = "awr1843"\n\n{tables}\n')
+    text = f'[radar]\ndevice = "awr1843"\n\n{tables}\n'
     with pytest.raises(UsageError, match=message):
-        read_description(path)
+        read_description(write(tmp_path / "radar.toml", text))

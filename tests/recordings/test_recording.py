@@ -38,9 +38,8 @@ def scans(stamps):
 
 
 def recording(tmp_path, stamps, **others):
-    return Recording(
-        "run", tmp_path, others.pop("radar", Radar(RADAR)), cubes(stamps), **others
-    )
+    radar = others.pop("radar", Radar(RADAR))
+    return Recording("run", tmp_path, radar, cubes(stamps), **others)
 
 
 def test_a_stream_reads_what_is_asked_for_and_nothing_else():

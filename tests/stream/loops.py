@@ -61,9 +61,8 @@ def settled(emulator, receiver):
     Few packets fit into the socket, so that none can be lost there.
     """
     wait_until(emulator.finished.is_set, "the end of the recording")
-    wait_until(
-        lambda: receiver.counts.packets >= emulator.sent.packets, "the last packet"
-    )
+    counts = receiver.counts
+    wait_until(lambda: counts.packets >= emulator.sent.packets, "the last packet")
 
 
 def taken(receiver):

@@ -89,9 +89,7 @@ def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(killed):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_what_was_written_before_a_pause_is_safe_after_a_second(
-    tmp_path, monkeypatch, name
-):
+def test_what_came_before_a_pause_is_safe_after_a_second(tmp_path, monkeypatch, name):
     from jradar.stream import bag_writer, foxglove_writers
 
     path = tmp_path / name

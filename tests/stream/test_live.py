@@ -9,14 +9,8 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    RadarSpec,
-    Scatterers,
-    radar_points,
-    simulate_cube,
-)
+from jradar.radar import PointSpec, Radar, RadarSpec, Scatterers, radar_points
+from jradar.radar.simulate import simulate_cube
 from jradar.recordings import Recording, Stream
 from jradar.stream.emulator import recorded_frames
 from jradar.stream.live import FrameRate, ended_by_signals, run_live, summary
@@ -41,9 +35,8 @@ def echoes(count):
 
 
 CUBES = [*echoes(6)]
-RECORDING = Recording(
-    "test", "test.bin", Radar(RADAR), Stream(CUBES.__getitem__, len(CUBES))
-)
+FRAME_CUBES = Stream(CUBES.__getitem__, len(CUBES))
+RECORDING = Recording("test", "test.bin", Radar(RADAR), FRAME_CUBES)
 FRAMES = recorded_frames(RECORDING)
 
 
@@ -84,9 +77,8 @@ def play(processor, writer, **options):
         def finished():
             return emulator.finished.is_set() and arrived(receiver)
 
-        session = run_live(
-            receiver, processor, [writer], silence_s=PATIENCE_S, finished=finished
-        )
+        options = {"silence_s": PATIENCE_S, "finished": finished}
+        session = run_live(receiver, processor, [writer], **options)
     return session, receiver
 
 

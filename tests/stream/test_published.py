@@ -25,15 +25,9 @@ POSES = Poses(
     np.stack([2 * (TIMES - STAMPS[0]), 0 * TIMES, 0 * TIMES + 1], 1),
     np.tile([0.0, 0, 0, 1], (5, 1)),
 )
-WALK = Recording(
-    "walk",
-    Path("walk"),
-    Radar(RADAR),
-    Stream(lambda number: CUBE, 4, STAMPS),
-    poses=POSES,
-    base_from_radar=BASE_FROM["radar"],
-    base_from_lidar=BASE_FROM["lidar"],
-)
+PLACES = {f"base_from_{sensor}": place for sensor, place in BASE_FROM.items()}
+FOUR = Stream(lambda number: CUBE, 4, STAMPS)
+WALK = Recording("walk", Path("walk"), Radar(RADAR), FOUR, poses=POSES, **PLACES)
 TOPICS = {
     "/radar/points": "PointCloud",
     "/enhanced/points": "PointCloud",
@@ -96,10 +90,8 @@ def test_every_number_of_a_cloud_and_a_picture_is_read_back(messages):
 
 
 def test_the_base_moves_in_odom_as_recorded(messages):
-    known = {
-        ("base", "radar"): [0.1, 0.2, 0.3, 0, 0, 0.6, 0.8],
-        ("base", "lidar"): [0, 0, 1, 0, 0, 0, 1],
-    }
+    known = {("base", "radar"): [0.1, 0.2, 0.3, 0, 0, 0.6, 0.8]}
+    known |= {("base", "lidar"): [0, 0, 1, 0, 0, 0, 1]}
     for number, message in enumerate(messages["/tf"]):
         moved = 2 * (STAMPS[number] - STAMPS[0])
         moving = {("odom", "base"): [moved, 0, 1, 0, 0, 0, 1]} if number < 3 else {}
@@ -134,9 +126,8 @@ def test_without_known_motion_there_is_no_odom(tmp_path, change):
     assert all(row.frames == {"base"} for row in rows)
     if "cubes" in change:
         period_s = RADAR.frame_period_s or 0.1
-        assert [row.time_ns for row in rows] == [
-            round(n * period_s * 1e9) for n in range(4)
-        ]
+        expected = [round(n * period_s * 1e9) for n in range(4)]
+        assert [row.time_ns for row in rows] == expected
 
 
 def test_a_replayed_frame_moves_as_recorded():

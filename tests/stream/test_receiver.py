@@ -6,27 +6,19 @@ import pytest
 from jradar.stream.emulator import FaultSpec
 from jradar.stream.receiver import Receiver
 from jradar.stream.sockets import loopback_network, udp_socket
-from tests.stream.loops import (
-    RACES,
-    deliver,
-    loop,
-    receiving,
-    settled,
-    taken,
-    wait_until,
-)
+from tests.stream import loops
 from tests.stream.packets import packet, packets_of, random_frames
 
-pytestmark = RACES
+pytestmark = loops.RACES
 FRAMES = random_frames(20)  # 33 packets, which any socket holds
 BYTES = [frame.tobytes() for frame in FRAMES]
 
 
 def test_frames_arrive_bit_by_bit():
-    with loop(BYTES) as (emulator, receiver):
+    with loops.loop(BYTES) as (emulator, receiver):
         emulator.start()
-        settled(emulator, receiver)
-        frames = taken(receiver)
+        loops.settled(emulator, receiver)
+        frames = loops.taken(receiver)
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert receiver.counts.placed == emulator.sent.packets == 33
     assert not receiver.dropped and not receiver.counts.lost_bytes
@@ -38,11 +30,11 @@ def test_faults_of_the_network_are_all_accounted_for(seed):
     place = 2**48 // 2400 * 2400 - 5 * 2400
     faults = FaultSpec(loss=0.3, reorder=8, duplicate=0.2, seed=seed)
     counters = {"first_sequence": 2**32 - 9, "first_byte": place}
-    with loop(BYTES, faults=faults, **counters) as (emulator, receiver):
+    with loops.loop(BYTES, faults=faults, **counters) as (emulator, receiver):
         emulator.start()
-        settled(emulator, receiver)
+        loops.settled(emulator, receiver)
         receiver.close()
-        frames, counts, sent = taken(receiver), receiver.counts, emulator.sent
+        frames, counts, sent = loops.taken(receiver), receiver.counts, emulator.sent
     assert counts.packets == sent.packets
     assert counts.packets == counts.placed + counts.repeated + counts.late
     assert sent.packets == 33 - sent.lost + sent.repeated
@@ -55,10 +47,10 @@ def test_faults_of_the_network_are_all_accounted_for(seed):
 
 
 def test_the_newest_frame_wins_and_the_others_are_counted():
-    with loop(BYTES, waiting=1) as (emulator, receiver):
+    with loops.loop(BYTES, waiting=1) as (emulator, receiver):
         emulator.start()
-        settled(emulator, receiver)
-        (last,) = taken(receiver)
+        loops.settled(emulator, receiver)
+        (last,) = loops.taken(receiver)
     np.testing.assert_array_equal(last.data, FRAMES[-1])
     assert receiver.dropped == 19
     assert receiver.counts.frames == 1 + receiver.dropped
@@ -66,14 +58,14 @@ def test_the_newest_frame_wins_and_the_others_are_counted():
 
 def test_a_flood_of_foreign_packets_changes_nothing():
     with (
-        receiving(2400) as (receiver, card),
+        loops.receiving(2400) as (receiver, card),
         udp_socket("127.0.0.3", 0, timeout_s=1.0) as stranger,
     ):
         for packet in packets_of(FRAMES):
-            deliver(stranger, receiver, [packet[::-1]] * 20)
-            deliver(card, receiver, [packet])
+            loops.deliver(stranger, receiver, [packet[::-1]] * 20)
+            loops.deliver(card, receiver, [packet])
         assert receiver.foreign_sender == "127.0.0.3"
-        frames = taken(receiver)
+        frames = loops.taken(receiver)
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert receiver.counts.foreign == 33 * 20
     assert "660 packets of other senders, the last of 127.0.0.3" in receiver.strangers()
@@ -81,22 +73,22 @@ def test_a_flood_of_foreign_packets_changes_nothing():
 
 
 def test_packets_that_are_no_stream_are_named_by_their_fault():
-    with receiving(2400) as (receiver, card):
+    with loops.receiving(2400) as (receiver, card):
         assert not receiver.strangers()
-        deliver(card, receiver, [b"x" * 2000] * 300)
+        loops.deliver(card, receiver, [b"x" * 2000] * 300)
         assert "300 packets without a header or longer" in receiver.strangers()
         counters = np.random.default_rng(0).integers(0, 2**32, (300, 2)).tolist()
-        deliver(card, receiver, (packet(*pair, b"x" * 100) for pair in counters))
+        loops.deliver(card, receiver, (packet(*pair, b"x" * 100) for pair in counters))
         assert "do two cards have this address?" in receiver.strangers()
 
 
 def test_silence_is_explained():
-    with receiving(2400, "127.0.0.3") as (receiver, stranger):
+    with loops.receiving(2400, "127.0.0.3") as (receiver, stranger):
         assert not receiver.silence(60.0)
-        wait_until(lambda: receiver.silence(0.3), "silence")
+        loops.wait_until(lambda: receiver.silence(0.3), "silence")
         assert "was the board started" in receiver.silence(0.3)
-        deliver(stranger, receiver, [b"x" * 100])
-        wait_until(lambda: receiver.silence(0.3), "silence")
+        loops.deliver(stranger, receiver, [b"x" * 100])
+        loops.wait_until(lambda: receiver.silence(0.3), "silence")
         assert "the last from 127.0.0.3: is that the card?" in receiver.silence(0.3)
 
 
@@ -117,7 +109,7 @@ def test_a_small_buffer_of_the_system_is_noted():
 
 
 def test_a_fault_in_the_thread_is_raised_where_frames_are_taken():
-    with loop(BYTES) as (emulator, receiver):
+    with loops.loop(BYTES) as (emulator, receiver):
         receiver._assembler._deliver = lambda frame: 1 / 0
         emulator.start()
         with pytest.raises(ZeroDivisionError):

@@ -114,31 +114,20 @@ def test_channels_and_messages_are_those_of_foxgloves_own_server(server):
     assert said(server.port, lambda: server.write(VIEW)) == expected
 
 
-@pytest.mark.parametrize(
-    ("origin", "served"),
-    [
-        (None, True),  # a program, such as Foxglove's on the desktop
-        ("https://app.foxglove.dev", True),
-        ("http://localhost:8080", True),
-        ("http://127.0.0.1", True),
-        ("http://[::1]:5173", True),
-        ("file://", True),
-        ("https://viewer.example.org", True),  # allowed below
-        ("https://evil.example", False),
-        ("null", False),
-        ("https://app.foxglove.dev.evil.example", False),
-        ("http://app.foxglove.dev", False),
-        ("http://localhost.evil.example", False),
-        ("http://127.0.0.1.evil.example", False),
-        ("http://evil.example/http://localhost", False),
-    ],
-)
-def test_pages_of_others_are_refused(origin, served):
+ALLOWED = "https://viewer.example.org"
+SERVED = [None, "https://app.foxglove.dev", "http://localhost:8080", "http://127.0.0.1"]
+SERVED += ["http://[::1]:5173", "file://", ALLOWED]  # None: a program on the desktop
+REFUSED = ["https://evil.example", "null", "https://app.foxglove.dev.evil.example"]
+REFUSED += ["http://app.foxglove.dev", "http://localhost.evil.example"]
+REFUSED += ["http://127.0.0.1.evil.example", "http://evil.example/http://localhost"]
+
+
+@pytest.mark.parametrize("origin", SERVED + REFUSED)
+def test_pages_of_others_are_refused(origin):
     said = []
-    allowed = ["https://viewer.example.org/"]
-    made = Server(port=0, allow_origins=allowed, say=said.append)
+    made = Server(port=0, allow_origins=[f"{ALLOWED}/"], say=said.append)
     with contextlib.closing(made) as server:
-        if served:
+        if origin in SERVED:
             with connected(server.port, origin=origin) as socket:
                 assert advertised(socket).keys() == TOPICS.keys()
             return

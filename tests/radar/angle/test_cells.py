@@ -83,10 +83,8 @@ def test_static_removal_leaves_no_coupling_to_subtract():
 def test_range_bias_shortens_ranges_and_nothing_else(cells):
     bias = 1.7 * SMALL.range_resolution_m
     unit, every = Radar(SMALL, range_bias_m=bias), cells.power > 0
-    plain, biased = (
-        cell_points(cells, every, u, points=CELLS)
-        for u in (Radar(SMALL, range_bias_m=0.0), unit)
-    )
+    units = Radar(SMALL, range_bias_m=0.0), unit
+    plain, biased = (cell_points(cells, every, u, points=CELLS) for u in units)
     assert plain.valid.sum() == 32 * 61  # without bin 0 and the last two
     assert biased.valid.sum() == 32 * 59  # nor what would be nearer than 0
     kept = np.isin(plain.power, biased.power) & np.asarray(plain.valid)

@@ -8,31 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    Scatterers,
-    point_deviations,
-    radar_points,
-    simulate_cube,
-    window,
-)
+from jradar import radar
 from jradar.radar.peaks import window_offset
-from tests.radar.targets import (
-    CELLS,
-    FLAT,
-    SMALL,
-    cloud_of,
-    place,
-    simulate,
-    spherical,
-    target,
-)
+from tests.radar import targets
 
-ONE = PointSpec(detector="ca", capacity=1)
+ONE = radar.PointSpec(detector="ca", capacity=1)
 PLAIN = dataclasses.replace(ONE, range_window="none", doppler_window="none")
 TRIALS = 256
-CELL_NOISE = np.prod([(window("hann", n) ** 2).sum() for n in (32, 64)])  # of SMALL
+CELL_NOISE = np.prod(
+    [(radar.window("hann", n) ** 2).sum() for n in (32, 64)]
+)  # of SMALL
 
 
 @functools.partial(jax.jit, static_argnames="points")
@@ -40,9 +25,9 @@ def trials(key, scatterers, points):
     """The strongest point of each trial with its own scatterer, and its deviations."""
 
     def trial(each):
-        cube = simulate_cube(*each, SMALL, noise_power=1.0)
-        cloud = radar_points(cube, Radar(SMALL), points=points)
-        return cloud, point_deviations(cloud, SMALL, points=points)
+        cube = radar.simulate_cube(*each, targets.SMALL, noise_power=1.0)
+        cloud = radar.radar_points(cube, radar.Radar(targets.SMALL), points=points)
+        return cloud, radar.point_deviations(cloud, targets.SMALL, points=points)
 
     each = jax.random.split(key, TRIALS), scatterers
     return jax.lax.map(trial, each, batch_size=16)
@@ -50,13 +35,13 @@ def trials(key, scatterers, points):
 
 def errors_over_deviations(seed, cells, bins, angles, amplitude, points):
     """Those of range, velocity, azimuth and elevation, `[4, trial]`."""
-    distance = cells * SMALL.range_resolution_m * np.ones(TRIALS)
-    velocity = bins * SMALL.velocity_resolution_mps * np.ones(TRIALS)
-    xyz = distance[:, None, None] * place(1.0, *angles)
+    distance = cells * targets.SMALL.range_resolution_m * np.ones(TRIALS)
+    velocity = bins * targets.SMALL.velocity_resolution_mps * np.ones(TRIALS)
+    xyz = distance[:, None, None] * targets.place(1.0, *angles)
     truth = xyz, velocity[:, None], np.full((TRIALS, 1), amplitude)
-    truth = Scatterers(*(jnp.asarray(values, jnp.float32) for values in truth))
+    truth = radar.Scatterers(*(jnp.asarray(values, jnp.float32) for values in truth))
     cloud, deviations = trials(jax.random.key(seed), truth, points)
-    found = *spherical(cloud.xyz[:, 0]), np.asarray(cloud.velocity[:, 0])
+    found = *targets.spherical(cloud.xyz[:, 0]), np.asarray(cloud.velocity[:, 0])
     errors = np.stack(
         [
             found[0] - distance,
@@ -100,7 +85,7 @@ def test_the_bias_without_windows_is_part_of_the_deviations(snr_db):
 def test_a_target_between_bins_is_placed_without_bias(kind, length):
     offset = np.linspace(-0.5, 0.5, 41)
     phase = 2j * np.pi * np.outer(offset, np.arange(length)) / length
-    power = abs(np.fft.fft(window(kind, length) * np.exp(phase))) ** 2
+    power = abs(np.fft.fft(radar.window(kind, length) * np.exp(phase))) ** 2
     powers = [jnp.asarray(power[:, k]) for k in (-1, 0, 1)]
     corrected = window_offset(*powers, kind=kind, length=length)
     np.testing.assert_allclose(corrected, offset, atol=1e-4)
@@ -108,10 +93,10 @@ def test_a_target_between_bins_is_placed_without_bias(kind, length):
 
 def test_angles_follow_the_arrays_aperture():
     # One row of n: var(u) = 6 / (snr n (n^2 - 1) (2 pi d)^2), here for 8 columns.
-    cube = simulate(target(5, 20, 0, 1), FLAT)
-    cloud = cloud_of(cube, FLAT)
-    found = point_deviations(cloud, FLAT, points=CELLS)
-    snr, turn = float(cloud.snr[0]) - 1, 2 * np.pi * FLAT.spacing_wavelengths
+    cube = targets.simulate(targets.target(5, 20, 0, 1), targets.FLAT)
+    cloud = targets.cloud_of(cube, targets.FLAT)
+    found = radar.point_deviations(cloud, targets.FLAT, points=targets.CELLS)
+    snr, turn = float(cloud.snr[0]) - 1, 2 * np.pi * targets.FLAT.spacing_wavelengths
     of_sine = np.sqrt(6 / (snr * 8 * 63)) / turn
     expected = of_sine / np.cos(np.radians(20))
     assert expected < found.azimuth[0] < 1.1 * expected  # and the phase of the turns
@@ -119,12 +104,12 @@ def test_angles_follow_the_arrays_aperture():
 
 
 def test_padding_and_clouds_without_deviations():
-    cloud = cloud_of(simulate(target(5, 20, 5, 1)))
-    for values in map(np.asarray, point_deviations(cloud, SMALL)):
+    cloud = targets.cloud_of(targets.simulate(targets.target(5, 20, 5, 1)))
+    for values in map(np.asarray, radar.point_deviations(cloud, targets.SMALL)):
         assert np.isfinite(values[cloud.valid]).all()
         assert np.isinf(values[~cloud.valid]).all()
     with pytest.raises(ValueError, match="the cloud has no snr"):
-        point_deviations(cloud._replace(snr=None), SMALL)
+        radar.point_deviations(cloud._replace(snr=None), targets.SMALL)
     on_bins = dataclasses.replace(ONE, refine=False)
     with pytest.raises(ValueError, match="refine = False: such points lie on bins"):
-        point_deviations(cloud, SMALL, points=on_bins)
+        radar.point_deviations(cloud, targets.SMALL, points=on_bins)

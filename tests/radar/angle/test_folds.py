@@ -74,10 +74,8 @@ def test_the_margin_is_that_of_the_beams_of_all_directions():
     grid = np.meshgrid(np.linspace(-1, 1, 201), np.linspace(-1, 1, 201))
     visible = np.hypot(*grid) <= 1
     beams = waves_towards(SMALL, *(sine[visible] for sine in grid)).conj()
-    wrong = [
-        abs((waves * np.exp(2j * np.pi * fold * lead(SMALL))) @ beams.T).max(1) ** 2
-        for fold in (-1, 1)
-    ]
+    turns = (np.exp(2j * np.pi * fold * lead(SMALL)) for fold in (-1, 1))
+    wrong = [abs((waves * turn) @ beams.T).max(1) ** 2 for turn in turns]
     assert not found.fold.any()
     expected = 10 * np.log10(12**2 / np.max(wrong, 0))
     np.testing.assert_allclose(found.margin_db[:4], expected, atol=0.1)

@@ -6,15 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    RadarSpec,
-    all_cells,
-    cell_points,
-    directions,
-    window,
-)
+from jradar.radar import PointSpec, Radar, RadarSpec, all_cells, cell_points, window
+from jradar.radar.angle.direction import directions
 from jradar.radar.angle.near_field import focus, focused_directions
 from tests.radar.targets import (
     close,

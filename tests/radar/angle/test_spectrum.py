@@ -105,9 +105,7 @@ def test_directions_do_not_depend_on_scale_batch_or_block(radar, bins, monkeypat
 
 @pytest.mark.slow
 @radars("chip", "cascade")
-def test_gradients_are_slopes_and_finite_even_in_empty_cells_and_at_the_edge(
-    radar, bins
-):
+def test_gradients_are_slopes_and_finite_in_empty_cells_and_at_the_edge(radar, bins):
     angles = np.array([[0.3, 0.3, np.pi / 2, -np.pi / 2], [0.2, 0.0, 0, 0]])
     waves = plane_wave(radar, *angles)
     random = noise(130, radar.num_virtual, seed=1)

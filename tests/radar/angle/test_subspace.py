@@ -36,10 +36,8 @@ from tests.radar.targets import (
 )
 
 METHODS = pytest.mark.parametrize("method", ["capon", "music"])
-SPECTRA = {
-    "capon": capon_spectrum,
-    "music": functools.partial(music_spectrum, num_sources=2),
-}
+MUSIC = functools.partial(music_spectrum, num_sources=2)
+SPECTRA = {"capon": capon_spectrum, "music": MUSIC}
 ONE = PointSpec(detector="ca", capacity=1)
 TWO = dataclasses.replace(ONE, peaks=2, group_peaks=True, capacity=2)
 
@@ -214,18 +212,8 @@ def test_a_cell_of_nothing_has_no_peaks():
 @pytest.mark.parametrize(
     ("function", "antennas", "options", "message"),
     [
-        (
-            smoothed_covariance,
-            12,
-            {"subarray": 9},
-            "subarray=9, expected 2 to 8, .* awr",
-        ),
-        (
-            music_spectrum,
-            12,
-            {"num_sources": 5},
-            "num_sources=5, expected 1 to 4: a su",
-        ),
+        (smoothed_covariance, 12, {"subarray": 9}, "subarray=9, expected 2 to 8, .*"),
+        (music_spectrum, 12, {"num_sources": 5}, "num_sources=5, expected 1 to 4: a s"),
         (music_spectrum, 12, {"num_sources": 0}, "num_sources=0, expected 1 to 4"),
         (capon_spectrum, 8, {}, "8 values per snapshot, awr1843 has 3 tx"),
         (subspace_peaks, 8, {"method": "capon"}, "8 values per snapshot, awr1843 has"),

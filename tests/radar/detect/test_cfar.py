@@ -9,15 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from jradar.radar import (
-    DETECTORS,
-    PointSpec,
-    detect,
-    false_alarm_multiplier,
-    noise_floor,
-    power_map,
-)
+from jradar.radar import DETECTORS, PointSpec, detect, noise_floor, power_map
 from jradar.radar.detect.correlation import independent_cells, shared_indicator
+from jradar.radar.detect.multipliers import false_alarm_multiplier
 from tests.radar.targets import SMALL
 
 KINDS = [*DETECTORS]
@@ -72,9 +66,8 @@ def test_windowed_noise_is_detected_at_the_rate_that_was_asked(shape):
     """Within 1.2 times, for all detectors in one compiled call."""
     windows = [((2, 2), (4, 4)), ((0, 3), (0, 8))]
     cases = list(itertools.product(KINDS, windows))
-    points = PointSpec(
-        false_alarm_rate=1e-2, range_window=shape, doppler_window=shape, detector="go"
-    )
+    kinds = {"range_window": shape, "doppler_window": shape}
+    points = PointSpec(false_alarm_rate=1e-2, detector="go", **kinds)
 
     def rates_of(key):
         noise = jax.lax.complex(*jax.random.normal(key, (2, 3, 4, 64, 64)))

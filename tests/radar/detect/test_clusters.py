@@ -52,9 +52,8 @@ def test_peaks_are_those_of_a_loop_with_wrapped_doppler():
 def test_points_of_one_object_are_one_cluster():
     rng = np.random.default_rng(0)
     near, far = np.array([3.0, 1.0, 0.0]), np.array([6.0, -2.0, 0.5])
-    xyz = np.concatenate(
-        [near + 0.2 * rng.uniform(-1, 1, (6, 3)), far + np.zeros((2, 3)), [near]]
-    )
+    others = far + np.zeros((2, 3))
+    xyz = np.concatenate([near + 0.2 * rng.uniform(-1, 1, (6, 3)), others, [near]])
     cloud = PointCloud(
         xyz=jnp.asarray(xyz, jnp.float32),
         valid=jnp.array([True] * 9),

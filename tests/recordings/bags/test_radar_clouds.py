@@ -49,9 +49,8 @@ def test_a_drive_past_points_at_rest_comes_back(tmp_path, fields, container):
     np.testing.assert_allclose(velocities.velocity - VELOCITY, 0, atol=1e-3)
     assert (velocities.points == 40).all() and (velocities.moving == 1).all()
     walk = odometry(found, velocities, rotation="none")
-    np.testing.assert_allclose(
-        walk.world_from_base[-1, :3, 3], 1.9 * VELOCITY, rtol=1e-3
-    )
+    reached = walk.world_from_base[-1, :3, 3]
+    np.testing.assert_allclose(reached, 1.9 * VELOCITY, rtol=1e-3)
 
 
 def test_clouds_without_heights_are_followed_in_their_plane(tmp_path, fields):

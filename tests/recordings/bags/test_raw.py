@@ -74,10 +74,7 @@ def test_an_imu_in_the_bag_is_read_and_a_damaged_one_left_out(tmp_path):
     ("change", "message"),
     [
         ({"words": [WORDS[0][:-2]]}, r"holds 1,198 numbers, .* needs 1,200"),
-        (
-            {"topics": ("/left", "/right")},
-            "2 topics of raw samples, name one of /left,",
-        ),
+        ({"topics": ("/left", "/right")}, "2 topics of raw samples, name one of /left"),
     ],
     ids=["size", "topics"],
 )

@@ -249,9 +249,7 @@ def with_first(content, word):
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_numbers_lists_and_files_that_do_not_fit_are_refused(
-    tmp_path, name, content, message
-):
+def test_numbers_lists_and_files_that_do_not_fit(tmp_path, name, content, message):
     with pytest.raises(ValueError, match=message):
         read_cloud(save(tmp_path, name, content))
 

@@ -16,9 +16,8 @@ def cloud(num):
     xyz = rng.normal(size=(num, 3)).astype(np.float32)
     valid, power = np.arange(num) % 3 > 0, 1e9 * rng.random(num, np.float32)
     columns = {"velocity": -xyz[:, 0], "power": power}
-    return PointCloud(
-        jnp.asarray(xyz), valid, **{k: jnp.asarray(v) for k, v in columns.items()}
-    )
+    columns = {k: jnp.asarray(v) for k, v in columns.items()}
+    return PointCloud(jnp.asarray(xyz), valid, **columns)
 
 
 def test_ply_is_read_by_trimesh(tmp_path):

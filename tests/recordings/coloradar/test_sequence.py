@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 
 from jradar.radar import Radar, calibrate
-from jradar.recordings import (
-    nearest_scan,
-    open_recording,
-    radar_from_lidar,
-    write_radar_toml,
-)
+from jradar.recordings import nearest_scan, open_recording, write_radar_toml
 from jradar.recordings.coloradar.sequence import open_coloradar
+from jradar.recordings.recording import radar_from_lidar
 from tests.recordings.coloradar_writer import (
     CHIRPS,
     RX,

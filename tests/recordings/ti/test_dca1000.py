@@ -45,17 +45,13 @@ def frames_of(recording):
 
 
 @pytest.mark.parametrize(
-    ("adcbuf", "order"),
-    [
-        ("-1 0 0 1 1", "IIQQ"),
-        ("-1 0 1 1 1", "QQII"),
-        ("-1 0 0 0 1", "I4Q4"),
-        ("0 1 0 1", "Q4I4"),
-    ],
+    ("swap", "order"),
+    [("0 1", "IIQQ"), ("1 1", "QQII"), ("0 0", "I4Q4"), ("1 0", "Q4I4")],
 )
-def test_the_cfg_names_the_order(write, adcbuf, order):
+def test_the_cfg_names_the_order(write, swap, order):
     cubes = random_cubes(1)
-    cfg = CFG.replace("-1 0 0 1 1", adcbuf)
+    more = "" if order == "Q4I4" else "-1 "  # older files name no subframe
+    cfg = CFG.replace("-1 0 0 1 1", f"{more}0 {swap} 1")
     recording = open_dca1000(*write(as_bytes(cubes, order), cfg=cfg))
     np.testing.assert_array_equal(frames_of(recording), cubes)
     assert recording.cubes[0].dtype == np.complex64

@@ -11,12 +11,8 @@ STILL = (0, 0, 0, 0)  # no variations
 FRAME = {
     "profiles": {0: (77, 267, 7, 57.14, 70, 256, 5209)},
     "chirps": {n: Chirp(0, STILL, [tx]) for n, tx in enumerate((0, 2, 1))},
-    "ends": (0, 2),
-    "turns": 16,
-    "period_s": 0.1,
-    "rx_mask": 15,
-    "tx_mask": 7,
 }
+FRAME |= {"ends": (0, 2), "turns": 16, "period_s": 0.1, "rx_mask": 15, "tx_mask": 7}
 
 
 def read(device="awr1843", **changes):
@@ -89,10 +85,7 @@ def test_each_board_has_its_positions(device, start_ghz, positions):
         ({"turns": 16.5}, "num_chirps = 16.5, expected a whole number"),
         ({"turns": 0}, "num_chirps = 0, expected more"),
         ({"turns": -4}, "num_chirps = -4, expected a whole number"),
-        (
-            {"profiles": {0: (77, 267, 7, 50, 70, 256, 5209)}},
-            "sampling ends 56.15 us into the chirp",
-        ),
+        ({"profiles": {0: (77, 267, 7, 50, 70, 256, 5209)}}, "sampling ends 56.15 us"),
     ],
 )
 def test_frames_that_a_radar_cannot_have_are_refused(changes, message):

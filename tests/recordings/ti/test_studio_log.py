@@ -1,10 +1,13 @@
 """Logs of mmWave Studio: several configurations, malformed lines, claimed sizes."""
 
+import functools
+
 import pytest
 
 from jradar.errors import UsageError
 from jradar.recordings import open_recording, read_description
 from jradar.recordings.ti.studio_log import read_studio_log
+from tests.recordings.coloradar_writer import write
 from tests.recordings.cube_writer import LOG, SHAPE, random_cube, save_studio
 
 SECOND = """\
@@ -17,12 +20,7 @@ API:SensorStart,0,
 @pytest.fixture
 def log(tmp_path):
     """A function that writes a log: its path."""
-
-    def write(text):
-        (tmp_path / "LogFile.txt").write_text(text)
-        return tmp_path / "LogFile.txt"
-
-    return write
+    return functools.partial(write, tmp_path / "LogFile.txt")
 
 
 def chirps(path, configuration=None):
@@ -111,6 +109,10 @@ def test_the_choice_is_reported_and_can_be_made(tmp_path):
         ("0,0,0,0,0,0,1,\n", "0,0,0,0,0,0,0,1,\n", "fires transmitters"),
         (",621,", ",-621,", "slope_hz_per_s"),
         ("AR1642", "", "chip , expected one of"),
+        ("AR1642", "AR9999", "chip AR9999, expected one of"),
+        ("API:ProfileConfig", "API:X", "no ProfileConfig: is it"),
+        ("AdcOutConfig,2,1", "AdcOutConfig,2,0", "real samples were recorded"),
+        ("0,0,0,1,0,", "0,0,0,1,1,", "expected each chirp to fire one"),
     ],
 )
 def test_malformed_lines_are_named(log, old, new, message):
@@ -120,6 +122,4 @@ def test_malformed_lines_are_named(log, old, new, message):
 
 
 def test_other_encodings_of_names_are_read(log):
-    path = log(LOG)
-    path.write_bytes("C:\\Müller\\capture,0,\n".encode("cp1252") + LOG.encode())
-    assert chirps(path) == 4
+    assert chirps(log("C:\\Müller\\capture,0,\n".encode("cp1252") + LOG.encode())) == 4
