@@ -24,7 +24,6 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from jradar.errors import optional
 from jradar.files import atomic_path
 from jradar.model import Model, enhance
 from jradar.radar import Radar
@@ -44,10 +43,8 @@ def export_function(
 ) -> None:
     """Write `enhance` for one radar, with its calibration and the weights, as one file.
 
-    `draws` and `steps` are those of `model.draw`. Raises ImportError without the extra
-    `export`.
+    `draws` and `steps` are those of `model.draw`.
     """
-    optional("flatbuffers", need="exporting needs flatbuffers", extra="export")
     unknown = [name for name in platforms if name not in PLATFORMS]
     if unknown or not platforms:
         raise ValueError(f"platforms {platforms}, expected some of {PLATFORMS}")

@@ -15,6 +15,7 @@ from jradar.progress import progress
 from jradar.results import Results
 
 if TYPE_CHECKING:
+    from jradar.recordings import Recording
     from jradar.session import Enhancement, Frame, FrameFolder
 
 
@@ -26,14 +27,15 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
     except ValueError as error:
         raise UsageError(str(error)) from error
     recording, frames = open_frames(options)
-    folder = _folder(options, frames, "radar")
+    folder = _folder(options, recording, frames, "radar")
     found = jradar.session.detect_recording(recording, points=spec, frames=frames)
     recording, radar = found.recording, recording.radar.spec
     deviations = spec if options.deviations else None
     rows, written = list[dict[str, Any]](), list[str]()
     with progress("detecting", len(frames), unit="frames") as show:
         for frame in found:
-            frame = frame._replace(points=frame.points.within(**limits))
+            if limits:
+                frame = frame._replace(points=frame.points.within(**limits))
             written = folder.write_detected(frame, recording, deviations=deviations)
             rows.append(frame.describe(radar))
             if len(frames) > 1:
@@ -71,7 +73,8 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     pictured = not options.frames if options.picture is None else options.picture
     folder = None
     if not streamed:
-        folder = _folder(options, frames, "radar", "enhanced", pictured=pictured)
+        clouds = ("radar", "enhanced")
+        folder = _folder(options, recording, frames, *clouds, pictured=pictured)
     found = jradar.enhance_recording(
         recording,
         model,
@@ -91,9 +94,11 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         progress("enhancing", len(frames), unit="frames") as show,
     ):
         for frame in found:
-            frame = frame._replace(
-                points=frame.points.within(**limits), cloud=frame.cloud.within(**limits)
-            )
+            if limits:
+                points, cloud = frame.points, frame.cloud
+                frame = frame._replace(
+                    points=points.within(**limits), cloud=cloud.within(**limits)
+                )
             rows.append(frame.describe())
             paths = found.watch("writing", write, frame)
             written = written if options.frames else paths
@@ -141,7 +146,11 @@ def _writer(
 
 
 def _folder(
-    options: argparse.Namespace, frames: range, *clouds: str, pictured: bool = True
+    options: argparse.Namespace,
+    recording: "Recording",
+    frames: range,
+    *clouds: str,
+    pictured: bool = True,
 ) -> "FrameFolder":
     """Return the folder of the output; UsageError if it must not be written."""
     return jradar.session.FrameFolder(
@@ -151,7 +160,7 @@ def _folder(
         kind=options.format,
         several=bool(options.frames),
         flat=options.flat,
-        pictured=pictured,
+        pictured=recording.radar.spec if pictured else None,
     )
 
 

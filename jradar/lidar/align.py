@@ -36,10 +36,14 @@ def rigid_transform(
             f"xyz {xyz}, quaternion {quaternion}: expected finite numbers and a "
             "quaternion x y z w that is not zero"
         )
+    x, y, z, w = np.moveaxis(quaternion / length[..., None], -1, 0)
+    rows = [  # as SciPy's Rotation, which takes longer to load than to read a recording
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
     matrix = np.zeros((*xyz.shape[:-1], 4, 4))
-    turns = scipy.spatial.transform.Rotation.from_quat(quaternion.reshape(-1, 4))
-    flat = turns.as_matrix()
-    matrix[..., :3, :3] = flat.reshape(*xyz.shape[:-1], 3, 3)
+    matrix[..., :3, :3] = np.moveaxis(np.array(rows), (0, 1), (-2, -1))
     matrix[..., :3, 3] = xyz
     matrix[..., 3, 3] = 1
     return matrix

@@ -7,8 +7,8 @@
 and `Model` are pytrees, so all of them take both under `jit`, `vmap` and `grad`.
 
 Model, ModelSpec, Card, METHODS     a trained network, and how models answer
-load_model, save_model, shipped_models
-                                    folders of models
+load_model, load_card, save_model, shipped_models
+                                    folders of models; a card alone
 enhance, enhance_points, condition, draw, dense_cloud
                                     from a cube, or its points, to a cloud
 mixtures, moving_pixels, fuse       several frames as one
@@ -24,6 +24,7 @@ from jradar.model.enhancing import (
     enhance_points as enhance_points,
 )
 from jradar.model.folder import (
+    load_card as load_card,
     load_model as load_model,
     save_model as save_model,
     shipped_models as shipped_models,

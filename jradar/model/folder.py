@@ -51,6 +51,30 @@ def load_model(name: Path | str) -> Model:
     Parameters become float32. Raises ModelError, with the reason, for a model that is
     missing, damaged or of another format.
     """
+    model, digest, weights = _described(name)
+    try:
+        with open_file(weights, limit=MAX_FILE_BYTES) as file:
+            found = hashlib.file_digest(file, "sha256").hexdigest()
+        if found != digest:
+            raise ValueError(
+                f"{weights} does not match the digest in model.json: the file is "
+                "damaged, or from another model"
+            )
+        params = read_params(weights)
+    except ValueError as error:
+        raise ModelError(str(error)) from error
+    if str(name) not in shipped_models():  # those are checked by the tests
+        _check_shapes(weights, params, model.spec)
+    return dataclasses.replace(model, params=params)
+
+
+def load_card(name: Path | str) -> Card:
+    """Return where a model comes from, without reading its weights; as `load_model`."""
+    return _described(name)[0].card
+
+
+def _described(name: Path | str) -> tuple[Model, str, Path]:
+    """The model without parameters, the digest of its weights, and their file."""
     shipped = shipped_models()
     folder = shipped.get(str(name), Path(name))
     if not (folder / "model.json").is_file() and (folder / "model").is_dir():
@@ -70,25 +94,11 @@ def load_model(name: Path | str) -> Model:
                 f"{path} has format {found}, this version reads {FORMAT}: train again, "
                 "or use the version of jradar that wrote it"
             )
-        model = _model_from_json(values)
+        return _model_from_json(values), digest, weights
     except ModelError:
         raise
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    try:
-        with open_file(weights, limit=MAX_FILE_BYTES) as file:
-            found = hashlib.file_digest(file, "sha256").hexdigest()
-        if found != digest:
-            raise ValueError(
-                f"{weights} does not match the digest in {path.name}: the file is "
-                "damaged, or from another model"
-            )
-        params = read_params(weights)
-    except ValueError as error:
-        raise ModelError(str(error)) from error
-    if str(name) not in shipped:  # those are checked by the tests
-        _check_shapes(weights, params, model.spec)
-    return dataclasses.replace(model, params=params)
 
 
 def save_model(

@@ -6,8 +6,8 @@ accelerations, less the change of the radar's velocity.
 """
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation, Slerp
 
 from jradar.lidar import Poses, interpolate_poses
 from jradar.recordings import Imu
@@ -46,10 +46,14 @@ def gyro_attitude(
     steps = (rate[1:] + rate[:-1]) / 2 * np.diff(times)[:, None]
     turned = np.empty((len(times), 3, 3))
     turned[0] = np.eye(3)
-    for k, step in enumerate(Rotation.from_rotvec(steps).as_matrix()):
+    for k, step in enumerate(
+        scipy.spatial.transform.Rotation.from_rotvec(steps).as_matrix()
+    ):
         turned[k + 1] = turned[k] @ step
     origin = times[0]
-    course = Slerp(times - origin, Rotation.from_matrix(turned))
+    course = scipy.spatial.transform.Slerp(
+        times - origin, scipy.spatial.transform.Rotation.from_matrix(turned)
+    )
     at = course(np.clip(stamps, times[0], times[-1]) - origin)
     return (at[0].inv() * at).as_matrix()
 
@@ -93,11 +97,15 @@ def levelled(
     within = (imu.stamps >= stamps[0]) & (imu.stamps <= stamps[-1])
     if within.sum() < FEW:
         return turns
-    course = Slerp(stamps - stamps[0], Rotation.from_matrix(turns))
+    course = scipy.spatial.transform.Slerp(
+        stamps - stamps[0], scipy.spatial.transform.Rotation.from_matrix(turns)
+    )
     force = imu.force[within] @ base_from_imu[:3, :3].T
     mean = course(imu.stamps[within] - stamps[0]).apply(force).mean(0)
     up = mean - (velocity[-1] - velocity[0]) / (stamps[-1] - stamps[0])
-    level = Rotation.align_vectors([[0.0, 0.0, 1.0]], up[None])[0]
+    level = scipy.spatial.transform.Rotation.align_vectors([[0.0, 0.0, 1.0]], up[None])[
+        0
+    ]
     return level.as_matrix() @ turns
 
 

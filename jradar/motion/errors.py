@@ -11,8 +11,8 @@ References: Sturm et al. 2012; github.com/MichaelGrupp/evo.
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 
 class Errors(NamedTuple):
@@ -58,7 +58,9 @@ def step_errors(
     _check(estimated, true, 2)
     steps = [np.linalg.solve(poses[:-1], poses[1:]) for poses in (estimated, true)]
     error = np.linalg.solve(steps[1], steps[0])
-    angle = np.degrees(Rotation.from_matrix(error[:, :3, :3]).magnitude())
+    angle = np.degrees(
+        scipy.spatial.transform.Rotation.from_matrix(error[:, :3, :3]).magnitude()
+    )
     return _statistics(np.linalg.norm(error[:, :3, 3], axis=1)), _statistics(angle)
 
 

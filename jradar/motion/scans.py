@@ -5,8 +5,8 @@ return no times of points.
 """
 
 import numpy as np
+import scipy  # loads `spatial` when it is first used
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError, optional
 from jradar.lidar import Poses, returns
@@ -43,5 +43,5 @@ def to_poses(
     stamps: Float[np.ndarray, " stamp"], matrices: Float[np.ndarray, "stamp 4 4"]
 ) -> Poses:
     """Return transforms as `Poses`."""
-    turns = Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
+    turns = scipy.spatial.transform.Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
     return Poses(stamps, matrices[:, :3, 3], turns)

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
+import scipy  # loads `special` when it is first used
 from jax.typing import ArrayLike
 from jaxtyping import Float
-from scipy.special import gammaincinv
 
 from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import window
@@ -85,7 +85,7 @@ def noise_statistics(
     zeros has no level: all but the spread of pure noise are 0.
     """
     low, middle, high = np.percentile(np.asarray(power, np.float64), (16, 50, 84))
-    of_noise = gammaincinv(radar.num_virtual, (0.16, 0.5, 0.84))
+    of_noise = scipy.special.gammaincinv(radar.num_virtual, (0.16, 0.5, 0.84))
     weight = (window("hann", size) for size in (radar.num_chirps, radar.num_samples))
     gain = np.prod([np.sum(values**2) for values in weight])
     return NoiseStatistics(

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads `optimize` when it is first used
 from jaxtyping import Array, Bool, Float
-from scipy.optimize import isotonic_regression
 
 KNOTS = 33
 LEAST = 0.375  # of a table that was not fitted
@@ -66,7 +66,7 @@ def fit_confidence(
     steps = np.round(confidence[order] * 1000)
     levels, first, counts = np.unique(steps, return_index=True, return_counts=True)
     share = np.add.reduceat(np.asarray(right, float)[order], first) / counts
-    fitted = isotonic_regression(share, weights=counts).x
+    fitted = scipy.optimize.isotonic_regression(share, weights=counts).x
     knots = np.interp(np.linspace(0, 1, KNOTS), levels / 1000, fitted)
     return ConfidenceTable.of(np.clip(knots, 0, 1).round(4))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy  # loads `spatial` when it is first used
+from jaxtyping import Float
 
 from jradar.radar import RadarSpec
 from jradar.recordings.bags.bags import (
@@ -218,8 +218,18 @@ def _transforms(recording: Recording) -> dict[str, Any]:
     places = {}
     for name, matrix in found.items():
         if matrix is not None:
-            turn = scipy.spatial.transform.Rotation.from_matrix(matrix[:3, :3])
-            angles = turn.as_euler("ZYX", degrees=True)
+            angles = yaw_pitch_roll(matrix)
             position = matrix[:3, 3].tolist()
-            places[name] = {"xyz_m": position, "yaw_pitch_roll_deg": angles.tolist()}
+            places[name] = {"xyz_m": position, "yaw_pitch_roll_deg": angles}
     return places
+
+
+def yaw_pitch_roll(matrix: Float[np.ndarray, "4 4"]) -> list[float]:
+    """Return the degrees about z, then the new y, then the new x of a transform.
+
+    The same as SciPy's `Rotation`, which loads for longer than `jradar info` runs.
+    """
+    (ahead, *_), (left, *_), (up, left_up, up_up) = matrix[:3, :3]
+    yaw, roll = np.arctan2(left, ahead), np.arctan2(left_up, up_up)
+    pitch = np.arctan2(-up, np.hypot(ahead, left))
+    return (np.degrees([yaw, pitch, roll]) + 0.0).tolist()  # without -0

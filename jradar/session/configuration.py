@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jradar.model import load_model, shipped_models
+from jradar.model import load_card, shipped_models
 from jradar.radar import RadarSpec
 from jradar.recordings import describe_radar, read_description
 from jradar.recordings.ti.dca1000 import bytes_of_frame
@@ -44,7 +44,7 @@ def describe_configuration(
     found = read_description(path, device=device)
     radar, checks = found.radar, [*board_checks(found.radar)]
     failed = [check.check for check in checks if not check.fits]
-    cards = {name: load_model(folder).card for name, folder in shipped_models().items()}
+    cards = {name: load_card(name) for name in shipped_models()}
     return {
         "configuration": str(path),
         "radar": describe_radar(radar),

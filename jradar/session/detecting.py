@@ -148,8 +148,13 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     For a rig's own capture with a LiDAR, also the offset between the sensors' clocks.
     """
     radar, one = recording.radar.spec, range(frame, frame + 1)
-    detection = detect_recording(recording, frames=one)
-    (seen,) = detection
+    doubted = with_sample_doubts(recording, chosen_frames(recording, one)[0])
+    kinds = [POINTS]
+    if radar.num_chirps > 1:
+        kinds.append(PointSpec(remove_static=True))
+    with ThreadPoolExecutor() as threads:  # which compile at the same time
+        detections = [*threads.map(lambda kind: Detection(doubted, kind, one), kinds)]
+    (seen,), *moving = detections
     shown = seen.describe(radar)
     found: dict[str, Any] = {
         "frame": frame,
@@ -158,13 +163,11 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
         "noise": shown["noise"],
         "echoes": shown["echoes"],
     }
-    if radar.num_chirps > 1:
-        moving = PointSpec(remove_static=True)
-        (seen_moving,) = detect_recording(recording, points=moving, frames=one)
+    for (seen_moving,) in moving:
         found["moving echoes"] = seen_moving.describe(radar)["echoes"]
     if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
         found["time offset"] = _time_offset(recording)
-    described = describe(detection.recording)
+    described = describe(doubted)
     described["notes"] += gravity_warnings(recording)
     described["notes"] += no_echoes([frame] if seen.empty else [])
     return {**described, **found}

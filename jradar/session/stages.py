@@ -8,11 +8,8 @@ result does not depend on which other frames are enhanced.
 """
 
 import dataclasses
-import functools
 import time
-import weakref
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Inexact, Int, Key
 
 from jradar.errors import UsageError
-from jradar.model import Model, compiler_options, dense_cloud, draw
+from jradar.model import Model, dense_cloud, draw
 from jradar.radar import (
     PointSpec,
     Radar,
@@ -31,11 +28,9 @@ from jradar.radar import (
     power_map,
 )
 from jradar.range_image import RangeImage, condition_image, unlikeness
-from jradar.session import fusion
+from jradar.session import fusion, programs
 from jradar.types import PointCloud
 
-# Compiled programs, or those to come, by what was traced, as long as JAX keeps that.
-COMPILED: weakref.WeakKeyDictionary[Any, Future] = weakref.WeakKeyDictionary()
 DETECTION_RATE = 1e-3  # false alarms per cell of the detections that are counted
 
 
@@ -108,12 +103,6 @@ class _Programs:
         power = power_map(samples, remove_static=self.points.remove_static)
         rate = dataclasses.replace(self.points, false_alarm_rate=DETECTION_RATE)
         return power, detect(power, radar.spec, points=rate)
-
-
-@functools.lru_cache(maxsize=64)
-def _jitted(function: Callable, programs: _Programs) -> Any:
-    """Return the function of a stage, which is the same object for the same options."""
-    return jax.jit(functools.partial(function, programs), keep_unused=True)
 
 
 class Stages:
@@ -195,40 +184,43 @@ class Stages:
         )
 
     def _compile(self) -> dict[str, Callable]:
-        """Compile the stages in threads, because XLA does not hold Python's lock."""
-        spec, programs = self._radar.spec, self._programs
+        """Return the programs of the stages."""
+        given = self._key, self._radar, self._model
+        model = None if self._model is None else self._model.spec
+        options = self._programs, self._radar.spec, model
+        return programs.ready(given, *options, trace=self._trace)
+
+    def _trace(self) -> Iterator[tuple[str, programs.Program]]:
+        """Yield the stages' programs, one after the other.
+
+        Raises UsageError for a confidence that is asked of a model without it.
+        """
+        options, spec = self._programs, self._radar.spec
+        given = self._key, self._radar, self._model
         kind = jnp.float32 if spec.real_samples else jnp.complex64
-        compiling: dict[str, Future] = {}
-
-        def add(stage: str, function: Callable, *values: Any) -> Any:
-            traced = _jitted(function, programs).trace(
-                self._key, self._radar, self._model, *values
-            )
-            if traced.jaxpr not in COMPILED:
-                COMPILED[traced.jaxpr] = threads.submit(
-                    traced.lower().compile, compiler_options()
-                )
-            compiling[stage] = COMPILED[traced.jaxpr]
-            return traced.out_info
-
-        threads = ThreadPoolExecutor()
         cube = jax.ShapeDtypeStruct(spec.cube_shape, kind)
-        samples = add("cleaning", _Programs.cleaned, cube)
-        points, _ = add("radar processing", _Programs.found, samples)
-        add("detections", _Programs.detected, samples)
-        if self._model is not None:
-            condition, _ = add("condition", _Programs.conditioned, points)
-            image = add("sampling", _Programs.sampled, points, condition)
-            if programs.count > 1:
-                poses = jax.ShapeDtypeStruct((programs.count, 4, 4), jnp.float32)
-                seen = (image,) * programs.count
-                image = add("fusion", _Programs.fused, seen, poses)
-            least = programs.least_confidence
-            if least is not None and image.confidence is None:
-                raise UsageError(
-                    f"least_confidence = {least:g}: this model has no confidence with "
-                    "these options, leave it out, or draw several samples"
-                )
-            add("back projection", _Programs.projected, image, points)
-        threads.shutdown(wait=False)
-        return {name: future.result() for name, future in compiling.items()}
+        program, samples = programs.traced(options.cleaned, *given, cube)
+        yield "cleaning", program
+        program, (points, _) = programs.traced(options.found, *given, samples)
+        yield "radar processing", program
+        program, _ = programs.traced(options.detected, *given, samples)
+        yield "detections", program
+        if self._model is None:
+            return
+        program, (condition, _) = programs.traced(options.conditioned, *given, points)
+        yield "condition", program
+        program, image = programs.traced(options.sampled, *given, points, condition)
+        yield "sampling", program
+        if options.count > 1:
+            poses = jax.ShapeDtypeStruct((options.count, 4, 4), jnp.float32)
+            seen = (image,) * options.count
+            program, image = programs.traced(options.fused, *given, seen, poses)
+            yield "fusion", program
+        least = options.least_confidence
+        if least is not None and image.confidence is None:
+            raise UsageError(
+                f"least_confidence = {least:g}: this model has no confidence with "
+                "these options, leave it out, or draw several samples"
+            )
+        program, _ = programs.traced(options.projected, *given, image, points)
+        yield "back projection", program

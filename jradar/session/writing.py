@@ -7,15 +7,24 @@ DIR/radar/000012.ply ..  DIR/enhanced/000012.ply ..                several, flat
 
 import functools
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jradar.errors import UsageError
 from jradar.model import Model
-from jradar.radar import PointSpec, Radar, azimuth_map, point_deviations, range_doppler
+from jradar.radar import (
+    PointSpec,
+    Radar,
+    RadarSpec,
+    azimuth_map,
+    point_deviations,
+    range_doppler,
+)
 from jradar.range_image import ImageSpec
 from jradar.recordings import (
     CLOUD_WRITERS,
@@ -25,6 +34,7 @@ from jradar.recordings import (
     write_npz,
 )
 from jradar.results import Results
+from jradar.session import programs
 from jradar.session.detecting import Detected
 from jradar.session.frames import Frame
 from jradar.types import PointCloud
@@ -52,11 +62,16 @@ class FrameFolder:
         kind: str = "ply",
         several: bool = False,
         flat: bool = False,
-        pictured: bool = True,
+        pictured: RadarSpec | None = None,
     ):
-        """Raise UsageError if files of these frames must not be replaced."""
+        """Raise UsageError if files of these frames must not be replaced.
+
+        A picture of each frame is written if `pictured` names the radar, and the folder
+        is not flat.
+        """
         self._results, self._clouds, self._kind = results, clouds, kind
-        self._several, self._flat, self._pictured = several, flat, pictured
+        self._several, self._flat = several, flat
+        self._pictured = pictured is not None and not flat
         results.check(name for frame in frames for name in self._names(frame))
         for folder in (results.folder / name for name in clouds if flat):
             if folder.is_dir() and any(folder.iterdir()) and not results.force:
@@ -64,6 +79,10 @@ class FrameFolder:
                     f"{folder} is not empty, and tools read all clouds in a folder: "
                     "name another output, or add --force"
                 )
+        if pictured is not None and not flat:  # while the first frame is computed
+            thread = ThreadPoolExecutor(1)
+            self._azimuths = thread.submit(_azimuth_program, pictured)
+            thread.shutdown(wait=False)
 
     def write_detected(
         self,
@@ -84,7 +103,7 @@ class FrameFolder:
             named = found._asdict().items()
             arrays = {f"deviation_{name}": values[valid] for name, values in named}
         view = ImageSpec(PIXELS, PIXELS, max_range_m=radar.spec.max_range_m)
-        figure = functools.partial(_figure, frame, recording, view)
+        figure = functools.partial(self._figure, frame, recording, view)
         return self._write(frame.number, (frame.points,), arrays, figure)
 
     def write_enhanced(
@@ -93,15 +112,16 @@ class FrameFolder:
         """Write the clouds of a frame, and its range image; returns the paths."""
         image, view = frame.image.range_m, model.spec.fine
         kept = np.asarray(frame.cloud.valid).reshape(image.shape)
+        arrays = {"range_image": np.where(kept, image, 0)}
         figure = functools.partial(
-            _figure,
+            self._figure,
             frame,
             recording,
             view,
             dense=frame.cloud,
+            metres=arrays["range_image"],
             more=f"; model: {model.card.purpose}",
         )
-        arrays = {"range_image": np.where(kept, image, 0)}
         return self._write(frame.number, (frame.points, frame.cloud), arrays, figure)
 
     def _names(self, frame: int) -> list[str]:
@@ -119,18 +139,40 @@ class FrameFolder:
         arrays: dict[str, Any],
         figure: "Callable[[], Figure]",
     ) -> list[str]:
-        from jradar.viz import save_figure
-
         def cloud_writer(cloud: PointCloud) -> Callable[[Path], None]:
             return lambda path: CLOUD_WRITERS[self._kind](path, cloud)
 
         writers: list[Callable[[Path], None]] = [
             *map(cloud_writer, clouds),
             lambda path: write_npz(path, valid_points(clouds[-1]) | arrays),
-            lambda path: save_figure(figure(), path),
+            lambda path: _viz().save_figure(figure(), path),
         ]
         files = dict(zip(self._names(frame), writers, strict=False))
         return self._results.put(files, keep=self._flat)
+
+    def _figure(
+        self,
+        frame: Detected | Frame,
+        recording: Recording,
+        view: ImageSpec,
+        *,
+        dense: PointCloud | None = None,
+        metres: np.ndarray | None = None,
+        more: str = "",
+    ) -> "Figure":
+        """Draw the maps and the clouds, with the LiDAR's if there is one."""
+        radar = recording.radar
+        return _viz().capture_figure(
+            frame.power,
+            self._azimuths.result()(frame.samples),
+            radar.spec,
+            detections(frame, radar) if isinstance(frame, Frame) else frame.points,
+            view,
+            dense=dense,
+            metres=metres,
+            lidar=nearest_scan(recording, frame.number),
+            title=f"{recording.name}, frame {frame.number}{more}",
+        )
 
 
 def detections(frame: Frame, radar: Radar) -> PointCloud:
@@ -147,25 +189,24 @@ def detections(frame: Frame, radar: Radar) -> PointCloud:
     return points._replace(valid=np.asarray(points.valid) & seen)
 
 
-def _figure(
-    frame: Detected | Frame,
-    recording: Recording,
-    view: ImageSpec,
-    *,
-    dense: PointCloud | None = None,
-    more: str = "",
-) -> "Figure":
-    """Draw the maps and the clouds, with the LiDAR's if there is one."""
-    from jradar.viz import capture_figure
+def _azimuth_program(radar: RadarSpec) -> Callable[..., Any]:
+    """Return `azimuth_map` of a frame's samples, compiled, and load matplotlib."""
 
-    radar = recording.radar
-    return capture_figure(
-        frame.power,
-        azimuth_map(*range_doppler(jnp.asarray(frame.samples)), radar.spec),
-        radar.spec,
-        detections(frame, radar) if isinstance(frame, Frame) else frame.points,
-        view,
-        dense=dense,
-        lidar=nearest_scan(recording, frame.number),
-        title=f"{recording.name}, frame {frame.number}{more}",
-    )
+    def azimuths(samples):
+        return azimuth_map(*range_doppler(samples), radar)
+
+    def trace():
+        yield "azimuths", programs.traced(azimuths, samples)[0]
+
+    kind = jnp.float32 if radar.real_samples else jnp.complex64
+    samples = jax.ShapeDtypeStruct(radar.cube_shape, kind)
+    program = programs.ready(samples, "azimuths", radar, trace=trace)["azimuths"]
+    _viz()
+    return program
+
+
+def _viz() -> Any:
+    """The room of pictures: matplotlib takes half a second to load."""
+    from jradar import viz
+
+    return viz

@@ -78,14 +78,16 @@ def capture_figure(
     image: ImageSpec,
     *,
     dense: PointCloud | None = None,
+    metres: Float[np.ndarray, "row column"] | None = None,
     lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
 ) -> Figure:
     """Draw one capture: maps of power, clouds from above, range image.
 
     `power` and `azimuths`, the `azimuth_map`, are linear. `cloud` holds the detections,
-    `dense` is the enhanced cloud, drawn above them. `lidar` holds LiDAR points in the
-    radar's frame; only points ahead and within the image's range are drawn.
+    `dense` is the enhanced cloud, drawn above them, and `metres` its range image; if
+    None, it is projected. `lidar` holds LiDAR points in the radar's frame; only points
+    ahead and within the image's range are drawn.
     """
     figure = Figure(figsize=(17, 5))  # `constrained` layout takes twice as long
     figure.subplots_adjust(left=0.035, right=0.99, bottom=0.26, top=0.86, wspace=0.22)
@@ -101,7 +103,9 @@ def capture_figure(
         if drawn is not None:
             clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
     _draw_above(above, clouds)
-    picture = _draw_image(front, project(dense or cloud, image), image)
+    if metres is None:
+        metres = np.asarray(project(dense or cloud, image))
+    picture = _draw_image(front, metres, image)
     _add_bar(front, picture, "range (m)")
     shown = "the detections" if dense is None else "jradar's cloud"
     front.set_title(f"range image of {shown}")

@@ -11,6 +11,7 @@ from jradar.cli import main
 from jradar.model import condition, draw, load_model, save_model
 from jradar.radar import radar_points
 from jradar.recordings import open_recording, read_cloud, without_background
+from jradar.session import writing
 from tests.cli.conftest import MODEL, QUICK, write_cube
 from tests.models import tiny_model
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -71,8 +72,12 @@ def test_the_result_is_the_librarys(enhance, small_cube, model_folder, tmp_path)
     assert not (tmp_path / "out" / "enhanced.ply").exists()
 
 
-def test_every_stage_of_several_frames_is_timed(enhance, sequence, tmp_path):
-    result = enhance("--frames", "10:", path=sequence, out=tmp_path / "few")
+def test_every_stage_of_several_frames_is_timed(
+    enhance, sequence, tmp_path, monkeypatch
+):
+    with monkeypatch.context() as patched:  # matplotlib loads for pictures alone
+        patched.setattr(writing, "_viz", lambda: pytest.fail("matplotlib is loaded"))
+        result = enhance("--frames", "10:", path=sequence, out=tmp_path / "few")
     assert [row["frame"] for row in result["enhanced"]] == [10, 11]
     stages = result["milliseconds_per_frame"]
     assert len(stages) == 8 and all(value > 0 for value in stages.values())
@@ -146,7 +151,6 @@ def test_a_shipped_model_is_used_unless_another_is_named(
 def test_a_regression_model_takes_no_sampling_options(
     command, small_cube, tmp_path, refused
 ):
-    pytest.importorskip("flatbuffers", reason="needs jradar[export]")
     folder, out = str(tmp_path / "model"), tmp_path / "out"
     save_model(folder, tiny_model(method="regression"))
     words = [small_cube, "--model", folder] if command == "enhance" else [folder]

@@ -135,7 +135,6 @@ def test_a_second_run_replaces_the_first_and_nothing_else(
     own, commands, run_json, refused
 ):
     pytest.importorskip("foxglove")
-    pytest.importorskip("flatbuffers")
     before, new = hashes(own), own / "new"
     commands.pop("record", None)  # never replaces, see test_frame_recorder.py
     commands.pop("finetune", None)  # it resumes, see tests/test_finetuning.py

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jradar.lidar import Poses, rigid_transform
 from jradar.radar import Radar, RadarSpec
@@ -15,6 +16,7 @@ from jradar.recordings import (
     describe_file,
     without_background,
 )
+from jradar.recordings.describe import yaw_pitch_roll
 
 RADAR = RadarSpec.awr1843(num_samples=8, num_chirps=4)
 UNIT = Radar(
@@ -115,6 +117,16 @@ def test_unreadable_items_are_reported(tmp_path):
     broken = recording(tmp_path, EVERY_100_MS)._replace(cubes=Stream(read, 10))
     readable = describe(broken)["readable"]
     assert readable["frame 9"] == "cannot be read: frame_9.bin holds 3 bytes"
+
+
+def test_angles_of_a_transform_are_scipys():
+    turns = Rotation.random(20, random_state=0)
+    matrices = np.tile(np.eye(4), (20, 1, 1))
+    matrices[:, :3, :3] = turns.as_matrix()
+    angles = [yaw_pitch_roll(matrix) for matrix in matrices]
+    np.testing.assert_allclose(angles, turns.as_euler("ZYX", degrees=True), atol=1e-9)
+    moved = rigid_transform(np.zeros((20, 3)), 3 * turns.as_quat())
+    np.testing.assert_allclose(moved, matrices, atol=1e-12)
 
 
 def test_transforms_calibration_and_losses(tmp_path):

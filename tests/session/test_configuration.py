@@ -1,15 +1,36 @@
 """`jradar info profile.cfg`: what a radar measures, and what its board can run."""
 
 import dataclasses
+import subprocess
+import sys
 import warnings
 
 import pytest
 
-from jradar.radar import RadarSpec
+from jradar.model import folder
+from jradar.radar import Radar, RadarSpec
+from jradar.recordings import write_radar_toml
 from jradar.session import describe_configuration
 from jradar.session.configuration import board_checks, link_mbps
 
 SPEC = RadarSpec.awr1843(frame_period_s=0.1)
+
+
+def test_models_are_compared_without_their_weights(tmp_path, monkeypatch):
+    path = tmp_path / "radar.toml"
+    write_radar_toml(path, Radar(SPEC))
+    monkeypatch.setattr(
+        folder, "read_params", lambda _: pytest.fail("weights are read")
+    )
+    assert "jradar-sim" in describe_configuration(path)["models"]
+    heavy = "matplotlib", "optax", "scipy.optimize", "scipy.spatial", "scipy.special"
+    code = (
+        "import sys; from jradar.cli import main; "
+        f"main(['info', {str(path)!r}]) and sys.exit('info failed'); "
+        f"sys.exit(' '.join({{*{heavy}}} & {{*sys.modules}}) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("file", ["mmwave_ti_ros__1843_3d", "RadarHD"])

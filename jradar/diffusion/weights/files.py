@@ -77,8 +77,9 @@ def read_params(path: Path | str) -> Any:
 
     Raises FileNotFoundError for a missing file, ValueError for a damaged one.
     """
-    flat = {n: jnp.asarray(v, jnp.float32) for n, v in read_state(path).items()}
-    return flax.traverse_util.unflatten_dict(flat, sep="/")
+    # Converted by NumPy and placed in one call: else JAX compiles a program a shape.
+    flat = {n: v.astype(np.float32) for n, v in read_state(path).items()}
+    return flax.traverse_util.unflatten_dict(jax.device_put(flat), sep="/")
 
 
 def read_state(path: Path | str) -> State:

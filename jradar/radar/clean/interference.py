@@ -29,8 +29,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads `special` when it is first used
 from jaxtyping import Array, Bool, Float, Inexact, Key
-from scipy.special import gammainccinv
 
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
@@ -172,7 +172,9 @@ def excise_interference(
     weight = to_rank(np.asarray(_taper(*cube.shape[-2:]), cube.real.dtype), cube)
     unsure = jnp.maximum(1, SURE / weight[..., 0, :, :]) ** 2
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
-    factor = gammainccinv(freedom, false_alarm_rate) / gammainccinv(freedom, 0.5)
+    factor = scipy.special.gammainccinv(
+        freedom, false_alarm_rate
+    ) / scipy.special.gammainccinv(freedom, 0.5)
 
     def left_over(cleaned):
         """The echoes, and each sample's power without them over the usual one."""
@@ -182,25 +184,25 @@ def excise_interference(
         usual = jnp.maximum(_median(power, (-3, -2)), _at_edges(power))
         return echoes, power / jnp.maximum(usual * unsure, TINY)
 
-    def excise(found, times):
-        echoes, ratio = found
-        disturbed = _with_neighbours(ratio > times)
-        echoes = echoes / jnp.maximum(weight, SURE / 10)
-        return jnp.where(disturbed[..., None, :, :], echoes, cube), disturbed
-
-    first = left_over(cube)
-    untouched = cube, jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
     times = jnp.asarray(factor * np.array(PASSES), cube.real.dtype)
 
-    def all_passes():
-        def again(state, times):
-            return excise(left_over(state[0]), times), None
+    def one_pass(state, most):
+        cleaned, _, needed = state
 
-        return jax.lax.scan(again, excise(first, times[0]), times[1:])[0]
+        def excise():
+            echoes, ratio = left_over(cleaned)
+            found = _with_neighbours(ratio > most)
+            echoes = echoes / jnp.maximum(weight, SURE / 10)
+            replaced = jnp.where(found[..., None, :, :], echoes, cube)
+            # If at first nothing exceeds the last threshold, the lowest, that is all.
+            return replaced, found, (ratio > times[-1]).any() | (most < times[0])
 
-    # Where nothing exceeds the last threshold, the lowest, no pass finds anything.
-    found = (first[1] > times[-1]).any()
-    return jax.lax.cond(found, all_passes, lambda: untouched)
+        return jax.lax.cond(needed, excise, lambda: state), None
+
+    nowhere = jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
+    start = cube, nowhere, jnp.array(True)
+    (cleaned, disturbed, _), _ = jax.lax.scan(one_pass, start, times)
+    return cleaned, disturbed
 
 
 def _taper(chirps, samples):

@@ -18,8 +18,8 @@ import functools
 import math
 
 import numpy as np
+import scipy  # loads `special` when it is first used
 from numpy.polynomial.hermite_e import hermeval
-from scipy import special
 
 from jradar.radar.spectrum import window
 
@@ -38,7 +38,7 @@ def shared_indicator(share: float, quantile: float) -> float:
     """Return the correlation of two cells' being below a quantile, for r = `share`."""
     if share >= 1:
         return 1.0
-    x = special.ndtri(quantile)
+    x = scipy.special.ndtri(quantile)
     density = math.exp(-(x**2)) / (2 * math.pi)
     terms = [
         share**k / math.factorial(k) * hermeval(x, [0] * (k - 1) + [1]) ** 2

@@ -21,7 +21,7 @@ import math
 from typing import Any
 
 import numpy as np
-from scipy import optimize, special
+import scipy  # loads `optimize` and `special` when they are first used
 
 KINDS = ("ca", "go", "so", "os")
 Number = int | float  # fractions stand for correlated cells, see `correlation`
@@ -64,23 +64,26 @@ def false_alarm_multiplier(
 
     def excess(log_alpha):
         """ln(rate of this multiplier / wanted rate)."""
-        exceeds = special.gammaincc(channels, math.exp(log_alpha) * z)
+        exceeds = scipy.special.gammaincc(channels, math.exp(log_alpha) * z)
         return math.log(max(np.sum(weight * exceeds), 1e-300) / rate)
 
-    log_alpha: Any = optimize.brentq(excess, -30.0, 30.0, xtol=1e-14)
+    log_alpha: Any = scipy.optimize.brentq(excess, -30.0, 30.0, xtol=1e-14)
     return math.exp(log_alpha)
 
 
 def _log_grid(shape, scale=1.0):
     """Points z, and their step in ln z, to integrate over Gamma(shape, 1) / scale."""
-    low, high = special.gammaincinv(shape, TAIL), special.gammainccinv(shape, TAIL)
+    low, high = (
+        scipy.special.gammaincinv(shape, TAIL),
+        scipy.special.gammainccinv(shape, TAIL),
+    )
     step = min(0.02, 0.1 / math.sqrt(shape))
     return np.exp(np.arange(math.log(low), math.log(high) + step, step)) / scale, step
 
 
 def _log_gamma_density(z, shape, scale=1.0):
     """Log density of Gamma(shape, 1) / scale with respect to ln z."""
-    return shape * np.log(scale * z) - scale * z - special.gammaln(shape)
+    return shape * np.log(scale * z) - scale * z - scipy.special.gammaln(shape)
 
 
 def _mean_density(cells, channels):
@@ -93,11 +96,14 @@ def _mean_density(cells, channels):
 def _rank_density(cells, rank, channels):
     """Quadrature points and weights of the cell at a rank."""
     z, step = _log_grid(channels)
-    below, above = special.gammainc(channels, z), special.gammaincc(channels, z)
+    below, above = (
+        scipy.special.gammainc(channels, z),
+        scipy.special.gammaincc(channels, z),
+    )
     log_density = (
-        special.xlogy(rank - 1, below)
-        + special.xlogy(cells - rank, above)
-        - special.betaln(rank, cells - rank + 1)
+        scipy.special.xlogy(rank - 1, below)
+        + scipy.special.xlogy(cells - rank, above)
+        - scipy.special.betaln(rank, cells - rank + 1)
         + _log_gamma_density(z, channels)
     )
     return z, np.exp(log_density) * step
@@ -110,7 +116,7 @@ def _half_density(kind, halves, channels):
     step = min(step for _, step in grids)
     low, high = min(z[0] for z, _ in grids), max(z[-1] for z, _ in grids)
     z = np.exp(np.arange(math.log(low), math.log(high) + step, step))
-    share = special.gammainc if kind == "go" else special.gammaincc
+    share = scipy.special.gammainc if kind == "go" else scipy.special.gammaincc
     weight = sum(
         np.exp(_log_gamma_density(z, one * channels, one))
         * share(other * channels, other * z)

@@ -1,0 +1,140 @@
+"""Programs that one process leaves for the next, in the folder of JAX's cache.
+
+JAX finds a compiled program by its text, but to trace the text takes longer than to run
+it a hundred times. Here texts are found by what shapes them: options, kinds of arrays,
+jradar's source files, and versions.
+"""
+
+import functools
+import hashlib
+import os
+import pickle
+import sys
+import zlib
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import flax
+import jax
+import jaxlib
+import numpy as np
+from jax.tree_util import keystr, tree_flatten_with_path
+
+from jradar.files import atomic_path
+from jradar.model import compiler_options
+
+PACKAGE = Path(__file__).parents[1]
+SUFFIX = ".programs"
+MOST_FILES = 32  # in the folder, of about 1 MB each; the oldest are removed
+MOST_READY = 16  # sets of programs in a process
+READY: dict[str, dict[str, Callable[..., Any]]] = {}  # by `digest`
+
+
+class Program(NamedTuple):
+    """A traced function: what `jax.export` makes of it, and its result's structure."""
+
+    text: bytes
+    result: Any
+
+
+def ready(
+    arguments: Any, *options: Any, trace: Callable[[], Iterator[tuple[str, Program]]]
+) -> dict[str, Callable[..., Any]]:
+    """Return compiled programs by name: of this process, an earlier one, or traced now.
+
+    `trace` yields them, named and `traced`. Shapes and types of `arguments` and the
+    `repr` of `options` tell them apart.
+    """
+    name = digest(arguments, *options)
+    if name not in READY:
+        known, texts = load(name), dict[str, Program]()
+        compiling = dict[str, Future]()
+        quick = compiler_options()
+        with ThreadPoolExecutor() as threads:  # XLA does not hold Python's lock
+            for stage, program in known.items() if known else trace():
+                texts[stage] = program
+                compiling[stage] = threads.submit(compiled, program, quick)
+            if not known:
+                save(name, texts)
+        if len(READY) >= MOST_READY:
+            del READY[next(iter(READY))]
+        READY[name] = {stage: future.result() for stage, future in compiling.items()}
+    return READY[name]
+
+
+def traced(function: Callable[..., Any], *arguments: Any) -> tuple[Program, Any]:
+    """Return the program for arguments of these kinds, and the kinds of its result."""
+    leaves, taken = jax.tree.flatten(arguments)
+    result: Any = None
+
+    def of_leaves(*values: Any) -> list[Any]:
+        nonlocal result
+        returned, result = jax.tree.flatten(function(*taken.unflatten(values)))
+        return returned
+
+    kinds = [_shaped(jax.typeof(leaf)) for leaf in leaves]
+    exported = jax.export.export(jax.jit(of_leaves))(*kinds)
+    numbers = result.unflatten(range(result.num_leaves))
+    found = result.unflatten(map(_shaped, exported.out_avals))
+    return Program(bytes(exported.serialize()), numbers), found
+
+
+def compiled(program: Program, quick: dict[str, Any]) -> Callable[..., Any]:
+    """Return the program as XLA compiles it with options, or as JAX's cache has it."""
+    exported = jax.export.deserialize(bytearray(program.text))
+    lowered = jax.jit(exported.call).lower(*exported.in_avals)
+    run, result = lowered.compile(quick), jax.tree.structure(program.result)
+    return lambda *arguments: result.unflatten(run(*jax.tree.leaves(arguments)))
+
+
+def digest(arguments: Any, *options: Any) -> str:
+    """Return what tells apart programs of these arguments and options, as `ready`."""
+    leaves, _ = tree_flatten_with_path(arguments)
+    kinds = [(keystr(path), jax.typeof(leaf)) for path, leaf in leaves]
+    settings = sorted(jax.config.values.items())
+    text = repr((options, kinds, settings, jax.default_backend(), *_code()))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+@functools.cache
+def _code() -> tuple[Any, ...]:
+    """The package's files with size and time, as Python knows its own; versions."""
+    files = ((path, path.stat()) for path in sorted(PACKAGE.rglob("*.py")))
+    versions = [module.__version__ for module in (jax, jaxlib, flax, np)]
+    stats = [(str(path), stat.st_size, stat.st_mtime_ns) for path, stat in files]
+    return stats, versions, sys.version
+
+
+def load(name: str) -> dict[str, Program] | None:
+    """Return the programs that were saved by this digest, None if there are none."""
+    try:
+        return pickle.loads(zlib.decompress(_place(name).read_bytes()))
+    except Exception:  # no folder, no file, or one that was cut short
+        return None
+
+
+def save(name: str, found: dict[str, Program]) -> None:
+    """Keep programs for the next process, if JAX has a folder for its cache."""
+    try:
+        path = _place(name)
+        with atomic_path(path) as scratch:
+            scratch.write_bytes(zlib.compress(pickle.dumps(found), 1))
+        files = path.parent.glob("*" + SUFFIX)
+        for old in sorted(files, key=lambda file: -file.stat().st_mtime)[MOST_FILES:]:
+            old.unlink()
+    except OSError:  # no folder, or a full disk: the next process traces again
+        return
+
+
+def _place(name: str) -> Path:
+    """The file of a digest; FileNotFoundError without a cache."""
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    if not folder or os.environ.get("JRADAR_CACHE") == "off":
+        raise FileNotFoundError("no cache of programs")
+    return Path(folder) / (name + SUFFIX)
+
+
+def _shaped(kind: Any) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(kind.shape, kind.dtype)
