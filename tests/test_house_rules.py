@@ -15,38 +15,13 @@ from tests.programs import finished
 
 PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
-FLOORS = {
-    "errors": 0,
-    "types": 1,
-    "range_code": 1,
-    "nearest": 1,
-    "fields": 1,
-    "files": 1,
-    "progress": 1,
-    "results": 2,
-    "radar": 2,
-    "range_image": 2,
-    "lidar": 2,
-    "diffusion": 2,
-    "metrics": 2,
-    "recordings": 3,
-    "model": 3,
-    "motion": 4,
-    "simulation": 4,
-    "viz": 4,
-    "baselines": 4,
-    "calibration": 5,
-    "data": 5,
-    "session": 5,
-    "training": 6,
-    "evaluation": 6,
-    "finetuning": 7,
-    "scoring": 7,
-    "mapping": 7,
-    "stream": 7,
-    "export": 7,
-    "cli": 8,
-}
+FLOORS = (
+    *("errors", "types range_code nearest fields files progress"),
+    *("results radar range_image lidar diffusion metrics", "recordings model"),
+    *("motion simulation viz baselines", "calibration data session"),
+    *("training evaluation", "finetuning scoring mapping stream export", "cli"),
+)
+FLOORS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 PURE = (
     *("types", "nearest", "range_code"),
     *("radar", "range_image", "lidar", "diffusion", "metrics"),

@@ -9,9 +9,8 @@ from jradar.baselines import RPDNet, map_values
 
 def test_map_values_span_the_unit_interval():
     power = 10.0 ** np.linspace(-2, 3, 12).reshape(3, 4)
-    np.testing.assert_allclose(
-        map_values(power), np.linspace(0, 1, 12).reshape(3, 4), atol=1e-6
-    )
+    expected = np.linspace(0, 1, 12).reshape(3, 4)
+    np.testing.assert_allclose(map_values(power), expected, atol=1e-6)
     assert (map_values(np.ones((2, 2))) == 0).all()
     spike = np.zeros((2, 2))
     spike[0, 0] = 1.0

@@ -49,9 +49,8 @@ def measured(pose, mount, seed=0, *, elevation=True):
     xyz = xyz + 0.005 * random.standard_normal(xyz.shape)
     noise = Rotation.from_rotvec(1e-3 * random.standard_normal(xyz.shape))
     poses = Poses(EPOCH_S + times, xyz, (Rotation.from_matrix(turn) * noise).as_quat())
-    return Velocities(
-        EPOCH_S + stamps, velocity, covariance, count, count, count
-    ), poses
+    counts = (count, count, count)
+    return Velocities(EPOCH_S + stamps, velocity, covariance, *counts), poses
 
 
 def found(seed, **options) -> tuple[Mount, np.ndarray]:

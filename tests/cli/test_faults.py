@@ -93,9 +93,7 @@ def test_a_closed_pipe_ends_quietly(tmp_path):
     assert process.stderr.read() == "" and process.wait() == 0
 
 
-def test_relative_paths_with_spaces_and_letters_of_any_kind(
-    tmp_path, monkeypatch, run_json
-):
+def test_relative_paths_with_spaces_and_any_letters(tmp_path, monkeypatch, run_json):
     folder = tmp_path / "Größe der 雷达 1"
     folder.mkdir()
     write_cube(folder, "awr1843")

@@ -25,9 +25,7 @@ def test_scans_show_how_the_rig_turns(walk, tmp_path, run_json):
     assert found["ape_m"]["rmse"] < 0.05 and found["rpe_deg"]["max"] < 3
 
 
-def test_a_trajectory_needs_two_frames_and_their_times(
-    walk, small_cube, tmp_path, refused
-):
+def test_a_trajectory_needs_two_frames_and_times(walk, small_cube, tmp_path, refused):
     path = tmp_path / "trajectory.tum"
     found = refused("odometry", walk, "-o", path, "--frames", "0:1")
     assert "expected 2 or more" in found

@@ -113,9 +113,7 @@ def roots(monkeypatch):
 @pytest.mark.parametrize(
     ("options", "megabytes"), [([], 55), (["--format", "capture"], 35)]
 )
-def test_a_dry_run_writes_nothing_to_the_output(
-    tmp_path, run_json, roots, options, megabytes
-):
+def test_a_dry_run_writes_nothing(tmp_path, run_json, roots, options, megabytes):
     command = ["simulate", "--scene", "lab", "--frames", 30, "-o", tmp_path, *options]
     planned = run_json(*command, "--dry-run")
     assert planned["size"] == f"{megabytes} MB"

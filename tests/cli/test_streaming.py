@@ -57,9 +57,7 @@ def test_a_replay_becomes_an_mcap_file(sequence, run_json, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["walk", "walk.mcap"])
-def test_an_emulated_radar_is_recorded_frame_by_frame(
-    capture, run_json, tmp_path, name
-):
+def test_an_emulated_radar_is_recorded(capture, run_json, tmp_path, name):
     pytest.importorskip("rosbags", reason="pip install 'jradar[ros]'")
     out = tmp_path / name
     command = ["record", "--replay", capture, "-o", out, "--silence", PATIENCE_S]

@@ -25,9 +25,8 @@ def test_frames_get_their_nearest_scans_or_a_reason(radar, lidar, span, pairs, d
     assert matches.dropped == dropped
 
 
-TIMES = st.integers(0, 12).flatmap(
-    lambda n: arrays(float, n, elements=st.floats(0, 1, width=16))
-)
+STAMPS = st.floats(0, 1, width=16)
+TIMES = st.integers(0, 12).flatmap(lambda n: arrays(float, n, elements=STAMPS))
 
 
 @settings(max_examples=60, deadline=None)

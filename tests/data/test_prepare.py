@@ -33,9 +33,7 @@ def test_records_hold_both_sensors(prepared):
     assert np.quantile(ahead[:, 0], 0.9) == pytest.approx(SIDE + 0.005, abs=0.03)
 
 
-def test_directions_by_music_in_a_range_of_frames_do_not_change_the_truth(
-    root, prepared, tmp_path
-):
+def test_music_in_a_range_of_frames_does_not_change_the_truth(root, prepared, tmp_path):
     spec = with_points(SPEC, angles="music")
     prepare(root, tmp_path, spec, frames=slice(1, 2), workers=1)
     assert [frame for _, frame in Records(tmp_path).where] == [1, 1]
@@ -140,9 +138,7 @@ def test_the_end_of_a_recording_validates_apart_from_its_beginning(tmp_path, tim
     assert last.frames(Walk(), slice(0, 200)) == range(150, 200)
 
 
-def test_a_second_run_writes_only_missing_shards_and_keeps_the_users_files(
-    root, prepared, tmp_path
-):
+def test_a_second_run_writes_missing_shards_and_keeps_others(root, prepared, tmp_path):
     folder = tmp_path / "copy"
     shutil.copytree(prepared, folder)
     torn, lost, *_, kept = sorted(folder.rglob("*.array_record"))

@@ -78,9 +78,8 @@ def test_sequences_of_one_frame_may_be_blind_but_not_all_of_them(tmp_path):
 def test_a_recording_too_short_to_be_cut_says_so(tmp_path):
     write_sequence(tmp_path / "src", frames=3)
     with pytest.raises(UsageError, match="3 frames is too short .* --validation"):
-        prepare(
-            *(tmp_path / "src", tmp_path / "dst", SPEC), workers=1, validation_share=0.3
-        )
+        folders = tmp_path / "src", tmp_path / "dst"
+        prepare(*folders, SPEC, workers=1, validation_share=0.3)
 
 
 def no_space(*_):

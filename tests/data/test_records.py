@@ -173,9 +173,7 @@ def test_a_full_disk_is_an_error_of_the_system_and_leaves_nothing(small_disk):
     assert not [*path.parent.iterdir()]
 
 
-@pytest.mark.parametrize(
-    "fault", [ValueError("frame 1 is truncated"), RuntimeError("of the program")]
-)
+@pytest.mark.parametrize("fault", [ValueError("frame 1 is cut"), RuntimeError("other")])
 def test_other_errors_are_passed_on_and_leave_nothing(tmp_path, fault):
     def frames():
         yield invented_frame(0)

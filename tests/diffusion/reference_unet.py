@@ -162,10 +162,8 @@ def adm_block(state, name, x, emb, out, way=""):
     h = RESAMPLE[way](silu(state.norm(f"{name}.in_layers.0", x, 1e-5, 32)))
     h = state.conv(f"{name}.in_layers.2", h, out)
     level = state.linear(f"{name}.emb_layers.1", silu(emb), 2 * out)[:, None, None]
-    h = (
-        state.norm(f"{name}.out_layers.0", h, 1e-5, 32) * (1 + level[:out])
-        + level[out:]
-    )
+    h = state.norm(f"{name}.out_layers.0", h, 1e-5, 32)
+    h = h * (1 + level[:out]) + level[out:]
     h = state.conv(f"{name}.out_layers.3", silu(h), out)
     if len(x) != out:
         return state.conv(f"{name}.skip_connection", x, out, 1) + h

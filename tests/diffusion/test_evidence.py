@@ -5,34 +5,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import (
-    PREDICTIONS,
-    NoiseSpec,
-    build_network,
-    conditional_denoiser,
-    load_pretrained,
-    network_fields,
-    range_mixture,
-    write_params,
-)
+from jradar import diffusion
 from jradar.diffusion.evidence import smear
 from jradar.diffusion.network import network_from_fields
 from jradar.range_code import decode_range
 from tests.diffusion.networks import apply, random_params
 
 VIEW = {"azimuth": (-1.0, 1.0), "elevation": (-0.4, 0.4), "max_range_m": 8.0}
-FIELDS = {
-    "channels": 8,
-    "multipliers": (1,),
-    "attention_levels": (),
-    "blocks": 1,
-    "stem": (4, 8),
-    "condition_stem": (2, 2),
-    "outputs": 14,
-}
-NOISE = NoiseSpec(prediction=PREDICTIONS["mixture"])
+FIELDS = {"channels": 8, "multipliers": (1,), "attention_levels": (), "blocks": 1}
+FIELDS |= {"stem": (4, 8), "condition_stem": (2, 2), "outputs": 14}
+NOISE = diffusion.NoiseSpec(prediction=diffusion.PREDICTIONS["mixture"])
 IMAGE, CONDITION, SLICES = (16, 64), (8, 16), 4
-NETWORK = build_network(kind="evidence", anchors=4, **FIELDS, **VIEW)
+NETWORK = diffusion.build_network(kind="evidence", anchors=4, **FIELDS, **VIEW)
 ARGS = (jnp.zeros((1, *IMAGE, 2)), jnp.zeros(1), jnp.zeros((1, *CONDITION, 12)))
 
 
@@ -71,8 +55,8 @@ def test_points_in_one_reach_give_their_mean():
 
 @jax.jit
 def mixture_at_first(params, condition):
-    denoise = conditional_denoiser(NETWORK, params, NOISE)(condition)
-    return range_mixture(denoise, (1, *IMAGE, 2), noise=NOISE)
+    denoise = diffusion.conditional_denoiser(NETWORK, params, NOISE)(condition)
+    return diffusion.range_mixture(denoise, (1, *IMAGE, 2), noise=NOISE)
 
 
 def test_the_first_anchor_is_at_the_point_and_outweighs_the_others(first_params):
@@ -91,11 +75,11 @@ def test_the_first_anchor_is_at_the_point_and_outweighs_the_others(first_params)
 def test_without_a_correction_the_other_components_are_those_of_the_unet(
     first_params, tmp_path
 ):
-    plain = build_network(**FIELDS)
+    plain = diffusion.build_network(**FIELDS)
     known = random_params(plain, *ARGS)
     path = tmp_path / "plain.safetensors"
-    write_params(path, known)
-    params, report = load_pretrained(path, NETWORK, first_params)
+    diffusion.write_params(path, known)
+    params, report = diffusion.load_pretrained(path, NETWORK, first_params)
     assert {name.split("/")[1] for name in report.new} == {"evidence"}
     condition = jax.random.normal(jax.random.key(1), ARGS[2].shape)
     expected = apply(plain, known, *ARGS[:2], condition)
@@ -117,4 +101,4 @@ def test_gradients_are_finite_without_a_point_and_with_one(first_params):
 
 
 def test_its_fields_come_back_from_a_file():
-    assert network_from_fields(network_fields(NETWORK)) == NETWORK
+    assert network_from_fields(diffusion.network_fields(NETWORK)) == NETWORK

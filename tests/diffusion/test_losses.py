@@ -51,9 +51,7 @@ IMAGES = {name: kind for name, kind in PREDICTIONS.items() if name != "mixture"}
 def test_loss_of_a_network_of_zeros_is_1(prediction):
     noise = NoiseSpec(prediction=prediction)
     outputs = prediction.outputs_per_channel
-    denoise = precondition(
-        lambda x, c_noise: jnp.zeros((*x.shape[:-1], outputs)), noise
-    )
+    denoise = precondition(lambda x, _: jnp.zeros((*x.shape[:-1], outputs)), noise)
     rng = np.random.default_rng(0)
     clean = jnp.asarray(rng.normal(scale=0.5, size=(4000, 2, 2, 1)), jnp.float32)
     assert loss({}, denoise, clean, noise=noise) == pytest.approx(1, rel=0.03)
@@ -62,9 +60,7 @@ def test_loss_of_a_network_of_zeros_is_1(prediction):
 def test_prediction_clean_is_the_network_itself():
     noise = NoiseSpec(prediction=PREDICTIONS["clean"], sigma_data=0.7)
     x, seen = CLEAN[:2], []
-    denoise = precondition(
-        lambda x, c_noise: seen.append(x) or 2 * jnp.ones_like(x), noise
-    )
+    denoise = precondition(lambda x, _: seen.append(x) or 2 * jnp.ones_like(x), noise)
     np.testing.assert_allclose(denoise(x, 0.3), 1.4, rtol=1e-6)
     np.testing.assert_allclose(seen[0], x / np.hypot(0.3, 0.7), rtol=1e-5)
 

@@ -99,9 +99,8 @@ def test_the_likelihood_has_finite_gradients_far_from_all_components():
     @jax.grad
     def slope(values):
         clean = jnp.full((*SHAPE, 2), 1.0)
-        return mixture_loss(
-            jax.random.key(0), lambda x, sigma: values, clean, noise=NOISE
-        )
+        key = jax.random.key(0)
+        return mixture_loss(key, lambda x, sigma: values, clean, noise=NOISE)
 
     found = np.asarray(slope(100 * VALUES))
     assert np.isfinite(found).all() and np.abs(found).sum() > 0
@@ -111,9 +110,7 @@ def test_the_likelihood_has_finite_gradients_far_from_all_components():
 @pytest.mark.parametrize(
     ("before", "detail"), [("clean", 0), ("gaussian", 0), ("gaussian", 4)]
 )
-def test_weights_of_another_prediction_start_as_the_same_image(
-    tmp_path, before, detail
-):
+def test_weights_of_another_prediction_start_as_that_image(tmp_path, before, detail):
     (old, params, (*_, condition)), (new, other, _) = (
         build(
             outputs=2 * PREDICTIONS[kind].outputs_per_channel,
@@ -155,10 +152,8 @@ def test_the_shape_of_an_image_stands_for_zeros(fields):
     def outputs(params):
         features = network.apply(params, condition, method="encode")
         both = (shape, jnp.zeros_like(x))
-        return [
-            network.apply(params, image, level, features, method="decode")
-            for image in both
-        ]
+        decode = {"method": "decode"}
+        return [network.apply(params, one, level, features, **decode) for one in both]
 
     blank, zeros = outputs(params)
     np.testing.assert_allclose(blank, zeros, rtol=1e-5, atol=1e-5)

@@ -102,9 +102,8 @@ def test_gradients_are_finite_without_structure():
 
 def test_shapes_and_names_are_checked():
     with pytest.raises(ValueError, match="expected equal shapes with 1 or 3"):
-        lpips(
-            LpipsWeights((), (), ()), jnp.zeros((1, 8, 8, 2)), jnp.zeros((1, 8, 8, 2))
-        )
+        pair = (jnp.zeros((1, 8, 8, 2)),) * 2
+        lpips(LpipsWeights((), (), ()), *pair)
     with pytest.raises(ValueError, match="network='squeeze', expected one of"):
         load_lpips(network="squeeze")
 

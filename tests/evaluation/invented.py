@@ -24,20 +24,10 @@ def scores(*, scenes=("Hallways", "Outdoor"), frames=40, truths=("LiDAR",)):
 def row(scene, sequence, frame, truth, method, chamfer, *, points=200):
     """One row; a cloud of no points has no distances and an F-score of 0."""
     found = points > 0
-    f_scores = {
-        f"f_score_{limit}": limit / (limit + chamfer) if found else 0.0
-        for limit in (0.1, 0.2, 0.5)
-    }
-    return {
-        "scene": scene,
-        "sequence": sequence,
-        "frame": frame,
-        "truth": truth,
-        "method": method,
-        "points": points,
-        "truth_points": 3000,
-        "milliseconds": 10 * chamfer if found else 1.0,
-        "chamfer": chamfer if found else float("nan"),
-        "modified_hausdorff": chamfer / 8 if found else float("nan"),
-        **f_scores,
-    }
+    limits = (0.1, 0.2, 0.5)
+    f_scores = {f"f_score_{m}": m / (m + chamfer) if found else 0.0 for m in limits}
+    one = {"scene": scene, "sequence": sequence, "frame": frame, "truth": truth}
+    one |= {"method": method, "points": points, "truth_points": 3000}
+    one |= {"milliseconds": 10 * chamfer if found else 1.0}
+    distance = chamfer if found else float("nan")
+    return one | {"chamfer": distance, "modified_hausdorff": distance / 8} | f_scores

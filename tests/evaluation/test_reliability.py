@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from jradar.evaluation import (
-    near_truth,
-    precision_over_coverage,
-    reliability,
-    reliability_error,
-)
+from jradar.evaluation import near_truth, precision_over_coverage, reliability
+from jradar.evaluation.reliability import reliability_error
 
 
 def bins_of(*groups):
@@ -84,8 +80,7 @@ def test_the_order_of_points_does_not_matter():
     mixed = rng.permutation(500)
     for function in (reliability, precision_over_coverage):
         first, second = (
-            function(confidence, right),
-            function(confidence[mixed], right[mixed]),
+            function(confidence[at], right[at]) for at in (slice(None), mixed)
         )
         for one, other in zip(first, second, strict=True):
             np.testing.assert_allclose(one, other)

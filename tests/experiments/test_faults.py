@@ -56,9 +56,7 @@ def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):
     ],
     ids=["study", "experiment"],
 )
-def test_a_gpu_that_is_missing_is_an_error_of_the_machine(
-    run, tmp_path, capsys, monkeypatch
-):
+def test_a_missing_gpu_is_an_error_of_the_machine(run, tmp_path, capsys, monkeypatch):
     def devices():
         raise AssertionError  # as JAX does without the plug-in
 
@@ -70,9 +68,7 @@ def test_a_gpu_that_is_missing_is_an_error_of_the_machine(
 
 
 @pytest.mark.parametrize("name", ["metrics.jsonl", "checkpoints", "model_card.json"])
-def test_a_workdir_with_results_of_something_else_is_left_alone(
-    records, name, tmp_path, capsys
-):
+def test_a_workdir_of_something_else_is_left_alone(records, name, tmp_path, capsys):
     (tmp_path / name).write_text(WORK)
     call = ["main", TINY, f"--config.data.path={records}", f"--workdir={tmp_path}"]
     err = ends(lambda: command.main(call), capsys, 2)
@@ -81,9 +77,7 @@ def test_a_workdir_with_results_of_something_else_is_left_alone(
     assert {path.name for path in tmp_path.iterdir()} == {name, ".lock"}
 
 
-def test_a_second_run_in_a_workdir_is_refused_with_the_first_ones_number(
-    tmp_path, capsys
-):
+def test_a_second_run_in_a_workdir_is_refused_with_the_firsts_number(tmp_path, capsys):
     from jradar.files import lock_folder
 
     with lock_folder(tmp_path):
