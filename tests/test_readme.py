@@ -40,7 +40,7 @@ def commands():
             for line in block.splitlines():
                 command = re.sub(r"\s+#.*", "", line).strip()
                 if command and not command.startswith(
-                    ("python3 -m venv", "source ", "git clone", "ros2 ")
+                    ("python3 -m venv", "source ", "git clone", "ros2 ", "mkdir ")
                 ):
                     yield name, command
 
@@ -279,7 +279,9 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/maps.py": "hours of training",
     "--model runs/maps": "needs that run",
     "-m experiments.places": "hours; needs ColoRadar's maps",
-    "--workdir=runs/kinds": "needs that set",
+    "--config.data.path=runs/sim5": "needs that set",
+    "--model runs/marginal": "needs that run",
+    "--model runs/half": "needs that run",
     "--config=experiments/configs/radarhd.py": "hours of training",
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",
     "--config=experiments/configs/radarhd_nearness.py": "needs RadarHD's folder",
