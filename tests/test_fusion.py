@@ -22,11 +22,8 @@ from jradar.range_image import (
 from jradar.types import PointCloud
 from tests.models import CONDITION_SHAPE, tiny_model
 
-VIEW = {
-    "azimuth": (-math.pi / 3, math.pi / 3),
-    "elevation": (-math.pi / 9, math.pi / 9),
-    "max_range_m": 12.0,
-}
+VIEW = {"azimuth": (-math.pi / 3, math.pi / 3), "max_range_m": 12.0}
+VIEW |= {"elevation": (-math.pi / 9, math.pi / 9)}
 FINE, COARSE = ImageSpec(16, 64, **VIEW), ImageSpec(8, 8, **VIEW)
 SPEC = dataclasses.replace(load_model("jradar-sim").spec, fine=FINE, coarse=COARSE)
 MODEL = Model({}, SPEC, confidence=ConfidenceTable.of((0.0, 1.0), least=0.3))

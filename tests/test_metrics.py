@@ -63,10 +63,8 @@ def brute_force(a, b):
 def test_pruned_distances_of_large_clouds_equal_brute_force(kind, valid):
     assert LARGE[0] * LARGE[1] > nearest.MAX_PAIRS
     rng = np.random.default_rng(7)
-    a, b = (
-        PointCloud(cloud_of_kind(kind, i, num), rng.random(num) < valid)
-        for i, num in enumerate(LARGE)
-    )
+    clouds = (cloud_of_kind(kind, i, num) for i, num in enumerate(LARGE))
+    a, b = (PointCloud(xyz, rng.random(len(xyz)) < valid) for xyz in clouds)
     a.xyz[~a.valid] = np.nan  # the values of padding must not matter
     found = nearest_distances(a, b)
     for one, other in zip(found, brute_force(a, b), strict=True):

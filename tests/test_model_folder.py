@@ -94,10 +94,8 @@ def test_int8_halves_the_file_and_keeps_every_weight_within_half_a_step(
         assert found.dtype == np.float32
         error = np.abs(np.asarray(found) - leaves[name])
         assert (error <= np.maximum(0.501 * step, 1e-3)).all()
-    half, eight = (
-        (tmp_path / name / "weights.safetensors").stat().st_size
-        for name in ("half", "eight")
-    )
+    files = (tmp_path / name / "weights.safetensors" for name in ("half", "eight"))
+    half, eight = (file.stat().st_size for file in files)
     assert eight < 0.8 * half
 
 
@@ -132,11 +130,23 @@ def test_a_missing_model_is_named_with_the_shipped_ones(tmp_path):
         ("noise", {"sigma_data": -1.0, "prediction": "edm"}, "sigma_data = -1"),
         ("network", {"kind": "unet", "chanels": 3}, "not usable: .*chanels"),
         ("surprise", 1, "not usable: .*surprise"),
+        ("fine.width", 1 << 40, ""),
+        ("points.capacity", 99999999999, ""),
+        ("points.num_azimuth", 1 << 40, ""),
+        ("network.channels", 300_000_000, "300,000,000 channels for arrays"),
+        ("network.blocks", 1 << 40, ""),
+        ("network.multipliers", [1] * 10_000, ""),
+        ("network.stem", [0, 0], ""),
+        ("network.form", "cubist", ""),
+        ("noise.sigma_min", -1.0, ""),
+        ("noise.log_std", float("inf"), "log_std = inf, expected a number"),
     ],
 )
 def test_an_unusable_description_is_refused(saved, field, value, message):
-    with pytest.raises(ModelError, match=message):
-        load_model(saved([field], value))
+    folder = saved(field.split("."), value)
+    with pytest.raises(ModelError, match=message) as found:
+        load_model(folder)
+    assert str(folder) in str(found.value)
 
 
 WRONG = ("8", -1.5, True, None, [], [[3]], {}, {"x": 1}, 10**400)
@@ -159,29 +169,6 @@ def test_values_of_a_wrong_type_and_missing_ones_are_refused_everywhere(saved):
     less = {name: value for name, value in good.items() if name != "codec"}
     (folder / "model.json").write_text(json.dumps(less))
     with pytest.raises(ModelError, match="not usable"):
-        load_model(folder)
-
-
-@pytest.mark.parametrize(
-    ("part", "field", "value", "message"),
-    [
-        ("fine", "width", 1 << 40, ""),
-        ("points", "capacity", 99999999999, ""),
-        ("points", "num_azimuth", 1 << 40, ""),
-        ("network", "channels", 300_000_000, "300,000,000 channels for arrays"),
-        ("network", "blocks", 1 << 40, ""),
-        ("network", "multipliers", [1] * 10_000, ""),
-        ("network", "stem", [0, 0], ""),
-        ("network", "form", "cubist", ""),
-        ("noise", "sigma_min", -1.0, ""),
-        ("noise", "log_std", float("inf"), "log_std = inf, expected a number"),
-    ],
-)
-def test_values_that_no_machine_can_hold_are_refused_at_once(
-    saved, part, field, value, message
-):
-    folder = saved([part, field], value)
-    with pytest.raises(ModelError, match=f"{folder}.*{message}"):
         load_model(folder)
 
 
@@ -213,11 +200,7 @@ def test_weights_of_another_network_are_named(tmp_path, model, leaves):
     for params, spec, message in (
         (leaves | {name: np.zeros(9)}, model.spec, rf"{wrong} \(9,\), expected \(8,\)"),
         (without, model.spec, rf"{wrong} missing, expected \(8,\) \(1 differ\)"),
-        (
-            leaves | {"params/more": np.zeros(2)},
-            model.spec,
-            "more is .*expected no such",
-        ),
+        (leaves | {"params/more": np.zeros(2)}, model.spec, "more is .*expected no su"),
         (leaves, small, "cannot be built: image of 30 columns"),
     ):
         save_model(tmp_path, Model(unflatten_dict(params, sep="/"), spec))

@@ -23,9 +23,8 @@ def scan_room(
     """
     azimuth = np.linspace(-np.pi, np.pi, columns, endpoint=False) + 1e-3
     up, left = (a.ravel() for a in np.meshgrid(elevation, azimuth, indexing="ij"))
-    rays = np.stack(
-        [np.cos(up) * np.cos(left), np.cos(up) * np.sin(left), np.sin(up)], -1
-    )
+    level = np.cos(up)
+    rays = np.stack([level * np.cos(left), level * np.sin(left), np.sin(up)], -1)
     (sin_roll, sin_pitch), (cos_roll, cos_pitch) = np.sin(tilt), np.cos(tilt)
     roll = np.array([[1, 0, 0], [0, cos_roll, -sin_roll], [0, sin_roll, cos_roll]])
     pitch = np.array([[cos_pitch, 0, sin_pitch], [0, 1, 0], [-sin_pitch, 0, cos_pitch]])

@@ -49,11 +49,7 @@ def test_between_poses_of_a_steady_turn_whatever_their_quaternions_signs(rate):
 
 @pytest.mark.parametrize(
     ("xyz", "quaternion"),
-    [
-        ([0, 0, 0], [0, 0, 0, 0]),
-        ([0, 0, np.nan], [0, 0, 0, 1]),
-        ([0, 0, 0], [np.inf] * 4),
-    ],
+    [([0, 0, 0], [0] * 4), ([0, 0, np.nan], [0, 0, 0, 1]), ([0, 0, 0], [np.inf] * 4)],
 )
 def test_what_is_no_pose_is_refused(xyz, quaternion):
     with pytest.raises(ValueError, match="expected finite numbers and a quaternion"):

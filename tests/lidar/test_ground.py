@@ -12,11 +12,8 @@ from tests.lidar.rooms import BOX, CEILING, FLOOR, WALL, scan_room
 
 pytest.importorskip("pypatchworkpp")
 
-VIEW = {
-    "azimuth": (-math.pi / 3, math.pi / 3),
-    "elevation": (-math.pi / 9, math.pi / 9),
-    "max_range_m": 12.0,
-}
+VIEW = {"azimuth": (-math.pi / 3, math.pi / 3), "max_range_m": 12.0}
+VIEW |= {"elevation": (-math.pi / 9, math.pi / 9)}
 OVERHEAD = {"elevation": np.radians(np.linspace(-60, 60, 96))}
 SPARSE = {"elevation": np.radians(np.linspace(-15, 15, 16)), "columns": 1800}
 NOISE_M = 0.02

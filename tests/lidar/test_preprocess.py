@@ -18,9 +18,8 @@ SEEN = (3.5, -1.4, -1.2), (4.1, -0.8, 0.6)
 UNSEEN = (3.5, 1.0, -1.2), (4.1, 1.6, 0.6)
 BOXES = SEEN, UNSEEN
 # The radar sees one box and the wall behind both.
-ECHOES = np.float32(
-    [[3.5, -1.1, 0], [3.6, -0.9, 0.2], *([9, y, 0.1] for y in (-3, -1, 0, 1, 3))]
-)
+FAR = ([9, y, 0.1] for y in (-3, -1, 0, 1, 3))
+ECHOES = np.float32([[3.5, -1.1, 0], [3.6, -0.9, 0.2], *FAR])
 # A LiDAR that looks backwards, as ColoRadar's.
 RADAR_FROM_LIDAR = rigid_transform(
     np.array([-0.11, -0.07, 0.06]), np.array([0, 0, math.sin(1.55), math.cos(1.55)])
@@ -35,9 +34,8 @@ def scan(seed=0):
 
 def prepare(xyz, radar=ECHOES, spec=None):
     """`preprocess` with the extrinsics of this file."""
-    return preprocess(
-        xyz, radar, radar_from_lidar=RADAR_FROM_LIDAR, spec=spec or LidarSpec()
-    )
+    spec = spec or LidarSpec()
+    return preprocess(xyz, radar, radar_from_lidar=RADAR_FROM_LIDAR, spec=spec)
 
 
 def test_what_remains_is_what_the_radar_saw():

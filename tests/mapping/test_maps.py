@@ -7,26 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar import training
+from jradar import mapping, training
 from jradar.errors import ModelError
-from jradar.mapping import (
-    FILES,
-    MapRun,
-    MapSpec,
-    Occupied,
-    RecordingMap,
-    Tiles,
-    TileSpec,
-    best_count,
-    enhance_map,
-    enhance_patch,
-    f_score,
-    load_map_model,
-    map_files,
-    open_runs,
-    published_distance,
-    save_map_model,
-)
 from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
 from jradar.mapping.methods import METHODS, nearness
 from jradar.mapping.recording import occupancy_grid
@@ -47,27 +29,25 @@ def room(rng, *, half=12, patches=2):
     """A run: walls of a square room, and radar voxels near them."""
     side = np.arange(-half, half)
     wall = np.stack(np.meshgrid(side, [half], np.arange(-4, 8)), -1).reshape(-1, 3)
-    turns = (
-        wall,
-        wall[:, [1, 0, 2]],
-        wall * (1, -1, 1),
-        wall[:, [1, 0, 2]] * (-1, 1, 1),
-    )
+    turns = wall, wall[:, [1, 0, 2]], wall * (1, -1, 1), wall[:, [1, 0, 2]] * (-1, 1, 1)
     lidar = np.unique(np.concatenate(turns), axis=0).astype(np.int16)
     radar = lidar[rng.choice(len(lidar), 200, replace=False)]
     radar = np.unique(radar + rng.integers(-1, 2, radar.shape), axis=0).astype(np.int16)
-    whole = [
-        np.packbits(np.ones((patches, len(voxels)), bool), axis=1)
-        for voxels in (radar, lidar)
-    ]
-    return MapRun("room_run1", radar, lidar, *whole)
+    ones = (np.ones((patches, len(voxels)), bool) for voxels in (radar, lidar))
+    whole = [np.packbits(seen, axis=1) for seen in ones]
+    return mapping.MapRun("room_run1", radar, lidar, *whole)
+
+
+def save_run(path, run):
+    maps = {"radar_map": run.radar, "lidar_map": run.lidar, "patch": np.arange(2)}
+    seen = {"radar_in_patch": run.radar_in_patch, "lidar_in_patch": run.lidar_in_patch}
+    np.savez(path, **maps, **seen)
 
 
 def test_columns_hold_each_voxel_at_its_place():
     voxels = np.array([[10, 20, 5], [11, 20, 99], [9, 20, 5], [10, 20, -50]])
-    image = condition_columns(
-        voxels, (10, 20, 0), (8, 8), SPEC, observed=Circle(12, 22, 2.0)
-    )
+    circle = Circle(12, 22, 2.0)
+    image = condition_columns(voxels, (10, 20, 0), (8, 8), SPEC, observed=circle)
     assert image.shape == (8, 8, 16 + 3)
     heights = image[..., :16]
     # Voxels beyond the image are left out to the sides, and clipped in height.
@@ -76,9 +56,8 @@ def test_columns_hold_each_voxel_at_its_place():
     assert image[7, 7, -3] == 0
     assert image[0, 0, -2] == pytest.approx(8 * 0.15 / 4)
     assert (image[..., -1] == 1).all()
-    hidden = condition_columns(
-        voxels, (10, 20, 0), (8, 8), SPEC, observed=None, height_known=False
-    )
+    unknown = {"observed": None, "height_known": False}
+    hidden = condition_columns(voxels, (10, 20, 0), (8, 8), SPEC, **unknown)
     assert (hidden[..., -3] == 1).all()
     assert not hidden[..., -2:].any()
 
@@ -102,7 +81,7 @@ def test_quarter_turns_and_mirrors_are_eight_different_images():
 
 def test_tiles_show_the_patch_and_repeat_with_their_seed():
     run = room(np.random.default_rng(0))
-    tiles = Tiles([run], SPEC, TileSpec(whole=0.5))
+    tiles = mapping.Tiles([run], SPEC, mapping.TileSpec(whole=0.5))
     first, again = (tiles.draw(tiles[1], np.random.default_rng(3)) for _ in range(2))
     assert all((a == b).all() for a, b in zip(first, again, strict=True))
     assert first.condition.shape == (32, 32, 19)
@@ -139,13 +118,9 @@ def test_a_draw_from_the_truth_scores_the_truth():
     """A denoiser that knows the answer draws it, whatever the noise."""
     method = METHODS["diffusion"]
     clean = np.random.default_rng(0).random((1, 4, 4, 17)) < 0.1
-    found = method.scores(
-        jax.random.key(0),
-        lambda x, sigma: jnp.asarray(2 * (clean - 0.03)),
-        clean.shape,
-        method.noise,
-        draws=2,
-    )
+    known = jnp.asarray(2 * (clean - 0.03))
+    denoise = jax.random.key(0), lambda x, sigma: known
+    found = method.scores(*denoise, clean.shape, method.noise, draws=2)
     np.testing.assert_allclose(found, clean, atol=1e-3)
 
 
@@ -153,14 +128,14 @@ def test_a_draw_from_the_truth_scores_the_truth():
 @pytest.mark.parametrize("name", METHODS)
 def test_a_few_steps_of_training_learn_a_room(model, name):
     optax = pytest.importorskip("optax")
-    tiles = Tiles([room(np.random.default_rng(0))], SPEC, TileSpec(whole=0.0))
+    rooms = [room(np.random.default_rng(0))]
+    tiles = mapping.Tiles(rooms, SPEC, mapping.TileSpec(whole=0.0))
     optimizer = optax.adam(1e-2)
     state = training.TrainState(
         np.zeros((), np.int32), model.params, model.params, optimizer.init(model.params)
     )
-    step = training.make_train_step(
-        model.network, optimizer, METHODS[name].noise, loss=METHODS[name].loss
-    )
+    noise, loss = METHODS[name].noise, METHODS[name].loss
+    step = training.make_train_step(model.network, optimizer, noise, loss=loss)
     rng, losses = np.random.default_rng(1), []
     items = [tiles.draw(tiles[0], rng) for _ in range(2)]
     batch = training.Batch(*map(np.stack, zip(*items, strict=True)))
@@ -174,18 +149,19 @@ def test_the_best_count_has_the_largest_expected_f_score():
     probability = np.array([0.9, 0.8, 0.4, 0.1, 0.05])
     counts = np.arange(1, 6)
     expected = 2 * probability.cumsum() / (counts + 2)
-    assert best_count(probability[:0], 2) == 0
-    assert best_count(probability, 2) == counts[expected.argmax()] == 2
+    assert mapping.best_count(probability[:0], 2) == 0
+    assert mapping.best_count(probability, 2) == counts[expected.argmax()] == 2
 
 
 def test_scores_are_those_of_the_published_protocol():
     truth = np.array([[0.0, 0, 0], [10.0, 0, 0], [0, 0, 0.15]])
     away = np.linalg.norm(truth - truth.mean(0), axis=1).max()
-    assert published_distance(truth) == pytest.approx(0.02 * away)
-    assert f_score(truth, truth, 0.1) == 1
+    assert mapping.published_distance(truth) == pytest.approx(0.02 * away)
+    assert mapping.f_score(truth, truth, 0.1) == 1
     # One of two points is right, one of three is found.
-    assert f_score(truth[:2] + [[0, 0, 0], [0, 5, 0]], truth, 0.1) == pytest.approx(0.4)
-    assert f_score(np.zeros((0, 3)), truth, 0.1) == 0
+    moved = truth[:2] + [[0, 0, 0], [0, 5, 0]]
+    assert mapping.f_score(moved, truth, 0.1) == pytest.approx(0.4)
+    assert mapping.f_score(np.zeros((0, 3)), truth, 0.1) == 0
 
 
 def test_runs_are_read_from_pcd_files_as_from_packed_ones(tmp_path):
@@ -197,43 +173,36 @@ def test_runs_are_read_from_pcd_files_as_from_packed_ones(tmp_path):
             path = tmp_path / "loose" / kind / f"room_run1_{patch}.pcd"
             write_pcd(path, PointCloud.from_xyz(xyz))
     (tmp_path / "packed").mkdir()
-    np.savez(
-        tmp_path / "packed" / "room_run1.npz",
-        radar_map=run.radar,
-        lidar_map=run.lidar,
-        patch=np.arange(2),
-        radar_in_patch=run.radar_in_patch,
-        lidar_in_patch=run.lidar_in_patch,
-    )
+    save_run(tmp_path / "packed" / "room_run1.npz", run)
     for folder in ("loose", "packed"):
-        (found,) = open_runs(tmp_path / folder)
+        (found,) = mapping.open_runs(tmp_path / folder)
         assert found.name == "room_run1"
         assert found.environment == "room"
         for patch, voxels in zip(found.patch(1), run[1:3], strict=True):
             assert {tuple(v) for v in patch} == {tuple(v) for v in voxels}
     (tmp_path / "loose" / "gt" / "room_run1_1.pcd").unlink()
     with pytest.raises(ValueError, match="incomplete download"):
-        open_runs(tmp_path / "loose")
+        mapping.open_runs(tmp_path / "loose")
 
 
 def test_folders_and_files_of_another_kind_are_refused(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such folder"):
-        open_runs(tmp_path / "none")
+        mapping.open_runs(tmp_path / "none")
     with pytest.raises(ValueError, match="neither <run>.npz nor input/"):
-        open_runs(tmp_path)
+        mapping.open_runs(tmp_path)
     for kind in ("input", "gt"):
         (tmp_path / kind).mkdir()
         cloud = PointCloud.from_xyz(np.array([[0.1, 0.0, 0.3]], np.float32))
         write_pcd(tmp_path / kind / "a_run1_0.pcd", cloud)
     with pytest.raises(ValueError, match="not centres of voxels of 0.15 m"):
-        open_runs(tmp_path)
+        mapping.open_runs(tmp_path)
     (tmp_path / "a_run1.npz").write_bytes(b"PK\x03\x04 truncated")
     with pytest.raises(ValueError, match="a packed run with radar_map"):
-        open_runs(tmp_path)
+        mapping.open_runs(tmp_path)
 
 
 def test_real_runs_of_coloradar(samples):
-    runs = open_runs(samples / "coloradar_maps")
+    runs = mapping.open_runs(samples / "coloradar_maps")
     assert len(runs) == 38
     assert sum(len(run.radar_in_patch) for run in runs) == 8563
     assert {run.environment for run in runs} == {
@@ -244,30 +213,32 @@ def test_real_runs_of_coloradar(samples):
         radar, lidar = run.patch(3)
         assert (len(radar), len(lidar)) == (2048, 8192)
         metres = SPEC.metres(lidar)
-        assert 0.06 < published_distance(metres) < 0.2
+        assert 0.06 < mapping.published_distance(metres) < 0.2
         # The radar's voxels are seldom the LiDAR's.
-        score = f_score(SPEC.metres(radar), metres, published_distance(metres))
+        exact = mapping.published_distance(metres)
+        score = mapping.f_score(SPEC.metres(radar), metres, exact)
         assert 0.01 < score < 0.25
 
 
 @pytest.mark.slow
 def test_the_shipped_model_completes_a_run_that_it_has_not_seen(samples):
-    model = load_map_model("jradar-maps")
-    runs = {run.name: run for run in open_runs(samples / "coloradar_maps")}
+    model = mapping.load_map_model("jradar-maps")
+    runs = {run.name: run for run in mapping.open_runs(samples / "coloradar_maps")}
     run, metres = runs["edgar_army_run5"], model.spec.metres
     for number in (0, 100):
         radar, lidar = run.patch(number)
-        found = enhance_patch(radar, model)
-        count = best_count(found.probability, len(lidar))
+        found = mapping.enhance_patch(radar, model)
+        count = mapping.best_count(found.probability, len(lidar))
         truth = metres(lidar)
-        exact = published_distance(truth)
-        before = f_score(metres(radar), truth, exact)
-        assert f_score(metres(found.voxels[:count]), truth, exact) > 3 * before > 0
+        exact = mapping.published_distance(truth)
+        before = mapping.f_score(metres(radar), truth, exact)
+        found_m = metres(found.voxels[:count])
+        assert mapping.f_score(found_m, truth, exact) > 3 * before > 0
 
 
 def test_a_model_is_saved_and_loaded_and_damage_is_noticed(model, tmp_path):
-    save_map_model(tmp_path / "m", model, dtype=np.float32)
-    found = load_map_model(tmp_path / "m")
+    mapping.save_map_model(tmp_path / "m", model, dtype=np.float32)
+    found = mapping.load_map_model(tmp_path / "m")
     assert found.spec == model.spec
     assert found.network == model.network
     jax.tree.map(np.testing.assert_array_equal, found.params, model.params)
@@ -277,15 +248,15 @@ def test_a_model_is_saved_and_loaded_and_damage_is_noticed(model, tmp_path):
     content[-1] ^= 1
     weights.write_bytes(content)
     with pytest.raises(ModelError, match="does not match its digest"):
-        load_map_model(tmp_path / "m")
+        mapping.load_map_model(tmp_path / "m")
     with pytest.raises(ModelError, match="no model of maps at"):
-        load_map_model(tmp_path / "none")
+        mapping.load_map_model(tmp_path / "none")
 
 
 def test_patches_and_maps_are_completed_where_they_are(model):
     radar = room(np.random.default_rng(0)).radar.astype(int)
     shift = np.array([1000, -2000, 0])
-    for enhance in (enhance_patch, enhance_map):
+    for enhance in (mapping.enhance_patch, mapping.enhance_map):
         here, there = enhance(radar, model), enhance(radar + shift, model)
         assert len(here.voxels) > 100
         assert (np.diff(here.probability) <= 0).all()
@@ -293,28 +264,29 @@ def test_patches_and_maps_are_completed_where_they_are(model):
         moved = {tuple(v) for v in (there.voxels - shift).tolist()}
         assert len(shown & moved) > 0.99 * len(shown)
     with pytest.raises(ValueError, match="no voxels"):
-        enhance_map(radar[:0], model)
+        mapping.enhance_map(radar[:0], model)
     far = np.concatenate([radar, radar + (10**6, 10**6, 0)])
     with pytest.raises(ValueError, match="do its poses jump"):
-        enhance_map(far, model)
+        mapping.enhance_map(far, model)
 
 
 def test_a_plan_is_occupied_free_or_unknown_as_map_server_reads_it(tmp_path):
     path = np.array([[0.05, 0.05, 0.05], [1.0, 0.05, 0.05]])
-    wall = Occupied(np.array([[8, 0, 0], [8, 1, 1], [3, 5, 30]]), np.full(3, 0.9))
+    voxels = np.array([[8, 0, 0], [8, 1, 1], [3, 5, 30]])
+    wall = mapping.Occupied(voxels, np.full(3, 0.9))
     free = np.array([[x, 0, 0] for x in range(8)])
-    found = RecordingMap(MapSpec(), wall, wall, free, path, ())
+    found = mapping.RecordingMap(mapping.MapSpec(), wall, wall, free, path, ())
     grid, corner = occupancy_grid(found)
     # Rows from the far end of y; the voxel high above is not in the way.
     assert grid.shape == (2, 9)
     assert grid[1].tolist() == [254] * 8 + [0]
     assert grid[0].tolist() == [205] * 8 + [0]
     assert corner.tolist() == [0, 0]
-    for name, write in map_files(found).items():
+    for name, write in mapping.map_files(found).items():
         write(tmp_path / name)
     assert (tmp_path / "grid.pgm").read_bytes().startswith(b"P5\n9 2\n255\n")
     assert "resolution: 0.15" in (tmp_path / "grid.yaml").read_text()
-    assert {path.name for path in tmp_path.iterdir()} == {*FILES}
+    assert {path.name for path in tmp_path.iterdir()} == {*mapping.FILES}
 
 
 def test_the_outline_of_a_patch_is_its_circle():

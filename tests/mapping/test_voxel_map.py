@@ -19,14 +19,12 @@ def test_log_odds_are_those_of_hits_and_of_rays_through_a_voxel():
     voxels, probability = found.occupied(above=0.0)
     by_voxel = dict(zip(map(tuple, voxels.tolist()), probability, strict=True))
     odds = {p: math.log(p / (1 - p)) for p in (0.7, 0.4)}
-    assert by_voxel[4, 0, 0] == pytest.approx(
-        1 / (1 + math.exp(-2 * odds[0.7] - odds[0.4]))
-    )
+    expected = 1 / (1 + math.exp(-2 * odds[0.7] - odds[0.4]))
+    assert by_voxel[4, 0, 0] == pytest.approx(expected)
     assert by_voxel[7, 0, 0] == pytest.approx(0.7)
     assert by_voxel[2, 0, 0] == pytest.approx(1 / (1 + math.exp(-3 * odds[0.4])))
-    assert {tuple(v) for v in found.free().tolist()} == {
-        (x, 0, 0) for x in (0, 1, 2, 3, 5, 6)
-    }
+    free = {tuple(v) for v in found.free().tolist()}
+    assert free == {(x, 0, 0) for x in (0, 1, 2, 3, 5, 6)}
 
 
 def test_a_voxel_counts_once_a_frame_within_bounds_and_range():

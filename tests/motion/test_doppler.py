@@ -152,18 +152,16 @@ def test_without_elevation_the_height_is_unknown():
 
 @pytest.mark.parametrize("points", [0, 1, 4, "one direction"])
 def test_too_few_points_and_those_of_one_direction_are_unsolved(points):
-    cloud = padded(
-        cloud_of(1, points=POINTS if points == "one direction" else points)[0]
-    )
+    wanted = POINTS if points == "one direction" else points
+    cloud = padded(cloud_of(1, points=wanted)[0])
     if points == "one direction":
         alike = np.full(POINTS, -1.0, np.float32)
         cloud = cloud._replace(xyz=0 * cloud.xyz + cloud.xyz[:1], velocity=alike)
     found = ego_velocity(KEY, cloud)
     assert not found.solved
     assert np.isnan(found.velocity).all()
-    np.testing.assert_array_equal(
-        found.covariance, np.where(np.eye(3, dtype=bool), np.inf, 0)
-    )
+    expected = np.where(np.eye(3, dtype=bool), np.inf, 0)
+    np.testing.assert_array_equal(found.covariance, expected)
     assert not found.inliers.any() and not found.moving.any()
 
 

@@ -103,9 +103,8 @@ def test_motion_that_cannot_be_known_is_nan(tmp_path, change):
     stamps = {"no stamps": None, "a long gap": STAMPS * 30}.get(change, STAMPS)
     if change == "one chirp":
         found = found._replace(radar=Radar(RadarSpec.awr1843(num_chirps=1)))
-    follower = Follower(
-        found._replace(cubes=Stream(lambda k: None, len(STAMPS), stamps)), frames=2
-    )
+    cubes = Stream(lambda k: None, len(STAMPS), stamps)
+    follower = Follower(found._replace(cubes=cubes), frames=2)
     follower.step(0, VELOCITY[0])
     here, before = follower.step(1, VELOCITY[1])
     np.testing.assert_array_equal(here, np.eye(4))

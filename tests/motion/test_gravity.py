@@ -21,15 +21,10 @@ def rig(tmp_path, *, true_imu, imu, radar, strength=9.81):
     random = np.random.default_rng(0)
     force = [0, 0, strength] + random.normal(0, 2.0, (500, 3))
     felt = force @ true_imu[:3, :3]
-    return Recording(
-        name="rig",
-        path=tmp_path,
-        radar=Radar(RadarSpec.awr1843()),
-        cubes=Stream([].__getitem__, 0),
-        imu=Imu(np.arange(500) * 0.01, felt, np.zeros((500, 3))),
-        base_from_radar=radar,
-        base_from_imu=imu,
-    )
+    records = Imu(np.arange(500) * 0.01, felt, np.zeros((500, 3)))
+    parts = {"imu": records, "base_from_radar": radar, "base_from_imu": imu}
+    spec, cubes = RadarSpec.awr1843(), Stream([].__getitem__, 0)
+    return Recording("rig", tmp_path, Radar(spec), cubes, **parts)
 
 
 UPRIGHT, DOWN, ASIDE = turned(), turned(roll=178), turned(roll=90)
@@ -42,10 +37,7 @@ TILTED = turned(pitch=30)
         ({"true_imu": TILTED, "imu": TILTED, "radar": TILTED}, ""),
         ({"true_imu": DOWN, "imu": DOWN, "radar": UPRIGHT}, ""),
         ({"true_imu": UPRIGHT, "imu": UPRIGHT, "radar": DOWN}, "mounted upside down"),
-        (
-            {"true_imu": UPRIGHT, "imu": UPRIGHT, "radar": ASIDE},
-            "lies on its side",
-        ),
+        ({"true_imu": UPRIGHT, "imu": UPRIGHT, "radar": ASIDE}, "lies on its side"),
         ({"true_imu": DOWN, "imu": UPRIGHT, "radar": UPRIGHT}, "z axis of the base"),
         ({"true_imu": DOWN, "imu": None, "radar": None}, "IMU is upside down"),
         ({"true_imu": UPRIGHT, "imu": None, "radar": None}, ""),

@@ -12,12 +12,10 @@ from jradar.motion.scans import to_poses
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Imu, Recording, Stream, read_tum
 
-MOUNT = rigid_transform(
-    np.array([0.3, -0.2, 0.1]), Rotation.from_euler("z", 30, degrees=True).as_quat()
-)
-IMU_PLACE = rigid_transform(
-    np.zeros(3), Rotation.from_euler("x", 180, degrees=True).as_quat()
-)
+YAW = Rotation.from_euler("z", 30, degrees=True).as_quat()
+MOUNT = rigid_transform(np.array([0.3, -0.2, 0.1]), YAW)
+UPSIDE_DOWN = Rotation.from_euler("x", 180, degrees=True).as_quat()
+IMU_PLACE = rigid_transform(np.zeros(3), UPSIDE_DOWN)
 STAMPS = np.arange(41) * 0.05
 TIMES = np.arange(-20, 441) * 0.005  # of IMU and poses
 TURN = 0.8  # rad/s
@@ -68,14 +66,8 @@ def poses_on(poses_at, stamps):
 
 def recording(tmp_path, **fields):
     cubes = Stream(lambda k: None, len(STAMPS), STAMPS)
-    return Recording(
-        "r",
-        tmp_path,
-        Radar(RadarSpec.awr1843()),
-        cubes,
-        base_from_radar=MOUNT,
-        **fields,
-    )
+    radar = Radar(RadarSpec.awr1843())
+    return Recording("r", tmp_path, radar, cubes, base_from_radar=MOUNT, **fields)
 
 
 def test_a_straight_way_is_speed_by_time():

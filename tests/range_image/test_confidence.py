@@ -33,9 +33,7 @@ def test_it_equals_a_count_by_hand_in_any_order(share):
     images = np.where(surfaces > 0, surfaces + rng.uniform(0, 0.15, (8, 6, 7)), 0)
     images = images.astype(np.float32)
     agreed = np.asarray(confident(agreed_range(images), share).range_m)
-    expected = [
-        by_hand(pixel, share) for pixel in images.reshape(8, -1).T.astype(float)
-    ]
+    expected = [by_hand(pixel, share) for pixel in np.float64(images.reshape(8, -1).T)]
     np.testing.assert_allclose(agreed.ravel(), expected, rtol=1e-5)
     if share < 0.5:
         assert 0 < np.count_nonzero(agreed)

@@ -23,13 +23,8 @@ from tests.directions import unit
 
 SPEC = ImageSpec(height=8, width=16, max_range_m=10.0)
 FINE = ImageSpec(height=128, width=512, max_range_m=12.0)
-ALL_AROUND = ImageSpec(
-    height=8,
-    width=16,
-    azimuth=(-math.pi, math.pi),
-    elevation=(-math.pi / 2, math.pi / 2),
-    max_range_m=10.0,
-)
+SPHERE = {"azimuth": (-math.pi, math.pi), "elevation": (-math.pi / 2, math.pi / 2)}
+ALL_AROUND = ImageSpec(height=8, width=16, max_range_m=10.0, **SPHERE)
 
 
 def equation_7(xyz, spec):
@@ -38,11 +33,8 @@ def equation_7(xyz, spec):
     distance = np.linalg.norm(xyz.astype(np.float64), axis=1)
     row = np.arccos(z / distance) - (math.pi / 2 - spec.elevation[1])
     column = np.arctan2(y, x) - spec.azimuth[0]
-    return (
-        row * spec.height / np.ptp(spec.elevation),
-        column * spec.width / np.ptp(spec.azimuth),
-        distance,
-    )
+    down = row * spec.height / np.ptp(spec.elevation)
+    return down, column * spec.width / np.ptp(spec.azimuth), distance
 
 
 def cloud(*points):
@@ -69,14 +61,10 @@ def test_pixel_is_equation_7_in_float64(spec):
 @pytest.mark.parametrize(
     ("point", "pixel"),
     [
-        ((1, 0, 0), (4, 8)),
-        ((0, 1, 0), (4, 12)),
-        ((0, -1, 0), (4, 4)),
-        ((-1, -1e-6, 0), (4, 0)),
+        *(((1, 0, 0), (4, 8)), ((0, 1, 0), (4, 12)), ((0, -1, 0), (4, 4))),
+        *(((-1, -1e-6, 0), (4, 0)), ((1, 1, 0), (4, 10))),
         ((0, 0, 1), (0, 8)),  # straight up, where no azimuth is defined
-        ((1, 1, 0), (4, 10)),
-        ((1e-18, 1e-18, 0), (4, 10)),
-        ((9e18, 9e18, 0), None),
+        *(((1e-18, 1e-18, 0), (4, 10)), ((9e18, 9e18, 0), None)),
     ],
 )
 def test_directions_along_the_axes_have_a_pixel(point, pixel):
@@ -84,21 +72,12 @@ def test_directions_along_the_axes_have_a_pixel(point, pixel):
     assert ((int(row), int(column)) if inside else None) == pixel
 
 
-@pytest.mark.parametrize(
-    "point",
-    [
-        (np.nan, 1, 0),
-        (np.inf, 0, 0),
-        (0, 0, 0),
-        (-5, 0, 0),  # behind
-        (0, 0, 5),  # straight up
-        5 * unit(SPEC.azimuth[1] + 1e-4, 0),
-        5 * unit(SPEC.azimuth[0] - 1e-4, 0),
-        5 * unit(0, SPEC.elevation[1] + 1e-4),
-        5 * unit(0, SPEC.elevation[0] - 1e-4),
-        (10.01, 0, 0),
-    ],
-)
+OUTSIDE = [(np.nan, 1, 0), (np.inf, 0, 0), *np.diag([-5, 0, 5]), (10.01, 0, 0)]
+OUTSIDE += [5 * unit(SPEC.azimuth[1] + 1e-4, 0), 5 * unit(SPEC.azimuth[0] - 1e-4, 0)]
+OUTSIDE += [5 * unit(0, edge) for edge in np.array(SPEC.elevation) + [-1e-4, 1e-4]]
+
+
+@pytest.mark.parametrize("point", OUTSIDE)
 def test_point_outside_leaves_no_pixel(point):
     valid = PointCloud(jnp.asarray([point], jnp.float32), jnp.array([True]))
     assert not project(valid, SPEC).any()
@@ -190,9 +169,8 @@ def test_real_lidar_scan_survives_within_half_a_pixel(samples):
     ranges = [np.linalg.norm(xyz, axis=1) for xyz in (before, after)]
     np.testing.assert_allclose(ranges[1], ranges[0], rtol=1e-6)
     azimuths = [np.arctan2(xyz[:, 1], xyz[:, 0]) for xyz in (before, after)]
-    elevations = [
-        np.arcsin(xyz[:, 2] / r) for xyz, r in zip((before, after), ranges, strict=True)
-    ]
+    pairs = zip((before, after), ranges, strict=True)
+    elevations = [np.arcsin(xyz[:, 2] / r) for xyz, r in pairs]
     half_column, half_row = np.ptp(FINE.azimuth) / 1024, np.ptp(FINE.elevation) / 256
     assert np.abs(azimuths[1] - azimuths[0]).max() <= half_column * 1.001
     assert np.abs(elevations[1] - elevations[0]).max() <= half_row * 1.001
@@ -232,9 +210,8 @@ def test_batches_of_clouds_are_refused_and_mapped_as_the_loop():
 def test_a_clouds_points_keep_the_confidence_of_their_pixels():
     image = RangeImage(jnp.zeros((2, *SPEC.shape)).at[:, 3, 4].set(2.0))
     assert image_cloud(image, SPEC).confidence is None
-    image = image._replace(
-        confidence=jnp.zeros_like(image.range_m).at[1, 3, 4].set(0.7)
-    )
+    confidence = jnp.zeros_like(image.range_m).at[1, 3, 4].set(0.7)
+    image = image._replace(confidence=confidence)
     found = image_cloud(image, SPEC)
     assert found.valid.sum() == 2 and found.confidence is not None
     np.testing.assert_allclose(found.confidence[found.valid], [0.0, 0.7])

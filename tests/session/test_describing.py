@@ -8,9 +8,8 @@ from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
 from jradar.session import detecting
 
-RECORDING = Recording(
-    "walk", Path("walk"), Radar(RadarSpec.awr1843()), Stream(lambda _: None, 1)
-)
+CUBES = Stream(lambda _: None, 1)
+RECORDING = Recording("walk", Path("walk"), Radar(RadarSpec.awr1843()), CUBES)
 
 
 @pytest.mark.parametrize(("confidence", "given"), [(0.09, False), (0.11, True)])

@@ -15,15 +15,9 @@ import pytest
 from jradar.errors import UsageError
 from jradar.lidar import Poses
 from jradar.model import condition, enhance, fuse, mixtures
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    RadarSpec,
-    calibrate,
-    points_and_count,
-    power_map,
-    radar_points,
-)
+from jradar.radar import PointSpec, Radar, RadarSpec, calibrate, radar_points
+from jradar.radar.points import points_and_count
+from jradar.radar.spectrum import power_map
 from jradar.range_image import condition_features, fit_trust
 from jradar.recordings import Recording, Stream
 from jradar.session import Stages, detect_recording, enhance_recording, fusion
@@ -46,9 +40,8 @@ def recording(count, *, radar=UNIT, read=lambda number: CUBES[number % 2]):
     poses = Poses(times, xyz, np.tile([0.0, 0, 0, 1], (len(times), 1)))
     cubes = Stream(read, count, stamps)
     mount = np.eye(4)
-    return Recording(
-        "walk", Path("walk"), radar, cubes, poses=poses, base_from_radar=mount
-    )
+    place = {"poses": poses, "base_from_radar": mount}
+    return Recording("walk", Path("walk"), radar, cubes, **place)
 
 
 def workers():
@@ -80,10 +73,8 @@ def stopped():
 @pytest.mark.slow
 def test_each_frame_is_what_enhance_gives_for_the_same_seed(stopped):
     for number, frame in enumerate(stopped[0]):
-        cloud, other = (
-            enhance(jax.random.key(seed), CUBES[number], UNIT, MODEL, **DRAWING)
-            for seed in (3, 4)
-        )
+        keys = map(jax.random.key, (3, 4))
+        cloud, other = (enhance(k, CUBES[number], UNIT, MODEL, **DRAWING) for k in keys)
         assert frame.number == number and frame.stamp_s == 0.1 * number
         np.testing.assert_array_equal(frame.cloud.valid, cloud.valid)
         np.testing.assert_allclose(frame.cloud.xyz, cloud.xyz, atol=1e-4)
@@ -93,9 +84,8 @@ def test_each_frame_is_what_enhance_gives_for_the_same_seed(stopped):
 
 def test_the_channels_and_the_bias_of_a_radar_are_applied_once(stopped):
     frame = stopped[0][0]
-    np.testing.assert_allclose(
-        frame.samples, calibrate(CUBES[0], UNIT), rtol=1e-5, atol=1e-3
-    )
+    expected = calibrate(CUBES[0], UNIT)
+    np.testing.assert_allclose(frame.samples, expected, rtol=1e-5, atol=1e-3)
     points = MODEL.spec.points.fitted(RADAR)
     expected = radar_points(CUBES[0], UNIT, points=points)
     assert expected.valid.any()
@@ -168,9 +158,8 @@ def test_a_frame_unlike_training_is_not_to_be_trusted():
         found = enhance_recording(recording(1), model, **DRAWING)
         (frame,) = found
         assert (frame.unlikeness == 1) == strange
-        assert any("frame 0 of 1 is unlike 99 % of" in w for w in found.warnings) == (
-            strange
-        )
+        unlike = "frame 0 of 1 is unlike 99 % of"
+        assert any(unlike in w for w in found.warnings) == strange
 
 
 def test_points_are_the_librarys_and_what_they_lack_is_warned_of():

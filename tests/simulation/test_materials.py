@@ -45,9 +45,8 @@ def test_a_surface_reflects_and_transmits_no_more_than_it_receives(material):
 def test_a_slab_matches_its_transfer_matrix(name):
     reflected, transmitted = slab_shares(of(name), COSINE, HZ)
     expected = [transfer_matrix(of(name), cosine) for cosine in COSINE]
-    np.testing.assert_allclose(
-        np.stack([reflected, transmitted], -1), expected, atol=1e-9
-    )
+    found = np.stack([reflected, transmitted], -1)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 def test_metal_reflects_all_and_smooth_drywall_little_off_its_normal():

@@ -19,9 +19,8 @@ from jradar.simulation.scenes.trajectory import pose_at, velocity_at
 from tests.simulation.worlds import corner_reflector, straight, wall, world
 
 RADAR = RadarSpec.awr1843()
-PERFECT = Hardware(
-    np.zeros((3, 4, 128), complex), np.zeros((3, 4)), np.ones((3, 4), complex)
-)
+ONES = np.ones((3, 4), complex)
+PERFECT = Hardware(np.zeros((3, 4, 128), complex), np.zeros((3, 4)), ONES)
 
 
 def paths_of(scene, reflectors, time_s=0.0):

@@ -59,10 +59,8 @@ def test_training_sets_share_no_layout_with_the_robustness_set():
 
 def test_phases_of_boards_have_the_units_spread():
     unit = UnitSpec(channel_degrees=17.0, channel_db=1.0)
-    boards = [
-        make_unit_hardware(dataclasses.replace(unit, board=b), RADAR).phase
-        for b in range(300)
-    ]
+    units = (dataclasses.replace(unit, board=board) for board in range(300))
+    boards = [make_unit_hardware(one, RADAR).phase for one in units]
     tx, rx = (np.array([b[k] for b in boards]) for k in ((2, 0), (0, 2)))
     for factor, share in ((tx, 1.0), (rx, 0.5)):  # relative to the first: two draws
         spread = np.degrees(np.angle(factor)).std() / 2**0.5

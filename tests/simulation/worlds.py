@@ -17,9 +17,8 @@ def straight(speed_mps=0.0, height=1.2):
     curve = loop(np.column_stack([corners, np.full(4, height)]), rounding_m=0.5)
     at = np.linspace(5, 35, 30_001)
     start = at[np.abs(curve(at)[:, 0]).argmin()]
-    return Trajectory(
-        curve, float(curve.x[-1]), speed_mps, start, np.array([0, 1.0, 0]), STILL
-    )
+    axis = np.array([0, 1.0, 0])
+    return Trajectory(curve, float(curve.x[-1]), speed_mps, start, axis, STILL)
 
 
 def world(solids, *, movers=(), speed_mps=0.0):

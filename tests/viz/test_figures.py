@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from jradar import viz
 from jradar.radar import Radar, RadarSpec, Scatterers, simulate_cube
 from jradar.range_image import ImageSpec
 from jradar.types import PointCloud
-from jradar.viz import (
-    capture_figure,
-    range_azimuth,
-    range_doppler,
-    reliability_figure,
-    samples_figure,
-    save_figure,
-)
 
 RADAR, IMAGE = RadarSpec.awr1642(num_chirps=16, num_samples=32), ImageSpec(8, 16)
 
@@ -29,7 +22,7 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
     power[3, 20] = 1e4
     azimuths = np.random.default_rng(1).exponential(size=(32, 64))
     azimuths[0, 0], azimuths[20, 48] = 1e9, 1e4  # leakage; an echo at a sine of 0.5
-    figure = capture_figure(
+    figure = viz.capture_figure(
         power, azimuths, RADAR, cloud, IMAGE, dense=dense, lidar=lidar, title="a room"
     )
     spectrum, angles, above, front = figure.axes
@@ -48,14 +41,14 @@ def test_a_capture_shows_its_spectrum_clouds_and_range_image(tmp_path):
     assert above.xaxis_inverted()
     assert np.isfinite(front.images[0].get_array().filled(np.nan)).sum() == 1
     assert "jradar" in front.get_title()
-    save_figure(figure, tmp_path / "a.png")
+    viz.save_figure(figure, tmp_path / "a.png")
     assert Image.open(tmp_path / "a.png").format == "PNG"
 
 
 def test_a_capture_without_points_is_drawn():
     empty = PointCloud(jnp.zeros((4, 3)), jnp.zeros(4, bool))
     power = np.ones((16, 32))
-    figure = capture_figure(power, power, RADAR, empty, IMAGE, dense=empty)
+    figure = viz.capture_figure(power, power, RADAR, empty, IMAGE, dense=empty)
     *_, above, front = figure.axes
     assert [len(line.get_xydata()) for line in above.lines[:2]] == [0, 0]
     assert np.isnan(front.images[0].get_array().filled(np.nan)).all()
@@ -66,10 +59,10 @@ def test_maps_of_a_cube_have_an_echo_in_its_place():
     place = spec.range_resolution_m * 20 * np.array([[np.cos(0.5), np.sin(0.5), 0]])
     echo = Scatterers(jnp.asarray(place), jnp.array([0.0]), jnp.array([1.0]))
     cube = simulate_cube(jax.random.key(0), echo, spec, noise_power=1e-6)
-    (doppler,) = range_doppler(cube, Radar(spec)).axes
+    (doppler,) = viz.range_doppler(cube, Radar(spec)).axes
     shown = doppler.images[0].get_array()
     assert np.unravel_index(shown.argmax(), shown.shape) == (20, 8)
-    (angles,) = range_azimuth(cube, Radar(spec)).axes
+    (angles,) = viz.range_azimuth(cube, Radar(spec)).axes
     mesh = angles.collections[0]
     row, column = np.unravel_index(mesh.get_array().argmax(), mesh.get_array().shape)
     left, right = mesh.get_coordinates()[row, column : column + 2, 0]
@@ -79,19 +72,18 @@ def test_maps_of_a_cube_have_an_echo_in_its_place():
 def test_left_is_left():
     image = np.zeros((1, 8, 16))
     image[..., 15] = 6.0  # the highest azimuth: left
-    figure = samples_figure({"x": image}, IMAGE)
+    figure = viz.samples_figure({"x": image}, IMAGE)
     assert figure.axes[-1].get_ylabel() == "range (m)"
     shown = figure.axes[0].images[0].get_array()
-    assert (
-        np.isfinite(shown[:, 0]).all() and np.isnan(shown[:, 1:].filled(np.nan)).all()
-    )
+    assert np.isfinite(shown[:, 0]).all()
+    assert np.isnan(shown[:, 1:].filled(np.nan)).all()
 
 
 def test_reliability_is_drawn_beside_precision_without_empty_bins():
     mean, right = np.array([0.1, np.nan, 0.9]), np.array([0.2, np.nan, 0.7])
     kept, precision = np.array([0.5, 1.0]), np.array([0.9, 0.6])
     names = ("first", "second")
-    figure = reliability_figure(
+    figure = viz.reliability_figure(
         dict.fromkeys(names, (mean, right)), dict.fromkeys(names, (kept, precision))
     )
     diagram, buys = figure.axes
