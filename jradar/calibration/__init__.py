@@ -7,12 +7,17 @@ level_tilt                          the part that only turns the view, from moti
                                     level ground
 mount_from_motion, Mount            the radar's place on its rig, from its velocities
                                     and the rig's poses
+with_pitch, single_echoes           the pitch of a mount, by echoes that are single
 """
 
 from jradar.calibration.level import level_tilt as level_tilt
 from jradar.calibration.mount import (
     Mount as Mount,
     mount_from_motion as mount_from_motion,
+)
+from jradar.calibration.pitch import (
+    single_echoes as single_echoes,
+    with_pitch as with_pitch,
 )
 from jradar.calibration.recording import (
     Calibration as Calibration,

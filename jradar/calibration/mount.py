@@ -69,7 +69,7 @@ class Mount(NamedTuple):
 
     base_from_radar: Float[np.ndarray, "4 4"]
     offset_s: float  # to add to the radar's stamps
-    turned_deg: float  # from the described orientation
+    turned: Float[np.ndarray, " 3"]  # rad about its axes, from the description
     deviation: Float[
         np.ndarray, " 7"
     ]  # rad about x, y, z of the radar; m on the base; s
@@ -82,6 +82,21 @@ class Mount(NamedTuple):
     def observed(self) -> Bool[np.ndarray, " 7"]:
         """The axes that the walk shows within `LIMITS`."""
         return self.deviation <= LIMITS
+
+    def rotated(
+        self, turn: Float[np.ndarray, "3 3"], deviation: Float[np.ndarray, " 7"]
+    ) -> "Mount":
+        """Return the mount with the radar rotated about its own axes by `turn`."""
+        mount = self.base_from_radar.copy()
+        described = mount[:3, :3] @ Rotation.from_rotvec(-self.turned).as_matrix()
+        mount[:3, :3] = mount[:3, :3] @ turn
+        turned = Rotation.from_matrix(described.T @ mount[:3, :3]).as_rotvec()
+        return self._replace(
+            base_from_radar=mount,
+            turned=turned,
+            deviation=deviation,
+            expected=self.expected @ turn,
+        )
 
     def missing(self) -> tuple[str, ...]:
         """Return the motions that would show the axes that this walk does not show."""
@@ -113,11 +128,12 @@ class Mount(NamedTuple):
 
     def warnings(self) -> tuple[str, ...]:
         """Return what contradicts the description, in words."""
-        if self.turned_deg < TURNED_DEG:
+        turned_deg = float(np.degrees(np.linalg.norm(self.turned)))
+        if turned_deg < TURNED_DEG:
             return ()
         return (
             f"the walk contradicts the described orientation of the radar by "
-            f"{self.turned_deg:.0f} degrees. If it is mounted upside down, write "
+            f"{turned_deg:.0f} degrees. If it is mounted upside down, write "
             "`upside_down = true` in the table [radar] of its TOML description, and "
             "keep its z axis up in rpy_degrees",
         )
@@ -172,7 +188,7 @@ def mount_from_motion(
     return Mount(
         base_from_radar=mount,
         offset_s=offset,
-        turned_deg=float(np.degrees(turned.magnitude())),
+        turned=turned.as_rotvec(),
         deviation=deviation,
         stamps=walk.stamps,
         velocity=walk.velocity,

@@ -12,6 +12,7 @@ import numpy as np
 
 from jradar.calibration.level import Tilt, level_tilt, untilted
 from jradar.calibration.mount import Mount, mount_from_motion
+from jradar.calibration.pitch import single_echoes, with_pitch
 from jradar.calibration.self_calibration import SelfCalibration, self_calibrate
 from jradar.calibration.snapshots import strong_snapshots
 from jradar.errors import UsageError
@@ -126,14 +127,22 @@ def calibrate_recording(
 
 
 def _mount(recording: Recording, frames: slice) -> Mount:
-    """Return the radar's place by all frames: the filter needs their rate."""
+    """Return the radar's place by all frames: the filter needs their rate.
+
+    Its pitch is that of echoes that are surely single ones.
+    """
     poses = scan_poses(recording) if recording.poses is None else recording.poses
     chosen = range(*frames.indices(len(recording.cubes)))
     with progress("measuring the motion", len(chosen), unit="frames") as show:
         velocities = frame_velocities(recording, frames=chosen, advance=show)
     described = recording.base_from_radar
     described = np.eye(4) if described is None else described
-    return mount_from_motion(velocities, poses, described)
+    found = mount_from_motion(velocities, poses, described)
+    if not recording.has_elevation:
+        return found
+    with progress("measuring elevations", len(chosen), unit="frames") as show:
+        echoes = single_echoes(recording, chosen, advance=show)
+    return with_pitch(found, echoes, poses)
 
 
 def _evenly(recording: Recording, frames: slice) -> range:
