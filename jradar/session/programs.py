@@ -7,8 +7,8 @@ jradar's source files, and versions.
 
 import functools
 import hashlib
+import json
 import os
-import pickle
 import sys
 import zlib
 from collections.abc import Callable, Iterator
@@ -20,14 +20,21 @@ import flax
 import jax
 import jaxlib
 import numpy as np
+from flax.serialization import msgpack_restore, msgpack_serialize
 from jax.tree_util import keystr, tree_flatten_with_path
 
-from jradar.files import atomic_path
+from jradar.diffusion import RangeMixture
+from jradar.files import atomic_path, open_file
 from jradar.model import compiler_options
+from jradar.range_image import RangeImage
+from jradar.session.fusion import Seen
+from jradar.types import PointCloud
 
 PACKAGE = Path(__file__).parents[1]
 SUFFIX = ".programs"
 MOST_FILES = 32  # in the folder, of about 1 MB each; the oldest are removed
+MOST_BYTES = 1 << 28  # of a file, unpacked
+RECORDS = {kind.__name__: kind for kind in (PointCloud, RangeImage, RangeMixture, Seen)}
 MOST_READY = 16  # sets of programs in a process
 READY: dict[str, dict[str, Callable[..., Any]]] = {}  # by `digest`
 
@@ -36,7 +43,7 @@ class Program(NamedTuple):
     """A traced function: what `jax.export` makes of it, and its result's structure."""
 
     text: bytes
-    result: Any
+    result: Any  # whose leaves are the numbers of the values that the program returns
 
 
 def ready(
@@ -110,22 +117,55 @@ def _code() -> tuple[Any, ...]:
 def load(name: str) -> dict[str, Program] | None:
     """Return the programs that were saved by this digest, None if there are none."""
     try:
-        return pickle.loads(zlib.decompress(_place(name).read_bytes()))
+        with open_file(_place(name), limit=MOST_BYTES) as file:
+            unpacking = zlib.decompressobj()
+            found: Any = msgpack_restore(unpacking.decompress(file.read(), MOST_BYTES))
+        return {
+            stage: Program(text, built(json.loads(parts)))
+            for stage, (text, parts) in found.items()
+        }
     except Exception:  # no folder, no file, or one that was cut short
         return None
 
 
 def save(name: str, found: dict[str, Program]) -> None:
     """Keep programs for the next process, if JAX has a folder for its cache."""
+    content = msgpack_serialize(
+        {
+            stage: [program.text, json.dumps(described(program.result))]
+            for stage, program in found.items()
+        }
+    )
     try:
         path = _place(name)
         with atomic_path(path) as scratch:
-            scratch.write_bytes(zlib.compress(pickle.dumps(found), 1))
+            scratch.write_bytes(zlib.compress(content, 1))
         files = path.parent.glob("*" + SUFFIX)
         for old in sorted(files, key=lambda file: -file.stat().st_mtime)[MOST_FILES:]:
             old.unlink()
     except OSError:  # no folder, or a full disk: the next process traces again
         return
+
+
+def described(result: Any) -> Any:
+    """Return the structure of a result as lists: the name of a record, and its parts.
+
+    Raises TypeError for a record that is not in RECORDS.
+    """
+    if result is None or isinstance(result, int):
+        return result
+    if (name := type(result).__name__) not in (*RECORDS, "tuple"):
+        raise TypeError(f"a program returns {name}, expected one of {[*RECORDS]}")
+    return [name, *map(described, result)]
+
+
+def built(parts: Any) -> Any:
+    """Return the result that `described` described."""
+    if not isinstance(parts, list):
+        return parts
+    name, *inside = parts
+    inside = tuple(map(built, inside))
+    return inside if name == "tuple" else RECORDS[name](*inside)
 
 
 def _place(name: str) -> Path:

@@ -1,5 +1,6 @@
 """Programs of an earlier process: they run alike, and no others are taken for them."""
 
+import json
 import os
 
 import jax
@@ -7,7 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jradar.diffusion import RangeMixture
 from jradar.session import programs
+from jradar.session.fusion import Seen
 from jradar.types import PointCloud
 
 CLOUD = PointCloud(jnp.arange(12.0).reshape(4, 3), jnp.array([True] * 3 + [False]))
@@ -77,6 +80,17 @@ def test_other_programs_are_not_taken_for_it(cache, monkeypatch, tmp_path, what)
     found, traced = within(cloud, **options)
     assert traced
     jax.tree.map(np.testing.assert_array_equal, found, cloud.within(**options))
+
+
+def test_structures_of_results_come_back():
+    mixture = RangeMixture(0, 1, 2, 3)
+    for result in (0, (CLOUD._replace(xyz=0, valid=1), 2), Seen(mixture, 4, None)):
+        parts = json.loads(json.dumps(programs.described(result)))
+        found = programs.built(parts)
+        assert jax.tree.structure(found) == jax.tree.structure(result)
+        assert jax.tree.leaves(found) == jax.tree.leaves(result)
+    with pytest.raises(TypeError, match="returns dict, expected one of"):
+        programs.described({"a": 0})
 
 
 def test_the_oldest_programs_make_room(cache, monkeypatch):
