@@ -40,7 +40,6 @@ def main(argv: list[str]) -> int:
 
 
 def _flags(argv):
-    """The flags, not yet parsed."""
     values = flags.FlagValues()
     config_flags.DEFINE_config_file(
         "config", None, "file of the experiment", flag_values=values, sys_argv=argv

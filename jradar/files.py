@@ -117,7 +117,6 @@ def atomic_folder(folder: Path | str, *, marker: str) -> Iterator[Path]:
 
 
 def _files(folder: Path) -> list[str]:
-    """Return the names of all files in a folder and below."""
     found = (path for path in folder.rglob("*") if path.is_symlink() or path.is_file())
     return sorted(path.relative_to(folder).as_posix() for path in found)
 

@@ -74,7 +74,6 @@ class FinetuneSpec:
     seed: int = 0
 
     def __post_init__(self):
-        """Refuse values that cannot be used."""
         if self.steps is not None and self.steps < 1:
             raise ValueError(f"steps = {self.steps}, expected 1 or more")
         if not self.learning_rate > 0:
@@ -286,7 +285,6 @@ def _simulated(folder: Path, own: Records) -> Path:
 
 
 def _pairs(model: Model, records: Records) -> data.PairSource:
-    """Return the images of records on the model's grids."""
     spec = model.spec
     return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
 
@@ -348,7 +346,6 @@ def trust_of(*sources: data.PairSource) -> TrustTable | None:
 
 
 def _card(card: Card, own: Records, old: Records | None, step: int, name: str) -> Card:
-    """Return the card of the new model."""
     if not step:
         return card
     radars = dict.fromkeys((own.radar, *own.other_radars, *card.radars))

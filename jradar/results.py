@@ -99,14 +99,12 @@ class Results:
         return self._digests.get(name, "") == self._digest(name)
 
     def _digest(self, name: str) -> str | None:
-        """Return the digest of a file, None if there is none."""
         if not (self.folder / name).is_file():
             return None
         with (self.folder / name).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def _add(self, name: str) -> None:
-        """List a file that has just been written."""
         if not self._begun:
             lines = (f"{digest}  {old}\n" for old, digest in self._digests.items())
             write_text(self._list, "".join([f"{self._head}\n", *lines]))

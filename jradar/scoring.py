@@ -105,7 +105,6 @@ class Score(NamedTuple):
         return sorted(means, key=lambda mean: order.index(mean["distance"]))
 
     def _compared(self):
-        """Each method minus the first model, frame by frame."""
         rows = {}
         for row in self.rows:
             if row["truth"] == TRUTH:
@@ -306,7 +305,6 @@ def _notes(records, models, rates, rows):
 
 
 def _line(mean: dict[str, Any]) -> dict[str, Any]:
-    """Return a method's means as a line of a table."""
     line = {"method": mean["method"]}
     if "chamfer" in mean:
         line["CD (m)"] = mean["chamfer"].mean

@@ -261,7 +261,6 @@ def nearness_answers(
 
 
 def _regression_answers(draw, key, condition):
-    """The network's one estimate."""
     yield "direct regression", draw(key, condition)
 
 

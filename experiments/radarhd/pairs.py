@@ -83,7 +83,6 @@ class RadarHD(Sequence):
         return len(self.keys)
 
     def __getitem__(self, index: Any) -> Any:
-        """Return pair `index`."""
         trajectory, frame = self.keys[index].tolist()
         return PolarPair(self.radar(index), self.lidar(index), trajectory, frame)
 
@@ -133,7 +132,6 @@ class PolarItems(Sequence):
         return len(self._pairs) * (2 if self._mirror else 1)
 
     def __getitem__(self, index: Any) -> Any:
-        """Return item `index`."""
         mirrored, i = divmod(int(index), len(self._pairs))
         trajectories = self._pairs.keys[:, 0]
         first = np.searchsorted(trajectories, trajectories[i])

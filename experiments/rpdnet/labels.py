@@ -43,7 +43,6 @@ class LabelledMaps(Sequence):
         return len(self._index)
 
     def __getitem__(self, i: Any) -> Any:
-        """Return item `i`."""
         frame = self._records[self._index[i]]
         label = label_cells(
             frame.lidar_xyz,

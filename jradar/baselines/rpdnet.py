@@ -82,12 +82,10 @@ def _halved(x):
 
 
 def _enlarged(x, shape):
-    """Every cell repeated until the map has `shape`."""
     for axis, size in enumerate(shape, 1):
         x = jnp.repeat(x, size // x.shape[axis], axis)
     return x
 
 
 def _norm(x):
-    """Normalised over all cells and channels of each map."""
     return nn.GroupNorm(1)(x)

@@ -146,7 +146,6 @@ def _mount(recording: Recording, frames: slice) -> Mount:
 
 
 def _evenly(recording: Recording, frames: slice) -> range:
-    """Return the frames to use, evenly spaced."""
     count = len(recording.cubes)
     chosen = range(*frames.indices(count))
     if not chosen:
@@ -192,7 +191,6 @@ def _warnings(fit: SelfCalibration, tilt: Tilt | None) -> Iterator[str]:
 
 
 def _hidden(radar: RadarSpec, *, reflector: bool, level: bool) -> Iterator[str]:
-    """Yield what the echoes do not show, in words."""
     if not reflector:
         yield "a turn of all azimuths: the phase's slope along the columns is kept"
         if radar.has_elevation and not level:

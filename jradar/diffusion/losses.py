@@ -39,7 +39,6 @@ class LossSpec:
     absolute: float = 0.0
 
     def __post_init__(self):
-        """Refuse weights below 0."""
         if not self.range_weight > 0:
             raise ValueError(f"range_weight = {self.range_weight}, expected above 0")
         for name in ("squared", "perceptual", "absolute"):

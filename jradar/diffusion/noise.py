@@ -31,7 +31,6 @@ class NoiseSpec:
     prediction: Prediction = EDM
 
     def __post_init__(self):
-        """Refuse levels that are not positive and in order."""
         if not self.sigma_data > 0:
             raise ValueError(f"sigma_data = {self.sigma_data}, expected more than 0")
         if not 0 < self.sigma_min < self.sigma_max:

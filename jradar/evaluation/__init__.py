@@ -1,6 +1,6 @@
 """Scores of methods against LiDAR: tables, intervals, comparisons, reports.
 
-score_frames, Method, Truth      scores of each method on each frame of a sequence
+score_frames, Method             scores of each method on each frame of a sequence
 score_points, mean_scores        scores of one cloud; their means over several
 score_records, score_and_keep, View, Frame, drawn
                                  methods on records: rows, and clouds of some frames
@@ -30,17 +30,14 @@ from jradar.evaluation.detectors import (
     seen_points as seen_points,
     smeared as smeared,
 )
-from jradar.evaluation.distances import (
-    ring_edges as ring_edges,
-    score_rings as score_rings,
-)
 from jradar.evaluation.methods import (
     Method as Method,
-    Truth as Truth,
     known_mean as known_mean,
     mean_scores as mean_scores,
+    ring_edges as ring_edges,
     score_frames as score_frames,
     score_points as score_points,
+    score_rings as score_rings,
 )
 from jradar.evaluation.records import (
     Frame as Frame,
@@ -57,8 +54,6 @@ from jradar.evaluation.records import (
     write_results as write_results,
 )
 from jradar.evaluation.reliability import (
-    Coverage as Coverage,
-    Reliability as Reliability,
     near_truth as near_truth,
     precision_over_coverage as precision_over_coverage,
     reliability as reliability,

@@ -187,7 +187,6 @@ def _write_clouds(folder: Path, clouds) -> None:
 
 
 def _cloud(points: Any) -> PointCloud:
-    """Return an array of points, with or without confidence, as a cloud."""
     valid: Any = np.ones(len(points), bool)
     cloud = PointCloud(points[:, :3], valid)
     return cloud if points.shape[1] == 3 else cloud._replace(confidence=points[:, 3])
@@ -221,7 +220,6 @@ def _clouds_figure(clouds) -> Figure:
 
 
 def _frames(clouds, scores: Scores) -> list[CloudFrame]:
-    """Return the clouds of each frame with their printed scores."""
     texts: dict[tuple, dict[str, dict[str, str]]] = {}
     for row in scores:
         place = (row["scene"], row["sequence"], row["frame"])

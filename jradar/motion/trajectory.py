@@ -74,7 +74,6 @@ def odometry(
 
 
 def _notes(recording: Recording | RadarClouds, velocities: Velocities) -> Iterator[str]:
-    """Yield what the velocities lack."""
     missing = np.flatnonzero(~np.isfinite(velocities.velocity[:, 0]))
     if len(missing):
         yield (

@@ -73,7 +73,6 @@ class PointSpec:
     """focus wide arrays, such as a cascade's, on each target: delays, near field"""
 
     def __post_init__(self):
-        """Refuse values that no radar could use, naming the field."""
         check_window(Window(self.guard, self.train, self.edge), self.detector)
         for field in ("guard", "train"):
             object.__setattr__(self, field, tuple(getattr(self, field)))

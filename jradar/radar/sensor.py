@@ -75,7 +75,6 @@ class RadarSpec:
     real_samples: bool = False  # one mixer: no imaginary part
 
     def __post_init__(self):
-        """Refuse a radar that cannot exist; the error names the field."""
         order = tuple(self.tx_firing_order) or tuple(range(self.num_tx))
         object.__setattr__(self, "tx_firing_order", order)
         if sorted(order) != list(range(self.num_tx)):

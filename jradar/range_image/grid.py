@@ -45,7 +45,6 @@ class ImageSpec:
     max_range_m: float = 12.0
 
     def __post_init__(self):
-        """Refuse an image without pixels or with an impossible field of view."""
         if self.height < 1 or self.width < 1:
             raise ValueError(
                 f"image of {self.height} x {self.width} pixels, expected 1 or more"

@@ -22,7 +22,7 @@ from absl import logging
 from jradar.errors import CheckpointError
 from jradar.files import DISK_FULL
 from jradar.training.parallel import wait_for_all
-from jradar.training.state import TrainState
+from jradar.training.step import TrainState
 
 
 class Checkpoints:

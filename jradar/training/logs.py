@@ -1,4 +1,4 @@
-"""The numbers of a run: `metrics.jsonl`, and TensorBoard if it is installed.
+"""What a run leaves: `metrics.jsonl`, TensorBoard if it is installed, the model card.
 
 `metrics.jsonl` holds a line for each step. Lines of steps that run again are dropped,
 so that a resumed run writes the same lines as an uninterrupted one.
@@ -8,12 +8,18 @@ import contextlib
 import importlib
 import json
 import math
+import platform
 from collections.abc import Callable, Iterator
+from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import jax
 
+from jradar import __version__
 from jradar.files import write_text
+
+LIBRARIES = ("jax", "jaxlib", "flax", "optax", "orbax-checkpoint", "numpy")
 
 Log = Callable[[int, dict[str, float]], None]
 
@@ -68,3 +74,27 @@ def _drop_lines_from(path, step):
         except (ValueError, KeyError, TypeError):
             break
     write_text(path, "".join(kept))
+
+
+def write_model_card(
+    workdir: Path | str,
+    *,
+    config: dict[str, Any],
+    data_digest: str,
+    seed: int,
+    steps: int,
+    purpose: str = "",
+) -> None:
+    """Write `model_card.json` into a run's folder; `data_digest` is of its data."""
+    versions = {"jradar": __version__, "python": platform.python_version()}
+    versions |= {name: metadata.version(name) for name in LIBRARIES}
+    card = {
+        "purpose": purpose,
+        "seed": seed,
+        "steps": steps,
+        "data_digest": data_digest,
+        "versions": versions,
+        "devices": f"{jax.device_count()} x {jax.devices()[0].device_kind}",
+        "config": config,
+    }
+    write_text(Path(workdir) / "model_card.json", json.dumps(card, indent=2) + "\n")

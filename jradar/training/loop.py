@@ -28,8 +28,7 @@ from jradar.training.retries import (
     read_retries,
     step_key,
 )
-from jradar.training.state import TrainState
-from jradar.training.step import Batch, Step
+from jradar.training.step import Batch, Step, TrainState
 
 IN_FLIGHT = 2  # steps
 SHOWN_MEAN = 100  # steps that the printed loss averages
@@ -129,7 +128,6 @@ def _finished(pending, keep):
 
 
 def _due(done, every, steps):
-    """Return whether a task is due that runs every `every` steps and after the last."""
     return done == steps or (every > 0 and done % every == 0)
 
 

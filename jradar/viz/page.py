@@ -224,12 +224,10 @@ def _table(text: str) -> str:
 
 
 def _is_rule(cells: list[str]) -> bool:
-    """Return whether a line is the rule under a table's head."""
     return all(re.fullmatch(r":?-+:?", cell) for cell in cells)
 
 
 def _rows(lines: list[list[str]]) -> str:
-    """Return lines of cells as an HTML table with a head."""
     text = ""
     for i, line in enumerate(lines):
         mark = "td" if i else "th"

@@ -66,7 +66,6 @@ def preparation_figure(
 
 
 def _stages(steps):
-    """Return the name, kept points and removed points of each step."""
     real = returns(steps.xyz)
     above = steps.in_view & ~steps.ground
     upright = above & ~steps.ceiling

@@ -111,7 +111,6 @@ def read_state(path: Path | str) -> State:
 
 
 def _read_npz(path):
-    """The arrays of an .npz file."""
     check_unpacked(path, limit=MAX_FILE_BYTES)
     with np.load(path, allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}

@@ -200,7 +200,6 @@ def _check_published(path, state, kind, network):
 
 
 def _check_shape(path, name, tensor, wanted):
-    """Refuse a tensor of another shape than the parameter."""
     if tensor.shape != wanted.shape:
         raise ValueError(
             f"{path}: {name} has shape {tensor.shape}, the network needs "
@@ -214,7 +213,6 @@ def _is_new(name):
 
 
 def _check_complete(path, missing, surplus):
-    """Refuse a file that lacks parameters or has surplus blocks."""
     if missing or surplus:
         raise ValueError(
             f"{path} does not fit the network: {len(missing)} parameters missing "

@@ -151,31 +151,23 @@ def spectrum_maxima(
     return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE), height
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "subarray"))
+@functools.partial(jax.jit, static_argnames="radar")
 def smoothed_covariance(
-    snapshot: Complex[Array, "*batch snapshot virtual"],
-    radar: RadarSpec,
-    *,
-    subarray: int | None = None,
+    snapshot: Complex[Array, "*batch snapshot virtual"], radar: RadarSpec
 ) -> Complex[Array, "*batch element element"]:
     """Return a subarray's covariance: mean over snapshots, places, both directions.
 
-    `subarray` is the number of elements, by default two thirds of the row. Raises
-    ValueError if it does not fit into the row.
+    A subarray has two thirds of the row's elements. Raises ValueError for an array
+    without neighbouring elements.
     """
     check_antennas(snapshot.shape, radar)
     average = _longest_row(radar)
     length = len(average)
-    size = max(2, round(2 * length / 3)) if subarray is None else subarray
+    size = max(2, round(2 * length / 3))
     if length < 2:
         raise ValueError(
             f"Capon and MUSIC need neighbouring elements in a row, {radar.name} has "
             "none: use angles by FFT"
-        )
-    if not 2 <= size <= length:
-        raise ValueError(
-            f"subarray={size}, expected 2 to {length}, the neighbouring elements in "
-            f"the longest row of {radar.name}"
         )
     row = snapshot @ average.T
     window = np.arange(length - size + 1)[:, None] + np.arange(size)

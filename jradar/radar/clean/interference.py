@@ -252,6 +252,5 @@ def _median(power, axes):
 
 
 def _with_neighbours(disturbed):
-    """The samples and those next to them."""
     later = disturbed.at[..., 1:].max(disturbed[..., :-1])
     return later.at[..., :-1].max(disturbed[..., 1:])

@@ -212,7 +212,6 @@ def test_a_cell_of_nothing_has_no_peaks():
 @pytest.mark.parametrize(
     ("function", "antennas", "options", "message"),
     [
-        (smoothed_covariance, 12, {"subarray": 9}, "subarray=9, expected 2 to 8, .*"),
         (music_spectrum, 12, {"num_sources": 5}, "num_sources=5, expected 1 to 4: a s"),
         (music_spectrum, 12, {"num_sources": 0}, "num_sources=0, expected 1 to 4"),
         (capon_spectrum, 8, {}, "8 values per snapshot, awr1843 has 3 tx"),
