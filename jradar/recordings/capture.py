@@ -96,7 +96,8 @@ def open_capture(folder: Path | str) -> Recording:
     if base_from_radar is None:
         base_from_radar = _read_place(path, "radar", radar)
     else:
-        notes.append(f"the radar's place is that in {radar['description']}, [mount]")
+        source = radar.get("description", radar["file"])
+        notes.append(f"the radar's place is that in {source}, [mount]")
     poses = scans = base_from_lidar = None
     lidar_stamps = np.zeros(0)
     if "poses" in tables:

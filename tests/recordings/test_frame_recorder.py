@@ -254,6 +254,12 @@ def test_a_bag_of_frames_and_one_of_clouds_are_joined(apart, tmp_path):
     np.testing.assert_allclose(found.cubes.stamps, STAMPS + 0.03, atol=1e-6)
     assert found.lost_bytes.tolist() == [0, 0, 1456, 0] and len(found.lidar) == 2
     assert found.base_from_radar[2, 3] == 0.1
+    known = calibrated(apart)
+    (tmp_path / "walk.mcap").unlink()
+    recorded(tmp_path, known)
+    found = open_recording(tmp_path)
+    np.testing.assert_allclose(found.base_from_radar, known.base_from_radar)
+    assert any("place is that in walk.mcap, [mount]" in note for note in found.notes)
     for key in ("start_time_s = 3", "offset_s = 0.1", "allow_partial = true"):
         toml.write_text(text.replace("add_s = 0.03", key))
         with pytest.raises(UsageError, match=f"has {key.split()[0]}, but the frames"):
