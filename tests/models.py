@@ -29,23 +29,23 @@ CARD = Card("nothing", 7, "a test", (RADAR,))
 CONDITION_SHAPE = (8, 8, 12)
 
 
-def tiny_model(
-    *, confidence: ConfidenceTable = IDENTITY, card: Card = CARD, **changes: Any
-) -> Model:
+def random_params(network, image, condition, *, scale=0.1):
+    """Random parameters of a network for these shapes, where `init` has zeros."""
+    image, condition = jnp.zeros((1, *image)), jnp.zeros((1, *condition))
+    key, rng = jax.random.key(0), np.random.default_rng(0)
+    shapes = jax.eval_shape(network.init, key, image, jnp.zeros(1), condition)
+
+    def drawn(leaf):
+        return jnp.asarray(scale * rng.normal(size=leaf.shape), leaf.dtype)
+
+    return jax.tree.map(drawn, shapes)
+
+
+def tiny_model(*, confidence=IDENTITY, card: Card = CARD, **changes: Any) -> Model:
     """A model of random parameters; `changes` replace fields of its spec."""
     spec = dataclasses.replace(SPEC, **changes)
-    shapes = jax.eval_shape(
-        spec.network.init,
-        jax.random.key(0),
-        jnp.zeros((1, *spec.fine.shape, 2)),
-        jnp.zeros(1),
-        jnp.zeros((1, *spec.coarse.shape, 3 * spec.num_slices)),
-    )
-    rng = np.random.default_rng(0)
-    params = jax.tree.map(
-        lambda leaf: jnp.asarray(0.1 * rng.normal(size=leaf.shape), leaf.dtype), shapes
-    )
-    return Model(params, spec, card, confidence)
+    shapes = (*spec.fine.shape, 2), (*spec.coarse.shape, 3 * spec.num_slices)
+    return Model(random_params(spec.network, *shapes), spec, card, confidence)
 
 
 def one_pass_model() -> Model:
@@ -70,24 +70,8 @@ def echoes(seed: int = 0) -> jax.Array:
 def tiny_map_model() -> MapModel:
     """A model of maps of random parameters, of 16 heights and tiles of 32 columns."""
     spec = MapSpec(heights=16, tile=32)
-    network = dataclasses.replace(
-        NETWORK,
-        stem=(2, 2),
-        condition_stem=(2, 2),
-        condition_channels=8,
-        detail_channels=0,
-        outputs=17,
-        angles=False,
-    )
-    shapes = jax.eval_shape(
-        network.init,
-        jax.random.key(0),
-        jnp.zeros((1, 32, 32, 17)),
-        jnp.zeros(1),
-        jnp.zeros((1, 32, 32, 19)),
-    )
-    rng = np.random.default_rng(0)
-    params = jax.tree.map(
-        lambda leaf: jnp.asarray(0.2 * rng.normal(size=leaf.shape), leaf.dtype), shapes
-    )
+    fields = {"stem": (2, 2), "condition_stem": (2, 2), "condition_channels": 8}
+    fields |= {"detail_channels": 0, "outputs": 17, "angles": False}
+    network = dataclasses.replace(NETWORK, **fields)
+    params = random_params(network, (32, 32, 17), (32, 32, 19), scale=0.2)
     return MapModel(params, network, spec, trained_on="nothing")

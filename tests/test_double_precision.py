@@ -31,9 +31,7 @@ POINTS = {
     "plain": r.PointSpec(**WINDOW, capacity=64),
     "two peaks": r.PointSpec(**WINDOW, capacity=64, peaks=2),
     "music": r.PointSpec(**WINDOW, capacity=64, angles="music"),
-    "capon, peaks": r.PointSpec(
-        **WINDOW, capacity=64, angles="capon", group_peaks=True
-    ),
+    "capon, peaks": r.PointSpec(**WINDOW, capacity=9, angles="capon", group_peaks=True),
     "music, folds": r.PointSpec(**WINDOW, capacity=64, angles="music", folds=1),
     "two peaks, folds": r.PointSpec(**WINDOW, capacity=64, peaks=2, folds=1),
     "two peaks, capon": r.PointSpec(**WINDOW, capacity=64, peaks=2, angles="capon"),

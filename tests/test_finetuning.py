@@ -39,9 +39,7 @@ def start(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_own_frames_are_learnt_and_the_best_weights_are_kept(
-    records, start, tmp_path, monkeypatch
-):
+def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monkeypatch):
     found = finetune(
         records, tmp_path / "mine", model=start, spec=QUICK, replay=records
     )
@@ -82,15 +80,13 @@ def test_own_frames_are_learnt_and_the_best_weights_are_kept(
     monkeypatch.setattr(finetuning, "_judge", killed)
     for _ in range(2):
         with contextlib.suppress(KeyboardInterrupt):
-            resumed = finetune(
-                records, tmp_path / "killed", model=start, spec=QUICK, replay=records
-            )
+            options = {"spec": QUICK, "replay": records}
+            resumed = finetune(records, tmp_path / "killed", model=start, **options)
     assert len(judged) > 5 and fitted == [[2, 4]]
     assert resumed.before == found.before
     assert resumed.best_step == found.best_step
-    jax.tree.map(
-        np.testing.assert_array_equal, resumed.model.params, found.model.params
-    )
+    both = resumed.model.params, found.model.params
+    jax.tree.map(np.testing.assert_array_equal, *both)
     with pytest.raises(UsageError, match="holds a run with learning_rate = 0.01"):
         other = dataclasses.replace(QUICK, learning_rate=1e-4)
         finetune(records, tmp_path / "mine", model=start, spec=other, replay=records)

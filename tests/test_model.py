@@ -77,10 +77,8 @@ def oracle(*images, **changes):
 
 def test_the_networks_image_becomes_the_cloud_unless_there_are_no_echoes():
     model = oracle(LIDAR)
-    cloud, empty = (
-        enhance(KEY, cube, UNIT, model, draws=1)
-        for cube in (echoes(), jnp.zeros_like(echoes()))
-    )
+    cubes = echoes(), jnp.zeros_like(echoes())
+    cloud, empty = (enhance(KEY, cube, UNIT, model, draws=1) for cube in cubes)
     assert cloud.xyz.shape == (8 * 32, 3)
     np.testing.assert_allclose(project(cloud, FINE), LIDAR, atol=1e-4)
     assert not empty.valid.any()
@@ -211,9 +209,7 @@ def test_another_radars_cube_is_refused(model):
     assert shape == CONDITION_SHAPE
 
 
-def test_compiler_options_change_no_result_and_unknown_ones_are_left_out(
-    quick, monkeypatch
-):
+def test_compiler_options_change_no_result_and_unknown_ones_go(quick, monkeypatch):
     options = compiling.compiler_options()
     assert set(options) <= set(compiling.CPU_OPTIONS)
     compiled = draw.lower(KEY, IMAGE, quick).compile(options)

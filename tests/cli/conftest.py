@@ -87,10 +87,8 @@ def uncalibrated(tmp_path_factory):
     """A few frames of an uncalibrated radar, as cube.npy."""
     folder = tmp_path_factory.mktemp("uncalibrated")
     response = channels(CHIP, 25).reshape(3, 4, 1, 1).astype(np.complex64)
-    cubes = [
-        simulate_cube(jax.random.key(frame), scatterers(frame), CHIP) * response
-        for frame in range(6)
-    ]
+    cubes = (simulate_cube(jax.random.key(k), scatterers(k), CHIP) for k in range(6))
+    cubes = [cube * response for cube in cubes]
     noise = np.random.default_rng(0).standard_normal((2, 6, *CHIP.cube_shape))
     np.save(folder / "cube.npy", np.stack(cubes) + 5 * (noise[0] + 1j * noise[1]))
     (folder / "radar.toml").write_text(

@@ -16,14 +16,8 @@ from tests.cli.conftest import MODEL, QUICK, write_cube
 from tests.models import tiny_model
 from tests.recordings.conftest import root as root, sequence as sequence
 
-WAVEFORM = {
-    "start_frequency_hz": 77e9,
-    "slope_hz_per_s": 100e12,
-    "sample_rate_hz": 20e6,
-    "idle_time_s": 7e-6,
-    "adc_start_time_s": 2e-6,
-    "ramp_end_time_s": 15e-6,
-}
+WAVEFORM = {"start_frequency_hz": 77e9, "slope_hz_per_s": 100e12, "idle_time_s": 7e-6}
+WAVEFORM |= {"sample_rate_hz": 20e6, "adc_start_time_s": 2e-6, "ramp_end_time_s": 15e-6}
 
 
 @pytest.fixture
@@ -41,13 +35,9 @@ def test_the_result_is_the_librarys(enhance, small_cube, model_folder, tmp_path)
     assert result["model"]["purpose"] == "nothing" and not result["notes"]
     assert result["model"]["training_steps"] == 7
     recording = open_recording(small_cube)
-    image = draw(
-        jax.random.key(3),
-        condition(recording.cube(0), recording.radar, MODEL),
-        load_model(model_folder),
-        draws=2,
-        steps=1,
-    ).range_m
+    seen = condition(recording.cube(0), recording.radar, MODEL)
+    drawing = jax.random.key(3), seen, load_model(model_folder)
+    image = draw(*drawing, draws=2, steps=1).range_m
     with np.load(tmp_path / "out" / "enhanced.npz") as file:
         np.testing.assert_allclose(file["range_image"], image, atol=1e-4)
         assert len(file["xyz"]) == (image > 0).sum() == result["enhanced_points"] > 0
@@ -97,11 +87,8 @@ def test_a_flat_folder_is_read_in_order_by_kiss_icp(enhance, sequence, tmp_path)
     result = enhance("--frames", "9:11", "--flat", path=sequence, out=flat)
     assert result["written"] == [str(flat)]
     found = sorted(path.relative_to(flat).as_posix() for path in flat.rglob("[!.]*.*"))
-    assert found == [
-        f"{kind}/0000{number}.ply"
-        for kind in ("enhanced", "radar")
-        for number in ("09", "10")
-    ]
+    names = ("enhanced/000009", "enhanced/000010", "radar/000009", "radar/000010")
+    assert found == [f"{name}.ply" for name in names]
     clouds = generic.GenericDataset(flat / "enhanced")
     assert len(clouds) == 2
     for number, row in enumerate(result["enhanced"]):
@@ -133,9 +120,7 @@ def test_a_radar_with_real_samples_and_a_silent_frame(enhance, tmp_path):
     assert any("no echoes in frame 0" in note for note in result["notes"])
 
 
-def test_a_shipped_model_is_used_unless_another_is_named(
-    small_cube, tmp_path, monkeypatch, refused, capsys
-):
+def test_a_shipped_model_is_used(small_cube, tmp_path, monkeypatch, refused, capsys):
     monkeypatch.setattr(models.folder, "SHIPPED", tmp_path)
     command = ["enhance", small_cube, "-o", str(tmp_path / "out"), "--no-picture"]
     assert "no model at jradar-sim" in refused(*command, code=5)
@@ -148,9 +133,7 @@ def test_a_shipped_model_is_used_unless_another_is_named(
 
 
 @pytest.mark.parametrize("command", ["enhance", "export"])
-def test_a_regression_model_takes_no_sampling_options(
-    command, small_cube, tmp_path, refused
-):
+def test_regression_takes_no_sampling_options(command, small_cube, tmp_path, refused):
     folder, out = str(tmp_path / "model"), tmp_path / "out"
     save_model(folder, tiny_model(method="regression"))
     words = [small_cube, "--model", folder] if command == "enhance" else [folder]
@@ -160,16 +143,13 @@ def test_a_regression_model_takes_no_sampling_options(
 
 
 @pytest.mark.slow
-def test_background_and_interference_reach_the_radar_points(
-    enhance, small_cube, tmp_path
-):
+def test_background_and_interference_reach_the_points(enhance, small_cube, tmp_path):
     result = enhance("--remove-interference", "--background", ":", "--no-picture")
     assert "subtracted as background" in result["notes"][0]
     recording = without_background(open_recording(small_cube), slice(None))
     points = dataclasses.replace(MODEL.spec.points, remove_interference=True)
-    expected = radar_points(
-        recording.cubes[0], recording.radar, points=points.fitted(recording.radar.spec)
-    )
+    spec = points.fitted(recording.radar.spec)
+    expected = radar_points(recording.cubes[0], recording.radar, points=spec)
     xyz = np.asarray(expected.xyz)[np.asarray(expected.valid)]
     columns = read_cloud(tmp_path / "out" / "radar.ply")
     found = np.stack([columns[axis] for axis in "xyz"], -1)

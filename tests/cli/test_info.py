@@ -65,9 +65,7 @@ def test_frames_of_one_chirp_are_range_profiles_or_slow_time(samples, run_json):
     assert result["radar"]["max_velocity_mps"] == pytest.approx(0.966, abs=1e-3)
 
 
-def test_a_sequence_is_described_with_all_its_streams(
-    root, sequence, run_json, refused
-):
+def test_a_sequence_is_described_with_its_streams(root, sequence, run_json, refused):
     result = run_json("info", sequence, "--frame", "11")
     assert [s["stream"] for s in result["streams"]] == ["radar", "lidar", "poses"]
     assert result["frames_with_a_lidar_scan"] == result["frames"] == 12
@@ -93,17 +91,14 @@ def test_a_simulated_walk_is_described(walk, run_json):
     assert [s["stream"] for s in info["streams"]] == ["radar", "lidar", "poses", "imu"]
 
 
-def test_the_sensor_is_chosen_and_repairs_are_one_line_each(
-    root, sequence, capsys, refused
-):
+def test_the_sensor_is_chosen_and_repairs_are_lines(root, sequence, capsys, refused):
     command = ["info", str(sequence), "--sensor", "cascade"]
     assert "no cascade/adc_samples/data" in refused(*command)
     write_radar(sequence, "cascade", count=2)
     waveform = (root / "calib/single_chip/waveform_cfg.txt").read_text()
     (root / "calib/cascade").mkdir()
-    (root / "calib/cascade/waveform_cfg.txt").write_text(
-        waveform.replace("7.00000009601e-06", "7.00000009601")
-    )
+    changed = waveform.replace("7.00000009601e-06", "7.00000009601")
+    (root / "calib/cascade/waveform_cfg.txt").write_text(changed)
     (root / "calib/cascade/antenna_cfg.txt").write_bytes(
         (root / "calib/single_chip/antenna_cfg.txt").read_bytes()
     )

@@ -78,10 +78,8 @@ def commands(run, uncalibrated, model_folder, map_model_folder):
 
 def test_files_of_somebody_else_are_never_touched(own, commands, refused):
     before = hashes(own)
-    more = {
-        "set": ["simulate", "--set", "jradar-sim-1-mini"],
-        "": commands["function.jax"],
-    }
+    set_words = ["simulate", "--set", "jradar-sim-1-mini"]
+    more = {"set": set_words, "": commands["function.jax"]}
     said = {
         "points": "radar.ply was not written by this command",
         "enhance frames": "000000/radar.ply was not written by this command",
@@ -106,10 +104,8 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
             output = own / f"out{name[-5:]}"
         found = refused(*words, "-o", output, code=4 if name == "set" else 2)
         assert str(output) in found and said.get(name, "") in found
-        forced = (
-            words[0] not in ("prepare", "finetune", "simulate", "record")
-            or "--preview" in words
-        )
+        never = words[0] in ("prepare", "finetune", "simulate", "record")
+        forced = not never or "--preview" in words
         assert ("--force" in found) == (forced and name != ""), found
         assert hashes(own) == before, name
 
@@ -131,9 +127,7 @@ def test_no_command_takes_a_file_of_somebody_for_its_output(own, commands, refus
 
 
 @pytest.mark.slow
-def test_a_second_run_replaces_the_first_and_nothing_else(
-    own, commands, run_json, refused
-):
+def test_a_second_run_replaces_the_first_alone(own, commands, run_json, refused):
     pytest.importorskip("foxglove")
     before, new = hashes(own), own / "new"
     commands.pop("record", None)  # never replaces, see test_frame_recorder.py

@@ -2,13 +2,7 @@
 
 import numpy as np
 
-from jradar.radar import (
-    PointSpec,
-    point_deviations,
-    radar_points,
-    static_background,
-    subtract_background,
-)
+from jradar import radar
 from jradar.recordings import open_recording, read_cloud, valid_points
 from tests.cli.conftest import write_cube
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -27,24 +21,16 @@ def test_options_of_the_detector_are_the_librarys(small_cube, run_json, tmp_path
     options += "--folds 1 --deviations --detector ca"
     run_json("points", small_cube, "-o", tmp_path, *options.split())
     recording = open_recording(small_cube)
-    spec = PointSpec(
-        guard=(1, 3),
-        train=(5, 6),
-        angles="music",
-        capacity=99,
-        group_peaks=True,
-        folds=1,
-        detector="ca",
-    ).fitted(recording.radar.spec)
-    expected = radar_points(recording.cube(0), recording.radar, points=spec)
+    given = {"guard": (1, 3), "train": (5, 6), "angles": "music", "capacity": 99}
+    spec = radar.PointSpec(**given, group_peaks=True, folds=1, detector="ca")
+    spec = spec.fitted(recording.radar.spec)
+    expected = radar.radar_points(recording.cube(0), recording.radar, points=spec)
     columns = assert_columns(tmp_path / "radar.npz", valid_points(expected))
     assert len(columns["fold"]) == len(columns["fold_margin_db"]) > 0
-    found = point_deviations(expected, recording.radar.spec, points=spec)
+    found = radar.point_deviations(expected, recording.radar.spec, points=spec)
     valid = np.asarray(expected.valid)
-    deviations = {
-        f"deviation_{name}": np.asarray(values)[valid]
-        for name, values in found._asdict().items()
-    }
+    columns = {f"deviation_{k}": np.asarray(v) for k, v in found._asdict().items()}
+    deviations = {name: values[valid] for name, values in columns.items()}
     assert_columns(tmp_path / "radar.npz", deviations)
 
 
@@ -69,10 +55,8 @@ def test_several_frames_are_as_each_alone(sequence, run_json, tmp_path):
     result = run_json(*command, tmp_path / "few", "--frames", "1:3")
     assert result["radar"] == "coloradar single_chip"
     assert [row["frame"] for row in result["detected"]] == [1, 2]
-    assert sorted(p.name for p in (tmp_path / "few").glob("[!.]*")) == [
-        "000001",
-        "000002",
-    ]
+    names = sorted(p.name for p in (tmp_path / "few").glob("[!.]*"))
+    assert names == ["000001", "000002"]
     run_json(*command, tmp_path / "one", "--frame", 2)
     assert (tmp_path / "one" / "capture.png").stat().st_size > 10_000
     for name in ("radar.csv", "radar.npz"):
@@ -94,17 +78,15 @@ def test_a_frame_without_echoes_says_so(run_json, tmp_path):
     assert any("no echoes" in note for note in found["notes"])
 
 
-def test_background_and_interference_are_removed_as_by_the_library(
-    sequence, run_json, tmp_path
-):
+def test_background_and_interference_go_as_by_the_library(sequence, run_json, tmp_path):
     options = ["--background", "0:3", "--remove-interference"]
     result = run_json("points", sequence, "-o", tmp_path, "--frame", 3, *options)
     assert any("frames 0 to 2 is subtracted" in note for note in result["notes"])
     recording = open_recording(sequence)
-    background = static_background(recording.cubes[:3])
-    left = subtract_background(recording.cubes[3], background)
-    spec = PointSpec(remove_interference=True).fitted(recording.radar.spec)
-    expected = radar_points(left, recording.radar, points=spec)
+    background = radar.static_background(recording.cubes[:3])
+    left = radar.subtract_background(recording.cubes[3], background)
+    spec = radar.PointSpec(remove_interference=True).fitted(recording.radar.spec)
+    expected = radar.radar_points(left, recording.radar, points=spec)
     with np.load(tmp_path / "radar.npz") as file:
         for name, column in valid_points(expected).items():
             np.testing.assert_allclose(file[name], column, rtol=1e-3, atol=1e-3)

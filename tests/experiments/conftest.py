@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 import pytest
 
 from experiments import build, main
@@ -17,6 +15,7 @@ from jradar.data import PrepareSpec, Records, prepare
 from jradar.lidar import LidarSpec
 from jradar.model import Model
 from tests.experiments.tiny_config import shrink
+from tests.models import random_params
 from tests.recordings.small_sequence import write_sequence, write_splits
 
 TINY = f"--config={Path(__file__).with_name('tiny_config.py')}"
@@ -64,17 +63,8 @@ def random_model(config, records: Records) -> Model:
     """A model of random parameters for a config."""
     spec = build.build_spec(config, records)
     pair = build.build_pairs(spec, records)[0]
-    shapes = jax.eval_shape(
-        spec.network.init,
-        jax.random.key(0),
-        jnp.zeros((1, *pair.lidar.shape, 2)),
-        jnp.zeros(1),
-        jnp.asarray(pair.condition[None]),
-    )
-    rng = np.random.default_rng(0)
-    params = jax.tree.map(
-        lambda leaf: 0.1 * rng.normal(size=leaf.shape).astype(np.float32), shapes
-    )
+    shapes = (*pair.lidar.shape, 2), pair.condition.shape
+    params = random_params(spec.network, *shapes)
     return Model(params, spec, build.build_card(config, records))
 
 

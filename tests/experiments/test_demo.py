@@ -38,18 +38,12 @@ def workdir(tmp_path, config):
 
 
 @pytest.mark.slow
-def test_shipped_models_are_scored_beside_the_detectors(
-    workdir, config, tmp_path, monkeypatch, capsys
-):
+def test_shipped_models_are_scored(workdir, config, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
     model = random_model(config, Records(workdir / "data" / "records"))
     far = dataclasses.replace(model.spec.fine, max_range_m=15.0)
-    changes = {
-        "jradar-sim": {},
-        "more": {},
-        "other": {"fine": far},
-        "plain": {"method": "regression"},
-    }
+    plain = {"method": "regression"}
+    changes = {"jradar-sim": {}, "more": {}, "other": {"fine": far}, "plain": plain}
     for name, change in changes.items():
         spec = dataclasses.replace(model.spec, **change)
         save_model(tmp_path / "weights" / name, dataclasses.replace(model, spec=spec))
@@ -72,20 +66,15 @@ def test_clouds_pictures_and_scores_stand_beside_the_report(
     monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
     demo.evaluate(config, workdir)
     text = capsys.readouterr().out
-    assert (
-        "ships no model" in text
-        and "Expect" not in text
-        and "| OS-CFAR |" in text
-        and "| ms |" in text
-    )
+    parts = ("ships no model", "| OS-CFAR |", "| ms |")
+    assert all(part in text for part in parts) and "Expect" not in text
     out = workdir / "evaluation"
     names = {path.name for path in out.iterdir()}
     pictures = {"curves.png", "clouds.png", "samples.png"}
     assert {"report.html", "table.md", "table.tex", "table.csv"} | pictures <= names
     files = {path.name for path in (out / "clouds" / "lab_200_1").iterdir()}
-    assert files == {
-        f"{name}.ply" for name in ("radar", "OS-CFAR", "CA-CFAR", "splat", "LiDAR")
-    }
+    clouds = ("radar", "OS-CFAR", "CA-CFAR", "splat", "LiDAR")
+    assert files == {f"{name}.ply" for name in clouds}
     cloud = recordings.read_cloud(out / "clouds" / "lab_200_1" / "LiDAR.ply")
     truth = load_clouds(out / "clouds.npz")["lab", "lab_200", 1]["LiDAR"]
     assert (cloud["x"] == truth[:, 0]).all() and len(truth) > 100
@@ -95,9 +84,7 @@ def test_clouds_pictures_and_scores_stand_beside_the_report(
 
 
 @pytest.mark.slow
-def test_layouts_are_of_the_test_split_and_simulated_once(
-    tmp_path, config, monkeypatch
-):
+def test_layouts_are_of_the_test_split_and_made_once(tmp_path, config, monkeypatch):
     pytest.importorskip("embreex")
     config.data.layouts = 1
     two = [

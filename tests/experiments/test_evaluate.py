@@ -9,20 +9,8 @@ import pytest
 
 from experiments import build, enhance
 from experiments.configs import regression
-from jradar import data
+from jradar import data, evaluation
 from jradar.errors import UsageError
-from jradar.evaluation import (
-    Frame,
-    detected,
-    detector_methods,
-    mean_scores,
-    points_of,
-    score_records,
-    seen_points,
-    smeared,
-    surest_points,
-    view_of,
-)
 from jradar.model import Model
 from jradar.radar import PointSpec
 from jradar.range_image import encode_range
@@ -34,7 +22,7 @@ def test_validation_follows_the_tables_rule_for_frames_without_points(records):
     frame = data.Records(records, "train")[0]
     perfect, nothing = frame.lidar_xyz, np.zeros((0, 3))
     truths = [perfect, perfect, nothing]
-    found = mean_scores([perfect, nothing, perfect], truths)
+    found = evaluation.mean_scores([perfect, nothing, perfect], truths)
     assert found == {
         "chamfer": pytest.approx(0, abs=1e-5),
         "f_score_0.2": pytest.approx(0.5),
@@ -62,22 +50,24 @@ def test_direct_regression_draws_the_networks_answer(trained):
     changed["params"]["trunk"]["unfold"]["bias"] = np.tile(out, 2 * 8)
     methods = enhance.model_methods(config, Model(changed, spec))
     assert [*methods] == ["direct regression"]
-    frame = Frame(frames[0], pairs[0])
+    frame = evaluation.Frame(frames[0], pairs[0])
     for key in (0, 1):
         cloud = methods["direct regression"](jax.random.key(key), frame)
-        xyz = points_of(cloud)
+        xyz = evaluation.points_of(cloud)
         assert len(xyz) == 16 * 64
         np.testing.assert_allclose(np.linalg.norm(xyz, axis=-1), 5.0, rtol=1e-3)
 
 
 def test_ranges_of_detections_are_without_the_radars_bias(records):
     frames = data.Records(records, "test")
-    view, frame = view_of(frames), frames[0]
+    view, frame = evaluation.view_of(frames), frames[0]
     wide = view._replace(fine=dataclasses.replace(view.fine, max_range_m=100.0))
     mask = np.asarray(frame.cells.power) >= np.sort(frame.cells.power, axis=None)[-20]
     mask[:, : mask.shape[1] // 4] = False  # far enough to be nearer
     plain, mended = (
-        points_of(seen_points(frame._replace(range_bias_m=bias), mask, wide))
+        evaluation.points_of(
+            evaluation.seen_points(frame._replace(range_bias_m=bias), mask, wide)
+        )
         for bias in (0.0, 0.3)
     )
     assert len(plain) == len(mended) > 0
@@ -97,37 +87,39 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
     data.prepare(source, folder, spec, workers=1)
     records = data.Records(folder)
     assert records.windows_of("a") == ("hann", "blackman")
-    view, frame = view_of(records), records[0]
+    view, frame = evaluation.view_of(records), records[0]
     all_round = {"azimuth": (-3.0, 3.0), "elevation": (-1.5, 1.5), "max_range_m": 99.0}
     view = view._replace(fine=dataclasses.replace(view.fine, **all_round))
-    found = points_of(detected(frame, view, detector="so", rate=rate))
-    expected = points_of(frame.radar)
+    found = evaluation.points_of(
+        evaluation.detected(frame, view, detector="so", rate=rate)
+    )
+    expected = evaluation.points_of(frame.radar)
     assert len(expected) > 10 and view.points(frame).range_window == "blackman"
     np.testing.assert_allclose(found, expected, atol=0.01)  # angles are float16
 
 
 def test_splat_smears_the_points_by_20_cm_to_one_for_each_pixel(records):
-    view = view_of(data.Records(records, "train"))
+    view = evaluation.view_of(data.Records(records, "train"))
     middle = PointCloud.from_xyz(np.array([[5.0, 0, 0]]))
-    cloud = smeared(jax.random.key(1), middle, view)
+    cloud = evaluation.smeared(jax.random.key(1), middle, view)
     assert cloud.valid.shape == (128 * 512,) and cloud.valid.all()
     np.testing.assert_allclose(cloud.xyz.mean(0), [5, 0, 0], atol=0.01)
     np.testing.assert_allclose(np.cov(cloud.xyz.T), 0.04 * np.eye(3), atol=0.002)
     edge = PointCloud.from_xyz(np.array([[view.fine.max_range_m, 0, 0]]))
-    assert smeared(jax.random.key(1), edge, view).valid.mean() == pytest.approx(
-        0.5, abs=0.02
-    )
+    assert evaluation.smeared(
+        jax.random.key(1), edge, view
+    ).valid.mean() == pytest.approx(0.5, abs=0.02)
     nothing = PointCloud.from_xyz(np.zeros((4, 3)))
-    assert not smeared(jax.random.key(1), nothing, view).valid.any()
+    assert not evaluation.smeared(jax.random.key(1), nothing, view).valid.any()
 
 
 def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():
     xyz, valid = np.eye(3, dtype=np.float32), np.array([True, False, True])
     plain = PointCloud(jnp.asarray(xyz), jnp.asarray(valid))
-    np.testing.assert_array_equal(surest_points(plain), xyz[valid])
+    np.testing.assert_array_equal(evaluation.surest_points(plain), xyz[valid])
     sure = plain._replace(confidence=jnp.asarray([0.25, 0.5, 1.0000001]))
     expected = [[1, 0, 0, 0.25], [0, 0, 1, 1]]
-    np.testing.assert_array_equal(surest_points(sure), expected)
+    np.testing.assert_array_equal(evaluation.surest_points(sure), expected)
 
 
 def test_models_are_not_trained_on_directions_by_music(trained):
@@ -151,12 +143,12 @@ def test_a_config_for_recordings_asks_for_them(tmp_path):
 def test_frames_with_more_or_fewer_points_are_scored_without_compiling(records, caplog):
     frames = data.Records(records, "train")
     assert len({len(frames[i].lidar_xyz) for i in range(3)}) > 1
-    view = view_of(frames)
+    view = evaluation.view_of(frames)
     pairs = [data.Pair(None, np.ones(view.fine.shape, np.float32))] * len(frames)
-    methods = detector_methods(view, {"os": 1e-3})
+    methods = evaluation.detector_methods(view, {"os": 1e-3})
     jax.clear_caches()  # another test may have compiled the detector
     with jax.log_compiles():
-        rows = score_records(jax.random.key(0), view, pairs, methods)
+        rows = evaluation.score_records(jax.random.key(0), view, pairs, methods)
         first = next(rows)
         assert any("Compiling" in message for message in caplog.messages)
         caplog.clear()

@@ -189,9 +189,8 @@ def test_a_run_turns_on_the_cache_before_jax_is_needed(tmp_path, monkeypatch):
 
 def test_missing_config_is_named(tmp_path, capsys):
     assert run(tmp_path, "--config=experiments/configs/nothing.py") == 2
-    assert "no such config file: experiments/configs/nothing.py" in (
-        capsys.readouterr().err
-    )
+    missing = "no such config file: experiments/configs/nothing.py"
+    assert missing in capsys.readouterr().err
 
 
 def test_wrong_keys_answer_before_jax_loads(tmp_path):

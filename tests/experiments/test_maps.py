@@ -7,22 +7,14 @@ from experiments import main, maps
 from experiments.configs import maps as recipe
 from jradar.errors import UsageError
 from jradar.mapping import load_map_model
-from tests.mapping.test_maps import room
+from tests.mapping.test_maps import room, save_run
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("maps")
     for seed, name in enumerate(("hall_run0", "hall_run1", "mine_run1", "mine_run2")):
-        run = room(np.random.default_rng(seed))
-        np.savez(
-            folder / f"{name}.npz",
-            radar_map=run.radar,
-            lidar_map=run.lidar,
-            patch=np.arange(2),
-            radar_in_patch=run.radar_in_patch,
-            lidar_in_patch=run.lidar_in_patch,
-        )
+        save_run(folder / f"{name}.npz", room(np.random.default_rng(seed)))
     return folder
 
 
@@ -75,18 +67,10 @@ def test_the_calibration_error_is_that_of_all_voxels_of_a_group():
 
 @pytest.mark.slow
 def test_a_short_run_trains_saves_and_scores(folder, tmp_path, capsys):
-    options = {
-        "data.path": folder,
-        "data.validation": "('mine_run2',)",
-        "map.heights": 16,
-        "map.tile": 32,
-        "network.channels": 8,
-        "network.multipliers": "(1,)",
-        "network.condition_channels": 8,
-        "train.steps": 4,
-        "train.batch_size": 2,
-        "train.evaluate_every": 0,
-    }
+    options = {"data.path": folder, "data.validation": "('mine_run2',)"}
+    options |= {"map.heights": 16, "map.tile": 32, "network.channels": 8}
+    options |= {"network.multipliers": "(1,)", "network.condition_channels": 8}
+    options |= {"train.steps": 4, "train.batch_size": 2, "train.evaluate_every": 0}
     words = [f"--config.{name}={value}" for name, value in options.items()]
     file = f"--config={recipe.__file__}"
     workdir = tmp_path / "run"

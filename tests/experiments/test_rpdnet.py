@@ -41,9 +41,7 @@ def config(records):
 
 
 @pytest.mark.slow
-def test_a_run_ends_with_its_row_and_resumes_from_its_checkpoint(
-    config, tmp_path, capsys
-):
+def test_a_run_ends_with_its_row_and_resumes(config, tmp_path, capsys):
     train.run(rpdnet, config, tmp_path)
     scores = evaluation.read_scores(tmp_path / "evaluation" / "frames.jsonl")
     assert {row["method"] for row in scores} == {"RPDNet"}
@@ -72,9 +70,8 @@ def test_it_learns_a_mask_that_a_threshold_cannot_give(config):
     config.train.update(learning_rate=2e-2, steps=150)
     optimizer = build_optimizer(config.train)
     params = rpdnet_params(jax.random.key(0, impl="rbg"), detector, (16, 16))
-    state = training.TrainState(
-        jnp.zeros((), jnp.int32), params, params, optimizer.init(params)
-    )
+    step = jnp.zeros((), jnp.int32)
+    state = training.TrainState(step, params, params, optimizer.init(params))
     step = make_rpdnet_step(detector, optimizer, adversarial=0.0, ema_decay=0.5)
     for _ in range(150):
         state, _ = step(state, jax.random.key(0), batch)

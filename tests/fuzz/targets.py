@@ -183,10 +183,8 @@ def splits(folder: Path) -> Path:
 def clouds_bag(folder: Path, container: str, compressed: str) -> Path:
     """A bag with clouds of two kinds."""
     rows = bags.livox_rows(20)
-    messages = [
-        ("/l", bags.LIVOX, bags.START + i, bags.livox(rows, bags.START + i))
-        for i in range(3)
-    ]
+    stamps = range(bags.START, bags.START + 3)
+    messages = [("/l", bags.LIVOX, stamp, bags.livox(rows, stamp)) for stamp in stamps]
     made = bags.point_cloud2(bags.columns(20), bags.START)
     messages.append(("/p", bags.CLOUD, bags.START, made))
     return bags.write_bag(folder / "bag", container, messages, compressed)

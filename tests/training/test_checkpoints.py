@@ -61,9 +61,7 @@ def data_file(folder):
 def test_flipped_bit_is_found_and_the_older_step_is_restored(folder, caplog):
     flip(data_file(folder / "4"))
     assert restored_step(folder) == 2
-    assert "checkpoint of step 4 is not usable: its data does not match its digest" in (
-        caplog.text
-    )
+    assert "checkpoint of step 4 is not usable: its data does not match" in caplog.text
     assert (folder.parent / "checkpoints-unusable" / "4").is_dir()
     save(folder, 4)  # in the place that has become free
     assert restored_step(folder) == 4

@@ -81,9 +81,7 @@ def test_resumed_run_equals_the_uninterrupted_one(start, tmp_path):
     assert_equal_trees(run(start, tmp_path / "b", 7), whole)  # left as it is
 
 
-def test_lines_after_the_checkpoint_are_run_again_and_torn_ones_dropped(
-    start, tmp_path
-):
+def test_lines_after_the_checkpoint_run_again_and_torn_ones_drop(start, tmp_path):
     run(start, tmp_path, 4)
     expected = losses(tmp_path)
     path = tmp_path / "metrics.jsonl"
@@ -112,9 +110,8 @@ def failing(*, steps, times, what="loss"):
     def step(state, key, batch):
         after, metrics = STEP(state, key, batch)
         if int(state.step) in steps and jax.random.key_data(key).tolist() in bad:
-            after = after._replace(
-                params=jax.tree.map(lambda x: x * np.nan, after.params)
-            )
+            params = jax.tree.map(lambda x: x * np.nan, after.params)
+            after = after._replace(params=params)
             metrics[name] = np.float32(np.nan)
         return after, metrics
 
@@ -127,15 +124,12 @@ def test_step_that_fails_is_run_again_with_other_noise(start, tmp_path, what):
     assert_equal_trees(state, by_hand(start, 6, retries=[3]))
     assert [step for step, _ in losses(tmp_path)] == [*range(6)]
     assert json.loads((tmp_path / "retries.json").read_text()) == {"steps": [3]}
-    assert not np.array_equal(
-        *(jax.tree.leaves(s.params)[1] for s in (state, by_hand(start, 6)))
-    )
+    both = state, by_hand(start, 6)
+    assert not np.array_equal(*(jax.tree.leaves(s.params)[1] for s in both))
 
 
 @pytest.mark.parametrize("checkpoint_every", [3, 100])
-def test_where_checkpoints_lie_does_not_change_what_retries_do(
-    start, tmp_path, checkpoint_every
-):
+def test_where_checkpoints_lie_changes_no_retries(start, tmp_path, checkpoint_every):
     step = functools.partial(run, step=failing(steps=[1, 4], times=1))
     for steps in (3, 5, 6):  # resumed before, between and after the failures
         state = step(start, tmp_path, steps, checkpoint_every=checkpoint_every)

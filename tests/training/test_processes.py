@@ -97,9 +97,7 @@ def test_killed_run_resumes_and_ends_like_an_uninterrupted_one(launch, whole, tm
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(2))
-def test_runs_killed_at_random_end_like_an_uninterrupted_one(
-    launch, whole, tmp_path, seed
-):
+def test_runs_killed_at_random_end_like_an_unbroken_one(launch, whole, tmp_path, seed):
     path = tmp_path / "metrics.jsonl"
     for delay in random.Random(seed).choices([n / 100 for n in range(30)], k=5):
         before = path.read_text() if path.exists() else ""
@@ -129,9 +127,7 @@ def same(found, expected):
 
 @RACES
 @pytest.mark.slow
-def test_four_devices_stop_at_sigterm_and_give_the_losses_of_one(
-    launch, whole, tmp_path
-):
+def test_four_devices_stop_at_sigterm_with_the_losses_of_one(launch, whole, tmp_path):
     flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=4"
     process = launch(tmp_path, 12, "--seconds=0.1", XLA_FLAGS=flags)
     wait_for_step(process, tmp_path, 5)
@@ -152,17 +148,13 @@ def together(launch, workdir, steps, *flags):
         "JAX_COORDINATOR_BIND_ADDRESS": address,
         "JAX_NUM_PROCESSES": "2",
     }
-    return [
-        launch(workdir, steps, *flags, **common, JAX_PROCESS_ID=str(index))
-        for index in range(2)
-    ]
+    ranks = ({"JAX_PROCESS_ID": str(index)} for index in range(2))
+    return [launch(workdir, steps, *flags, **common, **rank) for rank in ranks]
 
 
 @RACES
 @pytest.mark.slow
-def test_two_processes_give_the_losses_of_one_and_stop_together(
-    launch, whole, tmp_path
-):
+def test_two_processes_give_the_losses_of_one_and_stop(launch, whole, tmp_path):
     pair = together(launch, tmp_path, 12, "--seconds=0.1")
     wait_for_step(pair[0], tmp_path, 2)
     pair[1].send_signal(signal.SIGTERM)  # one is told, both save and end
@@ -176,9 +168,7 @@ def test_two_processes_give_the_losses_of_one_and_stop_together(
 @RACES
 @pytest.mark.slow
 @pytest.mark.parametrize("victim", [0, 1])
-def test_a_process_whose_partner_dies_ends_too_and_the_run_resumes(
-    launch, whole, tmp_path, victim
-):
+def test_a_process_whose_partner_dies_ends_and_resumes(launch, whole, tmp_path, victim):
     pair = together(launch, tmp_path, 12, "--seconds=0.1")
     wait_for_step(pair[0], tmp_path, 4)
     kill(pair[victim])

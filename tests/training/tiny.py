@@ -14,15 +14,8 @@ import jax
 import numpy as np
 import optax
 
+from jradar import training
 from jradar.diffusion import NoiseSpec
-from jradar.training import (
-    Batch,
-    Interrupted,
-    create_state,
-    join_processes,
-    make_train_step,
-    train,
-)
 
 KEY_SEED = 3
 NOISE = NoiseSpec()
@@ -52,25 +45,21 @@ class TinyNet(nn.Module):
 
 
 NETWORK = TinyNet()
-STEP = make_train_step(NETWORK, OPTIMIZER, NOISE, ema_decay=0.9)
+STEP = training.make_train_step(NETWORK, OPTIMIZER, NOISE, ema_decay=0.9)
 
 
 def batch_at(step):
     rng = np.random.default_rng(step)
-    return Batch(
+    return training.Batch(
         rng.normal(size=(4, 8, 8, 2)).astype(np.float32),
         0.5 * rng.normal(size=(4, 8, 16, 2)).astype(np.float32),
     )
 
 
 def new_state():
-    return create_state(
-        jax.random.key(0, impl="rbg"),
-        NETWORK,
-        OPTIMIZER,
-        image_shape=(8, 16, 2),
-        condition_shape=(8, 8, 2),
-    )
+    shapes = {"image_shape": (8, 16, 2), "condition_shape": (8, 8, 2)}
+    key = jax.random.key(0, impl="rbg")
+    return training.create_state(key, NETWORK, OPTIMIZER, **shapes)
 
 
 def distance_from_zero(state, step):
@@ -87,16 +76,10 @@ def run(workdir, steps, *, before_step=lambda step: None):
         before_step(step)
         return batch_at(step)
 
-    train(
-        jax.random.key(KEY_SEED),
-        new_state(),
-        STEP,
-        next_batch_at,
-        steps=steps,
-        workdir=workdir,
-        checkpoint_every=2,
-        evaluate_every=3,
-        evaluate=distance_from_zero,
+    often = {"checkpoint_every": 2, "evaluate_every": 3, "evaluate": distance_from_zero}
+    training.train(
+        *(jax.random.key(KEY_SEED), new_state(), STEP, next_batch_at),
+        **often | {"steps": steps, "workdir": workdir},
     )
 
 
@@ -111,14 +94,11 @@ def main():
     # A partner counts as dead after 20 s of silence, not after JAX's 100 s.
     soon = functools.partial(jax.distributed.initialize, heartbeat_timeout_seconds=20)
     jax.distributed.initialize = soon
-    join_processes()
+    training.join_processes()
     try:
-        run(
-            Path(options.workdir),
-            options.steps,
-            before_step=lambda step: time.sleep(options.seconds),
-        )
-    except Interrupted as stop:
+        workdir, seconds = Path(options.workdir), options.seconds
+        run(workdir, options.steps, before_step=lambda step: time.sleep(seconds))
+    except training.Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code
     return 0

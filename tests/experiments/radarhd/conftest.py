@@ -42,11 +42,8 @@ def shrink(config, path=""):
 
 def random_params(config):
     """Random parameters of a config's network."""
-    inputs = (
-        jnp.zeros((1, *LIDAR.shape, 1)),
-        jnp.zeros(1),
-        jnp.zeros((1, *RADAR.shape, config.data.history)),
-    )
+    seen = jnp.zeros((1, *RADAR.shape, config.data.history))
+    inputs = (jnp.zeros((1, *LIDAR.shape, 1)), jnp.zeros(1), seen)
     shapes = jax.eval_shape(networks(config)[0].init, jax.random.key(0), *inputs)
     rng = np.random.default_rng(0)
     return jax.tree.map(

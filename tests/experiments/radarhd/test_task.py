@@ -104,11 +104,7 @@ def test_wrong_weights_are_named(walls, started, tmp_path):
         ("method", "guess", "method = 'guess', expected one of"),
         ("data.path", "", "no pairs: pass RadarHD's folder"),
         ("noise.sigma_data", 0.6, "config.noise: sigma_data = 0.6, expected"),
-        (
-            "data.threshold_trajectories",
-            (136, 9),
-            "config.data.threshold_traj.*: no tr",
-        ),
+        ("data.threshold_trajectories", (136, 9), "config.data.threshold_traj.*: no t"),
         ("data.turn", 120.0, "config.data.turn: 120 degrees, expected -90"),
     ],
 )

@@ -17,8 +17,7 @@ def test_the_table_of_shifts_has_means_and_shares_of_warnings():
         return (
             place
             | scores
-            | {"truth": "LiDAR", "method": "ours", "points": 9}
-            | {"truth_points": 9}
+            | {"truth": "LiDAR", "method": "ours", "points": 9, "truth_points": 9}
         )
 
     scores = [row("clean", 0.8, 0), row("clean", 0.6, 1)]
