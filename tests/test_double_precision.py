@@ -38,6 +38,7 @@ POINTS = {
     "focus": r.PointSpec(**WINDOW, capacity=64, focus=True),
     "static": r.PointSpec(**WINDOW, remove_static=True, remove_interference=True),
 }
+UNIT, PLAIN = Radar(CHIP), POINTS["plain"]
 RATE = {"false_alarm_rate": 0.1, "channels": 12, "windows": ("hann", "hann")}
 
 
@@ -82,10 +83,8 @@ KERNELS = {
     "range_doppler": lambda: r.range_doppler(cube()),
     "range_doppler, real": lambda: r.range_doppler(cube().real),
     "power_map": lambda: r.power_map(cube(), remove_static=True),
-    "calibrate": lambda: r.calibrate(cube(), r.Radar(CHIP).with_factors(waves(12))),
-    "calibrate, real": lambda: r.calibrate(
-        cube().real, r.Radar(CHIP).with_factors(waves(12))
-    ),
+    "calibrate": lambda: r.calibrate(cube(), UNIT.with_factors(waves(12))),
+    "calibrate, real": lambda: r.calibrate(cube().real, UNIT.with_factors(waves(12))),
     "calibrate, beats": lambda: r.calibrate(
         cube(), r.Radar(CHIP, channels=waves(3, 4), beat_bins=numbers(3, 4))
     ),
@@ -107,14 +106,9 @@ KERNELS = {
         )
         for name, spec in POINTS.items()
     },
-    "points_and_count": lambda: r.points_and_count(
-        cube(), Radar(CHIP), points=POINTS["plain"]
-    ),
+    "points_and_count": lambda: r.points_and_count(cube(), UNIT, points=PLAIN),
     "all_cells": lambda: r.cell_points(
-        r.all_cells(cube(), Radar(CHIP), points=POINTS["plain"]),
-        power() > 1,
-        Radar(CHIP),
-        points=POINTS["plain"],
+        r.all_cells(cube(), UNIT, points=PLAIN), power() > 1, UNIT, points=PLAIN
     ),
     "angle_spectrum": lambda: r.angle_spectrum(waves(3, 12), CHIP),
     "spectrum_peaks": lambda: spectrum_peaks(numbers(3, 32, 64), CHIP),
@@ -152,7 +146,7 @@ KERNELS = {
     "crossing_chirps": lambda: r.crossing_chirps(
         key(), r.draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
     ),
-    "strong_snapshots": lambda: strong_snapshots(cube(), Radar(CHIP)),
+    "strong_snapshots": lambda: strong_snapshots(cube(), UNIT),
     "explain": lambda: explain(waves(4, 12), waves(12), CHIP),
     "project": lambda: ri.unproject(ri.project(cloud(), SPEC), SPEC),
     "project_slices": lambda: ri.project_slices(cloud(), SPEC, num_slices=4),

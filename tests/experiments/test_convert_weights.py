@@ -3,13 +3,13 @@
 import pickle
 import sys
 import types
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiments.convert_weights import main
 from jradar.diffusion.weights.files import read_state
+from tests.diffusion.test_perceptual import Evil
 
 # What torch.load(weights_only=True) raises for an object of a file.
 ADVICE = (
@@ -80,16 +80,6 @@ def test_a_state_dict_is_converted(torch, tmp_path):
     assert main([str(tmp_path / "net.pt"), str(tmp_path / "net.safetensors")]) == 0
     state = read_state(tmp_path / "net.safetensors")
     np.testing.assert_array_equal(state["out.0.weight"], np.ones(3, np.float32))
-
-
-class Evil:
-    """Touches a file when it is unpickled."""
-
-    def __init__(self, path):
-        self.path = path
-
-    def __reduce__(self):
-        return Path.touch, (self.path,)
 
 
 @pytest.fixture

@@ -161,9 +161,7 @@ def test_the_card_is_no_radar(tmp_path, samples):
         ((*RADIO, "rlFrameCfg_t"), [1], r"rlFrameCfg_t = \[1\], expected a dict"),
         ((*RADIO, "rlFrameCfg_t", "numLoops"), True, "numLoops = True"),
         ((*RADIO, "rlFrameCfg_t", "numLoops"), math.nan, "numLoops = nan"),
-        pytest.param(
-            (*RADIO, "rlFrameCfg_t", "numLoops"), 10**400, "at most 1e", id="400 digits"
-        ),
+        ((*RADIO, "rlFrameCfg_t", "numLoops"), 10**400, "at most 1e"),
         *(
             ((*RADIO, "rlChirps", 1), chirp(1, "4", **{name: 1}), "differ in profile")
             for name in ("profileId", *VARIATIONS)
@@ -177,6 +175,7 @@ def test_the_card_is_no_radar(tmp_path, samples):
         ((*RADIO, "rlAdcOutCfg_t", "fmt", "b2AdcOutFmt"), 0, "complex samples"),
         ((*STREAM, "iqSwapSel"), ..., "iqSwapSel = None"),
     ],
+    ids=lambda value: str(value)[:30],
 )
 def test_unusable_json_is_named(tmp_path, keys, to, message):
     path = studio(tmp_path, changed(*keys, to=to))

@@ -50,7 +50,8 @@ def read(tmp_path):
 )
 def test_dialects_describe_the_same_radar(read, changes):
     radar, _ = read(*changes)
-    assert radar.cube_shape == SHAPE
+    assert radar.cube_shape == SHAPE and radar.name == "awr1843"
+    assert radar.tx_firing_order == (0, 1, 2)
     assert radar.tx_positions == RadarSpec.awr1843().tx_positions
     assert (radar.start_frequency_hz, radar.slope_hz_per_s) == (77e9, 70e12)
     assert (radar.sample_rate_hz, radar.frame_period_s) == (5.209e6, 0.1)
