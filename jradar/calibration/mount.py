@@ -60,6 +60,12 @@ MOTIONS = (
     "the speed hardly changed: stop and walk on several times",
 )
 
+MATCHED = (
+    "the poses are those of matched LiDAR scans, whose errors are not known: the "
+    "deviations hold for exact poses, and the mount can be wrong by far more. Record "
+    "the poses of a better source, and name them in capture.toml"
+)
+
 
 class Mount(NamedTuple):
     """The place of a radar on its base, and how well a walk shows it.
@@ -126,12 +132,17 @@ class Mount(NamedTuple):
             "motion that would show more": list(self.missing()),
         }
 
-    def warnings(self) -> tuple[str, ...]:
-        """Return what contradicts the description, in words."""
+    def warnings(self, *, matched: bool = False) -> tuple[str, ...]:
+        """Return what contradicts the description or the deviations, in words.
+
+        Poses were `matched` if they are those of LiDAR scans.
+        """
         turned_deg = float(np.degrees(np.linalg.norm(self.turned)))
+        found = (MATCHED,) if matched else ()
         if turned_deg < TURNED_DEG:
-            return ()
+            return found
         return (
+            *found,
             f"the walk contradicts the described orientation of the radar by "
             f"{turned_deg:.0f} degrees. If it is mounted upside down, write "
             "`upside_down = true` in the table [radar] of its TOML description, and "

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import jax
@@ -112,7 +112,9 @@ def calibrate_recording(
     if fit.range_bias_m is not None:
         calibrated = dataclasses.replace(calibrated, range_bias_m=fit.range_bias_m)
     place = _mount(recording._replace(radar=calibrated), frames) if mount else None
-    warnings = [_warnings(fit, tilt), place.warnings() if place else ()]
+    warnings: list[Iterable[str]] = [_warnings(fit, tilt)]
+    if place is not None:
+        warnings.append(place.warnings(matched=recording.poses is None))
     if level or mount:
         warnings.append(gravity_warnings(recording))
     return Calibration(

@@ -111,7 +111,10 @@ def test_a_radar_upside_down_is_noticed():
     (warning,) = mount.warnings()
     assert "upside_down = true" in warning
     assert np.degrees(np.linalg.norm(mount.turned)) > 160
-    assert mount_from_motion(velocities, poses, true).warnings() == ()
+    level = mount_from_motion(velocities, poses, true)
+    assert level.warnings() == ()
+    (warning,) = level.warnings(matched=True)
+    assert "matched LiDAR scans" in warning
 
 
 def test_walks_of_no_use_are_refused():
