@@ -25,6 +25,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+Limit = float | Float[Array, ""]
+
 
 class PointCloud(NamedTuple):
     """A cloud of fixed size: points that are not `valid` are padding.
@@ -62,10 +64,10 @@ class PointCloud(NamedTuple):
     def within(
         self,
         *,
-        min_range_m: float = 0.0,
-        max_range_m: float = math.inf,
-        max_azimuth: float = math.pi,
-        max_elevation: float = math.pi / 2,
+        min_range_m: Limit = 0.0,
+        max_range_m: Limit = math.inf,
+        max_azimuth: Limit = math.pi,
+        max_elevation: Limit = math.pi / 2,
     ) -> "PointCloud":
         """Return the cloud in which points beyond these limits are not valid.
 
