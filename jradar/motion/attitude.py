@@ -103,9 +103,8 @@ def levelled(
     force = imu.force[within] @ base_from_imu[:3, :3].T
     mean = course(imu.stamps[within] - stamps[0]).apply(force).mean(0)
     up = mean - (velocity[-1] - velocity[0]) / (stamps[-1] - stamps[0])
-    level = scipy.spatial.transform.Rotation.align_vectors([[0.0, 0.0, 1.0]], up[None])[
-        0
-    ]
+    align = scipy.spatial.transform.Rotation.align_vectors
+    level, _ = align([[0.0, 0.0, 1.0]], up[None])
     return level.as_matrix() @ turns
 
 

@@ -2,9 +2,12 @@
 
 JAX finds a compiled program by its text, but to trace the text takes longer than to run
 it a hundred times. Here texts are found by what shapes them: options, kinds of arrays,
-jradar's source files, and versions.
+jradar's source files, and versions. Options of a class from outside of jradar, such as
+a network of one's own, have code that nothing here describes: their programs stay in
+the process that traced them.
 """
 
+import dataclasses
 import functools
 import hashlib
 import json
@@ -36,7 +39,8 @@ MOST_FILES = 32  # in the folder, of about 1 MB each; the oldest are removed
 MOST_BYTES = 1 << 28  # of a file, unpacked
 RECORDS = {kind.__name__: kind for kind in (PointCloud, RangeImage, RangeMixture, Seen)}
 MOST_READY = 16  # sets of programs in a process
-READY: dict[str, dict[str, Callable[..., Any]]] = {}  # by `digest`
+Compiled = dict[str, Callable[..., Any]]
+READY: dict[str, tuple[Compiled, list[type]]] = {}  # by `digest`, and classes they need
 
 
 class Program(NamedTuple):
@@ -48,27 +52,29 @@ class Program(NamedTuple):
 
 def ready(
     arguments: Any, *options: Any, trace: Callable[[], Iterator[tuple[str, Program]]]
-) -> dict[str, Callable[..., Any]]:
+) -> Compiled:
     """Return compiled programs by name: of this process, an earlier one, or traced now.
 
-    `trace` yields them, named and `traced`. Shapes and types of `arguments` and the
-    `repr` of `options` tell them apart.
+    `trace` yields them, named and `traced`. They are found by shapes and types of
+    `arguments` and the `repr` of `options`.
     """
-    name = digest(arguments, *options)
+    foreign = [*classes_of_others(options)]
+    name = digest(arguments, *options, *map(id, foreign))
     if name not in READY:
-        known, texts = load(name), dict[str, Program]()
+        known, texts = None if foreign else load(name), dict[str, Program]()
         compiling = dict[str, Future]()
         quick = compiler_options()
         with ThreadPoolExecutor() as threads:  # XLA does not hold Python's lock
             for stage, program in known.items() if known else trace():
                 texts[stage] = program
                 compiling[stage] = threads.submit(compiled, program, quick)
-            if not known:
+            if not (known or foreign):
                 save(name, texts)
         if len(READY) >= MOST_READY:
             del READY[next(iter(READY))]
-        READY[name] = {stage: future.result() for stage, future in compiling.items()}
-    return READY[name]
+        found = {stage: future.result() for stage, future in compiling.items()}
+        READY[name] = found, foreign
+    return READY[name][0]
 
 
 def traced(function: Callable[..., Any], *arguments: Any) -> tuple[Program, Any]:
@@ -97,12 +103,27 @@ def compiled(program: Program, quick: dict[str, Any]) -> Callable[..., Any]:
 
 
 def digest(arguments: Any, *options: Any) -> str:
-    """Return what tells apart programs of these arguments and options, as `ready`."""
+    """Return the name of the programs of these arguments and options, as `ready`."""
     leaves, _ = tree_flatten_with_path(arguments)
     kinds = [(keystr(path), jax.typeof(leaf)) for path, leaf in leaves]
     settings = sorted(jax.config.values.items())
     text = repr((options, kinds, settings, jax.default_backend(), *_code()))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def classes_of_others(options: Any) -> Iterator[type]:
+    """Yield the classes of options, and of their fields, from outside of jradar."""
+    if isinstance(options, (tuple, list)):
+        parts = [*options]
+    elif dataclasses.is_dataclass(options) and not isinstance(options, type):
+        parts = [getattr(options, f.name, None) for f in dataclasses.fields(options)]
+    else:
+        parts = []
+    for part in parts:
+        yield from classes_of_others(part)
+    room = type(options).__module__.partition(".")[0]
+    if room not in ("builtins", "jradar", "jax", "jaxlib", "numpy", "flax"):
+        yield type(options)
 
 
 @functools.cache

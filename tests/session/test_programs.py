@@ -1,5 +1,6 @@
 """Programs of an earlier process: they run alike, and no others are taken for them."""
 
+import dataclasses
 import json
 import os
 
@@ -12,9 +13,11 @@ from jradar.diffusion import RangeMixture
 from jradar.session import programs
 from jradar.session.fusion import Seen
 from jradar.types import PointCloud
+from tests.models import tiny_model
 
 CLOUD = PointCloud(jnp.arange(12.0).reshape(4, 3), jnp.array([True] * 3 + [False]))
 NEAR = {"max_range_m": 9.0}
+MODEL = tiny_model(method="marginal")
 FOLDER = "jax_compilation_cache_dir"
 
 
@@ -80,6 +83,25 @@ def test_other_programs_are_not_taken_for_it(cache, monkeypatch, tmp_path, what)
     found, traced = within(cloud, **options)
     assert traced
     jax.tree.map(np.testing.assert_array_equal, found, cloud.within(**options))
+
+
+def test_programs_with_classes_of_ones_own_stay_in_the_process(cache):
+    """Their `repr` says nothing of their code; jradar's own are kept."""
+
+    def answer(factor):
+        @dataclasses.dataclass(frozen=True)
+        class Own:
+            size: int = 1
+
+        def trace():
+            program, _ = programs.traced(lambda x: factor * x, jnp.ones(2))
+            yield "scaled", program
+
+        return programs.ready(jnp.ones(2), (Own(),), trace=trace)["scaled"](jnp.ones(2))
+
+    assert answer(2.0)[0] == 2 and answer(3.0)[0] == 3
+    assert not [*cache.iterdir()]
+    assert not [*programs.classes_of_others((MODEL.spec, MODEL.card.radar, NEAR))]
 
 
 def test_structures_of_results_come_back():

@@ -76,8 +76,8 @@ class TopicStream(Stream):
         self._times, headers, self.counts = table.T
         seconds, notes = self._times / NS, bag_notes(path)
         if has_header:
-            seconds, told = self._stamps(headers)
-            notes += told
+            seconds, of_times = self._stamps(headers)
+            notes += of_times
         super().__init__(lambda i: self.decoded(i, decode), len(found), seconds, notes)
 
     def decoded(self, index: int, decode: Callable[[bytes], Any]) -> Any:

@@ -77,7 +77,7 @@ def open_raw_bag(
         found = checked_samples(path, path, described_radar(path), iq_order=iq_order)
     else:
         found = described_samples(path, description, iq_order=iq_order, device=device)
-    radar, capture, doubts = found
+    radar, capture, warnings = found
     topic, kind = topic_of(path, None, DEFINITIONS.__contains__, "raw samples")
     text, own = bag_definition(path, topic) or DEFINITIONS[kind], kind == KIND
     cubes = TopicStream(
@@ -91,10 +91,10 @@ def open_raw_bag(
     if not len(cubes):
         raise ValueError(f"{path}: no message is on the topic {topic}")
     cubes[0]
-    notes = (*doubts, f"frames are on the topic {topic}", *cubes.notes)
+    notes = (*warnings, f"frames are on the topic {topic}", *cubes.notes)
     if own:
         notes += loss_notes(cubes.counts)
-    imu, told = _imu(path)
+    imu, of_imu = _imu(path)
     return Recording(
         name=path.stem,
         path=path,
@@ -104,7 +104,7 @@ def open_raw_bag(
         base_from_radar=capture.base_from_radar(),
         iq_order=capture.iq_order,
         imu=imu,
-        notes=(*notes, *told),
+        notes=(*notes, *of_imu),
     )
 
 
