@@ -31,13 +31,13 @@ from jradar.mapping import (
     best_count,
     enhance_map,
     enhance_patch,
-    f_score,
     load_map_model,
     open_runs,
     published_distance,
     save_map_model,
 )
 from jradar.mapping.methods import METHODS
+from jradar.metrics import f_score
 from jradar.range_image import fit_confidence
 from jradar.viz import maps_figure, save_figure
 

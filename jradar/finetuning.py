@@ -38,7 +38,6 @@ from jradar.evaluation import (
 from jradar.fields import typed_fields
 from jradar.files import lock_folder, read_json, write_text
 from jradar.model import Card, Model, load_model, save_model
-from jradar.progress import progress
 from jradar.range_image import (
     TrustTable,
     close_gaps,
@@ -57,9 +56,7 @@ GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 JUDGED = 32  # validation frames of an evaluation
 EVALUATIONS = 8
 TRUSTED = 1200  # most frames of the table of trust
-REPLAYED = ("hallways", "mine", "lab", "outdoor", "corridor", "hall", "home", "forest")
-REPLAY_SEEDS = (0, 1000)
-REPLAY_FRAMES = 3  # of each sequence
+REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of as many radar units
 STEPS = (100, 3000)  # the fewest and the most that are chosen by themselves
 
 
@@ -141,7 +138,7 @@ def finetune(
         _check_run(folder / RUN, run)
         old = None
         if spec.replay:
-            made = _simulated(folder / "replay", own) if replay is None else replay
+            made = simulate_replay(folder / "replay", own) if replay is None else replay
             old = Records(made, "train")
         return _trained(folder, start, own, checked, old, spec, str(model))
 
@@ -263,24 +260,16 @@ def _check_run(path: Path, run: dict[str, Any]) -> None:
             )
 
 
-def _simulated(folder: Path, own: Records) -> Path:
-    """Return records of simulated scenes, prepared as one's own; made once."""
-    records = folder / "records"
+def simulate_replay(folder: Path | str, own: Records) -> Path:
+    """Return records of simulated places, prepared as one's own; made once."""
+    records = Path(folder) / "records"
     try:
         return Records(records, "train").folder
     except (FileNotFoundError, ValueError):
         pass
-    scenes = [(family, seed) for seed in REPLAY_SEEDS for family in REPLAYED]
-    done = 0
-    with progress("simulating", len(scenes), unit="scenes") as show:
-        for family, seed in scenes:
-            if not (folder / "recordings" / f"{family}_{seed}").is_dir():
-                simulation.simulate_sequence(
-                    family, seed, folder / "recordings", frames=REPLAY_FRAMES
-                )
-            show(done := done + 1)
+    places = [s for s in simulation.drawn_sources(REPLAYED) if s.split == "train"]
     options = typed_fields(PrepareSpec, own.manifest["options"])
-    data.prepare(folder / "recordings", records, PrepareSpec(**options), workers=1)
+    data.prepare_sources(places, records, PrepareSpec(**options), workers=2)
     return records
 
 

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from jradar import nearest
-from jradar.metrics import compare, compare_on_host, nearest_distances
+from jradar.metrics import (
+    THRESHOLDS_M,
+    compare,
+    compare_on_host,
+    f_score,
+    nearest_distances,
+)
 from jradar.types import PointCloud
 
 LARGE = 1100, 1300  # points; too many pairs to compare them all
@@ -111,6 +117,16 @@ def test_kernel_and_host_equal_brute_force(sizes):
     for scores in (compare(a, b), compare_on_host(valid_points(a), valid_points(b))):
         for one, other in zip(scores, scores_by_hand(*found), strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
+
+
+def test_the_quick_f_score_is_that_of_the_comparison():
+    a, b = (valid_points(random_cloud(seed, 80, 1.0)) for seed in (0, 1))
+    expected = dict(zip(THRESHOLDS_M, compare_on_host(a, b).f_score, strict=True))
+    assert 0 < expected[0.2] < expected[0.5] < 1
+    assert f_score(a, b) == pytest.approx(expected[0.2])
+    assert f_score(a, b, 0.5) == pytest.approx(expected[0.5])
+    assert f_score(a, b[:0]) == f_score(a[:0], b) == 0
+    assert f_score(np.zeros((1, 3)), np.array([[0, 0.25, 0]]), 0.25) == 0  # below it
 
 
 def test_identical_clouds_score_perfectly():

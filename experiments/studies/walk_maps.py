@@ -28,12 +28,12 @@ from jradar.mapping import (
     MapModel,
     SensorModel,
     VoxelMap,
-    f_score,
     load_map_model,
     map_recording,
     radar_poses,
 )
 from jradar.mapping.recording import BAND_M
+from jradar.metrics import f_score
 from jradar.model import Model, load_model
 from jradar.recordings import Recording, nearest_scan, open_recording
 from jradar.session import enhance_recording

@@ -82,7 +82,7 @@ points in view. Intervals hold 95 % and allow for frames that resemble each othe
 ROTATIONS = ("imu", "poses", "lidar", "none")
 FAMILIES = (
     *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
-    *("home", "warehouse", "forest"),
+    *("home", "warehouse", "forest", "plantroom"),
     *("room", "atrium", "lobby", "stairwell", "shed", "carpark", "yard", "street"),
     *("open", "tunnel"),
 )

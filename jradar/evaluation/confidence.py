@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jradar.data import PairSource, Records
-from jradar.evaluation.methods import score_points
 from jradar.evaluation.reliability import near_truth
 from jradar.evaluation.statistics import spread
+from jradar.metrics import f_score
 from jradar.model import Model, draw
 from jradar.range_image import (
     IDENTITY,
@@ -82,10 +82,9 @@ def judged(key: jax.Array, model: Model, records: Records) -> Iterator[Judged]:
 def least_confidence(frames: Sequence[Judged]) -> float:
     """Return the lowest of THRESHOLDS that scores within SPARED of the best."""
 
-    def f_score(frame, least):
-        kept = frame.xyz[frame.confidence >= least]
-        return score_points(kept, frame.truth)["f_score_0.2"]
+    def score(frame, least):
+        return f_score(frame.xyz[frame.confidence >= least], frame.truth)
 
-    scores = [np.mean([f_score(f, least) for f in frames]) for least in THRESHOLDS]
+    scores = [np.mean([score(f, least) for f in frames]) for least in THRESHOLDS]
     good = np.flatnonzero(np.array(scores) >= max(scores) - SPARED)
     return THRESHOLDS[int(good[0])]

@@ -7,10 +7,11 @@ import jax
 import numpy as np
 
 from jradar import data
-from jradar.evaluation.methods import Method, score_points
+from jradar.evaluation.methods import Method
 from jradar.evaluation.records import View, points_of
 from jradar.evaluation.statistics import spread
 from jradar.lidar import shared_field_of_view
+from jradar.metrics import f_score
 from jradar.radar import DETECTORS, Radar, cell_points, detect
 from jradar.types import PointCloud
 
@@ -112,14 +113,10 @@ def best_choice(
 
     `clouds_at(choice)` are the frames' clouds. Among equals, the first choice wins.
     """
+    truths = [np.asarray(frame.lidar_xyz) for frame in frames]
     scores = [
-        float(np.mean([*map(f_score, clouds_at(choice), frames)])) for choice in choices
+        float(np.mean([*map(f_score, map(points_of, clouds_at(choice)), truths)]))
+        for choice in choices
     ]
     best = int(np.argmax(scores))
     return choices[best], scores[best]
-
-
-def f_score(cloud: PointCloud, prepared: data.PreparedFrame) -> float:
-    """Return the F-score at 0.2 m against a frame's LiDAR; 0 if one has no points."""
-    scores = score_points(points_of(cloud), prepared.lidar_xyz)
-    return float(np.nan_to_num(scores["f_score_0.2"]))

@@ -9,7 +9,7 @@ enhance_map                        a radar's map -> the voxels that a LiDAR woul
 enhance_patch, best_count          the same for a patch, in ColoRadar's sense
 MapRun, open_runs                  ColoRadar's maps of radar and LiDAR
 MapSpec, TileSpec, Tiles           images of them for training
-f_score, published_distance        scores of patches
+published_distance                 UpPoinTr's, for scores of patches
 """
 
 from jradar.mapping.columns import MapSpec as MapSpec
@@ -32,10 +32,7 @@ from jradar.mapping.recording import (
     map_recording as map_recording,
     radar_poses as radar_poses,
 )
-from jradar.mapping.scores import (
-    f_score as f_score,
-    published_distance as published_distance,
-)
+from jradar.mapping.scores import published_distance as published_distance
 from jradar.mapping.tiles import Tiles as Tiles, TileSpec as TileSpec
 from jradar.mapping.voxel_map import (
     SensorModel as SensorModel,

@@ -30,7 +30,7 @@ def digest(scene):
     return total.hexdigest()[:16]
 
 
-@pytest.mark.parametrize("family", ["home", "warehouse"])
+@pytest.mark.parametrize("family", ["home", "warehouse", "plantroom"])
 def test_nothing_stands_in_the_way(family):
     around = np.linspace(0, 2 * np.pi, 24, endpoint=False)
     rays = np.stack([np.cos(around), np.sin(around), 0 * around], -1)
@@ -45,7 +45,7 @@ def test_nothing_stands_in_the_way(family):
         assert np.median(hits.distance) < 12  # a place indoors
 
 
-@pytest.mark.parametrize("family", ["home", "warehouse"])
+@pytest.mark.parametrize("family", ["home", "warehouse", "plantroom"])
 def test_a_seed_is_a_scene(family):
     assert digest(make_scene(family, 1)) == digest(make_scene(family, 1))
     assert digest(make_scene(family, 1)) != digest(make_scene(family, 2))

@@ -1,7 +1,8 @@
-"""Two more kinds of places indoors: a furnished home and a warehouse.
+"""More kinds of places indoors: a furnished home, a warehouse and a plant room.
 
 home       a living room, with a bedroom and a kitchen behind open doors
 warehouse  high racks of metal full of goods, with aisles between them
+plantroom  boilers, tanks, pumps and switch cabinets, with pipes between them
 """
 
 import numpy as np
@@ -30,7 +31,18 @@ from jradar.simulation.scenes.furniture import (
     wardrobe,
 )
 from jradar.simulation.scenes.scene import make_body
-from jradar.simulation.scenes.solids import box, boxes, join, moved, person, posts, wall
+from jradar.simulation.scenes.solids import (
+    Solid,
+    box,
+    boxes,
+    join,
+    moved,
+    person,
+    pipe,
+    pole,
+    posts,
+    wall,
+)
 from jradar.simulation.scenes.trajectory import walk
 
 LANE_M = 1.15  # from the walls of a living room to the way through it
@@ -140,3 +152,87 @@ def _forklift():
     pillars = posts((0.06, 0.06, 1.3), "metal", (-0.7, 0.4), (-0.45, 0.45), z=0.8)
     forks = posts((1.0, 0.12, 0.05), "metal", (1.3,), (-0.3, 0.3), z=0.1)
     return join(boxes("metal", body, weight, roof, mast) + pillars + forks)
+
+
+def plantroom(random: np.random.Generator):
+    """Return a room of boilers and tanks; the way leads around the middle row."""
+    length, depth = random.uniform(12, 18), random.uniform(9, 12)
+    height = random.uniform(3.5, 5.5)
+    kinds = ["metal", "column", "open"]
+    parts = shell(random, length, depth, height, "concrete", kinds)
+    deep = random.uniform(1.6, 2.0)  # of what stands along the walls
+    machines = [_boiler, _tank, _lying_tank, _pump, _switchgear]
+    for start, end, y in (
+        (0.8, length - 0.8, deep / 2),
+        (0.8, length - 0.8, depth - deep / 2),
+        (deep + 2.2, length - deep - 2.2, depth / 2),
+    ):
+        x = start + random.uniform(0.5, 1.0)
+        while x < end - 0.8:
+            item, width = pick(random, machines)(random)
+            x += width / 2
+            if x + width / 2 < end:
+                parts.append(moved(item, (x, y, 0)))
+                if random.random() < 0.6:  # its connection to the pipes above
+                    rise = pole(random.uniform(0.03, 0.09), height - 0.5, "metal")
+                    parts.append(moved(rise, (x, y + 0.1, 0)))
+            x += width / 2 + random.uniform(0.3, 1.2)
+        for _ in range(random.integers(2, 5)):
+            at = (y + random.uniform(-0.4, 0.4), random.uniform(0.75, 0.92) * height)
+            parts.append(pipe((0.3, *at), (length - 0.3, *at), _bore(random)))
+    for _ in range(random.integers(2, 5)):  # across
+        at, z = random.uniform(1, length - 1), random.uniform(0.65, 0.9) * height
+        parts.append(pipe((at, 0.2, z), (at, depth - 0.2, z), _bore(random)))
+    lane = deep + 0.9
+    way = rectangle((lane, lane), (length - lane, depth - lane))
+    parts += lamps(random, way, height)
+    movers = [walker(random, way[::-1] + random.normal(scale=0.1, size=2))]
+    return parts, movers, way, random.uniform(0.5, 1.0)
+
+
+def _bore(random) -> float:
+    """Return the radius of a pipe with its insulation."""
+    return float(np.exp(random.uniform(np.log(0.03), np.log(0.18))))
+
+
+def _boiler(random) -> tuple[Solid, float]:
+    """Return a boiler on its plinth, with the burner to the front, and its width."""
+    width, tall = random.uniform(0.9, 1.5), random.uniform(1.2, 2.0)
+    parts = [box((width, 1.3, 0.15), "concrete"), box((width, 1.2, tall), "metal")]
+    parts.append(moved(box((0.35, 0.3, 0.35), "metal"), (0, -0.7, 0.5)))
+    return join(parts), width
+
+
+def _tank(random) -> tuple[Solid, float]:
+    """Return an upright tank on a foot, and its width."""
+    radius = random.uniform(0.35, 0.75)
+    body = pole(radius, random.uniform(1.4, 2.6), "metal", sides=20)
+    foot = pole(0.8 * radius, 0.2, "metal", sides=20)
+    return join([foot, moved(body, (0, 0, 0.2))]), 2 * radius
+
+
+def _lying_tank(random) -> tuple[Solid, float]:
+    """Return a tank that lies on two saddles, and its width."""
+    radius, width = random.uniform(0.4, 0.7), random.uniform(1.6, 2.6)
+    axis = (0.0, radius + 0.3)
+    parts = posts((0.15, radius, 0.5), "metal", (-width / 3, width / 3), (0.0,))
+    parts.append(pipe((-width / 2, *axis), (width / 2, *axis), radius, sides=20))
+    return join(parts), width
+
+
+def _pump(random) -> tuple[Solid, float]:
+    """Return a pump and its motor on a frame, and its width."""
+    width, axis = random.uniform(0.8, 1.4), (0.0, random.uniform(0.4, 0.6))
+    parts = [box((width, 0.5, 0.2), "concrete"), box((0.3, 0.35, 0.8), "metal")]
+    parts.append(pipe((0, *axis), (width / 2, *axis), 0.17))
+    return join(parts), width
+
+
+def _switchgear(random) -> tuple[Solid, float]:
+    """Return a row of switch cabinets, and its width."""
+    doors, tall = int(random.integers(1, 4)), random.uniform(1.8, 2.2)
+    parts = [
+        moved(box((0.78, 0.5, tall), "metal"), (0.8 * (k - (doors - 1) / 2), 0, 0.1))
+        for k in range(doors)
+    ]
+    return join(parts), 0.8 * doors

@@ -8,6 +8,7 @@ corridor   one long corridor with a glass front
 hall       a high entrance hall with columns, glass and people
 home       furnished rooms of a flat, joined by open doors (`interiors`)
 warehouse  aisles between racks of goods (`interiors`)
+plantroom  boilers, tanks, pumps and pipes (`interiors`)
 forest     a clearing among trees, bushes and rocks
 
 The `kinds` are families, too.
@@ -40,7 +41,7 @@ from jradar.simulation.scenes.furniture import (
     shelf,
     table,
 )
-from jradar.simulation.scenes.interiors import home, warehouse
+from jradar.simulation.scenes.interiors import home, plantroom, warehouse
 from jradar.simulation.scenes.kinds import KINDS, TUNNEL, make_layout
 from jradar.simulation.scenes.scene import Scene, make_body
 from jradar.simulation.scenes.solids import (
@@ -277,7 +278,7 @@ FAMILIES: dict[str, Callable] = {
     family.__name__: family
     for family in (
         *(hallways, mine, lab, outdoor, corridor, hall),
-        *(home, warehouse, forest),
+        *(home, warehouse, forest, plantroom),
     )
 } | {kind: functools.partial(make_layout, kind) for kind in (*KINDS, TUNNEL)}
 

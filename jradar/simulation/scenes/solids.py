@@ -79,6 +79,13 @@ def pole(radius: float, height: float, material: str, *, sides: int = 12) -> Sol
     return of_mesh(mesh, material)
 
 
+def pipe(start: Numbers, end: Numbers, radius: float, *, sides: int = 12) -> Solid:
+    """Return a cylinder of metal from a point to another."""
+    segment = np.array([start, end], float)
+    mesh = trimesh.creation.cylinder(radius, segment=segment, sections=sides)
+    return of_mesh(mesh, "metal")
+
+
 def wall(
     start: Numbers,
     end: Numbers,

@@ -6,36 +6,46 @@ import pytest
 
 from experiments.studies import own_frames
 from jradar.errors import UsageError
+from jradar.evaluation.records import TRUTH
+from jradar.simulation import drawn_sources
+from jradar.simulation.sets import SETS
 
 
 def test_frames_are_those_of_whole_walks():
-    assert own_frames._walks(50) == {901: 20, 902: 30}
-    assert sum(own_frames._walks(200).values()) == 200
-    with pytest.raises(UsageError, match="--frames 60: no number of whole walks"):
-        own_frames._walks(60)
+    assert own_frames._walks(50) == [901, 902]
+    assert own_frames._walks(400) == [*own_frames.WALKS]
+    for wrong in (60, 0, 401):
+        with pytest.raises(UsageError, match="expected one of .20, 50, 75, 100, 150"):
+            own_frames._walks(wrong)
 
 
-def test_the_table_has_the_shipped_model_and_each_run(tmp_path, monkeypatch):
-    def score(path, *, models, split=None):
-        new = split is None
-        means = {"OS-CFAR": 10.0, models[0]: 40.0, models[1]: 55.0 if new else 39.0}
-        ends = {"from": float("nan"), "to": float("nan")}
-        if new:
-            ends = {"from": 1.0, "to": 99.0}
-        lines = [{"method": k, "F 0.2 m (%)": v, **ends} for k, v in means.items()]
-        compared = [
-            {"methods": f"{name} minus {models[0]}", "F": mean - means[models[0]]}
-            | {**ends, "p": 1.0}
-            for name, mean in means.items()
+def test_training_knows_neither_the_rigs_nor_their_places():
+    trained = {family for spec in SETS.values() for family in spec.families}
+    trained |= {source.kind for source in drawn_sources("jradar-sim-5")}
+    for family, unit in own_frames.RIGS.values():
+        assert family not in trained
+        assert unit.board >= own_frames.FIRST_SHIFT and unit.calibration_degrees is None
+
+
+def test_the_table_has_the_shipped_model_and_means_over_seeds(tmp_path, capsys):
+    def rows(method, score, truth=TRUTH):
+        return [
+            {"scene": "", "sequence": f"walk_{k}", "frame": 0, "method": method}
+            | {"truth": truth, "f_score_0.2": score + 0.01 * (k % 2)}
+            | {"truth_points": 9, "points": 9}
+            for k in range(8)
         ]
-        tables = {"against the LiDAR": lines, "compared": compared}
-        return types.SimpleNamespace(describe=lambda: tables)
 
-    monkeypatch.setattr(own_frames, "score", score)
-    own_frames._report(tmp_path, tmp_path, {"runs/replay_20_0": [20, "yes", 100]})
+    def place(first, second):
+        scores = rows("jradar-sim", 0.4) + rows("jradar-sim", 0.9, "whole LiDAR")
+        return types.SimpleNamespace(rows=scores + rows("a", first) + rows("b", second))
+
+    places = {"new place": place(0.5, 0.6), "old places": place(0.38, 0.40)}
+    runs = [own_frames.Run(20, True, 100, ["a", "b"])]
+    own_frames.report(tmp_path / "curve.md", places, runs)
     *_, shipped, tuned = (tmp_path / "curve.md").read_text().splitlines()
-    assert shipped == "| 0 |  |  | 40.0 (1.0–99.0) | 40.0 |  |  |"
-    expected = (
-        "| 20 | yes | 100 | 55.0 (1.0–99.0) | 39.0 | +15.0 (+1.0 to +99.0) | -1.0 |"
-    )
-    assert tuned == expected
+    new, old = "40.5 (40.1–40.9)", "40.5 (40.1–40.9)"
+    assert shipped == f"| 0 |  |  | {new} | {old} |  |  |"
+    assert tuned.startswith("| 20 | yes | 100 | 55.5 (55.1–55.9) | 39.5 (39.1–39.9) |")
+    assert tuned.endswith("| +15.0 (+15.0 to +15.0) | -1.0 (-1.0 to -1.0) |")
+    assert tuned in capsys.readouterr().out
