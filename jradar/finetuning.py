@@ -35,10 +35,12 @@ from jradar.evaluation import (
     spread,
     with_confidence,
 )
+from jradar.evaluation.confidence import THRESHOLDS, judged, mean_f_scores
 from jradar.fields import typed_fields
 from jradar.files import lock_folder, read_json, write_text
 from jradar.model import Card, Model, load_model, save_model
 from jradar.range_image import (
+    IDENTITY,
     TrustTable,
     close_gaps,
     condition_features,
@@ -309,8 +311,18 @@ def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
 
 
 def _judge(model: Model, records: Records) -> dict[str, float]:
-    """Return the mean scores of the model's answer to some validation frames."""
-    pairs, key = _pairs(model, records), jax.random.key(0)
+    """Return the mean scores of the model's answer to some validation frames.
+
+    A model with confidence is judged at the least confidence that is best for it, as
+    its table is fitted only later.
+    """
+    key = jax.random.key(0)
+    plain = dataclasses.replace(model, confidence=IDENTITY)
+    if found := [*judged(key, plain, records, frames=JUDGED)]:
+        least = THRESHOLDS[int(np.argmax(mean_f_scores(found)))]
+        clouds = [frame.xyz[frame.confidence >= least] for frame in found]
+        return mean_scores(clouds, [frame.truth for frame in found])
+    pairs = _pairs(model, records)
     method, index = drawn(model), spread(len(records), JUDGED)
     frames = {i: Frame(records[i], pairs[i]) for i in index}
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in frames.items()]

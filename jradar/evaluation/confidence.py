@@ -2,7 +2,7 @@
 
 A point is right if the LiDAR has one within 0.2 m. The calibration is fitted to the
 points of validation frames, and the least confidence that a point must have is the
-lowest whose mean F-score is within 1.5 points of the best.
+lowest whose mean F-score is within half a point of the best.
 """
 
 import dataclasses
@@ -16,7 +16,6 @@ from jaxtyping import Bool, Float
 from jradar.data import PairSource, Records
 from jradar.evaluation.reliability import near_truth
 from jradar.evaluation.statistics import spread
-from jradar.metrics import f_score
 from jradar.model import Model, draw
 from jradar.range_image import (
     IDENTITY,
@@ -28,7 +27,7 @@ from jradar.range_image import (
 
 FRAMES = 96  # of each folder of records
 THRESHOLDS = tuple(np.round(np.arange(0.05, 0.71, 0.05), 2).tolist())
-SPARED = 0.015  # of the best F-score, for a denser cloud and a smaller distance
+SPARED = 0.005  # of the best F-score, for a denser cloud
 
 
 class Judged(NamedTuple):
@@ -43,29 +42,36 @@ class Judged(NamedTuple):
 def with_confidence(key: jax.Array, model: Model, *sets: Records) -> Model:
     """Return the model with a table of confidence that was fitted to these frames.
 
-    A model without confidence, or frames without a point, leave it as it is.
+    Each set counts as much as another, however many frames it has. A model without
+    confidence, or frames without a point, leave it as it is.
     """
     plain = dataclasses.replace(model, confidence=IDENTITY)
-    frames = [frame for records in sets for frame in judged(key, plain, records)]
-    confidence = np.concatenate([frame.confidence for frame in frames] or [[]])
-    if not len(confidence):
+    groups = [[*judged(key, plain, records)] for records in sets]
+    groups = [group for group in groups if any(len(f.xyz) for f in group)]
+    if not groups:
         return model
-    right = np.concatenate([frame.right for frame in frames])
-    table = fit_confidence(confidence, right)
-    frames = [
-        frame._replace(confidence=np.asarray(frequency(frame.confidence, table)))
-        for frame in frames
+    points = [
+        (frame.confidence, frame.right, np.full(len(frame.xyz), 1 / len(group)))
+        for group in groups
+        for frame in group
     ]
-    table = ConfidenceTable.of(table.frequencies, least=least_confidence(frames))
+    table = fit_confidence(*map(np.concatenate, zip(*points, strict=True)))
+    said = [
+        [f._replace(confidence=np.asarray(frequency(f.confidence, table))) for f in g]
+        for g in groups
+    ]
+    table = ConfidenceTable.of(table.frequencies, least=least_confidence(*said))
     return dataclasses.replace(model, confidence=table)
 
 
-def judged(key: jax.Array, model: Model, records: Records) -> Iterator[Judged]:
-    """Yield the points of at most `FRAMES` frames that have a truth."""
+def judged(
+    key: jax.Array, model: Model, records: Records, *, frames: int = FRAMES
+) -> Iterator[Judged]:
+    """Yield the points of at most so many frames that have a truth."""
     spec = model.spec
     grids = {"coarse": spec.coarse, "fine": spec.fine, "num_slices": spec.num_slices}
     pairs = PairSource(records, **grids)
-    for i in spread(len(records), FRAMES):
+    for i in spread(len(records), frames):
         image = draw(
             jax.random.fold_in(key, i), pairs[i].condition, model, least_confidence=0.0
         )
@@ -79,12 +85,30 @@ def judged(key: jax.Array, model: Model, records: Records) -> Iterator[Judged]:
             yield Judged(xyz, confidence, near_truth(xyz, truth), truth)
 
 
-def least_confidence(frames: Sequence[Judged]) -> float:
-    """Return the lowest of THRESHOLDS that scores within SPARED of the best."""
+def least_confidence(*groups: Sequence[Judged]) -> float:
+    """Return the lowest of THRESHOLDS that scores within SPARED of the best.
 
-    def score(frame, least):
-        return f_score(frame.xyz[frame.confidence >= least], frame.truth)
+    The score is the mean over the groups, each with the mean over its frames.
+    """
+    scores = np.mean([mean_f_scores(group) for group in groups], axis=0)
+    return THRESHOLDS[int(np.flatnonzero(scores >= scores.max() - SPARED)[0])]
 
-    scores = [np.mean([score(f, least) for f in frames]) for least in THRESHOLDS]
-    good = np.flatnonzero(np.array(scores) >= max(scores) - SPARED)
-    return THRESHOLDS[int(good[0])]
+
+def mean_f_scores(frames: Sequence[Judged]) -> Float[np.ndarray, " threshold"]:
+    """Return the mean F-score at 0.2 m of the points above each of THRESHOLDS."""
+    return np.mean([*map(_f_scores, frames)], axis=0)
+
+
+def _f_scores(frame):
+    """F-scores by threshold, from the highest: what is seen there, is seen below."""
+    scores, seen = [], np.zeros(len(frame.truth), bool)
+    above = np.inf
+    for least in reversed(THRESHOLDS):
+        kept = frame.confidence >= least
+        added = frame.xyz[kept & (frame.confidence < above)]
+        seen[~seen] = near_truth(frame.truth[~seen], added)
+        precision = frame.right[kept].mean() if kept.any() else 0.0
+        both = precision + seen.mean()
+        scores.append(2 * precision * seen.mean() / both if both else 0.0)
+        above = least
+    return scores[::-1]

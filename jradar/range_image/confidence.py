@@ -51,22 +51,27 @@ IDENTITY = ConfidenceTable.of(np.linspace(0, 1, KNOTS))
 
 
 def fit_confidence(
-    confidence: Float[np.ndarray, " point"], right: Bool[np.ndarray, " point"]
+    confidence: Float[np.ndarray, " point"],
+    right: Bool[np.ndarray, " point"],
+    weights: Float[np.ndarray, " point"] | None = None,
 ) -> ConfidenceTable:
     """Return the table of points whose confidence and truth are known.
 
     A host function. Raises ValueError for confidences outside 0 to 1, or no points.
     """
     confidence = np.asarray(confidence, float)
+    weights = np.ones(len(confidence)) if weights is None else np.asarray(weights)
     if not (len(confidence) and confidence.min() >= 0 and confidence.max() <= 1):
         raise ValueError(
             f"{len(confidence)} confidences, expected one or more between 0 and 1"
         )
     order = np.argsort(confidence, kind="stable")
     steps = np.round(confidence[order] * 1000)
-    levels, first, counts = np.unique(steps, return_index=True, return_counts=True)
-    share = np.add.reduceat(np.asarray(right, float)[order], first) / counts
-    fitted = scipy.optimize.isotonic_regression(share, weights=counts).x
+    levels, first = np.unique(steps, return_index=True)
+    weight, share = (
+        np.add.reduceat(values[order], first) for values in (weights, weights * right)
+    )
+    fitted = scipy.optimize.isotonic_regression(share / weight, weights=weight).x
     knots = np.interp(np.linspace(0, 1, KNOTS), levels / 1000, fitted)
     return ConfidenceTable.of(np.clip(knots, 0, 1).round(4))
 

@@ -9,7 +9,15 @@ import pytest
 from experiments import confidence
 from experiments.configs import marginal, regression
 from jradar.data import Records
-from jradar.evaluation.confidence import Judged, judged, least_confidence
+from jradar.evaluation import near_truth
+from jradar.evaluation.confidence import (
+    THRESHOLDS,
+    Judged,
+    judged,
+    least_confidence,
+    mean_f_scores,
+)
+from jradar.metrics import f_score
 from jradar.model import load_model, save_model
 from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 
@@ -28,6 +36,22 @@ def test_wrong_points_are_cut_off_and_right_ones_kept():
     assert least_confidence([frame(0.0)]) == 0.05
     between = least_confidence([frame(0.2), frame(0.5)])
     assert 0.2 <= between <= 0.5
+    # Each group counts alike, however many frames it has.
+    many, one = [frame(0.5)] * 9, frame(0.0)
+    assert least_confidence([*many, one]) > 0.4
+    assert least_confidence(many, [one]) == 0.05
+
+
+def test_scores_above_each_threshold_are_f_scores_of_the_points_kept():
+    random = np.random.default_rng(3)
+    truth, xyz = random.normal(size=(200, 3)), random.normal(size=(300, 3))
+    found = Judged(xyz, random.random(300), near_truth(xyz, truth), truth)
+    scores = mean_f_scores([found])
+    for least, score in zip(THRESHOLDS, scores, strict=True):
+        expected = f_score(xyz[found.confidence >= least], truth)
+        assert score == pytest.approx(expected) and score > 0
+    nothing = found._replace(confidence=np.zeros(300))
+    assert (mean_f_scores([nothing]) == 0).all()
 
 
 @pytest.mark.slow

@@ -70,6 +70,16 @@ def test_a_known_distortion_is_undone():
     np.testing.assert_allclose(frequency(np.sqrt(truth), spec), truth, atol=0.03)
 
 
+def test_weights_are_repetitions():
+    confidence, right = RNG.random(300), RNG.random(300) < 0.5
+    often = np.where(confidence > 0.5, 3, 1)
+    expected = fit_confidence(np.repeat(confidence, often), np.repeat(right, often))
+    found = fit_confidence(confidence, right, often)
+    np.testing.assert_allclose(found.frequencies, expected.frequencies, atol=1e-4)
+    plain = fit_confidence(confidence, right)
+    assert not np.allclose(plain.frequencies, expected.frequencies, atol=1e-3)
+
+
 def test_it_never_falls_and_stays_a_probability():
     confidence = RNG.random(500)
     spec = fit_confidence(confidence, RNG.random(500) < 1 - confidence)
