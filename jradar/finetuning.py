@@ -5,8 +5,9 @@
     FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
     FOLDER/replay/            simulated frames, so that nothing is forgotten
 
-The pixels between the beams of a scan are not observed, and not learnt: they are
-most of an image, for one frame of a Livox. Each batch holds a share of old frames. The
+The pixels between the beams of a sparse scan are not observed, and not learnt: they
+are most of an image, for one frame of a Livox. Each batch holds a share of old frames,
+so that the model does not forget. Frames change at random in size and direction. The
 weights with the best F-score on the validation frames are kept, those of the model as
 it was included. The confidence is then fitted to the validation and the old frames.
 """
@@ -14,6 +15,7 @@ it was included. The confidence is then fitted to the validation and the old fra
 import dataclasses
 import functools
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -59,7 +61,11 @@ JUDGED = 32  # validation frames of an evaluation
 EVALUATIONS = 8
 TRUSTED = 1200  # most frames of the table of trust
 REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of as many radar units
-STEPS = (100, 3000)  # the fewest and the most that are chosen by themselves
+OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
+OLD = data.AugmentSpec(
+    thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05
+)
+STEPS = 100, 1, 3000  # at least, for each own frame, and at most
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,9 +89,9 @@ class FinetuneSpec:
             raise ValueError(f"replay = {self.replay}, expected 0 to less than 1")
 
     def steps_for(self, frames: int) -> int:
-        """Return the steps for a number of own frames: about 16 looks at each."""
-        wanted = round(16 * frames / (self.batch_size * (1 - self.replay)))
-        return self.steps or int(np.clip(wanted, *STEPS))
+        """Return the steps for a number of own frames."""
+        least, each, most = STEPS
+        return self.steps or min(least + each * frames, most)
 
 
 class Finetuned(NamedTuple):
@@ -282,30 +288,50 @@ def _pairs(model: Model, records: Records) -> data.PairSource:
 
 def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
     """Return the function from a step to a batch of own and old frames."""
-    low, high = model.spec.fine.azimuth
-    grids = model.spec.coarse, model.spec.fine, model.spec.num_slices
-    change = data.AugmentedPairs(*grids, data.AugmentSpec(mirror=low == -high))
     share = min(round(spec.batch_size * spec.replay), spec.batch_size - 1)
-    sources = [(own, spec.batch_size)]
+    parts = [_part(model, own, spec.batch_size, spec.seed, OWN)]
     if old is not None and share:
-        sources = [(own, spec.batch_size - share), (old, share)]
-    reach = max(
-        pattern_reach(np.stack([pairs[i].lidar for i in spread(len(pairs), JUDGED)]))
-        for pairs in (_pairs(model, source) for source, _ in sources)
-    )
-    parts = [
-        data.Batches(source, seed=spec.seed, batch_size=count, change=change)
-        for source, count in sources
-    ]
+        parts = [
+            _part(model, own, spec.batch_size - share, spec.seed, OWN),
+            _part(model, old, share, spec.seed, OLD),
+        ]
 
     def batch_at(step):
-        found = [part[step] for part in parts]
-        condition: Any = np.concatenate([batch.condition for batch in found])
-        lidar: Any = np.concatenate([batch.lidar for batch in found])
-        closed = close_gaps(lidar, reach=GAP_PIXELS)
-        target = encode_target(closed, model.spec.fine, codec=model.spec.codec)
-        observed = observed_pixels(closed, reach=reach)[..., None]
-        return training.Batch(condition, target.at[..., 1:].multiply(observed))
+        found = [part(step) for part in parts]
+        return jax.tree.map(lambda *values: np.concatenate(values), *found)
+
+    return batch_at
+
+
+def _part(model, records, count, seed, change) -> Callable[[int], training.Batch]:
+    """Return the function from a step to so many frames of these records.
+
+    Where the beams are too far apart for `close_gaps`, empty pixels near a hit are not
+    learnt.
+    """
+    spec = model.spec
+    low, high = spec.fine.azimuth
+    change = dataclasses.replace(change, mirror=low == -high)
+    grids = spec.coarse, spec.fine, spec.num_slices
+    batches = data.Batches(
+        records,
+        seed=seed,
+        batch_size=count,
+        change=data.AugmentedPairs(*grids, change),
+    )
+    pairs = _pairs(model, records)
+    reach = pattern_reach(
+        np.stack([pairs[i].lidar for i in spread(len(pairs), JUDGED)])
+    )
+
+    def batch_at(step):
+        batch = batches[step]
+        closed = close_gaps(batch.lidar, reach=GAP_PIXELS)
+        target = encode_target(closed, spec.fine, codec=spec.codec)
+        if reach > GAP_PIXELS:
+            observed = observed_pixels(closed, reach=reach)[..., None]
+            target = target.at[..., 1:].multiply(observed)
+        return training.Batch(np.asarray(batch.condition), np.asarray(target))
 
     return batch_at
 

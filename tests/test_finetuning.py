@@ -116,7 +116,7 @@ def test_a_folder_of_something_else_is_kept(records, start, tmp_path):
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize(("frames", "steps"), [(10, 100), (114, 304), (10_000, 3000)])
+@pytest.mark.parametrize(("frames", "steps"), [(10, 110), (400, 500), (10_000, 3000)])
 def test_steps_follow_from_the_number_of_frames(frames, steps):
     assert FinetuneSpec().steps_for(frames) == steps
 
