@@ -104,7 +104,8 @@ def study(options: Namespace) -> None:
     root: Path = options.output
     seeds, (family, unit) = options.seed or [0], RIGS[options.rig]
     walks = {count: _walks(count) for count in options.frames}
-    for seed, count in (VALIDATION | TEST | walks[max(walks)]).items():
+    recorded = VALIDATION | TEST | {seed: WALKS[seed] for seed in walks[max(walks)]}
+    for seed, count in recorded.items():
         if not (root / "walks" / f"{family}_{seed}").is_dir():
             simulate_capture(family, seed, root / "walks", frames=count, unit=unit)
     (check,) = VALIDATION
