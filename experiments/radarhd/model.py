@@ -1,11 +1,6 @@
 """Occupancy images: what the network predicts, its losses, and how images are drawn.
 
-The network predicts log-odds F of a pixel from its surroundings and the condition, and
-Bayes' rule adds the evidence of the pixel's own noisy value x:
-
-    D(x; sigma) = sigmoid(F + ln(p / (1 - p)) + (x - 1/2) / sigma^2)
-
-where p is the share of occupied pixels, from sigma_data^2 = p (1 - p).
+The prediction is `OCCUPANCY` of `jradar.diffusion`: the probability of each pixel.
 
 With the method "nearness" the network answers in one pass, and predicts the expectation
 of how near the closest LiDAR point is:
@@ -18,7 +13,6 @@ cloud of small distances.
 """
 
 import functools
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -29,11 +23,17 @@ from jaxtyping import Array, Float, Key
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.radarhd.pairs import LIDAR, MAX_RANGE_M, RADAR
 from experiments.weights import load_weights
 from jradar import diffusion
-from jradar.diffusion import Denoiser, NoiseSpec, regression_estimate
+from jradar.diffusion import (
+    OCCUPANCY,
+    Denoiser,
+    NoiseSpec,
+    prior,
+    regression_estimate,
+)
 from jradar.errors import ModelError
+from jradar.planar import LIDAR, MAX_RANGE_M, RADAR, one_pass
 
 REACH_M = 0.3
 RANGE_STEP_M = MAX_RANGE_M / (len(LIDAR.ranges) - 1)
@@ -45,34 +45,6 @@ QUICK_STEPS = 8  # of each draw of those that have to agree
 Image = Float[Array, "batch row column channel"]
 Images = Float[Array, "batch range azimuth"]
 Answers = Callable[[jax.Array, jax.Array], Iterator[tuple[str, Images]]]
-
-
-class Occupancy(diffusion.Prediction):
-    """The prediction of pixels that are 0 or 1; see the module's docstring."""
-
-    def check(self, noise: NoiseSpec) -> None:
-        """Raise ValueError for a spread that no image of 0 and 1 has."""
-        if noise.sigma_data > 0.5:
-            raise ValueError(
-                f"sigma_data = {noise.sigma_data}, expected at most 0.5, the largest "
-                "standard deviation of pixels that are 0 or 1"
-            )
-
-    def denoise(self, network: Any, x: Any, sigma: Any, noise: NoiseSpec) -> Any:
-        """Return D(x; sigma), the probability of each pixel."""
-        _, _, c_in, c_noise = diffusion.scalings(sigma, noise)
-        odds = network(c_in[..., None, None, None] * x, c_noise)
-        evidence = (x - 0.5) / sigma[..., None, None, None] ** 2
-        return jax.nn.sigmoid(odds + prior(noise) + evidence)
-
-
-OCCUPANCY = Occupancy("occupancy")
-
-
-def prior(noise: NoiseSpec) -> float:
-    """Return the log-odds of the share of occupied pixels."""
-    share = (1 - math.sqrt(1 - 4 * noise.sigma_data**2)) / 2
-    return math.log(share / (1 - share))
 
 
 def denoising_loss(
@@ -278,8 +250,8 @@ def draw_images(
     steps: int | None = None,
 ) -> Images:
     """Return an image for each condition: of one pass if `steps` is None, or drawn."""
+    if steps is None:
+        return one_pass(condition, params, network, noise)
     denoise = diffusion.conditional_denoiser(network, params, noise)(condition)
     shape = (len(condition), *LIDAR.shape, 1)
-    if steps is None:
-        return regression_estimate(denoise, shape, noise=noise)[..., 0]
     return diffusion.sample(key, denoise, shape, noise=noise, steps=steps)[..., 0]

@@ -5,9 +5,7 @@
     dataset_5/test/...
 
 or a packed .npz with `radar` uint8, `lidar_packed` (bits along the azimuth),
-`trajectory` and `frame`. Row i stands for the i-th of evenly spaced ranges from 0 to
-10.8 m, column j for the j-th of evenly spaced angles from -90 to 90 degrees, both ends
-included.
+`trajectory` and `frame`. Images are on the grids of `jradar.planar`.
 """
 
 import functools
@@ -23,38 +21,12 @@ from jaxtyping import Bool, Float, UInt8
 
 from jradar.errors import parsing
 from jradar.files import check_unpacked
+from jradar.planar import LIDAR, RADAR, PolarGrid
 from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
-MAX_RANGE_M = 10.8
 MOST_CELLS = 10  # of the radar's azimuth in a rotation to either side, 29 degrees
-
-
-class PolarGrid(NamedTuple):
-    """The range of each row of an image, and the azimuth of each column."""
-
-    ranges: Float[np.ndarray, " range"]  # m
-    angles: Float[np.ndarray, " azimuth"]  # rad, positive to the left
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """The numbers of rows and columns."""
-        return len(self.ranges), len(self.angles)
-
-    @property
-    def azimuth_step(self) -> float:
-        """The angle between neighbouring columns, in radians."""
-        return math.pi / (len(self.angles) - 1)
-
-
-RADAR, LIDAR = (
-    PolarGrid(
-        np.linspace(0, MAX_RANGE_M, 256),
-        np.linspace(-math.pi / 2, math.pi / 2, columns),
-    )
-    for columns in (64, 512)
-)
 
 
 class PolarPair(NamedTuple):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from ml_collections import ConfigDict
 
 from experiments.radarhd.model import Answers
-from experiments.radarhd.pairs import MAX_RANGE_M, RADAR, PolarPair, RadarHD
+from experiments.radarhd.pairs import PolarPair, RadarHD
 from experiments.radarhd.scores import (
     PROTOCOLS,
     Limits,
@@ -27,6 +27,7 @@ from jradar import evaluation
 from jradar.evaluation import spread, write_report
 from jradar.evaluation.scores import FIELDS
 from jradar.files import write_text
+from jradar.planar import MAX_RANGE_M, RADAR
 
 SHOWN = 4  # frames in a picture
 NOTES = """\

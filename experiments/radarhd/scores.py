@@ -30,9 +30,10 @@ from ml_collections import ConfigDict
 
 from experiments.build import SAMPLE_KEY, random_key
 from experiments.radarhd.model import Answers
-from experiments.radarhd.pairs import LIDAR, MAX_RANGE_M, PolarItems, PolarPair, RadarHD
+from experiments.radarhd.pairs import PolarItems, PolarPair, RadarHD
 from jradar import evaluation
 from jradar.evaluation import known_mean
+from jradar.planar import LIDAR, MAX_RANGE_M
 
 # Limits of the drawn value to choose from: evenly spaced log-odds.
 LIMITS = 1 / (1 + np.exp(-np.arange(-5.0, 4.1, 0.25)))
@@ -58,10 +59,7 @@ def building(trajectory: int) -> str:
 
 def polar_points(occupied: Occupied) -> Points:
     """Return the points of the occupied pixels in the plane z = 0; on the host."""
-    row, column = np.nonzero(occupied)
-    distance, azimuth = LIDAR.ranges[row], LIDAR.angles[column]
-    xyz = [distance * np.cos(azimuth), distance * np.sin(azimuth), 0 * distance]
-    return np.stack(xyz, -1)
+    return LIDAR.xyz[occupied]
 
 
 def cartesian_points(occupied: Occupied) -> Points:

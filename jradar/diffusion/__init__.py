@@ -2,6 +2,7 @@
 
 NoiseSpec, training_sigma, scalings      noise levels, to train at and to scale by
 PREDICTIONS, Prediction                  what a network predicts, with its rule
+OCCUPANCY, prior                         the rule of pixels that are 0 or 1
 UNet, PRESETS, NETWORKS, Network         the paper's network, its sizes, and others
 build_network, network_fields, network_from_fields
                                          networks from configs, to JSON, and back
@@ -39,6 +40,7 @@ from jradar.diffusion.noise import (
     NoiseSpec as NoiseSpec,
     training_sigma as training_sigma,
 )
+from jradar.diffusion.occupancy import OCCUPANCY as OCCUPANCY, prior as prior
 from jradar.diffusion.perceptual import load_lpips as load_lpips, lpips as lpips
 from jradar.diffusion.precondition import (
     Denoiser as Denoiser,

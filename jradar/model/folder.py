@@ -133,13 +133,13 @@ def _model_to_json(model: Model) -> dict[str, Any]:
         "points": dataclasses.asdict(spec.points),
         "network": network_fields(spec.network) | other,
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
-        "confidence": _table_to_json(model.confidence),
-        "trust": None if trust is None else _table_to_json(trust),
+        "confidence": table_to_json(model.confidence),
+        "trust": None if trust is None else table_to_json(trust),
         "card": dataclasses.asdict(card),
     }
 
 
-def _table_to_json(table: ConfidenceTable | TrustTable) -> dict[str, Any]:
+def table_to_json(table: ConfidenceTable | TrustTable) -> dict[str, Any]:
     """The numbers of a table as they were fitted, without the noise of float32."""
     parts = {k: np.asarray(v, float).round(6) for k, v in table._asdict().items()}
     return {name: values.tolist() for name, values in parts.items()}
@@ -147,11 +147,11 @@ def _table_to_json(table: ConfidenceTable | TrustTable) -> dict[str, Any]:
 
 def _model_from_json(values: dict[str, Any]) -> Model:
     """The model without parameters from `_model_to_json`'s dictionary, checked."""
-    card = _card_from_json(values.pop("card"))
+    card = card_from_json(values.pop("card"))
     confidence = ConfidenceTable.of(**values.pop("confidence"))
     if (trust := values.pop("trust")) is not None:
         trust = TrustTable.of(**trust)
-    network = _network_from_json(values.pop("network"))
+    network = network_from_json(values.pop("network"))
     noise = values.pop("noise")
     prediction = PREDICTIONS[noise.pop("prediction")]
     noise = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
@@ -163,7 +163,7 @@ def _model_from_json(values: dict[str, Any]) -> Model:
     return Model({}, spec, card, confidence, trust)
 
 
-def _card_from_json(values: dict[str, Any]) -> Card:
+def card_from_json(values: dict[str, Any]) -> Card:
     """The card, with every type checked."""
     radars = values.pop("radars")
     if not isinstance(radars, list):
@@ -172,7 +172,7 @@ def _card_from_json(values: dict[str, Any]) -> Card:
     return Card(**typed_fields(Card, values), radars=radars)
 
 
-def _network_from_json(values: dict[str, Any]) -> Network:
+def network_from_json(values: dict[str, Any]) -> Network:
     """The network from `network_fields`' dictionary."""
     fields = dict(values)
     kind = NETWORKS[fields.pop("kind")]
@@ -185,7 +185,7 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
     channels = len(CHANNELS) * spec.num_slices
     found = parameter_shapes(params)
     try:
-        _check_size(spec.network, found)
+        check_size(spec.network, found)
         wrong = misfit(
             params,
             spec.network,
@@ -200,7 +200,7 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
         raise ModelError(f"{path} does not fit its network: {wrong}")
 
 
-def _check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
+def check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
     """Refuse a network larger than the file: its shapes take hours, or gigabytes."""
     fields = network_fields(network)
     blocks = fields.get("blocks", 1) * len(fields.get("multipliers", [1]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.radarhd.model import networks
-from experiments.radarhd.pairs import LIDAR, RADAR
+from jradar.planar import LIDAR, RADAR
 
 
 @pytest.fixture(scope="session")

@@ -9,18 +9,16 @@ from scipy.spatial import KDTree
 from experiments.configs import radarhd, radarhd_nearness
 from experiments.radarhd import model
 from experiments.radarhd.model import (
-    OCCUPANCY,
     REACH_M,
     agreed_occupancy,
     denoising_loss,
     nearness,
     nearness_loss,
-    prior,
     regression_loss,
 )
-from experiments.radarhd.pairs import LIDAR, RADAR
+from jradar.planar import LIDAR, RADAR
 from experiments.radarhd.scores import polar_points
-from jradar.diffusion import NoiseSpec, precondition, write_params
+from jradar.diffusion import OCCUPANCY, NoiseSpec, precondition, prior, write_params
 from jradar.errors import ModelError
 from tests.experiments.radarhd.conftest import random_params, shrink
 

@@ -6,7 +6,8 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from experiments.radarhd import pairs as module
-from experiments.radarhd.pairs import LIDAR, RADAR, PolarItems, open_radarhd
+from experiments.radarhd.pairs import PolarItems, open_radarhd
+from jradar.planar import LIDAR, RADAR
 from experiments.radarhd.scores import polar_points
 from jradar.training import Batch
 

@@ -1,0 +1,37 @@
+"""Clouds in the plane of one row of antennas, by networks of polar images.
+
+A radar with one row of antennas measures no elevation. What it can measure is where
+surfaces are in its plane: the polar image of a frame, formed as in RadarHD (Prabhakara
+et al. 2023), becomes an occupancy image, and that a cloud whose points have height 0.
+
+polar_image, azimuth_row, RADARHD    samples to the polar image; RadarHD's radar
+PolarGrid, RADAR, LIDAR, MAX_RANGE_M grids of the radar's image and of the answer
+PlanarModel, PlanarSpec, PlanarImage a trained network, and its answer
+one_pass, plane_image, plane_cloud   conditions to images and to clouds
+load_planar_model, describe_planar_model, planar_description    files
+"""
+
+from jradar.planar.files import (
+    describe_planar_model as describe_planar_model,
+    load_planar_model as load_planar_model,
+    planar_description as planar_description,
+)
+from jradar.planar.grid import (
+    LIDAR as LIDAR,
+    MAX_RANGE_M as MAX_RANGE_M,
+    RADAR as RADAR,
+    PolarGrid as PolarGrid,
+)
+from jradar.planar.image import (
+    RADARHD as RADARHD,
+    azimuth_row as azimuth_row,
+    polar_image as polar_image,
+)
+from jradar.planar.model import (
+    PlanarImage as PlanarImage,
+    PlanarModel as PlanarModel,
+    PlanarSpec as PlanarSpec,
+    one_pass as one_pass,
+    plane_cloud as plane_cloud,
+    plane_image as plane_image,
+)

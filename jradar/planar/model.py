@@ -1,0 +1,143 @@
+"""A network of polar images: the answer of one pass, as an image and as a cloud.
+
+condition [range, azimuth, image]    polar images of the radar, newest first
+-> one_pass                          occupancy, or expected nearness    256 x 512
+-> frequency of the confidence table
+-> plane_cloud                       PointCloud, all points at height 0
+"""
+
+import dataclasses
+import functools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jradar.diffusion import (
+    Network,
+    NoiseSpec,
+    conditional_denoiser,
+    regression_estimate,
+)
+from jradar.model import Card
+from jradar.planar.grid import LIDAR, RADAR
+from jradar.radar import PointSpec
+from jradar.range_image import IDENTITY, ConfidenceTable, frequency
+from jradar.types import PointCloud
+
+METHODS = ("occupancy", "nearness")
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanarSpec:
+    """What shapes a planar model's computation, and the radar points shown next to it.
+
+    `method` is what a pixel's value means: the probability of a LiDAR point in it, or
+    the expectation of how near the closest one is.
+    """
+
+    network: Network
+    noise: NoiseSpec
+    method: str = "occupancy"
+    history: int = 1  # radar images in a condition
+    points: PointSpec = PointSpec()
+
+    def __post_init__(self):
+        if self.method not in METHODS:
+            raise ValueError(f"method = {self.method!r}, expected one of {[*METHODS]}")
+        if self.history != 1:
+            raise ValueError(
+                f"history = {self.history}, expected 1: models of several images are "
+                "evaluated by experiments/radarhd alone"
+            )
+
+    @property
+    def condition_shape(self) -> tuple[int, int, int]:
+        """Shape of a condition, [range, azimuth, image]."""
+        return (*RADAR.shape, self.history)
+
+
+@functools.partial(
+    jax.tree_util.register_dataclass,
+    data_fields=("params", "confidence"),
+    meta_fields=("spec",),
+    drop_fields=("card",),
+)
+@dataclasses.dataclass(frozen=True, repr=False, eq=False)
+class PlanarModel:
+    """A trained network of polar images: a pytree of parameters and of its table."""
+
+    params: Any
+    spec: PlanarSpec
+    card: Card = Card()
+    confidence: ConfidenceTable = IDENTITY
+
+    def __repr__(self) -> str:
+        """One line: method, size, and what it was trained on."""
+        size = sum(np.size(leaf) for leaf in jax.tree.leaves(self.params)) / 1e6
+        return (
+            f"PlanarModel({self.spec.method}, {size:.3g} million parameters, "
+            f"{self.card.steps_seen:,} steps on {self.card.trained_on or 'unknown data'})"
+        )
+
+
+class PlanarImage(NamedTuple):
+    """What a planar model sees: its answer, and the polar image that it saw.
+
+    `confidence` is the probability that a surface is within 0.2 m, 0 where it is less
+    than the model's least.
+    """
+
+    confidence: Float[Array, "range azimuth"]
+    radar: Float[Array, "range radar_azimuth"]
+
+
+def one_pass(
+    condition: Float[Array, "batch range azimuth image"],
+    params: Any,
+    network: Network,
+    noise: NoiseSpec,
+) -> Float[Array, "batch range azimuth"]:
+    """Return the image of one evaluation of the network for each condition."""
+    denoise = conditional_denoiser(network, params, noise)(condition)
+    shape = (len(condition), *LIDAR.shape, 1)
+    return regression_estimate(denoise, shape, noise=noise)[..., 0]
+
+
+@jax.jit
+def plane_image(
+    condition: Float[Array, "range azimuth image"],
+    model: PlanarModel,
+    *,
+    least_confidence: float | Float[Array, ""] | None = None,
+) -> PlanarImage:
+    """Return the model's answer to one condition; `vmap` it.
+
+    Pixels of less than `least_confidence`, by default the model's, are 0. So are all
+    without an echo in the newest image. Raises ValueError for another shape.
+    """
+    spec = model.spec
+    if condition.shape != spec.condition_shape:
+        raise ValueError(
+            f"condition has shape {condition.shape}, the model needs [range, azimuth, "
+            f"image] = {spec.condition_shape}: one condition, or another model's?"
+        )
+    (value,) = one_pass(condition[None], model.params, spec.network, spec.noise)
+    confidence = frequency(value, model.confidence)
+    least = model.confidence.least if least_confidence is None else least_confidence
+    newest = condition[..., 0]
+    kept = (confidence >= least) & newest.any()
+    return PlanarImage(jnp.where(kept, confidence, 0.0), newest)
+
+
+@jax.jit
+def plane_cloud(image: PlanarImage) -> PointCloud:
+    """Return a point in the middle of each pixel; those of confidence 0 are not valid.
+
+    The points have height 0 and no velocity.
+    """
+    xyz = jnp.asarray(LIDAR.xyz.reshape(-1, 3), jnp.float32)
+    confidence = image.confidence.ravel()
+    return PointCloud(xyz, confidence > 0, confidence=confidence)
