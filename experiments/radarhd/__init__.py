@@ -7,6 +7,7 @@ pairs     RadarHD's images, how the network takes them, and their rotation
 model     the prediction, the losses, and the methods that draw images
 scores    two protocols, and limits of occupied pixels
 report    tables and pictures
+describe  what makes weights a model for `jradar enhance`
 """
 
 from pathlib import Path
@@ -15,6 +16,7 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.radarhd import report
+from experiments.radarhd.describe import describe
 from experiments.radarhd.model import LOSSES, answers, fitting_weights, networks
 from experiments.radarhd.pairs import (
     PolarItems,
@@ -98,7 +100,10 @@ def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
-    """Choose limits, and score the weights on the test pairs: tables and a report."""
+    """Choose limits, and score the weights on the test pairs: tables and a report.
+
+    The workdir also receives the description with which `jradar enhance` takes weights.
+    """
     for weights in (config.weights, config.nearness.weights):
         if weights and not Path(weights).is_file():
             raise UsageError(f"weights = {weights}: no such file")
@@ -106,7 +111,9 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     params = fitting_weights(path, networks(config)[0], config.data.history)
     drawn, every = answers(config, params), config.data.every
     pairs = open_radarhd(config.data.path)
-    rows = [*score_pairs(config, threshold_pairs(config, pairs), drawn, every=every)]
+    checked = threshold_pairs(config, pairs)
+    describe(config, workdir, path, params, checked)
+    rows = [*score_pairs(config, checked, drawn, every=every)]
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():
         reported = open_radarhd(config.data.path, split="test")

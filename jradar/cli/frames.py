@@ -68,7 +68,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         raise UsageError("--flat writes clouds alone: leave out --flat or --picture")
     if streamed and options.frame is None:
         options.frames = options.frames or slice(None)
-    model = jradar.load_model(options.model)
+    model = jradar.session.load_any_model(options.model)
     recording, frames = open_frames(options)
     pictured = not options.frames if options.picture is None else options.picture
     folder = None

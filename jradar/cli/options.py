@@ -91,6 +91,7 @@ SETS = (
     *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
     *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
 )
+PLANAR = ", or radarhd for a cloud in the plane of one row of antennas"
 SPLITS = ("train", "validation", "test")
 MAX_FUSED = 16
 COMPLETION = """\
@@ -176,7 +177,7 @@ def _enhance(sub):
     groups.frame(sub, several=True)
     text = "output folder, created if missing; or a new .mcap, .ros2, .mp4 or .gif, by "
     groups.output(sub, text + "default of all frames", may_stream=True)
-    groups.model(sub)
+    groups.model(sub, PLANAR)
     groups.anyway(sub)
     groups.add_point_options(sub, "remove_interference")
     groups.background(sub)
@@ -210,7 +211,7 @@ def _live(sub):
     text = "also serve web pages of this origin, such as https://viewer.example.org "
     text += "(default: this machine's and Foxglove's; repeatable)"
     groups.option(sub, "--allow-origin", "ORIGIN", text, action="append", default=[])
-    groups.model(sub, ", or none for detections only")
+    groups.model(sub, PLANAR + ", or none for detections only")
     groups.anyway(sub)
     groups.count(sub, "--draws", "draw N samples (default: 1)", most=groups.MAX_DRAWS)
     groups.count(

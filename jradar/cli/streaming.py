@@ -13,8 +13,8 @@ from jradar.cli.reading import given, opening
 from jradar.errors import UsageError
 
 if TYPE_CHECKING:
-    from jradar.model import Model
     from jradar.recordings import Recording
+    from jradar.session import AnyModel
     from jradar.stream import Emulator, NetworkSpec, Receiver
     from jradar.stream.live import Session
     from jradar.stream.outputs import Writer
@@ -137,16 +137,20 @@ def _recording(options: argparse.Namespace) -> "Recording":
     return jradar.stream.radar_on_the_cable(options.radar, **described)
 
 
-def _model(options: argparse.Namespace, recording: "Recording") -> "Model | None":
+def _model(options: argparse.Namespace, recording: "Recording") -> "AnyModel | None":
     """The model, or None; UsageError for a radar that measures no elevation."""
     if options.model == NO_MODEL:
         return None
-    if not (recording.radar.spec.has_elevation or options.anyway):
+    model = jradar.session.load_any_model(options.model)
+    spec = recording.radar.spec
+    needs_elevation = not isinstance(model, jradar.planar.PlanarModel)
+    if needs_elevation and not (spec.has_elevation or options.anyway):
         raise UsageError(
-            f"{recording.radar.spec.name} has one row of antennas and measures no "
-            "elevation: publish its detections with --model none, or add --anyway"
+            f"{spec.name} has one row of antennas and measures no elevation: publish "
+            "its detections with --model none, a cloud in the plane of its antennas "
+            "with --model radarhd, or add --anyway"
         )
-    return jradar.load_model(options.model)
+    return model
 
 
 def _network(options: argparse.Namespace) -> "NetworkSpec":

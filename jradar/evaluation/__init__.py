@@ -7,6 +7,7 @@ score_records, score_and_keep, View, Frame, drawn
 write_results, write_report      all of it, written as the report of a run
 detector_methods, choose_rates   CFAR detectors, and `splat`, with the best rates
 with_confidence                  a model whose confidence holds on given records
+fitted_confidence, Judged        the table of points whose truth is known
 write_scores, read_scores        the file of scores, the source of all that follows
 mean_interval                    mean of correlated frames, with its interval
 score_rings, ring_edges          scores by distance from the radar
@@ -21,7 +22,11 @@ save_clouds                      clouds of a few frames
 build_report, open_report        tables, curves and clouds of a run in one HTML file
 """
 
-from jradar.evaluation.confidence import with_confidence as with_confidence
+from jradar.evaluation.confidence import (
+    Judged as Judged,
+    fitted_confidence as fitted_confidence,
+    with_confidence as with_confidence,
+)
 from jradar.evaluation.detectors import (
     best_choice as best_choice,
     choose_rates as choose_rates,

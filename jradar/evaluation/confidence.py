@@ -50,6 +50,14 @@ def with_confidence(key: jax.Array, model: Model, *sets: Records) -> Model:
     groups = [group for group in groups if any(len(f.xyz) for f in group)]
     if not groups:
         return model
+    return dataclasses.replace(model, confidence=fitted_confidence(*groups))
+
+
+def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
+    """Return the table of confidence that was fitted to the points of these frames.
+
+    Each group counts as much as another. Raises ValueError for frames without a point.
+    """
     points = [
         (frame.confidence, frame.right, np.full(len(frame.xyz), 1 / len(group)))
         for group in groups
@@ -60,8 +68,7 @@ def with_confidence(key: jax.Array, model: Model, *sets: Records) -> Model:
         [f._replace(confidence=np.asarray(frequency(f.confidence, table))) for f in g]
         for g in groups
     ]
-    table = ConfidenceTable.of(table.frequencies, least=least_confidence(*said))
-    return dataclasses.replace(model, confidence=table)
+    return ConfidenceTable.of(table.frequencies, least=least_confidence(*said))
 
 
 def judged(

@@ -111,9 +111,12 @@ def load_planar_model(name: Path | str) -> PlanarModel:
     return PlanarModel(params, spec, card, confidence)
 
 
-def describe_planar_model(weights: Path, model: PlanarModel) -> Path:
-    """Write the description of a model beside its weights; return its path."""
-    spec, path = model.spec, weights.with_suffix(".json")
+def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) -> Path:
+    """Write the description of weights to a folder; return its path.
+
+    The model is complete when both files are in one folder.
+    """
+    spec, path = model.spec, folder / f"{weights.stem}.json"
     noise = dataclasses.asdict(spec.noise)
     noise.pop("prediction")
     values = {

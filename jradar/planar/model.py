@@ -77,9 +77,10 @@ class PlanarModel:
     def __repr__(self) -> str:
         """One line: method, size, and what it was trained on."""
         size = sum(np.size(leaf) for leaf in jax.tree.leaves(self.params)) / 1e6
+        trained_on = self.card.trained_on or "unknown data"
         return (
             f"PlanarModel({self.spec.method}, {size:.3g} million parameters, "
-            f"{self.card.steps_seen:,} steps on {self.card.trained_on or 'unknown data'})"
+            f"{self.card.steps_seen:,} steps on {trained_on})"
         )
 
 

@@ -7,6 +7,7 @@ describe_configuration                   what a radar and its board can do
 FrameFolder                              the files of frames
 Stages                                   the stages of one frame, compiled and timed
 of_radar                                 why a model may not suit a radar
+load_any_model, AnyModel                 models of either kind by name
 """
 
 from jradar.session.configuration import (
@@ -20,6 +21,10 @@ from jradar.session.frames import (
     Enhancement as Enhancement,
     Frame as Frame,
     enhance_recording as enhance_recording,
+)
+from jradar.session.models import (
+    AnyModel as AnyModel,
+    load_any_model as load_any_model,
 )
 from jradar.session.stages import Stages as Stages
 from jradar.session.warnings import of_radar as of_radar

@@ -19,11 +19,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact, Key
 
 from jradar.errors import UsageError
-from jradar.model import Model
+from jradar.planar import PlanarImage, PlanarModel, azimuth_row
 from jradar.range_image import RangeImage
 from jradar.recordings import Recording, with_sample_doubts
 from jradar.session import warnings
 from jradar.session.fusion import LastFrames, check_fusing
+from jradar.session.models import AnyModel
 from jradar.session.stages import Heard, Stages, Stopwatch
 from jradar.types import PointCloud
 
@@ -39,7 +40,7 @@ class Frame(NamedTuple):
     power: Float[Array, "doppler range"]
     detected: Bool[Array, "doppler range"]  # above the noise; 1 false alarm in 1,000
     points: PointCloud  # of the radar
-    image: RangeImage
+    image: RangeImage | PlanarImage
     cloud: PointCloud
     confidence: float | None  # mean over the cloud; None if it has none
     unlikeness: float | None  # share of training frames that are more usual
@@ -71,7 +72,7 @@ class Enhancement(Iterator[Frame]):
     def __init__(
         self,
         recording: Recording,
-        model: Model,
+        model: AnyModel,
         frames: range,
         *,
         key: Key[Array, ""],
@@ -110,7 +111,7 @@ class Enhancement(Iterator[Frame]):
         """Warnings about the radar, and about the frames so far."""
         spec = self.recording.radar.spec
         return (
-            *warnings.of_radar(self.model.card, spec),
+            *warnings.of_model(self.model, spec),
             *warnings.of_frames(self._given, self.recording.radar),
             *([] if self._last is None else self._last.warnings()),
         )
@@ -169,7 +170,7 @@ class Enhancement(Iterator[Frame]):
 
 def enhance_recording(
     recording: Recording,
-    model: Model,
+    model: AnyModel,
     *,
     frames: slice | range = slice(None),
     seed: int = 0,
@@ -185,16 +186,20 @@ def enhance_recording(
     With `fuse`, the last frames become one, held together by the recorded poses or the
     radar's own velocity. `draws`, `steps` and `least_confidence` are those of `draw`,
     `remove_interference` that of `PointSpec`, by default the model's. Every frame draws
-    with the key of `seed`. `anyway` enhances a radar that does not measure both angles.
-    Raises UsageError for frames that the recording lacks, for a radar that does not
-    measure both angles, and for options that the model does not take.
+    with the key of `seed`. `anyway` enhances a radar that does not measure both angles;
+    a planar model needs azimuths alone. Raises UsageError for frames that the recording
+    lacks, for a radar that does not measure these angles, and for options that the
+    model does not take.
     """
-    chosen = chosen_frames(recording, frames)
-    if (without := warnings.blind(recording.radar.spec)) and not anyway:
+    chosen, spec = chosen_frames(recording, frames), recording.radar.spec
+    if isinstance(model, PlanarModel):
+        azimuth_row(spec)  # raises
+    elif (without := warnings.blind(spec)) and not anyway:
         trained = model.card.radars[0].name if model.card.radars else "other radars"
+        planar = f", {warnings.IN_THE_PLANE}" if spec.has_azimuth else ""
         raise UsageError(
-            f"{without}, which was trained on {trained}: use `jradar points`, or "
-            "add --anyway"
+            f"{without}, which was trained on {trained}: use `jradar points`{planar}, "
+            "or add --anyway"
         )
     if fuse > 1:
         check_fusing(model, recording, frames=fuse)
@@ -207,8 +212,8 @@ def enhance_recording(
         points = dataclasses.replace(
             model.spec.points, remove_interference=remove_interference
         )
-        spec = dataclasses.replace(model.spec, points=points)
-        model = dataclasses.replace(model, spec=spec)
+        changed: Any = dataclasses.replace(model.spec, points=points)
+        model = dataclasses.replace(model, spec=changed)
     return Enhancement(
         with_sample_doubts(recording, chosen[0]),
         model,

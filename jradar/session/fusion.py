@@ -16,6 +16,7 @@ from jradar.motion import Follower, ego_velocity
 from jradar.radar import RadarSpec
 from jradar.range_image import RangeImage
 from jradar.recordings import Recording
+from jradar.session.models import AnyModel
 from jradar.types import PointCloud
 
 KEY = 0  # of the samples that find the radar's velocity
@@ -29,7 +30,7 @@ class Seen(NamedTuple):
     velocity: Float[Array, "*frame 3"]  # m/s, NaN where unknown
 
 
-def check_fusing(model: Model, recording: Recording, *, frames: int) -> None:
+def check_fusing(model: AnyModel, recording: Recording, *, frames: int) -> None:
     """Raise UsageError for a model or a recording whose frames cannot be fused."""
     if model.spec.method != "marginal":
         raise UsageError(

@@ -29,6 +29,7 @@ from jax.tree_util import keystr, tree_flatten_with_path
 from jradar.diffusion import RangeMixture
 from jradar.files import atomic_path, open_file
 from jradar.model import compiler_options
+from jradar.planar import PlanarImage
 from jradar.range_image import RangeImage
 from jradar.session.fusion import Seen
 from jradar.types import PointCloud
@@ -37,7 +38,10 @@ PACKAGE = Path(__file__).parents[1]
 SUFFIX = ".programs"
 MOST_FILES = 32  # in the folder, of about 1 MB each; the oldest are removed
 MOST_BYTES = 1 << 28  # of a file, unpacked
-RECORDS = {kind.__name__: kind for kind in (PointCloud, RangeImage, RangeMixture, Seen)}
+RECORDS = {
+    kind.__name__: kind
+    for kind in (PointCloud, RangeImage, PlanarImage, RangeMixture, Seen)
+}
 MOST_READY = 16  # sets of programs in a process
 Compiled = dict[str, Callable[..., Any]]
 READY: dict[str, tuple[Compiled, list[type]]] = {}  # by `digest`, and classes they need

@@ -17,7 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Inexact, Int, Key
 
 from jradar.errors import UsageError
-from jradar.model import Model, dense_cloud, draw
+from jradar.model import dense_cloud, draw
+from jradar.planar import PlanarModel, plane_cloud, plane_image, polar_image
 from jradar.radar import (
     PointSpec,
     Radar,
@@ -29,6 +30,7 @@ from jradar.radar import (
 )
 from jradar.range_image import RangeImage, condition_image, unlikeness
 from jradar.session import fusion, programs
+from jradar.session.models import AnyModel
 from jradar.types import PointCloud
 
 DETECTION_RATE = 1e-3  # false alarms per cell of the detections that are counted
@@ -40,7 +42,8 @@ class Heard(NamedTuple):
     samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
     points: PointCloud
     detected: Int[Array, ""]  # cells of usable ranges that the detector marked
-    condition: Float[Array, "row column channel"] | None  # None without a model
+    condition: Float[Array, "row column channel"] | None  # None without a model;
+    # of a planar model [range, azimuth, image]
     unlikeness: Float[Array, ""] | None  # share of training frames that are more usual
 
 
@@ -74,7 +77,7 @@ class _Programs:
         radar = radar.once_calibrated()
         return points_and_count(samples, radar, points=self.points)
 
-    def conditioned(self, _key, _radar, model, points):
+    def conditioned(self, key, radar, model, samples, points):
         spec = model.spec
         image = condition_image(points, spec.coarse, num_slices=spec.num_slices)
         strange = None if model.trust is None else unlikeness(image, model.trust)
@@ -96,13 +99,31 @@ class _Programs:
         least = self.least_confidence
         return fusion.fused(seen, poses, model, least_confidence=least)
 
-    def projected(self, _key, _radar, model, image, points):
+    def projected(self, key, radar, model, image, points):
         return dense_cloud(image, points, model.spec)
 
     def detected(self, _key, radar, _model, samples):
         power = power_map(samples, remove_static=self.points.remove_static)
         rate = dataclasses.replace(self.points, false_alarm_rate=DETECTION_RATE)
         return power, detect(power, radar.spec, points=rate)
+
+
+class _PlanarPrograms(_Programs):
+    """The same for a planar model: its image is that of the samples, not of points."""
+
+    def conditioned(self, key, radar, model, samples, points):
+        return polar_image(samples, radar.spec)[..., None], None
+
+    def sampled(self, key, radar, model, points, condition):
+        if self.draws or self.steps:
+            raise UsageError(
+                f"draws = {self.draws}, steps = {self.steps}: a model of one pass "
+                "draws no samples, leave these options out"
+            )
+        return plane_image(condition, model, least_confidence=self.least_confidence)
+
+    def projected(self, key, radar, model, image, points):
+        return plane_cloud(image)
 
 
 class Stages:
@@ -115,7 +136,7 @@ class Stages:
         self,
         key: Key[Array, ""],
         radar: Radar,
-        model: Model | None,
+        model: AnyModel | None,
         *,
         points: PointSpec | None = None,
         fuse: int = 1,
@@ -135,7 +156,8 @@ class Stages:
         found = dataclasses.replace(points, remove_interference=False)
         self.points = found.fitted(radar.spec)
         self._key, self._radar, self._model = key, radar, model
-        self._programs = _Programs(
+        kind = _PlanarPrograms if isinstance(model, PlanarModel) else _Programs
+        self._programs = kind(
             points=self.points,
             clean=points.remove_interference,
             count=fuse,
@@ -152,7 +174,7 @@ class Stages:
         points, detected = self._run("radar processing", samples)
         condition = strange = None
         if self._model is not None:
-            condition, strange = self._run("condition", points)
+            condition, strange = self._run("condition", samples, points)
         return Heard(samples, points, detected, condition, strange)
 
     def detections(
@@ -207,7 +229,8 @@ class Stages:
         yield "detections", program
         if self._model is None:
             return
-        program, (condition, _) = programs.traced(options.conditioned, *given, points)
+        measured = *given, samples, points
+        program, (condition, _) = programs.traced(options.conditioned, *measured)
         yield "condition", program
         program, image = programs.traced(options.sampled, *given, points, condition)
         yield "sampling", program

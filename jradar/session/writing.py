@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.errors import UsageError
-from jradar.model import Model
+from jradar.planar import MAX_RANGE_M, PlanarImage
 from jradar.radar import (
     PointSpec,
     Radar,
@@ -37,6 +37,7 @@ from jradar.results import Results
 from jradar.session import programs
 from jradar.session.detecting import Detected
 from jradar.session.frames import Frame
+from jradar.session.models import AnyModel
 from jradar.types import PointCloud
 
 if TYPE_CHECKING:
@@ -107,20 +108,29 @@ class FrameFolder:
         return self._write(frame.number, (frame.points,), arrays, figure)
 
     def write_enhanced(
-        self, frame: Frame, recording: Recording, model: Model
+        self, frame: Frame, recording: Recording, model: AnyModel
     ) -> list[str]:
-        """Write the clouds of a frame, and its range image; returns the paths."""
-        image, view = frame.image.range_m, model.spec.fine
-        kept = np.asarray(frame.cloud.valid).reshape(image.shape)
-        arrays = {"range_image": np.where(kept, image, 0)}
+        """Write the clouds of a frame, and its images; returns the paths."""
+        image, kept = frame.image, np.asarray(frame.cloud.valid)
+        if isinstance(image, PlanarImage):
+            view = ImageSpec(PIXELS, PIXELS, max_range_m=MAX_RANGE_M)
+            seen = np.where(kept.reshape(image.confidence.shape), image.confidence, 0)
+            arrays = {"polar_image": np.asarray(image.radar), "occupancy": seen}
+            shown = {"polar": arrays["polar_image"]}
+        else:
+            spec: Any = model.spec
+            view = spec.fine
+            seen = np.where(kept.reshape(image.range_m.shape), image.range_m, 0)
+            arrays = {"range_image": seen}
+            shown = {"metres": seen}
         figure = functools.partial(
             self._figure,
             frame,
             recording,
             view,
             dense=frame.cloud,
-            metres=arrays["range_image"],
             more=f"; model: {model.card.purpose}",
+            **shown,
         )
         return self._write(frame.number, (frame.points, frame.cloud), arrays, figure)
 
@@ -158,6 +168,7 @@ class FrameFolder:
         *,
         dense: PointCloud | None = None,
         metres: np.ndarray | None = None,
+        polar: np.ndarray | None = None,
         more: str = "",
     ) -> "Figure":
         """Draw the maps and the clouds, with the LiDAR's if there is one."""
@@ -170,6 +181,7 @@ class FrameFolder:
             view,
             dense=dense,
             metres=metres,
+            polar=polar,
             lidar=nearest_scan(recording, frame.number),
             title=f"{recording.name}, frame {frame.number}{more}",
         )

@@ -8,12 +8,11 @@ import numpy as np
 from jaxtyping import Float, Inexact, Num, UInt8
 
 from jradar.errors import UsageError
-from jradar.model import Model
 from jradar.radar import PointSpec
 from jradar.recordings import Recording, Stream
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
-from jradar.session import Stages
+from jradar.session import AnyModel, Stages
 from jradar.stream.views import (
     LIDAR_FRAME,
     View,
@@ -58,7 +57,7 @@ class Processor:
         self,
         recording: Recording,
         *,
-        model: Model | None = None,
+        model: AnyModel | None = None,
         points: PointSpec | None = None,
         seed: int = 0,
         draws: int | None = None,
@@ -116,7 +115,7 @@ class Processor:
         return View(number, stamp_s, clouds, picture, self._base_from, moved)
 
 
-def quickest(model: Model | None, **drawing: Any) -> dict[str, Any]:
+def quickest(model: AnyModel | None, **drawing: Any) -> dict[str, Any]:
     """Return how a live model draws: as asked, by default its one-step estimate.
 
     Raises UsageError for options that the model does not take.

@@ -79,6 +79,7 @@ def capture_figure(
     *,
     dense: PointCloud | None = None,
     metres: Float[np.ndarray, "row column"] | None = None,
+    polar: Float[np.ndarray, "range azimuth"] | None = None,
     lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
 ) -> Figure:
@@ -86,8 +87,9 @@ def capture_figure(
 
     `power` and `azimuths`, the `azimuth_map`, are linear. `cloud` holds the detections,
     `dense` is the enhanced cloud, drawn above them, and `metres` its range image; if
-    None, it is projected. `lidar` holds LiDAR points in the radar's frame; only points
-    ahead and within the image's range are drawn.
+    None, it is projected. A `polar` image, from -90 to 90 degrees and to the range of
+    `image`, is drawn in its place. `lidar` holds LiDAR points in the radar's frame;
+    only points ahead and within the image's range are drawn.
     """
     figure = Figure(figsize=(17, 5))  # `constrained` layout takes twice as long
     figure.subplots_adjust(left=0.035, right=0.99, bottom=0.26, top=0.86, wspace=0.22)
@@ -103,6 +105,9 @@ def capture_figure(
         if drawn is not None:
             clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
     _draw_above(above, clouds)
+    if polar is not None:
+        _draw_polar(front, polar, image.max_range_m)
+        return figure
     if metres is None:
         metres = np.asarray(project(dense or cloud, image))
     picture = _draw_image(front, metres, image)
@@ -219,6 +224,14 @@ def _draw_above(axes: Axes, clouds):
         handletextpad=0.1,
         markerscale=LEGEND_SIZE,
     )
+
+
+def _draw_polar(axes: Axes, polar, max_range_m):
+    """Draw a polar image [range, azimuth] of 0 to 1, left in the picture is left."""
+    view = {"origin": "lower", "aspect": "auto", "extent": (90, -90, 0, max_range_m)}
+    picture = axes.imshow(polar[:, ::-1], vmin=0, vmax=1, **view)
+    _add_bar(axes, picture, "level, from weakest to strongest")
+    axes.set(title="polar image", xlabel="azimuth (degrees)", ylabel="range (m)")
 
 
 def _draw_image(axes: Axes, metres, image: ImageSpec):

@@ -16,10 +16,10 @@ from experiments.radarhd.model import (
     nearness_loss,
     regression_loss,
 )
-from jradar.planar import LIDAR, RADAR
 from experiments.radarhd.scores import polar_points
 from jradar.diffusion import OCCUPANCY, NoiseSpec, precondition, prior, write_params
 from jradar.errors import ModelError
+from jradar.planar import LIDAR, RADAR
 from tests.experiments.radarhd.conftest import random_params, shrink
 
 RARE = NoiseSpec(prediction=OCCUPANCY, sigma_data=0.1, sigma_max=1e4)

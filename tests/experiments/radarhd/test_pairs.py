@@ -7,8 +7,8 @@ from scipy.spatial import KDTree
 
 from experiments.radarhd import pairs as module
 from experiments.radarhd.pairs import PolarItems, open_radarhd
-from jradar.planar import LIDAR, RADAR
 from experiments.radarhd.scores import polar_points
+from jradar.planar import LIDAR, RADAR
 from jradar.training import Batch
 
 KEYS = [(7, 2), (7, 10), (12, 0)]  # in numeric, not alphabetic order

@@ -9,9 +9,9 @@ import pytest
 from experiments.configs import radarhd
 from experiments.radarhd import report, scores
 from experiments.radarhd.pairs import open_radarhd
-from jradar.planar import LIDAR
 from experiments.radarhd.scores import cartesian_points, polar_points
 from jradar.evaluation import score_points
+from jradar.planar import LIDAR
 from tests.experiments.radarhd.conftest import shrink
 
 

@@ -9,9 +9,9 @@ import pytest
 from experiments import radarhd as task, train
 from experiments.configs import radarhd as default, radarhd_history, radarhd_nearness
 from experiments.radarhd import scores
-from jradar.planar import RADAR
 from jradar.errors import ModelError, UsageError
 from jradar.evaluation import read_scores
+from jradar.planar import RADAR
 from tests.experiments.radarhd.conftest import shrink
 
 METHODS = {

@@ -1,0 +1,63 @@
+"""What makes weights a model that `jradar enhance` takes: their description.
+
+The model answers in one pass. Its confidence is fitted to the pairs on which limits are
+chosen: a pixel is right if the LiDAR has a point within 0.2 m of it.
+"""
+
+import functools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from ml_collections import ConfigDict
+
+from experiments.radarhd.model import networks
+from experiments.radarhd.pairs import RadarHD
+from experiments.radarhd.scores import drawn_images, polar_points
+from jradar.evaluation import Judged, fitted_confidence, near_truth
+from jradar.model import Card
+from jradar.planar import (
+    LIDAR,
+    RADARHD,
+    PlanarModel,
+    PlanarSpec,
+    describe_planar_model,
+    one_pass,
+)
+
+FAINT = 0.02  # value of a pixel that is never a point
+
+
+def describe(
+    config: ConfigDict, workdir: Path, weights: Path, params: Any, pairs: RadarHD
+) -> Path:
+    """Write the description of weights to the workdir; return its path."""
+    network, noise = networks(config)
+    method = "nearness" if config.method == "nearness" else "occupancy"
+    spec = PlanarSpec(network, noise, method=method, history=config.data.history)
+    card = Card(
+        purpose=config.purpose,
+        steps_seen=config.train.steps,
+        trained_on="RadarHD's dataset_5, whose licence is not stated",
+        radars=(RADARHD,),
+    )
+    draw = jax.jit(functools.partial(one_pass, network=network, noise=noise))
+    frames = [*_judged(config, pairs, functools.partial(draw, params=params))]
+    model = PlanarModel(params, spec, card, fitted_confidence(frames))
+    return describe_planar_model(weights, model, folder=workdir)
+
+
+def _judged(config, pairs, draw) -> Iterator[Judged]:
+    """The pixels of every `data.every`-th pair that are not faint."""
+
+    def answers(key, condition):
+        yield "one pass", draw(condition)
+
+    index = range(0, len(pairs), config.data.every)
+    for pair, _, image in drawn_images(config, pairs, answers, index):
+        seen, truth = image > FAINT, polar_points(pair.lidar)
+        if len(truth):
+            xyz = LIDAR.xyz[seen]
+            yield Judged(xyz, np.minimum(image[seen], 1), near_truth(xyz, truth), truth)
