@@ -127,7 +127,6 @@ def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) ->
         "history": spec.history,
         "network": network_fields(spec.network),
         "noise": noise,
-        "points": dataclasses.asdict(spec.points),
         "confidence": table_to_json(model.confidence),
         "card": dataclasses.asdict(model.card),
     }
