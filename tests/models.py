@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar.diffusion import PREDICTIONS, NoiseSpec, UNet
+from jradar.diffusion import OCCUPANCY, PREDICTIONS, NoiseSpec, UNet
 from jradar.mapping import MapModel, MapSpec
 from jradar.model import Card, Model, ModelSpec
+from jradar.planar import LIDAR, RADARHD, PlanarModel, PlanarSpec
 from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
 from jradar.range_image import IDENTITY, ConfidenceTable, ImageSpec
 
@@ -75,3 +76,15 @@ def tiny_map_model() -> MapModel:
     network = dataclasses.replace(NETWORK, **fields)
     params = random_params(network, (32, 32, 17), (32, 32, 19), scale=0.2)
     return MapModel(params, network, spec, trained_on="nothing")
+
+
+def tiny_planar_model(**changes: Any) -> PlanarModel:
+    """A planar model of random parameters, whose pixels differ in confidence."""
+    fields = {"stem": (16, 32), "condition_stem": (16, 4), "condition_channels": 8}
+    network = dataclasses.replace(NETWORK, **fields, detail_channels=0, outputs=1)
+    noise = NoiseSpec(sigma_data=0.5, sigma_max=20.0, prediction=OCCUPANCY)
+    spec = PlanarSpec(network, noise, points=PointSpec(capacity=64, guard=(1, 2)))
+    params = random_params(network, (*LIDAR.shape, 1), spec.condition_shape, scale=0.5)
+    card = Card("nothing", 7, "a test", (RADARHD,))
+    table = ConfidenceTable.of((0.0, 1.0), least=0.5)
+    return PlanarModel(params, dataclasses.replace(spec, **changes), card, table)

@@ -22,7 +22,7 @@ import itertools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Inexact, Int
+from jaxtyping import Array, Bool, Float, Inexact, Int
 
 from jradar.errors import UsageError
 from jradar.planar.grid import MAX_RANGE_M, RADAR
@@ -72,9 +72,7 @@ def polar_image(
         "am,ms,sr->ar", over_antennas, first, over_samples, precision=exactly
     )
     magnitude = jnp.abs(spectrum)
-    inside = np.arange(CELLS[1]) >= FIRST_BIN
-    inside &= np.arange(CELLS[1]) * RADARHD.range_resolution_m < radar.max_range_m
-    magnitude = jnp.where(inside, magnitude, 0.0)
+    magnitude = jnp.where(_usable(radar), magnitude, 0.0)
     strong = (magnitude >= LEAST * magnitude.max()) & (magnitude > 0)
     level = jnp.where(strong, 10 * jnp.log10(magnitude), -jnp.inf).ravel()
     level = jnp.append(level, -jnp.inf)  # of the pixels without a cell
@@ -86,6 +84,15 @@ def polar_image(
     span = either.max() - low
     shade = jnp.floor(255 * (image - low) / jnp.where(span > 0, span, 1.0)) / 255
     return jnp.where(seen & (span > 0), shade, 0.0)
+
+
+def _usable(radar: RadarSpec) -> Bool[np.ndarray, " range"]:
+    """Which ranges of the spectrum hold echoes: neither leakage nor another period."""
+    cells = np.arange(CELLS[1])
+    end = radar.max_range_m / RADARHD.range_resolution_m
+    if radar.max_range_m < MAX_RANGE_M:  # its leakage is in view at the far end, too
+        end -= FIRST_BIN
+    return (cells >= FIRST_BIN) & (cells < end)
 
 
 @functools.cache

@@ -39,8 +39,11 @@ WAVEFORMS = {
     "fine-range-quick": (0.08, 64, 256, 79e12, 8e6, 20e-6, 42e-6),
 }
 # Of the robustness set: TI's 3-D example for the AWR1843 (`1843_3d.cfg` of its ROS
-# driver), with 16 chirps.
-UNSEEN = {"ti-3d": (0.0, 16, 256, 70e12, 5.209e6, 267e-6, 57.14e-6)}
+# driver), with 16 chirps. RadarHD's, of `radarhd_config.xml` in its repository.
+UNSEEN = {
+    "ti-3d": (0.0, 16, 256, 70e12, 5.209e6, 267e-6, 57.14e-6),
+    "radarhd": (0.0, 64, 512, 63.343e12, 9.121e6, 10e-6, 63.14e-6),
+}
 WAVEFORM_NAMES = tuple(WAVEFORMS)
 WAVEFORM_SHARES = [share for share, *_ in WAVEFORMS.values()]
 

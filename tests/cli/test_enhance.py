@@ -8,12 +8,14 @@ import pytest
 
 from jradar import model as models
 from jradar.cli import main
+from jradar.diffusion import write_params
 from jradar.model import condition, draw, load_model, save_model
+from jradar.planar import describe_planar_model
 from jradar.radar import radar_points
 from jradar.recordings import open_recording, read_cloud, without_background
 from jradar.session import writing
 from tests.cli.conftest import MODEL, QUICK, write_cube
-from tests.models import tiny_model
+from tests.models import tiny_model, tiny_planar_model
 from tests.recordings.conftest import root as root, sequence as sequence
 
 WAVEFORM = {"start_frequency_hz": 77e9, "slope_hz_per_s": 100e12, "idle_time_s": 7e-6}
@@ -102,12 +104,25 @@ def test_another_radar_than_in_training_is_noted(
     command = ["enhance", flat_cube, "--model", model_folder, *QUICK]
     err = refused(*command, "-o", tmp_path / "out")
     assert "heights in the result are invented" in err and "--anyway" in err
+    assert "`--model radarhd` for a cloud in the plane" in err
     assert not (tmp_path / "out").exists()
     assert main([*command, "--anyway", "-o", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
     assert "training steps" in out and "one row of antennas" in out
     assert "other radars (awr1843), expect worse clouds: " in out
     assert "8 virtual antennas here, 12 in training" in out and "range to" not in out
+
+
+@pytest.mark.slow
+def test_a_radar_with_one_row_gets_a_cloud_in_its_plane(run_json, flat_cube, tmp_path):
+    model, weights = tiny_planar_model(), tmp_path / "mine.safetensors"
+    write_params(weights, model.params)
+    describe_planar_model(weights, model, folder=tmp_path)
+    options = ("--model", weights, "-o", tmp_path / "out")
+    found = run_json("enhance", flat_cube, *options)
+    assert "height is not measured: all points lie at height 0" in found["notes"]
+    assert found["model"]["trained_on"] == "a test, radar radarhd"
+    assert found["enhanced_points"] > 0
 
 
 def test_a_radar_with_real_samples_and_a_silent_frame(enhance, tmp_path):

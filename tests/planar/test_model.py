@@ -1,0 +1,135 @@
+"""Planar models: what they answer, what is kept of them in files, what is refused."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jradar.diffusion import write_params
+from jradar.errors import ModelError
+from jradar.planar import (
+    LIDAR,
+    RADAR,
+    PlanarImage,
+    describe_planar_model,
+    files,
+    load_planar_model,
+    plane_cloud,
+    plane_image,
+)
+from jradar.range_image import ConfidenceTable
+from jradar.session import load_any_model
+from tests.models import tiny_planar_model
+
+MODEL = tiny_planar_model()
+SEEN = jax.random.uniform(jax.random.key(1), MODEL.spec.condition_shape)
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """The description of a model beside its weights."""
+    weights = tmp_path / "weights.safetensors"
+    write_params(weights, MODEL.params, dtype=np.float32)
+    return describe_planar_model(weights, MODEL, folder=tmp_path)
+
+
+def test_a_model_comes_back_from_its_files_by_any_of_their_names(saved):
+    for name in (saved, saved.with_suffix(".safetensors"), saved.parent):
+        model = load_planar_model(name)
+        assert dataclasses.replace(model.spec, points=MODEL.spec.points) == MODEL.spec
+        assert model.card == MODEL.card and model.confidence.least == 0.5
+        jax.tree.map(np.testing.assert_array_equal, model.params, MODEL.params)
+    assert repr(load_any_model(saved)) == repr(MODEL)
+    assert "PlanarModel(occupancy, 0.0" in repr(MODEL) and "7 steps" in repr(MODEL)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("format", 9, "kind 'planar' and format 9, expected 'planar' and 1"),
+        ("kind", "curved", "kind 'curved'"),
+        ("weights_sha256", "0", "does not match its digest"),
+        ("method", "guess", "method = 'guess', expected one of"),
+        ("history", 41, "history = 41, expected 1"),
+        ("colour", "red", "unknown field 'colour'"),
+        ("noise", {"sigma_data": 0.6}, "sigma_data = 0.6, expected at most 0.5"),
+        ("confidence", {"frequencies": [1, 0]}, "expected two or more that rise"),
+        ("network", {"kind": "unet", "channels": 1 << 40}, "channels for arrays"),
+        ("network", {"kind": "unet", "channels": 8}, "none match"),
+    ],
+)
+def test_an_unusable_description_is_refused(saved, field, value, message):
+    values = json.loads(saved.read_text()) | {field: value}
+    saved.write_text(json.dumps(values))
+    with pytest.raises(ModelError, match=f"is not usable: .*{message}"):
+        load_planar_model(saved)
+
+
+def test_a_model_that_is_not_there_is_named(tmp_path, monkeypatch, saved):
+    monkeypatch.setattr(files, "RESULTS", tmp_path)  # as in a wheel
+    with pytest.raises(ModelError, match="no licence.*--config=.*radarhd.py"):
+        load_any_model("radarhd")
+    with pytest.raises(ModelError, match="no planar model at nowhere"):
+        load_planar_model("nowhere")
+    with pytest.raises(ModelError, match="the name of a shipped model"):
+        load_any_model("nowhere")
+    saved.with_suffix(".safetensors").unlink()
+    with pytest.raises(ModelError, match=r"weights.safetensors is missing"):
+        load_planar_model(saved)
+
+
+def test_the_weights_of_a_clone_are_described():
+    model = load_any_model("radarhd")
+    assert model.spec.condition_shape == (*RADAR.shape, 1)
+    assert 0 < model.confidence.least < 1
+    assert "licence is not stated" in model.card.trained_on
+
+
+def test_points_lie_in_the_plane_at_the_pixels_that_are_sure_enough():
+    image = plane_image(SEEN, MODEL)
+    kept = np.asarray(image.confidence) > 0
+    assert 0.05 < kept.mean() < 0.95 and image.confidence.max() <= 1
+    assert image.confidence[kept].min() >= 0.5
+    np.testing.assert_array_equal(image.radar, SEEN[..., 0])
+    cloud = plane_cloud(image)
+    xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+    assert len(xyz) == kept.sum() and not xyz[:, 2].any() and (xyz[:, 0] > -1e-5).all()
+    np.testing.assert_allclose(xyz, LIDAR.xyz[kept], atol=1e-5)
+    assert cloud.velocity is None
+    all_of_them = plane_image(SEEN, MODEL, least_confidence=0.0)
+    assert (all_of_them.confidence > 0).mean() > kept.mean()
+
+
+def test_a_point_ahead_and_to_the_left():
+    sure = jnp.zeros(LIDAR.shape).at[255, 511].set(0.9).at[128, 255].set(0.7)
+    cloud = plane_cloud(PlanarImage(sure, jnp.zeros(RADAR.shape)))
+    ahead, left = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
+    np.testing.assert_allclose(ahead, [5.42, 0, 0], atol=0.02)
+    np.testing.assert_allclose(left, [0, 10.8, 0], atol=1e-4)
+    np.testing.assert_allclose(sorted(cloud.confidence[cloud.valid]), [0.7, 0.9])
+
+
+def test_confidence_is_the_tables():
+    table = ConfidenceTable.of((0.5, 0.5), least=0.5)
+    image = plane_image(SEEN, dataclasses.replace(MODEL, confidence=table))
+    np.testing.assert_allclose(image.confidence, 0.5)
+
+
+def test_without_an_echo_there_is_no_point():
+    assert not plane_image(jnp.zeros_like(SEEN), MODEL).confidence.any()
+
+
+def test_several_conditions_give_the_images_of_each():
+    both = jnp.stack([SEEN, SEEN[:, ::-1]])
+    many = jax.vmap(lambda seen: plane_image(seen, MODEL))(both)
+    for k, seen in enumerate(both):
+        one = plane_image(seen, MODEL)
+        np.testing.assert_allclose(many.confidence[k], one.confidence, atol=1e-4)
+
+
+def test_a_condition_of_another_shape_is_refused():
+    with pytest.raises(ValueError, match=r"shape \(64, 64, 1\), the model needs"):
+        plane_image(jnp.zeros((64, 64, 1)), MODEL)

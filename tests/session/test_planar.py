@@ -1,0 +1,103 @@
+"""Frames through a planar model: clouds in the plane, warnings, files, refusals."""
+
+import dataclasses
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from jradar.errors import UsageError
+from jradar.planar import RADARHD, PlanarImage, plane_cloud, plane_image, polar_image
+from jradar.radar import Radar, RadarSpec, calibrate
+from jradar.recordings import Recording, Stream
+from jradar.results import Results
+from jradar.session import FrameFolder, enhance_recording
+from jradar.stream import Processor, quickest
+from tests.models import tiny_planar_model
+from tests.radar.targets import simulate, targets
+
+MODEL = tiny_planar_model()
+ROW = RadarSpec.awr1642(num_chirps=8, num_samples=64)
+UNIT = Radar(ROW).with_factors(np.exp(1j * np.linspace(0, 3, 8)))
+CUBES = [
+    np.asarray(simulate(targets((3, 20 * k, 0, 0), (5, -9, 0, 0)), ROW))
+    for k in range(2)
+]
+
+
+def recording(radar=UNIT, read=CUBES.__getitem__):
+    return Recording("row", Path("row"), radar, Stream(read, 2, None))
+
+
+@pytest.fixture(scope="module")
+def enhanced():
+    found = enhance_recording(recording(), MODEL)
+    return [*found], found
+
+
+def test_a_frame_goes_from_samples_to_a_cloud_in_the_plane(enhanced):
+    frames, _ = enhanced
+    for frame, cube in zip(frames, CUBES, strict=True):
+        seen = polar_image(calibrate(cube, UNIT), ROW)
+        np.testing.assert_allclose(frame.image.radar, seen, atol=1.5 / 255)
+        image = plane_image(frame.image.radar[..., None], MODEL)
+        cloud = plane_cloud(image)
+        np.testing.assert_allclose(frame.cloud.confidence, cloud.confidence, atol=1e-3)
+        assert frame.cloud.valid.any() and not np.asarray(frame.cloud.xyz)[:, 2].any()
+        assert frame.describe()["enhanced points"] == frame.cloud.valid.sum()
+
+
+def test_what_is_not_measured_and_what_differs_is_said(enhanced):
+    height, others, *_ = enhanced[1].warnings
+    assert height == "height is not measured: all points lie at height 0"
+    assert "range to 8." in others or "range bins of" in others
+    assert "antennas in a row" not in others and "(radarhd)" in others
+
+
+def test_the_cloud_the_images_and_a_picture_are_written(enhanced, tmp_path):
+    frames, found = enhanced
+    results = Results(tmp_path / "out", "enhance")
+    clouds = "radar", "enhanced"
+    folder = FrameFolder(results, clouds, range(1), pictured=ROW)
+    folder.write_enhanced(frames[0], found.recording, MODEL)
+    with np.load(tmp_path / "out/enhanced.npz") as arrays:
+        assert arrays["polar_image"].shape == (256, 64)
+        points = arrays["occupancy"] > 0
+        assert points.sum() == len(arrays["xyz"]) and not arrays["xyz"][:, 2].any()
+        assert arrays["confidence"].min() >= 0.5
+    assert (tmp_path / "out/capture.png").stat().st_size > 20_000
+
+
+def test_a_live_radar_publishes_the_same(enhanced):
+    assert quickest(MODEL) == {}
+    view = Processor(recording(), model=MODEL).view(CUBES[0], 0, 0.0)
+    cloud = view.clouds["enhanced"]
+    np.testing.assert_array_equal(cloud.valid, enhanced[0][0].cloud.valid)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"draws": 2}, "draws = 2, steps = None: a model of one pass draws no"),
+        ({"fuse": 2}, "the model answers by occupancy, expected marginal"),
+    ],
+)
+def test_options_of_other_models_are_refused(options, message):
+    with pytest.raises(UsageError, match=message):
+        enhance_recording(recording(), MODEL, **options)
+
+
+def test_a_radar_without_azimuths_is_refused_before_anything_is_read():
+    antennas = {"tx_positions": ((0, 0),), "rx_positions": ((0, 0), (0, 1))}
+    column = dataclasses.replace(RADARHD, **antennas, tx_firing_order=())
+    with pytest.raises(UsageError, match="no two antennas next to each other"):
+        enhance_recording(recording(Radar(column), pytest.fail), MODEL)
+
+
+def test_more_confident_points_are_fewer():
+    (frame, _) = enhance_recording(recording(), MODEL, least_confidence=0.6)
+    assert isinstance(frame.image, PlanarImage)
+    kept = np.asarray(frame.cloud.valid)
+    assert kept.any() and np.asarray(frame.cloud.confidence)[kept].min() >= 0.6
+    assert jax.tree.structure(MODEL) == jax.tree.structure(tiny_planar_model())
