@@ -260,6 +260,7 @@ NOT_RUN = {  # and why
     "-o runs/robustness --rates runs/varied": "needs that run",
     "-o runs/own_frames": "half an hour of training",
     "-o runs/mounts": "ten walks of 30 s",
+    "--pairs dataset_5": "needs RadarHD's folder",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/maps.py": "hours of training",
     "--model runs/maps": "needs that run",
