@@ -26,6 +26,7 @@ from jradar.planar import (
     describe_planar_model,
     one_pass,
 )
+from jradar.range_image import IDENTITY
 
 FAINT = 0.02  # value of a pixel that is never a point
 
@@ -45,7 +46,9 @@ def describe(
     )
     draw = jax.jit(functools.partial(one_pass, network=network, noise=noise))
     frames = [*_judged(config, pairs, functools.partial(draw, params=params))]
-    model = PlanarModel(params, spec, card, fitted_confidence(frames))
+    seen = any(len(frame.xyz) for frame in frames)
+    table = fitted_confidence(frames) if seen else IDENTITY
+    model = PlanarModel(params, spec, card, table)
     return describe_planar_model(weights, model, folder=workdir)
 
 

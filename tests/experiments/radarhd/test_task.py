@@ -12,6 +12,7 @@ from experiments.radarhd import scores
 from jradar.errors import ModelError, UsageError
 from jradar.evaluation import read_scores
 from jradar.planar import RADAR
+from jradar.session import load_any_model
 from tests.experiments.radarhd.conftest import shrink
 
 METHODS = {
@@ -48,6 +49,9 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
     assert 0 <= json.loads(lines[-1])["validation/f_score_0.2"] <= 1
     elsewhere = tmp_path / "elsewhere"
+    if config.data.history == 1:
+        model = load_any_model(tmp_path)
+        assert model.spec.method == "occupancy" and model.card.steps_seen == 3
     config.weights = str(tmp_path / "weights.safetensors")
     task.evaluate(config, elsewhere)
     assert (elsewhere / "evaluation" / "protocols.md").read_text() == tables
