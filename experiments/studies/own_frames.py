@@ -1,12 +1,12 @@
 r"""How many frames of one's own does fine-tuning need, and what does it forget?
 
     python -m experiments.studies.own_frames --rig warehouse -o runs/warehouse \
-        --frames 20 --frames 50 --seed 0 --seed 1
+        --frames 20 --frames 50 --seed 0 --seed 1 --alone
 
 A rig that training never saw walks through a kind of place that it never saw, with a
 Livox Mid-360. The shipped model is fine-tuned on the first walks of it by
-`jradar.finetuning` with its defaults: once for each seed, and with the first seed also
-without replayed frames. `curve.md` has the scores in other places of the same kind, and
+`jradar.finetuning` with its defaults, once for each seed. With `--alone`, the first seed
+is also trained without replayed frames. `curve.md` has the scores in other places of the same kind, and
 on validation frames of `jradar-sim-5`, which stand for the old places: means over the
 seeds, with 95 % intervals over frames. An interrupted study resumes.
 """
@@ -96,6 +96,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, action="append", required=True, help=text)
     text = "of a training; repeatable (default: 0)"
     parser.add_argument("--seed", type=int, action="append", help=text)
+    text = "also train without replayed frames, with the first seed"
+    parser.add_argument("--alone", action="store_true", help=text)
     return run_study(study, parser, argv)
 
 
@@ -120,7 +122,7 @@ def study(options: Namespace) -> None:
             splits={f"{family}_{check}": "validation"},
         )
         old = simulate_replay(root / "replay", data.Records(records))
-        for replay in (True, False):
+        for replay in (True, False) if options.alone else (True,):
             run = Run(count, replay, 0, [])
             for seed in seeds if replay else seeds[:1]:
                 folder = root / f"{'replay' if replay else 'alone'}_{count}_{seed}"
