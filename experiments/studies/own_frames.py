@@ -73,9 +73,10 @@ RIGS = {
         ),
     ),
 }
-# Frames of the walks to train on, by seed.
-WALKS = {901: 20, 902: 30, 903: 25, 904: 25, 905: 50, 906: 50, 907: 100, 908: 100}
-VALIDATION, TEST = {911: 16}, dict.fromkeys(range(921, 927), 6)
+# Frames of the walks to train on, by seed; those of one walk resemble each other.
+WALKS = {901: 20, 902: 30, 903: 50, 904: 50, 905: 50, 906: 100, 907: 100}
+VALIDATION, TEST = {911: 12, 912: 12}, dict.fromkeys(range(921, 929), 5)
+PERIOD_S = 0.5
 OLD = slice(0, None, 4)  # of the frames of each kind
 
 
@@ -110,17 +111,23 @@ def study(options: Namespace) -> None:
     recorded = VALIDATION | TEST | {seed: WALKS[seed] for seed in walks[max(walks)]}
     for seed, count in recorded.items():
         if not (root / "walks" / f"{family}_{seed}").is_dir():
-            simulate_capture(family, seed, root / "walks", frames=count, unit=unit)
-    (check,) = VALIDATION
+            simulate_capture(
+                family,
+                seed,
+                root / "walks",
+                frames=count,
+                period_s=PERIOD_S,
+                unit=unit,
+            )
     runs: list[Run] = []
     for count, chosen in walks.items():
         records = root / f"records_{count}"
         data.prepare(
-            [root / "walks" / f"{family}_{seed}" for seed in (*chosen, check)],
+            [root / "walks" / f"{family}_{seed}" for seed in (*chosen, *VALIDATION)],
             records,
             data.PrepareSpec(),
             workers=1,
-            splits={f"{family}_{check}": "validation"},
+            splits={f"{family}_{seed}": "validation" for seed in VALIDATION},
         )
         old = simulate_replay(root / "replay", data.Records(records))
         for replay in (True, False) if options.alone else (True,):

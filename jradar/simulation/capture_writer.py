@@ -59,29 +59,33 @@ def simulate_capture(
     root: Path | str,
     *,
     frames: int = 50,
+    period_s: float = FRAME_PERIOD_S,
     unit: UnitSpec | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Path:
     """Write a capture of a scene as `root/FAMILY_SEED`; return its folder.
 
-    A `unit` is described as its user measured it, without the factors of its channels.
-    `advance` is called after each of the `frames` frames. Needs rosbags (the extra
-    `ros`).
+    Radar frames and LiDAR scans begin every `period_s`, a multiple of 0.1 s. A `unit`
+    is described as its user measured it, without the factors of its channels. `advance`
+    is called after each of the `frames` frames. Needs rosbags (the extra `ros`).
     """
     if frames < 1:
         raise UsageError(f"frames = {frames}, expected 1 or more")
+    every = round(period_s / FRAME_PERIOD_S)
+    if every < 1 or abs(every * FRAME_PERIOD_S - period_s) > 1e-6:
+        raise UsageError(f"period_s = {period_s}, expected a multiple of 0.1 s")
     rosbag1, typesys = (
         optional(f"rosbags.{name}", need="bags need rosbags", extra="ros")
         for name in ("rosbag1", "typesys")
     )
     setting = make_setting(family, seed, sensor="single_chip", unit=unit)
     radar, _ = setting.radars["single_chip"]
-    seconds = frames * FRAME_PERIOD_S
-    stamps = stream_stamps(setting, "single_chip", seconds)
+    seconds = frames * every * FRAME_PERIOD_S
+    stamps = stream_stamps(setting, "single_chip", seconds)[::every]
     folder = Path(root) / setting.scene.name
     with atomic_folder(folder, marker=files.NOTE) as scratch:
         files.write_note(scratch)
-        write_cfg(scratch / "awr1843.cfg", radar)
+        write_cfg(scratch / "awr1843.cfg", radar, period_s=period_s)
         files.write_stamps(scratch, EPOCH_S + stamps)
         poses = stream_stamps(setting, "groundtruth", seconds)
         xyz, turn = sensor_pose(setting.scene.platform, "base", poses)
@@ -103,7 +107,7 @@ def simulate_capture(
             kind = f"livox_ros_driver2/msg/{name}"
             store.register(typesys.get_types_from_msg(text, kind))
         with rosbag1.Writer(scratch / "lidar.bag") as bag:
-            _write_livox(bag, store, setting, seconds)
+            _write_livox(bag, store, setting, seconds, every)
     return folder
 
 
@@ -132,7 +136,9 @@ def dca1000_bytes(frame: np.ndarray) -> bytes:
     return np.ascontiguousarray(pairs.swapaxes(-1, -2)).astype("<i2").tobytes()
 
 
-def write_cfg(path: Path, radar: RadarSpec) -> None:
+def write_cfg(
+    path: Path, radar: RadarSpec, *, period_s: float = FRAME_PERIOD_S
+) -> None:
     """Write a `.cfg` of TI's mmWave SDK that configures an AWR1843 as `radar`."""
     profile = [
         *(0, radar.start_frequency_hz / 1e9, radar.idle_time_s * 1e6),
@@ -140,7 +146,7 @@ def write_cfg(path: Path, radar: RadarSpec) -> None:
         *(radar.slope_hz_per_s / 1e12, 0, radar.num_samples),
         *(radar.sample_rate_hz / 1e3, 0, 0, 30),
     ]
-    masks, period_ms = FIRING_MASKS[: radar.num_tx], FRAME_PERIOD_S * 1e3
+    masks, period_ms = FIRING_MASKS[: radar.num_tx], round(period_s * 1e3, 6)
     lines = [
         "% Written by jradar simulate: ColoRadar's single chip",
         "sensorStop",
@@ -159,11 +165,14 @@ def write_cfg(path: Path, radar: RadarSpec) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def _write_livox(bag: Any, store: Any, setting: Setting, seconds: float) -> None:
-    """Write LiDAR frames and IMU records of the Livox."""
+def _write_livox(
+    bag: Any, store: Any, setting: Setting, seconds: float, every: int
+) -> None:
+    """Write every so many LiDAR frames, and IMU records, of the Livox."""
     kind = "livox_ros_driver2/msg/CustomMsg"
     points = bag.add_connection("/livox/lidar", kind, typestore=store)
-    for frame, time_s in enumerate(stream_stamps(setting, "lidar", seconds)):
+    times = stream_stamps(setting, "lidar", seconds)
+    for frame, time_s in enumerate(times[::every]):
         message = _livox_message(store, setting, frame, float(time_s))
         bag.write(points, message.timebase, store.serialize_ros1(message, kind))
     kind = "sensor_msgs/msg/Imu"

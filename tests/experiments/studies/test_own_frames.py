@@ -15,7 +15,7 @@ def test_frames_are_those_of_whole_walks():
     assert own_frames._walks(50) == [901, 902]
     assert own_frames._walks(400) == [*own_frames.WALKS]
     for wrong in (60, 0, 401):
-        with pytest.raises(UsageError, match="expected one of .20, 50, 75, 100, 150"):
+        with pytest.raises(UsageError, match="expected one of .20, 50, 100, 150, 200"):
             own_frames._walks(wrong)
 
 
