@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jradar.errors import UsageError
 from jradar.radar import RadarSpec
 from jradar.recordings import read_description
 from jradar.recordings.capture import open_capture
@@ -51,3 +52,16 @@ def test_a_capture_holds_a_bag_of_the_livox(scene_built_once, tmp_path):
     assert first < start < last
     calib = np.array(EXTRINSICS["livox"][0])
     np.testing.assert_allclose(recording.base_from_lidar[:3, 3], calib)
+
+
+def test_frames_of_a_capture_can_be_farther_apart(scene_built_once, tmp_path):
+    pytest.importorskip("rosbags")
+    with pytest.raises(UsageError, match=r"period_s = 0\.25, expected a multiple"):
+        simulate_capture("corridor", 5, tmp_path, frames=2, period_s=0.25)
+    capture = simulate_capture("corridor", 5, tmp_path, frames=2, period_s=0.5)
+    recording = open_capture(capture)
+    start = np.loadtxt(capture / "timestamps.txt")
+    np.testing.assert_allclose(recording.cubes.stamps, start, atol=5e-3)
+    np.testing.assert_allclose(np.diff(start), [0.5], atol=5e-3)
+    np.testing.assert_allclose(np.diff(recording.lidar.stamps), [0.5], atol=5e-3)
+    assert recording.poses.stamps[-1] > start[-1]
