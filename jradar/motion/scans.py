@@ -1,7 +1,7 @@
 """Poses from LiDAR scans, by KISS-ICP (Vizzo et al. 2023); host.
 
 Scans are matched as they are, without undoing the motion within them: their readers
-return no times of points.
+return no times of points. Their poses are those of the middle of each scan.
 """
 
 import numpy as np
@@ -13,13 +13,15 @@ from jradar.lidar import Poses, returns
 from jradar.recordings import Recording
 
 MAX_RANGE_M = 50.0
+SCAN_S = 0.1  # of a scan, unless the next one begins earlier
 
 
 def scan_poses(recording: Recording) -> Poses:
-    """Return poses of the base, the first as origin, at the times of the LiDAR's scans.
+    """Return poses of the base, the first as origin, in the middle of each LiDAR scan.
 
-    Raises UsageError without scans, their times or the LiDAR's place, and ImportError
-    without kiss-icp (the extra `odometry`).
+    The times of scans are taken as those of their first points. Raises UsageError
+    without scans, their times or the LiDAR's place, and ImportError without kiss-icp
+    (the extra `odometry`).
     """
     lidar, mount = recording.lidar, recording.base_from_lidar
     if lidar is None or lidar.stamps is None or mount is None or len(lidar) < 2:
@@ -36,7 +38,9 @@ def scan_poses(recording: Recording) -> Poses:
         xyz = lidar[k][:, :3]
         odometry.register_frame(np.float64(xyz[returns(xyz)]), np.zeros(0))
         poses.append(mount @ odometry.last_pose @ np.linalg.inv(mount))
-    return to_poses(np.asarray(lidar.stamps), np.array(poses))
+    stamps = np.asarray(lidar.stamps)
+    middle = 0.5 * min(float(np.median(np.diff(stamps))), SCAN_S)
+    return to_poses(stamps + middle, np.array(poses))
 
 
 def to_poses(
