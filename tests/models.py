@@ -83,8 +83,9 @@ def tiny_planar_model(**changes: Any) -> PlanarModel:
     fields = {"stem": (16, 32), "condition_stem": (16, 4), "condition_channels": 8}
     network = dataclasses.replace(NETWORK, **fields, detail_channels=0, outputs=1)
     noise = NoiseSpec(sigma_data=0.5, sigma_max=20.0, prediction=OCCUPANCY)
-    spec = PlanarSpec(network, noise, points=PointSpec(capacity=64, guard=(1, 2)))
+    points = PointSpec(capacity=64, guard=(1, 2))
+    spec = PlanarSpec(network, noise, **{"points": points} | changes)
     params = random_params(network, (*LIDAR.shape, 1), spec.condition_shape, scale=0.5)
     card = Card("nothing", 7, "a test", (RADARHD,))
     table = ConfidenceTable.of((0.0, 1.0), least=0.5)
-    return PlanarModel(params, dataclasses.replace(spec, **changes), card, table)
+    return PlanarModel(params, spec, card, table)

@@ -102,8 +102,7 @@ def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
 def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Choose limits, and score the weights on the test pairs: tables and a report.
 
-    The workdir also receives the description with which `jradar enhance` takes weights
-    of one image.
+    The workdir also receives the description with which `jradar enhance` takes weights.
     """
     for weights in (config.weights, config.nearness.weights):
         if weights and not Path(weights).is_file():
@@ -113,8 +112,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     drawn, every = answers(config, params), config.data.every
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
-    if config.data.history == 1:
-        describe(config, workdir, path, params, checked)
+    describe(config, workdir, path, params, checked)
     rows = [*score_pairs(config, checked, drawn, every=every)]
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():

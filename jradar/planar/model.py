@@ -28,6 +28,7 @@ from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 from jradar.types import PointCloud
 
 METHODS = ("occupancy", "nearness")
+MOST_IMAGES = 256  # in a condition
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,11 +48,8 @@ class PlanarSpec:
     def __post_init__(self):
         if self.method not in METHODS:
             raise ValueError(f"method = {self.method!r}, expected one of {[*METHODS]}")
-        if self.history != 1:
-            raise ValueError(
-                f"history = {self.history}, expected 1: models of several images are "
-                "evaluated by experiments/radarhd alone"
-            )
+        if not 1 <= self.history <= MOST_IMAGES:
+            raise ValueError(f"history = {self.history}, expected 1 to {MOST_IMAGES}")
 
     @property
     def condition_shape(self) -> tuple[int, int, int]:

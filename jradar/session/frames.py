@@ -24,6 +24,7 @@ from jradar.range_image import RangeImage
 from jradar.recordings import Recording, with_sample_doubts
 from jradar.session import warnings
 from jradar.session.fusion import LastFrames, check_fusing
+from jradar.session.history import frame_times, last_images
 from jradar.session.models import AnyModel
 from jradar.session.stages import Heard, Stages, Stopwatch
 from jradar.types import PointCloud
@@ -83,7 +84,13 @@ class Enhancement(Iterator[Frame]):
         self.recording, self.model, self.frames = recording, model, frames
         self.watch = Stopwatch()
         self._given: list[Frame] = []
-        self._iterator = self._run(range(max(0, frames.start - fuse + 1), frames.start))
+        first = max(0, frames.start - fuse + 1)
+        if (images := last_images(model)) is not None:
+            self._times = frame_times(recording)
+            begin_s = self._times[frames.start] - images.span_s
+            first = int(np.searchsorted(self._times, begin_s))
+        self._images = images
+        self._iterator = self._run(range(first, frames.start))
         self._last = LastFrames(recording, fuse) if fuse > 1 else None
         self._stages = Stages(
             key, recording.radar, model, fuse=fuse, watch=self.watch, **drawing
@@ -117,7 +124,7 @@ class Enhancement(Iterator[Frame]):
         )
 
     def _run(self, lead: range) -> Iterator[Frame]:
-        """Yield the frames after those of `lead`, which fusion needs before them."""
+        """Yield the frames after those of `lead`, which are needed before them."""
         with (
             ThreadPoolExecutor(1) as reader,
             ThreadPoolExecutor(1) as processor,
@@ -139,6 +146,9 @@ class Enhancement(Iterator[Frame]):
 
     def _see(self, heard):
         number, radar, detected = heard
+        if self._images is not None:
+            whole = self._images.add(radar.condition, float(self._times[number]))
+            radar = radar._replace(condition=whole)
         seen = self._stages.see(radar)
         if self._last is not None:
             seen = self._stages.fuse(*self._last.add(number, seen))

@@ -112,7 +112,8 @@ class _PlanarPrograms(_Programs):
     """The same for a planar model: its image is that of the samples, not of points."""
 
     def conditioned(self, key, radar, model, samples, points):
-        return polar_image(samples, radar.spec)[..., None], None
+        image = polar_image(samples, radar.spec)  # also stands for those before it
+        return jnp.stack([image] * model.spec.history, -1), None
 
     def sampled(self, key, radar, model, points, condition):
         if self.draws or self.steps:

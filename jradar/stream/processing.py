@@ -13,6 +13,7 @@ from jradar.recordings import Recording, Stream
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
 from jradar.session import AnyModel, Stages
+from jradar.session.history import last_images
 from jradar.stream.views import (
     LIDAR_FRAME,
     View,
@@ -80,6 +81,7 @@ class Processor:
             draws=draws,
             steps=steps,
         )
+        self._images = last_images(model)
         self._base_from = sensor_places(recording)
 
     def cube(
@@ -104,6 +106,9 @@ class Processor:
         heard = self._stages.hear(cube)
         clouds = {"radar": heard.points}
         if self.model is not None:
+            if self._images is not None and heard.condition is not None:
+                whole = self._images.add(heard.condition, stamp_s)
+                heard = heard._replace(condition=whole)
             image = self._stages.see(heard)
             clouds["enhanced"] = self._stages.cloud(image, heard)
         picture = range_azimuth(heard.samples, self.recording.radar.spec)

@@ -53,7 +53,7 @@ def test_a_model_comes_back_from_its_files_by_any_of_their_names(saved):
         ("kind", "curved", "kind 'curved'"),
         ("weights_sha256", "0", "does not match its digest"),
         ("method", "guess", "method = 'guess', expected one of"),
-        ("history", 41, "history = 41, expected 1"),
+        ("history", 1000, "history = 1000, expected 1 to 256"),
         ("colour", "red", "unknown field 'colour'"),
         ("noise", {"sigma_data": 0.6}, "sigma_data = 0.6, expected at most 0.5"),
         ("confidence", {"frequencies": [1, 0]}, "expected two or more that rise"),

@@ -13,6 +13,7 @@ from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.recordings import Recording, Stream
 from jradar.results import Results
 from jradar.session import FrameFolder, enhance_recording
+from jradar.session.history import LastImages
 from jradar.stream import Processor, quickest
 from tests.models import tiny_planar_model
 from tests.radar.targets import simulate, targets
@@ -26,8 +27,9 @@ CUBES = [
 ]
 
 
-def recording(radar=UNIT, read=CUBES.__getitem__):
-    return Recording("row", Path("row"), radar, Stream(read, 2, None))
+def recording(radar=UNIT, read=CUBES.__getitem__, stamps=None):
+    count = 2 if stamps is None else len(stamps)
+    return Recording("row", Path("row"), radar, Stream(read, count, stamps))
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +103,47 @@ def test_more_confident_points_are_fewer():
     kept = np.asarray(frame.cloud.valid)
     assert kept.any() and np.asarray(frame.cloud.confidence)[kept].min() >= 0.6
     assert jax.tree.structure(MODEL) == jax.tree.structure(tiny_planar_model())
+
+
+def conditions(stamps, history):
+    """Which frame stands at each place of the last one's condition."""
+    images = LastImages(history)
+    for number, stamp_s in enumerate(stamps):
+        found = images.add(np.full((1, 1, history), number), stamp_s)
+    return found[0, 0].tolist()
+
+
+def test_the_images_of_a_condition_are_those_of_training_or_the_nearest_in_time():
+    assert conditions(0.05 * np.arange(9), 4) == [8, 7, 6, 5]
+    assert conditions(0.05 * np.arange(2), 4) == [1, 0, 0, 0]
+    assert conditions(0.1 * np.arange(9) + 1e-3 * np.arange(9), 5) == [8, 8, 7, 7, 6]
+    assert conditions(0.025 * np.arange(9), 3) == [8, 6, 4]
+    assert conditions([0, 0.05, 0.1, 5.0, 5.05], 4) == [4, 3, 3, 3]  # after a pause
+    assert conditions([7, 7.05, 1, 1.05], 4) == [3, 2, 2, 2]  # time was set back
+
+
+def test_a_model_of_several_images_is_given_the_frames_before():
+    model = tiny_planar_model(history=3)
+    cubes, stamps = [*CUBES, CUBES[0]], 0.05 * np.arange(3)
+    walk = recording(read=cubes.__getitem__, stamps=stamps)
+    (frame,) = enhance_recording(walk, model, frames=slice(2, 3))
+    seen = [polar_image(calibrate(cube, UNIT), ROW) for cube in cubes]
+    image = plane_image(np.stack(seen[::-1], -1), model)
+    np.testing.assert_allclose(frame.image.confidence, image.confidence, atol=2e-2)
+    processor = Processor(walk, model=model)
+    for number, cube in enumerate(cubes):
+        view = processor.view(cube, number, 100 + 0.05 * number)
+    found = view.clouds["enhanced"]
+    np.testing.assert_allclose(found.confidence, frame.cloud.confidence, atol=2e-2)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message"),
+    [
+        (None, "row has 2 frames and no known time between them.*such as radarhd"),
+        (np.arange(2.0), "a frame every 1 s, expected at most 0.125 s"),
+    ],
+)
+def test_frames_without_times_or_too_far_apart_are_refused(stamps, message):
+    with pytest.raises(UsageError, match=message):
+        enhance_recording(recording(stamps=stamps), tiny_planar_model(history=3))

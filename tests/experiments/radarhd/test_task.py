@@ -49,9 +49,9 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
     assert 0 <= json.loads(lines[-1])["validation/f_score_0.2"] <= 1
     elsewhere = tmp_path / "elsewhere"
-    if config.data.history == 1:
-        model = load_any_model(tmp_path)
-        assert model.spec.method == "occupancy" and model.card.steps_seen == 3
+    model = load_any_model(tmp_path)
+    assert model.card.steps_seen == 3 and model.spec.history == config.data.history
+    assert (model.spec.method == "nearness") == (method == "nearness")
     config.weights = str(tmp_path / "weights.safetensors")
     task.evaluate(config, elsewhere)
     assert (elsewhere / "evaluation" / "protocols.md").read_text() == tables
