@@ -27,6 +27,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     """Publish dense clouds of a radar on the cable, as it runs."""
     stream, recording = jradar.stream, _recording(options)
     model = _model(options, recording)
+    unsuited = jradar.session.of_model(model, recording.radar.spec) if model else []
     drawing = stream.quickest(model, draws=options.draws, steps=options.steps)
     processor = stream.Processor(recording, model=model, seed=options.seed, **drawing)
     with contextlib.ExitStack() as stack:
@@ -39,7 +40,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
         "recording": options.replay or "",
         "model": options.model,
         **stream.summary(session, receiver),
-        "notes": [*recording.notes, *session.warnings],
+        "notes": [*recording.notes, *unsuited, *session.warnings],
         "written": [options.output] if options.output else [],
     }
 

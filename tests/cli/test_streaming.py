@@ -7,10 +7,13 @@ import threading
 import numpy as np
 import pytest
 
+from jradar.diffusion import write_params
+from jradar.planar import describe_planar_model
 from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.emulator import Emulator, recorded_frames
 from jradar.stream.sockets import loopback_network
 from tests.cli.conftest import QUICK
+from tests.models import tiny_planar_model
 from tests.programs import started
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
@@ -79,6 +82,20 @@ def test_the_model_of_a_live_session_is_one_of_ones_own(
     assert result["frames_published"] == 1
     with np.load(out / "000000" / "enhanced.npz") as file:
         assert len(file["xyz"])
+
+
+@pytest.mark.slow
+def test_a_live_radar_with_one_row_is_told_what_it_does_not_measure(
+    flat_cube, run_json, tmp_path
+):
+    model, weights = tiny_planar_model(), tmp_path / "mine.safetensors"
+    write_params(weights, model.params)
+    describe_planar_model(weights, model, folder=tmp_path)
+    command = ["live", "--replay", flat_cube, "--model", weights, "-o", tmp_path / "o"]
+    result = run_json(*command, "--silence", PATIENCE_S)
+    assert "height is not measured: all points lie at height 0" in result["notes"]
+    with np.load(tmp_path / "o" / "000000" / "enhanced.npz") as file:
+        assert len(file["xyz"]) and not file["xyz"][:, 2].any()
 
 
 def test_enhanced_frames_become_one_file(
