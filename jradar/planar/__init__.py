@@ -4,6 +4,10 @@ A radar with one row of antennas measures no elevation. What it can measure is w
 surfaces are in its plane: the polar image of a frame, formed as in RadarHD (Prabhakara
 et al. 2023), becomes an occupancy image, and that a cloud whose points have height 0.
 
+    image = polar_image(samples, radar.spec)          # of calibrated samples
+    answer = plane_image(image[..., None], model)
+    cloud = plane_cloud(answer)
+
 polar_image, azimuth_row, RADARHD    samples to the polar image; RadarHD's radar
 PolarGrid, RADAR, LIDAR, MAX_RANGE_M grids of the radar's image and of the answer
 PlanarModel, PlanarSpec, PlanarImage a trained network, and its answer
