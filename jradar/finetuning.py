@@ -7,9 +7,9 @@
 
 The pixels between the beams of a sparse scan are not observed, and not learnt: they
 are most of an image, for one frame of a Livox. Each batch holds a share of old frames,
-which change as in training, so that the model does not forget. The weights with the
-best F-score on the validation frames are kept, those of the model as it was included.
-The confidence is then fitted to the validation and the old frames.
+so that the model does not forget. Frames change at random in size and direction. The
+weights with the best F-score on the validation frames are kept, those of the model as
+it was included. The confidence is then fitted to the validation and the old frames.
 """
 
 import dataclasses
@@ -61,7 +61,7 @@ JUDGED = 32  # validation frames of an evaluation
 EVALUATIONS = 8
 TRUSTED = 1200  # most frames of the table of trust
 REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of as many radar units
-OWN = data.AugmentSpec(thin=0.3)  # sizes and directions are those of one's own places
+OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
 OLD = data.AugmentSpec(
     thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05
 )
