@@ -47,7 +47,7 @@ from jradar.evaluation.scores import Scores
 from jradar.lidar import LidarSpec
 from jradar.model import Model, load_model
 from jradar.radar.angle.spectrum import azimuth_bins
-from jradar.session import of_radar
+from jradar.session import of_model
 
 WHOLE = "whole LiDAR in view"
 DETECTORS = ("os",)
@@ -284,7 +284,7 @@ def _notes(records, models, rates, rows):
     for part in about["dropped"]:
         yield "{sequence}: {frames} frames dropped, {reason}".format(**part)
     for name, model in models.items():
-        for warning in of_radar(model.card, records.radar):
+        for warning in of_model(model, records.radar):
             yield f"{name}: {warning}"
     for detector, rate in rates.items():
         yield (

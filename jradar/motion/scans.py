@@ -10,18 +10,21 @@ from jaxtyping import Float
 
 from jradar.errors import UsageError, optional
 from jradar.lidar import Poses, returns
+from jradar.motion.attitude import gyro_attitude
 from jradar.recordings import Recording
 
 MAX_RANGE_M = 50.0
 SCAN_S = 0.1  # of a scan, unless the next one begins earlier
+LARGEST_DPS = 10.0  # by which rates of rotation may differ from a gyroscope's, rms
 
 
 def scan_poses(recording: Recording) -> Poses:
     """Return poses of the base, the first as origin, in the middle of each LiDAR scan.
 
     The times of scans are taken as those of their first points. Raises UsageError
-    without scans, their times or the LiDAR's place, and ImportError without kiss-icp
-    (the extra `odometry`).
+    without scans, their times or the LiDAR's place, ImportError without kiss-icp (the
+    extra `odometry`), and ValueError for poses that the recording's gyroscope
+    contradicts.
     """
     lidar, mount = recording.lidar, recording.base_from_lidar
     if lidar is None or lidar.stamps is None or mount is None or len(lidar) < 2:
@@ -40,7 +43,34 @@ def scan_poses(recording: Recording) -> Poses:
         poses.append(mount @ odometry.last_pose @ np.linalg.inv(mount))
     stamps = np.asarray(lidar.stamps)
     middle = 0.5 * min(float(np.median(np.diff(stamps))), SCAN_S)
-    return to_poses(stamps + middle, np.array(poses))
+    found = to_poses(stamps + middle, np.array(poses))
+    _check_rotation(recording, found)
+    return found
+
+
+def _check_rotation(recording: Recording, poses: Poses) -> None:
+    """Raise ValueError if the rotation from pose to pose is not the gyroscope's."""
+    if (imu := recording.imu) is None or recording.base_from_imu is None:
+        return
+    covered = (poses.stamps >= imu.stamps[0]) & (poses.stamps <= imu.stamps[-1])
+    stamps = poses.stamps[covered]
+    if len(stamps) < 2:
+        return
+    turned = gyro_attitude(imu, stamps, recording.base_from_imu)
+    of = scipy.spatial.transform.Rotation
+    steps = [
+        turns[:-1].inv() * turns[1:]
+        for turns in (of.from_matrix(turned), of.from_quat(poses.quaternion[covered]))
+    ]
+    apart = np.degrees((steps[0].inv() * steps[1]).magnitude()) / np.diff(stamps)
+    if (off := float(np.sqrt(np.mean(apart**2)))) > LARGEST_DPS:
+        raise ValueError(
+            f"{recording.path}: matched scans and the gyroscope rotate differently, by "
+            f"{off:.0f} degrees a second (rms), expected at most {LARGEST_DPS:.0f}: "
+            "scan matching failed, as in corridors of which a LiDAR sees little, or "
+            "the place of the LiDAR or the IMU is wrong. Name recorded poses in "
+            "capture.toml, or walk where there are surfaces all around"
+        )
 
 
 def to_poses(

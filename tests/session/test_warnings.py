@@ -8,8 +8,8 @@ import pytest
 
 from jradar.model import load_model
 from jradar.radar import Radar
-from jradar.session import Frame, of_radar
-from jradar.session.warnings import of_frames
+from jradar.session import Frame
+from jradar.session.warnings import of_frames, of_radar
 from jradar.types import PointCloud
 
 
