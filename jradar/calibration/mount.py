@@ -37,7 +37,9 @@ LARGEST_OFFSET_S, OFFSET_STEP_S = 0.5, 0.05  # of those that are tried first
 # What all frames share does not show in their residuals: floors and ceilings shift the
 # elevations that few rows of antennas measure, ghosts the azimuths. By the errors of a
 # calibrated AWR1843 in ten simulated walks.
-SYSTEMATIC = np.array([0.0, *np.radians([1.7, 0.2]), 0.005, 0.005, 0.005, 0.0])
+SYSTEMATIC = np.array([*np.radians([2.0, 1.7, 0.6]), 0.005, 0.005, 0.005, 0.0])
+# Likewise by the poses of matched scans, whose errors look like motion.
+MATCHED = np.array([*np.radians([8.0, 2.5, 0.8]), 0.05, 0.05, 0.1, 0.03])
 NOISE_MPS = 0.03  # of a velocity, on top of its own deviation
 HUBER = 2.0  # deviations, from where a residual counts less
 BLOCK_S = 2.0  # residuals within it may be alike
@@ -60,10 +62,10 @@ MOTIONS = (
     "the speed hardly changed: stop and walk on several times",
 )
 
-MATCHED = (
-    "the poses are those of matched LiDAR scans, whose errors are not known: the "
-    "deviations hold for exact poses, and the mount can be wrong by far more. Record "
-    "the poses of a better source, and name them in capture.toml"
+MATCHED_SCANS = (
+    "the poses are those of matched LiDAR scans: they show the rotation about the "
+    "radar's z axis, its yaw, and little else. For more, record the poses of a better "
+    "source, and name them in capture.toml"
 )
 
 
@@ -138,7 +140,7 @@ class Mount(NamedTuple):
         Poses were `matched` if they are those of LiDAR scans.
         """
         turned_deg = float(np.degrees(np.linalg.norm(self.turned)))
-        found = (MATCHED,) if matched else ()
+        found = (MATCHED_SCANS,) if matched else ()
         if turned_deg < TURNED_DEG:
             return found
         return (
@@ -151,13 +153,17 @@ class Mount(NamedTuple):
 
 
 def mount_from_motion(
-    velocities: Velocities, poses: Poses, described: Float[np.ndarray, "4 4"]
+    velocities: Velocities,
+    poses: Poses,
+    described: Float[np.ndarray, "4 4"],
+    *,
+    matched: bool = False,
 ) -> Mount:
     """Return the mount that explains a radar's velocities by the poses of its base.
 
     `described` is base_from_radar as far as it is known; any error of it is found where
-    the walk shows it. Raises ValueError for fewer than 20 frames with a velocity within
-    the poses.
+    the walk shows it. Poses of LiDAR scans are `matched`: their errors look like
+    motion. Raises ValueError for fewer than 20 frames with a velocity within the poses.
     """
     if len(poses.stamps) < LEAST_POSES:
         raise ValueError(f"{len(poses.stamps)} poses, expected {LEAST_POSES} or more")
@@ -181,7 +187,8 @@ def mount_from_motion(
     for _ in range(3):  # the deviation of residuals follows from the fit before
         mount, offset = _fit(walk, mount, offset, scale, prior)
         scale = _scale(walk.residual(mount, offset))
-    deviation = _deviations(walk, mount, offset, scale)
+    systematic = MATCHED if matched else SYSTEMATIC
+    deviation = np.hypot(_deviations(walk, mount, offset, scale), systematic)
     kept = deviation > DESCRIBED / 2  # noise would only move it
     if kept.any():
         known = np.where(kept, DESCRIBED * FIRM, DESCRIBED)
@@ -344,4 +351,4 @@ def _deviations(walk, mount, offset_s, scale):
     filled = len(np.unique(block))
     alike = sums.T @ sums * filled / max(filled - len(LIMITS), 1)
     both = np.diagonal(inverse), np.diagonal(inverse @ (alike + prior) @ inverse)
-    return np.hypot(LIMITS * np.sqrt(np.maximum(*both)), SYSTEMATIC)
+    return LIMITS * np.sqrt(np.maximum(*both))

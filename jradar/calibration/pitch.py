@@ -39,6 +39,7 @@ POSE_MPS = np.array([0.3, 0.3, 0.05])  # deviations of the velocity of the poses
 STRETCH = 0.03  # deviation of the stretch of elevations
 CAUCHY = 2.0  # deviations, at which a residual counts half
 SYSTEMATIC = np.radians(0.5)  # of the pitch, what all echoes of a walk share
+MATCHED = np.radians(1.5)  # likewise by poses of matched scans
 MOST_STEPS, CONVERGED = 60, 1e-6
 
 
@@ -81,7 +82,9 @@ def single_echoes(
     )
 
 
-def with_pitch(mount: Mount, echoes: SingleEchoes, poses: Poses) -> Mount:
+def with_pitch(
+    mount: Mount, echoes: SingleEchoes, poses: Poses, *, matched: bool = False
+) -> Mount:
     """Return a mount whose rotation about the radar's y axis explains the echoes.
 
     It is unchanged if the echoes show the pitch no better than the mount does, such as
@@ -95,7 +98,7 @@ def with_pitch(mount: Mount, echoes: SingleEchoes, poses: Poses) -> Mount:
     walk = _Walk.of(echoes, used, np.nan_to_num(expected))
     pitch, noise = _fit(walk)
     deviation = mount.deviation.copy()
-    deviation[1] = np.hypot(noise, SYSTEMATIC)
+    deviation[1] = np.hypot(noise, MATCHED if matched else SYSTEMATIC)
     if deviation[1] >= mount.deviation[1]:
         return mount
     return mount.rotated(Rotation.from_euler("y", pitch).as_matrix(), deviation)

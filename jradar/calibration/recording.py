@@ -133,18 +133,19 @@ def _mount(recording: Recording, frames: slice) -> Mount:
 
     Its pitch is that of echoes that are surely single ones.
     """
+    matched = recording.poses is None
     poses = scan_poses(recording) if recording.poses is None else recording.poses
     chosen = range(*frames.indices(len(recording.cubes)))
     with progress("measuring the motion", len(chosen), unit="frames") as show:
         velocities = frame_velocities(recording, frames=chosen, advance=show)
     described = recording.base_from_radar
     described = np.eye(4) if described is None else described
-    found = mount_from_motion(velocities, poses, described)
+    found = mount_from_motion(velocities, poses, described, matched=matched)
     if not recording.has_elevation:
         return found
     with progress("measuring elevations", len(chosen), unit="frames") as show:
         echoes = single_echoes(recording, chosen, advance=show)
-    return with_pitch(found, echoes, poses)
+    return with_pitch(found, echoes, poses, matched=matched)
 
 
 def _evenly(recording: Recording, frames: slice) -> range:

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jradar.calibration import Mount, mount_from_motion
-from jradar.calibration.mount import LIMITS, MOTIONS, SYSTEMATIC
+from jradar.calibration.mount import LIMITS, MATCHED, MOTIONS, SYSTEMATIC
 from jradar.lidar import Poses
 from jradar.motion import Velocities
 from jradar.radar import Radar, RadarSpec
@@ -53,12 +53,12 @@ def measured(pose, mount, seed=0, *, elevation=True):
     return Velocities(EPOCH_S + stamps, velocity, covariance, *counts), poses
 
 
-def found(seed, **options) -> tuple[Mount, np.ndarray]:
+def found(seed, *, matched=False, **options) -> tuple[Mount, np.ndarray]:
     """The mount by a walk of turns with sway, and the errors of its seven axes."""
     way = walk(np.random.default_rng(seed), CORNERS, speed_mps=1, hand_held=True)
     true = place(seed)
     velocities, poses = measured(lambda t: pose_at(way, t), true, seed, **options)
-    mount = mount_from_motion(velocities, poses, np.eye(4))
+    mount = mount_from_motion(velocities, poses, np.eye(4), matched=matched)
     turn = Rotation.from_matrix(true[:3, :3].T @ mount.base_from_radar[:3, :3])
     shift = mount.base_from_radar[:3, 3] - true[:3, 3]
     return mount, np.r_[turn.as_rotvec(), shift, mount.offset_s - OFFSET_S]
@@ -95,6 +95,13 @@ def test_without_turns_the_place_is_refused_and_the_rest_is_found():
     assert ahead < 1 and mount.offset_s == pytest.approx(OFFSET_S, abs=0.01)
     rows = mount.describe()["mount"]
     assert [row["shown by the walk"] for row in rows] == mount.observed.tolist()
+
+
+def test_poses_of_matched_scans_show_the_yaw_alone():
+    mount, error = found(4, matched=True)
+    assert mount.observed.tolist() == [False, False, True, False, False, False, False]
+    assert (mount.deviation >= MATCHED).all()
+    assert np.abs(error[2]) < LIMITS[2]
 
 
 def test_a_row_of_antennas_shows_yaw_and_place_on_the_level():
