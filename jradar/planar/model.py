@@ -94,7 +94,7 @@ class PlanarImage(NamedTuple):
 
 
 def one_pass(
-    condition: Float[Array, "batch range azimuth image"],
+    condition: Float[Array, "batch range radar_azimuth image"],
     params: Any,
     network: Network,
     noise: NoiseSpec,

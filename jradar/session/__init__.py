@@ -6,7 +6,7 @@ describe_recording                       what a recording holds, and one frame o
 describe_configuration                   what a radar and its board can do
 FrameFolder                              the files of frames
 Stages                                   the stages of one frame, compiled and timed
-of_model                                 why a model may not suit a radar
+of_model, of_radar                       why a model may not suit a radar
 load_any_model, AnyModel                 models of either kind by name
 """
 
@@ -27,5 +27,5 @@ from jradar.session.models import (
     load_any_model as load_any_model,
 )
 from jradar.session.stages import Stages as Stages
-from jradar.session.warnings import of_model as of_model
+from jradar.session.warnings import of_model as of_model, of_radar as of_radar
 from jradar.session.writing import FrameFolder as FrameFolder

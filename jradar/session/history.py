@@ -9,7 +9,7 @@ import collections
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from jradar.errors import UsageError
 from jradar.planar import RADARHD, PlanarModel
@@ -23,7 +23,7 @@ class Image(NamedTuple):
     """The polar image of one frame, and its time."""
 
     stamp_s: float
-    radar: Float[Array, "range azimuth"]
+    radar: Float[Any, "range azimuth"]
 
 
 class LastImages:
@@ -40,7 +40,7 @@ class LastImages:
         return STEP_S * (self._history - 1)
 
     def add(
-        self, condition: Float[Array, "range azimuth image"], stamp_s: float
+        self, condition: Float[Any, "range azimuth image"], stamp_s: float
     ) -> Float[Any, "range azimuth image"]:
         """Add a frame by its condition, which repeats its image; return the whole."""
         while self._seen and not 0 < stamp_s - self._seen[-1].stamp_s <= self.span_s:

@@ -18,7 +18,13 @@ from jaxtyping import Array, Bool, Float, Inexact, Int, Key
 
 from jradar.errors import UsageError
 from jradar.model import dense_cloud, draw
-from jradar.planar import PlanarModel, plane_cloud, plane_image, polar_image
+from jradar.planar import (
+    PlanarImage,
+    PlanarModel,
+    plane_cloud,
+    plane_image,
+    polar_image,
+)
 from jradar.radar import (
     PointSpec,
     Radar,
@@ -197,7 +203,7 @@ class Stages:
         """Return the image of the newest frame, as all frames together see it."""
         return self._run("fusion", seen, poses)
 
-    def cloud(self, image: RangeImage, heard: Heard) -> PointCloud:
+    def cloud(self, image: RangeImage | PlanarImage, heard: Heard) -> PointCloud:
         """Return the points of an image, with the velocities of the radar's."""
         return self._run("back projection", image, heard.points)
 

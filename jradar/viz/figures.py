@@ -79,7 +79,7 @@ def capture_figure(
     *,
     dense: PointCloud | None = None,
     metres: Float[np.ndarray, "row column"] | None = None,
-    polar: Float[np.ndarray, "range azimuth"] | None = None,
+    polar: Float[np.ndarray, "polar_range polar_azimuth"] | None = None,
     lidar: Float[np.ndarray, "point 3"] | None = None,
     title: str = "",
 ) -> Figure:
