@@ -52,9 +52,9 @@ class Frame(NamedTuple):
         """Whether the detector found nothing."""
         return not np.asarray(self.points.valid).any()
 
-    def describe(self) -> dict[str, float]:
+    def describe(self) -> dict[str, int | float]:
         """Return the numbers of points, and how far to trust them."""
-        row: dict[str, float] = {
+        row: dict[str, int | float] = {
             "frame": self.number,
             "detections": int(np.asarray(self.detected).sum()),
             "radar points": int(np.asarray(self.points.valid).sum()),
