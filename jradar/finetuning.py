@@ -298,7 +298,7 @@ def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
 
     def batch_at(step):
         found = [part(step) for part in parts]
-        return jax.tree.map(lambda *values: np.concatenate(values), *found)
+        return jax.tree.map(lambda *values: jnp.concatenate(values), *found)
 
     return batch_at
 
@@ -331,7 +331,7 @@ def _part(model, records, count, seed, change) -> Callable[[int], training.Batch
         if reach > GAP_PIXELS:
             observed = observed_pixels(closed, reach=reach)[..., None]
             target = target.at[..., 1:].multiply(observed)
-        return training.Batch(np.asarray(batch.condition), np.asarray(target))
+        return training.Batch(jnp.asarray(batch.condition), target)
 
     return batch_at
 

@@ -80,6 +80,7 @@ def compare_on_host(prediction: np.ndarray, truth: np.ndarray) -> CloudMetrics:
 def f_score(
     found: Float[np.ndarray, "point 3"],
     truth: Float[np.ndarray, "other 3"],
+    *,
     within_m: float = 0.2,
 ) -> float:
     """Return the F-score of valid points at a distance, 0 if a cloud is empty; host."""

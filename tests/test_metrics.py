@@ -124,9 +124,9 @@ def test_the_quick_f_score_is_that_of_the_comparison():
     expected = dict(zip(THRESHOLDS_M, compare_on_host(a, b).f_score, strict=True))
     assert 0 < expected[0.2] < expected[0.5] < 1
     assert f_score(a, b) == pytest.approx(expected[0.2])
-    assert f_score(a, b, 0.5) == pytest.approx(expected[0.5])
+    assert f_score(a, b, within_m=0.5) == pytest.approx(expected[0.5])
     assert f_score(a, b[:0]) == f_score(a[:0], b) == 0
-    assert f_score(np.zeros((1, 3)), np.array([[0, 0.25, 0]]), 0.25) == 0  # below it
+    assert f_score(np.zeros((1, 3)), np.array([[0, 0.25, 0]]), within_m=0.25) == 0
 
 
 def test_identical_clouds_score_perfectly():

@@ -154,8 +154,8 @@ def scores(
     closed = len(open_) - len(_without(open_, drawn))
     away = KDTree(drawn).query(walls)[0] if len(drawn) else np.full(len(walls), np.inf)
     return {
-        "f_15": 100 * f_score(points, right, 0.15),
-        "f_30": 100 * f_score(points, right, 0.3),
+        "f_15": 100 * f_score(points, right, within_m=0.15),
+        "f_30": 100 * f_score(points, right, within_m=0.3),
         "closed": 100 * closed / max(len(open_), 1),
         "missed": 100 * float(np.mean(away * voxel_m > NEAR_M)) if len(walls) else 0.0,
         "voxels": len(voxels),

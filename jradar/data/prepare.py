@@ -103,7 +103,7 @@ def prepare(
 
 
 def prepare_sources(
-    sources: Sequence[Source],
+    sources: Sequence[Any],
     folder: Path | str,
     spec: PrepareSpec,
     *,

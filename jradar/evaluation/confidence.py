@@ -63,12 +63,13 @@ def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
         for group in groups
         for frame in group
     ]
-    table = fit_confidence(*map(np.concatenate, zip(*points, strict=True)))
-    said = [
+    said, right, weights = map(np.concatenate, zip(*points, strict=True))
+    table = fit_confidence(said, right, weights=weights)
+    fitted = [
         [f._replace(confidence=np.asarray(frequency(f.confidence, table))) for f in g]
         for g in groups
     ]
-    return ConfidenceTable.of(table.frequencies, least=least_confidence(*said))
+    return ConfidenceTable.of(table.frequencies, least=least_confidence(*fitted))
 
 
 def judged(

@@ -53,6 +53,7 @@ IDENTITY = ConfidenceTable.of(np.linspace(0, 1, KNOTS))
 def fit_confidence(
     confidence: Float[np.ndarray, " point"],
     right: Bool[np.ndarray, " point"],
+    *,
     weights: Float[np.ndarray, " point"] | None = None,
 ) -> ConfidenceTable:
     """Return the table of points whose confidence and truth are known.

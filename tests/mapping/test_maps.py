@@ -158,11 +158,11 @@ def test_scores_are_those_of_the_published_protocol():
     truth = np.array([[0.0, 0, 0], [10.0, 0, 0], [0, 0, 0.15]])
     away = np.linalg.norm(truth - truth.mean(0), axis=1).max()
     assert mapping.published_distance(truth) == pytest.approx(0.02 * away)
-    assert f_score(truth, truth, 0.1) == 1
+    assert f_score(truth, truth, within_m=0.1) == 1
     # One of two points is right, one of three is found.
     moved = truth[:2] + [[0, 0, 0], [0, 5, 0]]
-    assert f_score(moved, truth, 0.1) == pytest.approx(0.4)
-    assert f_score(np.zeros((0, 3)), truth, 0.1) == 0
+    assert f_score(moved, truth, within_m=0.1) == pytest.approx(0.4)
+    assert f_score(np.zeros((0, 3)), truth, within_m=0.1) == 0
 
 
 def test_runs_are_read_from_pcd_files_as_from_packed_ones(tmp_path):
@@ -217,7 +217,7 @@ def test_real_runs_of_coloradar(samples):
         assert 0.06 < mapping.published_distance(metres) < 0.2
         # The radar's voxels are seldom the LiDAR's.
         exact = mapping.published_distance(metres)
-        score = f_score(SPEC.metres(radar), metres, exact)
+        score = f_score(SPEC.metres(radar), metres, within_m=exact)
         assert 0.01 < score < 0.25
 
 
@@ -232,9 +232,9 @@ def test_the_shipped_model_completes_a_run_that_it_has_not_seen(samples):
         count = mapping.best_count(found.probability, len(lidar))
         truth = metres(lidar)
         exact = mapping.published_distance(truth)
-        before = f_score(metres(radar), truth, exact)
+        before = f_score(metres(radar), truth, within_m=exact)
         found_m = metres(found.voxels[:count])
-        assert f_score(found_m, truth, exact) > 3 * before > 0
+        assert f_score(found_m, truth, within_m=exact) > 3 * before > 0
 
 
 def test_a_model_is_saved_and_loaded_and_damage_is_noticed(model, tmp_path):
