@@ -3,13 +3,14 @@
     FOLDER/model/             the model, for load_model(FOLDER) and --model FOLDER
     FOLDER/checkpoints/       from which a stopped run resumes
     FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
-    FOLDER/replay/            simulated frames, so that nothing is forgotten
+    FOLDER/replay/            simulated frames of the places that the model knew
 
 The pixels between the beams of a sparse scan are not observed, and not learnt: they
-are most of an image, for one frame of a Livox. Each batch holds a share of old frames,
-so that the model does not forget. Frames change at random in size and direction. The
-weights with the best F-score on the validation frames are kept, those of the model as
-it was included. The confidence is then fitted to the validation and the old frames.
+are most of an image, for one frame of a Livox. Frames change at random in size and
+direction. So that the model does not forget, a share of the change of its weights is
+kept, in a mean of the weights before and after (Wortsman et al. 2022). Of these means,
+that with the best F-score on the validation frames is taken, the model as it was
+included. Its confidence is then fitted to the validation frames and to old ones.
 """
 
 import dataclasses
@@ -75,7 +76,8 @@ class FinetuneSpec:
     steps: int | None = None
     learning_rate: float = 3e-4
     batch_size: int = 8
-    replay: float = 0.25  # share of old frames in a batch; 0 forgets
+    kept: float = 0.75  # share of the change of the weights; 1 forgets more
+    replay: float = 0.0  # share of old frames in a batch
     seed: int = 0
 
     def __post_init__(self):
@@ -85,6 +87,8 @@ class FinetuneSpec:
             raise ValueError(f"learning_rate = {self.learning_rate}, expected above 0")
         if self.batch_size < 1:
             raise ValueError(f"batch_size = {self.batch_size}, expected 1 or more")
+        if not 0 < self.kept <= 1:
+            raise ValueError(f"kept = {self.kept}, expected above 0 and at most 1")
         if not 0 <= self.replay < 1:
             raise ValueError(f"replay = {self.replay}, expected 0 to less than 1")
 
@@ -144,10 +148,8 @@ def finetune(
             **dataclasses.asdict(spec),
         }
         _check_run(folder / RUN, run)
-        old = None
-        if spec.replay:
-            made = simulate_replay(folder / "replay", own) if replay is None else replay
-            old = Records(made, "train")
+        made = simulate_replay(folder / "replay", own) if replay is None else replay
+        old = Records(made, "train")
         return _trained(folder, start, own, checked, old, spec, str(model))
 
 
@@ -177,7 +179,8 @@ def _trained(folder, start, own, checked, old, spec, name):
         _keep(best, start, 0, scores)  # the last: who resumes has both
 
     def evaluate(state, step):
-        found = dataclasses.replace(start, params=jax.device_get(state.ema_params))
+        params = _between(start.params, jax.device_get(state.ema_params), spec.kept)
+        found = dataclasses.replace(start, params=params)
         scores = judge(found)
         if scores["f_score_0.2"] > read_json(best)["scores"]["f_score_0.2"]:
             _keep(best, found, step, scores)
@@ -206,12 +209,11 @@ def _trained(folder, start, own, checked, old, spec, name):
     found = dataclasses.replace(
         found,
         card=_card(start.card, own, old, kept["step"], name),
-        trust=trust_of(pairs, *([] if old is None else [_pairs(start, old)]))
-        or start.trust,
+        trust=trust_of(pairs, _pairs(start, old)) or start.trust,
     )
     key = jax.random.fold_in(jax.random.key(spec.seed), 1)
     # The frames of one place alone would make every point look as sure as there.
-    found = with_confidence(key, found, checked, *([] if old is None else [old]))
+    found = with_confidence(key, found, checked, old)
     save_model(folder / "model", found)
     training.write_model_card(
         folder,
@@ -224,9 +226,18 @@ def _trained(folder, start, own, checked, old, spec, name):
     curve = learning_curve_figure(folder / "metrics.jsonl")
     save_figure(curve, folder / "learning.png")
     counts = {"training": len(own), "validation": len(checked)}
-    counts["replay"] = 0 if old is None else len(old)
+    counts["replay"] = len(old)
     before = read_json(folder / "before.json")
     return Finetuned(found, steps, kept["step"], before, kept["scores"], counts)
+
+
+def _between(before: Any, after: Any, share: float) -> Any:
+    """Return parameters at a share of the way from those before to those after."""
+    return jax.tree.map(
+        lambda a, b: np.asarray(a) + np.float32(share) * (np.asarray(b) - a),
+        before,
+        after,
+    )
 
 
 def _split(records: Path | str, split: str) -> Records:
@@ -290,7 +301,7 @@ def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
     """Return the function from a step to a batch of own and old frames."""
     share = min(round(spec.batch_size * spec.replay), spec.batch_size - 1)
     parts = [_part(model, own, spec.batch_size, spec.seed, OWN)]
-    if old is not None and share:
+    if share:
         parts = [
             _part(model, own, spec.batch_size - share, spec.seed, OWN),
             _part(model, old, share, spec.seed, OLD),
@@ -372,15 +383,15 @@ def trust_of(*sources: data.PairSource) -> TrustTable | None:
     return fit_trust(np.stack(features)) if len(features) >= LEAST_FRAMES else None
 
 
-def _card(card: Card, own: Records, old: Records | None, step: int, name: str) -> Card:
+def _card(card: Card, own: Records, old: Records, step: int, name: str) -> Card:
     if not step:
         return card
     radars = dict.fromkeys((own.radar, *own.other_radars, *card.radars))
-    replayed = f", replaying {len(old)} simulated ones" if old is not None else ""
+    fitted = f", confidence fitted to {len(old)} old ones, too"
     return Card(
         purpose=f"{name} fine-tuned on {len(own)} frames of one's own rig",
         steps_seen=card.steps_seen + step,
-        trained_on=f"{len(own)} own frames {own.digest[:12]}{replayed}",
+        trained_on=f"{len(own)} own frames {own.digest[:12]}{fitted}",
         radars=tuple(radars),
     )
 

@@ -17,7 +17,7 @@ from jradar.model import load_model, save_model
 from tests.models import SPEC, tiny_model
 from tests.recordings.small_sequence import write_sequence, write_splits
 
-QUICK = FinetuneSpec(steps=8, batch_size=2, learning_rate=1e-2)
+QUICK = FinetuneSpec(steps=8, batch_size=2, learning_rate=1e-2, replay=0.25)
 
 
 @pytest.fixture(scope="module")
@@ -122,7 +122,11 @@ def test_steps_follow_from_the_number_of_frames(frames, steps):
 
 
 @pytest.mark.parametrize(
-    "values", [{"steps": 0}, {"replay": 1.0}, {"learning_rate": 0.0}, {"batch_size": 0}]
+    "values",
+    [
+        *({"steps": 0}, {"replay": 1.0}, {"learning_rate": 0.0}, {"batch_size": 0}),
+        *({"kept": 0.0}, {"kept": 1.5}),
+    ],
 )
 def test_values_that_cannot_be_used_are_refused(values):
     with pytest.raises(ValueError, match=f"{next(iter(values))} = "):

@@ -1,15 +1,15 @@
 r"""How many frames of one's own does fine-tuning need, and what does it forget?
 
     python -m experiments.studies.own_frames --rig warehouse -o runs/warehouse \
-        --frames 20 --frames 50 --seed 0 --seed 1 --alone
+        --frames 20 --frames 50 --seed 0 --seed 1 --compare
 
 A rig that training never saw walks through a kind of place that it never saw, with a
 Livox Mid-360. The shipped model is fine-tuned on the first walks of it by
-`jradar.finetuning` with its defaults, once for each seed. With `--alone`, the first
-seed is also trained without replayed frames. `curve.md` has the scores in other places
-of the same kind, and on validation frames of `jradar-sim-5`, which stand for the old
-places: means over the seeds, with 95 % intervals over frames. An interrupted study
-resumes.
+`jradar.finetuning` with its defaults, once for each seed. With `--compare`, the first
+seed is also trained in two other ways: all of the change of the weights is kept, and a
+quarter of each batch are old frames. `curve.md` has the scores in other places of the
+same kind, and on validation frames of `jradar-sim-5`, which stand for the old places:
+means over the seeds, with 95 % intervals over frames. An interrupted study resumes.
 """
 
 import itertools
@@ -77,6 +77,11 @@ RIGS = {
 WALKS = {901: 20, 902: 30, 903: 50, 904: 50, 905: 50, 906: 100, 907: 100}
 VALIDATION, TEST = {911: 12, 912: 12}, dict.fromkeys(range(921, 929), 5)
 PERIOD_S = 0.5
+WAYS: dict[str, dict[str, Any]] = {  # the first is the default
+    "default": {},
+    "all kept": {"kept": 1.0},
+    "replay": {"kept": 1.0, "replay": 0.25},
+}
 OLD = slice(0, None, 4)  # of the frames of each kind
 
 
@@ -84,7 +89,7 @@ class Run(NamedTuple):
     """Trainings that differ in their seed alone."""
 
     frames: int
-    replay: bool
+    way: str
     steps: int
     models: list[str]
 
@@ -98,8 +103,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, action="append", required=True, help=text)
     text = "of a training; repeatable (default: 0)"
     parser.add_argument("--seed", type=int, action="append", help=text)
-    text = "also train without replayed frames, with the first seed"
-    parser.add_argument("--alone", action="store_true", help=text)
+    text = "also train in other ways, with the first seed"
+    parser.add_argument("--compare", action="store_true", help=text)
     return run_study(study, parser, argv)
 
 
@@ -130,18 +135,12 @@ def study(options: Namespace) -> None:
             splits={f"{family}_{seed}": "validation" for seed in VALIDATION},
         )
         old = simulate_replay(root / "replay", data.Records(records))
-        for replay in (True, False) if options.alone else (True,):
-            run = Run(count, replay, 0, [])
-            for seed in seeds if replay else seeds[:1]:
-                folder = root / f"{'replay' if replay else 'alone'}_{count}_{seed}"
-                spec = FinetuneSpec(seed=seed, **({} if replay else {"replay": 0}))
-                found = finetune(
-                    records,
-                    folder,
-                    model=START,
-                    spec=spec,
-                    replay=old if replay else None,
-                )
+        for way, changes in WAYS.items() if options.compare else [*WAYS.items()][:1]:
+            run = Run(count, way, 0, [])
+            for seed in seeds[:1] if changes else seeds:
+                folder = root / f"{way.replace(' ', '_')}_{count}_{seed}"
+                spec = FinetuneSpec(seed=seed, **changes)
+                found = finetune(records, folder, model=START, spec=spec, replay=old)
                 run.models.append(str(folder))
                 run = run._replace(steps=found.steps)
             runs.append(run)
@@ -181,7 +180,7 @@ def _old(records: Path) -> Path:
 
 def report(path: Path, places: dict[str, Score], runs: list[Run]) -> None:
     """Write the table of the shipped model and of each run, by place."""
-    titles = ["own frames", "replay", "steps"]
+    titles = ["own frames", "way", "steps"]
     titles += [*places, *(f"change, {place}" for place in places)]
     started = [_interval(_mean(place, [START])) for place in places.values()]
     rows: list[list[Any]] = [[0, "", "", *started, *("" for _ in places)]]
@@ -192,7 +191,7 @@ def report(path: Path, places: dict[str, Score], runs: list[Run]) -> None:
             for mean, place in zip(means, places.values(), strict=True)
         ]
         rows.append(
-            [run.frames, "yes" if run.replay else "no", run.steps]
+            [run.frames, run.way, run.steps]
             + [_interval(mean) for mean in means]
             + [_signed(change) for change in changes]
         )

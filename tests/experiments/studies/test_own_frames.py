@@ -41,11 +41,13 @@ def test_the_table_has_the_shipped_model_and_means_over_seeds(tmp_path, capsys):
         return types.SimpleNamespace(rows=scores + rows("a", first) + rows("b", second))
 
     places = {"new place": place(0.5, 0.6), "old places": place(0.38, 0.40)}
-    runs = [own_frames.Run(20, True, 100, ["a", "b"])]
+    runs = [own_frames.Run(20, "default", 100, ["a", "b"])]
     own_frames.report(tmp_path / "curve.md", places, runs)
     *_, shipped, tuned = (tmp_path / "curve.md").read_text().splitlines()
     new, old = "40.5 (40.1–40.9)", "40.5 (40.1–40.9)"
     assert shipped == f"| 0 |  |  | {new} | {old} |  |  |"
-    assert tuned.startswith("| 20 | yes | 100 | 55.5 (55.1–55.9) | 39.5 (39.1–39.9) |")
+    assert tuned.startswith(
+        "| 20 | default | 100 | 55.5 (55.1–55.9) | 39.5 (39.1–39.9) |"
+    )
     assert tuned.endswith("| +15.0 (+15.0 to +15.0) | -1.0 (-1.0 to -1.0) |")
     assert tuned in capsys.readouterr().out
