@@ -144,7 +144,7 @@ def finetune(
             "model": str(model),
             "records": own.digest,
             "validation": checked.digest,
-            "replay": None if replay is None else str(replay),
+            "replay_records": None if replay is None else str(replay),
             **dataclasses.asdict(spec),
         }
         _check_run(folder / RUN, run)
@@ -300,12 +300,8 @@ def _pairs(model: Model, records: Records) -> data.PairSource:
 def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
     """Return the function from a step to a batch of own and old frames."""
     share = min(round(spec.batch_size * spec.replay), spec.batch_size - 1)
-    parts = [_part(model, own, spec.batch_size, spec.seed, OWN)]
-    if share:
-        parts = [
-            _part(model, own, spec.batch_size - share, spec.seed, OWN),
-            _part(model, old, share, spec.seed, OLD),
-        ]
+    sources = (own, spec.batch_size - share, OWN), (old, share, OLD)
+    parts = [_part(model, *source, spec.seed) for source in sources if source[1]]
 
     def batch_at(step):
         found = [part(step) for part in parts]
@@ -314,7 +310,7 @@ def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
     return batch_at
 
 
-def _part(model, records, count, seed, change) -> Callable[[int], training.Batch]:
+def _part(model, records, count, change, seed) -> Callable[[int], training.Batch]:
     """Return the function from a step to so many frames of these records.
 
     Where the beams are too far apart for `close_gaps`, empty pixels near a hit are not

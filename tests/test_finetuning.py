@@ -90,6 +90,8 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
     with pytest.raises(UsageError, match="holds a run with learning_rate = 0.01"):
         other = dataclasses.replace(QUICK, learning_rate=1e-4)
         finetune(records, tmp_path / "mine", model=start, spec=other, replay=records)
+    with pytest.raises(UsageError, match="holds a run with replay_records = "):
+        finetune(records, tmp_path / "mine", model=start, spec=QUICK)
 
 
 def test_records_without_a_validation_split_say_how_to_get_one(start, tmp_path):
