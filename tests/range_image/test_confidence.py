@@ -74,7 +74,7 @@ def test_weights_are_repetitions():
     confidence, right = RNG.random(300), RNG.random(300) < 0.5
     often = np.where(confidence > 0.5, 3, 1)
     expected = fit_confidence(np.repeat(confidence, often), np.repeat(right, often))
-    found = fit_confidence(confidence, right, weights=often)
+    found = fit_confidence(confidence, right, weights=often.astype(float))
     np.testing.assert_allclose(found.frequencies, expected.frequencies, atol=1e-4)
     plain = fit_confidence(confidence, right)
     assert not np.allclose(plain.frequencies, expected.frequencies, atol=1e-3)
