@@ -1,4 +1,4 @@
-"""A planar model on disk: weights, and a description of the same name beside them.
+"""A planar model on disk: weights, and a description of the same name with them.
 
 NAME.safetensors    the network's parameters, named by path
 NAME.json           spec, confidence and card, and the digest of the weights
@@ -70,8 +70,8 @@ def load_planar_model(name: Path | str) -> PlanarModel:
     if path is None:
         raise ModelError(
             ELSEWHERE.get(str(name))
-            or f"no planar model at {name}: expected weights with a description beside "
-            "them, such as weights.safetensors and weights.json"
+            or f"no planar model at {name}: expected weights and their description in "
+            "one folder, such as weights.safetensors and weights.json"
         )
     weights = path.with_suffix(".safetensors")
     try:

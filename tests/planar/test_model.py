@@ -30,7 +30,7 @@ SEEN = jax.random.uniform(jax.random.key(1), MODEL.spec.condition_shape)
 
 @pytest.fixture
 def saved(tmp_path):
-    """The description of a model beside its weights."""
+    """The description of a model in the folder of its weights."""
     weights = tmp_path / "weights.safetensors"
     write_params(weights, MODEL.params, dtype=np.float32)
     return describe_planar_model(weights, MODEL, folder=tmp_path)
