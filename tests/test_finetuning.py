@@ -8,16 +8,15 @@ import jax
 import numpy as np
 import pytest
 
-from jradar import finetuning
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.errors import UsageError
-from jradar.finetuning import FinetuneSpec, finetune
+from jradar.finetuning import FinetuneSpec, finetune, tune
 from jradar.lidar import LidarSpec
 from jradar.model import load_model, save_model
 from tests.models import SPEC, tiny_model
 from tests.recordings.small_sequence import write_sequence, write_splits
 
-QUICK = FinetuneSpec(steps=8, batch_size=2, learning_rate=1e-2, replay=0.25)
+QUICK = FinetuneSpec(steps=8, batch_size=2, learning_rate=1e-2, replay=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -43,15 +42,18 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
     found = finetune(
         records, tmp_path / "mine", model=start, spec=QUICK, replay=records
     )
-    assert found.after["f_score_0.2"] >= found.before["f_score_0.2"]
-    assert found.frames == {"training": 4, "validation": 2, "replay": 4}
+    before, after = (s.own["f_score_0.2"] for s in (found.before, found.after))
+    assert after >= before
+    counts = {"training": 4, "validation": 2, "old": 2, "old, held out": 2}
+    assert found.frames == counts
     lines = (tmp_path / "mine" / "metrics.jsonl").read_text().splitlines()
     scores = [json.loads(line).get("validation/f_score_0.2", -1) for line in lines]
     assert len(scores) == 8
-    assert found.after["f_score_0.2"] == max(*scores, found.before["f_score_0.2"])
+    if found.share == 1:
+        assert after == pytest.approx(max(*scores, before))
     saved = load_model(tmp_path / "mine")
     assert saved.spec == dataclasses.replace(found.model.spec)
-    if found.best_step:
+    if found.share:
         assert "fine-tuned on 4 frames" in saved.card.purpose
         assert Records(records).radar in saved.card.radars
     assert (tmp_path / "mine" / "learning.png").stat().st_size > 1000
@@ -68,21 +70,21 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
         fitted.append([len(frames) for frames in sets])
         return model
 
-    monkeypatch.setattr(finetuning, "with_confidence", with_confidence)
-    judged, judge = [], finetuning._judge
+    monkeypatch.setattr(tune, "with_confidence", with_confidence)
+    judged, judge = [], tune._judge
 
-    def killed(model, records):
+    def killed(model, records, count):
         judged.append(model)
         if len(judged) == 5:
             raise KeyboardInterrupt
-        return judge(model, records)
+        return judge(model, records, count)
 
-    monkeypatch.setattr(finetuning, "_judge", killed)
+    monkeypatch.setattr(tune, "_judge", killed)
     for _ in range(2):
         with contextlib.suppress(KeyboardInterrupt):
             options = {"spec": QUICK, "replay": records}
             resumed = finetune(records, tmp_path / "killed", model=start, **options)
-    assert len(judged) > 5 and fitted == [[2, 4]]
+    assert len(judged) > 5 and fitted == [[2, 2]]
     assert resumed.before == found.before
     assert resumed.best_step == found.best_step
     both = resumed.model.params, found.model.params
@@ -92,6 +94,28 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
         finetune(records, tmp_path / "mine", model=start, spec=other, replay=records)
     with pytest.raises(UsageError, match="holds a run with replay_records = "):
         finetune(records, tmp_path / "mine", model=start, spec=QUICK)
+
+
+@pytest.mark.parametrize(
+    ("lost", "share"), [((0, 0, 0, 0), 1.0), ((3, 2, 0.5, 0), 0.5), ((9, 8, 5, 2), 0.0)]
+)
+def test_of_the_change_so_much_is_kept_as_old_places_bear(
+    lost, share, start, monkeypatch
+):
+    old = iter([0.6 - points / 100 for points in lost])
+
+    def scores(model, checked, held_out):
+        return tune.Scores({tune.SCORE: 0.5}, {tune.SCORE: next(old)})
+
+    monkeypatch.setattr(tune, "_scores", scores)
+    model = load_model(start)
+    tuned = jax.tree.map(lambda value: value + 1.0, model.params)
+    before = tune.Scores({tune.SCORE: 0.4}, {tune.SCORE: 0.6})
+    found = tune._kept(model, tuned, [], [], before, 1.0)
+    assert found.share == share
+    moved = jax.tree.map(lambda a, b: a - b, found.model.params, model.params)
+    for leaf in jax.tree.leaves(moved):
+        np.testing.assert_allclose(leaf, share, atol=1e-5)
 
 
 def test_records_without_a_validation_split_say_how_to_get_one(start, tmp_path):
@@ -127,7 +151,7 @@ def test_steps_follow_from_the_number_of_frames(frames, steps):
     "values",
     [
         *({"steps": 0}, {"replay": 1.0}, {"learning_rate": 0.0}, {"batch_size": 0}),
-        *({"kept": 0.0}, {"kept": 1.5}),
+        {"forget": -1.0},
     ],
 )
 def test_values_that_cannot_be_used_are_refused(values):

@@ -200,7 +200,7 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
     from jradar.finetuning import FinetuneSpec, finetune as tune
 
     try:
-        chosen = given(options, "steps", "learning_rate", "kept")
+        chosen = given(options, "steps", "learning_rate", "forget")
         if options.replay_share is not None:
             chosen["replay"] = options.replay_share
         spec = FinetuneSpec(**chosen, seed=options.seed)

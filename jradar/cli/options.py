@@ -326,13 +326,11 @@ def _finetune(sub):
     groups.count(sub, "--steps", text)
     text = "peak of the learning rate (default: 3e-4)"
     groups.option(sub, "--learning-rate", "RATE", text, type=values.positive)
-    text = "share of the change of the weights that is kept; 1 forgets more of other "
-    text += "places (default: 0.75)"
-    groups.option(sub, "--kept", "P", text, type=values.positive)
-    text = "share of old frames in each batch (default: 0)"
+    text = "points of the F-score that old places may lose (default: 1)"
+    groups.option(sub, "--forget", "POINTS", text, type=values.positive)
+    text = "share of old frames in each batch (default: 0.25)"
     groups.option(sub, "--replay-share", "P", text, type=values.share)
-    text = "records of old frames, to which the confidence is fitted, too (default: "
-    text += "simulated ones, made in three minutes)"
+    text = "records of old frames (default: simulated ones, made in three minutes)"
     groups.option(sub, "--replay-records", "FOLDER", text)
     groups.seed(sub, "random seed of the batches")
 

@@ -47,6 +47,7 @@ class LossSpec:
 
 
 SQUARED = LossSpec()  # Eq. 9 alone
+LEAST_KNOWN = 0.05  # of an image, for its weight
 
 
 def denoising_loss(
@@ -118,16 +119,29 @@ def regression_loss(
 def where_known(loss: Callable[..., jax.Array], **options: Any) -> Callable[..., Any]:
     """Return the loss without an error where the validity of `clean` is 0.
 
-    There it is not known what a scan would see. `options` are passed on to `loss`.
+    There it is not known what a scan would see. Squared errors of an image are divided
+    by the share of its pixels that are known, so that sparse scans count as dense ones
+    do. `options` are passed on to `loss`.
     """
 
     def known(key: Any, denoise: Any, clean: Any, **given: Any) -> jax.Array:
+        root = jnp.sqrt(1 / known_share(clean))[:, None, None, None]
+
         def answer(x: Any, sigma: Any) -> Any:
-            return jnp.where(clean[..., 1:] != 0, denoise(x, sigma), clean)
+            error = root * (denoise(x, sigma) - clean)
+            return clean + jnp.where(clean[..., 1:] != 0, error, 0.0)
 
         return loss(key, answer, clean, **options, **given)
 
     return known
+
+
+def known_share(clean: Image) -> Float[Array, " batch"]:
+    """Return the share of the pixels of each image whose validity is not 0.
+
+    It is at least LEAST_KNOWN.
+    """
+    return jnp.maximum(jnp.mean(clean[..., 1] != 0, axis=(1, 2)), LEAST_KNOWN)
 
 
 def channel_weights(image: Image, range_weight: float) -> Float[Array, "1 1 1 channel"]:

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
+from jradar.diffusion.losses import known_share
 from jradar.diffusion.noise import NoiseSpec
 from jradar.diffusion.precondition import Denoiser
 from jradar.diffusion.predictions import FREE, Image
@@ -95,11 +96,13 @@ def mixture_loss(
 ) -> Float[Array, ""]:
     """Return the negative log-likelihood of range and return, a mean over pixels.
 
-    Where the validity of `clean` is 0, it is not known whether there was a return.
+    Where the validity of `clean` is 0, it is not known whether there was a return. The
+    mean is over the other pixels, and then over images.
     It is called as `denoising_loss` is. Neighbours are alike: of each THINNED x THINNED
     pixels of an image, `key` draws the one that counts, the same place in all of them.
     """
     values = denoise(_blank(clean.shape), jnp.asarray(noise.sigma_max))
+    share = known_share(clean)[:, None, None]
     mixture = mixture_of(_thinned(key, values))
     clean = _thinned(key, clean)
     hit = clean[..., 1] > 0
@@ -111,7 +114,7 @@ def mixture_loss(
     )
     weight = jnp.log(jnp.maximum(mixture.weight, 1e-6))
     range_ = jax.nn.logsumexp(weight + density, axis=-1)
-    return -jnp.mean(returned + jnp.where(hit, range_, 0.0))
+    return -jnp.mean((returned + jnp.where(hit, range_, 0.0)) / share)
 
 
 def _blank(shape) -> Any:

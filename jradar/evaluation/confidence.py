@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jradar.data import PairSource, Records
+from jradar.data import PairSource, PreparedFrame
 from jradar.evaluation.reliability import near_truth
 from jradar.evaluation.statistics import spread
 from jradar.model import Model, draw
@@ -39,7 +39,9 @@ class Judged(NamedTuple):
     truth: Float[np.ndarray, "true_point 3"]
 
 
-def with_confidence(key: jax.Array, model: Model, *sets: Records) -> Model:
+def with_confidence(
+    key: jax.Array, model: Model, *sets: Sequence[PreparedFrame]
+) -> Model:
     """Return the model with a table of confidence that was fitted to these frames.
 
     Each set counts as much as another, however many frames it has. A model without
@@ -73,7 +75,11 @@ def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
 
 
 def judged(
-    key: jax.Array, model: Model, records: Records, *, frames: int = FRAMES
+    key: jax.Array,
+    model: Model,
+    records: Sequence[PreparedFrame],
+    *,
+    frames: int = FRAMES,
 ) -> Iterator[Judged]:
     """Yield the points of at most so many frames that have a truth."""
     spec = model.spec

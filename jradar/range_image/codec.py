@@ -10,12 +10,12 @@ slice (-1 near, 1 far), and its power in decibels relative to the frame's strong
 """
 
 import functools
-import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from scipy import ndimage
 
 from jradar.range_code import decode_range, encode_range
 from jradar.range_image.grid import ImageSpec
@@ -24,8 +24,8 @@ from jradar.types import PointCloud
 
 CHANNELS = ("presence", "range", "power")  # of each slice of the condition
 DYNAMIC_RANGE_DB = 60.0  # power further below the strongest point is coded as 0
-SEEN_HITS = 5.0  # in a window that would show a surface
-BLOCK = 8  # rows and columns in which there are hits, or not
+STEADY = 0.04  # of the hits; less is not a pattern that closes
+MOST_REACH = 16
 ALIKE = 0.05  # share by which two ranges of one surface differ at most
 
 Image = Float[Array, "*batch row column"]
@@ -105,7 +105,7 @@ def close_gaps(image: Image, *, reach: int = 2) -> Image:
             between = (b * one + a * other) / (a + b)
             alike = jnp.abs(one - other) <= ALIKE * nearer
             found = jnp.where(alike, between, nearer)
-            filled = jnp.where((filled == 0) & (nearer > 0), found, filled)
+            filled = jnp.where((filled <= 0) & (nearer > 0), found, filled)
     return filled
 
 
@@ -125,20 +125,25 @@ def observed_pixels(image: Image, *, reach: int) -> Bool[Array, "*batch row colu
 
 
 def pattern_reach(images: Float[np.ndarray, "*batch row column"]) -> int:
-    """Return within how many pixels the scans would have hit a surface; host.
+    """Return within how many pixels of a hit a miss may lie between two beams; host.
 
-    It is the smallest window that holds `SEEN_HITS` hits on average where there are
-    any: 2 for an Ouster of 64 beams, 4 for one frame of a Livox.
+    The hits are grown by so many pixels and shrunk again, which closes the holes of
+    the pattern. It is the number from which one pixel more closes less than a share of
+    `STEADY`: 1 for an Ouster of 64 beams, 10 for one frame of a Livox Mid-360.
     """
-    hit = np.asarray(images) > 0
-    rows, columns = (size // BLOCK * BLOCK for size in hit.shape[-2:])
-    hit = hit[..., :rows, :columns]
-    blocks = hit.reshape(*hit.shape[:-2], rows // BLOCK, BLOCK, columns // BLOCK, BLOCK)
-    share = blocks.mean((-3, -1))
-    if not share.any():
+    hits = np.asarray(images).reshape(-1, *images.shape[-2:]) > 0
+    if not hits.any():
         return 0
-    density = share[share > 0].mean()
-    return math.ceil((math.sqrt(SEEN_HITS / density) - 1) / 2)
+    before = hits.sum()
+    for reach in range(1, MOST_REACH):
+        wider = np.pad(hits, ((0, 0), *2 * [(reach, reach)]))
+        grown = [ndimage.maximum_filter(hit, 2 * reach + 1) for hit in wider]
+        closed = [ndimage.minimum_filter(hit, 2 * reach + 1) for hit in grown]
+        after = np.sum(closed)
+        if reach > 1 and after < (1 + STEADY) * before:
+            return reach - 1
+        before = after
+    return MOST_REACH
 
 
 def fill_misses(value: Image, hit: Bool[Array, "*batch row column"]) -> Image:

@@ -16,6 +16,7 @@ from jradar.diffusion import (
     training_sigma,
     where_known,
 )
+from jradar.diffusion.losses import known_share
 
 KEY, NOISE = jax.random.key(1), NoiseSpec()
 CLEAN = jnp.asarray(np.random.default_rng(0).normal(scale=0.5, size=(64, 4, 4, 2)), "f")
@@ -141,11 +142,16 @@ def test_pixels_that_nobody_observed_have_no_error(plain):
     assert whole(KEY, shifted, CLEAN, noise=NOISE) == pytest.approx(
         float(plain(KEY, shifted, CLEAN, noise=NOISE))
     )
-    half = CLEAN.at[:, :2, :, 1].set(0.0)  # of validity 0
-    left = float(whole(KEY, shifted, half, noise=NOISE))
+    some = CLEAN.at[:, :2, :, 1].set(0.0)  # of validity 0
+    left = float(whole(KEY, shifted, some, noise=NOISE))
 
     def right_there(x, sigma):
-        return jnp.where(half[..., 1:] == 0, half, shifted(x, sigma))
+        return jnp.where(some[..., 1:] == 0, some, shifted(x, sigma))
 
-    assert left == pytest.approx(float(plain(KEY, right_there, half, noise=NOISE)))
-    assert left < 0.7 * float(plain(KEY, shifted, half, noise=NOISE))
+    without = float(plain(KEY, right_there, some, noise=NOISE))
+    assert left == pytest.approx(without * CLEAN.shape[1] / (CLEAN.shape[1] - 2))
+
+
+def test_an_image_with_hardly_a_known_pixel_does_not_outweigh_the_others():
+    clean = jnp.zeros((2, 10, 10, 2)).at[0, ..., 1].set(1.0).at[1, 0, 0, 1].set(-1.0)
+    np.testing.assert_allclose(known_share(clean), [1.0, 0.05])

@@ -126,9 +126,19 @@ def test_hits_and_misses_away_from_them_are_observed():
     assert observed_pixels(image, reach=0).all()
 
 
-@pytest.mark.parametrize(("density", "reach"), [(1.0, 1), (0.25, 2), (0.05, 5), (0, 0)])
-def test_the_reach_of_a_pattern_grows_as_it_thins_out(density, reach):
-    rng = np.random.default_rng(0)
-    wall = rng.random((4, 64, 128)) < density
-    wall[:, :, 64:] = False  # open space has no pattern
-    assert pattern_reach(np.float32(wall)) == reach
+@pytest.mark.parametrize(("pitch", "reach"), [(2, 1), (7, 3), (17, 8)])
+def test_the_reach_of_a_pattern_is_half_its_holes(pitch, reach):
+    wall = np.zeros((2, 96, 128), np.float32)
+    wall[:, ::pitch], wall[:, :, ::pitch] = 3.0, 3.0
+    wall[:, 70:, 70:] = 0.0  # open space has no pattern
+    assert pattern_reach(wall) == reach
+
+
+def test_a_frame_without_a_hit_has_no_pattern():
+    assert pattern_reach(np.zeros((3, 8, 8), np.float32)) == 0
+
+
+def test_gaps_are_closed_where_misses_are_unknown():
+    image = np.full((1, 5), -1.0, np.float32)
+    image[0, [0, 2]] = 4.0
+    np.testing.assert_array_equal(close_gaps(image, reach=2), [[4, 4, 4, -1, -1]])

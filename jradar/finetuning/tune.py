@@ -1,23 +1,15 @@
-"""Fine-tuning: a model and the records of one's own rig to a model that knows them.
+"""A model and records to a model that knows them: spec, run and result.
 
-    FOLDER/model/             the model, for load_model(FOLDER) and --model FOLDER
-    FOLDER/checkpoints/       from which a stopped run resumes
-    FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
-    FOLDER/replay/            simulated frames of the places that the model knew
-
-The pixels between the beams of a sparse scan are not observed, and not learnt: they
-are most of an image, for one frame of a Livox. Frames change at random in size and
-direction. So that the model does not forget, a share of the change of its weights is
-kept, in a mean of the weights before and after (Wortsman et al. 2022). Of these means,
-that with the best F-score on the validation frames is taken, the model as it was
-included. Its confidence is then fitted to the validation frames and to old ones.
+A quarter of each batch are old frames (replay). Of the weights at each evaluation,
+those with the best F-score on the validation frames are taken, the model as it was
+included. Should they lose more than `forget` points on old frames that were not
+replayed, they become a mean of the weights before and after (Wortsman et al. 2022).
+The confidence is then fitted to the validation frames and to those old ones.
 """
 
 import dataclasses
-import functools
 import json
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from jradar import data, diffusion, simulation, training
-from jradar.data import PrepareSpec, Records
+from jradar import diffusion, training
+from jradar.data import PairSource, PreparedFrame, Records
 from jradar.errors import UsageError
 from jradar.evaluation import (
     Frame,
@@ -39,34 +31,23 @@ from jradar.evaluation import (
     with_confidence,
 )
 from jradar.evaluation.confidence import THRESHOLDS, judged, mean_f_scores
-from jradar.fields import typed_fields
 from jradar.files import lock_folder, read_json, write_text
+from jradar.finetuning.frames import batches_of, pairs_of, simulate_replay
 from jradar.model import Card, Model, load_model, save_model
-from jradar.range_image import (
-    IDENTITY,
-    TrustTable,
-    close_gaps,
-    condition_features,
-    encode_target,
-    fit_trust,
-    observed_pixels,
-    pattern_reach,
-)
+from jradar.range_image import IDENTITY, TrustTable, condition_features, fit_trust
 from jradar.range_image.trust import LEAST_FRAMES
 from jradar.viz import learning_curve_figure, save_figure
 
 RUN = "finetune.json"  # what is fine-tuned, and how
 BEST = "best.json"  # of the evaluations so far
-GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
+BEFORE = "before.json"  # scores of the model as it was
+SCORE = "f_score_0.2"
 JUDGED = 32  # validation frames of an evaluation
+JUDGED_OLD = 72
 EVALUATIONS = 8
 TRUSTED = 1200  # most frames of the table of trust
-REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of as many radar units
-OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
-OLD = data.AugmentSpec(
-    thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05
-)
 STEPS = 100, 1, 3000  # at least, for each own frame, and at most
+SHARES = 1.0, 0.75, 0.5, 0.25  # of the change of the weights
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,8 +57,8 @@ class FinetuneSpec:
     steps: int | None = None
     learning_rate: float = 3e-4
     batch_size: int = 8
-    kept: float = 0.75  # share of the change of the weights; 1 forgets more
-    replay: float = 0.0  # share of old frames in a batch
+    replay: float = 0.25  # share of old frames in a batch
+    forget: float = 1.0  # most points of the F-score that old frames may lose
     seed: int = 0
 
     def __post_init__(self):
@@ -87,10 +68,10 @@ class FinetuneSpec:
             raise ValueError(f"learning_rate = {self.learning_rate}, expected above 0")
         if self.batch_size < 1:
             raise ValueError(f"batch_size = {self.batch_size}, expected 1 or more")
-        if not 0 < self.kept <= 1:
-            raise ValueError(f"kept = {self.kept}, expected above 0 and at most 1")
         if not 0 <= self.replay < 1:
             raise ValueError(f"replay = {self.replay}, expected 0 to less than 1")
+        if not self.forget >= 0:
+            raise ValueError(f"forget = {self.forget}, expected 0 points or more")
 
     def steps_for(self, frames: int) -> int:
         """Return the steps for a number of own frames."""
@@ -98,15 +79,23 @@ class FinetuneSpec:
         return self.steps or min(least + each * frames, most)
 
 
+class Scores(NamedTuple):
+    """Mean scores of own validation frames, and of old frames that were held out."""
+
+    own: dict[str, float]
+    old: dict[str, float]
+
+
 class Finetuned(NamedTuple):
-    """The model, and the scores on validation frames that chose its weights."""
+    """The model, and the scores that chose its weights."""
 
     model: Model
     steps: int
     best_step: int  # 0: the model as it was
-    before: dict[str, float]
-    after: dict[str, float]
-    frames: dict[str, int]  # of training, validation and replay
+    share: float  # of the change of the weights that is kept
+    before: Scores
+    after: Scores
+    frames: dict[str, int]
 
     def describe(self) -> dict[str, Any]:
         """Return what a user wants to know."""
@@ -114,8 +103,11 @@ class Finetuned(NamedTuple):
             "frames": self.frames,
             "steps": self.steps,
             "best step": self.best_step,
-            "validation before": _rounded(self.before),
-            "validation after": _rounded(self.after),
+            "share of the change kept": self.share,
+            "validation before": _rounded(self.before.own),
+            "validation after": _rounded(self.after.own),
+            "old places before": _rounded(self.before.old),
+            "old places after": _rounded(self.after.old),
             "purpose": self.model.card.purpose,
         }
 
@@ -130,9 +122,10 @@ def finetune(
 ) -> Finetuned:
     """Fine-tune a model on the train split of records, and write it into a folder.
 
-    `replay` are records of old frames; by default, some are simulated. The same call
-    resumes a run that was stopped. Raises UsageError for records without a training or
-    a validation split, and for a folder of another run.
+    `replay` are records of old frames, of which every other is held out; by default,
+    some are simulated. The same call resumes a run that was stopped. Raises UsageError
+    for records without a training or a validation split, and for a folder of another
+    run.
     """
     folder = Path(folder)
     _check_contents(folder)  # before a lock is left there
@@ -150,39 +143,81 @@ def finetune(
         _check_run(folder / RUN, run)
         made = simulate_replay(folder / "replay", own) if replay is None else replay
         old = Records(made, "train")
-        return _trained(folder, start, own, checked, old, spec, str(model))
+        halves = Old(old[::2], old[1::2] or old[:])
+        return _trained(folder, start, own, checked, halves, spec, str(model))
+
+
+class Old(NamedTuple):
+    """Frames of the places that the model knew."""
+
+    replayed: Sequence[PreparedFrame]
+    checked: Sequence[PreparedFrame]
+
+
+class Kept(NamedTuple):
+    """A model with a share of the change of the weights, and its scores."""
+
+    model: Model
+    share: float
+    scores: Scores
 
 
 def _trained(folder, start, own, checked, old, spec, name):
     """Train, keep the best weights, fit the tables, and write the model."""
     steps = spec.steps_for(len(own))
-    pairs, judge = _pairs(start, own), functools.partial(_judge, records=checked)
-    optimizer = optax.chain(
-        optax.clip_by_global_norm(1.0),
-        optax.adamw(
-            optax.warmup_cosine_decay_schedule(
-                0.0, spec.learning_rate, min(50, steps // 4), steps
-            ),
-            weight_decay=1e-2,
-        ),
-    )
-    state = training.TrainState(
-        jnp.zeros((), jnp.int32),
-        start.params,
-        start.params,
-        jax.jit(optimizer.init)(start.params),
-    )
     best = folder / BEST
     if not best.exists():
-        scores = judge(start)
-        write_text(folder / "before.json", json.dumps(scores) + "\n")
-        _keep(best, start, 0, scores)  # the last: who resumes has both
+        scores = _scores(start, checked, old)
+        write_text(folder / BEFORE, json.dumps(scores._asdict()) + "\n")
+        _keep(best, start, 0, scores.own)  # the last: who resumes has both
+    _train(folder, start, own, checked, old, spec)
+    before = Scores(**read_json(folder / BEFORE))
+    kept, step = Kept(start, 0.0, before), read_json(best)["step"]
+    if step:
+        tuned = load_model(folder / "best").params
+        kept = _kept(start, tuned, checked, old, before, spec.forget)
+    card = _card(start.card, own, old, step, name) if kept.share else start.card
+    pairs = pairs_of(start, own), pairs_of(start, [*old.replayed, *old.checked])
+    found = dataclasses.replace(
+        kept.model, card=card, trust=trust_of(*pairs) or start.trust
+    )
+    key = jax.random.fold_in(jax.random.key(spec.seed), 1)
+    # The frames of one place alone would make every point look as sure as there.
+    found = with_confidence(key, found, checked, old.checked)
+    save_model(folder / "model", found)
+    training.write_model_card(
+        folder,
+        config={"finetune": dataclasses.asdict(spec), "model": name},
+        data_digest=own.digest,
+        seed=spec.seed,
+        steps=steps,
+        purpose=found.card.purpose,
+    )
+    curve = learning_curve_figure(folder / "metrics.jsonl")
+    save_figure(curve, folder / "learning.png")
+    counts = {"training": len(own), "validation": len(checked)}
+    counts |= {"old": len(old.replayed), "old, held out": len(old.checked)}
+    return Finetuned(found, steps, step, kept.share, before, kept.scores, counts)
+
+
+def _train(folder, start, own, checked, old, spec):
+    """Train, and keep the weights with the best score on the validation frames."""
+    steps, best = spec.steps_for(len(own)), folder / BEST
+    rate = optax.warmup_cosine_decay_schedule(
+        0.0, spec.learning_rate, min(50, steps // 4), steps
+    )
+    optimizer = optax.chain(
+        optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=1e-2)
+    )
+    count = jnp.zeros((), jnp.int32)
+    moments = jax.jit(optimizer.init)(start.params)
+    state = training.TrainState(count, start.params, start.params, moments)
 
     def evaluate(state, step):
-        params = _between(start.params, jax.device_get(state.ema_params), spec.kept)
+        params = jax.device_get(state.ema_params)
         found = dataclasses.replace(start, params=params)
-        scores = judge(found)
-        if scores["f_score_0.2"] > read_json(best)["scores"]["f_score_0.2"]:
+        scores = _judge(found, checked, JUDGED)
+        if scores[SCORE] > read_json(best)["scores"][SCORE]:
             _keep(best, found, step, scores)
         return scores
 
@@ -196,7 +231,14 @@ def _trained(folder, start, own, checked, old, spec, name):
             loss=LOSSES[start.spec.method],
             ema_decay=min(0.995, 1 - 10 / steps),
         ),
-        _batches(start, own, old, spec),
+        batches_of(
+            start,
+            own,
+            old.replayed,
+            batch_size=spec.batch_size,
+            replay=spec.replay,
+            seed=spec.seed,
+        ),
         steps=steps,
         workdir=folder,
         data_digest=own.digest,
@@ -204,31 +246,24 @@ def _trained(folder, start, own, checked, old, spec, name):
         evaluate_every=max(steps // EVALUATIONS, 1),
         evaluate=evaluate,
     )
-    kept = read_json(best)
-    found = load_model(folder / "best")
-    found = dataclasses.replace(
-        found,
-        card=_card(start.card, own, old, kept["step"], name),
-        trust=trust_of(pairs, _pairs(start, old)) or start.trust,
+
+
+def _kept(start, tuned, checked, old, before, forget):
+    """Return the largest change of the weights that forgets no more than allowed."""
+    for share in SHARES:
+        params = _between(start.params, tuned, share)
+        model = dataclasses.replace(start, params=params)
+        scores = _scores(model, checked, old)
+        if before.old[SCORE] - scores.old[SCORE] <= forget / 100:
+            better = scores.own[SCORE] > before.own[SCORE]
+            return Kept(model, share, scores) if better else Kept(start, 0.0, before)
+    return Kept(start, 0.0, before)
+
+
+def _scores(model, checked, old):
+    return Scores(
+        _judge(model, checked, JUDGED), _judge(model, old.checked, JUDGED_OLD)
     )
-    key = jax.random.fold_in(jax.random.key(spec.seed), 1)
-    # The frames of one place alone would make every point look as sure as there.
-    found = with_confidence(key, found, checked, old)
-    save_model(folder / "model", found)
-    training.write_model_card(
-        folder,
-        config={"finetune": dataclasses.asdict(spec), "model": name},
-        data_digest=own.digest,
-        seed=spec.seed,
-        steps=steps,
-        purpose=found.card.purpose,
-    )
-    curve = learning_curve_figure(folder / "metrics.jsonl")
-    save_figure(curve, folder / "learning.png")
-    counts = {"training": len(own), "validation": len(checked)}
-    counts["replay"] = len(old)
-    before = read_json(folder / "before.json")
-    return Finetuned(found, steps, kept["step"], before, kept["scores"], counts)
 
 
 def _between(before: Any, after: Any, share: float) -> Any:
@@ -279,84 +314,22 @@ def _check_run(path: Path, run: dict[str, Any]) -> None:
             )
 
 
-def simulate_replay(folder: Path | str, own: Records) -> Path:
-    """Return records of simulated places, prepared as one's own; made once."""
-    records = Path(folder) / "records"
-    try:
-        return Records(records, "train").folder
-    except (FileNotFoundError, ValueError):
-        pass
-    places = [s for s in simulation.drawn_sources(REPLAYED) if s.split == "train"]
-    options = typed_fields(PrepareSpec, own.manifest["options"])
-    data.prepare_sources(places, records, PrepareSpec(**options), workers=2)
-    return records
-
-
-def _pairs(model: Model, records: Records) -> data.PairSource:
-    spec = model.spec
-    return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
-
-
-def _batches(model, own, old, spec) -> Callable[[int], training.Batch]:
-    """Return the function from a step to a batch of own and old frames."""
-    share = min(round(spec.batch_size * spec.replay), spec.batch_size - 1)
-    sources = (own, spec.batch_size - share, OWN), (old, share, OLD)
-    parts = [_part(model, *source, spec.seed) for source in sources if source[1]]
-
-    def batch_at(step):
-        found = [part(step) for part in parts]
-        return jax.tree.map(lambda *values: jnp.concatenate(values), *found)
-
-    return batch_at
-
-
-def _part(model, records, count, change, seed) -> Callable[[int], training.Batch]:
-    """Return the function from a step to so many frames of these records.
-
-    Where the beams are too far apart for `close_gaps`, empty pixels near a hit are not
-    learnt.
-    """
-    spec = model.spec
-    low, high = spec.fine.azimuth
-    change = dataclasses.replace(change, mirror=low == -high)
-    grids = spec.coarse, spec.fine, spec.num_slices
-    batches = data.Batches(
-        records,
-        seed=seed,
-        batch_size=count,
-        change=data.AugmentedPairs(*grids, change),
-    )
-    pairs = _pairs(model, records)
-    reach = pattern_reach(
-        np.stack([pairs[i].lidar for i in spread(len(pairs), JUDGED)])
-    )
-
-    def batch_at(step):
-        batch = batches[step]
-        closed = close_gaps(batch.lidar, reach=GAP_PIXELS)
-        target = encode_target(closed, spec.fine, codec=spec.codec)
-        if reach > GAP_PIXELS:
-            observed = observed_pixels(closed, reach=reach)[..., None]
-            target = target.at[..., 1:].multiply(observed)
-        return training.Batch(jnp.asarray(batch.condition), target)
-
-    return batch_at
-
-
-def _judge(model: Model, records: Records) -> dict[str, float]:
-    """Return the mean scores of the model's answer to some validation frames.
+def _judge(
+    model: Model, records: Sequence[PreparedFrame], count: int
+) -> dict[str, float]:
+    """Return the mean scores of the model's answer to some of these frames.
 
     A model with confidence is judged at the least confidence that is best for it, as
     its table is fitted only later.
     """
     key = jax.random.key(0)
     plain = dataclasses.replace(model, confidence=IDENTITY)
-    if found := [*judged(key, plain, records, frames=JUDGED)]:
+    if found := [*judged(key, plain, records, frames=count)]:
         least = THRESHOLDS[int(np.argmax(mean_f_scores(found)))]
         clouds = [frame.xyz[frame.confidence >= least] for frame in found]
         return mean_scores(clouds, [frame.truth for frame in found])
-    pairs = _pairs(model, records)
-    method, index = drawn(model), spread(len(records), JUDGED)
+    pairs = pairs_of(model, records)
+    method, index = drawn(model), spread(len(records), count)
     frames = {i: Frame(records[i], pairs[i]) for i in index}
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in frames.items()]
     truths = [frame.prepared.lidar_xyz for frame in frames.values()]
@@ -369,7 +342,7 @@ def _keep(path: Path, model: Model, step: int, scores: dict[str, float]) -> None
     write_text(path, json.dumps({"step": step, "scores": scores}) + "\n")
 
 
-def trust_of(*sources: data.PairSource) -> TrustTable | None:
+def trust_of(*sources: PairSource) -> TrustTable | None:
     """Return what conditions look like in training; None for too few frames."""
     features = [
         np.asarray(condition_features(pairs[i].condition))
@@ -379,15 +352,13 @@ def trust_of(*sources: data.PairSource) -> TrustTable | None:
     return fit_trust(np.stack(features)) if len(features) >= LEAST_FRAMES else None
 
 
-def _card(card: Card, own: Records, old: Records, step: int, name: str) -> Card:
-    if not step:
-        return card
+def _card(card: Card, own: Records, old: Old, step: int, name: str) -> Card:
     radars = dict.fromkeys((own.radar, *own.other_radars, *card.radars))
-    fitted = f", confidence fitted to {len(old)} old ones, too"
     return Card(
         purpose=f"{name} fine-tuned on {len(own)} frames of one's own rig",
         steps_seen=card.steps_seen + step,
-        trained_on=f"{len(own)} own frames {own.digest[:12]}{fitted}",
+        trained_on=f"{len(own)} own frames {own.digest[:12]}, with "
+        f"{len(old.replayed)} old ones",
         radars=tuple(radars),
     )
 

@@ -1,0 +1,111 @@
+"""Own and old frames to batches; the old ones are simulated.
+
+Frames change at random in size and direction. The pixels between the beams of a sparse
+scan are not observed, and not learnt: they are most of an image, for one frame of a
+Livox.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jradar import data, simulation
+from jradar.data import PairSource, PreparedFrame, PrepareSpec, Records
+from jradar.evaluation import spread
+from jradar.fields import typed_fields
+from jradar.model import Model
+from jradar.range_image import (
+    close_gaps,
+    encode_target,
+    observed_pixels,
+    pattern_reach,
+)
+from jradar.training import Batch
+
+GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
+PATTERN = 32  # frames that show the pattern of the beams
+REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of as many radar units
+OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
+OLD = data.AugmentSpec(
+    thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05
+)
+
+
+def simulate_replay(folder: Path | str, own: Records) -> Path:
+    """Return records of simulated places, prepared as one's own; made once."""
+    records = Path(folder) / "records"
+    try:
+        return Records(records, "train").folder
+    except (FileNotFoundError, ValueError):
+        pass
+    places = [s for s in simulation.drawn_sources(REPLAYED) if s.split == "train"]
+    options = typed_fields(PrepareSpec, own.manifest["options"])
+    data.prepare_sources(places, records, PrepareSpec(**options), workers=2)
+    return records
+
+
+def pairs_of(model: Model, frames: Sequence[PreparedFrame]) -> PairSource:
+    """Return the pairs of frames on the model's grids."""
+    spec = model.spec
+    return PairSource(frames, spec.coarse, spec.fine, num_slices=spec.num_slices)
+
+
+def batches_of(
+    model: Model,
+    own: Sequence[PreparedFrame],
+    old: Sequence[PreparedFrame],
+    *,
+    batch_size: int,
+    replay: float,
+    seed: int,
+) -> Callable[[int], Batch]:
+    """Return the function from a step to a batch; `replay` is the share of old frames.
+
+    At least one frame of each batch is one's own.
+    """
+    share = min(round(batch_size * replay), batch_size - 1)
+    sources = (own, batch_size - share, OWN), (old, share, OLD)
+    parts = [_part(model, *source, seed) for source in sources if source[1]]
+
+    def batch_at(step: int) -> Batch:
+        found = [part(step) for part in parts]
+        return jax.tree.map(lambda *values: jnp.concatenate(values), *found)
+
+    return batch_at
+
+
+def _part(model, frames, count, change, seed) -> Callable[[int], Batch]:
+    """Return the function from a step to so many of these frames.
+
+    Where the beams are too far apart for `close_gaps`, empty pixels near a hit are not
+    learnt.
+    """
+    spec = model.spec
+    low, high = spec.fine.azimuth
+    change = dataclasses.replace(change, mirror=low == -high)
+    grids = spec.coarse, spec.fine, spec.num_slices
+    batches = data.Batches(
+        frames,
+        seed=seed,
+        batch_size=count,
+        change=data.AugmentedPairs(*grids, change),
+    )
+    pairs = pairs_of(model, frames)
+    shown = [pairs[i].lidar for i in spread(len(pairs), PATTERN)]
+    reach = pattern_reach(np.stack(shown))
+
+    def batch_at(step):
+        batch = batches[step]
+        closed = close_gaps(batch.lidar, reach=GAP_PIXELS)
+        target = encode_target(closed, spec.fine, codec=spec.codec)
+        if reach > GAP_PIXELS:
+            observed = observed_pixels(closed, reach=reach)[..., None]
+            target = target.at[..., 1:].multiply(observed)
+        return Batch(jnp.asarray(batch.condition), target)
+
+    return batch_at
