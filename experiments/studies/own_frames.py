@@ -6,9 +6,10 @@ r"""How many frames of one's own does fine-tuning need, and what does it forget?
 A rig that training never saw walks through a kind of place that it never saw, with a
 Livox Mid-360. The shipped model is fine-tuned on the first walks of it by
 `jradar.finetuning` with its defaults, once for each seed. With `--compare`, the first
-seed is also trained without old frames, however much it forgets. `curve.md` has the scores in other places of the
-same kind, and on validation frames of `jradar-sim-5`, which stand for the old places:
-means over the seeds, with 95 % intervals over frames. An interrupted study resumes.
+seed is also trained without old frames, however much it forgets. `curve.md` has the
+scores in other places of the same kind, and on validation frames of `jradar-sim-5`,
+which stand for the old places: means over the seeds, with 95 % intervals over frames.
+An interrupted study resumes.
 """
 
 import itertools

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy import ndimage
 
 from jradar.range_code import decode_range, encode_range
 from jradar.range_image.grid import ImageSpec
@@ -131,6 +130,8 @@ def pattern_reach(images: Float[np.ndarray, "*batch row column"]) -> int:
     the pattern. It is the number from which one pixel more closes less than a share of
     `STEADY`: 1 for an Ouster of 64 beams, 10 for one frame of a Livox Mid-360.
     """
+    from scipy import ndimage  # slow to import
+
     hits = np.asarray(images).reshape(-1, *images.shape[-2:]) > 0
     if not hits.any():
         return 0
