@@ -16,6 +16,7 @@ measurement.
 """
 
 import functools
+import os
 from typing import NamedTuple
 
 import jax
@@ -47,6 +48,9 @@ RANGE_BIAS_M = UnitSpec.range_bias_m
 TX_SHARE, RX_SHARE = 1.0, 0.5  # of a unit's spread; TI's receivers are closer
 INTERFERERS = 5  # at most, around a unit
 GAIN_ERROR_DB = 0.05  # of a calibration, for each degree of its phase error
+# LLVM's last optimisations take half of the time to compile, and gain none here.
+LEVEL = "xla_backend_optimization_level"
+QUICK: dict[str, int] = {} if LEVEL in os.environ.get("XLA_FLAGS", "") else {LEVEL: 1}
 
 
 class Hardware(NamedTuple):
@@ -185,7 +189,7 @@ def channel_factors(
     return turns * hardware.phase[..., None]
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@functools.partial(jax.jit, static_argnames="radar", compiler_options=QUICK)
 def _sampled(
     key,
     scatterers,
