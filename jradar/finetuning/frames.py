@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,7 @@ from jradar.range_image import (
     observed_pixels,
     pattern_reach,
 )
+from jradar.recordings.recording import Stream
 from jradar.training import Batch
 
 GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
@@ -47,6 +49,21 @@ def simulate_replay(folder: Path | str, own: Records) -> Path:
     options = typed_fields(PrepareSpec, own.manifest["options"])
     data.prepare_sources(places, records, PrepareSpec(**options), workers=2)
     return records
+
+
+class Old(NamedTuple):
+    """Frames of the places that the model knew."""
+
+    replayed: Stream
+    checked: Stream  # held out
+
+
+def halves(records: Records) -> Old:
+    """Return every other frame of the records, and those between; one frame is both."""
+    count = len(records)
+    even = Stream(lambda i: records[2 * i], (count + 1) // 2)
+    odd = Stream(lambda i: records[2 * i + 1], count // 2)
+    return Old(even, odd if len(odd) else even)
 
 
 def pairs_of(model: Model, frames: Sequence[PreparedFrame]) -> PairSource:

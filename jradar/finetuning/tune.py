@@ -32,7 +32,13 @@ from jradar.evaluation import (
 )
 from jradar.evaluation.confidence import THRESHOLDS, judged, mean_f_scores
 from jradar.files import lock_folder, read_json, write_text
-from jradar.finetuning.frames import batches_of, pairs_of, simulate_replay
+from jradar.finetuning.frames import (
+    Old,
+    batches_of,
+    halves,
+    pairs_of,
+    simulate_replay,
+)
 from jradar.model import Card, Model, load_model, save_model
 from jradar.range_image import IDENTITY, TrustTable, condition_features, fit_trust
 from jradar.range_image.trust import LEAST_FRAMES
@@ -142,16 +148,8 @@ def finetune(
         }
         _check_run(folder / RUN, run)
         made = simulate_replay(folder / "replay", own) if replay is None else replay
-        old = Records(made, "train")
-        halves = Old(old[::2], old[1::2] or old[:])
-        return _trained(folder, start, own, checked, halves, spec, str(model))
-
-
-class Old(NamedTuple):
-    """Frames of the places that the model knew."""
-
-    replayed: Sequence[PreparedFrame]
-    checked: Sequence[PreparedFrame]
+        old = halves(Records(made, "train"))
+        return _trained(folder, start, own, checked, old, spec, str(model))
 
 
 class Kept(NamedTuple):
@@ -177,7 +175,7 @@ def _trained(folder, start, own, checked, old, spec, name):
         tuned = load_model(folder / "best").params
         kept = _kept(start, tuned, checked, old, before, spec.forget)
     card = _card(start.card, own, old, step, name) if kept.share else start.card
-    pairs = pairs_of(start, own), pairs_of(start, [*old.replayed, *old.checked])
+    pairs = [pairs_of(start, frames) for frames in (own, *old)]
     found = dataclasses.replace(
         kept.model, card=card, trust=trust_of(*pairs) or start.trust
     )
