@@ -61,8 +61,8 @@ def _processes(workers: int) -> Iterator[concurrent.futures.Executor]:
             process.join()
         if isinstance(error, BrokenProcessPool):
             raise OSError(
-                f"one of {workers} processes died, perhaps for lack of memory: use "
-                "fewer workers"
+                f"one of {workers} processes died: for lack of memory, use fewer "
+                "workers; a script starts them under `if __name__ == '__main__':`"
             ) from error
         raise
     finally:

@@ -129,9 +129,10 @@ def finetune(
     """Fine-tune a model on the train split of records, and write it into a folder.
 
     `replay` are records of old frames, of which every other is held out; by default,
-    some are simulated. The same call resumes a run that was stopped. Raises UsageError
-    for records without a training or a validation split, and for a folder of another
-    run.
+    two processes simulate some, so that a script calls this under
+    `if __name__ == "__main__":`. The same call resumes a run that was stopped. Raises
+    UsageError for records without a training or a validation split, and for a folder
+    of another run.
     """
     folder = Path(folder)
     _check_contents(folder)  # before a lock is left there
