@@ -31,7 +31,7 @@ from jradar.training import Batch
 
 GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 PATTERN = 32  # frames that show the pattern of the beams
-REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of as many radar units
+REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of one radar unit
 OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
 OLD = data.AugmentSpec(
     thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05

@@ -126,7 +126,7 @@ def test_hits_and_misses_away_from_them_are_observed():
     assert observed_pixels(image, reach=0).all()
 
 
-@pytest.mark.parametrize(("pitch", "reach"), [(2, 1), (7, 3), (17, 8)])
+@pytest.mark.parametrize(("pitch", "reach"), [(1, 0), (2, 1), (7, 3), (17, 8)])
 def test_the_reach_of_a_pattern_is_half_its_holes(pitch, reach):
     wall = np.zeros((2, 96, 128), np.float32)
     wall[:, ::pitch], wall[:, :, ::pitch] = 3.0, 3.0
