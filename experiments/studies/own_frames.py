@@ -7,7 +7,7 @@ A rig that training never saw walks through a kind of place that it never saw, w
 Livox Mid-360. The shipped model is fine-tuned on the first walks of it by
 `jradar.finetuning` with its defaults, once for each seed. With `--compare`, the first
 seed is also trained without old frames, however much it forgets. `curve.md` has the
-scores in other places of the same kind, and on validation frames of `jradar-sim-5`,
+scores in other places of the same kind, and on validation frames of `jradar-sim-5-mini`,
 which stand for the old places: means over the seeds, with 95 % intervals over frames.
 An interrupted study resumes.
 """
@@ -26,7 +26,7 @@ from jradar.errors import UsageError
 from jradar.evaluation import compare_methods, markdown_table, pooled
 from jradar.evaluation.records import TRUTH
 from jradar.files import write_text
-from jradar.finetuning import REPLAYED, FinetuneSpec, finetune, simulate_replay
+from jradar.finetuning import FinetuneSpec, finetune, simulate_replay
 from jradar.scoring import JUDGED, Score, score
 from jradar.simulation import drawn_sources
 from jradar.simulation.capture_writer import simulate_capture
@@ -81,7 +81,7 @@ WAYS: dict[str, dict[str, Any]] = {  # the first is the default
     "default": {},
     "no replay": {"replay": 0.0, "forget": 100.0},
 }
-OLD = slice(0, None, 4)  # of the frames of each kind
+OLD, OLD_FRAMES = "jradar-sim-5-mini", slice(0, None, 4)  # of each kind
 
 
 class Run(NamedTuple):
@@ -172,8 +172,8 @@ def _walks(frames: int) -> list[int]:
 
 def _old(records: Path) -> Path:
     """Return records of layouts and units like those of training, each unseen."""
-    places = [s for s in drawn_sources(REPLAYED) if s.split == "validation"]
-    data.prepare_sources(places, records, data.PrepareSpec(), frames=OLD, workers=1)
+    places = [s for s in drawn_sources(OLD) if s.split == "validation"]
+    data.prepare_sources(places, records, data.PrepareSpec(), frames=OLD_FRAMES, workers=1)
     return records
 
 

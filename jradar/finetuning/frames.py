@@ -31,7 +31,8 @@ from jradar.training import Batch
 
 GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 PATTERN = 32  # frames that show the pattern of the beams
-REPLAYED = "jradar-sim-5-mini"  # 8 frames of each kind, of one radar unit
+REPLAYED, UNITS = "jradar-sim-5", 8  # radar units of each kind
+OF_A_UNIT = slice(0, 1)  # of its eight frames
 OWN = data.AugmentSpec(thin=0.3, scale=(0.8, 1.25), rotation=math.radians(15))
 OLD = data.AugmentSpec(
     thin=0.3, scale=(0.7, 1.5), rotation=math.radians(15), alone=0.08, perfect=0.05
@@ -45,9 +46,10 @@ def simulate_replay(folder: Path | str, own: Records) -> Path:
         return Records(records, "train").folder
     except (FileNotFoundError, ValueError):
         pass
-    places = [s for s in simulation.drawn_sources(REPLAYED) if s.split == "train"]
-    options = typed_fields(PrepareSpec, own.manifest["options"])
-    data.prepare_sources(places, records, PrepareSpec(**options), workers=2)
+    drawn = simulation.drawn_sources(REPLAYED)
+    places = [s for s in drawn if s.split == "train" and s.number < UNITS]
+    spec = PrepareSpec(**typed_fields(PrepareSpec, own.manifest["options"]))
+    data.prepare_sources(places, records, spec, frames=OF_A_UNIT, workers=2)
     return records
 
 
@@ -59,11 +61,20 @@ class Old(NamedTuple):
 
 
 def halves(records: Records) -> Old:
-    """Return every other frame of the records, and those between; one frame is both."""
-    count = len(records)
-    even = Stream(lambda i: records[2 * i], (count + 1) // 2)
-    odd = Stream(lambda i: records[2 * i + 1], count // 2)
-    return Old(even, odd if len(odd) else even)
+    """Return the frames of every other sequence, and those of the others.
+
+    Radar units are held out with their places. The only sequence is in both halves.
+    """
+    order = {s["name"]: k for k, s in enumerate(records.sequences)}
+    index: tuple[list[int], list[int]] = ([], [])
+    for i, (name, _) in enumerate(records.where):
+        index[order[name] % 2].append(i)
+    even, odd = index
+    return Old(*(_subset(records, some) for some in (even, odd or even)))
+
+
+def _subset(records: Records, index: list[int]) -> Stream:
+    return Stream(lambda k: records[index[k]], len(index))
 
 
 def pairs_of(model: Model, frames: Sequence[PreparedFrame]) -> PairSource:

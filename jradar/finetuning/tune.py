@@ -128,8 +128,8 @@ def finetune(
 ) -> Finetuned:
     """Fine-tune a model on the train split of records, and write it into a folder.
 
-    `replay` are records of old frames, of which every other is held out; by default,
-    two processes simulate some, so that a script calls this under
+    `replay` are records of old frames; those of every other sequence are held out. By
+    default, two processes simulate some, so that a script calls this under
     `if __name__ == "__main__":`. The same call resumes a run that was stopped. Raises
     UsageError for records without a training or a validation split, and for a folder
     of another run.
