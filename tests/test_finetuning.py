@@ -11,6 +11,7 @@ import pytest
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.errors import UsageError
 from jradar.finetuning import FinetuneSpec, finetune, tune
+from jradar.finetuning.frames import halves
 from jradar.lidar import LidarSpec
 from jradar.model import load_model, save_model
 from tests.models import SPEC, tiny_model
@@ -44,7 +45,7 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
     )
     before, after = (s.own["f_score_0.2"] for s in (found.before, found.after))
     assert after >= before
-    counts = {"training": 4, "validation": 2, "old": 2, "old, held out": 2}
+    counts = {"training": 4, "validation": 2, "old": 4, "old, held out": 4}
     assert found.frames == counts
     lines = (tmp_path / "mine" / "metrics.jsonl").read_text().splitlines()
     scores = [json.loads(line).get("validation/f_score_0.2", -1) for line in lines]
@@ -84,7 +85,7 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
         with contextlib.suppress(KeyboardInterrupt):
             options = {"spec": QUICK, "replay": records}
             resumed = finetune(records, tmp_path / "killed", model=start, **options)
-    assert len(judged) > 5 and fitted == [[2, 2]]
+    assert len(judged) > 5 and fitted == [[2, 4]]
     assert resumed.before == found.before
     assert resumed.best_step == found.best_step
     both = resumed.model.params, found.model.params
@@ -94,6 +95,19 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
         finetune(records, tmp_path / "mine", model=start, spec=other, replay=records)
     with pytest.raises(UsageError, match="holds a run with replay_records = "):
         finetune(records, tmp_path / "mine", model=start, spec=QUICK)
+
+
+def test_old_frames_are_held_out_by_sequence(tmp_path):
+    source, folder = tmp_path / "source", tmp_path / "records"
+    frames = {"a": 1, "b": 2, "c": 3, "d": 1}
+    for seed, (name, count) in enumerate(frames.items()):
+        write_sequence(source, name, frames=count, seed=seed)
+    write_splits(source, dict.fromkeys(frames, "train"))
+    prepare(source, folder, PrepareSpec(), workers=1)
+    found = [
+        "".join(frame.sequence for frame in part) for part in halves(Records(folder))
+    ]
+    assert found == ["accc", "bbd"]
 
 
 @pytest.mark.parametrize(

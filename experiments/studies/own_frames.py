@@ -7,9 +7,9 @@ A rig that training never saw walks through a kind of place that it never saw, w
 Livox Mid-360. The shipped model is fine-tuned on the first walks of it by
 `jradar.finetuning` with its defaults, once for each seed. With `--compare`, the first
 seed is also trained without old frames, however much it forgets. `curve.md` has the
-scores in other places of the same kind, and on validation frames of `jradar-sim-5-mini`,
-which stand for the old places: means over the seeds, with 95 % intervals over frames.
-An interrupted study resumes.
+scores in other places of the same kind, and on validation frames of
+`jradar-sim-5-mini`, which stand for the old places: means over the seeds, with 95 %
+intervals over frames. An interrupted study resumes.
 """
 
 import itertools
@@ -173,7 +173,8 @@ def _walks(frames: int) -> list[int]:
 def _old(records: Path) -> Path:
     """Return records of layouts and units like those of training, each unseen."""
     places = [s for s in drawn_sources(OLD) if s.split == "validation"]
-    data.prepare_sources(places, records, data.PrepareSpec(), frames=OLD_FRAMES, workers=1)
+    spec = data.PrepareSpec()
+    data.prepare_sources(places, records, spec, frames=OLD_FRAMES, workers=1)
     return records
 
 
