@@ -111,7 +111,13 @@ def test_old_frames_are_held_out_by_sequence(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lost", "share"), [((0, 0, 0, 0), 1.0), ((3, 2, 0.5, 0), 0.5), ((9, 8, 5, 2), 0.0)]
+    ("lost", "share"),  # points at 1, then at the middle of what is left
+    [
+        ((0,), 1.0),
+        ((3, 0.5, 0.9, 2), 0.75),
+        ((9, 8, 5, 0.9), 0.125),
+        ((9, 8, 5, 2), 0.0),
+    ],
 )
 def test_of_the_change_so_much_is_kept_as_old_places_bear(
     lost, share, start, monkeypatch

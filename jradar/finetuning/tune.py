@@ -53,7 +53,7 @@ JUDGED_OLD = 72
 EVALUATIONS = 8
 TRUSTED = 1200  # most frames of the table of trust
 STEPS = 100, 1, 3000  # at least, for each own frame, and at most
-SHARES = 1.0, 0.75, 0.5, 0.25  # of the change of the weights
+HALVINGS = 3  # to find the share of the change of the weights that is kept
 
 
 @dataclasses.dataclass(frozen=True)
@@ -248,15 +248,24 @@ def _train(folder, start, own, checked, old, spec):
 
 
 def _kept(start, tuned, checked, old, before, forget):
-    """Return the largest change of the weights that forgets no more than allowed."""
-    for share in SHARES:
+    """Return the largest change of the weights that forgets no more than allowed.
+
+    All of the change, or a share found by halving the interval.
+    """
+    kept, most = Kept(start, 0.0, before), 2.0  # all of it is the first middle
+    for _ in range(1 + HALVINGS):
+        share = (kept.share + most) / 2
         params = _between(start.params, tuned, share)
         model = dataclasses.replace(start, params=params)
         scores = _scores(model, checked, old)
-        if before.old[SCORE] - scores.old[SCORE] <= forget / 100:
-            better = scores.own[SCORE] > before.own[SCORE]
-            return Kept(model, share, scores) if better else Kept(start, 0.0, before)
-    return Kept(start, 0.0, before)
+        if before.old[SCORE] - scores.old[SCORE] > forget / 100:
+            most = share
+            continue
+        kept = Kept(model, share, scores)
+        if share == 1:
+            break
+    better = kept.scores.own[SCORE] > before.own[SCORE]
+    return kept if better else Kept(start, 0.0, before)
 
 
 def _scores(model, checked, old):
