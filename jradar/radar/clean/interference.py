@@ -169,12 +169,17 @@ def excise_interference(
     is returned as it is.
     """
     cube = as_samples(cube)
-    weight = to_rank(np.asarray(_taper(*cube.shape[-2:]), cube.real.dtype), cube)
-    unsure = jnp.maximum(1, SURE / weight[..., 0, :, :]) ** 2
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
     factor = scipy.special.gammainccinv(
         freedom, false_alarm_rate
     ) / scipy.special.gammainccinv(freedom, 0.5)
+    return _excised(cube, jnp.asarray(factor * np.array(PASSES), cube.real.dtype))
+
+
+def _passes(cube, times, *, spare=True):
+    """Excise frames by these thresholds; a pass that no frame needs is spared."""
+    weight = to_rank(np.asarray(_taper(*cube.shape[-2:]), cube.real.dtype), cube)
+    unsure = jnp.maximum(1, SURE / weight[..., 0, :, :]) ** 2
 
     def left_over(cleaned):
         """The echoes, and each sample's power without them over the usual one."""
@@ -184,25 +189,54 @@ def excise_interference(
         usual = jnp.maximum(_median(power, (-3, -2)), _at_edges(power))
         return echoes, power / jnp.maximum(usual * unsure, TINY)
 
-    times = jnp.asarray(factor * np.array(PASSES), cube.real.dtype)
-
     def one_pass(state, most):
-        cleaned, _, needed = state
+        needed = state[2]
 
         def excise():
-            echoes, ratio = left_over(cleaned)
+            echoes, ratio = left_over(state[0])
             found = _with_neighbours(ratio > most)
             echoes = echoes / jnp.maximum(weight, SURE / 10)
             replaced = jnp.where(found[..., None, :, :], echoes, cube)
             # If at first nothing exceeds the last threshold, the lowest, that is all.
-            return replaced, found, (ratio > times[-1]).any() | (most < times[0])
+            more = (ratio > times[-1]).any((-3, -2, -1)) | (most < times[0])
+            return jax.tree.map(
+                lambda new, old: jnp.where(_to_left(needed, new), new, old),
+                (replaced, found, more),
+                state,
+            )
 
-        return jax.lax.cond(needed, excise, lambda: state), None
+        if not spare:
+            return excise(), None
+        return jax.lax.cond(needed.any(), excise, lambda: state), None
 
     nowhere = jnp.zeros((*cube.shape[:-3], *cube.shape[-2:]), bool)
-    start = cube, nowhere, jnp.array(True)
+    start = cube, nowhere, jnp.ones(cube.shape[:-4], bool)
     (cleaned, disturbed, _), _ = jax.lax.scan(one_pass, start, times)
     return cleaned, disturbed
+
+
+def _to_left(values, like):
+    """Values of frames, with axes on the right up to the rank of others."""
+    return values.reshape(*values.shape, *(like.ndim - values.ndim) * [1])
+
+
+# `vmap` would compute all passes of all frames, as it makes choices of conditions.
+_batched = jax.custom_batching.custom_vmap(_passes)
+_excised = jax.custom_jvp(_batched)
+
+
+@_batched.def_vmap
+def _together(size, batched, cube, times):
+    cube = cube if batched[0] else jnp.broadcast_to(cube, (size, *cube.shape))
+    return _batched(cube, times), (True, True)
+
+
+@_excised.defjvp
+def _jvp(primals, tangents):
+    # JAX cannot transpose a condition that `vmap` has made a choice.
+    every = functools.partial(_passes, spare=False)
+    _, change = jax.jvp(every, primals, tangents)
+    return _excised(*primals), change
 
 
 def _taper(chirps, samples):

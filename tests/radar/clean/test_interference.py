@@ -200,6 +200,45 @@ def near(mask):
     return mask
 
 
+def test_frames_of_a_batch_do_not_change_each_other():
+    clean = simulate(target(3, 10, 0, 0.0, amplitude=500.0))
+    frames = jnp.stack([clean, clean + drawn(SMALL), clean + drawn(SMALL, seed=2)])
+    alone = jax.tree.map(
+        lambda *each: jnp.stack(each), *map(excise_interference, frames)
+    )
+    for excise in (excise_interference, jax.vmap(excise_interference)):
+        excised, found = excise(frames)
+        np.testing.assert_array_equal(found, alone[1])
+        np.testing.assert_allclose(excised, alone[0], atol=1e-3)
+        np.testing.assert_array_equal(excised[0], clean)
+    assert not found[0].any() and found[1].any() and found[2].any()
+
+
+def test_vmap_keeps_the_condition_that_spares_passes():
+    frames = jnp.zeros((2, *SMALL.cube_shape), jnp.complex64)
+    program = jax.make_jaxpr(jax.vmap(excise_interference))(frames)
+    assert " cond[" in str(program)
+
+
+def test_gradients_of_a_batch_are_those_of_its_frames():
+    clean = simulate(target(3, 10, 0, 0.0, amplitude=500.0))
+    frames = jnp.stack([clean, clean + drawn(SMALL)])
+
+    def total(cube):
+        return jnp.abs(excise_interference(cube)[0]).sum()
+
+    alone = jnp.stack([jax.grad(total)(frame) for frame in frames])
+    assert jnp.isfinite(alone).all()
+    for change in (
+        jax.vmap(jax.grad(total)),
+        jax.grad(lambda f: jax.vmap(total)(f).sum()),
+    ):
+        np.testing.assert_allclose(change(frames), alone, atol=1e-3)
+    moved = jax.jvp(total, (frames[1],), (frames[1],))[1]
+    slope = jnp.vdot(alone[1].conj(), frames[1]).real
+    np.testing.assert_allclose(moved, slope, rtol=1e-3)
+
+
 def test_a_burst_far_below_a_strong_echo_is_found():
     """56 dB below it, and 14 dB over the noise."""
     cube = simulate(target(3, 10, 0, 0.0, amplitude=3000.0))
