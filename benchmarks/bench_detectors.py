@@ -28,27 +28,37 @@ COMBINE = {"CA": "add", "GO": "maximum", "SO": "minimum"}  # the halves of a win
 LINE = {"guard": (0, 4), "train": (0, 8)}
 SQUARE = {"guard": (1, 1), "train": (7, 7)}
 MARGIN = 12  # range bins at either end that are not compared
+FRAMES = 32  # maps in one call
 
 
 def cases() -> Iterator[Case]:
-    """Yield masks and noise floors on a single-chip map."""
-    power = np.random.default_rng(0).exponential(size=(128, 128)).astype(np.float32)
-    on_device = jnp.asarray(power)
+    """Yield masks and noise floors on a single-chip map, and masks on many."""
+    power = np.random.default_rng(0).exponential(size=(FRAMES, 128, 128))
+    power = power.astype(np.float32)
     for size, options, peer_of in (
         ("1-D, 16 cells", LINE, _mean_on_line),
         ("2-D, 280 cells", SQUARE, _mean_in_square),
     ):
-        for name, detector in MEAN_DETECTORS.items():
-            mask = functools.partial(detector, on_device, false_alarm_rate=RATE)
-            mask = functools.partial(mask, **options)
-            peer = dict([peer_of(power, name)])
-            yield Case(f"{name} mask, {size}", mask, peer, same=_same_inside)
-        yield from _ordered(power, size, options)
+        for name in MEAN_DETECTORS:
+            yield _means(power[0], name, size, options, peer_of)
+        yield from _ordered(power[0], size, options)
+        for name in MEAN_DETECTORS:
+            many = f"{size}, {FRAMES} maps"
+            yield _means(power, name, many, options, peer_of)
+
+
+def _means(power, name, size, options, peer_of):
+    """The mask of a detector that compares with means."""
+    mask = functools.partial(
+        MEAN_DETECTORS[name], jnp.asarray(power), false_alarm_rate=RATE, **options
+    )
+    peer = dict([peer_of(power, name)])
+    return Case(f"{name} mask, {size}", mask, peer, same=_same_inside)
 
 
 def _same_inside(ours, peer):
     """Return whether masks or floors agree away from the ends of the range axis."""
-    ours, peer = (np.asarray(x)[:, MARGIN:-MARGIN] for x in (ours, peer))
+    ours, peer = (np.asarray(x)[..., MARGIN:-MARGIN] for x in (ours, peer))
     return ours.shape == peer.shape and np.allclose(ours, peer, rtol=1e-4)
 
 
@@ -59,8 +69,8 @@ def _mean_on_line(power, name) -> tuple[str, Call]:
     combine = getattr(np, COMBINE[name])
 
     def run():
-        mean = ndimage.uniform_filter1d(power, 8, axis=1, mode="wrap")
-        return power > scale * combine(np.roll(mean, 8, 1), np.roll(mean, -9, 1))
+        mean = ndimage.uniform_filter1d(power, 8, axis=-1, mode="wrap")
+        return power > scale * combine(np.roll(mean, 8, -1), np.roll(mean, -9, -1))
 
     return "SciPy uniform_filter1d", run
 
@@ -69,18 +79,20 @@ def _mean_in_square(power, name) -> tuple[str, Call]:
     """The peer for masks from means of 17 x 17 cells without the inner 3 x 3."""
     alpha = false_alarm_multiplier(name.lower(), RATE, (140, 140))
 
+    single = (1,) * (power.ndim - 2)  # the axis of maps
+
     def ca():
-        outer = ndimage.uniform_filter(power, 17, mode="wrap") * 289
-        inner = ndimage.uniform_filter(power, 3, mode="wrap") * 9
+        outer = ndimage.uniform_filter(power, (*single, 17, 17), mode="wrap") * 289
+        inner = ndimage.uniform_filter(power, (*single, 3, 3), mode="wrap") * 9
         return power > alpha / 280 * (outer - inner)
 
     def halves():
         # A half: the columns on one side of the cell, and half of the cell's column.
-        outer = ndimage.uniform_filter(power, (17, 8), mode="wrap") * 136
-        inner = ndimage.uniform_filter1d(power, 3, axis=0, mode="wrap") * 3
-        own = ndimage.uniform_filter1d(power, 7, axis=0, mode="wrap") * 7
-        low = np.roll(outer, 4, 1) - np.roll(inner, 1, 1) + np.roll(own, 5, 0)
-        high = np.roll(outer, -5, 1) - np.roll(inner, -1, 1) + np.roll(own, -5, 0)
+        outer = ndimage.uniform_filter(power, (*single, 17, 8), mode="wrap") * 136
+        inner = ndimage.uniform_filter1d(power, 3, axis=-2, mode="wrap") * 3
+        own = ndimage.uniform_filter1d(power, 7, axis=-2, mode="wrap") * 7
+        low = np.roll(outer, 4, -1) - np.roll(inner, 1, -1) + np.roll(own, 5, -2)
+        high = np.roll(outer, -5, -1) - np.roll(inner, -1, -1) + np.roll(own, -5, -2)
         return power > alpha / 140 * getattr(np, COMBINE[name])(low, high)
 
     return "SciPy uniform_filter", ca if name == "CA" else halves

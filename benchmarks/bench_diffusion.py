@@ -24,7 +24,8 @@ BATCH, FINE, COARSE = 2, (64, 256, 2), (32, 32, 8)
 def cases() -> Iterator[Case]:
     """Yield one pass and the gradient."""
     rng = np.random.default_rng(0)
-    yield _one_pass(rng)
+    for frames in (1, 8, 32):
+        yield _one_pass(rng, frames)
     network = UNet(**PRESETS["tiny"])
     x, clean = rng.normal(size=(2, BATCH, *FINE)).astype(np.float32)
     condition = rng.normal(size=(BATCH, *COARSE)).astype(np.float32)
@@ -47,16 +48,16 @@ def cases() -> Iterator[Case]:
     )
 
 
-def _one_pass(rng) -> Case:
-    """The network of one pass, for an image of the paper's size."""
+def _one_pass(rng, frames) -> Case:
+    """The network of one pass, for images of the paper's size."""
     network = UNet(**PRESETS["tiny"], outputs=14)
-    condition = jnp.asarray(rng.normal(size=(1, 64, 64, 24)), jnp.float32)
-    inputs = jnp.zeros((1, 128, 512, 2)), jnp.zeros(1), condition
+    condition = jnp.asarray(rng.normal(size=(frames, 64, 64, 24)), jnp.float32)
+    inputs = jnp.zeros((frames, 128, 512, 2)), jnp.zeros(frames), condition
     params = random_params(network, *inputs)
     forward = jax.jit(network.apply, compiler_options=compiler_options())
     torch = TorchPeer(network, params, inputs, np.zeros(0, np.float32))
     return Case(
-        "network of one pass, 128 x 512",
+        f"network of one pass, {frames} x 128 x 512",
         lambda: forward(params, *inputs),
         available({"PyTorch": torch.forward}),
         same=_close,

@@ -33,7 +33,8 @@ def cases() -> Iterator[Case]:
         yield from _spectra(radar)
     yield _angles(RadarSpec.awr1843(), 1024, 64, 32)
     yield _angles(RadarSpec.cascade(), 256, 128, 64)
-    yield _frame()
+    for count in (1, 8, 32):
+        yield _frames(count)
 
 
 def _random(*shape):
@@ -126,21 +127,23 @@ def _angles(radar, num_cells, num_azimuth, num_elevation):
     )
 
 
-def _frame():
-    """One single-chip frame from int16 samples to 1,024 points."""
+def _frames(count):
+    """Single-chip frames from int16 samples to 1,024 points, in one call by `vmap`."""
     radar = RadarSpec.awr1843()
-    raw = np.random.default_rng(0).integers(-500, 500, (*radar.cube_shape, 2), np.int16)
-    on_device = jnp.asarray(raw)
+    shape = count, *radar.cube_shape, 2
+    frames = np.random.default_rng(0).integers(-500, 500, shape, np.int16)
+    on_device = jnp.asarray(frames)
     spec = PointSpec(false_alarm_rate=0.1)
 
     @jax.jit
+    @jax.vmap
     def points(raw):
         raw = raw.astype(jnp.float32)
         return radar_points(
             jax.lax.complex(raw[..., 0], raw[..., 1]), Radar(radar), points=spec
         )
 
-    def spectra_and_floor():
+    def spectra_and_floor(raw):
         """Spectra and the ordered floor by SciPy, without angles."""
         cube = raw[..., 0].astype(np.float32) + 1j * raw[..., 1].astype(np.float32)
         spectrum = scipy.fft.fft2(cube, workers=1)
@@ -149,8 +152,9 @@ def _frame():
         k = int(np.ceil(0.75 * cells.sum()))
         return ndimage.rank_filter(power, k - 1, footprint=cells, mode="wrap")
 
+    many = "int16 frame" if count == 1 else f"{count} int16 frames"
     return Case(
-        f"int16 frame to 1,024 points, {_size(radar)}",
+        f"{many} to 1,024 points, {_size(radar)}",
         lambda: points(on_device),
-        {"SciPy, without angles": spectra_and_floor},
+        {"SciPy, without angles": lambda: [spectra_and_floor(raw) for raw in frames]},
     )

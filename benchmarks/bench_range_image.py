@@ -5,9 +5,11 @@ which NumPy handles faster than two. The range on which eight images agree is co
 with a NumPy loop over the images.
 """
 
+import functools
 import math
 from collections.abc import Iterator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -28,23 +30,8 @@ def cases() -> Iterator[Case]:
         lambda: project(cloud, FINE),
         {"minimum.at, flat": lambda: project_on_host(xyz, FINE)},
     )
-    few = random_points(4096, COARSE)
-    sparse = PointCloud.from_xyz(few)
-    power, velocity = np.random.default_rng(1).random((2, 4096), np.float32)
-    sparse = sparse._replace(power=jnp.asarray(power), velocity=jnp.asarray(velocity))
-    yield Case(
-        "16 slices of 4,096 points with power and velocity to 64 x 64",
-        lambda: project_slices(sparse, COARSE, num_slices=16),
-        {
-            "minimum.at, three times": lambda: slices_on_host(
-                few, power, velocity, COARSE, 16
-            )
-        },
-        same=lambda ours, peer: all(
-            np.mean(np.abs(a - b) > 1e-5) < 1e-3  # points on an edge of a pixel
-            for a, b in zip(ours, peer, strict=True)
-        ),
-    )
+    for frames in (1, 8, 32):
+        yield _slices(frames)
     rng = np.random.default_rng(0)
     draws = rng.uniform(3, 4, (8, *FINE.shape)).astype(np.float32)
     draws *= rng.random(draws.shape) < 0.8
@@ -53,6 +40,31 @@ def cases() -> Iterator[Case]:
         lambda: agreed_range(draws).range_m,
         {"NumPy, draw by draw": lambda: agreed_on_host(draws)},
         same=lambda ours, peer: np.allclose(ours, peer, atol=1e-5),
+    )
+
+
+def _slices(frames):
+    """Range images of slices, of one frame or by `vmap` of several."""
+    few = random_points(4096 * frames, COARSE).reshape(frames, 4096, 3)
+    power, velocity = np.random.default_rng(1).random((2, frames, 4096), np.float32)
+    cloud = PointCloud(jnp.asarray(few), jnp.ones((frames, 4096), bool))
+    cloud = cloud._replace(power=jnp.asarray(power), velocity=jnp.asarray(velocity))
+    slices = functools.partial(project_slices, spec=COARSE, num_slices=16)
+    together = jax.jit(jax.vmap(slices))
+
+    def on_host():
+        each = map(slices_on_host, few, power, velocity)
+        return [np.stack(images) for images in zip(*each, strict=True)]
+
+    many = "" if frames == 1 else f"{frames} frames, "
+    return Case(
+        f"{many}16 slices of 4,096 points with power and velocity to 64 x 64",
+        lambda: together(cloud),
+        {"minimum.at, three times": on_host},
+        same=lambda ours, peer: all(
+            np.mean(np.abs(a - b) > 1e-5) < 1e-3  # points on an edge of a pixel
+            for a, b in zip(ours, peer, strict=True)
+        ),
     )
 
 
@@ -73,7 +85,7 @@ def project_on_host(xyz, spec):
     return _least_on_host(index, distance, spec.height * spec.width).reshape(spec.shape)
 
 
-def slices_on_host(xyz, power, velocity, spec, num_slices):
+def slices_on_host(xyz, power, velocity, spec=COARSE, num_slices=16):
     """`project_slices` in NumPy: range, power and velocity of each pixel and slice."""
     row, column, distance, inside = pixels_on_host(xyz, spec)
     part = (distance * (num_slices / spec.max_range_m)).astype(np.int32)
