@@ -74,8 +74,8 @@ def identifier(name: str) -> str:
 def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
     """Yield a result as indented lines; empty and missing values are left out.
 
-    Values can be nested dictionaries, lists, and lists of dictionaries with equal keys,
-    which become tables. Control characters in texts are escaped.
+    Values can be nested dictionaries, lists, and lists of dictionaries, which become
+    tables. Control characters in texts are escaped.
     """
     for key, item in value.items():
         if isinstance(item, dict) and item:
@@ -92,8 +92,9 @@ def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
 
 
 def _table(rows):
-    """Yield the lines of a table, from dictionaries with the same keys."""
-    cells = [[*rows[0]], *([_short(v) for v in row.values()] for row in rows)]
+    """Yield the lines of a table, from dictionaries; one that lacks a key has "-"."""
+    names = [*dict.fromkeys(name for row in rows for name in row)]
+    cells = [names, *([_short(row.get(name)) for name in names] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     for row in cells:
         yield "  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True))

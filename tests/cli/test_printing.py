@@ -92,6 +92,17 @@ def test_columns_are_as_wide_as_the_escaped_texts():
     assert len({len(row) for row in table}) == 1
 
 
+def test_rows_of_a_table_may_lack_a_value():
+    rows = [{"frame": 0, "f": 0.5}, {"frame": 1}, {"frame": 2, "empty": True}]
+    _, *table = lines({"frames": rows})
+    assert [row.split() for row in table] == [
+        ["frame", "f", "empty"],
+        ["0", "0.5", "-"],
+        ["1", "-", "-"],
+        ["2", "-", "yes"],
+    ]
+
+
 def test_text_from_files_is_escaped_wherever_it_is_printed(tmp_path, capsys, refused):
     path = tmp_path / f"{TITLE}a.ply"
     head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
