@@ -226,8 +226,7 @@ _excised = jax.custom_jvp(_batched)
 
 
 @_batched.def_vmap
-def _together(size, batched, cube, times):
-    cube = cube if batched[0] else jnp.broadcast_to(cube, (size, *cube.shape))
+def _together(_size, _batched_arguments, cube, times):  # of which the cube alone is
     return _batched(cube, times), (True, True)
 
 
