@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from jradar.calibration.mount import BLOCK_S, Mount
@@ -41,7 +41,7 @@ MOST_STEPS, CONVERGED = 60, 1e-5
 class Surfaces(NamedTuple):
     """Small planes of the world, in its frame."""
 
-    tree: cKDTree  # of the points
+    tree: KDTree  # of the points
     xyz: Float[np.ndarray, "plane 3"]
     normal: Float[np.ndarray, "plane 3"]
     flat: Bool[np.ndarray, " plane"]  # edges and clutter have no normal
@@ -66,7 +66,7 @@ def surfaces_of(
     known = np.flatnonzero(np.isfinite(at[:, 0, 0]))
     parts = []
     for done, k in enumerate(known[:: -(-len(known) // MOST_SCANS) or 1], 1):
-        xyz = np.float64(lidar[int(k)][:, :3])
+        xyz = np.asarray(lidar[int(k)][:, :3], float)
         xyz = xyz[returns(xyz)]
         xyz = xyz[np.linalg.norm(xyz, axis=1) < 1.5 * FAR_M]
         matrix = at[k] @ mount
@@ -78,7 +78,7 @@ def surfaces_of(
     xyz = xyz[count >= LEAST_POINTS]
     if len(xyz) < NEIGHBOURS:
         return None
-    tree = cKDTree(xyz)
+    tree = KDTree(xyz)
     _, near = tree.query(xyz, k=NEIGHBOURS)
     around = xyz[near] - xyz[near].mean(1, keepdims=True)
     variance, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", around, around))
