@@ -49,6 +49,7 @@ class SingleEchoes(NamedTuple):
     stamps: Float[np.ndarray, " frame"]  # seconds, in the middle of the frame
     azimuth: Float[np.ndarray, "frame echo"]
     elevation: Float[np.ndarray, "frame echo"]
+    range_m: Float[np.ndarray, "frame echo"]
     velocity: Float[np.ndarray, "frame echo"]  # m/s
     known: Bool[np.ndarray, "frame echo"]
     period_mps: float  # at which velocities fold
@@ -68,14 +69,16 @@ def single_echoes(
         echoes = strong_snapshots(recording.cube(frame), radar)
         found = explain(echoes.snapshot, alike, radar.spec)
         known = (echoes.power > 0) & (found.residual < SINGLE)
-        rows.append((found.azimuth, found.elevation, echoes.velocity_mps, known))
+        place = found.azimuth, found.elevation, echoes.range_m
+        rows.append((*place, echoes.velocity_mps, known))
         advance(done)
     columns = (np.stack([*map(np.asarray, c)]) for c in zip(*rows, strict=True))
-    azimuth, elevation, velocity, known = columns
+    azimuth, elevation, range_m, velocity, known = columns
     return SingleEchoes(
         stamps=stamps[[*frames]] + radar.spec.frame_middle_s,
         azimuth=azimuth.astype(float),
         elevation=elevation.astype(float),
+        range_m=range_m.astype(float) - float(radar.range_bias_m),
         velocity=velocity.astype(float),
         known=known & (np.abs(elevation) < HIGHEST),
         period_mps=2 * radar.spec.max_velocity_mps,

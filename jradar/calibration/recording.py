@@ -15,6 +15,7 @@ from jradar.calibration.mount import Mount, mount_from_motion
 from jradar.calibration.pitch import single_echoes, with_pitch
 from jradar.calibration.self_calibration import SelfCalibration, self_calibrate
 from jradar.calibration.snapshots import strong_snapshots
+from jradar.calibration.surfaces import surfaces_of, with_roll
 from jradar.errors import UsageError
 from jradar.motion import frame_velocities, gravity_warnings
 from jradar.motion.scans import scan_poses
@@ -131,7 +132,8 @@ def calibrate_recording(
 def _mount(recording: Recording, frames: slice) -> Mount:
     """Return the radar's place by all frames: the filter needs their rate.
 
-    Its pitch is that of echoes that are surely single ones.
+    Its pitch is that of echoes that are surely single ones, and its roll the one that
+    puts them on the surfaces of the LiDAR's scans.
     """
     matched = recording.poses is None
     poses = scan_poses(recording) if recording.poses is None else recording.poses
@@ -145,7 +147,9 @@ def _mount(recording: Recording, frames: slice) -> Mount:
         return found
     with progress("measuring elevations", len(chosen), unit="frames") as show:
         echoes = single_echoes(recording, chosen, advance=show)
-    return with_pitch(found, echoes, poses, matched=matched)
+    found = with_pitch(found, echoes, poses, matched=matched)
+    surfaces = None if matched else surfaces_of(recording, poses)
+    return found if surfaces is None else with_roll(found, echoes, surfaces, poses)
 
 
 def _evenly(recording: Recording, frames: slice) -> range:

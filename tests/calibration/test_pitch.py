@@ -48,7 +48,13 @@ def echoes_of(velocities, poses, true, seed, *, outliers=0.1):
     noise = np.radians(2) * random.standard_normal(shape)
     known = random.random(shape) < 0.8
     return SingleEchoes(
-        stamps, azimuth, 0.96 * elevation + noise, velocity, known, PERIOD_MPS
+        stamps=stamps,
+        azimuth=azimuth,
+        elevation=0.96 * elevation + noise,
+        range_m=np.ones(shape),
+        velocity=velocity,
+        known=known,
+        period_mps=PERIOD_MPS,
     )
 
 
