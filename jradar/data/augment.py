@@ -18,7 +18,8 @@ from jaxtyping import Float
 from jradar.data.records import PreparedFrame
 
 OBJECT_M = (0.5, 1.5)  # radius of the place that is left alone
-NOISE_DB = (15.0, 65.0)  # noise below the strongest echo of that place
+NOISE_DB = (15.0, 70.0)  # noise below the strongest echo of that place
+AT_ECHO = 0.4  # up to this share of the noise lies as far away as that echo
 FARTHEST_M = 15.0  # of noise
 
 
@@ -109,7 +110,9 @@ def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
     """Return the frame with nothing but the points around a random LiDAR point.
 
     The other radar points become noise: at a false-alarm rate of 1 an empty place has
-    as many points as a full one, in all directions and equally weak.
+    as many points as a full one, in all directions and equally weak. What a radar
+    computes of a strong echo is not exact, so in every other frame some of the noise
+    lies as far away as the echo: around a corner reflector, a quarter of it.
     """
     if not len(frame.lidar_xyz):
         return frame
@@ -119,10 +122,15 @@ def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
     def near(xyz):
         return np.linalg.norm(xyz[:, :2] - place, axis=1) < radius
 
-    echo = near(np.asarray(frame.radar.xyz)) & np.asarray(frame.radar.valid)
-    radar = frame.radar._replace(
-        xyz=np.where(echo[:, None], frame.radar.xyz, _anywhere(len(echo), random))
-    )
+    xyz = np.asarray(frame.radar.xyz)
+    echo = near(xyz) & np.asarray(frame.radar.valid)
+    power = 1.0 if frame.radar.power is None else np.asarray(frame.radar.power)
+    from_it = np.linalg.norm(xyz[np.argmax(np.where(echo, power, -1.0))])
+    noise = _anywhere(len(echo), random)
+    share = random.uniform(0, AT_ECHO) if echo.any() and random.random() < 0.5 else 0.0
+    at_echo = random.random(len(echo)) < share
+    noise[at_echo] *= from_it / np.linalg.norm(noise[at_echo], axis=1, keepdims=True)
+    radar = frame.radar._replace(xyz=np.where(echo[:, None], xyz, noise))
     if radar.power is not None:
         strongest = np.max(radar.power, where=echo, initial=0.0) or 1.0
         floor = strongest * 10 ** (-random.uniform(*NOISE_DB) / 10)

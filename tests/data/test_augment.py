@@ -85,6 +85,19 @@ def test_one_object_is_left_alone():
     np.testing.assert_array_equal(found.radar.valid, FRAME.radar.valid)
 
 
+def test_noise_around_a_lone_echo_lies_as_far_away():
+    shares = []
+    for seed in range(60):
+        found = alone(FRAME, random(seed))
+        same = (found.radar.xyz == FRAME.radar.xyz).all(1) & FRAME.radar.valid
+        if same.any():
+            ranges = np.linalg.norm(found.radar.xyz, axis=1)
+            echo = ranges[same][np.argmax(found.radar.power[same])]
+            shares.append(np.mean(np.abs(ranges[~same] - echo) < 1e-3))
+    assert 0.3 < np.mean(np.array(shares) > 0.02) < 0.7
+    assert 0.2 < max(shares) < 0.5
+
+
 def test_true_points_replace_the_radars_one_by_one():
     found = with_true_points(FRAME, random())
     valid = np.asarray(found.radar.valid)
