@@ -4,21 +4,25 @@ A static point in direction d, seen by a radar that moves with velocity v, reced
 
     -d . v
 
-so its range and the platform's motion determine its cell in the range-Doppler map. A
-cell is labelled if a LiDAR point falls into it or one of its neighbours, which the main
-lobe of the windows reaches, and if its power stands out of the noise. Cheng et al.
-(2022) also label by LiDAR but did not publish the code; this one is our own. All of it
-runs on the host.
+so its range and the platform's motion determine its cell in the range-Doppler map. The
+motion is that of the poses around a frame; a frame without has what the Doppler of its
+echoes says. A cell is labelled if a LiDAR point falls into it or one of its neighbours,
+which the main lobe of the windows reaches, and if its power stands out of the noise.
+Cheng et al. (2022) also label by LiDAR but did not publish the code; this one is our
+own. All of it runs on the host.
 """
 
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
 from jradar import data, training
 from jradar.baselines import map_values
+from jradar.evaluation import View, detected, view_of
+from jradar.motion import ego_velocity
 from jradar.radar import RadarSpec
 
 MAX_GAP_S = 0.3  # between two poses that give a velocity
@@ -28,7 +32,7 @@ class LabelledMaps(Sequence):
     """Maps of power and their labels `[doppler, range, 1]`, as `training.Batch`."""
 
     def __init__(self, records: data.Records, *, min_snr_db: float):
-        """Use the frames whose velocity follows from the poses around them."""
+        """Use the frames whose velocity is known."""
         self._records, self._min_snr_db = records, min_snr_db
         velocities = record_velocities(records)
         self._index = np.flatnonzero(np.isfinite(velocities).all(-1)).tolist()
@@ -36,7 +40,7 @@ class LabelledMaps(Sequence):
         if not self._index:
             raise ValueError(
                 f"{records.folder} has no frame with a known velocity: labels need "
-                "recordings with a trajectory"
+                "recordings with a trajectory, or static echoes in several directions"
             )
 
     def __len__(self) -> int:
@@ -57,7 +61,10 @@ class LabelledMaps(Sequence):
 
 
 def record_velocities(records: data.Records) -> Float[np.ndarray, "frame 3"]:
-    """Return the radar's own velocity at each record; NaN where it is unknown."""
+    """Return the radar's own velocity at each record; NaN where it is unknown.
+
+    Doppler gives that of frames without another pose within 0.3 s.
+    """
     stamps, poses = np.zeros(len(records)), np.zeros((len(records), 4, 4))
     for i in range(len(records)):
         frame = records[i]
@@ -67,7 +74,24 @@ def record_velocities(records: data.Records) -> Float[np.ndarray, "frame 3"]:
     for name in dict.fromkeys(names):
         mine = names == name
         velocities[mine] = sensor_velocities(stamps[mine], poses[mine])
+    view = view_of(records)
+    for i in np.flatnonzero(np.isnan(velocities).any(-1)):
+        velocities[i] = doppler_velocity(records[i], view)
     return velocities
+
+
+def doppler_velocity(
+    prepared: data.PreparedFrame, view: View
+) -> Float[np.ndarray, " 3"]:
+    """Return the radar's own velocity by the Doppler of its echoes; NaN if unknown."""
+    radar = view.radar_of(prepared)
+    found = ego_velocity(
+        jax.random.key(0),
+        detected(prepared, view, detector="os", rate=1e-3),
+        elevation=False,  # a vertical motion is slow, and would be far off
+        unambiguous_mps=radar.max_velocity_mps,
+    )
+    return np.asarray(found.velocity, float)
 
 
 def label_cells(

@@ -93,7 +93,7 @@ def test_the_limit_with_the_best_score_is_chosen(records):
     assert limit in (0.25, 0.35, 0.5, 0.6) and score > 0
 
 
-def test_frames_without_a_trajectory_are_left_out(records, monkeypatch):
+def test_frames_without_a_velocity_are_left_out(records, monkeypatch):
     frames = data.Records(records, "train")
     items = LabelledMaps(frames, min_snr_db=3.0)
     assert len(items) == len(frames)
@@ -106,6 +106,36 @@ def test_frames_without_a_trajectory_are_left_out(records, monkeypatch):
     velocities[:] = np.nan
     with pytest.raises(ValueError, match="no frame with a known velocity"):
         LabelledMaps(frames, min_snr_db=3.0)
+
+
+def test_doppler_gives_the_velocity_that_poses_do_not(records, monkeypatch):
+    velocity, random = np.array([0.6, 0.2, 0.0]), np.random.default_rng(0)
+    sine = random.uniform(-0.8, 0.8, 24)
+    away = np.stack([np.sqrt(1 - sine**2), sine, np.zeros(24)], -1)
+    scatterers = Scatterers(
+        jnp.asarray(random.uniform(1, 9, (24, 1)) * away, jnp.float32),
+        jnp.asarray(-away @ velocity, jnp.float32),
+        jnp.ones(24),
+    )
+    cube = simulate_cube(KEY, scatterers, RADAR, noise_power=1e-4)
+    frames = data.Records(records, "train")
+    view = view_of(frames)._replace(records=_OfOneRadar(frames))
+    frame = frames[0]._replace(cells=all_cells(cube, Radar(RADAR)))
+    found = module.doppler_velocity(frame, view)
+    np.testing.assert_allclose(found, velocity, atol=0.03)
+    monkeypatch.setattr(module, "doppler_velocity", lambda *_: velocity)
+    monkeypatch.setattr(module, "MAX_GAP_S", 0.0)  # no pose is near enough
+    assert (module.record_velocities(frames) == velocity).all()
+
+
+class _OfOneRadar:
+    """Records that are all of RADAR."""
+
+    def __init__(self, records):
+        self.windows_of = records.windows_of
+
+    def radar_of(self, sequence):
+        return RADAR
 
 
 def test_the_label_lies_where_the_radar_sees_a_static_point():
