@@ -13,6 +13,8 @@ An ADM for images of 128 x 128 pixels, which is what the trunk sees behind a ste
 same config without `train.initial` starts from random weights.
 """
 
+from ml_collections import config_dict
+
 from experiments.configs import varied
 
 
@@ -30,5 +32,6 @@ def get_config():
         "detail_channels": 8,
     }
     config.noise.prediction = "edm"
-    config.train.update(initial="", attention_order="new", steps=600)
+    config.train.initial = config_dict.placeholder(str)
+    config.train.update(attention_order="new", steps=600)
     return config
