@@ -1,7 +1,7 @@
 r"""A prior from height maps: the default recipe with the network of terrain_diffusion.
 
     pip download --no-deps adaptive-terrain-diffusion==0.4.2
-    unzip adaptive_terrain_diffusion-0.4.2-py3-none-any.whl 'terrain_diffusion/weights/*'
+    unzip adaptive_terrain_diffusion-0.4.2-py3-none-any.whl
     python -m experiments.convert_weights \
         terrain_diffusion/weights/terrain_consistency_unet_difficulty100.onnx \
         heights.safetensors

@@ -23,6 +23,7 @@ from experiments.weights import load_weights
 from jradar import data, diffusion, training
 from jradar.baselines import RPDNet, map_values
 from jradar.evaluation import (
+    Method,
     View,
     best_choice,
     mean_scores,
@@ -32,6 +33,7 @@ from jradar.evaluation import (
     view_of,
     write_results,
 )
+from jradar.files import read_json
 from jradar.types import PointCloud
 
 LIMITS = (0.05, 0.15, 0.25, 0.35, 0.5, 0.6, 0.7, 0.8, 0.9)  # of the probability
@@ -96,20 +98,10 @@ def validate(
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Score the workdir's weights on the config's split: tables and a report."""
-    params = load_weights(workdir / WEIGHTS)
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)
-    view, probability = view_of(records), cell_probability(config, params)
-    limit, _ = choose_limit(
-        view,
-        probability,
-        data.Records(folder, "validation"),
-        frames=config.evaluation.frames_for_limit,
-    )
-
-    def method(key, frame):
-        return marked_points(frame.prepared, view, probability, limit)
-
+    view = view_of(records)
+    method, limit = method_of(workdir, view, data.Records(folder, "validation"))
     print(f"{config.purpose}\n\ncells of probability {limit} and more")
     write_results(
         build.random_key(config, build.SAMPLE_KEY),
@@ -119,6 +111,19 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         {"RPDNet": method},
         every=config.evaluation.every,
     )
+
+
+def method_of(workdir: Path, view: View, checked: data.Records) -> tuple[Method, float]:
+    """Return the detector of a run, and its limit, which is best on `checked`."""
+    config = ConfigDict(read_json(workdir / "config.json"))
+    probability = cell_probability(config, load_weights(workdir / WEIGHTS))
+    frames = config.evaluation.frames_for_limit
+    limit, _ = choose_limit(view_of(checked), probability, checked, frames=frames)
+
+    def method(key, frame):
+        return marked_points(frame.prepared, view, probability, limit)
+
+    return method, limit
 
 
 def cell_probability(config: ConfigDict, params: Any) -> Probability:

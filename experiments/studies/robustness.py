@@ -26,6 +26,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from experiments import rpdnet
 from experiments.build import build_pairs, prepare_spec, simulate
 from experiments.command import run_study, study_parser
 from experiments.configs import default, varied
@@ -33,6 +34,8 @@ from experiments.enhance import model_methods
 from jradar import data, evaluation
 from jradar.errors import UsageError
 from jradar.evaluation import (
+    Method,
+    View,
     choose_rates,
     detector_methods,
     markdown_table,
@@ -65,6 +68,8 @@ def main(argv: list[str] | None = None) -> int:
         choices=[*SHIFTS, *LATER_SHIFTS],
         help="only this shift",
     )
+    text = "also score the detector of this run of the config rpdnet"
+    parser.add_argument("--rpdnet", type=Path, metavar="WORKDIR", help=text)
     text = "score only the agreement of several draws, and the detector"
     parser.add_argument("--quick", action="store_true", help=text)
     return run_study(study, parser, argv)
@@ -80,7 +85,11 @@ def study(options: Namespace) -> None:
     for shift in options.shift or SHIFTS:
         folder = prepared_shift(options.output / "data" / shift, shift)
         seen: Confidences = {}
-        rows += score_shift(folder, shift, models, rates, seen, quick=options.quick)
+        view = view_of(data.Records(folder, "test"))
+        detectors = detector_methods(view, rates)
+        if options.rpdnet:
+            detectors["RPDNet"], _ = rpdnet.method_of(options.rpdnet, view, chosen)
+        rows += score_shift(view, shift, models, detectors, seen, quick=options.quick)
         for name, model in models.items():
             if model.trust is not None:
                 doubts[name, shift] = warning(folder, model, seen.get(name, {}))
@@ -102,10 +111,10 @@ def prepared_shift(folder: Path, shift: str) -> Path:
 
 
 def score_shift(
-    folder: Path,
+    view: View,
     shift: str,
     models: dict[str, Model],
-    rates: dict[str, float],
+    detectors: dict[str, Method],
     seen: Confidences,
     *,
     quick: bool = False,
@@ -114,9 +123,7 @@ def score_shift(
 
     The mean confidence of each model's last row is written to `seen`.
     """
-    records = data.Records(folder, "test")
-    view, config = view_of(records), default.get_config()
-    methods = detector_methods(view, rates)
+    records, config, methods = view.records, default.get_config(), {**detectors}
     pairs, grids = None, set()
     for name, model in models.items():
         grids.add((model.spec.coarse, model.spec.fine, model.spec.num_slices))
@@ -136,7 +143,7 @@ def score_shift(
         yield row | {"scene": shift, "sequence": f"{shift} {row['sequence']}"}
 
 
-def _watched(method: evaluation.Method, seen: dict[Place, float]) -> evaluation.Method:
+def _watched(method: Method, seen: dict[Place, float]) -> Method:
     """The method, noting the mean confidence of each frame's cloud; 0 if empty."""
 
     def call(key, frame):
