@@ -45,8 +45,7 @@ def check(config: ConfigDict) -> None:
 def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on the pairs of the other trajectories."""
     pairs = open_radarhd(config.data.path)
-    kept = (*config.data.threshold_trajectories, *config.data.report_trajectories)
-    train, checked = pairs.of(kept, without=True), threshold_pairs(config, pairs)
+    train, checked = training_pairs(config, pairs), threshold_pairs(config, pairs)
     items = PolarItems(train, history=config.data.history, mirror=config.train.mirror)
     batches = data.Batches(
         items,
@@ -93,6 +92,12 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     )
 
 
+def training_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
+    """Return the pairs that a network is trained on."""
+    kept = (*config.data.threshold_trajectories, *config.data.report_trajectories)
+    return pairs.of(kept, without=True)
+
+
 def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
     """Return the pairs on which limits are chosen."""
     with build.section("data.threshold_trajectories"):
@@ -112,7 +117,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     drawn, every = answers(config, params), config.data.every
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
-    describe(config, workdir, path, params, checked)
+    describe(config, workdir, path, params, checked, training_pairs(config, pairs))
     rows = [*score_pairs(config, checked, drawn, every=every)]
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():

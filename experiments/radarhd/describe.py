@@ -1,5 +1,7 @@
 """What makes weights a model that `jradar enhance` takes: their description.
 
+The description also tells which radar images are unlike those of training.
+
 The model answers in one pass. Its confidence is fitted to the pairs on which limits are
 chosen: a pixel is right if the LiDAR has a point within 0.2 m of it.
 """
@@ -16,7 +18,7 @@ from ml_collections import ConfigDict
 from experiments.radarhd.model import networks
 from experiments.radarhd.pairs import RadarHD
 from experiments.radarhd.scores import drawn_images, polar_points
-from jradar.evaluation import Judged, fitted_confidence, near_truth
+from jradar.evaluation import Judged, fitted_confidence, near_truth, spread
 from jradar.model import Card
 from jradar.planar import (
     LIDAR,
@@ -24,15 +26,23 @@ from jradar.planar import (
     PlanarModel,
     PlanarSpec,
     describe_planar_model,
+    image_features,
     one_pass,
 )
-from jradar.range_image import IDENTITY
+from jradar.range_image import IDENTITY, TrustTable, fit_trust
+from jradar.range_image.trust import LEAST_FRAMES
 
 FAINT = 0.02  # value of a pixel that is never a point
+MOST_IMAGES = 2000  # of training, which are described
 
 
 def describe(
-    config: ConfigDict, workdir: Path, weights: Path, params: Any, pairs: RadarHD
+    config: ConfigDict,
+    workdir: Path,
+    weights: Path,
+    params: Any,
+    pairs: RadarHD,
+    trained_on: RadarHD,
 ) -> Path:
     """Write the description of weights to the workdir; return its path."""
     network, noise = networks(config)
@@ -48,8 +58,15 @@ def describe(
     frames = [*_judged(config, pairs, functools.partial(draw, params=params))]
     seen = any(len(frame.xyz) for frame in frames)
     table = fitted_confidence(frames) if seen else IDENTITY
-    model = PlanarModel(params, spec, card, table)
+    model = PlanarModel(params, spec, card, table, trust_of(trained_on))
     return describe_planar_model(weights, model, folder=workdir)
+
+
+def trust_of(pairs: RadarHD) -> TrustTable | None:
+    """Return what radar images look like in training; None of too few."""
+    index = spread(len(pairs), MOST_IMAGES)
+    features = [image_features(pairs.radar(i) / np.float32(255)) for i in index]
+    return fit_trust(np.stack(features)) if len(index) >= LEAST_FRAMES else None
 
 
 def _judged(config, pairs, draw) -> Iterator[Judged]:

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -44,7 +45,7 @@ from jradar.evaluation import (
 )
 from jradar.files import write_text
 from jradar.model import Model, load_model
-from jradar.range_image import STRANGE, UNSURE, unlikeness
+from jradar.range_image import STRANGE, UNSURE, condition_features, unlikeness
 from jradar.simulation import LATER_SHIFTS, SHIFTS, robust_set
 
 KEY = 20
@@ -166,7 +167,8 @@ def warning(
     records = data.Records(folder, "test")
     conditions = np.stack([p.condition for p in build_pairs(model.spec, records)])
     confidence = [seen.get(place, np.nan) for place in records.where]
-    return np.stack([np.asarray(unlikeness(conditions, trust)), confidence], -1)
+    features = condition_features(jnp.asarray(conditions))
+    return np.stack([np.asarray(unlikeness(features, trust)), confidence], -1)
 
 
 def shifts_table(

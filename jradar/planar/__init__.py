@@ -9,6 +9,7 @@ et al. 2023), becomes an occupancy image, and that a cloud whose points have hei
     cloud = plane_cloud(answer)
 
 polar_image, azimuth_row, RADARHD    samples to the polar image; RadarHD's radar
+image_features                       of a polar image, which tell how usual it is
 PolarGrid, RADAR, LIDAR, MAX_RANGE_M grids of the radar's image and of the answer
 PlanarModel, PlanarSpec, PlanarImage a trained network, and its answer
 one_pass, plane_image, plane_cloud   conditions to images and to clouds
@@ -29,6 +30,7 @@ from jradar.planar.grid import (
 from jradar.planar.image import (
     RADARHD as RADARHD,
     azimuth_row as azimuth_row,
+    image_features as image_features,
     polar_image as polar_image,
 )
 from jradar.planar.model import (

@@ -1,7 +1,7 @@
 """A planar model on disk: weights, and a description of the same name with them.
 
 NAME.safetensors    the network's parameters, named by path
-NAME.json           spec, confidence and card, and the digest of the weights
+NAME.json           spec, confidence, trust and card, and the digest of the weights
 """
 
 import dataclasses
@@ -30,7 +30,7 @@ from jradar.model.folder import (
 )
 from jradar.planar.grid import LIDAR
 from jradar.planar.model import PlanarModel, PlanarSpec
-from jradar.range_image import ConfidenceTable
+from jradar.range_image import ConfidenceTable, TrustTable
 
 KIND, FORMAT = "planar", 1
 RESULTS = Path(__file__).parents[2] / "experiments" / "results"  # of a clone
@@ -92,6 +92,8 @@ def load_planar_model(name: Path | str) -> PlanarModel:
                 )
         card = card_from_json(values.pop("card"))
         confidence = ConfidenceTable.of(**values.pop("confidence"))
+        if (trust := values.pop("trust", None)) is not None:
+            trust = TrustTable.of(**trust)
         network = network_from_json(values.pop("network"))
         noise = typed_fields(NoiseSpec, values.pop("noise"))
         noise = NoiseSpec(**noise, prediction=OCCUPANCY)
@@ -108,7 +110,7 @@ def load_planar_model(name: Path | str) -> PlanarModel:
             raise ValueError(f"{weights} does not fit its network: {wrong}")
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    return PlanarModel(params, spec, card, confidence)
+    return PlanarModel(params, spec, card, confidence, trust)
 
 
 def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) -> Path:
@@ -128,6 +130,7 @@ def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) ->
         "network": network_fields(spec.network),
         "noise": noise,
         "confidence": table_to_json(model.confidence),
+        "trust": None if model.trust is None else table_to_json(model.trust),
         "card": dataclasses.asdict(model.card),
     }
     write_text(path, json.dumps(values, indent=2) + "\n")

@@ -35,6 +35,7 @@ FIRST_BIN = 6  # nearer cells hold the leakage
 LEAST = 0.05  # magnitude of a cell, relative to the strongest
 VIEW_M = 10.0  # ahead, and to either side
 VIEW_DEGREES = 70.0  # to either side
+BANDS = 8  # of ranges, whose features tell how unlike training an image is
 
 RADARHD = (
     RadarSpec(  # one row of the AWR1843, with the waveform of `radarhd_config.xml`
@@ -53,6 +54,20 @@ RADARHD = (
         frame_period_s=0.05,
     )
 )
+
+
+@jax.jit
+def image_features(
+    image: Float[Array, "*batch range azimuth"],
+) -> Float[Array, "*batch feature"]:
+    """Return the share of lit pixels and their mean value in each band of ranges.
+
+    They tell how unlike training an image is: see `jradar.range_image.unlikeness`.
+    """
+    parts = image.reshape(*image.shape[:-2], BANDS, -1)
+    lit = (parts > 0).sum(-1)
+    mean = parts.sum(-1) / jnp.maximum(lit, 1)
+    return jnp.concatenate([jnp.sqrt(lit / parts.shape[-1]), mean], -1)
 
 
 @functools.partial(jax.jit, static_argnames="radar")

@@ -24,7 +24,7 @@ from jradar.diffusion import (
 from jradar.model import Card
 from jradar.planar.grid import LIDAR, RADAR
 from jradar.radar import PointSpec
-from jradar.range_image import IDENTITY, ConfidenceTable, frequency
+from jradar.range_image import IDENTITY, ConfidenceTable, TrustTable, frequency
 from jradar.types import PointCloud
 
 METHODS = ("occupancy", "nearness")
@@ -59,18 +59,19 @@ class PlanarSpec:
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("params", "confidence"),
+    data_fields=("params", "confidence", "trust"),
     meta_fields=("spec",),
     drop_fields=("card",),
 )
 @dataclasses.dataclass(frozen=True, repr=False, eq=False)
 class PlanarModel:
-    """A trained network of polar images: a pytree of parameters and of its table."""
+    """A trained network of polar images: a pytree of parameters and of its tables."""
 
     params: Any
     spec: PlanarSpec
     card: Card = Card()
     confidence: ConfidenceTable = IDENTITY
+    trust: TrustTable | None = None  # what radar images looked like in training
 
     def __repr__(self) -> str:
         """One line: method, size, and what it was trained on."""

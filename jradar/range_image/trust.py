@@ -6,8 +6,10 @@ power of these points. Those of a training set are described by a Gaussian, and 
 condition by its distance from it (Mahalanobis 1936), given as the share of training
 frames that lie nearer: above 0.99, hardly any training frame looked like it.
 
-    conditions of training --fit_trust--> TrustTable
-    condition, TrustTable   --unlikeness--> 0 .. 1
+    features of training conditions --fit_trust--> TrustTable
+    features, TrustTable            --unlikeness--> 0 .. 1
+
+`jradar.planar` has features of polar images.
 """
 
 from typing import Any, NamedTuple
@@ -80,10 +82,10 @@ def fit_trust(features: Float[np.ndarray, "frame feature"]) -> TrustTable:
 
 @jax.jit
 def unlikeness(
-    condition: Float[Array, "*batch row column channel"], trust: TrustTable
+    features: Float[Array, "*batch feature"], trust: TrustTable
 ) -> Float[Array, "*batch"]:
     """Return the share of training frames that are nearer to the mean, 0 to 1."""
-    apart = condition_features(condition) - jnp.asarray(trust.mean)
+    apart = features - jnp.asarray(trust.mean)
     distance = jnp.linalg.norm(apart @ jnp.asarray(trust.whitening).T, axis=-1)
     steps = jnp.linspace(0.0, 1.0, trust.distances.shape[0])
     return jnp.interp(distance, jnp.asarray(trust.distances), steps)

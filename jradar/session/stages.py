@@ -21,6 +21,7 @@ from jradar.model import dense_cloud, draw
 from jradar.planar import (
     PlanarImage,
     PlanarModel,
+    image_features,
     plane_cloud,
     plane_image,
     polar_image,
@@ -34,7 +35,12 @@ from jradar.radar import (
     points_and_count,
     power_map,
 )
-from jradar.range_image import RangeImage, condition_image, unlikeness
+from jradar.range_image import (
+    RangeImage,
+    condition_features,
+    condition_image,
+    unlikeness,
+)
 from jradar.session import fusion, programs
 from jradar.session.models import AnyModel
 from jradar.types import PointCloud
@@ -86,8 +92,7 @@ class _Programs:
     def conditioned(self, key, radar, model, samples, points):
         spec = model.spec
         image = condition_image(points, spec.coarse, num_slices=spec.num_slices)
-        strange = None if model.trust is None else unlikeness(image, model.trust)
-        return image, strange
+        return image, _strange(condition_features(image), model)
 
     def sampled(self, key, radar, model, points, condition):
         if self.count > 1:
@@ -119,7 +124,8 @@ class _PlanarPrograms(_Programs):
 
     def conditioned(self, key, radar, model, samples, points):
         image = polar_image(samples, radar.spec)  # also stands for those before it
-        return jnp.stack([image] * model.spec.history, -1), None
+        condition = jnp.stack([image] * model.spec.history, -1)
+        return condition, _strange(image_features(image), model)
 
     def sampled(self, key, radar, model, points, condition):
         if self.draws or self.steps:
@@ -131,6 +137,11 @@ class _PlanarPrograms(_Programs):
 
     def projected(self, key, radar, model, image, points):
         return plane_cloud(image)
+
+
+def _strange(features, model):
+    """How unlike training a frame is; None of a model that does not know."""
+    return None if model.trust is None else unlikeness(features, model.trust)
 
 
 class Stages:

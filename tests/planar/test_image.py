@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.planar import RADAR, RADARHD, azimuth_row, polar_image
+from jradar.planar import RADAR, RADARHD, azimuth_row, image_features, polar_image
 from jradar.radar import RadarSpec, simulate_cube
 from tests.planar.radarhd import drawn
 from tests.radar.targets import targets
@@ -97,6 +97,17 @@ def test_the_longest_row_of_neighbours_is_used():
 def test_a_frame_without_signal_is_empty():
     silence = jnp.zeros(ONE_TURN.cube_shape, jnp.complex64)
     assert not polar_image(silence, ONE_TURN).any()
+
+
+def test_features_are_the_lit_shares_and_mean_values_of_bands():
+    image = np.zeros(RADAR.shape, np.float32)
+    rows = RADAR.shape[0] // 8
+    image[rows : 2 * rows : 4] = 0.5  # a quarter of the second band
+    shares, means = np.split(np.asarray(image_features(image)), 2)
+    np.testing.assert_allclose(shares, np.eye(8)[1] / 2, atol=1e-6)
+    np.testing.assert_allclose(means, np.eye(8)[1] / 2, atol=1e-6)
+    many = image_features(np.stack([image, 0 * image]))
+    assert many.shape == (2, 16) and not many[1].any()
 
 
 def test_images_of_several_frames_are_those_of_each():

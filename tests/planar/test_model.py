@@ -20,7 +20,7 @@ from jradar.planar import (
     plane_cloud,
     plane_image,
 )
-from jradar.range_image import ConfidenceTable
+from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.session import load_any_model
 from tests.models import tiny_planar_model
 
@@ -46,9 +46,27 @@ def test_a_model_comes_back_from_its_files_by_any_of_their_names(saved):
     assert "PlanarModel(occupancy, 0.0" in repr(MODEL) and "7 steps" in repr(MODEL)
 
 
+def test_what_training_looked_like_is_kept(saved, tmp_path):
+    assert load_planar_model(saved).trust is None
+    trust = fit_trust(np.random.default_rng(0).normal(size=(50, 16)))
+    knows = dataclasses.replace(MODEL, trust=trust)
+    weights = saved.with_suffix(".safetensors")
+    found = load_planar_model(describe_planar_model(weights, knows, folder=tmp_path))
+    jax.tree.map(np.testing.assert_array_equal, found.trust, trust)
+    older = json.loads(saved.read_text())
+    del older["trust"]  # as described before descriptions had it
+    saved.write_text(json.dumps(older))
+    assert load_planar_model(saved).trust is None
+
+
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
+        (
+            "trust",
+            {"mean": [0, 0], "whitening": [[1]], "distances": [0]},
+            "whitening has shape",
+        ),
         ("format", 9, "kind 'planar' and format 9, expected 'planar' and 1"),
         ("kind", "curved", "kind 'curved'"),
         ("weights_sha256", "0", "does not match its digest"),

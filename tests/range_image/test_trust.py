@@ -20,6 +20,10 @@ def conditions(count, *, share=0.2, seed=0):
     return np.concatenate([parts[name] for name in CHANNELS], -1).astype(np.float32)
 
 
+def strangeness(condition, trust):
+    return unlikeness(condition_features(jnp.asarray(condition)), trust)
+
+
 def test_features_are_shares_and_mean_powers():
     condition = np.zeros((16, 16, 3 * SLICES), np.float32)
     condition[:4, :8, 1] = 1.0  # an eighth of slice 1 is occupied
@@ -32,7 +36,7 @@ def test_features_are_shares_and_mean_powers():
 
 def test_one_percent_of_frames_like_training_lie_beyond_its_99th_percentile():
     trust = fit_trust(np.asarray(condition_features(conditions(2000))))
-    like = np.asarray(unlikeness(conditions(2000, seed=1), trust))
+    like = np.asarray(strangeness(conditions(2000, seed=1), trust))
     assert (like > 0.99).mean() == pytest.approx(0.01, abs=0.008)
     shares = [0.25, 0.5, 0.75]
     np.testing.assert_allclose(np.quantile(like, shares), shares, atol=0.05)
@@ -48,13 +52,13 @@ def test_distances_are_those_of_frames_that_were_not_fitted():
 
 def test_other_occupancy_is_strange():
     trust = fit_trust(np.asarray(condition_features(jnp.asarray(conditions(400)))))
-    strange = unlikeness(jnp.asarray(conditions(20, share=0.4, seed=3)), trust)
+    strange = strangeness(conditions(20, share=0.4, seed=3), trust)
     assert float(strange.min()) > 0.99
-    empty = unlikeness(jnp.zeros((16, 16, 3 * SLICES)), trust)
+    empty = strangeness(jnp.zeros((16, 16, 3 * SLICES)), trust)
     assert float(empty) == 1.0
     some = jnp.asarray(conditions(3, seed=4))
-    each = jax.vmap(lambda condition: unlikeness(condition, trust))(some)
-    np.testing.assert_allclose(each, unlikeness(some, trust), atol=1e-6)
+    each = jax.vmap(lambda condition: strangeness(condition, trust))(some)
+    np.testing.assert_allclose(each, strangeness(some, trust), atol=1e-6)
 
 
 def test_too_few_frames_and_a_torn_matrix_are_refused():

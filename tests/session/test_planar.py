@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.planar import RADARHD, PlanarImage, plane_cloud, plane_image, polar_image
+from jradar.planar import (
+    RADARHD,
+    PlanarImage,
+    image_features,
+    plane_cloud,
+    plane_image,
+    polar_image,
+)
 from jradar.radar import Radar, RadarSpec, calibrate
+from jradar.range_image import fit_trust
 from jradar.recordings import Recording, Stream
 from jradar.results import Results
 from jradar.session import FrameFolder, enhance_recording
@@ -55,6 +63,18 @@ def test_what_is_not_measured_and_what_differs_is_said(enhanced):
     assert height == "height is not measured: all points lie at height 0"
     assert "range to 8." in others or "range bins of" in others
     assert "antennas in a row" not in others and "(radarhd)" in others
+
+
+def test_an_image_unlike_training_is_warned_of(enhanced):
+    usual = image_features(enhanced[0][0].image.radar)
+    noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
+    for mean, strange in ((usual, False), (usual + 1.0, True)):
+        model = dataclasses.replace(MODEL, trust=fit_trust(mean + noise))
+        found = enhance_recording(recording(), model, frames=range(1))
+        (frame,) = found
+        assert (frame.unlikeness == 1) == strange
+        unlike = "frame 0 of 1 is unlike 99 % of the training frames"
+        assert any(unlike in w for w in found.warnings) == strange
 
 
 def test_the_cloud_the_images_and_a_picture_are_written(enhanced, tmp_path):
