@@ -78,6 +78,13 @@ def get_config():
     config.train.update(steps=5400, checkpoint_every=300)
     config.train.rotate = False  # every other pair, by up to 29 degrees
 
+    # Pairs that the confidence is fitted to: by default those of the limits. Rooms that
+    # training left out, plain and rotated, stand for another building.
+    config.confidence = ConfigDict()
+    config.confidence.trajectories = ()
+    config.confidence.turns = (0.0,)  # degrees to the left
+    config.confidence.description = ""  # of a model whose table is taken instead
+
     config.sampling = ConfigDict()
     config.sampling.steps = 18
     config.sampling.draws = 8  # quick draws for the row of their agreement; 1: no row

@@ -7,7 +7,7 @@ pairs     RadarHD's images, how the network takes them, and their rotation
 model     the prediction, the losses, and the methods that draw images
 scores    two protocols, and limits of occupied pixels
 report    tables and pictures
-describe  what makes weights a model for `jradar enhance`
+describe  what makes weights a model for `jradar enhance`, and its reliability
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.radarhd import report
-from experiments.radarhd.describe import describe
+from experiments.radarhd.describe import described, reliability_table
 from experiments.radarhd.model import LOSSES, answers, fitting_weights, networks
 from experiments.radarhd.pairs import (
     PolarItems,
@@ -30,6 +30,8 @@ from experiments.weights import initial_weights, start_from
 from jradar import data, diffusion, training
 from jradar.errors import UsageError
 from jradar.evaluation.scores import DISTANCES, F_SCORES
+from jradar.files import write_text
+from jradar.planar import describe_planar_model
 
 
 def check(config: ConfigDict) -> None:
@@ -117,7 +119,8 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     drawn, every = answers(config, params), config.data.every
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
-    describe(config, workdir, path, params, checked, training_pairs(config, pairs))
+    model = described(config, params, pairs, training_pairs(config, pairs))
+    describe_planar_model(path, model, folder=workdir)
     rows = [*score_pairs(config, checked, drawn, every=every)]
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():
@@ -132,3 +135,6 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         where += f", rotated by {config.data.turn:g} degrees"
     title = f"{config.purpose}; {where}"
     report.write_results(config, workdir, title, reported, drawn, limits)
+    table = reliability_table(config, model, reported)
+    write_text(workdir / "evaluation" / "confidence.md", table)
+    print(f"\nConfidence of one pass:\n\n{table}")

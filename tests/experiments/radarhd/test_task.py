@@ -55,10 +55,20 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     config.weights = str(tmp_path / "weights.safetensors")
     task.evaluate(config, elsewhere)
     assert (elsewhere / "evaluation" / "protocols.md").read_text() == tables
+    table = (elsewhere / "evaluation" / "confidence.md").read_text()
+    assert "too sure by" in table and "112 to 140, building of the training" in table
     config.data.turn = 20.0
+    config.confidence.update(trajectories=(138,), turns=(0.0, 20.0))
     task.evaluate(config, elsewhere)
     tables = (elsewhere / "evaluation" / "protocols.md").read_text()
     assert "not trained on, rotated by 20 degrees" in tables
+    values = json.loads((tmp_path / "weights.json").read_text())
+    values["confidence"] = {"frequencies": [0.0, 0.25, 0.5], "least": 0.125}
+    (tmp_path / "weights.json").write_text(json.dumps(values))
+    config.confidence.description = str(tmp_path / "weights.json")
+    task.evaluate(config, elsewhere)
+    found = json.loads((elsewhere / "weights.json").read_text())
+    assert found["confidence"] == values["confidence"]
 
 
 @pytest.fixture(scope="module")
