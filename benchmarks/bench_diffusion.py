@@ -1,8 +1,9 @@
-"""How long do one pass and a gradient take, compared with PyTorch?
+"""How long do one pass, its decision and a gradient take, compared with PyTorch?
 
-The network is `tiny`, in float32. One pass has the paper's size and is compiled as
-`jradar enhance` does. The gradient has images of half that size. The peer is the same
-network in PyTorch: output and gradient must equal ours before they are timed.
+The decision turns each pixel's mixture into the range whose window of +- 0.2 m holds
+the most probability. The network is `tiny`, in float32. One pass has the paper's size
+and is compiled as `jradar enhance` does. The gradient has images of half that size. The
+peer is the same in PyTorch, whose results must equal ours before they are timed.
 """
 
 import functools
@@ -16,9 +17,13 @@ import numpy as np
 from benchmarks import torch_unet
 from benchmarks.harness import Call, Case, available, random_params
 from jradar.diffusion import PRESETS, UNet
-from jradar.model import compiler_options
+from jradar.diffusion.mixture import RangeMixture
+from jradar.model import compiler_options, load_model
+from jradar.model.methods import SIDE_STEPS, TRIED, WINDOW_M, likeliest_range
 
 BATCH, FINE, COARSE = 2, (64, 256, 2), (32, 32, 8)
+COMPONENTS = 5  # of a mixture of `jradar-sim`
+FARTHEST_M = 12.0  # of images of the paper's size
 
 
 def cases() -> Iterator[Case]:
@@ -26,6 +31,8 @@ def cases() -> Iterator[Case]:
     rng = np.random.default_rng(0)
     for frames in (1, 8, 32):
         yield _one_pass(rng, frames)
+    for frames in (1, 8):
+        yield _decision(rng, frames)
     network = UNet(**PRESETS["tiny"])
     x, clean = rng.normal(size=(2, BATCH, *FINE)).astype(np.float32)
     condition = rng.normal(size=(BATCH, *COARSE)).astype(np.float32)
@@ -62,6 +69,73 @@ def _one_pass(rng, frames) -> Case:
         available({"PyTorch": torch.forward}),
         same=_close,
     )
+
+
+def _decision(rng, frames) -> Case:
+    """The likeliest range of each pixel of images of the paper's size."""
+    shape = (frames, 128, 512, COMPONENTS)
+    weight, centre = rng.random(shape), rng.uniform(-1, 1, shape)
+    parts = (
+        rng.normal(size=shape[:-1]),
+        weight / weight.sum(-1, keepdims=True),
+        centre,
+        rng.uniform(0.005, 0.1, shape),
+    )
+    arrays = tuple(np.asarray(part, np.float32) for part in parts)
+    mixture = RangeMixture(*map(jnp.asarray, arrays))
+    spec = load_model("jradar-sim").spec
+    decide = jax.jit(functools.partial(likeliest_range, spec=spec))
+    torch = functools.partial(_likeliest_in_torch, arrays)
+    return Case(
+        f"decision, {frames} x 128 x 512, mixtures of {COMPONENTS}",
+        lambda: decide(mixture),
+        available({"PyTorch": torch}),
+        same=_same_decision,
+    )
+
+
+def _likeliest_in_torch(arrays) -> Call:
+    """Return a call that computes `likeliest_range`, of the codec "log"."""
+    import torch
+
+    returned, weight, centre, scale = map(torch.from_numpy, arrays)
+    top = float(np.log1p(FARTHEST_M))
+    # Components first, so that each is contiguous.
+    parts = [part.movedim(-1, 0).contiguous() for part in (weight, centre, scale)]
+
+    def code(range_m):
+        return 2 * torch.log1p(range_m.clamp(0, FARTHEST_M)) / top - 1
+
+    def mass(range_m):
+        low, high = code(range_m - WINDOW_M), code(range_m + WINDOW_M)
+        total = torch.zeros_like(range_m)
+        for share, middle, width in zip(*parts, strict=True):
+            above = torch.sigmoid((high - middle) / width)
+            total += share * (above - torch.sigmoid((low - middle) / width))
+        return total
+
+    def best_of(ranges):
+        ranges = torch.stack(ranges)
+        masses = torch.stack([mass(range_m) for range_m in ranges])
+        most, index = masses.max(0)
+        return ranges.gather(0, index[None])[0], most
+
+    def run():
+        with torch.no_grad():
+            tried = torch.expm1((parts[1][:TRIED].clamp(-1, 1) + 1) / 2 * top)
+            best, _ = best_of([*tried])
+            beside = [best + step * WINDOW_M for step in SIDE_STEPS]
+            best, most = best_of([best, *beside])
+            return best.clamp(min=0), torch.sigmoid(returned) * most
+
+    return run
+
+
+def _same_decision(ours, peer):
+    """Return whether confidences agree, and ranges but for a few equal windows."""
+    ranges = np.isclose(np.asarray(ours.range_m), peer[0], atol=1e-3)
+    confidence = np.asarray(ours.confidence)
+    return ranges.mean() > 0.999 and np.allclose(confidence, peer[1], atol=1e-4)
 
 
 def _close(ours, peer):
