@@ -66,7 +66,7 @@ def test_what_is_not_measured_and_what_differs_is_said(enhanced):
 
 
 def test_an_image_unlike_training_is_warned_of(enhanced):
-    usual = image_features(enhanced[0][0].image.radar)
+    usual = np.asarray(image_features(enhanced[0][0].image.radar))
     noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
     for mean, strange in ((usual, False), (usual + 1.0, True)):
         model = dataclasses.replace(MODEL, trust=fit_trust(mean + noise))
