@@ -124,8 +124,8 @@ def _likeliest_in_torch(arrays) -> Call:
         with torch.no_grad():
             tried = torch.expm1((parts[1][:TRIED].clamp(-1, 1) + 1) / 2 * top)
             best, _ = best_of([*tried])
-            beside = [best + step * WINDOW_M for step in SIDE_STEPS]
-            best, most = best_of([best, *beside])
+            others = [best + step * WINDOW_M for step in SIDE_STEPS]
+            best, most = best_of([best, *others])
             return best.clamp(min=0), torch.sigmoid(returned) * most
 
     return run

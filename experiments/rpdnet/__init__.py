@@ -101,29 +101,34 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)
     view = view_of(records)
-    method, limit = method_of(workdir, view, data.Records(folder, "validation"))
+    probability, limit = detector_of(workdir, data.Records(folder, "validation"))
     print(f"{config.purpose}\n\ncells of probability {limit} and more")
     write_results(
         build.random_key(config, build.SAMPLE_KEY),
         workdir,
         view,
         data.PairSource(records, view.fine, view.fine, num_slices=1),
-        {"RPDNet": method},
+        {"RPDNet": method_of(view, probability, limit)},
         every=config.evaluation.every,
     )
 
 
-def method_of(workdir: Path, view: View, checked: data.Records) -> tuple[Method, float]:
+def detector_of(workdir: Path, checked: data.Records) -> tuple[Probability, float]:
     """Return the detector of a run, and its limit, which is best on `checked`."""
     config = ConfigDict(read_json(workdir / "config.json"))
     probability = cell_probability(config, load_weights(workdir / WEIGHTS))
     frames = config.evaluation.frames_for_limit
     limit, _ = choose_limit(view_of(checked), probability, checked, frames=frames)
+    return probability, limit
+
+
+def method_of(view: View, probability: Probability, limit: float) -> Method:
+    """Return the method that draws the points of the marked cells."""
 
     def method(key, frame):
         return marked_points(frame.prepared, view, probability, limit)
 
-    return method, limit
+    return method
 
 
 def cell_probability(config: ConfigDict, params: Any) -> Probability:

@@ -64,6 +64,7 @@ def study(options: Namespace) -> None:
             workdir = options.output / method.replace(" ", "_") / f"seed_{seed}"
             config = config_of(method, seed, options.data, options.steps)
             task = rpdnet if method == "rpdnet" else enhance
+            train.check_workdir(config, workdir)
             if not finished(workdir):
                 train.run(task, config, workdir)
     checked = data.Records(options.data, "validation")
@@ -74,7 +75,8 @@ def study(options: Namespace) -> None:
     pairs = None
     for name, workdir in trained(options.output):
         if name.startswith("rpdnet"):
-            methods[name], _ = rpdnet.method_of(workdir, view, checked)
+            detector = rpdnet.detector_of(workdir, checked)
+            methods[name] = rpdnet.method_of(view, *detector)
             continue
         model = load_model(workdir / "model")
         pairs = build.build_pairs(model.spec, records)

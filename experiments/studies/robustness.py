@@ -82,14 +82,15 @@ def study(options: Namespace) -> None:
     chosen = data.Records(options.rates, "validation")
     rates = choose_rates(view_of(chosen), chosen, detectors=("os",))
     print(f"false-alarm rates: {rates}")
+    found = options.rpdnet and rpdnet.detector_of(options.rpdnet, chosen)
     rows, doubts = [], {}
     for shift in options.shift or SHIFTS:
         folder = prepared_shift(options.output / "data" / shift, shift)
         seen: Confidences = {}
         view = view_of(data.Records(folder, "test"))
         detectors = detector_methods(view, rates)
-        if options.rpdnet:
-            detectors["RPDNet"], _ = rpdnet.method_of(options.rpdnet, view, chosen)
+        if found:
+            detectors["RPDNet"] = rpdnet.method_of(view, *found)
         rows += score_shift(view, shift, models, detectors, seen, quick=options.quick)
         for name, model in models.items():
             if model.trust is not None:

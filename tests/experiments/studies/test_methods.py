@@ -37,3 +37,6 @@ def test_methods_are_trained_once_and_share_one_table(records, tmp_path, capsys)
     before = weights.stat().st_mtime_ns
     assert methods.main(command) == 0
     assert weights.stat().st_mtime_ns == before
+    assert methods.main([*command, "--steps", "2"]) == 2  # other runs of the folder
+    assert "was started with another config" in capsys.readouterr().err
+    assert weights.stat().st_mtime_ns == before

@@ -40,12 +40,15 @@ def test_every_shift_is_a_row_of_one_table(records, tmp_path, monkeypatch, capsy
     one = build.set_sequences("jradar-sim-2-robust/clean")[:1]
     for module in (build, sets):
         monkeypatch.setattr(module, "set_sequences", lambda name: one)
+    detector = (lambda power: power / power.max(), 0.1)
+    monkeypatch.setattr(robustness.rpdnet, "detector_of", lambda *_: detector)
     shifts = ["--shift", "clean", "--shift", "standing-still"]
     command = ["-o", str(tmp_path), "--rates", str(records), *shifts]
+    command += ["--rpdnet", "runs/rpdnet"]
     assert robustness.main(command) == 0
     rows = read_scores(tmp_path / "evaluation" / "frames.jsonl")
     assert {row["scene"] for row in rows} == {"clean", "standing-still"}
-    assert {row["method"] for row in rows} == {"OS-CFAR", "splat"}
+    assert {row["method"] for row in rows} == {"OS-CFAR", "splat", "RPDNet"}
     table = (tmp_path / "evaluation" / "table.md").read_text()
     assert "standing-still" in table
     shifts = (tmp_path / "evaluation" / "shifts.md").read_text()
