@@ -12,6 +12,7 @@ Cheng et al. (2022) also label by LiDAR but did not publish the code; this one i
 own. All of it runs on the host.
 """
 
+import collections
 from collections.abc import Sequence
 from typing import Any
 
@@ -32,16 +33,19 @@ class LabelledMaps(Sequence):
     """Maps of power and their labels `[doppler, range, 1]`, as `training.Batch`."""
 
     def __init__(self, records: data.Records, *, min_snr_db: float):
-        """Use the frames whose velocity is known."""
+        """Use the frames whose velocity is known, with maps of the commonest size."""
         self._records, self._min_snr_db = records, min_snr_db
         velocities = record_velocities(records)
-        self._index = np.flatnonzero(np.isfinite(velocities).all(-1)).tolist()
-        self._velocities = velocities[self._index]
-        if not self._index:
+        known = np.flatnonzero(np.isfinite(velocities).all(-1)).tolist()
+        if not known:
             raise ValueError(
                 f"{records.folder} has no frame with a known velocity: labels need "
                 "recordings with a trajectory, or static echoes in several directions"
             )
+        shapes = {i: records[i].cells.power.shape for i in known}
+        commonest = collections.Counter(shapes.values()).most_common(1)[0][0]
+        self._index = [i for i in known if shapes[i] == commonest]
+        self._velocities = velocities[self._index]
 
     def __len__(self) -> int:
         return len(self._index)

@@ -33,12 +33,12 @@ class RPDNet(nn.Module):
 
     @nn.compact
     def __call__(self, maps: Maps) -> Maps:
-        """Return the logits; levels end early where the map can no longer be halved."""
+        """Return the logits; levels end early where an axis has a single cell left."""
         shape = maps.shape[1:3]
         x = nn.relu(_norm(nn.Conv(self.channels, (1, 1))(_with_coordinates(maps))))
         total = nn.Conv(self.channels, (1, 1), name="join0")(x)
         for level in range(1, self.levels):
-            if min(x.shape[1:3]) < 2 or any(size % 2 for size in x.shape[1:3]):
+            if min(x.shape[1:3]) < 2:
                 break
             if level == 1:
                 x = nn.relu(_norm(nn.Conv(self.channels, (5, 5))(x)))
@@ -48,7 +48,7 @@ class RPDNet(nn.Module):
             part = nn.Conv(
                 self.channels, (1, 1), use_bias=False, name=f"join{level}"
             )(x)  # fmt: skip
-            total += _enlarged(part, shape)
+            total += _enlarged(part, 2**level, shape)
         return nn.Conv(1, (1, 1), name="logits")(nn.relu(_norm(total)))
 
 
@@ -76,15 +76,19 @@ def _with_coordinates(maps):
 
 
 def _halved(x):
-    """The maximum of each 2 x 2 cells; Flax's pooling has a slow gradient on CPUs."""
+    """The maximum of each 2 x 2 cells; Flax's pooling has a slow gradient on CPUs.
+
+    The last cell of an odd axis stands alone.
+    """
+    odd = [(0, size % 2) for size in x.shape[1:3]]
+    x = jnp.pad(x, ((0, 0), *odd, (0, 0)), mode="edge")
     batch, rows, columns, channels = x.shape
     return x.reshape(batch, rows // 2, 2, columns // 2, 2, channels).max((2, 4))
 
 
-def _enlarged(x, shape):
-    for axis, size in enumerate(shape, 1):
-        x = jnp.repeat(x, size // x.shape[axis], axis)
-    return x
+def _enlarged(x, times, shape):
+    x = jnp.repeat(jnp.repeat(x, times, 1), times, 2)
+    return x[:, : shape[0], : shape[1]]
 
 
 def _norm(x):

@@ -17,10 +17,21 @@ def test_map_values_span_the_unit_interval():
     np.testing.assert_allclose(map_values(spike), spike)
 
 
-def test_levels_end_where_a_map_cannot_be_halved():
+def test_levels_end_where_an_axis_has_one_cell():
     maps = jnp.zeros((1, 12, 8, 1))
     shapes = jax.eval_shape(RPDNet(channels=4).init, jax.random.key(0), maps)["params"]
-    assert sum(name.startswith("join") for name in shapes) == 3  # 12, 6 and 3 rows
+    assert sum(name.startswith("join") for name in shapes) == 4  # 12, 6, 3 and 2 rows
+
+
+def test_an_odd_map_has_the_levels_of_the_next_power_of_two():
+    network, maps = RPDNet(channels=4), jnp.ones((1, 8, 8, 1))
+    odd, even = (
+        jax.eval_shape(network.init, jax.random.key(0), maps[:, :rows])
+        for rows in (7, 8)
+    )
+    assert jax.tree.map(jnp.shape, odd) == jax.tree.map(jnp.shape, even)
+    params = jax.jit(network.init)(jax.random.key(0), maps)
+    assert jax.jit(network.apply)(params, maps[:, :7]).shape == (1, 7, 8, 1)
 
 
 def test_each_map_has_logits_of_its_own():

@@ -108,6 +108,19 @@ def test_frames_without_a_velocity_are_left_out(records, monkeypatch):
         LabelledMaps(frames, min_snr_db=3.0)
 
 
+def test_maps_of_the_commonest_size_are_trained_on(records):
+    class Mixed(data.Records):
+        def __getitem__(self, i):
+            frame = super().__getitem__(i)
+            power = frame.cells.power[: 8 if i == 0 else None]
+            return frame._replace(cells=frame.cells._replace(power=power))
+
+    frames = Mixed(records, "train")
+    items = LabelledMaps(frames, min_snr_db=3.0)
+    assert len(items) == len(frames) - 1
+    assert {item.condition.shape for item in items} == {(16, 64, 1)}
+
+
 def test_doppler_gives_the_velocity_that_poses_do_not(records, monkeypatch):
     velocity, random = np.array([0.6, 0.2, 0.0]), np.random.default_rng(0)
     sine = random.uniform(-0.8, 0.8, 24)
