@@ -26,7 +26,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Bool, Int, UInt8
 
 from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import BYTES, DATA, MOST_PACKET, SEQUENCES, unpack_header
@@ -158,6 +158,42 @@ class Assembler:
             return
         self._accept(sequence, place, packet, moved)
 
+    def add_all(
+        self,
+        packets: UInt8[np.ndarray, "packet byte"],
+        sizes: Int[np.ndarray, " packet"],
+    ) -> None:
+        """Take packets of the card, as `add` does one by one; `sizes` are in bytes.
+
+        Packets that follow one another are copied together.
+        """
+        follows = _follows(packets, sizes)
+        index = 0
+        while index < len(sizes):
+            packet = packets[index].data[: sizes[index]]
+            self.add(packet)
+            index += 1
+            if follows[index] and self._is_newest(packet):
+                stop = index + int(follows[index:].argmin())
+                self._add_run(packets[index:stop])
+                index = stop
+
+    def _is_newest(self, packet: memoryview) -> bool:
+        """True if a packet was the last of the stream, and no other is known."""
+        alone = self._started and not self._aside and self._left is None
+        return alone and unpack_header(packet) == self._newest
+
+    def _add_run(self, packets) -> None:
+        """Take whole packets that follow the newest one, which was whole, too."""
+        count = len(packets)
+        self.counts.packets += count
+        self._newest = unpack_header(packets[-1].data)
+        self._since += count
+        position = self._position + PAYLOAD
+        self._position += count * PAYLOAD
+        samples = np.ascontiguousarray(packets[:, DATA.size : MOST_PACKET])
+        self._place(position, samples.reshape(-1).data, packets=count)
+
     def _accept(self, sequence, place, packet, moved) -> None:
         """Take a packet of the stream, `moved` bytes from the newest one."""
         position, self._others = self._position + moved, 0
@@ -198,8 +234,8 @@ class Assembler:
         after = -1 if self._delivered is None else self._delivered
         self._base = 0 if self._delivered is None else after + 1 - self._first
 
-    def _place(self, position: int, samples: memoryview) -> None:
-        """Put samples into their frames, and deliver what is complete."""
+    def _place(self, position: int, samples: memoryview, packets: int = 1) -> None:
+        """Put samples of packets into their frames, and deliver what is complete."""
         fresh = gone = False
         at, end = position, position + len(samples)
         while at < end:
@@ -215,7 +251,7 @@ class Assembler:
             fresh |= self._open[number].place(start, part)
         self._end = max(self._end, end)
         if fresh:
-            self.counts.placed += 1
+            self.counts.placed += packets
         elif gone:
             self.counts.late += 1
         else:
@@ -297,6 +333,22 @@ class Assembler:
                 self.counts.late += 1
             else:
                 self.counts.ignored += 1
+
+
+def _follows(packets, sizes) -> Bool[np.ndarray, " packet_and_end"]:
+    """Return which packets go on where a whole one ends; False after the last."""
+    sequences = packets[:, :4].copy().view("<u4")[:, 0]
+    places = packets[:, 4:8].copy().view("<u4")[:, 0].astype(np.int64)
+    places |= packets[:, 8:10].copy().view("<u2")[:, 0].astype(np.int64) << 32
+    whole = np.asarray(sizes) == MOST_PACKET
+    follows = np.zeros(len(sizes) + 1, bool)
+    follows[1:-1] = (
+        (np.diff(sequences) == 1)  # wraps around
+        & (np.diff(places) % BYTES == PAYLOAD)
+        & whole[1:]
+        & whole[:-1]
+    )
+    return follows
 
 
 def _moved(sequence: int, place: int, at_sequence: int, at_place: int) -> int | None:

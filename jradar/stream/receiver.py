@@ -1,8 +1,8 @@
 """A thread that receives a card's packets, and hands over the newest frame.
 
-The thread does nothing else: one system call and one copy of 1,456 bytes a packet, into
-buffers that are used again. Whoever takes frames too slowly gets the newest one; those
-it missed are counted in `dropped`.
+The thread does nothing else. It takes all packets that wait in one system call, and
+copies their samples into buffers that are used again. Whoever takes frames too slowly
+gets the newest one; those it missed are counted in `dropped`.
 """
 
 import socket
@@ -11,10 +11,10 @@ import time
 from collections import deque
 
 from jradar.stream.assembler import Assembler, Counts, Frame
+from jradar.stream.batches import address_bytes, batch_reader
 from jradar.stream.protocol import MOST_PACKET, NetworkSpec
 from jradar.stream.sockets import udp_socket
 
-LONGEST_PACKET = 2048  # a longer one is cut, and counts as malformed
 WAKE_S = 0.1  # after which the thread looks whether it is to end
 FRAMES_IN_SOCKET = 2
 MANY = 100  # packets that are no accident any more
@@ -150,22 +150,23 @@ class Receiver:
                 self._arrived.notify_all()
 
     def _loop(self) -> None:
-        buffer = bytearray(LONGEST_PACKET)
-        packet, card = memoryview(buffer), self.network.card
-        receive, add = self._socket.recvfrom_into, self._assembler.add
-        counts, clock, ending = self.counts, time.monotonic, self._ending.is_set
-        while not ending():
-            try:
-                size, sender = receive(buffer)
-            except (BlockingIOError, InterruptedError):
+        read, add = batch_reader(self._socket), self._assembler.add_all
+        card, counts = address_bytes(self.network.card), self.counts
+        while not self._ending.is_set():
+            if (batch := read()) is None:
                 continue
-            if sender[0] != card:
-                counts.packets += 1
-                counts.foreign += 1
-                self.foreign_sender = sender[0]
+            own = (batch.senders == card).all(-1)
+            if own.all():
+                self.heard_s = time.monotonic()
+                add(batch.data, batch.sizes)
                 continue
-            self.heard_s = clock()
-            add(packet[:size])
+            foreign = batch.senders[~own]
+            counts.packets += len(foreign)
+            counts.foreign += len(foreign)
+            self.foreign_sender = socket.inet_ntoa(foreign[-1].tobytes())
+            if own.any():
+                self.heard_s = time.monotonic()
+                add(batch.data[own], batch.sizes[own])
 
     def _deliver(self, frame: Frame) -> None:
         with self._arrived:

@@ -174,3 +174,37 @@ def test_random_packets_need_bounded_memory():
 def test_a_frame_without_bytes_is_refused():
     with pytest.raises(ValueError, match="expected a frame of 1 byte or more"):
         Assembler(0, print)
+
+
+@pytest.mark.parametrize("size", [700, 2400, 2912, 300_000])
+@pytest.mark.parametrize("seed", range(6))
+def test_batches_of_packets_are_taken_as_one_by_one(size, seed):
+    """Also of damaged streams, of a card that starts again, and of a second one."""
+    rng = np.random.default_rng(seed)
+    count = 40 if size < 100_000 else 4
+    wraps = {"first": 2**32 - 20, "place": 2**48 // size * size - 13 * size}
+    first = spoiled(packets_of(random_frames(count, size), **wraps), reorder=2 * seed)
+    second = packets_of(random_frames(9, size, seed=1), first=7_000, place=10_000_000)
+    again = packets_of(random_frames(count, size, seed=2))
+    again = spoiled(again, loss=0.02 * seed, duplicate=0.01 * seed, seed=seed)
+    mixed = [*first, *again]
+    for place, one in zip(sorted(rng.integers(0, len(mixed), 9)), second, strict=False):
+        mixed[place:place] = [one] if seed % 2 else []
+    mixed.insert(len(mixed) // 2, b"x" * 2000)
+    frames, counts = assemble(mixed, size)
+
+    found = []
+    assembler = Assembler(size, found.append)
+    while mixed:
+        stop = int(rng.integers(1, 65))
+        some, mixed = mixed[:stop], mixed[stop:]
+        rows = np.zeros((len(some), 2048), np.uint8)
+        for row, one in zip(rows, some, strict=True):
+            row[: len(one)] = np.frombuffer(one, np.uint8)
+        assembler.add_all(rows, np.array([len(one) for one in some]))
+    assembler.flush()
+    assert assembler.counts == counts and added_up(counts)
+    assert [f.number for f in found] == [f.number for f in frames]
+    assert [f.lost_bytes for f in found] == [f.lost_bytes for f in frames]
+    for one, other in zip(found, frames, strict=True):
+        np.testing.assert_array_equal(one.data, other.data)
