@@ -18,8 +18,11 @@ from jaxtyping import Float
 from jradar.data.records import PreparedFrame
 
 OBJECT_M = (0.5, 1.5)  # radius of the place that is left alone
-NOISE_DB = (15.0, 70.0)  # noise below the strongest echo of that place
+ABOVE_DB = (15.0, 70.0)  # the strongest echo of that place above the noise
+NOISE_SPREAD_DB = 0.4  # mean excess of the noise's points over its weakest
 AT_ECHO = 0.4  # up to this share of the noise lies as far away as that echo
+RIDGE_DB = 3.0  # .. with a mean excess of up to this
+RIDGE_SPREAD = 0.2  # .. mean distance of its sine of azimuth from the echo's
 FARTHEST_M = 15.0  # of noise
 
 
@@ -110,9 +113,11 @@ def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
     """Return the frame with nothing but the points around a random LiDAR point.
 
     The other radar points become noise: at a false-alarm rate of 1 an empty place has
-    as many points as a full one, in all directions and equally weak. What a radar
-    computes of a strong echo is not exact, so in every other frame some of the noise
-    lies as far away as the echo: around a corner reflector, a quarter of it.
+    as many points as a full one, in all directions and equally weak. The noise keeps
+    its level, and the echoes get another. A strong one raises the noise as far away as
+    itself, because chirps start late at random: around a corner reflector lies a
+    quarter of the noise, a few dB stronger, most of it within 40 degrees. So it is in
+    every other frame.
     """
     if not len(frame.lidar_xyz):
         return frame
@@ -122,19 +127,24 @@ def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
     def near(xyz):
         return np.linalg.norm(xyz[:, :2] - place, axis=1) < radius
 
-    xyz = np.asarray(frame.radar.xyz)
-    echo = near(xyz) & np.asarray(frame.radar.valid)
+    xyz, valid = np.asarray(frame.radar.xyz), np.asarray(frame.radar.valid)
+    echo, count = near(xyz) & valid, len(valid)
     power = 1.0 if frame.radar.power is None else np.asarray(frame.radar.power)
-    from_it = np.linalg.norm(xyz[np.argmax(np.where(echo, power, -1.0))])
-    noise = _anywhere(len(echo), random)
-    share = random.uniform(0, AT_ECHO) if echo.any() and random.random() < 0.5 else 0.0
-    at_echo = random.random(len(echo)) < share
-    noise[at_echo] *= from_it / np.linalg.norm(noise[at_echo], axis=1, keepdims=True)
+    strongest = xyz[np.argmax(np.where(echo, power, -1.0))]
+    noise, excess_db = _anywhere(count, random), random.exponential(1.0, count)
+    level_db = np.full(count, NOISE_SPREAD_DB)
+    if echo.any() and random.random() < 0.5:
+        ridge = random.random(count) < random.uniform(0, AT_ECHO)
+        noise[ridge] = _around(strongest, noise[ridge], random)
+        level_db[ridge] = random.uniform(0, RIDGE_DB)
     radar = frame.radar._replace(xyz=np.where(echo[:, None], xyz, noise))
-    if radar.power is not None:
-        strongest = np.max(radar.power, where=echo, initial=0.0) or 1.0
-        floor = strongest * 10 ** (-random.uniform(*NOISE_DB) / 10)
-        radar = radar._replace(power=np.where(echo, radar.power, np.float32(floor)))
+    if radar.power is not None and valid.any():
+        floor = np.quantile(radar.power[valid], 0.05)
+        above = 10 ** (random.uniform(*ABOVE_DB) / 10)
+        scale = above * floor / np.max(radar.power, where=echo, initial=floor)
+        weak = floor * 10 ** (level_db * excess_db / 10)
+        power = np.where(echo, scale * radar.power, weak).astype(np.float32)
+        radar = radar._replace(power=power)
     seen = frame.lidar_xyz[near(frame.lidar_xyz)]
     return frame._replace(radar=radar, lidar_xyz=seen)
 
@@ -146,6 +156,18 @@ def _anywhere(count, random):
     ahead = np.stack([np.sqrt(1 - sine**2), sine, np.tan(elevation)], -1)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     return (range_m[:, None] * ahead).astype(np.float32)
+
+
+def _around(echo, noise, random):
+    """Points of noise as far away as an echo, most of them near its direction."""
+    range_m = np.linalg.norm(echo)
+    sine = echo[1] / max(np.hypot(*echo[:2]), 1e-6)
+    sine = sine + random.laplace(0, RIDGE_SPREAD, len(noise))
+    sine = np.clip(sine, -0.99, 0.99)
+    slope = noise[:, 2] / np.maximum(np.hypot(noise[:, 0], noise[:, 1]), 1e-6)
+    ahead = np.stack([np.sqrt(1 - sine**2), sine, slope], -1)
+    ahead *= range_m / np.linalg.norm(ahead, axis=1, keepdims=True)
+    return ahead.astype(np.float32)
 
 
 def with_true_points(
