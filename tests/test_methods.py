@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 
 from jradar.diffusion import RangeMixture, window_mass
-from jradar.model import draw, enhance
+from jradar.model import dense_cloud, draw, enhance
 from jradar.model.methods import likeliest_range
 from jradar.radar import Radar
-from jradar.range_image import ConfidenceTable, encode_range, frequency
+from jradar.range_image import (
+    ConfidenceTable,
+    encode_range,
+    frequency,
+    image_cloud,
+    near_echo,
+)
+from jradar.types import PointCloud
 from tests.models import CONDITION_SHAPE, RADAR, SPEC, echoes, one_pass_model
 
 MARGINAL = one_pass_model()
@@ -82,6 +89,23 @@ def test_confidence_is_calibrated_and_cuts_the_image():
     kept = draw(KEY, SOME, model, least_confidence=least)
     sure = np.asarray(found.confidence) >= least
     np.testing.assert_array_equal(kept.range_m > 0, sure & (found.range_m > 0))
+
+
+def test_what_is_alone_must_be_surer():
+    image = draw(KEY, SOME, MARGINAL)
+    hit = np.asarray(image.range_m).ravel() > 0
+    alone = float(np.median(image.confidence))
+    table = MARGINAL.confidence._replace(least_alone=np.float32(alone))
+    model = dataclasses.replace(MARGINAL, confidence=table)
+    xyz = np.asarray(image_cloud(image, SPEC.fine).xyz)
+    points = PointCloud(jnp.asarray(xyz[hit][:3]), jnp.ones(3, bool))
+    near = np.asarray(near_echo(image.range_m, points, SPEC.fine)).ravel()
+    sure = np.asarray(image.confidence).ravel() >= alone
+    valid = np.asarray(dense_cloud(image, points, model).valid)
+    np.testing.assert_array_equal(valid, hit & (near | sure))
+    assert (hit & near).any() and (hit & ~valid).any()
+    asked = dense_cloud(image, points, model, least_confidence=0.0)
+    np.testing.assert_array_equal(asked.valid, hit)
 
 
 def test_the_cloud_carries_confidence_and_velocity():

@@ -2,7 +2,8 @@
 
 A point is right if the LiDAR has one within 0.2 m. The calibration is fitted to the
 points of validation frames, and the least confidence that a point must have is the
-lowest whose mean F-score is within half a point of the best.
+lowest whose mean F-score is within half a point of the best. A point that is not near
+an echo must have as much as leaves that F-score as high.
 """
 
 import dataclasses
@@ -22,6 +23,7 @@ from jradar.range_image import (
     ConfidenceTable,
     fit_confidence,
     frequency,
+    near_echo,
     unproject,
 )
 
@@ -37,6 +39,7 @@ class Judged(NamedTuple):
     confidence: Float[np.ndarray, " point"]
     right: Bool[np.ndarray, " point"]
     truth: Float[np.ndarray, "true_point 3"]
+    near: Bool[np.ndarray, " point"] | None = None  # an echo; None: not known
 
 
 def with_confidence(
@@ -71,7 +74,9 @@ def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
         [f._replace(confidence=np.asarray(frequency(f.confidence, table))) for f in g]
         for g in groups
     ]
-    return ConfidenceTable.of(table.frequencies, least=least_confidence(*fitted))
+    least = least_confidence(*fitted)
+    alone = least_alone(*fitted, least=least)
+    return ConfidenceTable.of(table.frequencies, least=least, least_alone=alone)
 
 
 def judged(
@@ -96,7 +101,9 @@ def judged(
         if len(truth):
             xyz = np.asarray(unproject(image.range_m, spec.fine).xyz)[hit]
             confidence = np.asarray(image.confidence).ravel()[hit]
-            yield Judged(xyz, confidence, near_truth(xyz, truth), truth)
+            near = near_echo(image.range_m, records[i].radar, spec.fine)
+            near = np.asarray(near).ravel()[hit]
+            yield Judged(xyz, confidence, near_truth(xyz, truth), truth, near)
 
 
 def least_confidence(*groups: Sequence[Judged]) -> float:
@@ -106,6 +113,24 @@ def least_confidence(*groups: Sequence[Judged]) -> float:
     """
     scores = np.mean([mean_f_scores(group) for group in groups], axis=0)
     return THRESHOLDS[int(np.flatnonzero(scores >= scores.max() - SPARED)[0])]
+
+
+def least_alone(*groups: Sequence[Judged], least: float) -> float:
+    """Return the highest of THRESHOLDS for points alone that costs no F-score.
+
+    Points near an echo need `least`, and so do all where no point is known to be alone.
+    """
+    if any(frame.near is None for group in groups for frame in group):
+        return least
+
+    def staged(frame):
+        sure = np.where(frame.confidence >= least, np.inf, -np.inf)
+        return frame._replace(confidence=np.where(frame.near, sure, frame.confidence))
+
+    staged_groups = [[*map(staged, group)] for group in groups]
+    scores = np.mean([mean_f_scores(group) for group in staged_groups], axis=0)
+    good = scores >= scores[THRESHOLDS.index(least)]
+    return THRESHOLDS[int(np.flatnonzero(good)[-1])]
 
 
 def mean_f_scores(frames: Sequence[Judged]) -> Float[np.ndarray, " threshold"]:

@@ -26,7 +26,7 @@ from jradar.evaluation.tables import overview, write_tables
 from jradar.model import Model, draw
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
-from jradar.range_image import ImageSpec, image_cloud, unproject
+from jradar.range_image import ImageSpec, unproject
 from jradar.types import PointCloud
 
 CLOUDS_IN_REPORT = 18
@@ -107,14 +107,21 @@ def check_view(model: Model, records: data.Records) -> None:
 def drawn(model: Model, **drawing: Any) -> Method:
     """Return the method that draws the model's cloud with options of `draw`."""
     options = tuple(drawing.items())
-    return lambda key, frame: _cloud(key, frame.pair.condition, model, options)
+
+    def method(key, frame):
+        condition, points = frame.pair.condition, frame.prepared.radar
+        return _cloud(key, condition, points, model, options)
+
+    return method
 
 
 @functools.partial(jax.jit, static_argnames="options")
-def _cloud(key, condition, model, options):
+def _cloud(key, condition, points, model, options):
     """The cloud of one condition; models of the same spec share what is compiled."""
-    image = draw(key, condition, model, **dict(options))
-    return image_cloud(image, model.spec.fine)
+    drawing = dict(options)
+    image = draw(key, condition, model, **drawing)
+    least = drawing.get("least_confidence")
+    return dense_cloud(image, points, model, least_confidence=least)
 
 
 def write_results(

@@ -17,6 +17,7 @@ from jradar.range_image import (
     confident,
     frequency,
     image_cloud,
+    near_echo,
     velocity_image,
 )
 from jradar.types import PointCloud
@@ -90,7 +91,7 @@ def enhance_points(
         temperature=temperature,
         least_confidence=least_confidence,
     )
-    return dense_cloud(image, points, model.spec)
+    return dense_cloud(image, points, model, least_confidence=least_confidence)
 
 
 @jax.jit
@@ -150,9 +151,24 @@ def draw(
     return jax.tree.map(lambda value: jnp.where(condition.any(), value, 0.0), image)
 
 
-@functools.partial(jax.jit, static_argnames="spec")
-def dense_cloud(image: RangeImage, points: PointCloud, spec: ModelSpec) -> PointCloud:
-    """Return the cloud of an image, with the velocities of the radar points near it."""
+@jax.jit
+def dense_cloud(
+    image: RangeImage,
+    points: PointCloud,
+    model: Model,
+    *,
+    least_confidence: float | Float[Array, ""] | None = None,
+) -> PointCloud:
+    """Return the cloud of an image, with the velocities of the radar points near it.
+
+    Pixels that are not `near_echo` need the model's `least_alone` confidence, unless
+    `least_confidence` was asked of all.
+    """
+    spec = model.spec
+    if least_confidence is None and image.confidence is not None:
+        near = near_echo(image.range_m, points, spec.fine)
+        least = jnp.where(near, 0.0, model.confidence.least_alone)
+        image = confident(image, least)
     cloud = image_cloud(image, spec.fine)
     if points.velocity is None:
         return cloud

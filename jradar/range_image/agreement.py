@@ -35,8 +35,10 @@ def agreed_range(images: Float[Array, "draw row column"]) -> RangeImage:
 
 
 @jax.jit
-def confident(image: RangeImage, least: float | Float[Array, ""]) -> RangeImage:
+def confident(image: RangeImage, least: float | Float[Array, "..."]) -> RangeImage:
     """Return the image without pixels of less than the `least` confidence.
+
+    It is one number, or an image of them.
 
     An image without confidence stays as it is.
     """

@@ -25,15 +25,26 @@ UNSURE = 0.5  # mean confidence of a cloud under which it is not to be trusted
 class ConfidenceTable(NamedTuple):
     """Frequencies at equally spaced confidences from 0 to 1, interpolated between.
 
-    Points of less than `least`, after the table, are dropped.
+    Points of less than `least`, after the table, are dropped, and so are those of less
+    than `least_alone` that are not near an echo (`near_echo`).
     """
 
     frequencies: Float[Array | np.ndarray, " knot"]
     least: Float[Array | np.ndarray, ""]
+    least_alone: Float[Array | np.ndarray, ""]
 
     @classmethod
-    def of(cls, frequencies: Any, *, least: float = LEAST) -> "ConfidenceTable":
-        """Return the table, or raise ValueError for one that is not a confidence."""
+    def of(
+        cls,
+        frequencies: Any,
+        *,
+        least: float = LEAST,
+        least_alone: float | None = None,
+    ) -> "ConfidenceTable":
+        """Return the table, or raise ValueError for one that is not a confidence.
+
+        By default points alone are dropped as all others are.
+        """
         values = np.asarray(frequencies, np.float32)
         fits = values.ndim == 1 and len(values) > 1
         fits = fits and values.min() >= 0 and values.max() <= 1
@@ -42,9 +53,11 @@ class ConfidenceTable(NamedTuple):
                 f"frequencies = {frequencies}, expected two or more that rise from 0 "
                 "or more to 1 or less"
             )
-        if not 0 <= least <= 1:
-            raise ValueError(f"least = {least}, expected 0 to 1")
-        return cls(values, np.asarray(least, np.float32))
+        alone = least if least_alone is None else least_alone
+        for name, value in (("least", least), ("least_alone", alone)):
+            if not 0 <= value <= 1:
+                raise ValueError(f"{name} = {value}, expected 0 to 1")
+        return cls(values, np.float32(least), np.float32(alone))
 
 
 IDENTITY = ConfidenceTable.of(np.linspace(0, 1, KNOTS))

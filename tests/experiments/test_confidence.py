@@ -14,6 +14,7 @@ from jradar.evaluation.confidence import (
     THRESHOLDS,
     Judged,
     judged,
+    least_alone,
     least_confidence,
     mean_f_scores,
 )
@@ -52,6 +53,27 @@ def test_scores_above_each_threshold_are_f_scores_of_the_points_kept():
         assert score == pytest.approx(expected) and score > 0
     nothing = found._replace(confidence=np.zeros(300))
     assert (mean_f_scores([nothing]) == 0).all()
+
+
+def test_points_alone_need_what_costs_no_score():
+    # Points near an echo are right from 0 on, those alone from 0.6.
+    near, alone = frame(0.0), frame(0.6)
+    both = near._replace(
+        xyz=np.concatenate([near.xyz, alone.xyz]),
+        confidence=np.tile(near.confidence, 2),
+        right=np.concatenate([near.right, alone.right]),
+        near=np.arange(400) < 200,
+    )
+    assert 0.55 <= least_alone([both], least=0.05) <= THRESHOLDS[-1]
+    assert least_alone([both, alone], least=0.2) == 0.2  # of one it is not known
+    other = both._replace(near=np.arange(400) >= 200)
+    scores = [
+        f_score(both.xyz[np.where(other.near, sure >= 0.3, sure >= least)], both.truth)
+        for sure in [both.confidence]
+        for least in THRESHOLDS
+    ]
+    found = least_alone([other], least=0.3)
+    assert scores[THRESHOLDS.index(found)] >= scores[THRESHOLDS.index(0.3)] - 1e-9
 
 
 @pytest.mark.slow
