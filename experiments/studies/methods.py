@@ -10,8 +10,8 @@ of the test split, next to OS-CFAR at the rate that is best on validation frames
 its points, smeared. `--method` and `--seed` choose what is trained; methods that an
 earlier run has trained in the folder are in the tables, too.
 
-`evaluation/table.md` has a row for each method and seed, `kinds.md` mean F-scores in
-each kind of place, over the seeds.
+`evaluation/table.md` has a row for each method and seed. Over the seeds, `kinds.md` has
+mean F-scores in each kind of place, and `distances.md` by distance from the radar.
 """
 
 import re
@@ -34,9 +34,12 @@ from jradar.evaluation import (
     choose_rates,
     detector_methods,
     markdown_table,
+    points_of,
     read_scores,
+    score_and_keep,
+    score_rings,
     view_of,
-    write_results,
+    write_report,
 )
 from jradar.evaluation.records import TRUTH
 from jradar.files import write_text
@@ -44,6 +47,7 @@ from jradar.model import load_model
 
 METHODS = ("rpdnet", "regression", "diffusion", "one pass", "evidence")
 KEY = 21
+EDGES_M = (0.0, 2.0, 4.0, 6.0, 8.0, 12.0)  # of distances from the radar
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -86,12 +90,25 @@ def study(options: Namespace) -> None:
         methods |= {f"{name}: {k}" if rows else name: m for k, m in found.items()}
     if pairs is None:
         pairs = data.PairSource(records, view.fine, view.fine, num_slices=1)
-    key = jax.random.key(KEY)
-    write_results(key, options.output, view, pairs, methods, every=options.every)
+    rings: list[dict[str, Any]] = []
+
+    def watch(_frame, row, cloud, truth):
+        if row["truth"] == TRUTH:
+            found = score_rings(points_of(cloud), truth, edges=EDGES_M)
+            rings.extend({"method": row["method"]} | ring for ring in found)
+
+    key, every = jax.random.key(KEY), options.every
+    found = score_and_keep(key, view, pairs, methods, every=every, watch=watch)
+    write_report(options.output, *found, {})
     scores = read_scores(options.output / "evaluation" / "frames.jsonl")
-    table = kinds_table(scores)
-    write_text(options.output / "kinds.md", table)
-    print(table)
+    first = [row for row in scores if row["truth"] == TRUTH]
+    for name, rows, part in (
+        ("kinds", first, "scene"),
+        ("distances", rings, "distance"),
+    ):
+        table = parts_table(rows, part)
+        write_text(options.output / f"{name}.md", table)
+        print(table)
 
 
 def config_of(method: str, seed: int, records: Path, steps: int) -> ConfigDict:
@@ -124,21 +141,21 @@ def trained(folder: Path) -> Iterator[tuple[str, Path]]:
                 yield f"{method}, seed {workdir.name.removeprefix('seed_')}", workdir
 
 
-def kinds_table(scores: Iterable[dict[str, Any]]) -> str:
-    """Return Markdown: the mean F-score at 0.2 m (%) by kind, over frames and seeds."""
+def parts_table(rows: Iterable[dict[str, Any]], part: str) -> str:
+    """Return Markdown: the mean F-score at 0.2 m (%) by part, over frames and seeds."""
     found: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-    for row in scores:
-        if row["truth"] == TRUTH:
-            name = re.sub(r", seed \d+", "", row["method"])
-            found[row["scene"]][name].append(row["f_score_0.2"])
-    names = [*dict.fromkeys(name for means in found.values() for name in means)]
-    rows = [
-        [kind, *(f"{100 * np.nanmean(means[name]):.1f}" for name in names)]
-        for kind, means in sorted(found.items())
-    ]
-    means = np.mean([[float(value) for value in row[1:]] for row in rows], 0)
-    rows.append(["**mean of kinds**", *(f"**{value:.1f}**" for value in means)])
-    return markdown_table(["kind", *names], rows)
+    for row in rows:
+        name = re.sub(r", seed \d+", "", row["method"])
+        found[row[part]][name].append(row["f_score_0.2"])
+    names = [*dict.fromkeys(name for scores in found.values() for name in scores)]
+    means = {
+        key: [100 * np.nanmean(scores[name]) for name in names]
+        for key, scores in sorted(found.items())
+    }
+    lines = [[key, *(f"{mean:.1f}" for mean in row)] for key, row in means.items()]
+    overall = np.mean([*means.values()], 0)
+    lines.append(["**mean**", *(f"**{mean:.1f}**" for mean in overall)])
+    return markdown_table([part, *names], lines)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from jradar.evaluation.report import build_report, save_clouds
 from jradar.evaluation.scores import Scores, write_scores
 from jradar.evaluation.statistics import spread
 from jradar.evaluation.tables import overview, write_tables
-from jradar.model import Model, draw
+from jradar.model import Model, dense_cloud, draw
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
 from jradar.range_image import ImageSpec, unproject

@@ -57,7 +57,7 @@ class ConfidenceTable(NamedTuple):
         for name, value in (("least", least), ("least_alone", alone)):
             if not 0 <= value <= 1:
                 raise ValueError(f"{name} = {value}, expected 0 to 1")
-        return cls(values, np.float32(least), np.float32(alone))
+        return cls(values, *(np.asarray(v, np.float32) for v in (least, alone)))
 
 
 IDENTITY = ConfidenceTable.of(np.linspace(0, 1, KNOTS))
