@@ -124,7 +124,7 @@ def least_alone(*groups: Sequence[Judged], least: float) -> float:
         return least
 
     def staged(frame):
-        sure = np.where(frame.confidence >= least, np.inf, -np.inf)
+        sure = np.where(frame.confidence >= least, 1.0, 0.0)
         return frame._replace(confidence=np.where(frame.near, sure, frame.confidence))
 
     staged_groups = [[*map(staged, group)] for group in groups]

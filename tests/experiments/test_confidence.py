@@ -55,25 +55,23 @@ def test_scores_above_each_threshold_are_f_scores_of_the_points_kept():
     assert (mean_f_scores([nothing]) == 0).all()
 
 
-def test_points_alone_need_what_costs_no_score():
-    # Points near an echo are right from 0 on, those alone from 0.6.
-    near, alone = frame(0.0), frame(0.6)
-    both = near._replace(
-        xyz=np.concatenate([near.xyz, alone.xyz]),
-        confidence=np.tile(near.confidence, 2),
-        right=np.concatenate([near.right, alone.right]),
-        near=np.arange(400) < 200,
-    )
-    assert 0.55 <= least_alone([both], least=0.05) <= THRESHOLDS[-1]
-    assert least_alone([both, alone], least=0.2) == 0.2  # of one it is not known
-    other = both._replace(near=np.arange(400) >= 200)
+def test_points_alone_need_as_much_as_costs_no_score():
+    random = np.random.default_rng(4)
+    truth = random.normal(size=(300, 3))
+    away = np.where(np.arange(400) < 200, 0.1, 0.3)  # those near an echo are better
+    xyz = random.permutation(truth)[random.integers(0, 300, 400)]
+    xyz = xyz + random.normal(size=(400, 3)) * away[:, None]
+    near = np.arange(400) < 200
+    found = Judged(xyz, random.random(400), near_truth(xyz, truth), truth, near)
     scores = [
-        f_score(both.xyz[np.where(other.near, sure >= 0.3, sure >= least)], both.truth)
-        for sure in [both.confidence]
+        f_score(xyz[found.confidence >= np.where(near, 0.2, least)], truth)
         for least in THRESHOLDS
     ]
-    found = least_alone([other], least=0.3)
-    assert scores[THRESHOLDS.index(found)] >= scores[THRESHOLDS.index(0.3)] - 1e-9
+    before = scores[THRESHOLDS.index(0.2)]
+    expected = max(t for t, s in zip(THRESHOLDS, scores, strict=True) if s >= before)
+    assert least_alone([found], least=0.2) == expected
+    unknown = found._replace(near=None)
+    assert least_alone([found, unknown], least=0.2) == 0.2
 
 
 @pytest.mark.slow
