@@ -21,7 +21,7 @@ import numpy as np
 
 from jradar import stream
 from jradar.model import load_model
-from jradar.radar import RadarSpec
+from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
 
 SHAPES = 8  # frames that are played again and again
@@ -78,7 +78,7 @@ def soak(options: argparse.Namespace) -> dict[str, Any]:
     radar = RadarSpec.awr1843()
     frames, network = noise_frames(radar), stream.loopback_network()
     recording = Recording(
-        "soak", Path("soak"), radar, Stream(frames.__getitem__, SHAPES)
+        "soak", Path("soak"), Radar(radar), Stream(frames.__getitem__, SHAPES)
     )
     model = None if options.model == "none" else load_model(options.model)
     drawing = stream.quickest(model, draws=None, steps=None)

@@ -1,10 +1,12 @@
 """Benchmarks: rounds and ratios of the harness; names and peers of all cases."""
 
 import importlib
+import json
 from pathlib import Path
 
 import pytest
 
+from benchmarks import soak_stream
 from benchmarks.harness import Case, Timing, available, measure
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
@@ -64,3 +66,11 @@ def test_cases_have_unique_names_and_peers(room, capsys):
     if alone and left_out:
         pytest.skip(f"{len(alone)} cases have no installed peer: {left_out}")
     assert not alone
+
+
+@pytest.mark.slow
+def test_a_live_session_without_a_model_publishes_what_was_sent(capsys):
+    soak_stream.main(["--seconds", "1", "--rate", "4"])
+    printed = capsys.readouterr().out
+    found = json.loads(printed[printed.index("{") :])
+    assert found["published and bit-identical"] == found["frames published"] > 0
