@@ -11,9 +11,8 @@ import time
 from collections import deque
 
 from jradar.stream.assembler import Assembler, Counts, Frame
-from jradar.stream.batches import address_bytes, batch_reader
 from jradar.stream.protocol import MOST_PACKET, NetworkSpec
-from jradar.stream.sockets import udp_socket
+from jradar.stream.sockets import address_bytes, batch_reader, udp_socket
 
 WAKE_S = 0.1  # after which the thread looks whether it is to end
 FRAMES_IN_SOCKET = 2
