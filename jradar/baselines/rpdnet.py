@@ -16,6 +16,7 @@ the paper's public code. Normalisation is over each map here, and over batches t
 """
 
 import flax.linen as nn
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -80,15 +81,20 @@ def _halved(x):
 
     The last cell of an odd axis stands alone.
     """
-    odd = [(0, size % 2) for size in x.shape[1:3]]
-    x = jnp.pad(x, ((0, 0), *odd, (0, 0)), mode="edge")
+    for axis in (1, 2):
+        if x.shape[axis] % 2:
+            last = jax.lax.slice_in_dim(x, -1, None, axis=axis)
+            x = jnp.concatenate([x, last], axis)
     batch, rows, columns, channels = x.shape
     return x.reshape(batch, rows // 2, 2, columns // 2, 2, channels).max((2, 4))
 
 
 def _enlarged(x, times, shape):
-    x = jnp.repeat(jnp.repeat(x, times, 1), times, 2)
-    return x[:, : shape[0], : shape[1]]
+    for axis, size in enumerate(shape, 1):
+        x = jnp.repeat(x, times, axis)
+        if x.shape[axis] > size:
+            x = jax.lax.slice_in_dim(x, 0, size, axis=axis)
+    return x
 
 
 def _norm(x):
