@@ -63,7 +63,8 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     tables = (elsewhere / "evaluation" / "protocols.md").read_text()
     assert "not trained on, rotated by 20 degrees" in tables
     values = json.loads((tmp_path / "weights.json").read_text())
-    values["confidence"] = {"frequencies": [0.0, 0.25, 0.5], "least": 0.125}
+    least = {"least": 0.125, "least_alone": 0.125}
+    values["confidence"] = {"frequencies": [0.0, 0.25, 0.5], **least}
     (tmp_path / "weights.json").write_text(json.dumps(values))
     config.confidence.description = str(tmp_path / "weights.json")
     task.evaluate(config, elsewhere)
