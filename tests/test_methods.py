@@ -108,6 +108,38 @@ def test_what_is_alone_must_be_surer():
     np.testing.assert_array_equal(asked.valid, hit)
 
 
+def test_the_radars_own_points_are_kept_with_a_confidence_of_their_own():
+    image = draw(KEY, SOME, MARGINAL)
+    random = np.random.default_rng(0)
+    xyz = np.concatenate([random.normal([3, 0, 0], 0.1, (30, 3)), [[6.0, 1.0, 0.5]]])
+    points = PointCloud.from_xyz(xyz)._replace(velocity=jnp.arange(31.0))
+    pixels = dense_cloud(image, points, MARGINAL)
+    assert pixels.valid.shape == (np.prod(SPEC.fine.shape),)
+    table = ConfidenceTable.of((0.0, 1.0), least=0.3)
+    model = dataclasses.replace(MARGINAL, echoes=table)
+    found = dense_cloud(image, points, model)
+    jax.tree.map(
+        lambda part, whole: np.testing.assert_array_equal(part, whole[: len(part)]),
+        pixels,
+        found,
+    )
+    added = jax.tree.map(lambda values: values[len(pixels.valid) :], found)
+    valid = np.asarray(added.valid)
+    assert valid.sum() == 300 and not valid[300:].any()  # the last is alone
+    expected = np.log(30) / np.log(1024)
+    np.testing.assert_allclose(np.asarray(added.confidence)[valid], expected, rtol=1e-5)
+    np.testing.assert_array_equal(np.asarray(added.velocity)[:300:10], np.arange(30.0))
+    for options, count in (
+        ({"least_confidence": 0.6}, 0),
+        ({"least_confidence": 0.0}, 310),
+        ({"fused": True}, 300),
+    ):
+        asked = dense_cloud(image, points, model, **options)
+        assert np.asarray(asked.valid)[len(pixels.valid) :].sum() == count
+    sampled = image._replace(confidence=None)
+    assert dense_cloud(sampled, points, model).valid.shape == pixels.valid.shape
+
+
 def test_the_cloud_carries_confidence_and_velocity():
     cloud = enhance(KEY, echoes(), Radar(RADAR), MARGINAL)
     valid = np.asarray(cloud.valid)

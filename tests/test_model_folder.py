@@ -18,7 +18,7 @@ from jradar import model as models
 from jradar.errors import ModelError
 from jradar.model import Model, draw, load_model, save_model, shipped_models
 from jradar.radar import PointSpec
-from jradar.range_image import ImageSpec, fit_trust
+from jradar.range_image import ConfidenceTable, ImageSpec, fit_trust
 from tests.models import CONDITION_SHAPE, tiny_model
 
 
@@ -111,6 +111,22 @@ def test_what_conditions_looked_like_in_training_is_kept(tmp_path, model):
     path.write_text(json.dumps(text))
     with pytest.raises(ModelError, match="not usable: whitening has"):
         load_model(tmp_path / "m")
+
+
+def test_the_confidence_of_echoes_is_kept_and_earlier_files_have_none(tmp_path, model):
+    echoes = ConfidenceTable.of((0.0, 0.3, 0.8), least=0.1)
+    save_model(tmp_path / "m", dataclasses.replace(model, echoes=echoes))
+    found = load_model(tmp_path / "m").echoes
+    for one, kept in zip(found, echoes, strict=True):
+        np.testing.assert_allclose(one, kept, atol=1e-6)
+    path = tmp_path / "m" / "model.json"
+    text = json.loads(path.read_text())
+    path.write_text(json.dumps(text | {"echoes": text["echoes"] | {"least": 2.0}}))
+    with pytest.raises(ModelError, match="not usable: least = 2.0"):
+        load_model(tmp_path / "m")
+    del text["echoes"]
+    path.write_text(json.dumps(text))
+    assert load_model(tmp_path / "m").echoes is None
 
 
 def test_a_missing_model_is_named_with_the_shipped_ones(tmp_path):

@@ -16,6 +16,7 @@ of how many frames a model warns because their radar points look unlike training
 how many because their mean confidence is low.
 """
 
+import math
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
@@ -135,7 +136,8 @@ def score_shift(
         prefix = f"{name}: " if len(models) > 1 else ""
         found = model_methods(config, model)
         last = [*found][-1]
-        found[last] = _watched(found[last], seen.setdefault(name, {}))
+        pixels = math.prod(model.spec.fine.shape)
+        found[last] = _watched(found[last], pixels, seen.setdefault(name, {}))
         chosen = [last] if quick else [*found]
         methods |= {prefix + row: found[row] for row in chosen}
     if pairs is None:
@@ -145,13 +147,14 @@ def score_shift(
         yield row | {"scene": shift, "sequence": f"{shift} {row['sequence']}"}
 
 
-def _watched(method: Method, seen: dict[Place, float]) -> Method:
-    """The method, noting the mean confidence of each frame's cloud; 0 if empty."""
+def _watched(method: Method, pixels: int, seen: dict[Place, float]) -> Method:
+    """The method, noting the mean confidence of each frame's image; 0 if empty."""
 
     def call(key, frame):
         cloud = method(key, frame)
         if cloud.confidence is not None:
-            kept = np.asarray(cloud.confidence)[np.asarray(cloud.valid)]
+            valid = np.asarray(cloud.valid)[:pixels]
+            kept = np.asarray(cloud.confidence)[:pixels][valid]
             place = frame.prepared.sequence, frame.prepared.frame
             seen[place] = float(kept.mean()) if len(kept) else 0.0
         return cloud

@@ -3,7 +3,9 @@
 A point is right if the LiDAR has one within 0.2 m. The calibration is fitted to the
 points of validation frames, and the least confidence that a point must have is the
 lowest whose mean F-score is within half a point of the best. A point that is not near
-an echo must have as much as leaves that F-score as high.
+an echo must have as much as leaves that F-score as high. The points around the radar's
+own have a calibration of their own, and need the highest confidence whose F-score, of
+them and the model's, is within half a point of the best.
 """
 
 import dataclasses
@@ -21,11 +23,15 @@ from jradar.model import Model, draw
 from jradar.range_image import (
     IDENTITY,
     ConfidenceTable,
+    ImageSpec,
+    crowding,
     fit_confidence,
     frequency,
     near_echo,
+    surroundings,
     unproject,
 )
+from jradar.types import PointCloud
 
 FRAMES = 96  # of each folder of records
 THRESHOLDS = tuple(np.round(np.arange(0.05, 0.71, 0.05), 2).tolist())
@@ -40,12 +46,13 @@ class Judged(NamedTuple):
     right: Bool[np.ndarray, " point"]
     truth: Float[np.ndarray, "true_point 3"]
     near: Bool[np.ndarray, " point"] | None = None  # an echo; None: not known
+    echoes: "Judged | None" = None  # the points around the radar's, by `crowding`
 
 
 def with_confidence(
     key: jax.Array, model: Model, *sets: Sequence[PreparedFrame]
 ) -> Model:
-    """Return the model with a table of confidence that was fitted to these frames.
+    """Return the model with tables of confidence that were fitted to these frames.
 
     Each set counts as much as another, however many frames it has. A model without
     confidence, or frames without a point, leave it as it is.
@@ -55,7 +62,9 @@ def with_confidence(
     groups = [group for group in groups if any(len(f.xyz) for f in group)]
     if not groups:
         return model
-    return dataclasses.replace(model, confidence=fitted_confidence(*groups))
+    table = fitted_confidence(*groups)
+    echoes = fitted_echoes(*groups, table=table)
+    return dataclasses.replace(model, confidence=table, echoes=echoes)
 
 
 def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
@@ -63,20 +72,60 @@ def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
 
     Each group counts as much as another. Raises ValueError for frames without a point.
     """
+    table = _fitted(groups)
+    fitted = [[_told(frame, table) for frame in group] for group in groups]
+    least = least_confidence(*fitted)
+    alone = least_alone(*fitted, least=least)
+    return ConfidenceTable.of(table.frequencies, least=least, least_alone=alone)
+
+
+def fitted_echoes(
+    *groups: Sequence[Judged], table: ConfidenceTable
+) -> ConfidenceTable | None:
+    """Return the table of the points around the radar's, by their crowding.
+
+    `table` is that of the model's own points. Without a point of the radar, None.
+    """
+    echoes = [[f.echoes for f in group if f.echoes is not None] for group in groups]
+    if not any(len(frame.xyz) for group in echoes for frame in group):
+        return None
+    found = _fitted(echoes)
+    joined = [[_joined(frame, table, found) for frame in group] for group in groups]
+    scores = np.mean([mean_f_scores(group) for group in joined], axis=0)
+    good = np.flatnonzero(scores >= scores.max() - SPARED)
+    return ConfidenceTable.of(found.frequencies, least=THRESHOLDS[int(good[-1])])
+
+
+def _fitted(groups: Sequence[Sequence[Judged]]) -> ConfidenceTable:
+    """Fit the frequencies to groups of equal weight."""
     points = [
         (frame.confidence, frame.right, np.full(len(frame.xyz), 1 / len(group)))
         for group in groups
         for frame in group
     ]
     said, right, weights = map(np.concatenate, zip(*points, strict=True))
-    table = fit_confidence(said, right, weights=weights)
-    fitted = [
-        [f._replace(confidence=np.asarray(frequency(f.confidence, table))) for f in g]
-        for g in groups
-    ]
-    least = least_confidence(*fitted)
-    alone = least_alone(*fitted, least=least)
-    return ConfidenceTable.of(table.frequencies, least=least, least_alone=alone)
+    return fit_confidence(said, right, weights=weights)
+
+
+def _told(frame: Judged, table: ConfidenceTable) -> Judged:
+    """The frame's points with the confidence of the table."""
+    return frame._replace(confidence=np.asarray(frequency(frame.confidence, table)))
+
+
+def _joined(frame: Judged, table: ConfidenceTable, echoes: ConfidenceTable) -> Judged:
+    """The points that the model's table keeps, as sure ones, and those of the radar."""
+    told = _told(frame, table)
+    least = table.least
+    if frame.near is not None:
+        least = np.where(frame.near, least, np.maximum(least, table.least_alone))
+    kept = told.confidence >= least
+    drawn = (told.xyz[kept], np.ones(kept.sum()), told.right[kept])
+    if frame.echoes is None:
+        return Judged(*drawn, frame.truth)
+    around = _told(frame.echoes, echoes)
+    added = (around.xyz, around.confidence, around.right)
+    parts = zip(drawn, added, strict=True)
+    return Judged(*map(np.concatenate, parts), frame.truth)
 
 
 def judged(
@@ -101,9 +150,26 @@ def judged(
         if len(truth):
             xyz = np.asarray(unproject(image.range_m, spec.fine).xyz)[hit]
             confidence = np.asarray(image.confidence).ravel()[hit]
-            near = near_echo(image.range_m, records[i].radar, spec.fine)
+            points = records[i].radar
+            near = near_echo(image.range_m, points, spec.fine)
             near = np.asarray(near).ravel()[hit]
-            yield Judged(xyz, confidence, near_truth(xyz, truth), truth, near)
+            yield Judged(
+                xyz,
+                confidence,
+                near_truth(xyz, truth),
+                truth,
+                near,
+                _around(points, truth, spec.fine),
+            )
+
+
+def _around(points: PointCloud, truth: np.ndarray, view: ImageSpec) -> Judged:
+    """The points around the radar's, with their crowding as confidence."""
+    points = points._replace(confidence=crowding(points, view))
+    around = surroundings(points, view)
+    valid = np.asarray(around.valid)
+    xyz, said = (np.asarray(part)[valid] for part in (around.xyz, around.confidence))
+    return Judged(xyz, said, near_truth(xyz, truth), truth)
 
 
 def least_confidence(*groups: Sequence[Judged]) -> float:

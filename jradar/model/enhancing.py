@@ -15,9 +15,11 @@ from jradar.range_image import (
     RangeImage,
     condition_image,
     confident,
+    crowding,
     frequency,
     image_cloud,
     near_echo,
+    surroundings,
     velocity_image,
 )
 from jradar.types import PointCloud
@@ -151,31 +153,41 @@ def draw(
     return jax.tree.map(lambda value: jnp.where(condition.any(), value, 0.0), image)
 
 
-@jax.jit
+@functools.partial(jax.jit, static_argnames="fused")
 def dense_cloud(
     image: RangeImage,
     points: PointCloud,
     model: Model,
     *,
     least_confidence: float | Float[Array, ""] | None = None,
+    fused: bool = False,
 ) -> PointCloud:
-    """Return the cloud of an image, with the velocities of the radar points near it.
+    """Return the cloud of an image, and of what is around the radar's points.
 
     Pixels that are not `near_echo` need the model's `least_alone` confidence, unless
-    `least_confidence` was asked of all.
+    `least_confidence` was asked of all, or the image is `fused` of several frames: not
+    all their echoes are in `points`. After the pixels come the `surroundings` of the
+    radar's points, if the model has a table of their confidence and the image has a
+    confidence. Points have the velocities of the radar's points near them.
     """
-    spec = model.spec
-    if least_confidence is None and image.confidence is not None:
+    spec, echoes = model.spec, model.echoes
+    if least_confidence is None and not fused and image.confidence is not None:
         near = near_echo(image.range_m, points, spec.fine)
         least = jnp.where(near, 0.0, model.confidence.least_alone)
         image = confident(image, least)
     cloud = image_cloud(image, spec.fine)
-    if points.velocity is None:
+    if points.velocity is not None:
+        velocity = velocity_image(
+            image.range_m, points, spec.coarse, num_slices=spec.num_slices
+        )
+        cloud = cloud._replace(velocity=velocity.ravel())
+    if cloud.confidence is None or echoes is None:
         return cloud
-    velocity = velocity_image(
-        image.range_m, points, spec.coarse, num_slices=spec.num_slices
-    )
-    return cloud._replace(velocity=velocity.ravel())
+    found = frequency(crowding(points, spec.fine), echoes)
+    least = echoes.least if least_confidence is None else least_confidence
+    kept = points._replace(valid=points.valid & (found >= least), confidence=found)
+    added = surroundings(kept, spec.fine)
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), cloud, added)
 
 
 def _points(cube, radar: Radar, spec: ModelSpec) -> PointCloud:

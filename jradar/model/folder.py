@@ -124,7 +124,7 @@ def save_model(
 
 def _model_to_json(model: Model) -> dict[str, Any]:
     """Everything but the parameters as JSON takes it."""
-    spec, card, trust = model.spec, model.card, model.trust
+    spec, card = model.spec, model.card
     noise, dtype = spec.noise, str(getattr(spec.network, "dtype", "float32"))
     other = {} if dtype == "float32" else {"dtype": dtype}
     return {
@@ -134,7 +134,8 @@ def _model_to_json(model: Model) -> dict[str, Any]:
         "network": network_fields(spec.network) | other,
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
         "confidence": table_to_json(model.confidence),
-        "trust": None if trust is None else table_to_json(trust),
+        "trust": None if model.trust is None else table_to_json(model.trust),
+        "echoes": None if model.echoes is None else table_to_json(model.echoes),
         "card": dataclasses.asdict(card),
     }
 
@@ -151,6 +152,8 @@ def _model_from_json(values: dict[str, Any]) -> Model:
     confidence = ConfidenceTable.of(**values.pop("confidence"))
     if (trust := values.pop("trust")) is not None:
         trust = TrustTable.of(**trust)
+    if (echoes := values.pop("echoes", None)) is not None:  # earlier files lack it
+        echoes = ConfidenceTable.of(**echoes)
     network = network_from_json(values.pop("network"))
     noise = values.pop("noise")
     prediction = PREDICTIONS[noise.pop("prediction")]
@@ -160,7 +163,7 @@ def _model_from_json(values: dict[str, Any]) -> Model:
         if image.height * image.width > MAX_PIXELS:
             size = f"{image.height} x {image.width} pixels"
             raise ValueError(f"{name} has {size}, expected at most {MAX_PIXELS:,}")
-    return Model({}, spec, card, confidence, trust)
+    return Model({}, spec, card, confidence, trust, echoes)
 
 
 def card_from_json(values: dict[str, Any]) -> Card:

@@ -77,19 +77,20 @@ class Model:
     card: Card = Card()
     confidence: ConfidenceTable = IDENTITY
     trust: TrustTable | None = None  # what conditions looked like in training
+    echoes: ConfidenceTable | None = None  # of points around the radar's, by `crowding`
 
     def tree_flatten_with_keys(self) -> tuple[Iterable[tuple[Any, Any]], Any]:
         """The parts that are arrays, and the static ones."""
-        names = ("params", "confidence", "trust")
+        names = ("params", "confidence", "trust", "echoes")
         leaves = [(jax.tree_util.GetAttrKey(n), getattr(self, n)) for n in names]
         return leaves, (self.spec, _Passenger(self.card))
 
     @classmethod
     def tree_unflatten(cls, static: Any, leaves: Iterable[Any]) -> "Model":
         """The model of parts that `tree_flatten_with_keys` returned."""
-        params, confidence, trust = leaves
+        params, *tables = leaves
         spec, passenger = static
-        return cls(params, spec, passenger.card, confidence, trust)
+        return cls(params, spec, passenger.card, *tables)
 
     def __repr__(self) -> str:
         """One line: method, size, view, and what it was trained on."""

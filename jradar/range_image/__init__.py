@@ -10,6 +10,7 @@ close_gaps                              fill pixels between a LiDAR's beams
 observed_pixels, pattern_reach          pixels that are not between two beams
 agreed_range, confident                 what several images agree on; sure pixels alone
 near_echo                               pixels near an echo that stands out
+surroundings, crowding                  points around the radar's, and how many are near
 ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
                                         confidence that holds on new frames
 velocity_image                          the radar's velocity at each pixel
@@ -39,7 +40,11 @@ from jradar.range_image.confidence import (
     frequency as frequency,
 )
 from jradar.range_image.doppler import velocity_image as velocity_image
-from jradar.range_image.evidence import near_echo as near_echo
+from jradar.range_image.evidence import (
+    crowding as crowding,
+    near_echo as near_echo,
+    surroundings as surroundings,
+)
 from jradar.range_image.grid import (
     ImageSpec as ImageSpec,
     pixel_directions as pixel_directions,

@@ -1,23 +1,33 @@
-"""Pixels near an echo that stands out of the noise, and those that are alone.
+"""What the radar's points say of a cloud: which pixels are alone, and what is added.
 
 A network completes surfaces from little: some of what it draws lies far from all that
 the radar measured. That may be the rest of a wall, or a wall that is not there, drawn
-around a single strong echo. So what is alone must be surer to be kept.
+around a single strong echo. So what is alone must be surer to be kept (`near_echo`).
+
+A network also leaves out what the radar has found, most of all far away. So each of the
+radar's points is in the cloud as a few points around it (`surroundings`). How sure they
+are depends on how many others are near (`crowding`): where points gather there is a
+surface, and a single one is as often noise.
 """
 
 import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jradar.range_image.grid import ImageSpec
+from jradar.range_image.grid import ImageSpec, pixel_of
 from jradar.range_image.projection import unproject
 from jradar.types import PointCloud
 
 LEAST_SNR = 4.0  # of a point that stands out, 6 dB
 CELLS = 48  # in the largest range
 REACH = 2  # cells, to a side
+AROUND = 10  # points for each point of the radar
+WIDE_M = 0.3  # their deviation up and down, and to the sides
+DEEP_M = 0.1  # and along the line of sight
+CROWD = 1024.0  # points that make a crowding of 1
 
 
 @functools.partial(jax.jit, static_argnames="spec")
@@ -30,26 +40,75 @@ def near_echo(
     about 0.5 m of 12. Without SNR all points stand out. Pixels without a range are not
     near anything. One image; `vmap` it.
     """
-    half = CELLS + 1
-    size = 2 * half
-
-    def cells(xyz):
-        index = jnp.floor(xyz * (CELLS / spec.max_range_m)).astype(jnp.int32) + half
-        inside = ((index >= 0) & (index < size)).all(-1)
-        return tuple(jnp.moveaxis(jnp.clip(index, 0, size - 1), -1, 0)), inside
-
     loud = (
         points.valid if points.snr is None else points.valid & (points.snr >= LEAST_SNR)
     )
-    place, inside = cells(points.xyz)
-    marked = jnp.zeros((size,) * 3, bool).at[place].max(loud & inside)
+    cloud = unproject(range_m, spec)
+    near = _count_near(cloud.xyz, points.xyz, loud, spec) > 0
+    return (near & cloud.valid).reshape(range_m.shape)
+
+
+@functools.partial(jax.jit, static_argnames="spec")
+def crowding(points: PointCloud, spec: ImageSpec) -> Float[Array, " point"]:
+    """Return how many points are near each point: 0 for itself alone, 1 for 1,024.
+
+    The scale is logarithmic. Near is as in `near_echo`. One cloud; `vmap` it.
+    """
+    count = _count_near(points.xyz, points.xyz, points.valid, spec)
+    return jnp.clip(jnp.log(jnp.maximum(count, 1.0)) / np.log(CROWD), 0.0, 1.0)
+
+
+@functools.partial(jax.jit, static_argnames="spec")
+def surroundings(points: PointCloud, spec: ImageSpec) -> PointCloud:
+    """Return ten points around each point, in a disc across the line of sight.
+
+    They have the velocity and confidence of their point, and are valid if both are in
+    the field of view of `spec`. A surface that reflects to the radar mostly faces it,
+    and goes on to all sides. One cloud; `vmap` it.
+    """
+    xyz = jnp.where(points.valid[:, None], points.xyz, jnp.asarray((1.0, 0.0, 0.0)))
+    ahead = xyz / jnp.linalg.norm(xyz, axis=-1, keepdims=True)
+    ground = jnp.linalg.norm(ahead[:, :2], axis=-1, keepdims=True)
+    left = jnp.concatenate([-ahead[:, 1:2], ahead[:, :1], 0 * ground], -1) / ground
+    axes = jnp.stack([ahead, left, jnp.cross(ahead, left)], 1)
+    around = xyz[:, None] + jnp.asarray(_disc(), xyz.dtype) @ axes
+    inside = pixel_of(around, spec)[-1] & pixel_of(xyz, spec)[-1][:, None]
+    valid = (inside & points.valid[:, None]).ravel()
+    velocity, confidence = points.velocity, points.confidence
+    if velocity is not None:
+        velocity = velocity.repeat(AROUND)
+    if confidence is not None:
+        confidence = jnp.where(valid, confidence.repeat(AROUND), 0.0)
+    xyz = around.reshape(-1, 3)
+    return PointCloud(xyz, valid, velocity, confidence=confidence)
+
+
+def _disc():
+    """Steps [point, 3] ahead, to the left and up: a Gaussian, evenly sampled."""
+    share = (np.arange(AROUND) + 0.5) / AROUND
+    radius = WIDE_M * np.sqrt(-2 * np.log(1 - share))
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(AROUND)  # the golden angle
+    deep = DEEP_M * np.where(np.arange(AROUND) % 2, 1, -1)
+    return np.stack([deep, radius * np.cos(angle), radius * np.sin(angle)], -1)
+
+
+def _count_near(xyz, others, counted, spec):
+    """How many of the counted others are near each point, as float32."""
+    half = CELLS + 1
+    size = 2 * half
+
+    def cells(places):
+        index = jnp.floor(places * (CELLS / spec.max_range_m)).astype(jnp.int32) + half
+        inside = ((index >= 0) & (index < size)).all(-1)
+        return tuple(jnp.moveaxis(jnp.clip(index, 0, size - 1), -1, 0)), inside
+
+    place, inside = cells(others)
+    counts = jnp.zeros((size,) * 3).at[place].add(jnp.where(counted & inside, 1.0, 0.0))
     for axis in range(3):
         window = [1, 1, 1]
         window[axis] = 2 * REACH + 1
-        marked = jax.lax.reduce_window(
-            marked, False, jax.lax.bitwise_or, tuple(window), (1, 1, 1), "SAME"
+        counts = jax.lax.reduce_window(
+            counts, 0.0, jax.lax.add, tuple(window), (1, 1, 1), "SAME"
         )
-    cloud = unproject(range_m, spec)
-    place, inside = cells(cloud.xyz)
-    near = marked[place] & inside & cloud.valid
-    return near.reshape(range_m.shape)
+    place, inside = cells(xyz)
+    return jnp.where(inside, counts[place], 0.0)

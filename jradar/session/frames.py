@@ -10,6 +10,7 @@ as its slowest thread, if there are cores enough.
 
 import collections
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple
@@ -43,7 +44,7 @@ class Frame(NamedTuple):
     points: PointCloud  # of the radar
     image: RangeImage | PlanarImage
     cloud: PointCloud
-    confidence: float | None  # mean over the cloud; None if it has none
+    confidence: float | None  # mean over the image's points; None if it has none
     unlikeness: float | None  # share of training frames that are more usual
     warnings: tuple[str, ...]
 
@@ -51,6 +52,11 @@ class Frame(NamedTuple):
     def empty(self) -> bool:
         """Whether the detector found nothing."""
         return not np.asarray(self.points.valid).any()
+
+    @property
+    def pixels(self) -> Bool[np.ndarray, "row column"]:
+        """Which pixels of the image are points of the cloud."""
+        return _pixels(self.image, self.cloud)
 
     def describe(self) -> dict[str, int | float]:
         """Return the numbers of points, and how far to trust them."""
@@ -156,10 +162,9 @@ class Enhancement(Iterator[Frame]):
 
     def _frame(self, number: int, heard: Heard, detected, image, cloud) -> Frame:
         power, cells = detected
-        kept = np.asarray(cloud.valid)
-        confidence = None
-        if cloud.confidence is not None and kept.any():
-            confidence = float(np.asarray(cloud.confidence)[kept].mean())
+        kept, confidence = _pixels(image, cloud), None
+        if image.confidence is not None and kept.any():
+            confidence = float(np.asarray(image.confidence)[kept].mean())
         strange = None if heard.unlikeness is None else float(heard.unlikeness)
         frame = Frame(
             number=number,
@@ -176,6 +181,12 @@ class Enhancement(Iterator[Frame]):
         )
         found = warnings.of_frames([frame], self.recording.radar)
         return frame._replace(warnings=tuple(found))
+
+
+def _pixels(image: RangeImage | PlanarImage, cloud: PointCloud) -> np.ndarray:
+    """Which pixels are points: a cloud begins with those of its image."""
+    shape = np.shape(image[0])
+    return np.asarray(cloud.valid)[: math.prod(shape)].reshape(shape)
 
 
 def enhance_recording(

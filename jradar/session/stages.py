@@ -111,9 +111,8 @@ class _Programs:
         return fusion.fused(seen, poses, model, least_confidence=least)
 
     def projected(self, key, radar, model, image, points):
-        # Earlier frames have echoes that the present one has not.
-        least = 0.0 if self.count > 1 else self.least_confidence
-        return dense_cloud(image, points, model, least_confidence=least)
+        least, fused = self.least_confidence, self.count > 1
+        return dense_cloud(image, points, model, least_confidence=least, fused=fused)
 
     def detected(self, _key, radar, _model, samples):
         power = power_map(samples, remove_static=self.points.remove_static)

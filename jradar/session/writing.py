@@ -111,16 +111,16 @@ class FrameFolder:
         self, frame: Frame, recording: Recording, model: AnyModel
     ) -> list[str]:
         """Write the clouds of a frame, and its images; returns the paths."""
-        image, kept = frame.image, np.asarray(frame.cloud.valid)
+        image, kept = frame.image, frame.pixels
         if isinstance(image, PlanarImage):
             view = ImageSpec(PIXELS, PIXELS, max_range_m=MAX_RANGE_M)
-            seen = np.where(kept.reshape(image.confidence.shape), image.confidence, 0)
+            seen = np.where(kept, image.confidence, 0)
             arrays = {"polar_image": np.asarray(image.radar), "occupancy": seen}
             shown = {"polar": arrays["polar_image"]}
         else:
             spec: Any = model.spec
             view = spec.fine
-            seen = np.where(kept.reshape(image.range_m.shape), image.range_m, 0)
+            seen = np.where(kept, image.range_m, 0)
             arrays = {"range_image": seen}
             shown = {"metres": seen}
         figure = functools.partial(

@@ -13,6 +13,7 @@ from jradar.evaluation import near_truth
 from jradar.evaluation.confidence import (
     THRESHOLDS,
     Judged,
+    fitted_echoes,
     judged,
     least_alone,
     least_confidence,
@@ -72,6 +73,35 @@ def test_points_alone_need_as_much_as_costs_no_score():
     assert least_alone([found], least=0.2) == expected
     unknown = found._replace(near=None)
     assert least_alone([found, unknown], least=0.2) == 0.2
+
+
+def test_echoes_are_kept_as_far_as_they_cost_no_score():
+    random = np.random.default_rng(2)
+    truth = random.uniform(0, 3, (400, 3))
+    seen = truth[:200] + random.normal(0, 0.05, (200, 3))
+    drawn = Judged(
+        np.concatenate([seen, truth[200:250] + 9.0]),
+        np.repeat([0.9, 0.1], [200, 50]),
+        np.repeat([True, False], [200, 50]),
+        truth,
+        np.ones(250, bool),
+    )
+    # Of echoes that gather, those near the other half of the truth, three in four are
+    # right; of the others one in fifty.
+    count = 400
+    crowd = np.repeat([0.8, 0.2], count // 2)
+    wrong = random.random(count) > np.where(crowd > 0.5, 0.75, 0.02)
+    xyz = truth[200 + np.arange(count) % 200] + 20.0 * wrong[:, None]
+    echoes = Judged(xyz, crowd, near_truth(xyz, truth), truth)
+    table = ConfidenceTable.of((0.0, 1.0), least=0.5)
+    frame = drawn._replace(echoes=echoes)
+    found = fitted_echoes([frame], table=table)
+    assert found is not None
+    right = [echoes.right[crowd == c].mean() for c in (0.2, 0.8)]
+    np.testing.assert_allclose(frequency(np.array([0.2, 0.8]), found), right, atol=0.05)
+    kept = np.asarray(frequency(crowd, found)) >= found.least
+    np.testing.assert_array_equal(kept, crowd > 0.5)
+    assert fitted_echoes([drawn], table=table) is None
 
 
 @pytest.mark.slow

@@ -1,10 +1,17 @@
-"""Pixels near an echo: by distance along each axis, of points that stand out alone."""
+"""Evidence: pixels near an echo, points that gather, and what lies around them."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from jradar.range_image import ImageSpec, near_echo, unproject
+from jradar.range_image import (
+    ImageSpec,
+    crowding,
+    near_echo,
+    surroundings,
+    unproject,
+)
 from jradar.types import PointCloud
 
 SPEC = ImageSpec(8, 16, azimuth=(-1.0, 1.0), elevation=(-0.4, 0.4), max_range_m=12.0)
@@ -40,3 +47,59 @@ def test_images_together_are_images_one_by_one():
     both = jax.vmap(near_echo, (0, None, None))(jnp.asarray(RANGES), CLOUD, SPEC)
     one_by_one = [near_echo(image, CLOUD, SPEC) for image in RANGES]
     np.testing.assert_array_equal(both, one_by_one)
+
+
+def test_crowding_grows_with_the_points_near():
+    away = np.array([[5.0, 0.0, 0.0], [2.0, 2.0, 0.5], [8.0, -3.0, 0.0]])
+    counts = (1, 32, 1024)
+    xyz = np.repeat(away, counts, 0)
+    found = crowding(PointCloud.from_xyz(xyz), SPEC)
+    np.testing.assert_allclose(found, np.repeat([0.0, 0.5, 1.0], counts), atol=1e-6)
+    lone = PointCloud.from_xyz(xyz)._replace(valid=jnp.arange(len(xyz)) < 2)
+    np.testing.assert_array_equal(crowding(lone, SPEC), 0.0)
+
+
+def test_what_is_around_a_point_faces_the_radar():
+    xyz = np.array([[6.0, 0.0, 0.0], [3.0, 3.0, 0.4], [20.0, 0.0, 0.0], [5.0, 0.0, 0]])
+    points = PointCloud(
+        jnp.asarray(xyz, jnp.float32),
+        jnp.asarray([True, True, True, False]),
+        velocity=jnp.asarray([1.0, 2.0, 3.0, 4.0]),
+        confidence=jnp.asarray([0.1, 0.2, 0.3, 0.4]),
+    )
+    found = surroundings(points, SPEC)
+    count = len(found.valid) // len(xyz)
+    valid = np.asarray(found.valid).reshape(4, count)
+    assert valid[:2].all() and not valid[2:].any()  # out of view, and padding
+    around = np.asarray(found.xyz).reshape(4, count, 3)
+    for k, centre in enumerate(xyz[:2]):
+        ahead = centre / np.linalg.norm(centre)
+        depth = (around[k] - centre) @ ahead
+        across = np.linalg.norm(around[k] - centre - depth[:, None] * ahead, axis=1)
+        np.testing.assert_allclose(np.abs(depth), 0.1, atol=1e-5)
+        # A Gaussian of deviation 0.3 m along two axes: the median is 0.35 m.
+        assert np.median(across) == pytest.approx(
+            0.3 * np.sqrt(2 * np.log(2)), abs=0.02
+        )
+        middle = around[k].mean(0)
+        assert np.linalg.norm(middle - centre) < 0.1
+    for name, values in (("velocity", [1.0, 2.0]), ("confidence", [0.1, 0.2])):
+        each = np.asarray(getattr(found, name)).reshape(4, count)
+        np.testing.assert_allclose(each[:2], np.repeat(values, count).reshape(2, count))
+    assert not np.asarray(found.confidence)[~np.asarray(found.valid)].any()
+
+
+def test_nothing_around_a_point_lies_outside_the_view():
+    corner = np.array([[11.9, 0.0, 0.0], [3.0, 3.0 * np.tan(0.99), 0.0]])
+    found = surroundings(PointCloud.from_xyz(corner), SPEC)
+    valid = np.asarray(found.valid).reshape(2, -1)
+    assert valid.any(1).all() and not valid.all(1).any()
+    x, y, _ = np.asarray(found.xyz)[valid.ravel()].T
+    assert np.abs(np.arctan2(y, x)).max() <= 1.0
+    assert np.linalg.norm(np.asarray(found.xyz)[valid.ravel()], axis=1).max() <= 12.0
+
+
+def test_gradients_around_padding_are_finite():
+    padded = PointCloud(jnp.zeros((3, 3)).at[0, 0].set(4.0), jnp.arange(3) < 1)
+    slope = jax.grad(lambda p: surroundings(p, SPEC).xyz.sum(), allow_int=True)(padded)
+    assert np.isfinite(slope.xyz).all() and np.asarray(slope.xyz)[0].any()
