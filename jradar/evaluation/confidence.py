@@ -124,8 +124,8 @@ def _joined(frame: Judged, table: ConfidenceTable, echoes: ConfidenceTable) -> J
         return Judged(*drawn, frame.truth)
     around = _told(frame.echoes, echoes)
     added = (around.xyz, around.confidence, around.right)
-    parts = zip(drawn, added, strict=True)
-    return Judged(*map(np.concatenate, parts), frame.truth)
+    xyz, said, right = map(np.concatenate, zip(drawn, added, strict=True))
+    return Judged(xyz, said, right, frame.truth)
 
 
 def judged(
