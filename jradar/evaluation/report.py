@@ -51,6 +51,7 @@ from jradar.viz.page import checked_points
 MAX_CLOUD_BYTES = 1 << 30
 CLOUDS_NOTE = "clouds.txt"  # marks the folder of clouds as written here
 MAX_REPORT_BYTES = 10_000_000
+MOST_SCENES = 6  # in the figure of clouds: a page has room for few large pictures
 SPARSE = 2000  # points; clouds with fewer are drawn with larger dots
 DRAWN = ("curves.png", "clouds.png", "training.png")
 JUDGED = "f_score_0.2"  # the score by which a method is the best
@@ -210,10 +211,12 @@ def open_report(run: Path | str, *, show: bool = True) -> Path:
 
 
 def _clouds_figure(clouds) -> Figure:
-    """Draw the first frame of each scene, with one detector alone as in the paper."""
+    """Draw the first frame of some scenes, with one detector alone as in the paper."""
     scenes: dict[str, dict[str, np.ndarray]] = {}
     for (scene, _, _), named in clouds.items():
-        scenes.setdefault(scene, {n: x for n, x in named.items() if n not in OTHERS})
+        if scene in scenes or len(scenes) < MOST_SCENES:
+            shown = {n: x for n, x in named.items() if n not in OTHERS}
+            scenes.setdefault(scene, shown)
     every = [cloud for named in scenes.values() for cloud in named.items()]
     dense = {name for name, xyz in every if len(xyz) >= SPARSE}
     return clouds_figure(scenes, enlarged={name for name, _ in every} - dense)

@@ -6,6 +6,7 @@ import webbrowser
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from jradar.errors import UsageError
 from jradar.evaluation import (
@@ -172,3 +173,16 @@ def test_report_is_rebuilt_when_a_part_is_newer_and_opened_once(run, monkeypatch
 def test_a_run_that_was_not_evaluated(tmp_path):
     with pytest.raises(FileNotFoundError, match="evaluate .* first"):
         open_report(tmp_path)
+
+
+def test_the_figure_of_clouds_is_no_larger_for_many_scenes(run):
+    def height(scenes):
+        clouds = {
+            (f"scene {i}", f"run{i}", 0): {"jradar": points(i, 20)}
+            for i in range(scenes)
+        }
+        save_clouds(run / "evaluation" / "clouds.npz", clouds)
+        build_report(run)
+        return len(imread(run / "evaluation" / "clouds.png"))
+
+    assert height(2) < height(6) == height(8)
