@@ -14,13 +14,15 @@ mean over the walks; the maps of each walk are drawn.
 import math
 import sys
 from argparse import Namespace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from experiments.command import run_study, study_parser
-from jradar.errors import UsageError
+from jradar.errors import UsageError, optional
 from jradar.evaluation import markdown_table
 from jradar.files import write_text
 from jradar.lidar import shared_field_of_view
@@ -46,11 +48,22 @@ SCORES = {
     "missed": "walls missed (%)",
     "voxels": "voxels",
 }
+LOUD = 10.0  # SNR of a point that a frame is placed by
+OFF_M, OFF_DEG = 0.3, 5.0  # of the start from the truth
+REACH_M = 1.0  # between a point and the map's, in registration
+TRUTH = "LiDAR"
 NEAR_M = 0.3  # of a wall that is not missed
 MAX_RANGE_M = 10.0
 AZIMUTH, ELEVATION = ((-math.radians(deg), math.radians(deg)) for deg in (60, 20))
 
 Voxels = np.ndarray  # whole numbers [voxel, 3]
+
+
+class Scans(NamedTuple):
+    """Frames of a later walk: their true poses, and points in the radar's frame."""
+
+    poses: np.ndarray  # [frame, 4, 4]
+    points: Mapping[str, Sequence[np.ndarray]]  # of each frame, by kind
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -59,36 +72,53 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("walks", nargs="+", metavar="WALK", help="recording")
     parser.add_argument("--model", default="jradar-sim", help="model of frames")
     parser.add_argument("--maps", default="jradar-maps", help="model of maps")
+    text = "first frame of the later walk (default: there is none)"
+    parser.add_argument("--later", type=int, help=text)
     return run_study(study, parser, argv)
 
 
 def study(options: Namespace) -> None:
     """Score each walk, and write the table of means."""
     model, maps = load_model(options.model), load_map_model(options.maps)
-    rows = []
+    rows, placed = [], []
     for path in options.walks:
         recording = open_recording(path)
-        truth, free, path_m = lidar_map(recording, maps.spec.voxel_m)
-        found = maps_of(recording, model, maps)
+        count = len(recording.cubes)
+        end = count if options.later is None else options.later
+        if not 0 < end <= count:
+            raise UsageError(
+                f"--later {end}: {path} has {count} frames, expected 1 to {count - 1}"
+            )
+        truth, free, path_m = lidar_map(recording, maps.spec.voxel_m, range(end))
+        found = maps_of(recording, model, maps, range(end))
         for method, voxels in found.items():
             row = scores(voxels, truth, free, path_m, maps.spec.voxel_m)
             rows.append({"walk": recording.name, "method": method, **row})
-        drawn = {
+        known = {
             name: maps.spec.metres(voxels)
-            for name, voxels in ({**found, "LiDAR": truth}).items()
+            for name, voxels in ({**found, TRUTH: truth}).items()
             if len(voxels)
         }
-        figure = maps_figure(drawn, path=path_m)
-        save_figure(figure, options.output / f"{recording.name}.png")
-        write_text(options.output / "table.md", table(rows))
-    print(table(rows))
+        save_figure(
+            maps_figure(known, path=path_m), options.output / f"{recording.name}.png"
+        )
+        write_text(options.output / "table.md", table(rows, SCORES))
+        if end < count:
+            scans = later_scans(recording, model, range(end, count))
+            placed += [
+                {"walk": recording.name, "method": name} | relocalised(points, scans)
+                for name, points in known.items()
+            ]
+            text = table(placed, {kind: f"{kind} (m)" for kind in scans.points}, 2)
+            write_text(options.output / "relocalised.md", text)
+            print(text)
+    print(table(rows, SCORES))
 
 
 def lidar_map(
-    recording: Recording, voxel_m: float
+    recording: Recording, voxel_m: float, frames: range
 ) -> tuple[Voxels, Voxels, np.ndarray]:
     """Return the LiDAR's occupied and free voxels, and the radar's path in metres."""
-    frames = range(len(recording.cubes))
     poses, _ = radar_poses(recording, frames)
     found = VoxelMap(SensorModel(voxel_m=voxel_m, max_range_m=MAX_RANGE_M))
     for frame, pose in zip(frames, poses, strict=True):
@@ -108,13 +138,17 @@ def lidar_map(
     return truth, found.free(), poses[:, :3, 3]
 
 
-def maps_of(recording: Recording, model: Model, maps: MapModel) -> dict[str, Voxels]:
+def maps_of(
+    recording: Recording, model: Model, maps: MapModel, frames: range
+) -> dict[str, Voxels]:
     """Return the occupied voxels of each row of the table."""
-    voxel_m, completed = maps.spec.voxel_m, map_recording(recording, maps)
-    poses, _ = radar_poses(recording, range(len(recording.cubes)))
+    voxel_m = maps.spec.voxel_m
+    completed = map_recording(recording, maps, frames=frames)
+    poses, _ = radar_poses(recording, frames)
     likely = VoxelMap(SensorModel(voxel_m=voxel_m, max_range_m=MAX_RANGE_M))
     every: dict[str, list[Voxels]] = {"CFAR": [], "frames": []}
-    for frame, pose in zip(enhance_recording(recording, model), poses, strict=True):
+    clouds = enhance_recording(recording, model, frames=frames)
+    for frame, pose in zip(clouds, poses, strict=True):
         for name, cloud in (("CFAR", frame.points), ("frames", frame.cloud)):
             xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
             xyz = xyz[np.linalg.norm(xyz, axis=1) <= MAX_RANGE_M]
@@ -162,14 +196,63 @@ def scores(
     }
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Return the means over walks in Markdown."""
+def later_scans(recording: Recording, model: Model, frames: range) -> Scans:
+    """Return the frames of a later walk."""
+    points: dict[str, list[np.ndarray]] = {"radar points": [], "model's cloud": []}
+    for frame in enhance_recording(recording, model, frames=frames):
+        loud = frame.points.valid & (frame.points.snr >= LOUD)
+        for name, cloud, valid in (
+            ("radar points", frame.points, loud),
+            ("model's cloud", frame.cloud, frame.cloud.valid),
+        ):
+            points[name].append(np.asarray(cloud.xyz, float)[np.asarray(valid)])
+    return Scans(radar_poses(recording, frames)[0], points)
+
+
+def relocalised(known: np.ndarray, scans: Scans) -> dict[str, float]:
+    """Return the median error in metres with which scans of each kind are placed.
+
+    `known` are the points of a map. A scan without points stays where it started.
+    """
+    options = {"need": "placing frames in a map needs kiss-icp", "extra": "odometry"}
+    mapping = optional("kiss_icp.mapping", **options)
+    place = mapping.VoxelHashMap(REACH_M, max_distance=1e6, max_points_per_voxel=400)
+    place.add_points(known)
+    register = optional("kiss_icp.registration", **options).Registration(
+        max_num_iterations=100, convergence_criterion=1e-4
+    )
+    random = np.random.default_rng(0)
+    starts = []
+    for pose in scans.poses:
+        ahead = random.normal(size=3)
+        start = np.array(pose)
+        start[:3, 3] += OFF_M * ahead / np.linalg.norm(ahead)
+        turn = Rotation.from_euler("z", random.choice([-1, 1]) * OFF_DEG, degrees=True)
+        start[:3, :3] = turn.as_matrix() @ start[:3, :3]
+        starts.append(start)
+    errors: dict[str, float] = {}
+    for kind, clouds in scans.points.items():
+        found = [
+            register.align_points_to_map(xyz, place, start, REACH_M, REACH_M / 3)
+            if len(xyz)
+            else start
+            for xyz, start in zip(clouds, starts, strict=True)
+        ]
+        off = np.array(found)[:, :3, 3] - scans.poses[:, :3, 3]
+        errors[kind] = float(np.median(np.linalg.norm(off, axis=1)))
+    return errors
+
+
+def table(
+    rows: list[dict[str, Any]], columns: Mapping[str, str], digits: int = 1
+) -> str:
+    """Return the means over walks in Markdown; `columns` are the titles of scores."""
     methods = dict.fromkeys(row["method"] for row in rows)
     return markdown_table(
-        ["map", "walks", *SCORES.values()],
+        ["map", "walks", *columns.values()],
         [
             [method, len(some)]
-            + [f"{np.mean([row[score] for row in some]):.1f}" for score in SCORES]
+            + [f"{np.mean([row[name] for row in some]):.{digits}f}" for name in columns]
             for method in methods
             if (some := [row for row in rows if row["method"] == method])
         ],

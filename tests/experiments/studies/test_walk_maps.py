@@ -1,9 +1,19 @@
 """Scores of the maps of a walk, on a corridor whose answers are known."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from experiments.studies.walk_maps import scores, table
+from experiments.studies import walk_maps
+from experiments.studies.walk_maps import (
+    SCORES,
+    Scans,
+    main,
+    relocalised,
+    scores,
+    table,
+)
 
 VOXEL_M = 0.15
 PATH_M = np.stack([np.linspace(0, 6, 20), np.zeros(20), np.zeros(20)], -1)
@@ -47,4 +57,33 @@ def test_the_table_has_the_mean_of_the_walks():
         | {"voxels": 10}
         for name, f in (("a", 40), ("b", 60))
     ]
-    assert "| some | 2 | 50.0 | 50.0 | 1.0 | 2.0 | 10.0 |" in table(rows)
+    assert "| some | 2 | 50.0 | 50.0 | 1.0 | 2.0 | 10.0 |" in table(rows, SCORES)
+
+
+def test_frames_are_placed_in_a_map_of_walls_and_not_in_an_empty_one():
+    random = np.random.default_rng(0)
+    flat = random.uniform(-3, 3, (3, 4000, 2))
+    sides = np.full((4000, 1), 3.0)
+    known = np.concatenate(
+        [
+            np.hstack([flat[0], -sides / 2]),
+            np.hstack([sides, flat[1]]),
+            np.hstack([flat[2, :, :1], sides, flat[2, :, 1:]]),
+        ]
+    )
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, :2, 3] = random.uniform(-1, 1, (4, 2))
+    clouds = [known[::7] - pose[:3, 3] for pose in poses]
+    scans = Scans(poses, {"walls": clouds, "nothing": [np.zeros((0, 3))] * 4})
+    found = relocalised(known, scans)
+    assert found["walls"] < 0.02
+    assert found["nothing"] == pytest.approx(0.3)  # where it started
+
+
+@pytest.mark.parametrize("later", ["0", "4"])
+def test_a_later_walk_begins_within_the_recording(later, monkeypatch, tmp_path, capsys):
+    walk = SimpleNamespace(path="walk", cubes=[None] * 3)
+    monkeypatch.setattr(walk_maps, "open_recording", lambda path: walk)
+    assert main(["walk", "-o", str(tmp_path / "out"), "--later", later]) == 2
+    expected = f"--later {later}: walk has 3 frames, expected 1 to 2"
+    assert expected in capsys.readouterr().err
