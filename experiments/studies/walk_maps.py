@@ -11,6 +11,7 @@ how much free space is closed, and how much of the walls is missed. `table.md` h
 mean over the walks; the maps of each walk are drawn.
 """
 
+import itertools
 import math
 import sys
 from argparse import Namespace
@@ -50,7 +51,9 @@ SCORES = {
 }
 LOUD = 10.0  # SNR of a point that a frame is placed by
 OFF_M, OFF_DEG = 0.3, 5.0  # of the start from the truth
-REACH_M = 1.0  # between a point and the map's, in registration
+REACH_M = 0.6  # between a point and the map's, in registration
+SPAN = 20  # frames that are placed together
+SPACING_M = 0.15  # of their points
 TRUTH = "LiDAR"
 NEAR_M = 0.3  # of a wall that is not missed
 MAX_RANGE_M = 10.0
@@ -60,10 +63,10 @@ Voxels = np.ndarray  # whole numbers [voxel, 3]
 
 
 class Scans(NamedTuple):
-    """Frames of a later walk: their true poses, and points in the radar's frame."""
+    """Parts of a later walk: their true poses, and points in the radar's frame."""
 
-    poses: np.ndarray  # [frame, 4, 4]
-    points: Mapping[str, Sequence[np.ndarray]]  # of each frame, by kind
+    poses: np.ndarray  # [part, 4, 4]
+    points: Mapping[str, Sequence[np.ndarray]]  # of each part, by kind
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -197,16 +200,25 @@ def scores(
 
 
 def later_scans(recording: Recording, model: Model, frames: range) -> Scans:
-    """Return the frames of a later walk."""
-    points: dict[str, list[np.ndarray]] = {"radar points": [], "model's cloud": []}
-    for frame in enhance_recording(recording, model, frames=frames):
+    """Return what a later walk saw within each SPAN frames, from where it ended."""
+    poses, _ = radar_poses(recording, frames)
+    seen: dict[str, list[np.ndarray]] = {"radar points": [], "model's cloud": []}
+    clouds = enhance_recording(recording, model, frames=frames)
+    for frame, pose in zip(clouds, poses, strict=True):
         loud = frame.points.valid & (frame.points.snr >= LOUD)
         for name, cloud, valid in (
             ("radar points", frame.points, loud),
             ("model's cloud", frame.cloud, frame.cloud.valid),
         ):
-            points[name].append(np.asarray(cloud.xyz, float)[np.asarray(valid)])
-    return Scans(radar_poses(recording, frames)[0], points)
+            xyz = np.asarray(cloud.xyz, float)[np.asarray(valid)]
+            seen[name].append(xyz @ pose[:3, :3].T + pose[:3, 3])
+    ends = range(SPAN - 1, len(frames), SPAN // 2)
+    points: dict[str, list[np.ndarray]] = {name: [] for name in seen}
+    for name, end in itertools.product(seen, ends):
+        world = np.concatenate(seen[name][end + 1 - SPAN : end + 1])
+        cells = np.unique(np.floor(world / SPACING_M), axis=0, return_index=True)[1]
+        points[name].append((world[cells] - poses[end, :3, 3]) @ poses[end, :3, :3])
+    return Scans(poses[list(ends)], points)
 
 
 def relocalised(known: np.ndarray, scans: Scans) -> dict[str, float]:
@@ -216,10 +228,10 @@ def relocalised(known: np.ndarray, scans: Scans) -> dict[str, float]:
     """
     options = {"need": "placing frames in a map needs kiss-icp", "extra": "odometry"}
     mapping = optional("kiss_icp.mapping", **options)
-    place = mapping.VoxelHashMap(REACH_M, max_distance=1e6, max_points_per_voxel=400)
+    place = mapping.VoxelHashMap(REACH_M, max_distance=1e6, max_points_per_voxel=64)
     place.add_points(known)
     register = optional("kiss_icp.registration", **options).Registration(
-        max_num_iterations=100, convergence_criterion=1e-4
+        max_num_iterations=50, convergence_criterion=1e-4
     )
     random = np.random.default_rng(0)
     starts = []
