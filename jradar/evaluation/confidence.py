@@ -38,6 +38,14 @@ THRESHOLDS = tuple(np.round(np.arange(0.05, 0.71, 0.05), 2).tolist())
 SPARED = 0.005  # of the best F-score, for a denser cloud
 
 
+class Around(NamedTuple):
+    """The points around the radar's own in one frame, by their crowding."""
+
+    xyz: Float[np.ndarray, "point 3"]
+    confidence: Float[np.ndarray, " point"]
+    right: Bool[np.ndarray, " point"]
+
+
 class Judged(NamedTuple):
     """The points of one frame, unsure ones included."""
 
@@ -46,7 +54,7 @@ class Judged(NamedTuple):
     right: Bool[np.ndarray, " point"]
     truth: Float[np.ndarray, "true_point 3"]
     near: Bool[np.ndarray, " point"] | None = None  # an echo; None: not known
-    echoes: "Judged | None" = None  # the points around the radar's, by `crowding`
+    echoes: Around | None = None
 
 
 def with_confidence(
@@ -96,7 +104,7 @@ def fitted_echoes(
     return ConfidenceTable.of(found.frequencies, least=THRESHOLDS[int(good[-1])])
 
 
-def _fitted(groups: Sequence[Sequence[Judged]]) -> ConfidenceTable:
+def _fitted(groups: Sequence[Sequence[Judged | Around]]) -> ConfidenceTable:
     """Fit the frequencies to groups of equal weight."""
     points = [
         (frame.confidence, frame.right, np.full(len(frame.xyz), 1 / len(group)))
@@ -122,8 +130,8 @@ def _joined(frame: Judged, table: ConfidenceTable, echoes: ConfidenceTable) -> J
     drawn = (told.xyz[kept], np.ones(kept.sum()), told.right[kept])
     if frame.echoes is None:
         return Judged(*drawn, frame.truth)
-    around = _told(frame.echoes, echoes)
-    added = (around.xyz, around.confidence, around.right)
+    said = np.asarray(frequency(frame.echoes.confidence, echoes))
+    added = (frame.echoes.xyz, said, frame.echoes.right)
     xyz, said, right = map(np.concatenate, zip(drawn, added, strict=True))
     return Judged(xyz, said, right, frame.truth)
 
@@ -163,13 +171,13 @@ def judged(
             )
 
 
-def _around(points: PointCloud, truth: np.ndarray, view: ImageSpec) -> Judged:
+def _around(points: PointCloud, truth: np.ndarray, view: ImageSpec) -> Around:
     """The points around the radar's, with their crowding as confidence."""
     points = points._replace(confidence=crowding(points, view))
     around = surroundings(points, view)
     valid = np.asarray(around.valid)
     xyz, said = (np.asarray(part)[valid] for part in (around.xyz, around.confidence))
-    return Judged(xyz, said, near_truth(xyz, truth), truth)
+    return Around(xyz, said, near_truth(xyz, truth))
 
 
 def least_confidence(*groups: Sequence[Judged]) -> float:

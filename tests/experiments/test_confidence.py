@@ -12,6 +12,7 @@ from jradar.data import Records
 from jradar.evaluation import near_truth
 from jradar.evaluation.confidence import (
     THRESHOLDS,
+    Around,
     Judged,
     fitted_echoes,
     judged,
@@ -92,7 +93,7 @@ def test_echoes_are_kept_as_far_as_they_cost_no_score():
     crowd = np.repeat([0.8, 0.2], count // 2)
     wrong = random.random(count) > np.where(crowd > 0.5, 0.75, 0.02)
     xyz = truth[200 + np.arange(count) % 200] + 20.0 * wrong[:, None]
-    echoes = Judged(xyz, crowd, near_truth(xyz, truth), truth)
+    echoes = Around(xyz, crowd, near_truth(xyz, truth))
     table = ConfidenceTable.of((0.0, 1.0), least=0.5)
     frame = drawn._replace(echoes=echoes)
     found = fitted_echoes([frame], table=table)
