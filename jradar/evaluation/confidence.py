@@ -81,7 +81,7 @@ def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
     Each group counts as much as another. Raises ValueError for frames without a point.
     """
     table = _fitted(groups)
-    fitted = [[_told(frame, table) for frame in group] for group in groups]
+    fitted = [[_calibrated(frame, table) for frame in group] for group in groups]
     least = least_confidence(*fitted)
     alone = least_alone(*fitted, least=least)
     return ConfidenceTable.of(table.frequencies, least=least, least_alone=alone)
@@ -115,24 +115,24 @@ def _fitted(groups: Sequence[Sequence[Judged | Around]]) -> ConfidenceTable:
     return fit_confidence(said, right, weights=weights)
 
 
-def _told(frame: Judged, table: ConfidenceTable) -> Judged:
+def _calibrated(frame: Judged, table: ConfidenceTable) -> Judged:
     """The frame's points with the confidence of the table."""
     return frame._replace(confidence=np.asarray(frequency(frame.confidence, table)))
 
 
 def _joined(frame: Judged, table: ConfidenceTable, echoes: ConfidenceTable) -> Judged:
     """The points that the model's table keeps, as sure ones, and those of the radar."""
-    told = _told(frame, table)
+    drawn = _calibrated(frame, table)
     least = table.least
     if frame.near is not None:
         least = np.where(frame.near, least, np.maximum(least, table.least_alone))
-    kept = told.confidence >= least
-    drawn = (told.xyz[kept], np.ones(kept.sum()), told.right[kept])
+    kept = drawn.confidence >= least
+    sure = (drawn.xyz[kept], np.ones(kept.sum()), drawn.right[kept])
     if frame.echoes is None:
-        return Judged(*drawn, frame.truth)
+        return Judged(*sure, frame.truth)
     said = np.asarray(frequency(frame.echoes.confidence, echoes))
     added = (frame.echoes.xyz, said, frame.echoes.right)
-    xyz, said, right = map(np.concatenate, zip(drawn, added, strict=True))
+    xyz, said, right = map(np.concatenate, zip(sure, added, strict=True))
     return Judged(xyz, said, right, frame.truth)
 
 

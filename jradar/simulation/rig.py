@@ -2,8 +2,7 @@
 
 The base is the frame of the IMU. The radars look along its y axis, the direction of
 walking: the platform of a scene (x forward) is the base turned by -90 degrees. The
-extrinsics are taken from ColoRadar's calib folder (Kramer et al. 2022; published in
-issue 13 of ZJU-FAST-Lab/Radar-Diffusion).
+extrinsics are those of ColoRadar's calib folder (Kramer et al. 2022).
 
 Both radars have the same quaternion there, without tilt: these are values of the
 design, and the errors of the real mounts are unknown. The simulated radars are off by

@@ -80,10 +80,10 @@ def test_frames_are_placed_in_a_map_of_walls_and_not_in_an_empty_one():
     assert found["nothing"] == pytest.approx(0.3)  # where it started
 
 
-@pytest.mark.parametrize("later", ["0", "4"])
+@pytest.mark.parametrize("later", ["0", "21", "40"])
 def test_a_later_walk_begins_within_the_recording(later, monkeypatch, tmp_path, capsys):
-    walk = SimpleNamespace(path="walk", cubes=[None] * 3)
+    walk = SimpleNamespace(path="walk", cubes=[None] * 40)
     monkeypatch.setattr(walk_maps, "open_recording", lambda path: walk)
     assert main(["walk", "-o", str(tmp_path / "out"), "--later", later]) == 2
-    expected = f"--later {later}: walk has 3 frames, expected 1 to 2"
+    expected = f"--later {later}: walk has 40 frames, expected a number above 0"
     assert expected in capsys.readouterr().err
