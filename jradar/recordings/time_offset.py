@@ -11,7 +11,6 @@ speed of the scene, measured by each sensor, rises and falls at the same moments
 import itertools
 
 import numpy as np
-import scipy  # loads `signal` when it is first used
 from jaxtyping import Complex, Float
 
 from jradar.radar import RadarSpec
@@ -70,8 +69,10 @@ def estimate_time_offset(
         left, top, right = correlation[peak - 1 : peak + 2]
         bend = left - 2 * top + right
         shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    tops = scipy.signal.find_peaks(np.pad(correlation, 1, constant_values=-1))[0] - 1
-    next_peak = correlation[tops[tops != peak]].max(initial=0.0)
+    steps = np.diff(np.pad(correlation, 1, constant_values=-1))
+    tops = (steps[:-1] > 0) & (steps[1:] < 0)
+    tops[peak] = False
+    next_peak = correlation[tops].max(initial=0.0)
     confidence = max(correlation[peak] - next_peak, 0.0)
     return float(offsets[peak] + shift * step), float(confidence)
 
