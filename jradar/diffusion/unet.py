@@ -295,7 +295,9 @@ class Trunk(nn.Module):
         """Features of every pixel, scaled and shifted by the noise level."""
         detail = conv(self.detail_channels, self.dtype, name="detail")(x)
         detail += self._angles(self.detail_channels, x, "detail_angles")
-        level = self._dense(2 * self.detail_channels, "detail_affine")(embedding)
+        level = self._dense(2 * self.detail_channels, "detail_affine", zero=True)(
+            embedding
+        )
         scale, shift = jnp.split(level[:, None, None], 2, -1)
         return detail * (1 + scale) + shift
 
