@@ -136,8 +136,9 @@ def test_the_radars_own_points_are_kept_with_a_confidence_of_their_own():
     ):
         asked = dense_cloud(image, points, model, **options)
         assert np.asarray(asked.valid)[len(pixels.valid) :].sum() == count
-    sampled = image._replace(confidence=None)
-    assert dense_cloud(sampled, points, model).valid.shape == pixels.valid.shape
+    sampled = dense_cloud(image._replace(confidence=None), points, model)
+    assert sampled.confidence is None
+    np.testing.assert_array_equal(sampled.valid[len(pixels.valid) :], added.valid)
 
 
 def test_the_cloud_carries_confidence_and_velocity():

@@ -167,8 +167,8 @@ def dense_cloud(
     Pixels that are not `near_echo` need the model's `least_alone` confidence, unless
     `least_confidence` was asked of all, or the image is `fused` of several frames: not
     all their echoes are in `points`. After the pixels come the `surroundings` of the
-    radar's points, if the model has a table of their confidence and the image has a
-    confidence. Points have the velocities of the radar's points near them.
+    radar's points, if the model has a table of their confidence. Points have the
+    velocities of the radar's points near them.
     """
     spec, echoes = model.spec, model.echoes
     if least_confidence is None and not fused and image.confidence is not None:
@@ -181,12 +181,14 @@ def dense_cloud(
             image.range_m, points, spec.coarse, num_slices=spec.num_slices
         )
         cloud = cloud._replace(velocity=velocity.ravel())
-    if cloud.confidence is None or echoes is None:
+    if echoes is None:
         return cloud
     found = frequency(crowding(points, spec.fine), echoes)
     least = echoes.least if least_confidence is None else least_confidence
     kept = points._replace(valid=points.valid & (found >= least), confidence=found)
     added = surroundings(kept, spec.fine)
+    if cloud.confidence is None:  # of a single draw
+        added = added._replace(confidence=None)
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), cloud, added)
 
 
