@@ -2,7 +2,7 @@
 
 Training sees tiles of patches of some runs; other runs validate it, and fit the
 confidence of the model that is saved. With `data.without`, an environment is left out
-of training, and validated on instead.
+of both, and validated on instead.
 """
 
 import json
@@ -72,7 +72,10 @@ def network(config: ConfigDict) -> diffusion.Network:
 
 
 def splits(config: ConfigDict) -> dict[str, list[MapRun]]:
-    """Return the runs of each split; `run0` of each environment is for testing."""
+    """Return the runs of each split; `run0` of each environment is for testing.
+
+    The runs of "confidence" validate, too, unless an environment is left out.
+    """
     found, left = open_runs(config.data.path), config.data.without
     runs = [run for run in found if not run.name.endswith(TEST)]
     environments = {run.environment for run in runs}
@@ -80,17 +83,23 @@ def splits(config: ConfigDict) -> dict[str, list[MapRun]]:
         raise UsageError(
             f"data.without = {left!r}, expected one of {sorted(environments)}"
         )
-    if left:
-        kept = {run.name for run in runs if run.environment == left}
-    else:
-        kept = set(config.data.validation)
+    kept = set(config.data.validation)
     if missing := sorted(kept - {run.name for run in runs}):
         raise UsageError(
             f"data.validation names {missing[0]}, which is not in the data"
         )
+    aside = [run for run in runs if run.environment == left]
+    others = [run for run in runs if run.environment != left]
+    confidence = [run for run in others if run.name in kept]
+    if not confidence:
+        raise UsageError(
+            f"data.validation = {config.data.validation}: no run to fit the confidence "
+            f"on{f' without {left}' if left else ''}, expected one or more"
+        )
     return {
-        "train": [run for run in runs if run.name not in kept],
-        "validation": [run for run in runs if run.name in kept],
+        "train": [run for run in others if run.name not in kept],
+        "confidence": confidence,
+        "validation": aside or confidence,
         "test": [run for run in found if run.name.endswith(TEST)],
     }
 
@@ -133,7 +142,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
 
     def save(state: training.TrainState) -> None:
         model = model_of(state)
-        table = fit_confidence(*voxel_truth(model, checked, every=VALIDATED))
+        table = fit_confidence(*voxel_truth(model, runs["confidence"], every=VALIDATED))
         model = model.calibrated_by(table)
         save_map_model(workdir / "model", model)
 

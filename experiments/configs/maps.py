@@ -25,7 +25,7 @@ def get_config():
     config.data = ConfigDict()
     config.data.path = ""
     config.data.without = ""  # an environment to leave out, and to validate on
-    config.data.validation = (  # one run of each environment
+    config.data.validation = (  # one run of each environment; fit the confidence, too
         "arpg_lab_run4",
         "aspen_run11",
         "ec_hallways_run4",

@@ -31,14 +31,21 @@ def names(splits):
 def test_runs_are_split_and_the_published_test_is_never_trained_on(folder):
     assert names(maps.splits(config(folder))) == {
         "train": ["hall_run1", "mine_run1"],
+        "confidence": ["mine_run2"],
         "validation": ["mine_run2"],
         "test": ["hall_run0"],
     }
-    assert names(maps.splits(config(folder, without="mine"))) == {
-        "train": ["hall_run1"],
-        "validation": ["mine_run1", "mine_run2"],
+
+
+def test_an_environment_left_out_neither_trains_nor_fits_the_confidence(folder):
+    assert names(maps.splits(config(folder, without="hall"))) == {
+        "train": ["mine_run1"],
+        "confidence": ["mine_run2"],
+        "validation": ["hall_run1"],
         "test": ["hall_run0"],
     }
+    with pytest.raises(UsageError, match="no run to fit the confidence on without min"):
+        maps.splits(config(folder, without="mine"))
 
 
 def test_unknown_runs_and_environments_are_named(folder):
