@@ -32,10 +32,12 @@ from jradar.mapping import (
     enhance_map,
     enhance_patch,
     load_map_model,
+    nearest,
     open_runs,
     published_distance,
     save_map_model,
 )
+from jradar.mapping.columns import outline
 from jradar.mapping.methods import METHODS
 from jradar.metrics import f_score
 from jradar.range_image import fit_confidence
@@ -65,9 +67,9 @@ def check(config: ConfigDict) -> None:
 
 
 def network(config: ConfigDict) -> diffusion.Network:
-    """Return the network, with an output for each height and one for the outline."""
+    """Return the network, with an output for each height."""
     with build.section("network"):
-        outputs = config.map.heights + 1
+        outputs = config.map.heights
         return diffusion.build_network(**config.network, outputs=outputs)
 
 
@@ -171,7 +173,8 @@ def score_patches(
     for run in runs:
         for k in range(0, len(run.radar_in_patch), every):
             radar, lidar = run.patch(k)
-            found = enhance_patch(radar, model)
+            robot = outline(radar)
+            found = nearest(enhance_patch(radar, model), robot.x, robot.y, PATCH_VOXELS)
             count = best_count(found.probability, PATCH_VOXELS)
             points, truth = metres(found.voxels), metres(lidar)
             exact = published_distance(truth)
@@ -193,13 +196,15 @@ def score_patches(
 def voxel_truth(
     model: MapModel, runs: Sequence[MapRun], *, every: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the probability of the voxels of patches, and whether they are true."""
+    """Return the probability of voxels of radar patches, and whether they are true."""
     parts = []
     for run in runs:
         for k in range(0, len(run.radar_in_patch), every):
-            radar, lidar = run.patch(k)
-            found = enhance_patch(radar, model)
-            parts.append((found.probability, is_among(found.voxels, lidar)))
+            radar, _ = run.patch(k)
+            found, (x, y, radius) = enhance_patch(radar, model), outline(radar)
+            seen = np.hypot(*(found.voxels[:, :2] - (x, y)).T) <= radius
+            right = is_among(found.voxels[seen], run.lidar)
+            parts.append((found.probability[seen], right))
     probability, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     return probability, right
 

@@ -72,9 +72,9 @@ def tiny_map_model() -> MapModel:
     """A model of maps of random parameters, of 16 heights and tiles of 32 columns."""
     spec = MapSpec(heights=16, tile=32)
     fields = {"stem": (2, 2), "condition_stem": (2, 2), "condition_channels": 8}
-    fields |= {"detail_channels": 0, "outputs": 17, "angles": False}
+    fields |= {"detail_channels": 0, "outputs": 16, "angles": False}
     network = dataclasses.replace(NETWORK, **fields)
-    params = random_params(network, (32, 32, 17), (32, 32, 19), scale=0.2)
+    params = random_params(network, (32, 32, 16), (32, 32, 19), scale=0.2)
     return MapModel(params, network, spec, trained_on="nothing")
 
 

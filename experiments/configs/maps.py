@@ -46,6 +46,7 @@ def get_config():
         "stem": (2, 2),
         "condition_stem": (2, 2),
         "condition_channels": 64,
+        "condition_at_input": False,
         "detail_channels": 0,
         "angles": False,
     }

@@ -1,14 +1,15 @@
 """Voxel maps as images: a column of voxels is a pixel, its heights are the channels.
 
     condition [x, y, channel]   radar voxels of each height | observed | height | known
-    target    [x, y, channel]   LiDAR voxels of each height | inside
+    target    [x, y, height]    LiDAR voxels
 
 `observed` is 1 in the cylinder that radar voxels were given for. `height` is that of
-the image above the origin of the map, if `known` is 1. `inside` marks the columns of
-the LiDAR's patch. Radar voxels below or above the image count at its border.
+the image above the origin of the map, if `known` is 1. Radar voxels below or above the
+image count at its border.
 """
 
 import dataclasses
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from jaxtyping import Float, Float32, Int
 
 EXTRA = 3  # channels of a condition beyond the heights
 HEIGHT_SCALE_M = 4.0
+DIRECTIONS = 32  # in which the voxels of an outline are looked for
+TINY = 1e-6  # voxels^2
 
 Voxels = Int[np.ndarray, "voxel 3"]
 
@@ -34,7 +37,7 @@ class MapSpec:
 
 
 class Circle(NamedTuple):
-    """The horizontal outline of a patch, in voxels."""
+    """The horizontal outline of a patch, in voxels; the robot is in the middle."""
 
     x: float
     y: float
@@ -42,10 +45,30 @@ class Circle(NamedTuple):
 
 
 def outline(voxels: Voxels) -> Circle:
-    """Return the circle around the middle of the voxels' extent."""
+    """Return the smallest circle around the columns of voxels.
+
+    It passes through three columns, or two on its diameter. Those that are the farthest
+    in one of DIRECTIONS are tried.
+    """
     flat = voxels[:, :2].astype(float)
-    x, y = (flat.min(0) + flat.max(0)) / 2
-    return Circle(x, y, float(np.hypot(*(flat - (x, y)).T).max()))
+    angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    farthest = np.argmax(flat @ [np.cos(angle), np.sin(angle)], axis=0)
+    rim = np.unique(flat[farthest], axis=0)
+    middles = np.concatenate([[(a + b) / 2 for a in rim for b in rim], _middles(rim)])
+    away = np.linalg.norm(middles[:, None] - rim, axis=-1).max(1)
+    x, y = middles[np.argmin(away)]
+    return Circle(float(x), float(y), float(np.hypot(*(flat - (x, y)).T).max()))
+
+
+def _middles(points):
+    """The middles of the circles through any three points that are not on a line."""
+    triples = [*itertools.combinations(points, 3)]
+    first, *others = np.array(triples).reshape(-1, 3, 2).swapaxes(0, 1)
+    # With the first at the origin, 2 p m = |p|^2 for the middle m and both others.
+    matrix = 2 * np.stack([other - first for other in others], 1)
+    kept = np.abs(np.linalg.det(matrix)) > TINY
+    squares = ((matrix[kept] / 2) ** 2).sum(-1)
+    return first[kept] + np.linalg.solve(matrix[kept], squares[..., None])[..., 0]
 
 
 def middle_height(radar: Voxels) -> int:
@@ -78,25 +101,13 @@ def condition_columns(
 
 def target_columns(
     lidar: Voxels,
-    patch: Voxels | None,
     origin: tuple[int, int, int],
     size: tuple[int, int],
     spec: MapSpec,
-) -> Float32[np.ndarray, "x y channel"]:
-    """Return the target whose first voxel is `origin`, of a map and a patch of it.
-
-    Without a patch, all columns are inside.
-    """
-    image = np.zeros((*size, spec.heights + 1), np.float32)
+) -> Float32[np.ndarray, "x y height"]:
+    """Return the target whose first voxel is `origin`."""
+    image = np.zeros((*size, spec.heights), np.float32)
     _fill(image, lidar, origin, spec.heights)
-    if patch is None:
-        image[..., -1] = 1
-        return image
-    in_patch = np.zeros((*size, spec.heights), bool)
-    _fill(in_patch, patch, origin, spec.heights)
-    occupied = image[..., :-1].any(-1)
-    inside = _within(outline(patch), origin, size)
-    image[..., -1] = np.where(occupied, in_patch.any(-1), inside)
     return image
 
 

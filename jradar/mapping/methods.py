@@ -23,20 +23,18 @@ from jradar.diffusion import (
     sample,
 )
 
-OUTSIDE = 0.25  # weight of columns outside the LiDAR's patch
 SHARE = 0.03  # of occupied voxels; the network's output is relative to its log-odds
 REACH = 3  # voxels at which nearness is 0
 QUICK_STEPS = 5  # of each of several draws
 
-Columns = Float[Array, "batch x y channel"]
+Columns = Float[Array, "batch x y height"]
 
 
 @dataclasses.dataclass(frozen=True)
 class MapMethod:
     """A method by its name: noise levels, loss as in `jradar.diffusion`, and scores.
 
-    `scores(key, denoise, shape, noise, draws=)` returns those of each voxel and, in the
-    last channel, of each column to be in the LiDAR's patch.
+    `scores(key, denoise, shape, noise, draws=)` returns those of each voxel.
     """
 
     name: str
@@ -46,20 +44,18 @@ class MapMethod:
 
 
 def log_odds(denoise: Denoiser, shape: tuple[int, ...], noise: NoiseSpec) -> Columns:
-    """Return the log-odds of each voxel, and of each column to be inside the patch."""
+    """Return the log-odds of each voxel."""
     given: Any = jax.ShapeDtypeStruct(shape, jnp.float32)
     odds = denoise(given, jnp.asarray(noise.sigma_max))
-    return odds.at[..., :-1].add(jnp.log(SHARE / (1 - SHARE)))
+    return odds + jnp.log(SHARE / (1 - SHARE))
 
 
 def occupancy_loss(
     key: Any, denoise: Denoiser, clean: Any, *, noise: NoiseSpec, step: Any = 0
 ) -> Float[Array, ""]:
-    """Return the cross-entropy of a column's voxels and of its place in the patch.
-
-    `key` and `step` are not used.
-    """
-    return _entropy(log_odds(denoise, clean.shape, noise), clean, clean[..., :-1])
+    """Return the mean cross-entropy of columns; `key` and `step` are not used."""
+    odds = log_odds(denoise, clean.shape, noise)
+    return cross_entropy(odds, clean).sum(-1).mean()
 
 
 def nearness_loss(
@@ -67,7 +63,7 @@ def nearness_loss(
 ) -> Float[Array, ""]:
     """Return `occupancy_loss` for the nearness of voxels instead of their occupancy."""
     odds = log_odds(denoise, clean.shape, noise)
-    return _entropy(odds, clean, nearness(clean[..., :-1]))
+    return cross_entropy(odds, nearness(clean)).sum(-1).mean()
 
 
 def columns_loss(
@@ -94,16 +90,6 @@ def nearness(occupied: Columns) -> Columns:
 def cross_entropy(odds: Any, share: Any) -> Any:
     """Return that of probabilities given as log-odds."""
     return jax.nn.softplus(odds) - share * odds
-
-
-def _entropy(odds, clean, wanted):
-    """The mean cross-entropy of columns; those outside the patch count less."""
-    occupied, inside = clean[..., :-1], clean[..., -1]
-    entropy = cross_entropy(odds[..., :-1], wanted).sum(-1)
-    weight = OUTSIDE + (1 - OUTSIDE) * inside
-    columns = (weight * entropy).mean()
-    place = cross_entropy(odds[..., -1], inside)
-    return columns + (place * occupied.any(-1)).mean()
 
 
 def _one_pass(key, denoise, shape, noise, *, draws):

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -33,7 +32,7 @@ from jradar.mapping.methods import METHODS
 from jradar.model.folder import SHIPPED
 from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 
-FORMAT = 1
+FORMAT = 2
 MARKER, WEIGHTS = "map_model.json", "weights.safetensors"
 DRAWS = 8  # of a model of diffusion
 
@@ -70,26 +69,23 @@ class MapModel:
 
 
 @functools.partial(jax.jit, static_argnames="draws")
-def column_frequencies(
+def voxel_frequencies(
     condition: Float[Array, "x y channel"], model: MapModel, *, draws: int = DRAWS
-) -> Float[Array, "x y output"]:
+) -> Float[Array, "x y height"]:
     """Return how often a voxel of such a score is occupied, for each.
 
-    The last channel is that of each column to be in the LiDAR's patch. `draws` is of
-    models of diffusion alone.
+    `draws` is of models of diffusion alone.
     """
     method = METHODS[model.method]
     denoise = conditional_denoiser(model.network, model.params, method.noise)
-    shape = *condition.shape[:-1], condition.shape[-1] - EXTRA + 1
     score = method.scores(
         jax.random.key(0),
         denoise(condition[None]),
-        (1, *shape),
+        (1, *condition.shape[:-1], condition.shape[-1] - EXTRA),
         method.noise,
         draws=draws,
     )[0]
-    voxels = frequency(score[..., :-1], model.confidence)
-    return jnp.concatenate([voxels, score[..., -1:]], -1)
+    return frequency(score, model.confidence)
 
 
 def save_map_model(
@@ -147,7 +143,7 @@ def load_map_model(folder: Path | str) -> MapModel:
         if wrong := misfit(
             params,
             network,
-            image_shape=(tile, tile, heights + 1),
+            image_shape=(tile, tile, heights),
             condition_shape=(tile, tile, heights + EXTRA),
         ):
             raise ValueError(f"{WEIGHTS} does not fit the network: {wrong}")

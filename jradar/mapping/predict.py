@@ -7,12 +7,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jradar.mapping.columns import Voxels, condition_columns, middle_height, outline
-from jradar.mapping.model import MapModel, column_frequencies
+from jradar.mapping.model import MapModel, voxel_frequencies
 
 SIZES = (64, 96, 128, 160)  # of images of patches, in columns; each is compiled once
 MARGIN = 16  # columns of an image beyond the radar's patch, both sides together
 TILE, STRIDE = 96, 64  # of whole maps
 LEAST = 0.01  # probability of voxels that are kept
+SPREAD = 0.25  # of the logarithm of how many voxels are near, about what is expected
 MOST_TILES = 100_000  # 6 km x 6 km
 
 
@@ -24,20 +25,30 @@ class Occupied(NamedTuple):
 
 
 def enhance_patch(radar: Voxels, model: MapModel) -> Occupied:
-    """Return the LiDAR's patch around the robot, from the radar's.
-
-    The outlines of both differ; the network has learnt by how much.
-    """
+    """Return the LiDAR's voxels around the robot, from the radar's patch."""
     spec, around = model.spec, outline(radar)
     wanted = 2 * around.radius + MARGIN
     size = next((size for size in SIZES if size >= wanted), SIZES[-1])
     x, y = round(around.x) - size // 2, round(around.y) - size // 2
     origin = (x, y, middle_height(radar) - spec.heights // 2)
     image = condition_columns(radar, origin, (size, size), spec, observed=around)
-    found = np.asarray(column_frequencies(jnp.asarray(image), model))
-    share = found[..., :-1] * found[..., -1:]
+    share = np.asarray(voxel_frequencies(jnp.asarray(image), model))
     cells = np.argwhere(share > LEAST)
     return likely_first(cells + np.asarray(origin), share[tuple(cells.T)])
+
+
+def nearest(found: Occupied, x: float, y: float, count: int) -> Occupied:
+    """Return the probability that a voxel is true, and among the nearest true ones.
+
+    A patch of ColoRadar ends where it has `count` voxels. The distance from the robot,
+    at `x` and `y` in voxels, at which the expected number reaches it, is about right.
+    """
+    away = np.hypot(*(found.voxels[:, :2] - (x, y)).T)
+    order = np.argsort(away, kind="stable")
+    expected = np.empty(len(away))
+    expected[order] = np.cumsum(found.probability[order])
+    inside = 1 / (1 + (expected / count) ** (1 / SPREAD))
+    return likely_first(found.voxels, found.probability * inside)
 
 
 def enhance_map(radar: Voxels, model: MapModel, *, start_height: int = 0) -> Occupied:
@@ -76,8 +87,7 @@ def enhance_map(radar: Voxels, model: MapModel, *, start_height: int = 0) -> Occ
         image = condition_columns(
             relative, (x, y, z - start_height), (TILE, TILE), spec, observed=None
         )
-        found = np.asarray(column_frequencies(jnp.asarray(image), model))
-        share = found[..., :-1]
+        share = np.asarray(voxel_frequencies(jnp.asarray(image), model))
         cells = np.argwhere(share > LEAST)
         first = row * STRIDE, column * STRIDE
         weights[first[0] : first[0] + TILE, first[1] : first[1] + TILE] += taper

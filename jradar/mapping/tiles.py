@@ -72,9 +72,8 @@ class Tiles(Sequence):
         )
         origin = (x - half, y - half, z - spec.heights // 2)
         size = (spec.tile, spec.tile)
-        whole = rng.random() < tiles.whole
-        if whole:
-            radar, around, patch = run.radar, None, None
+        if rng.random() < tiles.whole:
+            radar, around = run.radar, None
         if rng.random() < tiles.thin:
             kept = rng.random(len(radar)) >= rng.uniform(0, tiles.most_lost)
             radar = radar[kept]
@@ -86,7 +85,7 @@ class Tiles(Sequence):
             observed=around,
             height_known=rng.random() >= tiles.unknown_height,
         )
-        target: Any = target_columns(run.lidar, patch, origin, size, spec)
+        target: Any = target_columns(run.lidar, origin, size, spec)
         return symmetric(Batch(condition, target), int(rng.integers(8)))
 
 

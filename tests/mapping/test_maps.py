@@ -63,13 +63,10 @@ def test_columns_hold_each_voxel_at_its_place():
     assert not hidden[..., -2:].any()
 
 
-def test_targets_mark_the_columns_of_the_patch():
-    lidar = np.array([[2, 2, 1], [6, 2, 1]])
-    image = target_columns(lidar, lidar[:1], (0, 0, 0), (8, 8), SPEC)
-    assert image[2, 2, 1] == image[6, 2, 1] == 1
-    assert image[2, 2, -1] == 1
-    assert image[6, 2, -1] == 0
-    assert target_columns(lidar, None, (0, 0, 0), (8, 8), SPEC)[..., -1].all()
+def test_targets_hold_the_lidar_voxels_of_the_image():
+    lidar = np.array([[2, 2, 1], [6, 2, 1], [9, 2, 1], [2, 2, 40]])
+    image = target_columns(lidar, (0, 0, 0), (8, 8), SPEC)
+    assert np.argwhere(image).tolist() == [[2, 2, 1], [6, 2, 1]]
 
 
 def test_quarter_turns_and_mirrors_are_eight_different_images():
@@ -86,15 +83,13 @@ def test_tiles_show_the_patch_and_repeat_with_their_seed():
     first, again = (tiles.draw(tiles[1], np.random.default_rng(3)) for _ in range(2))
     assert all((a == b).all() for a, b in zip(first, again, strict=True))
     assert first.condition.shape == (32, 32, 19)
-    assert first.target[..., :-1].sum() > 50
+    assert first.target.sum() > 50
     assert len(tiles) == 2
 
 
 def test_the_loss_is_least_where_the_odds_are_right():
-    target = np.zeros((1, 4, 4, 17), np.float32)
+    target = np.zeros((1, 4, 4, 16), np.float32)
     target[0, :2, :, 3] = 1
-    target[..., -1] = 1
-
     method = METHODS["occupancy"]
 
     def at(odds):
@@ -118,7 +113,7 @@ def test_nearness_is_one_in_a_voxel_and_falls_by_a_third_with_each_around_it():
 def test_a_draw_from_the_truth_scores_the_truth():
     """A denoiser that knows the answer draws it, whatever the noise."""
     method = METHODS["diffusion"]
-    clean = np.random.default_rng(0).random((1, 4, 4, 17)) < 0.1
+    clean = np.random.default_rng(0).random((1, 4, 4, 16)) < 0.1
     known = jnp.asarray(2 * (clean - 0.03))
     denoise = jax.random.key(0), lambda x, sigma: known
     found = method.scores(*denoise, clean.shape, method.noise, draws=2)
@@ -290,9 +285,37 @@ def test_a_plan_is_occupied_free_or_unknown_as_map_server_reads_it(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {*mapping.FILES}
 
 
-def test_the_outline_of_a_patch_is_its_circle():
+def test_the_outline_is_the_smallest_circle():
     angle = np.linspace(0, 2 * np.pi, 100)
-    voxels = np.stack([7 + 20 * np.cos(angle), 20 * np.sin(angle), 0 * angle], -1)
-    x, y, radius = outline(np.rint(voxels).astype(int))
-    assert (x, y) == (7, 0)
-    assert radius == pytest.approx(20, abs=0.75)
+    rim = np.stack([7 + 20 * np.cos(angle), 20 * np.sin(angle), 0 * angle], -1)
+    inside = rim * (0.5, 0.5, 0) + (3.5, 0, 2)
+    found = outline(np.concatenate([rim, inside]))
+    np.testing.assert_allclose(found, (7, 0, 20), atol=0.1)
+    # More than half of the circle is enough, though its extent has another middle.
+    half = outline(rim[rim[:, 0] >= 5])
+    np.testing.assert_allclose(half, (7, 0, 20), atol=0.1)
+    for few in ([[1, 2, 0]], [[0, 0, 0], [4, 0, 9]], [[0, 0, 0], [1, 0, 0], [4, 0, 0]]):
+        x, y, radius = outline(np.array(few))
+        away = np.linalg.norm(np.array(few)[:, :2] - (x, y), axis=1)
+        assert radius == pytest.approx(away.max())
+        assert radius == pytest.approx(np.ptp(np.array(few)[:, 0]) / 2)
+    rng = np.random.default_rng(0)
+    scattered = rng.integers(-30, 30, (500, 3))
+    found = outline(scattered)
+    for step in rng.normal(0, 1, (50, 2)):
+        moved = np.linalg.norm(scattered[:, :2] - found[:2] - step, axis=1).max()
+        assert moved > found.radius - 0.1
+
+
+def test_the_nearest_voxels_of_a_patch_are_as_many_as_expected():
+    x = np.arange(1, 2001)
+    voxels = np.stack([x, 0 * x, 0 * x], -1)
+    found = mapping.Occupied(voxels, np.full(2000, 0.5))
+    near = mapping.nearest(found, 0.0, 0.0, 200)
+    # 200 of the first 400 are expected.
+    at = dict(zip(near.voxels[:, 0].tolist(), near.probability.tolist(), strict=True))
+    assert at[1] == pytest.approx(0.5)
+    assert at[400] == pytest.approx(0.25)
+    assert at[2000] < 0.01
+    assert (np.diff(near.probability) <= 0).all()
+    assert near.probability.sum() == pytest.approx(200, rel=0.15)
