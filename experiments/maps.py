@@ -76,7 +76,8 @@ def network(config: ConfigDict) -> diffusion.Network:
 def splits(config: ConfigDict) -> dict[str, list[MapRun]]:
     """Return the runs of each split; `run0` of each environment is for testing.
 
-    The runs of "confidence" validate, too, unless an environment is left out.
+    The runs of "confidence" validate, too, unless an environment is left out. Without
+    any, all runs train.
     """
     found, left = open_runs(config.data.path), config.data.without
     runs = [run for run in found if not run.name.endswith(TEST)]
@@ -93,10 +94,10 @@ def splits(config: ConfigDict) -> dict[str, list[MapRun]]:
     aside = [run for run in runs if run.environment == left]
     others = [run for run in runs if run.environment != left]
     confidence = [run for run in others if run.name in kept]
-    if not confidence:
+    if kept and not confidence:
         raise UsageError(
             f"data.validation = {config.data.validation}: no run to fit the confidence "
-            f"on{f' without {left}' if left else ''}, expected one or more"
+            f"on without {left}, expected one or more"
         )
     return {
         "train": [run for run in others if run.name not in kept],
@@ -140,12 +141,15 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
 
     def validate(state: training.TrainState, step: int) -> dict[str, float]:
         rows = [*score_patches(model_of(state), checked, every=VALIDATED)]
+        if not rows:
+            return {}
         return {name: float(np.mean([row[name] for row in rows])) for name in SCORES}
 
     def save(state: training.TrainState) -> None:
         model = model_of(state)
-        table = fit_confidence(*voxel_truth(model, runs["confidence"], every=VALIDATED))
-        model = model.calibrated_by(table)
+        if held := runs["confidence"]:
+            truth = voxel_truth(model, held, every=VALIDATED)
+            model = model.calibrated_by(fit_confidence(*truth))
         save_map_model(workdir / "model", model)
 
     return Training(

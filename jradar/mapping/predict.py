@@ -12,8 +12,8 @@ from jradar.mapping.model import MapModel, voxel_frequencies
 SIZES = (64, 96, 128, 160)  # of images of patches, in columns; each is compiled once
 MARGIN = 16  # columns of an image beyond the radar's patch, both sides together
 TILE, STRIDE = 96, 64  # of whole maps
-LEAST = 0.01  # probability of voxels that are kept
-SPREAD = 0.25  # of the logarithm of how many voxels are near, about what is expected
+LEAST = 0.03  # probability of voxels that are kept
+SPREAD = 0.2  # of the logarithm of how many voxels are near, about what is expected
 MOST_TILES = 100_000  # 6 km x 6 km
 
 
