@@ -37,6 +37,17 @@ def test_runs_are_split_and_the_published_test_is_never_trained_on(folder):
     }
 
 
+def test_without_runs_to_validate_all_but_the_published_test_train(folder):
+    everything = config(folder)
+    everything.data.validation = ()
+    assert names(maps.splits(everything)) == {
+        "train": ["hall_run1", "mine_run1", "mine_run2"],
+        "confidence": [],
+        "validation": [],
+        "test": ["hall_run0"],
+    }
+
+
 def test_an_environment_left_out_neither_trains_nor_fits_the_confidence(folder):
     assert names(maps.splits(config(folder, without="hall"))) == {
         "train": ["mine_run1"],
@@ -73,20 +84,25 @@ def test_the_calibration_error_is_that_of_all_voxels_of_a_group():
 
 
 @pytest.mark.slow
-def test_a_short_run_trains_saves_and_scores(folder, tmp_path, capsys):
-    options = {"data.path": folder, "data.validation": "('mine_run2',)"}
+@pytest.mark.parametrize("kept", ["('mine_run2',)", "()"])
+def test_a_short_run_trains_saves_and_scores(folder, tmp_path, capsys, kept):
+    options = {"data.path": folder, "data.validation": kept}
     options |= {"map.heights": 16, "map.tile": 32, "network.channels": 8}
     options |= {"network.multipliers": "(1,)", "network.condition_channels": 8}
-    options |= {"train.steps": 4, "train.batch_size": 2, "train.evaluate_every": 0}
+    options |= {"train.steps": 4, "train.batch_size": 2, "train.evaluate_every": 2}
+    options |= {"evaluation.split": "validation" if "mine" in kept else "test"}
     words = [f"--config.{name}={value}" for name, value in options.items()]
     file = f"--config={recipe.__file__}"
     workdir = tmp_path / "run"
     command = ["main", file, f"--workdir={workdir}", *words]
     assert main.main(command) == 0
     table = (workdir / "evaluation" / "table.md").read_text()
-    assert "| mine " in table and table in capsys.readouterr().out
-    assert (workdir / "evaluation" / "mine_run2.png").stat().st_size > 5_000
+    scored = "mine" if "mine" in kept else "hall"
+    assert f"| {scored} " in table and table in capsys.readouterr().out
+    drawn = [path.stem for path in (workdir / "evaluation").glob("*.png")]
+    assert drawn == ["mine_run2" if "mine" in kept else "hall_run0"]
     model = load_map_model(workdir)
-    assert "4 patches of 2 runs" in model.trained_on
+    trained = "4 patches of 2 runs" if "mine" in kept else "6 patches of 3 runs"
+    assert trained in model.trained_on
     assert main.main([*command, "--mode=eval", "--config.evaluation.split=test"]) == 0
     assert "| hall " in (workdir / "evaluation" / "table.md").read_text()
