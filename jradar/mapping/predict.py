@@ -24,8 +24,13 @@ class Occupied(NamedTuple):
     probability: Float[np.ndarray, " voxel"]
 
 
-def enhance_patch(radar: Voxels, model: MapModel) -> Occupied:
-    """Return the LiDAR's voxels around the robot, from the radar's patch."""
+def enhance_patch(
+    radar: Voxels, model: MapModel, *, least: float = LEAST
+) -> Occupied:
+    """Return the LiDAR's voxels around the robot, from the radar's patch.
+
+    Those of a probability of `least` or less are left out.
+    """
     spec, around = model.spec, outline(radar)
     wanted = 2 * around.radius + MARGIN
     size = next((size for size in SIZES if size >= wanted), SIZES[-1])
@@ -33,7 +38,7 @@ def enhance_patch(radar: Voxels, model: MapModel) -> Occupied:
     origin = (x, y, middle_height(radar) - spec.heights // 2)
     image = condition_columns(radar, origin, (size, size), spec, observed=around)
     share = np.asarray(voxel_frequencies(jnp.asarray(image), model))
-    cells = np.argwhere(share > LEAST)
+    cells = np.argwhere(share > least)
     return likely_first(cells + np.asarray(origin), share[tuple(cells.T)])
 
 
