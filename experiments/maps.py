@@ -31,6 +31,7 @@ from jradar.mapping import (
     best_count,
     enhance_map,
     enhance_patch,
+    expected,
     load_map_model,
     nearest,
     open_runs,
@@ -249,11 +250,10 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
 def whole_map_figure(model: MapModel, run: MapRun) -> Figure:
     """Draw a run's whole maps: the radar's, the model's of it, and the LiDAR's.
 
-    The model's has as many voxels as give the largest F-score that it expects.
+    The model's has as many voxels as it expects.
     """
-    found = enhance_map(run.radar.astype(int), model)
-    count = best_count(found.probability, float(found.probability.sum()))
-    maps = {"radar": run.radar, "jradar": found.voxels[:count], "LiDAR": run.lidar}
+    found = expected(enhance_map(run.radar.astype(int), model))
+    maps = {"radar": run.radar, "jradar": found.voxels, "LiDAR": run.lidar}
     return maps_figure({name: model.spec.metres(maps[name]) for name in maps})
 
 

@@ -5,7 +5,7 @@ MapModel, load_map_model, save_map_model
                                    a network that gives each voxel's probability
 map_recording, map_clouds, map_files
                                    a recording, or clouds with poses, to maps; files
-enhance_map                        a radar's map -> the voxels that a LiDAR would find
+enhance_map, expected              a radar's map -> the voxels that a LiDAR would find
 enhance_patch, nearest, best_count the same for a patch, in ColoRadar's sense
 MapRun, open_runs                  ColoRadar's maps of radar and LiDAR
 MapSpec, TileSpec, Tiles           images of them for training
@@ -23,6 +23,7 @@ from jradar.mapping.predict import (
     best_count as best_count,
     enhance_map as enhance_map,
     enhance_patch as enhance_patch,
+    expected as expected,
     nearest as nearest,
 )
 from jradar.mapping.recording import (

@@ -24,9 +24,7 @@ class Occupied(NamedTuple):
     probability: Float[np.ndarray, " voxel"]
 
 
-def enhance_patch(
-    radar: Voxels, model: MapModel, *, least: float = LEAST
-) -> Occupied:
+def enhance_patch(radar: Voxels, model: MapModel, *, least: float = LEAST) -> Occupied:
     """Return the LiDAR's voxels around the robot, from the radar's patch.
 
     Those of a probability of `least` or less are left out.
@@ -108,6 +106,12 @@ def likely_first(voxels: Voxels, probability: Float[np.ndarray, " voxel"]) -> Oc
     """Return the voxels in the order of their probability."""
     order = np.argsort(-probability, kind="stable")
     return Occupied(voxels[order], probability[order])
+
+
+def expected(found: Occupied) -> Occupied:
+    """Return as many of the likely voxels as are expected to be true."""
+    count = round(float(found.probability.sum()))
+    return Occupied(*(values[:count] for values in found))
 
 
 def best_count(probability: Float[np.ndarray, " voxel"], truth: float) -> int:

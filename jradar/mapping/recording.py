@@ -14,7 +14,7 @@ from jradar.files import atomic_path, write_text
 from jradar.lidar import interpolate_poses
 from jradar.mapping.columns import MapSpec
 from jradar.mapping.model import MapModel
-from jradar.mapping.predict import Occupied, best_count, enhance_map, likely_first
+from jradar.mapping.predict import Occupied, enhance_map, expected, likely_first
 from jradar.mapping.voxel_map import SensorModel, VoxelMap
 from jradar.motion import ego_velocity, frame_velocities, odometry
 from jradar.radar import PointSpec
@@ -129,8 +129,7 @@ def map_clouds(
     path = poses[:, :3, 3]
     start = int(np.floor(path[0, 2] / model.spec.voxel_m))
     likely = enhance_map(occupied.voxels, model, start_height=start)
-    count = best_count(likely.probability, float(likely.probability.sum()))
-    enhanced = Occupied(likely.voxels[:count], likely.probability[:count])
+    enhanced = expected(likely)
     return RecordingMap(
         model.spec, occupied, enhanced, voxels.free(), path, tuple(notes)
     )

@@ -149,6 +149,13 @@ def test_the_best_count_has_the_largest_expected_f_score():
     assert mapping.best_count(probability, 2) == counts[expected.argmax()] == 2
 
 
+def test_a_map_has_as_many_voxels_as_are_expected():
+    found = mapping.Occupied(np.arange(15).reshape(5, 3), np.full(5, 0.4))
+    first = mapping.expected(found)
+    assert first.voxels.tolist() == [[0, 1, 2], [3, 4, 5]]
+    assert first.probability.tolist() == [0.4, 0.4]
+
+
 def test_scores_are_those_of_the_published_protocol():
     truth = np.array([[0.0, 0, 0], [10.0, 0, 0], [0, 0, 0.15]])
     away = np.linalg.norm(truth - truth.mean(0), axis=1).max()
