@@ -108,10 +108,21 @@ def splits(config: ConfigDict) -> dict[str, list[MapRun]]:
     }
 
 
+def scored_runs(config: ConfigDict, runs: dict[str, list[MapRun]]) -> list[MapRun]:
+    """Return the runs of the config's split. Raises UsageError without any."""
+    if checked := runs.get(config.evaluation.split):
+        return checked
+    raise UsageError(
+        f"evaluation.split = {config.evaluation.split!r}: no runs, expected one of "
+        f"{[name for name, some in runs.items() if some]}"
+    )
+
+
 def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on tiles."""
     runs, method = splits(config), METHODS[config.method]
     train, checked = runs["train"], runs["validation"]
+    scored_runs(config, runs)  # before hours of training
     with build.section("map"):
         spec = MapSpec(**config.map)
     with build.section("tiles"):
@@ -230,13 +241,8 @@ def is_among(voxels: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Score the model on the runs of the config's split."""
-    model, runs = load_map_model(config.model or workdir), splits(config)
-    checked = runs.get(config.evaluation.split)
-    if not checked:
-        raise UsageError(
-            f"evaluation.split = {config.evaluation.split!r}: no runs, expected one of "
-            f"{[name for name, some in runs.items() if some]}"
-        )
+    model = load_map_model(config.model or workdir)
+    checked = scored_runs(config, splits(config))
     for run in checked:
         figure = whole_map_figure(model, run)
         save_figure(figure, workdir / "evaluation" / f"{run.name}.png")

@@ -46,6 +46,8 @@ def test_without_runs_to_validate_all_but_the_published_test_train(folder):
         "validation": [],
         "test": ["hall_run0"],
     }
+    with pytest.raises(UsageError, match="no runs, expected one of .'train', 'test'."):
+        maps.setup(everything, folder)
 
 
 def test_an_environment_left_out_neither_trains_nor_fits_the_confidence(folder):
