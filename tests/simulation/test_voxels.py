@@ -8,6 +8,7 @@ from jradar.simulation.paths.reflectors import find_reflectors
 from jradar.simulation.scenes.materials import MATERIAL_IDS
 from jradar.simulation.scenes.scene import Scene, cast, make_body, placements
 from jradar.simulation.scenes.voxels import surfaces
+from tests.programs import finished
 from tests.simulation.worlds import straight
 
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
@@ -54,6 +55,38 @@ def test_scattered_voxels_stay_where_they_are():
     middle = solid.vertices[solid.faces].mean(1)
     apart = np.linalg.norm(middle[:, None] - centres, axis=-1).min(1)
     assert apart.max() < 2.5 and set(solid.material) == {MATERIAL_IDS["metal"]}
+
+
+SURFACES_ON = """
+import os
+os.environ["OPENBLAS_CORETYPE"] = {processor!r}
+import zlib
+import numpy as np
+from jradar.simulation.scenes.voxels import surfaces
+random = np.random.default_rng(3)
+x, y, z = random.uniform(-3, 3, (3, 40_000))
+near = random.normal(0, 0.1, 40_000)
+wall, floor = np.stack([x, 2 + 0.3 * x + near, z], -1), np.stack([x, y, near], -1)
+voxels = np.unique(np.floor(np.concatenate([wall, floor]) / 0.15).astype(int), axis=0)
+solid = surfaces(
+    random,
+    (voxels + 0.5) * 0.15,
+    0.15,
+    floors=("floor", "grass"),
+    walls=("concrete", "metal", "wood"),
+    others=("metal", "plastic"),
+)
+vertices = solid.vertices.round(5) + 0.0  # no negative zeros
+print(len(vertices), zlib.crc32(vertices.tobytes()), zlib.crc32(solid.material))
+"""
+
+
+def test_surfaces_are_the_same_on_processors_that_round_differently():
+    first, second = (
+        finished(SURFACES_ON.format(processor=name)).stdout
+        for name in ("Haswell", "Prescott")  # of OpenBLAS, on x86-64
+    )
+    assert first and first == second
 
 
 def test_the_place_of_a_patch_is_the_centre_of_its_circle():

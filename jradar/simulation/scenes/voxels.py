@@ -10,6 +10,10 @@ mirror. Every other voxel becomes a triangle in its own plane.
           voxels          normals           a plane, and triangles
         # # # # #        | | | | /          ________  /
                 #                -                   |
+
+Voxels lie on a grid, so directions and distances are often tied. Processors round
+linear algebra differently: ties are broken by a slight tilt, and what is compared is
+rounded before. So a seed gives the same scene on every machine.
 """
 
 import numpy as np
@@ -29,6 +33,8 @@ RADIUS = 1.1  # voxels, of the triangle of another voxel
 BLOCK_M = 1.5  # in which other voxels share a material
 LEVEL = 0.9  # |z| of the normal of a floor
 LOW_M = 0.4  # up to which a level plane is a floor
+TILT = 1e-3 * np.array([[1, 2, 5], [2, 3, 7], [5, 7, -4]])  # of spreads, in voxels^2
+DECIMALS = 6  # of directions, and of places in voxels
 
 
 def surfaces(
@@ -47,9 +53,7 @@ def surfaces(
     """
     tree = spatial.KDTree(centres)
     _, near = tree.query(centres, k=min(NEIGHBOURS, len(centres)))
-    offset = centres[near] - centres[near].mean(1, keepdims=True)
-    _, axes = np.linalg.eigh(np.einsum("vni,vnj->vij", offset, offset))
-    normal, middle = axes[..., 0], centres[near].mean(1)
+    normal, middle = _axes(centres[near], voxel_m)[:, 0], centres[near].mean(1)
     group = _groups(centres, normal, near, voxel_m)
     order = np.argsort(group, kind="stable")
     waiting = np.split(order, np.cumsum(np.bincount(group))[:-1])
@@ -58,21 +62,33 @@ def surfaces(
         members = waiting.pop()
         if len(members) < LEAST_VOXELS:
             continue
-        xyz = centres[members] - (mean := centres[members].mean(0))
-        *_, sides = np.linalg.svd(xyz, full_matrices=False)
-        if ((xyz @ sides[2]) ** 2).mean() > (MOST_RMS * voxel_m) ** 2:
-            along = xyz @ sides[0]
-            waiting += [members[along < 0], members[along >= 0]]
+        mean, axes = centres[members].mean(0), _axes(centres[members], voxel_m)
+        cell = ((centres[members] - mean) @ axes.T / voxel_m).round(DECIMALS)
+        if (cell[:, 0] ** 2).mean() > MOST_RMS**2:
+            waiting += [members[cell[:, 2] < 0], members[cell[:, 2] >= 0]]
             continue
-        level = abs(sides[2][2]) > LEVEL and mean[2] < LOW_M
+        level = abs(axes[0, 2]) > LEVEL and mean[2] < LOW_M
         material = str(random.choice(floors if level else walls))
-        parts.append(_plane(xyz @ sides[:2].T, mean, sides[:2], voxel_m, material))
+        parts.append(_plane(cell[:, 2:0:-1], mean, axes[2:0:-1], voxel_m, material))
         rough[members] = False
     if rough.any():
         height = ((centres - middle) * normal).sum(1)[:, None]
         foot = (centres - height * normal)[rough]
         parts.append(_triangles(random, foot, normal[rough], voxel_m, others))
     return join(parts)
+
+
+def _axes(points, voxel_m) -> Float[np.ndarray, "*set 3 3"]:
+    """Return unit vectors along the least to the largest spread of sets of points.
+
+    The largest component of each is positive.
+    """
+    offset = (points - points.mean(-2, keepdims=True)) / voxel_m
+    spread = np.swapaxes(offset, -1, -2) @ offset / points.shape[-2]
+    vectors = np.linalg.eigh(spread + TILT).eigenvectors
+    axes = np.swapaxes(vectors, -1, -2).round(DECIMALS)
+    largest = np.abs(axes).argmax(-1, keepdims=True)
+    return axes * np.sign(np.take_along_axis(axes, largest, -1))
 
 
 def _groups(centres, normal, near, voxel_m) -> Int[np.ndarray, " voxel"]:
@@ -89,9 +105,9 @@ def _groups(centres, normal, near, voxel_m) -> Int[np.ndarray, " voxel"]:
     return csgraph.connected_components(links, directed=False)[1]
 
 
-def _plane(flat, mean, sides, voxel_m, material) -> Solid:
+def _plane(cell, mean, sides, voxel_m, material) -> Solid:
     """Return the cells of a plane that hold voxels, as squares with shared corners."""
-    cell = np.rint(flat / voxel_m).astype(int)
+    cell = np.rint(cell).astype(int)
     cell -= (low := cell.min(0) - 2)
     full = np.zeros(cell.max(0) + 3, bool)
     full[tuple(cell.T)] = True
