@@ -266,6 +266,8 @@ NOT_RUN = {  # and why
     "--model runs/maps": "needs that run",
     "-m experiments.places": "hours; needs ColoRadar's maps",
     "--config.data.path=runs/sim5": "needs that set",
+    "-m experiments.studies.map_views": "half an hour; needs ColoRadar's maps",
+    "--config.data.path=runs/views": "needs those views",
     "--model runs/marginal": "needs that run",
     "--model runs/half": "needs that run",
     "--config=experiments/configs/radarhd.py": "hours of training",
