@@ -99,7 +99,7 @@ def draw_places(config: ConfigDict, folder: Path, *, workers: int = 1) -> None:
 def records_of(config: ConfigDict, folder: Path, split: str) -> data.Records:
     """Return the records of a split; see `data.without`.
 
-    The kinds that are left out of training are all that validates and tests.
+    The kinds that are left out of training and validation are all that is tested.
     """
     left = set(filter(None, config.data.get("without", "").split(",")))
     if not left:
@@ -109,7 +109,7 @@ def records_of(config: ConfigDict, folder: Path, split: str) -> data.Records:
         raise UsageError(
             f"data.without = {unknown[0]!r}, expected one of {sorted(kinds)}"
         )
-    wanted = split != "train"
+    wanted = split == "test"
     return data.Records(
         folder, split, choose=lambda name: (kind_of(name) in left) == wanted
     )

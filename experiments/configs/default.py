@@ -26,8 +26,8 @@ def get_config():
     config.data.set = "jradar-sim-1"
     config.data.frames = 1  # per sequence
     # Of jradar-sim-5: a folder of packed runs of ColoRadar's maps, for real places.
-    # `without` names kinds, with commas, that are left out of training, and on which
-    # the run validates and tests.
+    # `without` names kinds, with commas, that are left out of training and validation;
+    # the run tests on them alone.
     config.data.maps = ""
     config.data.without = ""
 

@@ -11,7 +11,7 @@ from jradar.simulation import drawn
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
 
 
-def test_a_kind_is_left_out_and_alone_validates(tmp_path, monkeypatch):
+def test_a_kind_is_left_out_and_alone_is_tested(tmp_path, monkeypatch):
     monkeypatch.setattr(drawn, "FRAMES", 1)
     monkeypatch.setattr(drawn, "NEWER", ("open", "stairwell"))
     monkeypatch.setattr(drawn, "OLDER", ())
@@ -25,7 +25,11 @@ def test_a_kind_is_left_out_and_alone_validates(tmp_path, monkeypatch):
     assert all(frame.radar.valid.any() for frame in frames)
     assert len(frames[1].lidar_xyz) > 1000
     config.data.without = "open"
-    for split, expected in (("train", "stairwell_00000"), ("test", "open_60000")):
+    for split, expected in {
+        "train": "stairwell_00000",
+        "validation": "stairwell_50000",
+        "test": "open_60000",
+    }.items():
         records = build.records_of(config, folder, split)
         assert [name for name, _ in records.where] == [expected]
     config.data.without = "opera"
