@@ -98,6 +98,7 @@ def remaining_deg(radar, response):
     return np.degrees(np.sqrt(np.mean(np.angle(shown) ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [17, 34])
 def test_channels_of_simulated_cubes_are_found(degrees):
     true = channels(CHIP, degrees, seed=degrees)

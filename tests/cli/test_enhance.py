@@ -64,6 +64,7 @@ def test_the_result_is_the_librarys(enhance, small_cube, model_folder, tmp_path)
     assert not (tmp_path / "out" / "enhanced.ply").exists()
 
 
+@pytest.mark.slow
 def test_every_stage_of_several_frames_is_timed(
     enhance, sequence, tmp_path, monkeypatch
 ):
@@ -98,6 +99,7 @@ def test_a_flat_folder_is_read_in_order_by_kiss_icp(enhance, sequence, tmp_path)
         assert len(xyz) == row["enhanced_points"] > 0
 
 
+@pytest.mark.slow
 def test_another_radar_than_in_training_is_noted(
     flat_cube, model_folder, capsys, tmp_path, refused
 ):

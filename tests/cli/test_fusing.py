@@ -48,6 +48,7 @@ def test_each_frame_is_fused_with_those_before_it(enhance):
     np.testing.assert_allclose(one, fused, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_without_poses_the_radar_and_its_imu_show_the_motion(enhance, walk, tmp_path):
     shutil.copytree(walk.parent, tmp_path / "data")
     copied = tmp_path / "data" / walk.name

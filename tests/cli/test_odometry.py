@@ -6,6 +6,7 @@ import pytest
 from jradar.recordings import read_tum
 
 
+@pytest.mark.slow
 def test_a_simulated_walk_is_followed(walk, tmp_path, run_json):
     path = tmp_path / "trajectory.tum"
     found = run_json("odometry", walk, "-o", path)

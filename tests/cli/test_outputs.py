@@ -147,6 +147,7 @@ def test_a_second_run_replaces_the_first_alone(own, commands, run_json, refused)
     assert before.items() < hashes(own).items()
 
 
+@pytest.mark.slow
 def test_results_of_another_command_or_changed_since_are_kept(
     own, commands, run_json, refused
 ):

@@ -171,6 +171,7 @@ def test_card_and_board_are_set_up_and_stopped(capture, run_json, tmp_path):
     assert board.heard == [*lines, "sensorStart", "sensorStop"]
 
 
+@pytest.mark.slow
 def test_two_programs_talk_to_each_other(capture, tmp_path):
     """`replay` in one process, `live` in another, over the loopback; SIGINT ends it."""
     pytest.importorskip("foxglove")

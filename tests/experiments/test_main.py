@@ -59,6 +59,7 @@ def test_a_run_leaves_its_results_in_the_workdir(finished, records):
     assert card["data_digest"] == Records(records, "train").digest
 
 
+@pytest.mark.slow
 def test_validation_scores_what_the_final_table_scores(made, records, tmp_path):
     config, model = made(smoke)
     config.sampling.update(steps=2, draws=3)

@@ -11,6 +11,7 @@ from jradar.simulation import drawn
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
 
 
+@pytest.mark.slow
 def test_a_kind_is_left_out_and_alone_is_tested(tmp_path, monkeypatch):
     monkeypatch.setattr(drawn, "FRAMES", 1)
     monkeypatch.setattr(drawn, "NEWER", ("open", "stairwell"))

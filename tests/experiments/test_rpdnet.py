@@ -121,6 +121,7 @@ def test_maps_of_the_commonest_size_are_trained_on(records):
     assert {item.condition.shape for item in items} == {(16, 64, 1)}
 
 
+@pytest.mark.slow
 def test_doppler_gives_the_velocity_that_poses_do_not(records, monkeypatch):
     velocity, random = np.array([0.6, 0.2, 0.0]), np.random.default_rng(0)
     sine = random.uniform(-0.8, 0.8, 24)

@@ -186,6 +186,7 @@ def test_points_without_a_direction_have_no_gradient(elevation):
             assert not slope[:2].any() and np.abs(slope[2:]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_gradients_are_finite_and_those_of_least_squares():
     cloud, _ = cloud_of(5, noise=0.02, movers=0.2)
 

@@ -135,6 +135,7 @@ def test_the_images_of_a_condition_are_those_of_training_or_the_nearest_in_time(
     assert conditions([7, 7.05, 1, 1.05], 4) == [3, 2, 2, 2]  # time was set back
 
 
+@pytest.mark.slow
 def test_a_model_of_several_images_is_given_the_frames_before():
     model = tiny_planar_model(history=3)
     cubes, stamps = [*CUBES, CUBES[0]], 0.05 * np.arange(3)

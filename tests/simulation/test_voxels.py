@@ -81,6 +81,7 @@ print(len(vertices), zlib.crc32(vertices.tobytes()), zlib.crc32(solid.material))
 """
 
 
+@pytest.mark.slow
 def test_surfaces_are_the_same_on_processors_that_round_differently():
     first, second = (
         finished(SURFACES_ON.format(processor=name)).stdout

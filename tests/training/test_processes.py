@@ -80,6 +80,7 @@ def kill(process):
     assert process.returncode == -signal.SIGKILL
 
 
+@pytest.mark.slow
 @RACES
 def test_killed_run_resumes_and_ends_like_an_uninterrupted_one(launch, whole, tmp_path):
     process = launch_to_kill(launch, tmp_path)

@@ -50,6 +50,7 @@ def test_a_view_has_first_voxels_and_radar_voxels_in_the_field_of_view(room):
         assert np.linalg.norm(frame.lidar_xyz, axis=1).max() < 12
 
 
+@pytest.mark.slow
 def test_records_of_views_have_the_splits_of_real_places(room, tmp_path):
     for name in ("arpg_lab_run1", "arpg_lab_run3", "arpg_lab_run4"):
         np.savez(

@@ -30,6 +30,7 @@ def cells():
     return all_cells(CUBE, UNIT, points=CELLS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("radar", "points"), [(SMALL, CELLS), (CASCADE, WIDE)], ids=["chip", "cascade"]
 )

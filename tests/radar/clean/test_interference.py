@@ -220,6 +220,7 @@ def test_vmap_keeps_the_condition_that_spares_passes():
     assert " cond[" in str(program)
 
 
+@pytest.mark.slow
 def test_gradients_of_a_batch_are_those_of_its_frames():
     clean = simulate(target(3, 10, 0, 0.0, amplitude=500.0))
     frames = jnp.stack([clean, clean + drawn(SMALL)])
