@@ -66,7 +66,13 @@ def study(options: Namespace) -> None:
         raise UsageError(f"{options.output} has records already: choose another -o")
     runs = [run for run in open_runs(options.maps) if not run.name.endswith(NEVER)]
     split = {run.name: _split(run.name) for run in runs}
-    share = -(-options.views // [*split.values()].count("train"))
+    training = [*split.values()].count("train")
+    if not training or options.views < 1:
+        raise UsageError(
+            f"--views {options.views} of {training} runs in {options.maps} that train, "
+            "expected one or more of both"
+        )
+    share = -(-options.views // training)
     sequences = []
     with progress("runs", len(runs)) as show:
         for number, run in enumerate(runs):
@@ -91,7 +97,7 @@ def study(options: Namespace) -> None:
 
 
 def views(run: MapRun, name: str) -> Iterator[PreparedFrame]:
-    """Yield views of a run's maps, with the number of the run as seed.
+    """Yield views of a run's maps, seeded by the name.
 
     Ends after TRIES times as many places as the run has patches.
     """
