@@ -31,6 +31,7 @@ from jradar.data import PreparedFrame
 from jradar.data.records import FORMAT, write_shard
 from jradar.errors import UsageError
 from jradar.files import write_text
+from jradar.lidar import shared_field_of_view
 from jradar.progress import progress
 from jradar.radar import Cells
 from jradar.range_image import ImageSpec, pixel_directions
@@ -42,7 +43,8 @@ from jradar.types import PointCloud
 CONFIG = marginal.get_config()
 CAPACITY = CONFIG.points.capacity
 RAYS = (64, 256)  # rows and columns of the LiDAR in a view
-VIEW = ImageSpec(*RAYS, **build.field_of_view(CONFIG.image))
+SEEN = build.field_of_view(CONFIG.image)
+VIEW = ImageSpec(*RAYS, **SEEN)
 MOVED_M, EYE_M = 1.0, (0.5, 1.5)  # from a place of the robot; above its floor
 FREE_M = 0.3  # around a view, without a LiDAR voxel
 LEAST_HITS, LEAST_POINTS = 0.3, 32  # share of rays; radar voxels
@@ -118,7 +120,8 @@ def views(run: MapRun, name: str) -> Iterator[PreparedFrame]:
             continue
         for yaw in random.uniform(-np.pi, np.pi, VIEWS):
             turn = Rotation.from_euler("z", yaw).as_matrix()
-            seen = _in_view((radar - origin) @ turn)
+            local = (radar - origin) @ turn
+            seen = local[shared_field_of_view(local, **SEEN)]
             hits = _first_hits(boxes, origin, turn)
             if len(seen) < LEAST_POINTS or len(hits) < LEAST_HITS * np.prod(RAYS):
                 continue
@@ -135,18 +138,6 @@ def views(run: MapRun, name: str) -> Iterator[PreparedFrame]:
                 radar=_cloud(random, seen),
                 lidar_xyz=hits.astype(np.float32),
             )
-
-
-def _in_view(xyz):
-    """Return the points within the field of view."""
-    x, y, z = xyz.T
-    ground = np.hypot(x, y)
-    (low, high), (_, left) = VIEW.elevation, VIEW.azimuth
-    elevation = np.arctan2(z, ground)
-    inside = (np.abs(np.arctan2(y, x)) < left) & (
-        np.hypot(ground, z) < VIEW.max_range_m
-    )
-    return xyz[inside & (elevation > low) & (elevation < high)]
 
 
 def _first_hits(boxes, origin, turn):

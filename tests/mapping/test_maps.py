@@ -11,6 +11,7 @@ from jradar import mapping, training
 from jradar.errors import ModelError
 from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
 from jradar.mapping.methods import METHODS, nearness
+from jradar.mapping.predict import SPREAD
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
 from jradar.metrics import f_score
@@ -322,7 +323,8 @@ def test_the_nearest_voxels_of_a_patch_are_as_many_as_expected():
     # 200 of the first 400 are expected.
     at = dict(zip(near.voxels[:, 0].tolist(), near.probability.tolist(), strict=True))
     assert at[1] == pytest.approx(0.5)
-    assert at[400] == pytest.approx(0.25, rel=0.01)
+    # Nearer are 199.5 and half of the voxel's own ring; see `mapping.predict.SPREAD`.
+    assert at[400] == pytest.approx(0.5 / (1 + (199.75 / 200) ** (1 / SPREAD)))
     assert at[2000] < 0.01
     assert (np.diff(near.probability) <= 0).all()
     assert near.probability.sum() == pytest.approx(200, rel=0.15)
