@@ -66,7 +66,8 @@ base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each fra
 the recording has poses, the trajectory is compared with them: APE (positions, aligned
 without scale) and RPE (from frame to frame), as evo defines them. PATH can also be a
 ROS bag with the radar's point clouds alone, if they have a Doppler velocity."""
-MAP_HELP = """\
+MAP_HELP = """
+
 Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
 that a LiDAR would have made, with the confidence of each voxel; radar_map.ply, the
 radar's own map; a plan for ROS's map_server (grid.pgm, grid.yaml); and a picture."""

@@ -25,6 +25,7 @@ from jradar.viz import maps_figure, save_figure
 
 POINTS = PointSpec()
 FASTEST_MPS = 50.0  # of a radar between two frames
+JUMP_MPS = 5.0  # a larger change from frame to frame: the poses jump
 SHORTEST_M = 1.0  # of a path that shows a place from several sides
 FEWEST = 10  # frames of a map
 BAND_M = (-0.3, 0.6)  # below and above the radar's path: what stands in a robot's way
@@ -158,17 +159,27 @@ def radar_poses(
 
 
 def _check_path(recording, frames, path):
-    """Yield notes on a path that shows little; UsageError for one that jumps."""
+    """Yield notes on a path that jumps or shows little; UsageError if too far."""
     stamps = recording.cubes.stamps
-    step = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    if stamps is not None and len(step):
+    if stamps is not None and len(path) > 1:
         seconds = np.maximum(np.diff(np.asarray(stamps)[list(frames)]), 1e-3)
-        worst = int(np.argmax(step / seconds))
-        if step[worst] > FASTEST_MPS * seconds[worst]:
+        velocity = np.diff(path, axis=0) / seconds[:, None]
+        speed = np.linalg.norm(velocity, axis=1)
+        worst = int(np.argmax(speed))
+        if speed[worst] > FASTEST_MPS:
             raise UsageError(
-                f"{recording.path}: the poses jump by {step[worst]:.1f} m in "
-                f"{seconds[worst]:.3g} s after frame {frames[worst]}: correct them, or "
-                "map the frames before and after apart with --frames"
+                f"{recording.path}: the poses jump by "
+                f"{speed[worst] * seconds[worst]:.1f} m in {seconds[worst]:.3g} s "
+                f"after frame {frames[worst]}: correct them, or map the frames before "
+                "and after apart with --frames"
+            )
+        change = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
+        if len(change) and change.max() > JUMP_MPS:
+            k = int(np.argmax(change))
+            yield (
+                f"the poses jump near frame {frames[k + 1]}, from {speed[k]:.1f} to "
+                f"{speed[k + 1]:.1f} m/s: walls may stand twice, map the frames before "
+                "and after apart with --frames"
             )
     if len(path) < FEWEST:
         yield f"{len(path)} frames make a thin map: use {FEWEST} or more"

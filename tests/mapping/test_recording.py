@@ -1,0 +1,65 @@
+"""Maps of recordings: where poses come from, and which paths are refused."""
+
+import numpy as np
+import pytest
+
+from jradar import mapping, open_recording
+from jradar.errors import UsageError
+from jradar.lidar import Poses
+from tests.models import tiny_map_model
+from tests.recordings.small_sequence import write_sequence
+
+FRAMES = 12
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Twelve frames of a room, ten a second, without poses."""
+    folder = write_sequence(tmp_path_factory.mktemp("walk"), frames=FRAMES)
+    return open_recording(folder)._replace(poses=None, base_from_radar=np.eye(4))
+
+
+def mapped(recording, steps_m):
+    """The map of a path along x with these steps."""
+    xyz = np.zeros((FRAMES + 2, 3))
+    xyz[1:, 0] = np.cumsum(np.broadcast_to(steps_m, FRAMES + 1))
+    middle = recording.cubes.stamps + recording.radar.spec.frame_middle_s
+    stamps = middle[0] + 0.1 * (np.arange(FRAMES + 2) - 1)
+    poses = Poses(stamps, xyz, np.tile([0.0, 0, 0, 1], (FRAMES + 2, 1)))
+    return mapping.map_recording(recording._replace(poses=poses), tiny_map_model())
+
+
+def test_a_map_stands_in_the_world_of_the_recorded_poses(recording):
+    near, far = mapped(recording, 0.1), mapped(recording, [40] + 12 * [0.1])
+    assert near.notes == ()
+    np.testing.assert_allclose(np.ptp(near.path, axis=0), (1.1, 0, 0), atol=1e-3)
+    moved = far.radar.voxels.mean(0) - near.radar.voxels.mean(0)
+    np.testing.assert_allclose(moved * near.spec.voxel_m, (39.9, 0, 0), atol=0.1)
+
+
+def test_without_poses_doppler_gives_the_path(recording):
+    found = mapping.map_recording(recording, tiny_map_model())
+    assert "poses by Doppler and none" in found.notes
+    ground = found.path[:, :2]  # the radar stands; few echoes show its height
+    assert np.ptp(ground, axis=0).max() < 0.2
+
+
+def test_a_short_or_standing_walk_is_noted(recording):
+    assert "hardly moved" in mapped(recording, 0.01).notes[0]
+    found = mapping.map_recording(recording, tiny_map_model(), frames=slice(3))
+    assert any(note.startswith("3 frames make a thin map") for note in found.notes)
+
+
+@pytest.mark.parametrize(("jump", "speeds"), [(1.5, "1.0 to 15.0"), (4, "1.0 to 40.0")])
+def test_poses_that_jump_are_noted(recording, jump, speeds):
+    steps = np.full(FRAMES + 1, 0.1)
+    steps[7] = jump
+    (note,) = mapped(recording, steps).notes
+    assert note.startswith(f"the poses jump near frame 6, from {speeds} m/s")
+
+
+def test_poses_that_jump_too_far_are_refused(recording):
+    steps = np.full(FRAMES + 1, 0.1)
+    steps[7] = 9.0
+    with pytest.raises(UsageError, match=r"jump by 9.0 m in 0.1 s after frame 6"):
+        mapped(recording, steps)
