@@ -7,6 +7,7 @@
     odometry                           all of it for one recording, or such a bag
     relative_poses                     between the radar's places in two frames
     Follower                           the same for the last frames, as they come
+    propose_offset, TimeOffset         the time between the clocks of radar and LiDAR
     gravity_warnings                   mounts that an IMU contradicts: upside down
     write_tum                          a trajectory as a file
     describe_trajectory                in words and numbers
@@ -24,6 +25,10 @@ from jradar.motion.errors import (
 )
 from jradar.motion.following import Follower as Follower
 from jradar.motion.gravity import gravity_warnings as gravity_warnings
+from jradar.motion.time_offset import (
+    TimeOffset as TimeOffset,
+    propose_offset as propose_offset,
+)
 from jradar.motion.trajectory import (
     ROTATIONS as ROTATIONS,
     Trajectory as Trajectory,

@@ -7,7 +7,6 @@
     describe, describe_file          what a recording, a bag or a cloud holds
     describe_radar                   what a radar measures
     check_samples                    clipped, or in another byte order or code
-    propose_offset                   the time between the clocks of radar and LiDAR
 
     read_description                 a radar in a .toml, .cfg, log or calib folder
     write_radar_toml, read_coupling  a radar and its calibration; ColoRadar's leakage
@@ -70,4 +69,3 @@ from jradar.recordings.sample_checks import (
     with_sample_doubts as with_sample_doubts,
 )
 from jradar.recordings.text_files import read_tum as read_tum
-from jradar.recordings.time_offset import propose_offset as propose_offset

@@ -11,13 +11,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Inexact
 
-from jradar.motion import gravity_warnings
+from jradar.motion import gravity_warnings, propose_offset
 from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
 from jradar.recordings import (
     Recording,
     check_samples,
     describe,
-    propose_offset,
     with_sample_doubts,
 )
 from jradar.recordings.sample_checks import SampleCheck
@@ -145,7 +144,7 @@ def detect_recording(
 def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any]:
     """Return `describe`, and a frame's samples, noise and strongest echoes.
 
-    For a rig's own capture with a LiDAR, also the offset between the sensors' clocks.
+    For a rig's own capture with a LiDAR or poses, also the offset between the clocks.
     """
     radar, one = recording.radar.spec, range(frame, frame + 1)
     doubted = with_sample_doubts(recording, chosen_frames(recording, one)[0])
@@ -165,7 +164,8 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     }
     for (seen_moving,) in moving:
         found["moving echoes"] = seen_moving.describe(radar)["echoes"]
-    if (recording.path / "capture.toml").is_file() and recording.lidar is not None:
+    own = (recording.path / "capture.toml").is_file()
+    if own and not (recording.lidar is None and recording.poses is None):
         found["time offset"] = _time_offset(recording)
     described = describe(doubted)
     described["notes"] += gravity_warnings(recording)
@@ -176,9 +176,14 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
 def _time_offset(recording: Recording) -> dict[str, Any]:
     """Estimate the offset between the sensors' clocks from the rig's motion."""
     try:
-        seconds, confidence = propose_offset(recording)
+        found = propose_offset(recording)
     except ValueError as error:
         return {"not estimated": str(error)}
-    if confidence < LEAST_CONFIDENCE:
-        return {"not estimated": f"no offset stands out (confidence {confidence:.3f})"}
-    return {"add to the radar's start (s)": seconds, "confidence, 0 to 1": confidence}
+    if found.confidence < LEAST_CONFIDENCE:
+        doubt = f"no offset stands out (confidence {found.confidence:.3f})"
+        return {"not estimated": doubt}
+    return {
+        "add to the radar's start (s)": found.seconds,
+        "confidence, 0 to 1": found.confidence,
+        "compared with": found.compared_with,
+    }

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from jradar.motion import TimeOffset
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
 from jradar.session import detecting
@@ -14,7 +15,8 @@ RECORDING = Recording("walk", Path("walk"), Radar(RadarSpec.awr1843()), CUBES)
 
 @pytest.mark.parametrize(("confidence", "given"), [(0.09, False), (0.11, True)])
 def test_an_offset_of_low_confidence_is_withheld(monkeypatch, confidence, given):
-    monkeypatch.setattr(detecting, "propose_offset", lambda _: (0.42, confidence))
+    proposed = TimeOffset(0.42, confidence, "poses")
+    monkeypatch.setattr(detecting, "propose_offset", lambda _: proposed)
     found = detecting._time_offset(RECORDING)
     assert (found.get("add to the radar's start (s)") == 0.42) == given
     assert ("not estimated" in found) != given
