@@ -59,21 +59,21 @@ class TopicStream(Stream):
         *,
         sensor: str,
         has_header: bool = True,
-        count: Callable[[bytes], int] | None = None,
+        extract: Callable[[bytes], Any] | None = None,
     ):
         """Read the times of all messages of `topic`.
 
         `sensor` names the sensor in notes. Without a header the times of recording
-        count. `counts` is what `count` returns for each message.
+        count. `extracted` is what `extract` returns for each message.
         """
         self.path, self.topic, self._sensor = path, topic, sensor
         is_ros1 = path.suffix == ".bag"
-        found = [
-            (time, stamp_ns(raw, is_ros1=is_ros1), count(raw) if count else 0)
-            for _, time, raw in messages(path, topic)
-        ]
-        table = np.array(found, np.int64).reshape(-1, 3)
-        self._times, headers, self.counts = table.T
+        found, self.extracted = [], []
+        for _, time, raw in messages(path, topic):
+            found.append((time, stamp_ns(raw, is_ros1=is_ros1)))
+            if extract is not None:
+                self.extracted.append(extract(raw))
+        self._times, headers = np.array(found, np.int64).reshape(-1, 2).T
         seconds, notes = self._times / NS, bag_notes(path)
         if has_header:
             seconds, of_times = self._stamps(headers)
@@ -177,12 +177,11 @@ def open_imu(
     topic, _ = topic_of(path, topic, IMU.__eq__, IMU)
     path = Path(path)
     decode = functools.partial(decode_imu, is_ros1=path.suffix == ".bag")
-    stream = TopicStream(path, topic, decode, sensor="IMU")
-    notes = stream.notes
     try:
-        table = np.array([decode(raw) for *_, raw in messages(path, topic)])
+        stream = TopicStream(path, topic, decode, sensor="IMU", extract=decode)
     except struct.error as error:
         raise ValueError(f"{path}: a message of {topic} is cut off: {error}") from error
+    table, notes = np.array(stream.extracted), stream.notes
     if not len(table):
         raise ValueError(f"{path}: no messages on {topic}")
     if not np.isfinite(table[:, [*range(37)[RATE], *range(37)[FORCE]]]).all():

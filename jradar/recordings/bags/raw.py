@@ -86,21 +86,22 @@ def open_raw_bag(
         _decoder(path, kind, text, radar, capture.iq_order),
         sensor="radar",
         has_header="Header" in text.partition("====")[0],
-        count=partial(lost_bytes, is_ros1=path.suffix == ".bag") if own else None,
+        extract=partial(lost_bytes, is_ros1=path.suffix == ".bag") if own else None,
     )
     if not len(cubes):
         raise ValueError(f"{path}: no message is on the topic {topic}")
     cubes[0]
     notes = (*warnings, f"frames are on the topic {topic}", *cubes.notes)
-    if own:
-        notes += loss_notes(cubes.counts)
+    lost = np.array(cubes.extracted, np.int64) if own else None
+    if lost is not None:
+        notes += loss_notes(lost)
     imu, of_imu = _imu(path)
     return Recording(
         name=path.stem,
         path=path,
         radar=capture.radar(radar),
         cubes=cubes,
-        lost_bytes=cubes.counts if own else None,
+        lost_bytes=lost,
         base_from_radar=capture.base_from_radar(),
         iq_order=capture.iq_order,
         imu=imu,
