@@ -70,7 +70,9 @@ def odometry(
         poses = scan_poses(recording)
         # The LiDAR's first and last scan may lie within the radar's frames.
         turns = pose_attitude(poses, np.clip(stamps, *poses.stamps[[0, -1]]))
-    return integrate(velocities, turns, mount)._replace(notes=tuple(notes))
+    found = integrate(velocities, turns, mount)
+    notes += _climb(recording, found)
+    return found._replace(notes=tuple(notes))
 
 
 def _notes(recording: Recording | RadarClouds, velocities: Velocities) -> Iterator[str]:
@@ -82,6 +84,19 @@ def _notes(recording: Recording | RadarClouds, velocities: Velocities) -> Iterat
         )
     if not recording.has_elevation:
         yield "the array has one row: the radar is taken to move in its own plane"
+
+
+def _climb(recording: Recording | RadarClouds, found: Trajectory) -> Iterator[str]:
+    """Yield a note on the height gained by an array that may seem tilted."""
+    if isinstance(recording, RadarClouds) or recording.radar.calibrated:
+        return
+    first, last = found.world_from_base[[0, -1], 2, 3]
+    if recording.has_elevation:
+        way = "climbs" if last > first else "sinks"
+        yield (
+            f"the path {way} by {abs(last - first):.1f} m, and the radar is not "
+            "calibrated: its array may only seem tilted, see jradar calibrate --level"
+        )
 
 
 def _from_imu(recording, velocities, mount, notes):

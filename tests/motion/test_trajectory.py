@@ -90,6 +90,20 @@ def test_a_circle_with_a_lever_arm_is_found_with_the_gyroscope(tmp_path):
     assert "never stands still" in found.notes[0]
 
 
+def test_height_of_an_uncalibrated_radar_is_doubted(tmp_path):
+    there = recording(tmp_path)
+    rising = np.tile([1.0, 0.0, 0.25], (len(STAMPS), 1))
+    velocities = velocities_on(circle, STAMPS)._replace(velocity=rising)
+    *_, note = odometry(there, velocities, rotation="none").notes
+    assert note.startswith("the path climbs by 0.5 m, and the radar is not calibrated")
+    *_, note = odometry(
+        there, velocities._replace(velocity=-rising), rotation="none"
+    ).notes
+    assert note.startswith("the path sinks by 0.5 m")
+    measured = there._replace(radar=there.radar.with_factors(np.ones(12)))
+    assert odometry(measured, velocities, rotation="none").notes == ()
+
+
 def test_orientation_of_poses_and_of_nothing(tmp_path):
     there = recording(tmp_path, poses=poses_on(circle, TIMES))
     velocities = velocities_on(circle, STAMPS)
