@@ -25,7 +25,7 @@ from jradar.viz import maps_figure, save_figure
 
 POINTS = PointSpec()
 FASTEST_MPS = 50.0  # of a radar between two frames
-JUMP_MPS = 5.0  # a larger change from frame to frame: the poses jump
+JUMP_MPS = 3.0  # a larger change from frame to frame: the poses jump
 SHORTEST_M = 1.0  # of a path that shows a place from several sides
 FEWEST = 10  # frames of a map
 BAND_M = (-0.3, 0.6)  # below and above the radar's path: what stands in a robot's way

@@ -9,6 +9,7 @@ from jradar.lidar import Poses, rigid_transform
 from jradar.motion import Velocities, integrate, odometry, relative_poses, write_tum
 from jradar.motion.attitude import gyro_attitude, gyro_bias, pose_attitude
 from jradar.motion.scans import to_poses
+from jradar.motion.trajectory import outliers
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Imu, Recording, Stream, read_tum
 
@@ -88,6 +89,26 @@ def test_a_circle_with_a_lever_arm_is_found_with_the_gyroscope(tmp_path):
     )
     np.testing.assert_allclose(found.world_from_base, circle(STAMPS), atol=2e-3)
     assert "never stands still" in found.notes[0]
+
+
+def test_velocities_that_no_motion_explains_are_bridged(tmp_path):
+    there = recording(tmp_path, poses=poses_on(circle, TIMES))
+    true = velocities_on(circle, STAMPS)
+    wrong = true._replace(velocity=true.velocity.copy())
+    wrong.velocity[[7, 20, 21]] += [[0.8, 0, 0], [0, -2, 0], [-1, 1, 0]]
+    assert np.flatnonzero(outliers(wrong)).tolist() == [7, 20, 21]
+    found = odometry(there, wrong, rotation="poses")
+    assert found.notes[0].startswith("the velocity of 3 frames is far from")
+    np.testing.assert_allclose(found.world_from_base, circle(STAMPS), atol=0.02)
+
+
+@pytest.mark.parametrize("rate_hz", [0.3, 1.0, 2.0])
+def test_rapid_motion_is_no_outlier(rate_hz):
+    """Up to 4 g, as of a drone: only its own neighbours say what is usual."""
+    swing = np.sin(2 * np.pi * rate_hz * STAMPS)[:, None] * [3.0, 1.0, 0.5]
+    noise = np.random.default_rng(0).normal(0, 0.05, swing.shape)
+    swinging = velocities_on(circle, STAMPS)._replace(velocity=swing + noise)
+    assert not outliers(swinging).any()
 
 
 def test_height_of_an_uncalibrated_radar_is_doubted(tmp_path):
