@@ -159,7 +159,7 @@ def radar_poses(
 
 
 def _check_path(recording, frames, path):
-    """Yield notes on a path that jumps or shows little; UsageError if too far."""
+    """Yield notes on a path that jumps or shows little; UsageError if it jumps far."""
     stamps = recording.cubes.stamps
     if stamps is not None and len(path) > 1:
         seconds = np.maximum(np.diff(np.asarray(stamps)[list(frames)]), 1e-3)

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.lidar import interpolate_poses
-from jradar.motion.velocities import frame_velocities
+from jradar.motion.velocities import frame_velocities, outliers
 from jradar.recordings import Recording
 
 MAX_OFFSET_S = 5.0
@@ -110,7 +110,7 @@ def propose_offset(recording: Recording) -> TimeOffset:
         )
     frames = _chosen(stamps, -np.inf, np.inf)[:MAX_FRAMES]
     velocities = frame_velocities(recording, frames=[int(i) for i in frames])
-    known = np.isfinite(velocities.velocity).all(1)
+    known = np.isfinite(velocities.velocity).all(1) & ~outliers(velocities)
     times, ground = velocities.stamps[known], velocities.velocity[known, :2]
     near = (stamps[0] - MAX_OFFSET_S, stamps[frames[-1]] + MAX_OFFSET_S)
     if poses is None:

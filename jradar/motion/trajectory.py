@@ -8,21 +8,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from jradar.errors import UsageError
 from jradar.files import atomic_path
 from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_attitude
 from jradar.motion.scans import scan_poses, to_poses
-from jradar.motion.velocities import Velocities
+from jradar.motion.velocities import Velocities, outliers
 from jradar.recordings import RadarClouds, Recording
 
 ROTATIONS = ("imu", "poses", "lidar", "none")
 COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
-NEIGHBOURS_S = 0.4  # before and after a frame
-LEAST_NEIGHBOURS = 5
-OUTLIER_MPS, OUTLIER_DEVIATIONS = 0.5, 4.0  # from the neighbours' median: both
-TO_DEVIATION = 1.4826  # of a Gaussian, over the median absolute deviation
 
 
 class Trajectory(NamedTuple):
@@ -86,26 +82,6 @@ def odometry(
     found = integrate(velocities, turns, mount)
     notes += _climb(recording, found)
     return found._replace(notes=tuple(notes))
-
-
-def outliers(velocities: Velocities) -> Bool[np.ndarray, " frame"]:
-    """Return which frames have a velocity that no motion explains; host.
-
-    Along the ground it is far from the median of the frames within `NEIGHBOURS_S`, more
-    than most of these are. A steady change of velocity does not move that median.
-    """
-    stamps, ground = velocities.stamps, velocities.velocity[:, :2]
-    known = np.isfinite(velocities.velocity).all(1)
-    found = np.zeros(len(stamps), bool)
-    for frame in np.flatnonzero(known):
-        near = known & (abs(stamps - stamps[frame]) <= NEIGHBOURS_S)
-        if near.sum() < LEAST_NEIGHBOURS:
-            continue
-        apart = np.linalg.norm(ground[near] - np.median(ground[near], axis=0), axis=1)
-        usual = OUTLIER_DEVIATIONS * TO_DEVIATION * np.median(apart)
-        here = apart[np.count_nonzero(near[:frame])]
-        found[frame] = here > max(OUTLIER_MPS, usual)
-    return found
 
 
 def _notes(recording: Recording | RadarClouds, velocities: Velocities) -> Iterator[str]:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jradar.errors import UsageError
 from jradar.motion.doppler import ego_velocity
@@ -14,6 +14,10 @@ from jradar.recordings import RadarClouds, Recording
 from jradar.types import PointCloud
 
 POINTS = PointSpec(capacity=512)
+NEIGHBOURS_S = 0.4  # before and after a frame
+LEAST_NEIGHBOURS = 5
+OUTLIER_MPS, OUTLIER_DEVIATIONS = 0.5, 4.0  # from the neighbours' median: both
+TO_DEVIATION = 1.4826  # of a Gaussian, over the median absolute deviation
 
 
 class Velocities(NamedTuple):
@@ -97,6 +101,26 @@ def cloud_velocities(
         rows.append((found.velocity, found.covariance, *counts))
         advance(done)
     return _velocities(stamps, rows)
+
+
+def outliers(velocities: Velocities) -> Bool[np.ndarray, " frame"]:
+    """Return which frames have a velocity that no motion explains; host.
+
+    Along the ground it is far from the median of the frames within `NEIGHBOURS_S`, more
+    than most of these are. A steady change of velocity does not move that median.
+    """
+    stamps, ground = velocities.stamps, velocities.velocity[:, :2]
+    known = np.isfinite(velocities.velocity).all(1)
+    found = np.zeros(len(stamps), bool)
+    for frame in np.flatnonzero(known):
+        near = known & (abs(stamps - stamps[frame]) <= NEIGHBOURS_S)
+        if near.sum() < LEAST_NEIGHBOURS:
+            continue
+        apart = np.linalg.norm(ground[near] - np.median(ground[near], axis=0), axis=1)
+        usual = OUTLIER_DEVIATIONS * TO_DEVIATION * np.median(apart)
+        here = apart[np.count_nonzero(near[:frame])]
+        found[frame] = here > max(OUTLIER_MPS, usual)
+    return found
 
 
 def _velocities(stamps, rows):

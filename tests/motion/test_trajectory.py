@@ -9,7 +9,7 @@ from jradar.lidar import Poses, rigid_transform
 from jradar.motion import Velocities, integrate, odometry, relative_poses, write_tum
 from jradar.motion.attitude import gyro_attitude, gyro_bias, pose_attitude
 from jradar.motion.scans import to_poses
-from jradar.motion.trajectory import outliers
+from jradar.motion.velocities import outliers
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Imu, Recording, Stream, read_tum
 
