@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.motion.doppler import ego_velocity
+from jradar.motion.velocities import TO_DEVIATION
 from jradar.radar.sensor import RadarSpec
 from jradar.types import PointCloud
 
@@ -29,9 +30,8 @@ LEAST_AHEAD = 0.5  # share of the speed along boresight, either way
 LEAST_FRAMES = 5
 NEAREST_AHEAD = 0.05  # squared cosine from boresight of the echoes that count
 TINY = 1e-9
-# Of a Gaussian: the deviation over the median absolute one, and that of n values'
-# median over that of their mean.
-TO_DEVIATION, OF_MEDIAN = 1.4826, np.sqrt(np.pi / 2)
+# Of a Gaussian: the deviation of n values' median over that of their mean.
+OF_MEDIAN = np.sqrt(np.pi / 2)
 
 
 class Tilt(NamedTuple):

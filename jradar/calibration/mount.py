@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from jradar.lidar import Poses
 from jradar.motion import Velocities
+from jradar.motion.velocities import TO_DEVIATION
 
 # Axes of a mount: rotation about x, y, z of the radar, place along x, y, z of the
 # base, and the offset of the clocks. A walk shows an axis if its deviation is within
@@ -47,7 +48,6 @@ FINE = 4  # samples of the smoothed motion in each width of the filter
 FIRM = 1e-3  # share of its deviation, of a description that is kept
 STEP = 1e-3  # of the slopes, in limits
 PREFER_SMALL = 0.01  # deviations a radian and a second
-TO_DEVIATION = 1.4826  # of a Gaussian, over the median absolute deviation
 
 
 AXES = (  # name, unit, and its size in SI units

@@ -24,10 +24,11 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from jradar.calibration.mount import BLOCK_S, TO_DEVIATION, Mount
+from jradar.calibration.mount import BLOCK_S, Mount
 from jradar.calibration.self_calibration import explain
 from jradar.calibration.snapshots import strong_snapshots
 from jradar.lidar import Poses
+from jradar.motion.velocities import TO_DEVIATION
 from jradar.recordings import Recording
 
 SINGLE = 0.02  # share of the power that one plane wave may leave unexplained

@@ -101,9 +101,9 @@ def _climb(recording: Recording | RadarClouds, found: Trajectory) -> Iterator[st
         return
     first, last = found.world_from_base[[0, -1], 2, 3]
     if recording.has_elevation:
-        way = "climbs" if last > first else "sinks"
+        verb = "climbs" if last > first else "sinks"
         yield (
-            f"the path {way} by {abs(last - first):.1f} m, and the radar is not "
+            f"the path {verb} by {abs(last - first):.1f} m, and the radar is not "
             "calibrated: its array may only seem tilted, see jradar calibrate --level"
         )
 

@@ -180,8 +180,8 @@ def _time_offset(recording: Recording) -> dict[str, Any]:
     except ValueError as error:
         return {"not estimated": str(error)}
     if found.confidence < LEAST_CONFIDENCE:
-        doubt = f"no offset stands out (confidence {found.confidence:.3f})"
-        return {"not estimated": doubt}
+        reason = f"no offset stands out (confidence {found.confidence:.3f})"
+        return {"not estimated": reason}
     return {
         "add to the radar's start (s)": found.seconds,
         "confidence, 0 to 1": found.confidence,

@@ -56,9 +56,9 @@ def test_unrelated_signals_are_not_trusted():
         return estimate_time_offset(times, a[:, None], times, b[:, None])[1]
 
     pairs = [(motion(times, 2 * s), motion(times, 2 * s + 1)) for s in range(5)]
-    strangers = [confidence(a, b) for a, b in pairs]
+    unrelated = [confidence(a, b) for a, b in pairs]
     same = [confidence(a, a) for a, _ in pairs]
-    assert np.median(strangers) < 0.2 < np.median(same)
+    assert np.median(unrelated) < 0.2 < np.median(same)
     assert confidence(np.ones(len(times)), motion(times)) == 0
 
 

@@ -103,7 +103,7 @@ def test_velocities_that_no_motion_explains_are_bridged(tmp_path):
 
 
 @pytest.mark.parametrize("rate_hz", [0.3, 1.0, 2.0])
-def test_rapid_motion_is_no_outlier(rate_hz):
+def test_rapid_motion_is_not_an_outlier(rate_hz):
     """Up to 4 g, as of a drone: only its own neighbours say what is usual."""
     swing = np.sin(2 * np.pi * rate_hz * STAMPS)[:, None] * [3.0, 1.0, 0.5]
     noise = np.random.default_rng(0).normal(0, 0.05, swing.shape)
@@ -111,7 +111,7 @@ def test_rapid_motion_is_no_outlier(rate_hz):
     assert not outliers(swinging).any()
 
 
-def test_height_of_an_uncalibrated_radar_is_doubted(tmp_path):
+def test_odometry_warns_of_the_height_of_an_uncalibrated_radar(tmp_path):
     there = recording(tmp_path)
     rising = np.tile([1.0, 0.0, 0.25], (len(STAMPS), 1))
     velocities = velocities_on(circle, STAMPS)._replace(velocity=rising)
