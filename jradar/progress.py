@@ -63,7 +63,7 @@ def _lines(what, total, first, unit):
             printed.update(at=now, done=done)
             parts = (f"{what} {done}/{total}", note, speed)
             text = "  ".join(p for p in parts if p)
-            print(printable(text), file=sys.stderr, flush=True)
+            sys.stderr.write(f"{printable(text)}\n")  # at once, or a signal parts them
 
     return show
 

@@ -18,7 +18,7 @@ SYMBOLS = {"m/s": "mps", "/": " per ", "%": " percent ", "'": ""}  # in keys of 
 def say(text: str) -> None:
     """Print a line on stderr, with control characters escaped."""
     line = " ".join(text.split())
-    print(f"jradar: {printable(line)}", file=sys.stderr, flush=True)
+    sys.stderr.write(f"jradar: {printable(line)}\n")
 
 
 class Parser(argparse.ArgumentParser):

@@ -1,5 +1,8 @@
 """Progress of long runs: time per step, days that are left."""
 
+import io
+import sys
+
 import pytest
 
 from jradar.progress import progress
@@ -31,3 +34,17 @@ def test_without_a_terminal_it_is_a_line_at_start_and_end(capsys):
     first, last = capsys.readouterr().err.splitlines()
     assert first == "counting 1/3  fine"
     assert last.startswith("counting 3/3  fine") and "items/s" in last
+
+
+def test_a_signal_cannot_part_a_line_from_its_end(monkeypatch):
+    pieces = []
+
+    class Stderr(io.StringIO):
+        def write(self, text):
+            pieces.append(text)
+            return len(text)
+
+    monkeypatch.setattr(sys, "stderr", Stderr())
+    with progress("counting", 1) as show:
+        show(1, "fine")
+    assert pieces == ["counting 1/1  fine\n"]
