@@ -125,7 +125,7 @@ def _explain(argv: list[str], error: BaseException) -> str:
     path = given.pop("config", None)
     if path and not Path(path).is_file():
         return f"no such config file: {path}"
-    known = [*_keys(runpy.run_path(path)["get_config"]())] if path else [*given]
+    known = [*config_keys(runpy.run_path(path)["get_config"]())] if path else [*given]
     for key in given:
         name = key.removeprefix("config.")
         if name not in known:
@@ -134,12 +134,12 @@ def _explain(argv: list[str], error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
-def _keys(config: ConfigDict, prefix: str = "") -> Iterator[str]:
+def config_keys(config: ConfigDict, prefix: str = "") -> Iterator[str]:
     """Dotted keys of a config."""
     for key, value in config.items():
         yield f"{prefix}{key}"
         if hasattr(value, "items"):
-            yield from _keys(value, f"{prefix}{key}.")
+            yield from config_keys(value, f"{prefix}{key}.")
 
 
 if __name__ == "__main__":

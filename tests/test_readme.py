@@ -217,7 +217,7 @@ def test_every_command_parses(command, monkeypatch):
         assert {"config", "workdir"} <= given.keys()
         assert (ROOT / given["config"]).exists()
         path = given.pop("config").removesuffix(".py").replace("/", ".")
-        known = experiments_main._keys(importlib.import_module(path).get_config())
+        known = experiments_main.config_keys(importlib.import_module(path).get_config())
         allowed = {"workdir", "mode", "seeds", *(f"config.{key}" for key in known)}
         assert given.keys() <= allowed
         return

@@ -111,7 +111,7 @@ def study(options: Namespace) -> None:
     """Simulate, fine-tune and score; write the table."""
     root: Path = options.output
     seeds, (family, unit) = options.seed or [0], RIGS[options.rig]
-    walks = {count: _walks(count) for count in options.frames}
+    walks = {count: walks_for(count) for count in options.frames}
     recorded = VALIDATION | TEST | {seed: WALKS[seed] for seed in walks[max(walks)]}
     for seed, count in recorded.items():
         if not (root / "walks" / f"{family}_{seed}").is_dir():
@@ -155,7 +155,7 @@ def study(options: Namespace) -> None:
     )
 
 
-def _walks(frames: int) -> list[int]:
+def walks_for(frames: int) -> list[int]:
     """Return the seeds of the first walks, which hold so many frames together."""
     chosen: list[int] = []
     for seed, count in WALKS.items():

@@ -32,7 +32,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     processor = stream.Processor(recording, model=model, seed=options.seed, **drawing)
     with contextlib.ExitStack() as stack:
         receiver, run_session = _listen(options, recording, stack)
-        writers = _writers(options, stack)
+        writers = open_writers(options, stack)
         _tell("compiling ..")
         session = run_session(processor, writers)
     return {
@@ -174,7 +174,7 @@ def _emulator(
     )
 
 
-def _writers(
+def open_writers(
     options: argparse.Namespace, stack: contextlib.ExitStack
 ) -> "list[Writer]":
     """Open the outputs; they are closed with the stack."""

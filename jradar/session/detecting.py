@@ -166,15 +166,15 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
         found["moving echoes"] = seen_moving.describe(radar)["echoes"]
     own = (recording.path / "capture.toml").is_file()
     if own and not (recording.lidar is None and recording.poses is None):
-        found["time offset"] = _time_offset(recording)
+        found["time offset"] = described_offset(recording)
     described = describe(doubted)
     described["notes"] += gravity_warnings(recording)
     described["notes"] += no_echoes([frame] if seen.empty else [])
     return {**described, **found}
 
 
-def _time_offset(recording: Recording) -> dict[str, Any]:
-    """Estimate the offset between the sensors' clocks from the rig's motion."""
+def described_offset(recording: Recording) -> dict[str, Any]:
+    """Return the offset between the sensors' clocks, or why none is given."""
     try:
         found = propose_offset(recording)
     except ValueError as error:

@@ -17,6 +17,6 @@ RECORDING = Recording("walk", Path("walk"), Radar(RadarSpec.awr1843()), CUBES)
 def test_an_offset_of_low_confidence_is_withheld(monkeypatch, confidence, given):
     proposed = TimeOffset(0.42, confidence, "poses")
     monkeypatch.setattr(detecting, "propose_offset", lambda _: proposed)
-    found = detecting._time_offset(RECORDING)
+    found = detecting.described_offset(RECORDING)
     assert (found.get("add to the radar's start (s)") == 0.42) == given
     assert ("not estimated" in found) != given

@@ -208,12 +208,12 @@ def test_a_taken_port_is_named_and_the_end_closes_the_connections():
 
 def test_the_option_adds_an_origin():
     from jradar.cli.options import parser
-    from jradar.cli.streaming import _writers
+    from jradar.cli.streaming import open_writers
 
     command = "live --serve 0 --allow-origin https://a.example --allow-origin"
     options = parser().parse_args([*command.split(), "https://b.example"])
     with contextlib.ExitStack() as stack:
-        (server,) = _writers(options, stack)
+        (server,) = open_writers(options, stack)
         for origin in ("https://a.example", "https://b.example"):
             with connected(server.port, origin=origin) as socket:
                 advertised(socket)

@@ -178,7 +178,7 @@ def excise_interference(
 
 def _passes(cube, times, *, spare=True):
     """Excise frames by these thresholds; a pass that no frame needs is spared."""
-    weight = to_rank(np.asarray(_taper(*cube.shape[-2:]), cube.real.dtype), cube)
+    weight = to_rank(np.asarray(taper(*cube.shape[-2:]), cube.real.dtype), cube)
     unsure = jnp.maximum(1, SURE / weight[..., 0, :, :]) ** 2
 
     def left_over(cleaned):
@@ -186,7 +186,7 @@ def _passes(cube, times, *, spare=True):
         echoes = _echoes(cleaned * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight[..., 0, :, :] ** 2
-        usual = jnp.maximum(_median(power, (-3, -2)), _at_edges(power))
+        usual = jnp.maximum(positive_median(power, (-3, -2)), _at_edges(power))
         return echoes, power / jnp.maximum(usual * unsure, TINY)
 
     def one_pass(state, most):
@@ -238,8 +238,8 @@ def _jvp(primals, tangents):
     return _excised(*primals), change
 
 
-def _taper(chirps, samples):
-    """Hann windows of both axes, nowhere 0: they keep echoes in few cells."""
+def taper(chirps: int, samples: int) -> np.ndarray:
+    """Return Hann windows of both axes, nowhere 0: they keep echoes in few cells."""
     return np.outer(np.hanning(chirps + 2)[1:-1], np.hanning(samples + 2)[1:-1])
 
 
@@ -248,19 +248,19 @@ def _echoes(cube):
     is_complex, size = jnp.iscomplexobj(cube), cube.shape[-2:]
     spectrum = jnp.fft.fft2(cube) if is_complex else jnp.fft.rfft2(cube)
     power = (spectrum.real**2 + spectrum.imag**2).sum((-4, -3), keepdims=True)
-    floor = _median(power, (-2, -1))
+    floor = positive_median(power, (-2, -1))
     spectrum = jnp.where(power > ECHO * floor, spectrum, 0)
     return jnp.fft.ifft2(spectrum) if is_complex else jnp.fft.irfft2(spectrum, s=size)
 
 
 def _at_edges(power):
     """What strong echoes leave in each chirp, alike at both ends of the frame."""
-    each = _median(power, (-3, -1))
+    each = positive_median(power, (-3, -1))
     return jnp.minimum(each, each[..., ::-1, :])
 
 
-def _median(power, axes):
-    """`jnp.median` of values from 0 up, with the axes kept, and without its sort."""
+def positive_median(power: jax.Array, axes: tuple[int, ...]) -> jax.Array:
+    """Return `jnp.median` of values from 0 up, with the axes kept, without a sort."""
     # Such floats are in the order of their bits. From the highest on, a bit of the
     # middle value is 1 if, with it, no more values lie below than belong there.
     width = 8 * power.dtype.itemsize

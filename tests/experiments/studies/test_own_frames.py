@@ -12,11 +12,11 @@ from jradar.simulation.sets import SETS
 
 
 def test_frames_are_those_of_whole_walks():
-    assert own_frames._walks(50) == [901, 902]
-    assert own_frames._walks(400) == [*own_frames.WALKS]
+    assert own_frames.walks_for(50) == [901, 902]
+    assert own_frames.walks_for(400) == [*own_frames.WALKS]
     for wrong in (60, 0, 401):
         with pytest.raises(UsageError, match="expected one of .20, 50, 100, 150, 200"):
-            own_frames._walks(wrong)
+            own_frames.walks_for(wrong)
 
 
 def test_training_knows_neither_the_rigs_nor_their_places():

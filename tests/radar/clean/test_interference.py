@@ -19,7 +19,7 @@ from jradar.radar import (
     power_map,
     simulate_cube,
 )
-from jradar.radar.clean.interference import EDGE, Interferers, _median, _taper
+from jradar.radar.clean.interference import EDGE, Interferers, positive_median, taper
 from tests.directions import unit
 from tests.radar.targets import CELLS, SMALL, cloud_of, simulate, sines, target
 
@@ -255,7 +255,9 @@ def test_the_median_is_that_of_a_sort(count):
     power = np.float32(power)
     for axes in ((-3, -2), (-2, -1)):
         expected = np.median(power, axes, keepdims=True)
-        np.testing.assert_array_equal(_median(jnp.asarray(power), axes), expected)
+        np.testing.assert_array_equal(
+            positive_median(jnp.asarray(power), axes), expected
+        )
 
 
 @KINDS
@@ -263,7 +265,7 @@ def test_noise_is_excised_at_the_rate_that_was_asked(radar):
     rate, radar = 1e-3, dataclasses.replace(radar, num_chirps=512)
     silence = simulate(target(5, 0, 0, 0, amplitude=0.0), radar)
     _, found = excise_interference(silence, false_alarm_rate=rate)
-    sure = _taper(512, 64) > 0.3
+    sure = taper(512, 64) > 0.3
     # Each sample that is found takes its two neighbours along.
     np.testing.assert_allclose(np.asarray(found)[:, sure].mean(), 3 * rate, rtol=0.3)
 
