@@ -10,6 +10,7 @@ report    tables and pictures
 describe  what makes weights a model for `jradar enhance`, and its reliability
 """
 
+import math
 from pathlib import Path
 
 from ml_collections import ConfigDict
@@ -32,6 +33,8 @@ from jradar.errors import UsageError
 from jradar.evaluation.scores import DISTANCES, F_SCORES
 from jradar.files import write_text
 from jradar.planar import describe_planar_model
+
+LIMIT_FRAMES = 70  # on which limits are chosen, at most
 
 
 def check(config: ConfigDict) -> None:
@@ -119,9 +122,10 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     drawn, every = answers(config, params), config.data.every
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
+    spacing = math.ceil(len(checked) / LIMIT_FRAMES)
     model = described(config, params, pairs, training_pairs(config, pairs))
     describe_planar_model(path, model, folder=workdir)
-    rows = [*score_pairs(config, checked, drawn, every=every)]
+    rows = [*score_pairs(config, checked, drawn, every=max(every, spacing))]
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():
         reported = open_radarhd(config.data.path, split="test")
