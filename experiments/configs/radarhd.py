@@ -78,12 +78,11 @@ def get_config():
     config.train.update(steps=5400, checkpoint_every=300)
     config.train.rotate = False  # every other pair, by up to 29 degrees
 
-    # Pairs that the confidence is fitted to: by default those of the limits. Rooms that
-    # training left out, plain and rotated, stand for another building.
+    # The confidence is fitted to the pairs of the limits. Rotated, and with rooms of
+    # another size, they stand for another building.
     config.confidence = ConfigDict()
-    config.confidence.trajectories = ()
-    config.confidence.turns = (0.0,)  # degrees to the left
-    config.confidence.description = ""  # of a model whose table is taken instead
+    config.confidence.turns = (0.0, 20.0, 40.0)  # degrees to the left
+    config.confidence.sizes = (1.0, 0.6, 0.7, 0.85, 1.2, 1.4, 1.6)  # of the rooms
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

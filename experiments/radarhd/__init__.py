@@ -123,7 +123,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
     spacing = math.ceil(len(checked) / LIMIT_FRAMES)
-    model = described(config, params, pairs, training_pairs(config, pairs))
+    model = described(config, params, checked, training_pairs(config, pairs))
     describe_planar_model(path, model, folder=workdir)
     rows = [*score_pairs(config, checked, drawn, every=max(every, spacing))]
     limits = choose_limits(rows)
@@ -139,6 +139,6 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         where += f", rotated by {config.data.turn:g} degrees"
     title = f"{config.purpose}; {where}"
     report.write_results(config, workdir, title, reported, drawn, limits)
-    table = reliability_table(config, model, reported)
+    table = reliability_table(model, reported, range(0, len(reported), every))
     write_text(workdir / "evaluation" / "confidence.md", table)
-    print(f"\nConfidence of one pass:\n\n{table}")
+    print(f"\nConfidence of the model in one pass:\n\n{table}")

@@ -1,17 +1,17 @@
 """What makes weights a model that `jradar enhance` takes, and whether one can trust it.
 
-The model answers in one pass. Its confidence is fitted to pairs that it was not trained
-on: a pixel is right if the LiDAR has a point within 0.2 m of it. A network that has
-seen a building is too sure of another one. So `confidence.description` takes the table
-of a network that was trained without some rooms, and whose confidence was fitted to
-them, plain and rotated (`confidence.trajectories`, `confidence.turns`).
+The confidence is fitted to pairs that the network was not trained on: a pixel is right
+if the LiDAR has a point within 0.2 m of it. These pairs are of the training's building,
+so they are also rotated, and their rooms made smaller and larger. There, a network's
+answer disagrees with that to the mirror image, and is less often right.
 """
 
 import dataclasses
 import functools
+import math
 from collections import defaultdict
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,11 +20,12 @@ from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.radarhd.model import networks
-from experiments.radarhd.pairs import RadarHD
-from experiments.radarhd.scores import building, drawn_images, polar_points
+from experiments.radarhd.pairs import PolarItems, RadarHD
+from experiments.radarhd.scores import building, polar_points
 from jradar.evaluation import (
     Judged,
     fitted_confidence,
+    least_confidence,
     markdown_table,
     near_truth,
     spread,
@@ -33,11 +34,14 @@ from jradar.model import Card
 from jradar.planar import (
     LIDAR,
     RADARHD,
+    UNSCALED,
+    Pixels,
     PlanarModel,
     PlanarSpec,
+    both_ways,
+    fit_scaling,
     image_features,
-    load_planar_model,
-    one_pass,
+    scaled,
 )
 from jradar.range_image import (
     IDENTITY,
@@ -50,12 +54,21 @@ from jradar.range_image.trust import LEAST_FRAMES
 
 FAINT = 0.02  # value of a pixel that is never a point
 MOST_IMAGES = 2000  # of training, which are described
+FITTED_FRAMES = 40  # of each rotation and size
+
+
+class Answer(NamedTuple):
+    """A trajectory, the pixels of its answer to one pair, and `disagreement`."""
+
+    trajectory: int
+    pixels: Judged
+    disagreement: float
 
 
 def described(
-    config: ConfigDict, params: Any, pairs: RadarHD, trained_on: RadarHD
+    config: ConfigDict, params: Any, spared: RadarHD, trained_on: RadarHD
 ) -> PlanarModel:
-    """Return the model of parameters; `pairs` are those that training had or spared."""
+    """Return the model of parameters; its confidence is fitted to the spared pairs."""
     network, noise = networks(config)
     method = "nearness" if config.method == "nearness" else "occupancy"
     card = Card(
@@ -66,42 +79,90 @@ def described(
     )
     spec = PlanarSpec(network, noise, method=method, history=config.data.history)
     model = PlanarModel(params, spec, card, IDENTITY, trust_of(trained_on))
-    return dataclasses.replace(model, confidence=_confidence(config, model, pairs))
-
-
-def _confidence(config, model, pairs) -> ConfidenceTable:
-    """The table of another model's description, or one that is fitted to pairs."""
-    if config.confidence.description:
-        return load_planar_model(config.confidence.description).confidence
-    chosen = config.confidence.trajectories or config.data.threshold_trajectories
+    index = spread(len(spared), FITTED_FRAMES)
     with build.section("confidence"):
-        spared = pairs.of(chosen)
-        turned = [spared.rotated(turn) for turn in config.confidence.turns]
-    groups = [[j for _, j in _judged(config, model, each)] for each in turned]
-    groups = [group for group in groups if any(len(frame.xyz) for frame in group)]
-    return fitted_confidence(*groups) if groups else IDENTITY
+        places = [
+            spared.rotated(turn).scaled(size)
+            for turn in config.confidence.turns
+            for size in config.confidence.sizes
+        ]
+    return with_scaled_confidence(
+        model, *([*judged_answers(model, p, index)] for p in places)
+    )
 
 
-def reliability_table(config: ConfigDict, model: PlanarModel, pairs: RadarHD) -> str:
+def with_scaled_confidence(
+    model: PlanarModel, *groups: Sequence[Answer]
+) -> PlanarModel:
+    """Return the model with a confidence that was fitted to groups of answers.
+
+    Each group counts as much as another. Without a pixel the model stays as it is.
+    """
+    groups = tuple(g for g in groups if any(len(a.pixels.xyz) for a in g))
+    if not groups:
+        return model
+    table = fitted_confidence(*([a.pixels for a in group] for group in groups))
+    model = dataclasses.replace(model, confidence=table, scaling=UNSCALED)
+    plain = [(confidence(a, model), a) for group in groups for a in group]
+    scaling = fit_scaling(
+        [Pixels(said, a.pixels.right, a.disagreement) for said, a in plain]
+    )
+    model = dataclasses.replace(model, scaling=scaling)
+    scaled = [
+        [a.pixels._replace(confidence=confidence(a, model)) for a in group]
+        for group in groups
+    ]
+    table = ConfidenceTable.of(table.frequencies, least=least_confidence(*scaled))
+    return dataclasses.replace(model, confidence=table)
+
+
+def confidence(answer: Answer, model: PlanarModel) -> np.ndarray:
+    """Return the model's confidence in the pixels of an answer, from their values."""
+    said = answer.pixels.confidence
+    padded = np.zeros(math.prod(LIDAR.shape), np.float32)  # one shape, compiled once
+    padded[: len(said)] = said
+    return np.asarray(_confidence(padded, answer.disagreement, model))[: len(said)]
+
+
+@jax.jit
+def _confidence(value, apart, model):
+    return scaled(frequency(value, model.confidence), apart, model.scaling)
+
+
+def reliability_table(model: PlanarModel, pairs: RadarHD, index: Sequence[int]) -> str:
     """Return Markdown: by building, how sure the model is of its pixels, and how right.
 
-    Pixels of less than the model's least confidence are left out.
+    Pixels of less than the model's least confidence are left out. The last column is
+    that of the same table of confidence without its scaling.
     """
-    seen: dict[str, list[tuple[np.ndarray, np.ndarray]]] = defaultdict(list)
-    for trajectory, frame in _judged(config, model, pairs):
-        said = np.asarray(frequency(jnp.asarray(frame.confidence), model.confidence))
-        kept = said >= model.confidence.least
-        seen[building(trajectory)].append((said[kept], frame.right[kept]))
+    unscaled = dataclasses.replace(model, scaling=UNSCALED)
+    seen: dict[str, list[tuple[np.ndarray, ...]]] = defaultdict(list)
+    for answer in judged_answers(model, pairs, index):
+        right, parts = answer.pixels.right, []
+        for each in (model, unscaled):
+            said = confidence(answer, each)
+            kept = said >= each.confidence.least
+            parts += [said[kept], right[kept]]
+        seen[building(answer.trajectory)].append(tuple(parts))
     rows = []
     for place, frames in seen.items():
-        said, right = map(np.concatenate, zip(*frames, strict=True))
-        row = [place, f"{len(said):,}"]
+        said, right, before, right_before = map(
+            np.concatenate, zip(*frames, strict=True)
+        )
+        row = [place, f"{len(said):,}", *[""] * 4]
         if len(said):
-            mean, share = 100 * said.mean(dtype=float), 100 * right.mean()
-            row += [f"{mean:.1f}", f"{share:.1f}", f"{mean - share:+.1f}"]
-        rows.append(row + [""] * (5 - len(row)))
+            sure, share, error = _shares(said, right)
+            *_, before = _shares(before, right_before)
+            row[2:] = f"{sure:.1f}", f"{share:.1f}", f"{error:+.1f}", f"{before:+.1f}"
+        rows.append(row)
     columns = ["trajectories", "pixels", "confidence (%)", "right (%)", "too sure by"]
-    return markdown_table(columns, rows)
+    return markdown_table([*columns, "not scaled"], rows)
+
+
+def _shares(said, right):
+    """Mean confidence, share of right pixels and their difference, in percent."""
+    sure, share = 100 * said.mean(dtype=float), 100 * right.mean()
+    return sure, share, sure - share
 
 
 def trust_of(pairs: RadarHD) -> TrustTable | None:
@@ -111,18 +172,19 @@ def trust_of(pairs: RadarHD) -> TrustTable | None:
     return fit_trust(np.stack(features)) if len(index) >= LEAST_FRAMES else None
 
 
-def _judged(config, model, pairs) -> Iterator[tuple[int, Judged]]:
-    """The pixels of every `data.every`-th pair that are not faint; its trajectory."""
-    network, noise = model.spec.network, model.spec.noise
-    draw = jax.jit(functools.partial(one_pass, network=network, noise=noise))
-
-    def answers(key, condition):
-        yield "one pass", draw(condition, params=model.params)
-
-    index = range(0, len(pairs), config.data.every)
-    for pair, _, image in drawn_images(config, pairs, answers, index):
-        seen, truth = image > FAINT, polar_points(pair.lidar)
+def judged_answers(
+    model: PlanarModel, pairs: RadarHD, index: Sequence[int]
+) -> Iterator[Answer]:
+    """Yield the model's answers to pairs; pixels that are faint are left out."""
+    fixed = {"network": model.spec.network, "noise": model.spec.noise}
+    draw = jax.jit(functools.partial(both_ways, **fixed))
+    items = PolarItems(pairs, history=model.spec.history)
+    for i in index:
+        condition = jnp.asarray(items[i].condition)[None]
+        (value,), (apart,) = map(np.asarray, draw(condition, model.params))
+        pair = pairs[i]
+        seen, truth = value > FAINT, polar_points(pair.lidar)
         if len(truth):
-            xyz, said = LIDAR.xyz[seen], np.minimum(image[seen], 1)
-            right = near_truth(xyz, truth)
-            yield pair.trajectory, Judged(xyz, said, right, truth)
+            xyz, said = LIDAR.xyz[seen], np.minimum(value[seen], 1)
+            pixels = Judged(xyz, said, near_truth(xyz, truth), truth)
+            yield Answer(pair.trajectory, pixels, float(apart))

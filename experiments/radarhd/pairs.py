@@ -89,6 +89,20 @@ class RadarHD(Sequence):
             lambda i: rotated(self.lidar(i), LIDAR, cells),
         )
 
+    def scaled(self, factor: float) -> "RadarHD":
+        """Return the pairs of a place that is `factor` times as large.
+
+        What is then beyond the range is lost. Raises ValueError for a factor outside
+        0.1 to 10.
+        """
+        if not 0.1 <= factor <= 10:
+            raise ValueError(f"factor = {factor:g}, expected 0.1 to 10")
+        return RadarHD(
+            self.keys,
+            lambda i: stretched(self.radar(i), factor),
+            lambda i: moved_away(self.lidar(i), factor),
+        )
+
 
 class PolarItems(Sequence):
     """Pairs as the network takes them; with `mirror` followed by all mirror images.
@@ -191,6 +205,25 @@ def rotated(image: np.ndarray, grid: PolarGrid, cells: int) -> np.ndarray:
     shift = round(cells * RADAR.azimuth_step / grid.azimuth_step)
     source = np.abs(np.arange(last + 1) - shift)
     return image[:, last - np.abs(last - source)]
+
+
+def stretched(image: np.ndarray, factor: float) -> np.ndarray:
+    """Return a polar image whose row r is row r / factor of the given one, or 0."""
+    source = np.round(np.arange(len(image)) / factor).astype(int)
+    inside = source < len(image)
+    found = np.zeros_like(image)
+    found[inside] = image[source[inside]]
+    return found
+
+
+def moved_away(occupied: np.ndarray, factor: float) -> np.ndarray:
+    """Return polar occupancy whose pixels are `factor` times as far away."""
+    row, column = np.nonzero(occupied)
+    target = np.round(row * factor).astype(int)
+    inside = target < len(occupied)
+    found = np.zeros_like(occupied)
+    found[target[inside], column[inside]] = True
+    return found
 
 
 def rotated_at_random(item: Batch, rng: np.random.Generator) -> Batch:

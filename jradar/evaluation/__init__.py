@@ -25,6 +25,7 @@ build_report, open_report        tables, curves and clouds of a run in one HTML 
 from jradar.evaluation.confidence import (
     Judged as Judged,
     fitted_confidence as fitted_confidence,
+    least_confidence as least_confidence,
     with_confidence as with_confidence,
 )
 from jradar.evaluation.detectors import (

@@ -26,7 +26,6 @@ from jradar.range_image import (
     ImageSpec,
     crowding,
     fit_confidence,
-    frequency,
     near_echo,
     surroundings,
     unproject,
@@ -117,7 +116,13 @@ def _fitted(groups: Sequence[Sequence[Judged | Around]]) -> ConfidenceTable:
 
 def _calibrated(frame: Judged, table: ConfidenceTable) -> Judged:
     """The frame's points with the confidence of the table."""
-    return frame._replace(confidence=np.asarray(frequency(frame.confidence, table)))
+    return frame._replace(confidence=_frequency(frame.confidence, table))
+
+
+def _frequency(confidence, table):
+    """`frequency` on the host: JAX would compile it for each number of points."""
+    knots = np.linspace(0, 1, len(table.frequencies))
+    return np.interp(confidence, knots, table.frequencies)
 
 
 def _joined(frame: Judged, table: ConfidenceTable, echoes: ConfidenceTable) -> Judged:
@@ -130,7 +135,7 @@ def _joined(frame: Judged, table: ConfidenceTable, echoes: ConfidenceTable) -> J
     sure = (drawn.xyz[kept], np.ones(kept.sum()), drawn.right[kept])
     if frame.echoes is None:
         return Judged(*sure, frame.truth)
-    said = np.asarray(frequency(frame.echoes.confidence, echoes))
+    said = _frequency(frame.echoes.confidence, echoes)
     added = (frame.echoes.xyz, said, frame.echoes.right)
     xyz, said, right = map(np.concatenate, zip(sure, added, strict=True))
     return Judged(xyz, said, right, frame.truth)

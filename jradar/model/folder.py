@@ -140,7 +140,7 @@ def _model_to_json(model: Model) -> dict[str, Any]:
     }
 
 
-def table_to_json(table: ConfidenceTable | TrustTable) -> dict[str, Any]:
+def table_to_json(table: Any) -> dict[str, Any]:
     """The numbers of a table as they were fitted, without the noise of float32."""
     parts = {k: np.asarray(v, float).round(6) for k, v in table._asdict().items()}
     return {name: values.tolist() for name, values in parts.items()}

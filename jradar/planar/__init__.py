@@ -12,10 +12,20 @@ polar_image, azimuth_row, RADARHD    samples to the polar image; RadarHD's radar
 image_features                       of a polar image, which tell how usual it is
 PolarGrid, RADAR, LIDAR, MAX_RANGE_M grids of the radar's image and of the answer
 PlanarModel, PlanarSpec, PlanarImage a trained network, and its answer
-one_pass, plane_image, plane_cloud   conditions to images and to clouds
+one_pass, both_ways, plane_image, plane_cloud    conditions to images and to clouds
+Scaling, scaled, disagreement        confidence that falls where two answers disagree
+Pixels, fit_scaling                  what it is fitted to
 load_planar_model, describe_planar_model, planar_description    files
 """
 
+from jradar.planar.agreement import (
+    UNSCALED as UNSCALED,
+    Pixels as Pixels,
+    Scaling as Scaling,
+    disagreement as disagreement,
+    fit_scaling as fit_scaling,
+    scaled as scaled,
+)
 from jradar.planar.files import (
     describe_planar_model as describe_planar_model,
     load_planar_model as load_planar_model,
@@ -37,6 +47,7 @@ from jradar.planar.model import (
     PlanarImage as PlanarImage,
     PlanarModel as PlanarModel,
     PlanarSpec as PlanarSpec,
+    both_ways as both_ways,
     one_pass as one_pass,
     plane_cloud as plane_cloud,
     plane_image as plane_image,

@@ -1,7 +1,7 @@
 """A planar model on disk: weights, and a description of the same name with them.
 
 NAME.safetensors    the network's parameters, named by path
-NAME.json           spec, confidence, trust and card, and the digest of the weights
+NAME.json           spec, confidence, its scaling, trust and card; digest of the weights
 """
 
 import dataclasses
@@ -28,11 +28,12 @@ from jradar.model.folder import (
     network_from_json,
     table_to_json,
 )
+from jradar.planar.agreement import Scaling
 from jradar.planar.grid import LIDAR
 from jradar.planar.model import PlanarModel, PlanarSpec
 from jradar.range_image import ConfidenceTable, TrustTable
 
-KIND, FORMAT = "planar", 1
+KIND, FORMAT = "planar", 2
 RESULTS = Path(__file__).parents[2] / "experiments" / "results"  # of a clone
 ELSEWHERE = {  # models by name that the package does not contain
     "radarhd": (
@@ -79,7 +80,8 @@ def load_planar_model(name: Path | str) -> PlanarModel:
         kind, found = values.pop("kind"), values.pop("format")
         if (kind, found) != (KIND, FORMAT):
             raise ValueError(
-                f"kind {kind!r} and format {found}, expected {KIND!r} and {FORMAT}"
+                f"kind {kind!r} and format {found}, expected {KIND!r} and {FORMAT}; an "
+                "evaluation describes it anew"
             )
         digest = values.pop("weights_sha256")
         if not weights.is_file():
@@ -92,6 +94,7 @@ def load_planar_model(name: Path | str) -> PlanarModel:
                 )
         card = card_from_json(values.pop("card"))
         confidence = ConfidenceTable.of(**values.pop("confidence"))
+        scaling = Scaling.of(**values.pop("scaling"))
         if (trust := values.pop("trust", None)) is not None:
             trust = TrustTable.of(**trust)
         network = network_from_json(values.pop("network"))
@@ -110,7 +113,7 @@ def load_planar_model(name: Path | str) -> PlanarModel:
             raise ValueError(f"{weights} does not fit its network: {wrong}")
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    return PlanarModel(params, spec, card, confidence, trust)
+    return PlanarModel(params, spec, card, confidence, trust, scaling)
 
 
 def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) -> Path:
@@ -130,6 +133,7 @@ def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) ->
         "network": network_fields(spec.network),
         "noise": noise,
         "confidence": table_to_json(model.confidence),
+        "scaling": table_to_json(model.scaling),
         "trust": None if model.trust is None else table_to_json(model.trust),
         "card": dataclasses.asdict(model.card),
     }

@@ -1,8 +1,8 @@
-"""A network of polar images: the answer of one pass, as an image and as a cloud.
+"""A network of polar images: its answer as an image and as a cloud.
 
 condition [range, azimuth, image]    polar images of the radar, newest first
--> one_pass                          occupancy, or expected nearness    256 x 512
--> frequency of the confidence table
+-> both_ways                         occupancy, or expected nearness    256 x 512
+-> frequency of the confidence table, scaled by how much the answers disagree
 -> plane_cloud                       PointCloud, all points at height 0
 """
 
@@ -22,6 +22,7 @@ from jradar.diffusion import (
     regression_estimate,
 )
 from jradar.model import Card
+from jradar.planar.agreement import UNSCALED, Scaling, disagreement, scaled
 from jradar.planar.grid import LIDAR, RADAR
 from jradar.radar import PointSpec
 from jradar.range_image import IDENTITY, ConfidenceTable, TrustTable, frequency
@@ -59,7 +60,7 @@ class PlanarSpec:
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("params", "confidence", "trust"),
+    data_fields=("params", "confidence", "trust", "scaling"),
     meta_fields=("spec",),
     drop_fields=("card",),
 )
@@ -72,6 +73,7 @@ class PlanarModel:
     card: Card = Card()
     confidence: ConfidenceTable = IDENTITY
     trust: TrustTable | None = None  # what radar images looked like in training
+    scaling: Scaling = UNSCALED  # of the confidence, by how much two answers disagree
 
     def __repr__(self) -> str:
         """One line: method, size, and what it was trained on."""
@@ -106,6 +108,22 @@ def one_pass(
     return regression_estimate(denoise, shape, noise=noise)[..., 0]
 
 
+def both_ways(
+    condition: Float[Array, "batch range radar_azimuth image"],
+    params: Any,
+    network: Network,
+    noise: NoiseSpec,
+) -> tuple[Float[Array, "batch range azimuth"], Float[Array, " batch"]]:
+    """Return the mean of the answers to conditions and to their mirror images.
+
+    Also their `disagreement`.
+    """
+    both = jnp.concatenate([condition, condition[:, :, ::-1]])
+    straight, mirrored = jnp.split(one_pass(both, params, network, noise), 2)
+    mirrored = mirrored[:, :, ::-1]
+    return (straight + mirrored) / 2, disagreement(straight, mirrored)
+
+
 @jax.jit
 def plane_image(
     condition: Float[Array, "range azimuth image"],
@@ -124,8 +142,9 @@ def plane_image(
             f"condition has shape {condition.shape}, the model needs [range, azimuth, "
             f"image] = {spec.condition_shape}: one condition, or another model's?"
         )
-    (value,) = one_pass(condition[None], model.params, spec.network, spec.noise)
-    confidence = frequency(value, model.confidence)
+    found = both_ways(condition[None], model.params, spec.network, spec.noise)
+    (value,), (doubt,) = found
+    confidence = scaled(frequency(value, model.confidence), doubt, model.scaling)
     least = model.confidence.least if least_confidence is None else least_confidence
     newest = condition[..., 0]
     kept = (confidence >= least) & newest.any()

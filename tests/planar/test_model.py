@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from jradar.diffusion import write_params
 from jradar.errors import ModelError
@@ -14,6 +15,8 @@ from jradar.planar import (
     LIDAR,
     RADAR,
     PlanarImage,
+    Scaling,
+    both_ways,
     describe_planar_model,
     files,
     load_planar_model,
@@ -67,8 +70,9 @@ def test_what_training_looked_like_is_kept(saved, tmp_path):
             {"mean": [0, 0], "whitening": [[1]], "distances": [0]},
             "whitening has shape",
         ),
-        ("format", 9, "kind 'planar' and format 9, expected 'planar' and 1"),
+        ("format", 9, "kind 'planar' and format 9, expected 'planar' and 2; an eval"),
         ("kind", "curved", "kind 'curved'"),
+        ("scaling", {"offset": [0], "scale": [1, 0]}, "expected two finite numbers"),
         ("weights_sha256", "0", "does not match its digest"),
         ("method", "guess", "method = 'guess', expected one of"),
         ("history", 1000, "history = 1000, expected 1 to 256"),
@@ -130,10 +134,26 @@ def test_a_point_ahead_and_to_the_left():
     np.testing.assert_allclose(sorted(cloud.confidence[cloud.valid]), [0.7, 0.9])
 
 
-def test_confidence_is_the_tables():
-    table = ConfidenceTable.of((0.5, 0.5), least=0.5)
-    image = plane_image(SEEN, dataclasses.replace(MODEL, confidence=table))
+def test_confidence_is_the_tables_and_falls_where_answers_disagree():
+    table = ConfidenceTable.of((0.5, 0.5), least=0.2)
+    model = dataclasses.replace(MODEL, confidence=table)
+    image = plane_image(SEEN, model)
     np.testing.assert_allclose(image.confidence, 0.5)
+    scaling = Scaling.of((0, -2), (1, 0))
+    _, (apart,) = both_ways(
+        SEEN[None], MODEL.params, MODEL.spec.network, MODEL.spec.noise
+    )
+    assert 0.01 < apart < 0.6
+    lower = plane_image(SEEN, dataclasses.replace(model, scaling=scaling))
+    np.testing.assert_allclose(lower.confidence, expit(-2 * apart), atol=1e-4)
+
+
+def test_the_mirror_image_has_the_mirrored_answer():
+    image, mirrored = (
+        np.asarray(plane_image(seen, MODEL).confidence)
+        for seen in (SEEN, SEEN[:, ::-1])
+    )
+    np.testing.assert_allclose(mirrored[:, ::-1], image, atol=2e-3)
 
 
 def test_without_an_echo_there_is_no_point():

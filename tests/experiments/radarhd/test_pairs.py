@@ -93,6 +93,24 @@ def test_rotated_pairs_hold_the_same_walls_at_another_angle(packed, degrees):
         pairs.rotated(100)
 
 
+@pytest.mark.parametrize("factor", [0.7, 1.4])
+def test_scaled_pairs_hold_the_same_walls_at_another_distance(packed, factor):
+    pairs = open_radarhd(packed)
+    expected = factor * polar_points(pairs[1].lidar)
+    seen = expected[np.linalg.norm(expected, axis=-1) < 10.7]
+    distance, _ = KDTree(polar_points(pairs.scaled(factor)[1].lidar)).query(seen)
+    assert len(seen) > 100 and distance.max() < 0.03  # rows are 0.042 m apart
+    rows = np.arange(0, 150, 10)
+    moved = np.round(factor * rows).astype(int)
+    radar = pairs.scaled(factor)[1].radar
+    expected = pairs[1].radar[np.round(moved / factor).astype(int)]
+    np.testing.assert_array_equal(radar[moved], expected)
+    beyond = radar[np.arange(256) / factor > 255.5]
+    assert not beyond.any() and (len(beyond) > 0) == (factor < 1)
+    with pytest.raises(ValueError, match=r"factor = 0, expected 0.1 to 10"):
+        pairs.scaled(0)
+
+
 def test_what_is_missing_or_broken_is_named(folder, packed, tmp_path):
     with pytest.raises(ValueError, match="does not contain test/radar and test/lidar"):
         open_radarhd(folder, split="test")

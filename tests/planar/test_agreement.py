@@ -1,0 +1,58 @@
+"""Confidence by the agreement of two answers: closed forms, a fit of known truth."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import expit, logit
+
+from jradar.planar import UNSCALED, Pixels, Scaling, disagreement, fit_scaling, scaled
+
+
+def test_disagreement_is_0_of_the_same_images_and_1_of_separate_ones():
+    one = jnp.zeros((4, 6)).at[:2].set(0.7)
+    other = jnp.zeros((4, 6)).at[2:].set(0.2)
+    assert float(disagreement(one, one)) == 0
+    assert float(disagreement(one, other)) == pytest.approx(1)
+    assert float(disagreement(one, one / 2)) == pytest.approx(1 / 3)
+    none = jnp.zeros((4, 6))
+    assert float(disagreement(none, none)) == 0
+    both = disagreement(jnp.stack([one, one]), jnp.stack([one, other]))
+    np.testing.assert_allclose(both, [0, 1], atol=1e-6)
+
+
+def test_confidence_follows_its_closed_form_and_falls_with_disagreement():
+    said = jnp.array([0.0, 0.2, 0.6, 0.99])
+    np.testing.assert_allclose(scaled(said, 0.4, UNSCALED), said, atol=1e-6)
+    scaling = Scaling.of((0.2, -2.0), (1.0, -1.1))
+    found = [np.asarray(scaled(said, d, scaling)) for d in (0.1, 0.3)]
+    expected = expit(0.2 - 2.0 * 0.3 + (1.0 - 1.1 * 0.3) * logit(said[1:]))
+    np.testing.assert_allclose(found[1][1:], expected, atol=1e-5)
+    assert found[0][0] == found[1][0] == 0
+    assert (found[1][2:] < found[0][2:]).all()
+    beyond = np.asarray(scaled(said, 1.0, scaling))  # a scale of -0.1 counts as 0
+    np.testing.assert_allclose(beyond[1:], expit(-1.8), atol=1e-6)
+
+
+def test_a_fit_finds_the_scaling_that_the_truth_was_drawn_from():
+    rng, true = np.random.default_rng(0), Scaling.of((0.3, -2.0), (1.1, -1.0))
+    images = []
+    for apart in np.linspace(0.05, 0.4, 12):
+        said = rng.uniform(0.02, 0.98, 40_000)
+        right = rng.random(len(said)) < np.asarray(scaled(said, apart, true))
+        images.append(Pixels(said, right, float(apart)))
+    images.append(Pixels(np.zeros(0), np.zeros(0, bool), 0.9))
+    found = fit_scaling(images)
+    np.testing.assert_allclose(found.offset, true.offset, atol=0.15)
+    np.testing.assert_allclose(found.scale, true.scale, atol=0.15)
+    for image in images[:-1]:
+        said = scaled(image.frequency, image.disagreement, found)
+        assert abs(float(said.mean()) - image.right.mean()) < 0.01
+
+
+def test_wrong_values_are_named():
+    with pytest.raises(ValueError, match=r"offset = .*expected two finite numbers"):
+        Scaling.of((0.0, np.nan), (1.0, 0.0))
+    with pytest.raises(ValueError, match=r"scale = .*expected two finite numbers"):
+        Scaling.of((0.0, 0.0), (1.0,))
+    with pytest.raises(ValueError, match="no pixels, expected one or more images"):
+        fit_scaling([Pixels(np.zeros(0), np.zeros(0, bool), 0.1)])
