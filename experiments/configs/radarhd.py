@@ -79,10 +79,10 @@ def get_config():
     config.train.rotate = False  # every other pair, by up to 29 degrees
 
     # The confidence is fitted to the pairs of the limits. Rotated, and with rooms of
-    # another size, they stand for another building.
+    # these sizes too, they stand for another building.
     config.confidence = ConfigDict()
     config.confidence.turns = (0.0, 20.0, 40.0)  # degrees to the left
-    config.confidence.sizes = (1.0, 0.6, 0.7, 0.85, 1.2, 1.4, 1.6)  # of the rooms
+    config.confidence.sizes = (0.6, 0.7, 0.85, 1.2, 1.4, 1.6)  # relative to their own
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

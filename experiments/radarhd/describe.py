@@ -8,6 +8,7 @@ answer disagrees with that to the mirror image, and is less often right.
 
 import dataclasses
 import functools
+import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -65,6 +66,9 @@ class Answer(NamedTuple):
     disagreement: float
 
 
+Groups = Sequence[Sequence[Answer]]
+
+
 def described(
     config: ConfigDict, params: Any, spared: RadarHD, trained_on: RadarHD
 ) -> PlanarModel:
@@ -82,36 +86,35 @@ def described(
     index = spread(len(spared), FITTED_FRAMES)
     with build.section("confidence"):
         places = [
-            spared.rotated(turn).scaled(size)
-            for turn in config.confidence.turns
-            for size in config.confidence.sizes
+            [spared.rotated(turn).scaled(size) for turn in config.confidence.turns]
+            for size in (1.0, *config.confidence.sizes)
         ]
-    return with_scaled_confidence(
-        model, *([*judged_answers(model, p, index)] for p in places)
-    )
+    plain, *others = ([[*judged_answers(model, p, index)] for p in g] for g in places)
+    return with_scaled_confidence(model, plain, [*itertools.chain(*others)])
 
 
 def with_scaled_confidence(
-    model: PlanarModel, *groups: Sequence[Answer]
+    model: PlanarModel, plain: Groups, others: Groups = ()
 ) -> PlanarModel:
     """Return the model with a confidence that was fitted to groups of answers.
 
-    Each group counts as much as another. Without a pixel the model stays as it is.
+    Each group counts as much as another. The least confidence is the best one of the
+    plain groups. Without a pixel in these, the model stays as it is.
     """
-    groups = tuple(g for g in groups if any(len(a.pixels.xyz) for a in g))
-    if not groups:
+    if not any(len(a.pixels.xyz) for group in plain for a in group):
         return model
+    groups = [*plain, *others]
     table = fitted_confidence(*([a.pixels for a in group] for group in groups))
     model = dataclasses.replace(model, confidence=table, scaling=UNSCALED)
-    plain = [(confidence(a, model), a) for group in groups for a in group]
-    scaling = fit_scaling(
-        [Pixels(said, a.pixels.right, a.disagreement) for said, a in plain]
+    pixels = (
+        Pixels(confidence(a, model), a.pixels.right, a.disagreement)
+        for a in itertools.chain(*groups)
     )
-    model = dataclasses.replace(model, scaling=scaling)
-    scaled = [
+    model = dataclasses.replace(model, scaling=fit_scaling([*pixels]))
+    scaled = (
         [a.pixels._replace(confidence=confidence(a, model)) for a in group]
-        for group in groups
-    ]
+        for group in plain
+    )
     table = ConfidenceTable.of(table.frequencies, least=least_confidence(*scaled))
     return dataclasses.replace(model, confidence=table)
 

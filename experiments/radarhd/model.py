@@ -40,7 +40,7 @@ RANGE_STEP_M = MAX_RANGE_M / (len(LIDAR.ranges) - 1)
 REACH = int(REACH_M / RANGE_STEP_M)  # rows
 FAR = 1e6  # a squared distance, or a number of columns, beyond all others
 AGREED_PIXELS = 3  # rows and columns within which draws agree on an occupied pixel
-QUICK_STEPS = 8  # of each draw of those that have to agree
+QUICK_STEPS = 5  # of each draw of those that have to agree
 
 Image = Float[Array, "batch row column channel"]
 Images = Float[Array, "batch range azimuth"]
