@@ -36,16 +36,17 @@ def test_confidence_follows_its_closed_form_and_falls_with_disagreement():
 def test_a_fit_finds_the_scaling_that_the_truth_was_drawn_from():
     rng, true = np.random.default_rng(0), Scaling.of((0.3, -2.0), (1.1, -1.0))
     images = []
-    for apart in np.linspace(0.05, 0.4, 12):
+    for apart in np.linspace(0.05, 0.4, 12).tolist():
         said = rng.uniform(0.02, 0.98, 40_000)
-        right = rng.random(len(said)) < np.asarray(scaled(said, apart, true))
-        images.append(Pixels(said, right, float(apart)))
+        true_share = np.asarray(scaled(jnp.asarray(said), apart, true))
+        right = rng.random(len(said)) < true_share
+        images.append(Pixels(said, right, apart))
     images.append(Pixels(np.zeros(0), np.zeros(0, bool), 0.9))
     found = fit_scaling(images)
     np.testing.assert_allclose(found.offset, true.offset, atol=0.15)
     np.testing.assert_allclose(found.scale, true.scale, atol=0.15)
     for image in images[:-1]:
-        said = scaled(image.frequency, image.disagreement, found)
+        said = scaled(jnp.asarray(image.frequency), image.disagreement, found)
         assert abs(float(said.mean()) - image.right.mean()) < 0.01
 
 

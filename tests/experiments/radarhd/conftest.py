@@ -37,6 +37,7 @@ def shrink(config, path=""):
     config.train.update(steps=3, batch_size=2, checkpoint_every=2, evaluate_every=2)
     config.train.warmup_steps = 1
     config.sampling.update(steps=2, draws=2, batch_size=2)
+    config.confidence.update(turns=(0.0,), sizes=(0.7,))
     return config
 
 

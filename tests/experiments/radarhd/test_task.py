@@ -58,7 +58,7 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     table = (elsewhere / "evaluation" / "confidence.md").read_text()
     assert "too sure by" in table and "112 to 140, building of the training" in table
     config.data.turn = 20.0
-    config.confidence.update(turns=(0.0, 20.0), sizes=(0.7,))
+    config.confidence.turns = (0.0, 20.0)
     task.evaluate(config, elsewhere)
     tables = (elsewhere / "evaluation" / "protocols.md").read_text()
     assert "not trained on, rotated by 20 degrees" in tables
