@@ -101,6 +101,7 @@ def with_scaled_confidence(
     Each group counts as much as another. The least confidence is the best one of the
     plain groups. Without a pixel in these, the model stays as it is.
     """
+    plain, others = ([group for group in kind if group] for kind in (plain, others))
     if not any(len(a.pixels.xyz) for group in plain for a in group):
         return model
     groups = [*plain, *others]
@@ -111,11 +112,11 @@ def with_scaled_confidence(
         for a in itertools.chain(*groups)
     )
     model = dataclasses.replace(model, scaling=fit_scaling([*pixels]))
-    scaled = (
+    sure = (
         [a.pixels._replace(confidence=confidence(a, model)) for a in group]
         for group in plain
     )
-    table = ConfidenceTable.of(table.frequencies, least=least_confidence(*scaled))
+    table = ConfidenceTable.of(table.frequencies, least=least_confidence(*sure))
     return dataclasses.replace(model, confidence=table)
 
 

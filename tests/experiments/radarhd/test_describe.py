@@ -24,7 +24,7 @@ def test_confidence_holds_at_every_disagreement():
     rng = np.random.default_rng(0)
     shares = {0.1: 0.95, 0.2: 0.8, 0.3: 0.6}
     groups = [[*answers(rng, *each)] for each in shares.items()]
-    model = with_scaled_confidence(MODEL, groups[:1], groups[1:])
+    model = with_scaled_confidence(MODEL, groups[:1], [*groups[1:], []])
     for apart, share in shares.items():
         (answer, *_) = answers(rng, apart, share)
         said, right = confidence(answer, model), answer.pixels.right
