@@ -143,8 +143,8 @@ def plane_image(
             f"image] = {spec.condition_shape}: one condition, or another model's?"
         )
     found = both_ways(condition[None], model.params, spec.network, spec.noise)
-    (value,), (doubt,) = found
-    confidence = scaled(frequency(value, model.confidence), doubt, model.scaling)
+    (value,), (apart,) = found
+    confidence = scaled(frequency(value, model.confidence), apart, model.scaling)
     least = model.confidence.least if least_confidence is None else least_confidence
     newest = condition[..., 0]
     kept = (confidence >= least) & newest.any()
