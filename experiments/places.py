@@ -1,32 +1,83 @@
 """Simulate and prepare training frames of many places, see `jradar.simulation.drawn`.
 
     python -m experiments.places --set=jradar-sim-5 --maps=ColoRadar -o runs/sim5
+    python -m experiments.places --set=jradar-sim-5-row -o runs/row --workers 2
 
 `--maps` is a folder of packed runs of ColoRadar's maps; without it there are no frames
 of real places. The same command resumes what was interrupted. Configs take the records
 as --config.data.path=runs/sim5, and leave kinds out by --config.data.without=KIND,KIND.
+
+The second set consists of polar images in RadarHD's layout, each of a radar with one
+row of antennas. Training takes it as --config.data.simulated=runs/row.
 """
 
 import argparse
+import functools
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from experiments import build
 from experiments.configs import marginal
-from jradar.simulation import DRAWN
+from experiments.radarhd.pairs import PolarPair, write_pair
+from jradar.data.workers import run_jobs
+from jradar.planar import lidar_image, polar_image
+from jradar.progress import progress
+from jradar.radar import calibrate
+from jradar.recordings import nearest_scan
+from jradar.simulation import DRAWN, row_sources
+from jradar.simulation.drawn import DrawnSource
+
+ROW = "jradar-sim-5-row"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Write the records of a set, with the points that the shipped model takes."""
     words = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
-    words.add_argument("--set", default="jradar-sim-5", choices=[*DRAWN])
+    words.add_argument("--set", default="jradar-sim-5", choices=[*DRAWN, ROW])
     words.add_argument("--maps", default="", help="folder of packed runs")
     words.add_argument("-o", "--output", required=True, type=Path)
     words.add_argument("--workers", default=1, type=int, help="processes")
     chosen = words.parse_args(arguments)
+    if chosen.set == ROW:
+        write_polar_pairs(row_sources(), chosen.output, workers=chosen.workers)
+        return
     config = marginal.get_config()
     config.data.set, config.data.maps = chosen.set, chosen.maps
     build.draw_places(config, chosen.output, workers=chosen.workers)
+
+
+def write_polar_pairs(
+    sources: Sequence[DrawnSource], folder: Path, *, workers: int = 1
+) -> None:
+    """Write the polar pairs that are missing; a source is a trajectory."""
+    job = functools.partial(write_source, folder=folder)
+    with progress("simulating", len(sources), unit="sources") as show:
+        jobs = run_jobs(job, [*enumerate(sources)], workers=workers)
+        for done, _ in enumerate(jobs, start=1):
+            show(done)
+
+
+def write_source(numbered: tuple[int, DrawnSource], *, folder: Path) -> None:
+    """Write the pairs of a source, unless they are complete.
+
+    Frames in which either image is empty are left out.
+    """
+    number, source = numbered
+    marker = folder / "complete" / source.name
+    if marker.exists():
+        return
+    recording = source.open()
+    radar = recording.radar
+    for frame in range(len(recording.cubes)):
+        seen = polar_image(calibrate(recording.cube(frame), radar), radar.spec)
+        truth = lidar_image(np.asarray(nearest_scan(recording, frame)))
+        image = np.rint(255 * np.asarray(seen)).astype(np.uint8)
+        if image.any() and truth.any():
+            write_pair(folder, PolarPair(image, truth, number, frame))
+    marker.parent.mkdir(parents=True, exist_ok=True)
+    marker.touch()
 
 
 if __name__ == "__main__":

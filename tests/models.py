@@ -87,5 +87,5 @@ def tiny_planar_model(**changes: Any) -> PlanarModel:
     spec = PlanarSpec(network, noise, **{"points": points} | changes)
     params = random_params(network, (*LIDAR.shape, 1), spec.condition_shape, scale=0.5)
     card = Card("nothing", 7, "a test", (RADARHD,))
-    table = ConfidenceTable.of((0.0, 1.0), least=0.5)
-    return PlanarModel(params, spec, card, table)
+    table = ConfidenceTable.of((0.0, 1.0))
+    return PlanarModel(params, spec, card, table, least_share=0.6)

@@ -26,6 +26,7 @@ def get_config():
 
     config.data = ConfigDict()
     config.data.path = ""
+    config.data.simulated = ""  # folder of simulated pairs, every other one of training
     config.data.history = 1  # radar images in a condition, newest first
     config.data.threshold_trajectories = (136, 137)  # not trained on
     config.data.report_trajectories = (138, 140)  # not trained on
@@ -76,7 +77,7 @@ def get_config():
     config.train = main.train
     config.train.mirror = True  # every other pair
     config.train.update(steps=5400, checkpoint_every=300)
-    config.train.rotate = False  # every other pair, by up to 29 degrees
+    config.train.rotate = False  # every other pair, by up to 40 degrees
 
     # The confidence is fitted to the pairs of the limits. Rotated, and with rooms of
     # these sizes too, they stand for another building.

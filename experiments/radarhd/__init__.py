@@ -11,6 +11,7 @@ describe  what makes weights a model for `jradar enhance`, and its reliability
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from ml_collections import ConfigDict
@@ -20,6 +21,7 @@ from experiments.radarhd import report
 from experiments.radarhd.describe import described, reliability_table
 from experiments.radarhd.model import LOSSES, answers, fitting_weights, networks
 from experiments.radarhd.pairs import (
+    Alternating,
     PolarItems,
     RadarHD,
     open_radarhd,
@@ -35,6 +37,7 @@ from jradar.files import write_text
 from jradar.planar import describe_planar_model
 
 LIMIT_FRAMES = 70  # on which limits are chosen, at most
+SPARED = 10  # one in so many simulated trajectories is not trained on
 
 
 def check(config: ConfigDict) -> None:
@@ -51,7 +54,13 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on the pairs of the other trajectories."""
     pairs = open_radarhd(config.data.path)
     train, checked = training_pairs(config, pairs), threshold_pairs(config, pairs)
-    items = PolarItems(train, history=config.data.history, mirror=config.train.mirror)
+    fields = {"history": config.data.history, "mirror": config.train.mirror}
+    items: Sequence = PolarItems(train, **fields)
+    trained_on = f"{len(train)} pairs"
+    if config.data.simulated:
+        simulated, _ = simulated_pairs(config)
+        items = Alternating(items, PolarItems(simulated, **fields))
+        trained_on += f" and {len(simulated)} simulated ones"
     batches = data.Batches(
         items,
         seed=config.seed,
@@ -92,7 +101,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         save=lambda state: diffusion.write_params(
             workdir / "weights.safetensors", state.ema_params
         ),
-        trained_on=f"{len(train)} pairs",
+        trained_on=trained_on,
         data_digest=train.digest,
     )
 
@@ -101,6 +110,14 @@ def training_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
     """Return the pairs that a network is trained on."""
     kept = (*config.data.threshold_trajectories, *config.data.report_trajectories)
     return pairs.of(kept, without=True)
+
+
+def simulated_pairs(config: ConfigDict) -> tuple[RadarHD, RadarHD]:
+    """Return the simulated pairs to train on, and those to fit the confidence to."""
+    with build.section("data.simulated"):
+        pairs = open_radarhd(config.data.simulated)
+    spared = sorted({*pairs.keys[:, 0].tolist()})[::SPARED]
+    return pairs.of(spared, without=True), pairs.of(spared)
 
 
 def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
@@ -123,7 +140,11 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
     spacing = math.ceil(len(checked) / LIMIT_FRAMES)
-    model = described(config, params, checked, training_pairs(config, pairs))
+    trained, spared = [training_pairs(config, pairs)], [checked]
+    if config.data.simulated:
+        for kept, part in zip((trained, spared), simulated_pairs(config), strict=True):
+            kept.append(part)
+    model = described(config, params, spared, trained)
     describe_planar_model(path, model, folder=workdir)
     rows = [*score_pairs(config, checked, drawn, every=max(every, spacing))]
     limits = choose_limits(rows)

@@ -3,7 +3,8 @@
 The confidence is fitted to pairs that the network was not trained on: a pixel is right
 if the LiDAR has a point within 0.2 m of it. These pairs are of the training's building,
 so they are also rotated, and their rooms made smaller and larger. There, a network's
-answer disagrees with that to the mirror image, and is less often right.
+answer disagrees with that to the mirror image, and is less often right. A network that
+also trained on simulated pairs has a group of those that were spared.
 """
 
 import dataclasses
@@ -40,13 +41,14 @@ from jradar.planar import (
     PlanarModel,
     PlanarSpec,
     both_ways,
+    expected_f_score,
     fit_scaling,
     image_features,
+    least_confidence as least_of,
     scaled,
 )
 from jradar.range_image import (
     IDENTITY,
-    ConfidenceTable,
     TrustTable,
     fit_trust,
     frequency,
@@ -54,8 +56,10 @@ from jradar.range_image import (
 from jradar.range_image.trust import LEAST_FRAMES
 
 FAINT = 0.02  # value of a pixel that is never a point
+FAINTEST = 1e-3  # expected F-score
 MOST_IMAGES = 2000  # of training, which are described
 FITTED_FRAMES = 40  # of each rotation and size
+SIMULATED_FRAMES = 240
 
 
 class Answer(NamedTuple):
@@ -70,41 +74,47 @@ Groups = Sequence[Sequence[Answer]]
 
 
 def described(
-    config: ConfigDict, params: Any, spared: RadarHD, trained_on: RadarHD
+    config: ConfigDict, params: Any, spared: Sequence[RadarHD], trained: Sequence
 ) -> PlanarModel:
-    """Return the model of parameters; its confidence is fitted to the spared pairs."""
+    """Return the model of parameters, its confidence fitted to the spared pairs.
+
+    Real pairs come first in both, then simulated ones if any.
+    """
     network, noise = networks(config)
     method = "nearness" if config.method == "nearness" else "occupancy"
     card = Card(
         purpose=config.purpose,
         steps_seen=config.train.steps,
-        trained_on="RadarHD's dataset_5, whose licence is not stated",
+        trained_on="RadarHD's dataset_5, whose licence is not stated"
+        + ", and simulated pairs" * (len(trained) > 1),
         radars=(RADARHD,),
     )
     spec = PlanarSpec(network, noise, method=method, history=config.data.history)
-    model = PlanarModel(params, spec, card, IDENTITY, trust_of(trained_on))
-    index = spread(len(spared), FITTED_FRAMES)
+    model = PlanarModel(params, spec, card, IDENTITY, trust_of(*trained))
+    real, *simulated = spared
+    index = spread(len(real), FITTED_FRAMES)
     with build.section("confidence"):
         places = [
-            [spared.rotated(turn).scaled(size) for turn in config.confidence.turns]
+            real.rotated(turn).scaled(size)
             for size in (1.0, *config.confidence.sizes)
+            for turn in config.confidence.turns
         ]
-    plain, *others = ([[*judged_answers(model, p, index)] for p in g] for g in places)
-    return with_scaled_confidence(model, plain, [*itertools.chain(*others)])
+    groups = [[*judged_answers(model, pairs, index)] for pairs in places]
+    for pairs in simulated:
+        index = spread(len(pairs), SIMULATED_FRAMES)
+        groups.append([*judged_answers(model, pairs, index)])
+    return with_scaled_confidence(model, groups)
 
 
-def with_scaled_confidence(
-    model: PlanarModel, plain: Groups, others: Groups = ()
-) -> PlanarModel:
+def with_scaled_confidence(model: PlanarModel, groups: Groups) -> PlanarModel:
     """Return the model with a confidence that was fitted to groups of answers.
 
-    Each group counts as much as another. The least confidence is the best one of the
-    plain groups. Without a pixel in these, the model stays as it is.
+    Each group counts as much as another, and so it does for the share of the expected
+    F-score that is left out. Without a pixel, the model stays as it is.
     """
-    plain, others = ([group for group in kind if group] for kind in (plain, others))
-    if not any(len(a.pixels.xyz) for group in plain for a in group):
+    groups = [group for group in groups if any(len(a.pixels.xyz) for a in group)]
+    if not groups:
         return model
-    groups = [*plain, *others]
     table = fitted_confidence(*([a.pixels for a in group] for group in groups))
     model = dataclasses.replace(model, confidence=table, scaling=UNSCALED)
     pixels = (
@@ -112,20 +122,29 @@ def with_scaled_confidence(
         for a in itertools.chain(*groups)
     )
     model = dataclasses.replace(model, scaling=fit_scaling([*pixels]))
-    sure = (
-        [a.pixels._replace(confidence=confidence(a, model)) for a in group]
-        for group in plain
-    )
-    table = ConfidenceTable.of(table.frequencies, least=least_confidence(*sure))
-    return dataclasses.replace(model, confidence=table)
+    relative = ([_relative(answer, model) for answer in group] for group in groups)
+    return dataclasses.replace(model, least_share=least_confidence(*relative))
+
+
+def _relative(answer, model):
+    """The pixels of an answer, with confidences relative to the expected F-score."""
+    said = confidence(answer, model)
+    expected = float(expected_f_score(_padded(said)))
+    return answer.pixels._replace(confidence=said / max(expected, FAINTEST))
 
 
 def confidence(answer: Answer, model: PlanarModel) -> np.ndarray:
     """Return the model's confidence in the pixels of an answer, from their values."""
     said = answer.pixels.confidence
-    padded = np.zeros(math.prod(LIDAR.shape), np.float32)  # one shape, compiled once
-    padded[: len(said)] = said
-    return np.asarray(_confidence(padded, answer.disagreement, model))[: len(said)]
+    padded = _confidence(_padded(said), answer.disagreement, model)
+    return np.asarray(padded)[: len(said)]
+
+
+def _padded(values):
+    """Values of pixels with zeros after them: one shape, compiled once."""
+    padded = np.zeros(math.prod(LIDAR.shape), np.float32)
+    padded[: len(values)] = values
+    return padded
 
 
 @jax.jit
@@ -136,7 +155,7 @@ def _confidence(value, apart, model):
 def reliability_table(model: PlanarModel, pairs: RadarHD, index: Sequence[int]) -> str:
     """Return Markdown: by building, how sure the model is of its pixels, and how right.
 
-    Pixels of less than the model's least confidence are left out. The last column is
+    Pixels that `plane_image` leaves out do not count. The last column is
     that of the same table of confidence without its scaling.
     """
     unscaled = dataclasses.replace(model, scaling=UNSCALED)
@@ -145,7 +164,7 @@ def reliability_table(model: PlanarModel, pairs: RadarHD, index: Sequence[int]) 
         right, parts = answer.pixels.right, []
         for each in (model, unscaled):
             said = confidence(answer, each)
-            kept = said >= each.confidence.least
+            kept = said >= float(least_of(_padded(said), each.least_share))
             parts += [said[kept], right[kept]]
         seen[building(answer.trajectory)].append(tuple(parts))
     rows = []
@@ -169,11 +188,14 @@ def _shares(said, right):
     return sure, share, sure - share
 
 
-def trust_of(pairs: RadarHD) -> TrustTable | None:
+def trust_of(*parts: RadarHD) -> TrustTable | None:
     """Return what radar images look like in training; None of too few."""
-    index = spread(len(pairs), MOST_IMAGES)
-    features = [image_features(pairs.radar(i) / np.float32(255)) for i in index]
-    return fit_trust(np.stack(features)) if len(index) >= LEAST_FRAMES else None
+    features = [
+        image_features(pairs.radar(i) / np.float32(255))
+        for pairs in parts
+        for i in spread(len(pairs), MOST_IMAGES)
+    ]
+    return fit_trust(np.stack(features)) if len(features) >= LEAST_FRAMES else None
 
 
 def judged_answers(

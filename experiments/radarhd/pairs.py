@@ -20,13 +20,13 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from jradar.errors import parsing
-from jradar.files import check_unpacked
+from jradar.files import atomic_path, check_unpacked
 from jradar.planar import LIDAR, RADAR, PolarGrid
 from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
-MOST_CELLS = 10  # of the radar's azimuth in a rotation to either side, 29 degrees
+MOST_CELLS = 14  # of the radar's azimuth in a rotation to either side, 40 degrees
 
 
 class PolarPair(NamedTuple):
@@ -104,6 +104,21 @@ class RadarHD(Sequence):
         )
 
 
+class Alternating(Sequence):
+    """The items of one sequence, each followed by one of another, which starts anew."""
+
+    def __init__(self, first: Sequence, second: Sequence):
+        self._both = first, second
+
+    def __len__(self) -> int:
+        return 2 * len(self._both[0])
+
+    def __getitem__(self, index: Any) -> Any:
+        place, odd = divmod(int(index), 2)
+        first, second = self._both
+        return second[place % len(second)] if odd else first[place]
+
+
 class PolarItems(Sequence):
     """Pairs as the network takes them; with `mirror` followed by all mirror images.
 
@@ -161,6 +176,22 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
         functools.cache(lambda i: _png(folder / "radar" / f"R{keys[i][2]}", RADAR)),
         lambda i: _png(folder / "lidar" / f"L{keys[i][2]}", LIDAR) > 0,
     )
+
+
+def write_pair(folder: Path, pair: PolarPair) -> None:
+    """Write a pair to the train part of a folder in RadarHD's layout.
+
+    Its radar image appears when the pair is complete.
+    """
+    from PIL import Image
+
+    images = {"lidar": np.uint8(255) * pair.lidar, "radar": pair.radar}
+    for kind, image in images.items():
+        name = f"{kind[0].upper()}_{pair.trajectory}_{pair.frame}.png"
+        path = folder / "train" / kind / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as scratch:
+            Image.fromarray(image).save(scratch, format="PNG")
 
 
 def _packed(path: Path) -> RadarHD:

@@ -37,8 +37,7 @@ from jradar.evaluation import (
 )
 from jradar.evaluation.detectors import RATES, SMEAR_M
 from jradar.files import write_text
-from jradar.planar import MAX_RANGE_M, RADAR, PlanarImage
-from jradar.planar.image import VIEW_M
+from jradar.planar import RADAR, PlanarImage, in_plane, true_points
 from jradar.radar import PointSpec
 from jradar.recordings import Recording, nearest_scan, open_recording
 from jradar.session import detect_recording, enhance_recording, load_any_model
@@ -47,7 +46,6 @@ from jradar.types import PointCloud
 
 FAMILIES = "hallways mine lab outdoor corridor hall home warehouse".split()
 CHOICE, SCORED = range(400, 402), range(410, 418)  # seeds of the places
-HEIGHT_M = 0.3  # of the LiDAR's points, above and below the radar
 SMEARED = 10_000  # points, about as many as the model draws
 EVERY = 12  # of the published images
 NEAR_M = 1.0
@@ -112,15 +110,7 @@ def places(root: Path, seeds: Iterable[int]) -> Iterator[Place]:
             simulate_sequence(family, seed, root / "places", frames=1, unit=unit)
         recording = open_recording(root / "places" / name)
         scan = np.asarray(nearest_scan(recording, 0))
-        truth = in_plane(scan[abs(scan[:, 2]) <= HEIGHT_M])
-        yield Place(family, seed, recording, truth)
-
-
-def in_plane(xyz: np.ndarray) -> np.ndarray:
-    """Return the points in RadarHD's view, at height 0."""
-    x, y = xyz[:, 0], xyz[:, 1]
-    seen = (x > 0) & (x <= VIEW_M) & (abs(y) <= VIEW_M)
-    return xyz[seen & (np.hypot(x, y) <= MAX_RANGE_M)] * [1, 1, 0]
+        yield Place(family, seed, recording, true_points(scan))
 
 
 def clouds(

@@ -9,12 +9,14 @@ et al. 2023), becomes an occupancy image, and that a cloud whose points have hei
     cloud = plane_cloud(answer)
 
 polar_image, azimuth_row, RADARHD    samples to the polar image; RadarHD's radar
+in_plane, true_points, lidar_image   a LiDAR's scan to the true points and image
 image_features                       of a polar image, which tell how usual it is
 PolarGrid, RADAR, LIDAR, MAX_RANGE_M grids of the radar's image and of the answer
 PlanarModel, PlanarSpec, PlanarImage a trained network, and its answer
 one_pass, both_ways, plane_image, plane_cloud    conditions to images and to clouds
 Scaling, scaled, disagreement        confidence that falls where two answers disagree
 Pixels, fit_scaling                  what it is fitted to
+expected_f_score, least_confidence   by which pixels are left out of an image
 load_planar_model, describe_planar_model, planar_description    files
 """
 
@@ -23,7 +25,9 @@ from jradar.planar.agreement import (
     Pixels as Pixels,
     Scaling as Scaling,
     disagreement as disagreement,
+    expected_f_score as expected_f_score,
     fit_scaling as fit_scaling,
+    least_confidence as least_confidence,
     scaled as scaled,
 )
 from jradar.planar.files import (
@@ -51,4 +55,9 @@ from jradar.planar.model import (
     one_pass as one_pass,
     plane_cloud as plane_cloud,
     plane_image as plane_image,
+)
+from jradar.planar.truth import (
+    in_plane as in_plane,
+    lidar_image as lidar_image,
+    true_points as true_points,
 )

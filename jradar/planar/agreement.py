@@ -16,6 +16,14 @@ not seen.
 
     values and truth of pixels, d --fit_scaling--> Scaling
     frequency, d, Scaling         --scaled------> confidence
+
+Which pixels become points depends on how sure the answer is as a whole. Of confidences
+c_1 >= c_2 >= ..., the first k have an expected F-score of about
+
+    F_k = 2 * (c_1 + ... + c_k) / (k + sum c)
+
+whose maximum is reached where c falls to half of it (Lipton et al. 2014). A model keeps
+the pixels of at least some share of that maximum.
 """
 
 from collections.abc import Sequence
@@ -29,6 +37,8 @@ from jaxtyping import Array, Bool, Float
 
 LEAST_ODDS = 0.001  # a frequency nearer to 0 or 1 counts as this near
 BINS = 64  # of frequencies in a fit
+STEPS = 128  # of confidence in an expected F-score
+FAINT = 0.05  # confidence of pixels that count as empty there
 
 
 class Scaling(NamedTuple):
@@ -83,6 +93,30 @@ def scaled(
         offset + jnp.maximum(scale, 0.0) * jax.scipy.special.logit(odds)
     )
     return jnp.where(frequency > 0, confidence, 0.0)
+
+
+@jax.jit
+def expected_f_score(
+    confidence: Float[Array, "*shape"],
+) -> Float[Array, ""]:
+    """Return the largest expected F-score of the confident pixels of one image.
+
+    It is 0 of an image without pixels of a confidence of 0.05.
+    """
+    sure = jnp.where(confidence >= FAINT, confidence, 0.0).ravel()
+    step = jnp.clip(jnp.floor(sure * STEPS).astype(int), 0, STEPS - 1)
+    none = jnp.zeros(STEPS, sure.dtype)
+    count = none.at[step].add(jnp.where(sure > 0, 1.0, 0.0))
+    hits = jnp.cumsum(none.at[step].add(sure)[::-1])
+    score = 2 * hits / jnp.maximum(jnp.cumsum(count[::-1]) + hits[-1], 1.0)
+    return score.max()
+
+
+def least_confidence(
+    confidence: Float[Array, "*shape"], share: float | Float[Array, ""]
+) -> Float[Array, ""]:
+    """Return a share of the expected F-score of one image, but at least 0.05."""
+    return jnp.maximum(share * expected_f_score(confidence), FAINT)
 
 
 def fit_scaling(images: Sequence[Pixels]) -> Scaling:

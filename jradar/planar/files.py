@@ -1,7 +1,8 @@
 """A planar model on disk: weights, and a description of the same name with them.
 
 NAME.safetensors    the network's parameters, named by path
-NAME.json           spec, confidence, its scaling, trust and card; digest of the weights
+NAME.json           spec, confidence, its scaling and least share, trust and card; the
+                    digest of the weights
 """
 
 import dataclasses
@@ -33,7 +34,7 @@ from jradar.planar.grid import LIDAR
 from jradar.planar.model import PlanarModel, PlanarSpec
 from jradar.range_image import ConfidenceTable, TrustTable
 
-KIND, FORMAT = "planar", 2
+KIND, FORMAT = "planar", 3
 RESULTS = Path(__file__).parents[2] / "experiments" / "results"  # of a clone
 ELSEWHERE = {  # models by name that the package does not contain
     "radarhd": (
@@ -93,8 +94,11 @@ def load_planar_model(name: Path | str) -> PlanarModel:
                     "trained anew; an evaluation describes it anew"
                 )
         card = card_from_json(values.pop("card"))
-        confidence = ConfidenceTable.of(**values.pop("confidence"))
+        confidence = ConfidenceTable.of(values.pop("confidence"))
         scaling = Scaling.of(**values.pop("scaling"))
+        share = values.pop("least_share")
+        if not isinstance(share, int | float) or not 0 <= share <= 1:
+            raise ValueError(f"least_share = {share!r}, expected 0 to 1")
         if (trust := values.pop("trust", None)) is not None:
             trust = TrustTable.of(**trust)
         network = network_from_json(values.pop("network"))
@@ -113,7 +117,7 @@ def load_planar_model(name: Path | str) -> PlanarModel:
             raise ValueError(f"{weights} does not fit its network: {wrong}")
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    return PlanarModel(params, spec, card, confidence, trust, scaling)
+    return PlanarModel(params, spec, card, confidence, trust, scaling, share)
 
 
 def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) -> Path:
@@ -132,8 +136,9 @@ def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) ->
         "history": spec.history,
         "network": network_fields(spec.network),
         "noise": noise,
-        "confidence": table_to_json(model.confidence),
+        "confidence": table_to_json(model.confidence)["frequencies"],
         "scaling": table_to_json(model.scaling),
+        "least_share": float(model.least_share),
         "trust": None if model.trust is None else table_to_json(model.trust),
         "card": dataclasses.asdict(model.card),
     }

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 MAX_RANGE_M = 10.8
+VIEW_M = 10.0  # ahead, and to either side
 
 
 class PolarGrid(NamedTuple):

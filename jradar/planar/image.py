@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact, Int
 
 from jradar.errors import UsageError
-from jradar.planar.grid import MAX_RANGE_M, RADAR
+from jradar.planar.grid import MAX_RANGE_M, RADAR, VIEW_M
 from jradar.radar import RadarSpec
 
 NUM_ANTENNAS = 8  # in RadarHD's row; of a longer one, the first are used
@@ -33,7 +33,6 @@ CELLS = 64, 512  # azimuths and ranges of the spectrum
 FARTHEST_M = 21.59  # range that RadarHD gives to the last cell
 FIRST_BIN = 6  # nearer cells hold the leakage
 LEAST = 0.05  # magnitude of a cell, relative to the strongest
-VIEW_M = 10.0  # ahead, and to either side
 VIEW_DEGREES = 70.0  # to either side
 BANDS = 8  # of ranges, whose features tell how unlike training an image is
 

@@ -3,6 +3,7 @@
 condition [range, azimuth, image]    polar images of the radar, newest first
 -> both_ways                         occupancy, or expected nearness    256 x 512
 -> frequency of the confidence table, scaled by how much the answers disagree
+-> the pixels of a share of the expected F-score
 -> plane_cloud                       PointCloud, all points at height 0
 """
 
@@ -22,7 +23,13 @@ from jradar.diffusion import (
     regression_estimate,
 )
 from jradar.model import Card
-from jradar.planar.agreement import UNSCALED, Scaling, disagreement, scaled
+from jradar.planar.agreement import (
+    UNSCALED,
+    Scaling,
+    disagreement,
+    least_confidence as default_least,
+    scaled,
+)
 from jradar.planar.grid import LIDAR, RADAR
 from jradar.radar import PointSpec
 from jradar.range_image import IDENTITY, ConfidenceTable, TrustTable, frequency
@@ -60,7 +67,7 @@ class PlanarSpec:
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("params", "confidence", "trust", "scaling"),
+    data_fields=("params", "confidence", "trust", "scaling", "least_share"),
     meta_fields=("spec",),
     drop_fields=("card",),
 )
@@ -74,6 +81,8 @@ class PlanarModel:
     confidence: ConfidenceTable = IDENTITY
     trust: TrustTable | None = None  # what radar images looked like in training
     scaling: Scaling = UNSCALED  # of the confidence, by how much two answers disagree
+    # Of the expected F-score: pixels of less confidence than that are left out.
+    least_share: float | Float[Array, ""] = 0.5
 
     def __repr__(self) -> str:
         """One line: method, size, and what it was trained on."""
@@ -89,7 +98,7 @@ class PlanarImage(NamedTuple):
     """What a planar model sees: its answer, and the polar image that it saw.
 
     `confidence` is the probability that a surface is within 0.2 m, 0 where it is less
-    than the model's least.
+    than the least.
     """
 
     confidence: Float[Array, "range azimuth"]
@@ -133,8 +142,9 @@ def plane_image(
 ) -> PlanarImage:
     """Return the model's answer to one condition; `vmap` it.
 
-    Pixels of less than `least_confidence`, by default the model's, are 0. So are all
-    without an echo in the newest image. Raises ValueError for another shape.
+    Pixels of less than `least_confidence` are 0, by default of less than the model's
+    share of the `expected_f_score`. So are all without an echo in the newest image.
+    Raises ValueError for another shape.
     """
     spec = model.spec
     if condition.shape != spec.condition_shape:
@@ -145,7 +155,9 @@ def plane_image(
     found = both_ways(condition[None], model.params, spec.network, spec.noise)
     (value,), (apart,) = found
     confidence = scaled(frequency(value, model.confidence), apart, model.scaling)
-    least = model.confidence.least if least_confidence is None else least_confidence
+    least = least_confidence
+    if least is None:
+        least = default_least(confidence, model.least_share)
     newest = condition[..., 0]
     kept = (confidence >= least) & newest.any()
     return PlanarImage(jnp.where(kept, confidence, 0.0), newest)

@@ -8,6 +8,7 @@
     SHIFTS, LATER_SHIFTS, robust_set    what the units of the robustness sets differ in
     simulate_set, set_sequences, SETS   named data sets and their versions
     drawn_sources, DRAWN        sets of training frames, each of a place of its own
+    row_sources                 the same of radars with one row of antennas
     SimulationPlan              a scene or a set to write, its size and its time
 
     scenes/     geometry, layouts, maps to surfaces, materials, rays, hand-held motion
@@ -22,6 +23,7 @@ from jradar.simulation.drawn import (
     DRAWN as DRAWN,
     drawn_sources as drawn_sources,
     kind_of as kind_of,
+    row_sources as row_sources,
 )
 from jradar.simulation.plan import SimulationPlan as SimulationPlan
 from jradar.simulation.scenes.layouts import FAMILIES as FAMILIES

@@ -13,12 +13,15 @@ and mounts are those of a user, and no target to learn.
                         older families, and 5,280 of real places, from six environments'
                         maps (`surfaces`); 24 frames of each to validate and to test
     jradar-sim-5-mini   8 frames of each for each split
+    jradar-sim-5-row    4,000 frames of the kinds and families, each the one chirp of a
+                        radar with one row of antennas and RadarHD's chirp; they train
 
 A kind is the name of a sequence without its number: it can be left out of training. No
 split shares a layout; runs of ColoRadar that validate or test do not train, but they
 show the same buildings.
 """
 
+import dataclasses
 import functools
 import itertools
 import zlib
@@ -47,7 +50,7 @@ from jradar.simulation.units import UnitSpec, draw_unit
 FRAMES = 8  # of a source
 OF_A_MAP = 4  # frames in the same part of a map
 TIME_S, AHEAD_S = 0.2, 0.05  # of a frame; until the scanner looks ahead
-VIEW = np.radians(75)  # half of it, to which rays are cast
+VIEW, ROW_VIEW = np.radians((75, 90))  # half of it, to which rays are cast
 WALK_M, FREE_M = 0.4, 0.3  # around a place of a map; beyond it, without a voxel
 TRIES = 12  # places
 REACH_M = 14.0  # of the part of a map
@@ -80,6 +83,7 @@ RUNS = {  # of each environment, to validate and to test
 NEVER = "_run0"  # the published test runs
 # Sources of each newer kind, older family and environment, of training and of others.
 DRAWN = {"jradar-sim-5": (150, 50, 110, 3), "jradar-sim-5-mini": (1, 1, 1, 1)}
+ROW_SOURCES = 28, 24  # of each newer kind and older family
 
 
 class DrawnSource(NamedTuple):
@@ -90,11 +94,18 @@ class DrawnSource(NamedTuple):
     kind: str
     number: int
     path: str = ""  # of a map, for a real place
+    row: bool = False  # one row of antennas
 
     def open(self) -> Recording:
         """Return the recording; its frames are simulated on access."""
-        radar = described(*_radar(self.name))
-        found = recording_of(lambda k: _setting(self, k), FRAMES, radar, name=self.name)
+        radar = described(*_radar(self.name, self.row))
+        found = recording_of(
+            lambda k: _setting(self, k),
+            FRAMES,
+            radar,
+            name=self.name,
+            view=ROW_VIEW if self.row else VIEW,
+        )
         return found._replace(path=Path(self.path))
 
     def frames(self, recording: Recording, chosen: slice) -> range:
@@ -129,17 +140,33 @@ def drawn_sources(name: str, *, maps: Path | str = "") -> tuple[DrawnSource, ...
     return tuple(found)
 
 
+def row_sources() -> tuple[DrawnSource, ...]:
+    """Return the sources of `jradar-sim-5-row`, all of them to train on."""
+    return tuple(
+        DrawnSource(f"{kind}_{number:05d}", "train", kind, number, row=True)
+        for kinds, count in zip((NEWER, OLDER), ROW_SOURCES, strict=True)
+        for kind in kinds
+        for number in range(count)
+    )
+
+
 def kind_of(sequence: str) -> str:
     """Return the kind of a sequence, by its name."""
     return sequence.rsplit("_", 1)[0]
 
 
 def recording_of(
-    setting_at: Callable[[int], Setting], frames: int, radar: Radar, *, name: str
+    setting_at: Callable[[int], Setting],
+    frames: int,
+    radar: Radar,
+    *,
+    name: str,
+    view: float = VIEW,
 ) -> Recording:
     """Return a recording of which each frame has a setting of its own.
 
-    Frames are simulated on access. `radar` describes the radar of all settings.
+    Frames are simulated on access. `radar` describes the radar of all settings. Scans
+    cover `view` radians to either side.
     """
     stamps = np.arange(frames, dtype=float)
     return Recording(
@@ -147,7 +174,7 @@ def recording_of(
         path=Path(),
         radar=radar,
         cubes=Stream(lambda k: _cube(setting_at(k)), frames, stamps),
-        lidar=Stream(lambda k: _scan(setting_at(k)), frames, stamps),
+        lidar=Stream(lambda k: _scan(setting_at(k), view), frames, stamps),
         base_from_radar=base_from("single_chip"),
         base_from_lidar=base_from("lidar"),
     )
@@ -204,14 +231,17 @@ def floor_height(heights: np.ndarray) -> float:
 
 
 @functools.lru_cache(maxsize=64)
-def _radar(name: str) -> tuple[RadarSpec, Hardware]:
-    unit = _unit(name)
+def _radar(name: str, row: bool) -> tuple[RadarSpec, Hardware]:
+    unit = _unit(name, row)
     radar = unit.radar()
+    if row:
+        radar = dataclasses.replace(radar, num_chirps=1)
     return radar, make_unit_hardware(unit, radar)
 
 
-def _unit(name) -> UnitSpec:
-    return draw_unit(zlib.crc32(name.encode()), population=2)
+def _unit(name, row) -> UnitSpec:
+    unit = draw_unit(zlib.crc32(name.encode()), population=2)
+    return dataclasses.replace(unit, one_row=True, waveform="radarhd") if row else unit
 
 
 @functools.lru_cache(maxsize=2)
@@ -238,7 +268,8 @@ def _setting(source: DrawnSource, frame: int) -> Setting:
         if _seen_share(scene, yaw) > LEAST_SEEN:
             break
         yaw = random.uniform(-np.pi, np.pi)
-    return carried(scene, seed, _unit(source.name), yaw_rad=yaw)
+    setting = carried(scene, seed, _unit(source.name, source.row), yaw_rad=yaw)
+    return setting._replace(radars={"single_chip": _radar(source.name, source.row)})
 
 
 def _seen_share(scene, yaw) -> float:
@@ -256,18 +287,18 @@ def _cube(setting):
     return np.asarray(pairs).astype(np.float32).view(np.complex64)[..., 0]
 
 
-def _scan(setting):
+def _scan(setting, view):
     """Return the part of the LiDAR's scan that the radar can see."""
-    directions, seconds = _rays()
+    directions, seconds = _rays(view)
     random = np.random.default_rng([setting.seed, 1])
     return scan(random, setting.scene, TIME_S - AHEAD_S, directions, seconds)
 
 
 @functools.cache
-def _rays():
+def _rays(view):
     directions, seconds = ouster_rays()
     ahead = directions @ (PLATFORM_FROM_BASE @ base_from("lidar")[:3, :3]).T
-    front = np.abs(np.arctan2(ahead[:, 1], ahead[:, 0])) < VIEW
+    front = np.abs(np.arctan2(ahead[:, 1], ahead[:, 0])) < view
     return directions[front], seconds[front]
 
 

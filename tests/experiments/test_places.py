@@ -2,8 +2,9 @@
 
 import pytest
 
-from experiments import build
+from experiments import build, places
 from experiments.configs import smoke
+from experiments.radarhd.pairs import open_radarhd
 from jradar import data
 from jradar.errors import UsageError
 from jradar.simulation import drawn
@@ -36,3 +37,17 @@ def test_a_kind_is_left_out_and_alone_is_tested(tmp_path, monkeypatch):
     config.data.without = "opera"
     with pytest.raises(UsageError, match=r"'opera', expected one of \['open', 'stair"):
         build.records_of(config, folder, "train")
+
+
+def test_polar_pairs_are_written_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(drawn, "FRAMES", 2)
+    source = drawn.row_sources()[-1]
+    places.write_polar_pairs([source], tmp_path)
+    pairs = open_radarhd(tmp_path)
+    assert pairs.keys.tolist() == [[0, 0], [0, 1]]
+    for pair in pairs:
+        assert pair.radar.max() > 200 and 20 < pair.lidar.sum() < 5000
+    lit = tmp_path / "train" / "radar" / "R_0_1.png"
+    lit.unlink()
+    places.write_polar_pairs([source], tmp_path)
+    assert not lit.exists()  # the source was complete

@@ -5,7 +5,16 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from jradar.planar import UNSCALED, Pixels, Scaling, disagreement, fit_scaling, scaled
+from jradar.planar import (
+    UNSCALED,
+    Pixels,
+    Scaling,
+    disagreement,
+    expected_f_score,
+    fit_scaling,
+    least_confidence,
+    scaled,
+)
 
 
 def test_disagreement_is_0_of_the_same_images_and_1_of_separate_ones():
@@ -31,6 +40,27 @@ def test_confidence_follows_its_closed_form_and_falls_with_disagreement():
     assert (found[1][2:] < found[0][2:]).all()
     beyond = np.asarray(scaled(said, 1.0, scaling))  # a scale of -0.1 counts as 0
     np.testing.assert_allclose(beyond[1:], expit(-1.8), atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_expected_f_score_is_that_of_the_best_set(seed):
+    said = np.random.default_rng(seed).beta(0.3, 1.0, (40, 50)).astype(np.float32)
+    sure = np.sort(said[said >= 0.05])[::-1]
+    best = (2 * np.cumsum(sure) / (np.arange(len(sure)) + 1 + sure.sum())).max()
+    assert float(expected_f_score(said)) == pytest.approx(best, abs=0.002)
+    assert float(least_confidence(said, 0.6)) == pytest.approx(0.6 * best, abs=0.002)
+    # The best set ends at half of it.
+    (last,) = np.flatnonzero(np.diff(sure >= best / 2))
+    ends = 2 * sure[: last + 1].sum() / (last + 1 + sure.sum())
+    assert ends == pytest.approx(best, abs=0.002)
+
+
+def test_no_pixel_that_counts_as_empty_is_kept():
+    none = jnp.full((4, 4), 0.04)
+    assert float(expected_f_score(none)) == 0
+    assert float(least_confidence(none, 0.6)) == pytest.approx(0.05)
+    certain = none.at[0].set(1.0)
+    assert float(expected_f_score(certain)) == 1
 
 
 def test_a_fit_finds_the_scaling_that_the_truth_was_drawn_from():

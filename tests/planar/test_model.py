@@ -18,6 +18,7 @@ from jradar.planar import (
     Scaling,
     both_ways,
     describe_planar_model,
+    expected_f_score,
     files,
     load_planar_model,
     plane_cloud,
@@ -43,7 +44,7 @@ def test_a_model_comes_back_from_its_files_by_any_of_their_names(saved):
     for name in (saved, saved.with_suffix(".safetensors"), saved.parent):
         model = load_planar_model(name)
         assert dataclasses.replace(model.spec, points=MODEL.spec.points) == MODEL.spec
-        assert model.card == MODEL.card and model.confidence.least == 0.5
+        assert model.card == MODEL.card and model.least_share == 0.6
         jax.tree.map(np.testing.assert_array_equal, model.params, MODEL.params)
     assert repr(load_any_model(saved)) == repr(MODEL)
     assert "PlanarModel(occupancy, 0.0" in repr(MODEL) and "7 steps" in repr(MODEL)
@@ -70,7 +71,7 @@ def test_what_training_looked_like_is_kept(saved, tmp_path):
             {"mean": [0, 0], "whitening": [[1]], "distances": [0]},
             "whitening has shape",
         ),
-        ("format", 9, "kind 'planar' and format 9, expected 'planar' and 2; an eval"),
+        ("format", 9, "kind 'planar' and format 9, expected 'planar' and 3; an eval"),
         ("kind", "curved", "kind 'curved'"),
         ("scaling", {"offset": [0], "scale": [1, 0]}, "expected two finite numbers"),
         ("weights_sha256", "0", "does not match its digest"),
@@ -78,7 +79,9 @@ def test_what_training_looked_like_is_kept(saved, tmp_path):
         ("history", 1000, "history = 1000, expected 1 to 256"),
         ("colour", "red", "unknown field 'colour'"),
         ("noise", {"sigma_data": 0.6}, "sigma_data = 0.6, expected at most 0.5"),
-        ("confidence", {"frequencies": [1, 0]}, "expected two or more that rise"),
+        ("confidence", [1, 0], "expected two or more that rise"),
+        ("least_share", "half", "least_share = 'half', expected 0 to 1"),
+        ("least_share", 2, "least_share = 2, expected 0 to 1"),
         ("network", {"kind": "unet", "channels": 1 << 40}, "channels for arrays"),
         ("network", {"kind": "unet", "channels": 8}, "none match"),
     ],
@@ -106,23 +109,25 @@ def test_a_model_that_is_not_there_is_named(tmp_path, monkeypatch, saved):
 def test_the_weights_of_a_clone_are_described():
     model = load_any_model("radarhd")
     assert model.spec.condition_shape == (*RADAR.shape, 1)
-    assert 0 < model.confidence.least < 1
+    assert 0 < model.least_share < 1
     assert "licence is not stated" in model.card.trained_on
 
 
 def test_points_lie_in_the_plane_at_the_pixels_that_are_sure_enough():
     image = plane_image(SEEN, MODEL)
+    all_of_them = plane_image(SEEN, MODEL, least_confidence=0.0)
     kept = np.asarray(image.confidence) > 0
     assert 0.05 < kept.mean() < 0.95 and image.confidence.max() <= 1
-    assert image.confidence[kept].min() >= 0.5
+    least = 0.6 * expected_f_score(all_of_them.confidence)
+    np.testing.assert_array_equal(kept, all_of_them.confidence >= least)
+    chosen = plane_image(SEEN, MODEL, least_confidence=0.7)
+    assert chosen.confidence[chosen.confidence > 0].min() >= 0.7
     np.testing.assert_array_equal(image.radar, SEEN[..., 0])
     cloud = plane_cloud(image)
     xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
     assert len(xyz) == kept.sum() and not xyz[:, 2].any() and (xyz[:, 0] > -1e-5).all()
     np.testing.assert_allclose(xyz, LIDAR.xyz[kept], atol=1e-5)
     assert cloud.velocity is None
-    all_of_them = plane_image(SEEN, MODEL, least_confidence=0.0)
-    assert (all_of_them.confidence > 0).mean() > kept.mean()
 
 
 def test_a_point_ahead_and_to_the_left():
@@ -135,7 +140,7 @@ def test_a_point_ahead_and_to_the_left():
 
 
 def test_confidence_is_the_tables_and_falls_where_answers_disagree():
-    table = ConfidenceTable.of((0.5, 0.5), least=0.2)
+    table = ConfidenceTable.of((0.5, 0.5))
     model = dataclasses.replace(MODEL, confidence=table)
     image = plane_image(SEEN, model)
     np.testing.assert_allclose(image.confidence, 0.5)

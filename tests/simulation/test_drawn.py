@@ -1,11 +1,15 @@
 """Frames of places of their own: splits, calibration, the same frame again."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from jradar.errors import UsageError
+from jradar.planar import RADARHD
+from jradar.recordings import nearest_scan
 from jradar.recordings.coloradar.calib import read_coupling, read_frequency_phase
-from jradar.simulation import drawn, drawn_sources, kind_of
+from jradar.simulation import drawn, drawn_sources, kind_of, row_sources
 from jradar.simulation.coloradar_writer import write_calib
 from jradar.simulation.hardware.hardware import make_unit_hardware
 from jradar.simulation.units import draw_unit
@@ -68,6 +72,23 @@ def test_a_frame_is_the_same_whenever_it_is_drawn():
     assert np.abs(first - other).max() > 1
     ahead = np.linalg.norm(first[:, :3], axis=1) > 0
     assert 15_000 < len(first) < 65_536 and ahead.mean() > 0.3
+
+
+def test_sources_of_one_row_have_radarhds_chirp_and_layouts_that_train():
+    sources = row_sources()
+    trained = {(s.kind, s.number) for s in drawn_sources("jradar-sim-5")}
+    assert {(s.kind, s.number) for s in sources} < trained
+    assert {s.split for s in sources} == {"train"}
+    recording = sources[-1].open()
+    expected = dataclasses.replace(RADARHD, num_chirps=1)
+    chirp = ("slope_hz_per_s", "sample_rate_hz", "num_samples", "num_chirps")
+    for name in (*chirp, "virtual_positions"):
+        found = getattr(recording.radar.spec, name)
+        np.testing.assert_array_equal(found, getattr(expected, name))
+    samples = recording.cube(0)
+    assert samples.shape == (2, 4, 1, 512) and np.abs(samples).max() > 10
+    azimuth = np.arctan2(*nearest_scan(recording, 0)[:, 1::-1].T)
+    assert np.degrees(np.abs(azimuth)).max() > 80
 
 
 def test_the_lowest_full_level_is_the_floor():

@@ -24,14 +24,14 @@ def test_confidence_holds_at_every_disagreement():
     rng = np.random.default_rng(0)
     shares = {0.1: 0.95, 0.2: 0.8, 0.3: 0.6}
     groups = [[*answers(rng, *each)] for each in shares.items()]
-    model = with_scaled_confidence(MODEL, groups[:1], [*groups[1:], []])
+    model = with_scaled_confidence(MODEL, [*groups, []])
     for apart, share in shares.items():
         (answer, *_) = answers(rng, apart, share)
         said, right = confidence(answer, model), answer.pixels.right
         assert abs(said.mean() - right.mean()) < 0.03
         sure = answer.pixels.confidence > 0.7
         assert abs(said[sure].mean() - right[sure].mean()) < 0.05
-    assert 0 < model.confidence.least < 0.75
+    assert 0 < model.least_share < 0.75
 
 
 @pytest.mark.parametrize("groups", [(), ([],)])

@@ -6,7 +6,7 @@ from PIL import Image
 from scipy.spatial import KDTree
 
 from experiments.radarhd import pairs as module
-from experiments.radarhd.pairs import PolarItems, open_radarhd
+from experiments.radarhd.pairs import Alternating, PolarItems, open_radarhd, write_pair
 from experiments.radarhd.scores import polar_points
 from jradar.planar import LIDAR, RADAR
 from jradar.training import Batch
@@ -53,6 +53,23 @@ def test_both_ways_give_the_same_pairs_in_order(folder, packed, images):
             np.testing.assert_array_equal(pair.lidar, images[1][i])
             assert (pair.trajectory, pair.frame) == KEYS[i]
     assert pairs.digest == open_radarhd(folder).digest != pairs.of([7]).digest
+
+
+def test_written_pairs_are_read_again(packed, tmp_path):
+    pairs = open_radarhd(packed)
+    for pair in pairs:
+        write_pair(tmp_path, pair)
+    found = open_radarhd(tmp_path)
+    assert found.digest == pairs.digest
+    for written, pair in zip(found, pairs, strict=True):
+        np.testing.assert_array_equal(written.radar, pair.radar)
+        np.testing.assert_array_equal(written.lidar, pair.lidar)
+    (tmp_path / "train" / "radar" / "R_7_2.png").unlink()  # written last
+    assert open_radarhd(tmp_path).keys.tolist() == [[7, 10], [12, 0]]
+
+
+def test_items_alternate_and_the_second_ones_start_anew():
+    assert [*Alternating("abc", "xy")] == ["a", "x", "b", "y", "c", "x"]
 
 
 def test_trajectories_are_taken_apart(packed):
@@ -185,12 +202,12 @@ def test_a_rotation_moves_both_images_by_one_angle_and_empties_no_part(seed):
         )
     ]
     assert turns[0] == pytest.approx(turns[1], abs=0.2)  # half a LiDAR cell
-    assert 2.6 < abs(turns[1]) < 29
+    assert 2.6 < abs(turns[1]) < 40.3
     full = [np.ones((*grid.shape, 1), np.float32) for grid in (RADAR, LIDAR)]
     assert all(image.all() for image in rotated(seed, full))
 
 
-@pytest.mark.parametrize("seed", [11, 12])  # 17 and 29 degrees to the left
+@pytest.mark.parametrize("seed", [11, 12])  # 26 and 40 degrees to the left
 def test_what_a_rotation_uncovers_is_the_mirror_image_of_the_view(seed):
     edges = []
     images = rotated(seed, item_of(100, -80))
@@ -198,7 +215,7 @@ def test_what_a_rotation_uncovers_is_the_mirror_image_of_the_view(seed):
         columns = np.flatnonzero(image.any((0, 2)))
         assert len(columns) == 2
         edges.append(np.rad2deg(grid.angles[columns].mean()))
-    assert edges[0] == pytest.approx(edges[1], abs=0.3) and -80 < edges[1] < -60
+    assert edges[0] == pytest.approx(edges[1], abs=0.3) and -80 < edges[1] < -45
 
 
 def test_half_of_the_items_are_rotated():
