@@ -47,6 +47,7 @@ from jradar.planar import (
     least_confidence as least_of,
     scaled,
 )
+from jradar.planar.model import FAINT
 from jradar.range_image import (
     IDENTITY,
     TrustTable,
@@ -55,7 +56,6 @@ from jradar.range_image import (
 )
 from jradar.range_image.trust import LEAST_FRAMES
 
-FAINT = 0.02  # value of a pixel that is never a point
 FAINTEST = 1e-3  # expected F-score
 MOST_IMAGES = 2000  # of training, which are described
 FITTED_FRAMES = 40  # of each rotation and size
@@ -144,7 +144,7 @@ def _padded(values):
     """Values of pixels with zeros after them: one shape, compiled once."""
     padded = np.zeros(math.prod(LIDAR.shape), np.float32)
     padded[: len(values)] = values
-    return padded
+    return jnp.asarray(padded)
 
 
 @jax.jit

@@ -37,6 +37,7 @@ from jradar.types import PointCloud
 
 METHODS = ("occupancy", "nearness")
 MOST_IMAGES = 256  # in a condition
+FAINT = 0.02  # value of a pixel that is never a point
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +156,7 @@ def plane_image(
     found = both_ways(condition[None], model.params, spec.network, spec.noise)
     (value,), (apart,) = found
     confidence = scaled(frequency(value, model.confidence), apart, model.scaling)
+    confidence = jnp.where(value > FAINT, confidence, 0.0)  # no table covers others
     least = least_confidence
     if least is None:
         least = default_least(confidence, model.least_share)

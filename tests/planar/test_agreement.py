@@ -47,8 +47,9 @@ def test_the_expected_f_score_is_that_of_the_best_set(seed):
     said = np.random.default_rng(seed).beta(0.3, 1.0, (40, 50)).astype(np.float32)
     sure = np.sort(said[said >= 0.05])[::-1]
     best = (2 * np.cumsum(sure) / (np.arange(len(sure)) + 1 + sure.sum())).max()
-    assert float(expected_f_score(said)) == pytest.approx(best, abs=0.002)
-    assert float(least_confidence(said, 0.6)) == pytest.approx(0.6 * best, abs=0.002)
+    image = jnp.asarray(said)
+    assert float(expected_f_score(image)) == pytest.approx(best, abs=0.002)
+    assert float(least_confidence(image, 0.6)) == pytest.approx(0.6 * best, abs=0.002)
     # The best set ends at half of it.
     (last,) = np.flatnonzero(np.diff(sure >= best / 2))
     ends = 2 * sure[: last + 1].sum() / (last + 1 + sure.sum())

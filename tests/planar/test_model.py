@@ -21,6 +21,7 @@ from jradar.planar import (
     expected_f_score,
     files,
     load_planar_model,
+    model as model_module,
     plane_cloud,
     plane_image,
 )
@@ -159,6 +160,21 @@ def test_the_mirror_image_has_the_mirrored_answer():
         for seen in (SEEN, SEEN[:, ::-1])
     )
     np.testing.assert_allclose(mirrored[:, ::-1], image, atol=2e-3)
+
+
+def test_faint_pixels_are_never_points(monkeypatch):
+    """A table is fitted to the others alone."""
+    model = dataclasses.replace(MODEL, confidence=ConfidenceTable.of((0.5, 0.5)))
+    (value,), _ = both_ways(
+        SEEN[None], MODEL.params, MODEL.spec.network, MODEL.spec.noise
+    )
+    middle = float(jnp.median(value))
+    monkeypatch.setattr(model_module, "FAINT", middle)
+    image = plane_image.__wrapped__(SEEN, model, least_confidence=0.0)
+    clear = abs(value - middle) > 1e-4  # float32 rounds either way
+    np.testing.assert_array_equal(
+        (image.confidence > 0)[clear], (value > middle)[clear]
+    )
 
 
 def test_without_an_echo_there_is_no_point():
