@@ -47,6 +47,11 @@ def check(config: ConfigDict) -> None:
         raise UsageError(f"method = {config.method!r}, expected one of {[*LOSSES]}")
     if not config.data.path:
         raise UsageError("no pairs: pass RadarHD's folder as --config.data.path")
+    if config.data.simulated and config.data.history != 1:
+        raise UsageError(
+            f"data.history = {config.data.history}, expected 1 with data.simulated: "
+            "each simulated image shows a place of its own"
+        )
     initial_weights(config.train)
 
 

@@ -35,6 +35,9 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     monkeypatch.setattr(scores, "LIMITS", scores.LIMITS[4::10])
     config = shrink(module.get_config(), walls)
     config.method = method
+    simulated = method == "regression"
+    if simulated:
+        config.data.simulated = config.data.path
     train.run(task, config, tmp_path)
     out = tmp_path / "evaluation"
     tables = (out / "protocols.md").read_text()
@@ -52,6 +55,7 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     model = load_any_model(tmp_path)
     assert model.card.steps_seen == 3 and model.spec.history == config.data.history
     assert (model.spec.method == "nearness") == (method == "nearness")
+    assert ("simulated" in model.card.trained_on) == simulated
     config.weights = str(tmp_path / "weights.safetensors")
     task.evaluate(config, elsewhere)
     assert (elsewhere / "evaluation" / "protocols.md").read_text() == tables
@@ -124,3 +128,11 @@ def test_wrong_fields_are_named(walls, started, field, value, message, monkeypat
     with pytest.raises(UsageError, match=message):
         task.check(config)
         task.evaluate(config, started[1])
+
+
+def test_simulated_images_have_no_history(walls):
+    config = shrink(radarhd_history.get_config(), walls)
+    task.check(config)
+    config.data.simulated = str(walls)
+    with pytest.raises(UsageError, match="history = 41, expected 1 with data.simul"):
+        task.check(config)
