@@ -22,6 +22,7 @@ from experiments import build
 from experiments.configs import marginal
 from experiments.radarhd.pairs import PolarPair, write_pair
 from jradar.data.workers import run_jobs
+from jradar.errors import UsageError
 from jradar.planar import lidar_image, polar_image
 from jradar.progress import progress
 from jradar.radar import calibrate
@@ -30,6 +31,7 @@ from jradar.simulation import DRAWN, row_sources
 from jradar.simulation.drawn import DrawnSource
 
 ROW = "jradar-sim-5-row"
+COMPLETE = "complete"  # folder of names of sources
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -51,7 +53,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def write_polar_pairs(
     sources: Sequence[DrawnSource], folder: Path, *, workers: int = 1
 ) -> None:
-    """Write the polar pairs that are missing; a source is a trajectory."""
+    """Write the polar pairs that are missing; a source is a trajectory.
+
+    Raises UsageError for a folder of other files, such as RadarHD's own.
+    """
+    complete = folder / COMPLETE
+    if folder.exists() and any(folder.iterdir()) and not complete.is_dir():
+        raise UsageError(f"{folder} holds other files, expected an empty folder")
+    complete.mkdir(parents=True, exist_ok=True)
     job = functools.partial(write_source, folder=folder)
     with progress("simulating", len(sources), unit="sources") as show:
         jobs = run_jobs(job, [*enumerate(sources)], workers=workers)
@@ -65,7 +74,7 @@ def write_source(numbered: tuple[int, DrawnSource], *, folder: Path) -> None:
     Frames in which either image is empty are left out.
     """
     number, source = numbered
-    marker = folder / "complete" / source.name
+    marker = folder / COMPLETE / source.name
     if marker.exists():
         return
     recording = source.open()
@@ -76,7 +85,6 @@ def write_source(numbered: tuple[int, DrawnSource], *, folder: Path) -> None:
         image = np.rint(255 * np.asarray(seen)).astype(np.uint8)
         if image.any() and truth.any():
             write_pair(folder, PolarPair(image, truth, number, frame))
-    marker.parent.mkdir(parents=True, exist_ok=True)
     marker.touch()
 
 

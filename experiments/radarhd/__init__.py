@@ -145,10 +145,10 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
     spacing = math.ceil(len(checked) / LIMIT_FRAMES)
-    trained, spared = [training_pairs(config, pairs)], [checked]
+    parts = [(training_pairs(config, pairs), checked)]
     if config.data.simulated:
-        for kept, part in zip((trained, spared), simulated_pairs(config), strict=True):
-            kept.append(part)
+        parts.append(simulated_pairs(config))
+    trained, spared = zip(*parts, strict=True)
     model = described(config, params, spared, trained)
     describe_planar_model(path, model, folder=workdir)
     rows = [*score_pairs(config, checked, drawn, every=max(every, spacing))]

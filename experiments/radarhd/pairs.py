@@ -189,7 +189,6 @@ def write_pair(folder: Path, pair: PolarPair) -> None:
     for kind, image in images.items():
         name = f"{kind[0].upper()}_{pair.trajectory}_{pair.frame}.png"
         path = folder / "train" / kind / name
-        path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(path) as scratch:
             Image.fromarray(image).save(scratch, format="PNG")
 

@@ -99,7 +99,7 @@ class PlanarImage(NamedTuple):
     """What a planar model sees: its answer, and the polar image that it saw.
 
     `confidence` is the probability that a surface is within 0.2 m, 0 where it is less
-    than the least.
+    than the least confidence.
     """
 
     confidence: Float[Array, "range azimuth"]

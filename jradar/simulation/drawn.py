@@ -13,7 +13,7 @@ and mounts are those of a user, and no target to learn.
                         older families, and 5,280 of real places, from six environments'
                         maps (`surfaces`); 24 frames of each to validate and to test
     jradar-sim-5-mini   8 frames of each for each split
-    jradar-sim-5-row    4,000 frames of the kinds and families, each the one chirp of a
+    jradar-sim-5-row    3,776 frames of the kinds and families, each the one chirp of a
                         radar with one row of antennas and RadarHD's chirp; they train
 
 A kind is the name of a sequence without its number: it can be left out of training. No

@@ -51,3 +51,6 @@ def test_polar_pairs_are_written_once(tmp_path, monkeypatch):
     lit.unlink()
     places.write_polar_pairs([source], tmp_path)
     assert not lit.exists()  # the source was complete
+    others = tmp_path / "train"  # a folder that the command did not begin
+    with pytest.raises(UsageError, match="train holds other files, expected an empty"):
+        places.write_polar_pairs([source], others)
