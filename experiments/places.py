@@ -8,7 +8,8 @@ of real places. The same command resumes what was interrupted. Configs take the 
 as --config.data.path=runs/sim5, and leave kinds out by --config.data.without=KIND,KIND.
 
 The second set consists of polar images in RadarHD's layout, each of a radar with one
-row of antennas. Training takes it as --config.data.simulated=runs/row.
+row of antennas, and of the radar's points. Training takes it as
+--config.data.simulated=runs/row.
 """
 
 import argparse
@@ -25,7 +26,7 @@ from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
 from jradar.planar import lidar_image, polar_image
 from jradar.progress import progress
-from jradar.radar import calibrate
+from jradar.radar import PointSpec, calibrate, radar_points
 from jradar.recordings import nearest_scan
 from jradar.simulation import DRAWN, row_sources
 from jradar.simulation.drawn import DrawnSource
@@ -79,12 +80,16 @@ def write_source(numbered: tuple[int, DrawnSource], *, folder: Path) -> None:
         return
     recording = source.open()
     radar = recording.radar
+    spec = PointSpec().fitted(radar.spec)
     for frame in range(len(recording.cubes)):
-        seen = polar_image(calibrate(recording.cube(frame), radar), radar.spec)
+        cube = recording.cube(frame)
+        seen = polar_image(calibrate(cube, radar), radar.spec)
+        points = radar_points(cube, radar, points=spec)
+        xyz = np.asarray(points.xyz)[np.asarray(points.valid)]
         truth = lidar_image(np.asarray(nearest_scan(recording, frame)))
         image = np.rint(255 * np.asarray(seen)).astype(np.uint8)
         if image.any() and truth.any():
-            write_pair(folder, PolarPair(image, truth, number, frame))
+            write_pair(folder, PolarPair(image, truth, number, frame, xyz))
     marker.touch()
 
 

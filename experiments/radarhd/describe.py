@@ -4,7 +4,8 @@ The confidence is fitted to pairs that the network was not trained on: a pixel i
 if the LiDAR has a point within 0.2 m of it. These pairs are of the training's building,
 so they are also rotated, and their rooms made smaller and larger. There, a network's
 answer disagrees with that to the mirror image, and is less often right. A network that
-also trained on simulated pairs has a group of those that were spared.
+also trained on simulated pairs has a group of those that were spared. They alone have
+the radar's points, to which the confidence of `plane_surroundings` is fitted.
 """
 
 import dataclasses
@@ -25,8 +26,10 @@ from experiments.radarhd.model import networks
 from experiments.radarhd.pairs import PolarItems, RadarHD
 from experiments.radarhd.scores import building, polar_points
 from jradar.evaluation import (
+    Around,
     Judged,
     fitted_confidence,
+    fitted_echoes,
     least_confidence,
     markdown_table,
     near_truth,
@@ -45,6 +48,7 @@ from jradar.planar import (
     fit_scaling,
     image_features,
     least_confidence as least_of,
+    plane_surroundings,
     scaled,
 )
 from jradar.planar.model import FAINT
@@ -55,11 +59,13 @@ from jradar.range_image import (
     frequency,
 )
 from jradar.range_image.trust import LEAST_FRAMES
+from jradar.types import PointCloud
 
 FAINTEST = 1e-3  # expected F-score
 MOST_IMAGES = 2000  # of training, which are described
 FITTED_FRAMES = 40  # of each rotation and size
 SIMULATED_FRAMES = 240
+MOST_POINTS = PlanarSpec.points.capacity  # of the radar in a frame
 
 
 class Answer(NamedTuple):
@@ -112,18 +118,38 @@ def with_scaled_confidence(model: PlanarModel, groups: Groups) -> PlanarModel:
     Each group counts as much as another, and so it does for the share of the expected
     F-score that is left out. Without a pixel, the model stays as it is.
     """
-    groups = [group for group in groups if any(len(a.pixels.xyz) for a in group)]
-    if not groups:
+    drawn = [group for group in groups if any(len(a.pixels.xyz) for a in group)]
+    if not drawn:
         return model
-    table = fitted_confidence(*([a.pixels for a in group] for group in groups))
+    table = fitted_confidence(*([a.pixels for a in group] for group in drawn))
     model = dataclasses.replace(model, confidence=table, scaling=UNSCALED)
     pixels = (
         Pixels(confidence(a, model), a.pixels.right, a.disagreement)
-        for a in itertools.chain(*groups)
+        for a in itertools.chain(*drawn)
     )
     model = dataclasses.replace(model, scaling=fit_scaling([*pixels]))
-    relative = ([_relative(answer, model) for answer in group] for group in groups)
-    return dataclasses.replace(model, least_share=least_confidence(*relative))
+    relative = ([_relative(answer, model) for answer in group] for group in drawn)
+    model = dataclasses.replace(model, least_share=least_confidence(*relative))
+    return dataclasses.replace(model, echoes=_echoes(model, groups))
+
+
+def _echoes(model, groups):
+    """The table of the points around the radar's, next to the pixels that are kept."""
+    kept = [
+        [_kept(a, model) for a in group if a.pixels.echoes is not None]
+        for group in groups
+    ]
+    return fitted_echoes(*filter(None, kept), table=IDENTITY)
+
+
+def _kept(answer, model):
+    """The pixels of an answer that become points, as sure ones."""
+    said, pixels = confidence(answer, model), answer.pixels
+    kept = said >= float(least_of(_padded(said), model.least_share))
+    sure = np.ones(kept.sum(), np.float32)
+    return pixels._replace(
+        xyz=pixels.xyz[kept], confidence=sure, right=pixels.right[kept]
+    )
 
 
 def _relative(answer, model):
@@ -213,4 +239,16 @@ def judged_answers(
         if len(truth):
             xyz, said = LIDAR.xyz[seen], np.minimum(value[seen], 1)
             pixels = Judged(xyz, said, near_truth(xyz, truth), truth)
+            if pair.points is not None:
+                pixels = pixels._replace(echoes=around(pair.points, truth))
             yield Answer(pair.trajectory, pixels, float(apart))
+
+
+def around(points: np.ndarray, truth: np.ndarray) -> Around:
+    """Return the points around the radar's, with their crowding as confidence."""
+    padded = np.full((MOST_POINTS, 3), np.nan, np.float32)  # one shape, compiled once
+    padded[: len(points)] = points[:MOST_POINTS]
+    found = plane_surroundings(PointCloud.from_xyz(padded))
+    valid = np.asarray(found.valid)
+    xyz, said = (np.asarray(part)[valid] for part in (found.xyz, found.confidence))
+    return Around(xyz, said, near_truth(xyz, truth))

@@ -4,8 +4,12 @@
     dataset_5/train/lidar/L_<trajectory>_<frame>.png     256 ranges x 512 azimuths
     dataset_5/test/...
 
-or a packed .npz with `radar` uint8, `lidar_packed` (bits along the azimuth),
-`trajectory` and `frame`. Images are on the grids of `jradar.planar`.
+A simulated folder also has the points of the radar, in metres from it:
+
+    runs/row/train/points/P_<trajectory>_<frame>.npz
+
+Real pairs may also be a packed .npz with `radar` uint8, `lidar_packed` (bits along the
+azimuth), `trajectory` and `frame`. Images are on the grids of `jradar.planar`.
 """
 
 import functools
@@ -17,15 +21,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from jradar.errors import parsing
 from jradar.files import atomic_path, check_unpacked
 from jradar.planar import LIDAR, RADAR, PolarGrid
+from jradar.recordings import write_npz
 from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
+MAX_POINTS_BYTES = 16 << 20  # and of one frame's points
 MOST_CELLS = 14  # of the radar's azimuth in a rotation to either side, 40 degrees
 
 
@@ -36,15 +42,25 @@ class PolarPair(NamedTuple):
     lidar: Bool[np.ndarray, "range azimuth"]
     trajectory: int
     frame: int
+    points: Float[np.ndarray, "point 3"] | None = None  # of the radar, if known
 
 
 class RadarHD(Sequence):
     """Pairs in the order of trajectories and frames, read on access."""
 
-    def __init__(self, keys: Any, radar: Callable[[int], Any], lidar: Callable):
-        """`keys` are (trajectory, frame); `radar(i)` and `lidar(i)` return images."""
+    def __init__(
+        self,
+        keys: Any,
+        radar: Callable[[int], Any],
+        lidar: Callable[[int], Any],
+        points: Callable[[int], Any] = lambda _: None,
+    ):
+        """`keys` are (trajectory, frame); `radar(i)` and `lidar(i)` return images.
+
+        `points(i)` returns the radar's points, None if they are not known.
+        """
         self.keys = np.asarray(keys).reshape(-1, 2)
-        self.radar, self.lidar = radar, lidar
+        self.radar, self.lidar, self.points = radar, lidar, points
 
     @property
     def digest(self) -> str:
@@ -55,8 +71,9 @@ class RadarHD(Sequence):
         return len(self.keys)
 
     def __getitem__(self, index: Any) -> Any:
-        trajectory, frame = self.keys[index].tolist()
-        return PolarPair(self.radar(index), self.lidar(index), trajectory, frame)
+        parts = (get(index) for get in (self.radar, self.lidar, self.points))
+        radar, lidar, points = parts
+        return PolarPair(radar, lidar, *self.keys[index].tolist(), points)
 
     def of(self, trajectories: Sequence[int], *, without: bool = False) -> "RadarHD":
         """Return the pairs of trajectories, or those of all others.
@@ -73,12 +90,13 @@ class RadarHD(Sequence):
             self.keys[index],
             lambda i: self.radar(index[i]),
             lambda i: self.lidar(index[i]),
+            lambda i: self.points(index[i]),
         )
 
     def rotated(self, degrees: float) -> "RadarHD":
         """Return the pairs with both images rotated to the left by whole radar cells.
 
-        Raises ValueError for more than 90 degrees.
+        They have no points. Raises ValueError for more than 90 degrees.
         """
         if not abs(degrees) <= 90:
             raise ValueError(f"{degrees:g} degrees, expected -90 to 90")
@@ -92,8 +110,8 @@ class RadarHD(Sequence):
     def scaled(self, factor: float) -> "RadarHD":
         """Return the pairs of a place that is `factor` times as large.
 
-        What is then beyond the range is lost. Raises ValueError for a factor outside
-        0.1 to 10.
+        What is then beyond the range is lost, and so are the points. Raises ValueError
+        for a factor outside 0.1 to 10.
         """
         if not 0.1 <= factor <= 10:
             raise ValueError(f"factor = {factor:g}, expected 0.1 to 10")
@@ -175,6 +193,7 @@ def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
         # An image is part of many histories.
         functools.cache(lambda i: _png(folder / "radar" / f"R{keys[i][2]}", RADAR)),
         lambda i: _png(folder / "lidar" / f"L{keys[i][2]}", LIDAR) > 0,
+        lambda i: _points(folder / "points" / f"P_{keys[i][0]}_{keys[i][1]}.npz"),
     )
 
 
@@ -185,12 +204,25 @@ def write_pair(folder: Path, pair: PolarPair) -> None:
     """
     from PIL import Image
 
+    name = f"P_{pair.trajectory}_{pair.frame}.npz"
+    if pair.points is not None:
+        write_npz(folder / "train" / "points" / name, {"xyz": pair.points})
     images = {"lidar": np.uint8(255) * pair.lidar, "radar": pair.radar}
     for kind, image in images.items():
         name = f"{kind[0].upper()}_{pair.trajectory}_{pair.frame}.png"
         path = folder / "train" / kind / name
         with atomic_path(path) as scratch:
             Image.fromarray(image).save(scratch, format="PNG")
+
+
+def _points(path: Path) -> np.ndarray | None:
+    """The points in a file that `write_pair` wrote, None without it."""
+    if not path.is_file():
+        return None
+    with parsing(path, "a file of points"):
+        check_unpacked(path, limit=MAX_POINTS_BYTES)
+        with np.load(path, allow_pickle=False) as arrays:
+            return arrays["xyz"].reshape(-1, 3).astype(np.float32)
 
 
 def _packed(path: Path) -> RadarHD:

@@ -6,7 +6,7 @@ et al. 2023), becomes an occupancy image, and that a cloud whose points have hei
 
     image = polar_image(samples, radar.spec)          # of calibrated samples
     answer = plane_image(image[..., None], model)
-    cloud = plane_cloud(answer)
+    cloud = plane_cloud(answer, points, model)      # radar points of all chirps
 
 polar_image, azimuth_row, RADARHD    samples to the polar image; RadarHD's radar
 in_plane, true_points, lidar_image   a LiDAR's scan to the true points and image
@@ -14,6 +14,7 @@ image_features                       of a polar image, which tell how usual it i
 PolarGrid, RADAR, LIDAR, MAX_RANGE_M grids of the radar's image and of the answer
 PlanarModel, PlanarSpec, PlanarImage a trained network, and its answer
 one_pass, both_ways, plane_image, plane_cloud    conditions to images and to clouds
+plane_surroundings                   points around the radar's own
 Scaling, scaled, disagreement        confidence that falls where two answers disagree
 Pixels, fit_scaling                  what it is fitted to
 expected_f_score, least_confidence   by which pixels are left out of an image
@@ -30,6 +31,7 @@ from jradar.planar.agreement import (
     least_confidence as least_confidence,
     scaled as scaled,
 )
+from jradar.planar.evidence import plane_surroundings as plane_surroundings
 from jradar.planar.files import (
     describe_planar_model as describe_planar_model,
     load_planar_model as load_planar_model,

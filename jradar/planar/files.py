@@ -1,8 +1,8 @@
 """A planar model on disk: weights, and a description of the same name with them.
 
 NAME.safetensors    the network's parameters, named by path
-NAME.json           spec, confidence, its scaling and least share, trust and card; the
-                    digest of the weights
+NAME.json           spec, confidence, its scaling and least share, confidence of the
+                    radar's points, trust and card; the digest of the weights
 """
 
 import dataclasses
@@ -99,6 +99,8 @@ def load_planar_model(name: Path | str) -> PlanarModel:
         share = values.pop("least_share")
         if not isinstance(share, int | float) or not 0 <= share <= 1:
             raise ValueError(f"least_share = {share!r}, expected 0 to 1")
+        if (echoes := values.pop("echoes", None)) is not None:
+            echoes = ConfidenceTable.of(**echoes)
         if (trust := values.pop("trust", None)) is not None:
             trust = TrustTable.of(**trust)
         network = network_from_json(values.pop("network"))
@@ -117,7 +119,7 @@ def load_planar_model(name: Path | str) -> PlanarModel:
             raise ValueError(f"{weights} does not fit its network: {wrong}")
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    return PlanarModel(params, spec, card, confidence, trust, scaling, share)
+    return PlanarModel(params, spec, card, confidence, trust, scaling, share, echoes)
 
 
 def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) -> Path:
@@ -139,6 +141,7 @@ def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) ->
         "confidence": table_to_json(model.confidence)["frequencies"],
         "scaling": table_to_json(model.scaling),
         "least_share": float(model.least_share),
+        "echoes": None if model.echoes is None else table_to_json(model.echoes),
         "trust": None if model.trust is None else table_to_json(model.trust),
         "card": dataclasses.asdict(model.card),
     }

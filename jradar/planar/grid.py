@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 MAX_RANGE_M = 10.8
 VIEW_M = 10.0  # ahead, and to either side
@@ -36,6 +36,15 @@ class PolarGrid(NamedTuple):
         distance, azimuth = np.meshgrid(self.ranges, self.angles, indexing="ij")
         ahead, left = distance * np.cos(azimuth), distance * np.sin(azimuth)
         return np.stack([ahead, left, np.zeros_like(left)], -1)
+
+
+def in_view(
+    xyz: Float[Array | np.ndarray, "*batch 3"],
+) -> Bool[Array | np.ndarray, "*batch"]:
+    """Return which points lie ahead and in RadarHD's view, whatever their height."""
+    x, y = xyz[..., 0], xyz[..., 1]
+    ahead = (x > 0) & (x <= VIEW_M) & (abs(y) <= VIEW_M)
+    return ahead & (x * x + y * y <= MAX_RANGE_M**2)
 
 
 RADAR, LIDAR = (

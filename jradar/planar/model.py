@@ -4,7 +4,8 @@ condition [range, azimuth, image]    polar images of the radar, newest first
 -> both_ways                         occupancy, or expected nearness    256 x 512
 -> frequency of the confidence table, scaled by how much the answers disagree
 -> the pixels of a share of the expected F-score
--> plane_cloud                       PointCloud, all points at height 0
+-> plane_cloud                       PointCloud, all points at height 0, with those
+                                     around the radar's own
 """
 
 import dataclasses
@@ -30,6 +31,7 @@ from jradar.planar.agreement import (
     least_confidence as default_least,
     scaled,
 )
+from jradar.planar.evidence import plane_surroundings
 from jradar.planar.grid import LIDAR, RADAR
 from jradar.radar import PointSpec
 from jradar.range_image import IDENTITY, ConfidenceTable, TrustTable, frequency
@@ -68,7 +70,14 @@ class PlanarSpec:
 
 @functools.partial(
     jax.tree_util.register_dataclass,
-    data_fields=("params", "confidence", "trust", "scaling", "least_share"),
+    data_fields=(
+        "params",
+        "confidence",
+        "trust",
+        "scaling",
+        "least_share",
+        "echoes",
+    ),
     meta_fields=("spec",),
     drop_fields=("card",),
 )
@@ -84,6 +93,7 @@ class PlanarModel:
     scaling: Scaling = UNSCALED  # of the confidence, by how much two answers disagree
     # Of the expected F-score: pixels of less confidence than that are left out.
     least_share: float | Float[Array, ""] = 0.5
+    echoes: ConfidenceTable | None = None  # of `plane_surroundings`, by crowding
 
     def __repr__(self) -> str:
         """One line: method, size, and what it was trained on."""
@@ -166,11 +176,28 @@ def plane_image(
 
 
 @jax.jit
-def plane_cloud(image: PlanarImage) -> PointCloud:
-    """Return a point in the middle of each pixel; those of confidence 0 are not valid.
+def plane_cloud(
+    image: PlanarImage,
+    points: PointCloud,
+    model: PlanarModel,
+    *,
+    least_confidence: float | Float[Array, ""] | None = None,
+) -> PointCloud:
+    """Return the cloud of an image, and of what is around the radar's points.
 
-    The points have height 0 and no velocity.
+    It begins with a point in the middle of each pixel; those of confidence 0 are not
+    valid. Then come the `plane_surroundings` of the radar's points, if the model has a
+    table of their confidence; those of less than its least confidence, or of
+    `least_confidence`, are not valid. The points have height 0 and no velocity.
     """
     xyz = jnp.asarray(LIDAR.xyz.reshape(-1, 3), jnp.float32)
     confidence = image.confidence.ravel()
-    return PointCloud(xyz, confidence > 0, confidence=confidence)
+    cloud = PointCloud(xyz, confidence > 0, confidence=confidence)
+    if (echoes := model.echoes) is None:
+        return cloud
+    around = plane_surroundings(points)
+    found = frequency(around.confidence, echoes)
+    least = echoes.least if least_confidence is None else least_confidence
+    kept = around.valid & (found >= least)
+    added = PointCloud(around.xyz, kept, confidence=jnp.where(kept, found, 0.0))
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), cloud, added)

@@ -8,7 +8,7 @@ These are host functions.
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jradar.planar.grid import LIDAR, MAX_RANGE_M, VIEW_M
+from jradar.planar.grid import LIDAR, in_view
 
 HALF_HEIGHT_M = 0.3  # of the points, above and below the radar
 
@@ -27,9 +27,7 @@ def in_plane(
     xyz: Float[np.ndarray, "point 3"],
 ) -> Float[np.ndarray, "seen 3"]:
     """Return the points ahead that are in RadarHD's view, at height 0."""
-    x, y, _ = xyz.T
-    seen = (x > 0) & (x <= VIEW_M) & (abs(y) <= VIEW_M)
-    return xyz[seen & (np.hypot(x, y) <= MAX_RANGE_M)] * [1, 1, 0]
+    return xyz[in_view(xyz)] * [1, 1, 0]
 
 
 def lidar_image(

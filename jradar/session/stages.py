@@ -137,7 +137,8 @@ class _PlanarPrograms(_Programs):
         return plane_image(condition, model, least_confidence=self.least_confidence)
 
     def projected(self, key, radar, model, image, points):
-        return plane_cloud(image)
+        least = self.least_confidence
+        return plane_cloud(image, points, model, least_confidence=least)
 
 
 def _strange(features, model):

@@ -13,8 +13,8 @@ and mounts are those of a user, and no target to learn.
                         older families, and 5,280 of real places, from six environments'
                         maps (`surfaces`); 24 frames of each to validate and to test
     jradar-sim-5-mini   8 frames of each for each split
-    jradar-sim-5-row    3,776 frames of the kinds and families, each the one chirp of a
-                        radar with one row of antennas and RadarHD's chirp; they train
+    jradar-sim-5-row    3,776 frames of the kinds and families, of radars with one row
+                        of antennas and RadarHD's chirp; they train
 
 A kind is the name of a sequence without its number: it can be left out of training. No
 split shares a layout; runs of ColoRadar that validate or test do not train, but they
@@ -234,8 +234,6 @@ def floor_height(heights: np.ndarray) -> float:
 def _radar(name: str, row: bool) -> tuple[RadarSpec, Hardware]:
     unit = _unit(name, row)
     radar = unit.radar()
-    if row:
-        radar = dataclasses.replace(radar, num_chirps=1)
     return radar, make_unit_hardware(unit, radar)
 
 

@@ -1,5 +1,6 @@
 """A set of places: prepared without recordings, resumed, and without one kind."""
 
+import numpy as np
 import pytest
 
 from experiments import build, places
@@ -7,6 +8,7 @@ from experiments.configs import smoke
 from experiments.radarhd.pairs import open_radarhd
 from jradar import data
 from jradar.errors import UsageError
+from jradar.radar import radar_points
 from jradar.simulation import drawn
 
 pytest.importorskip("embreex", reason="the extra `sim` is not installed")
@@ -45,8 +47,13 @@ def test_polar_pairs_are_written_once(tmp_path, monkeypatch):
     places.write_polar_pairs([source], tmp_path)
     pairs = open_radarhd(tmp_path)
     assert pairs.keys.tolist() == [[0, 0], [0, 1]]
-    for pair in pairs:
+    (first, second), recording = pairs, source.open()
+    for pair in (first, second):
         assert pair.radar.max() > 200 and 20 < pair.lidar.sum() < 5000
+    points = radar_points(recording.cube(1), recording.radar)
+    heard = np.asarray(points.xyz)[np.asarray(points.valid)]
+    np.testing.assert_array_equal(second.points, heard)
+    assert len(heard) > 50
     lit = tmp_path / "train" / "radar" / "R_0_1.png"
     lit.unlink()
     places.write_polar_pairs([source], tmp_path)

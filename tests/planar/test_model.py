@@ -27,10 +27,13 @@ from jradar.planar import (
 )
 from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.session import load_any_model
+from jradar.types import PointCloud
 from tests.models import tiny_planar_model
 
 MODEL = tiny_planar_model()
 SEEN = jax.random.uniform(jax.random.key(1), MODEL.spec.condition_shape)
+NOTHING = PointCloud(jnp.zeros((4, 3)), jnp.zeros(4, bool))
+EMPTY = PlanarImage(jnp.zeros(LIDAR.shape), jnp.zeros(RADAR.shape))
 
 
 @pytest.fixture
@@ -64,9 +67,23 @@ def test_what_training_looked_like_is_kept(saved, tmp_path):
     assert load_planar_model(saved).trust is None
 
 
+def test_the_confidence_of_the_radars_points_is_kept(saved, tmp_path):
+    assert load_planar_model(saved).echoes is None
+    echoes = ConfidenceTable.of((0.1, 0.8), least=0.3)
+    hears = dataclasses.replace(MODEL, echoes=echoes)
+    weights = saved.with_suffix(".safetensors")
+    found = load_planar_model(describe_planar_model(weights, hears, folder=tmp_path))
+    jax.tree.map(np.testing.assert_array_equal, found.echoes, echoes)
+    older = json.loads(saved.read_text())
+    del older["echoes"]  # as described before descriptions had it
+    saved.write_text(json.dumps(older))
+    assert load_planar_model(saved).echoes is None
+
+
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
+        ("echoes", {"frequencies": [1, 0]}, "expected two or more that rise"),
         (
             "trust",
             {"mean": [0, 0], "whitening": [[1]], "distances": [0]},
@@ -124,7 +141,7 @@ def test_points_lie_in_the_plane_at_the_pixels_that_are_sure_enough():
     chosen = plane_image(SEEN, MODEL, least_confidence=0.7)
     assert chosen.confidence[chosen.confidence > 0].min() >= 0.7
     np.testing.assert_array_equal(image.radar, SEEN[..., 0])
-    cloud = plane_cloud(image)
+    cloud = plane_cloud(image, NOTHING, MODEL)
     xyz = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
     assert len(xyz) == kept.sum() and not xyz[:, 2].any() and (xyz[:, 0] > -1e-5).all()
     np.testing.assert_allclose(xyz, LIDAR.xyz[kept], atol=1e-5)
@@ -133,11 +150,31 @@ def test_points_lie_in_the_plane_at_the_pixels_that_are_sure_enough():
 
 def test_a_point_ahead_and_to_the_left():
     sure = jnp.zeros(LIDAR.shape).at[255, 511].set(0.9).at[128, 255].set(0.7)
-    cloud = plane_cloud(PlanarImage(sure, jnp.zeros(RADAR.shape)))
+    image = PlanarImage(sure, jnp.zeros(RADAR.shape))
+    cloud = plane_cloud(image, NOTHING, MODEL)
     ahead, left = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
     np.testing.assert_allclose(ahead, [5.42, 0, 0], atol=0.02)
     np.testing.assert_allclose(left, [0, 10.8, 0], atol=1e-4)
     np.testing.assert_allclose(sorted(cloud.confidence[cloud.valid]), [0.7, 0.9])
+
+
+def test_the_radars_points_are_in_the_cloud_where_they_gather():
+    crowd = np.random.default_rng(0).normal((5, 2, 0), (0.1, 0.1, 0.0), (40, 3))
+    points = PointCloud.from_xyz([*crowd, (3, -3, 0), (4, -4, 2)])
+    assert plane_cloud(EMPTY, points, MODEL).valid.size == LIDAR.xyz[..., 0].size
+    table = ConfidenceTable.of(np.linspace(0, 1, 3), least=0.4)
+    model = dataclasses.replace(MODEL, echoes=table)
+    cloud = plane_cloud(EMPTY, points, model)
+    kept = np.asarray(cloud.valid)
+    assert kept.sum() == 400 and not kept[: LIDAR.xyz[..., 0].size].any()
+    away = np.linalg.norm(np.asarray(cloud.xyz)[kept] - (5, 2, 0), axis=1)
+    assert away.max() < 0.9
+    crowding = np.log(40) / np.log(1024)
+    np.testing.assert_allclose(cloud.confidence[kept], crowding, atol=1e-5)
+    assert not np.asarray(cloud.confidence)[~kept].any()
+    every = plane_cloud(EMPTY, points, model, least_confidence=0.0)
+    assert every.valid.sum() == 410  # the last point is 2 m too high
+    assert not plane_cloud(EMPTY, points, model, least_confidence=0.6).valid.any()
 
 
 def test_confidence_is_the_tables_and_falls_where_answers_disagree():

@@ -18,7 +18,7 @@ from jradar.planar import (
     polar_image,
 )
 from jradar.radar import Radar, RadarSpec, calibrate
-from jradar.range_image import fit_trust
+from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.recordings import Recording, Stream
 from jradar.results import Results
 from jradar.session import FrameFolder, enhance_recording
@@ -52,7 +52,7 @@ def test_a_frame_goes_from_samples_to_a_cloud_in_the_plane(enhanced):
         seen = polar_image(calibrate(cube, UNIT), ROW)
         np.testing.assert_allclose(frame.image.radar, seen, atol=1.5 / 255)
         image = plane_image(frame.image.radar[..., None], MODEL)
-        cloud = plane_cloud(image)
+        cloud = plane_cloud(image, frame.points, MODEL)
         np.testing.assert_allclose(frame.cloud.confidence, cloud.confidence, atol=1e-3)
         assert frame.cloud.valid.any() and not np.asarray(frame.cloud.xyz)[:, 2].any()
         assert frame.describe()["enhanced points"] == frame.cloud.valid.sum()
@@ -118,6 +118,21 @@ def test_more_confident_points_are_fewer():
     kept = np.asarray(frame.cloud.valid)
     assert kept.any() and np.asarray(frame.cloud.confidence)[kept].min() >= 0.6
     assert jax.tree.structure(MODEL) == jax.tree.structure(tiny_planar_model())
+
+
+def test_the_radars_points_follow_the_pixels():
+    table = ConfidenceTable.of((0.5, 0.5), least=0.3)
+    model = dataclasses.replace(MODEL, echoes=table)
+    (frame,) = enhance_recording(recording(), model, frames=range(1))
+    (plain,) = enhance_recording(recording(), MODEL, frames=range(1))
+    found = np.asarray(frame.points.valid).sum()
+    assert frame.cloud.valid.sum() == plain.cloud.valid.sum() + 10 * found > 0
+    np.testing.assert_array_equal(frame.pixels, plain.pixels)
+    assert frame.confidence == plain.confidence  # of the pixels
+    (sure,) = enhance_recording(
+        recording(), model, frames=range(1), least_confidence=0.6
+    )
+    assert np.asarray(sure.cloud.valid).sum() == sure.pixels.sum()
 
 
 def conditions(stamps, history):

@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from experiments.radarhd.describe import Answer, confidence, with_scaled_confidence
+from experiments.radarhd.describe import (
+    Answer,
+    around,
+    confidence,
+    with_scaled_confidence,
+)
 from jradar.evaluation import Judged
 from jradar.planar import LIDAR
 from tests.models import tiny_planar_model
@@ -32,6 +37,24 @@ def test_confidence_holds_at_every_disagreement():
         sure = answer.pixels.confidence > 0.7
         assert abs(said[sure].mean() - right[sure].mean()) < 0.05
     assert 0 < model.least_share < 0.75
+
+
+def test_the_radars_points_are_as_sure_as_they_are_right_where_they_gather():
+    rng = np.random.default_rng(1)
+    wall = np.stack([np.full(200, 6.0), np.linspace(-4, 4, 200), np.zeros(200)], -1)
+
+    def answer(_):
+        alone = rng.uniform((1, -4, 0), (5, 4, 0), (30, 3))
+        points = np.concatenate([wall + rng.normal(0, 0.05, wall.shape), alone])
+        nothing = Judged(np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool), wall)
+        return Answer(0, nothing._replace(echoes=around(points, wall)), 0.1)
+
+    groups = [[*answers(rng, 0.1, 0.9)], [answer(k) for k in range(6)]]
+    echoes = with_scaled_confidence(MODEL, groups).echoes
+    assert with_scaled_confidence(MODEL, groups[:1]).echoes is None
+    lone, gathered = np.interp((0, 0.5), np.linspace(0, 1, 33), echoes.frequencies)
+    assert lone < 0.2 and gathered > 0.8
+    assert lone < echoes.least <= gathered
 
 
 @pytest.mark.parametrize("groups", [(), ([],)])

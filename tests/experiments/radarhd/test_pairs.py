@@ -56,14 +56,22 @@ def test_both_ways_give_the_same_pairs_in_order(folder, packed, images):
 
 
 def test_written_pairs_are_read_again(packed, tmp_path):
-    pairs = open_radarhd(packed)
+    pairs, xyz = open_radarhd(packed), np.ones((5, 3), np.float32)
+    assert pairs[0].points is None
     for pair in pairs:
-        write_pair(tmp_path, pair)
+        known = pair._replace(points=xyz * pair.frame) if pair.trajectory == 7 else pair
+        write_pair(tmp_path, known)
     found = open_radarhd(tmp_path)
     assert found.digest == pairs.digest
     for written, pair in zip(found, pairs, strict=True):
         np.testing.assert_array_equal(written.radar, pair.radar)
         np.testing.assert_array_equal(written.lidar, pair.lidar)
+    assert found.of([12])[0].points is None
+    np.testing.assert_array_equal(found.of([7])[1].points, 10 * xyz)
+    assert found.rotated(20)[0].points is found.scaled(2)[0].points is None
+    (tmp_path / "train" / "points" / "P_7_10.npz").write_bytes(b"PK")
+    with pytest.raises(ValueError, match="P_7_10.npz is damaged or not a file of po"):
+        _ = found[1]
     (tmp_path / "train" / "radar" / "R_7_2.png").unlink()  # written last
     assert open_radarhd(tmp_path).keys.tolist() == [[7, 10], [12, 0]]
 
