@@ -26,10 +26,12 @@ from experiments.radarhd.model import networks
 from experiments.radarhd.pairs import PolarItems, RadarHD
 from experiments.radarhd.scores import building, polar_points
 from jradar.evaluation import (
+    THRESHOLDS,
     Around,
     Judged,
     fitted_confidence,
     fitted_echoes,
+    least_alone,
     least_confidence,
     markdown_table,
     near_truth,
@@ -48,12 +50,15 @@ from jradar.planar import (
     fit_scaling,
     image_features,
     least_confidence as least_of,
+    near_points,
     plane_surroundings,
     scaled,
 )
+from jradar.planar.evidence import AROUND
 from jradar.planar.model import FAINT
 from jradar.range_image import (
     IDENTITY,
+    ConfidenceTable,
     TrustTable,
     fit_trust,
     frequency,
@@ -65,6 +70,7 @@ FAINTEST = 1e-3  # expected F-score
 MOST_IMAGES = 2000  # of training, which are described
 FITTED_FRAMES = 40  # of each rotation and size
 SIMULATED_FRAMES = 240
+EVERY = ConfidenceTable.of((0.0, 1.0), least=0.0)
 MOST_POINTS = PlanarSpec.points.capacity  # of the radar in a frame
 
 
@@ -130,26 +136,47 @@ def with_scaled_confidence(model: PlanarModel, groups: Groups) -> PlanarModel:
     model = dataclasses.replace(model, scaling=fit_scaling([*pixels]))
     relative = ([_relative(answer, model) for answer in group] for group in drawn)
     model = dataclasses.replace(model, least_share=least_confidence(*relative))
-    return dataclasses.replace(model, echoes=_echoes(model, groups))
+    return with_echoes(model, groups)
 
 
-def _echoes(model, groups):
-    """The table of the points around the radar's, next to the pixels that are kept."""
-    kept = [
-        [_kept(a, model) for a in group if a.pixels.echoes is not None]
-        for group in groups
-    ]
-    return fitted_echoes(*filter(None, kept), table=IDENTITY)
+def with_echoes(model: PlanarModel, groups: Groups) -> PlanarModel:
+    """Return the model with what the radar's points say of a cloud, where known.
+
+    Their confidence is fitted next to the pixels that are kept. Pixels away from them
+    then need the highest confidence that costs no F-score.
+    """
+    heard = [[a for a in group if a.pixels.echoes is not None] for group in groups]
+    kept = [[_kept(answer, model) for answer in group] for group in heard if group]
+    echoes = fitted_echoes(*kept, table=EVERY)
+    if echoes is None:
+        return dataclasses.replace(model, echoes=None, least_alone=0.0)
+    joined = [[_joined(frame, echoes) for frame in group] for group in kept]
+    alone = least_alone(*joined, least=THRESHOLDS[0])
+    return dataclasses.replace(model, echoes=echoes, least_alone=alone)
 
 
 def _kept(answer, model):
-    """The pixels of an answer that become points, as sure ones."""
+    """The pixels of an answer that become points."""
     said, pixels = confidence(answer, model), answer.pixels
     kept = said >= float(least_of(_padded(said), model.least_share))
-    sure = np.ones(kept.sum(), np.float32)
-    return pixels._replace(
-        xyz=pixels.xyz[kept], confidence=sure, right=pixels.right[kept]
+    xyz, right = pixels.xyz[kept], pixels.right[kept]
+    return pixels._replace(xyz=xyz, confidence=said[kept], right=right)
+
+
+def _joined(pixels, echoes):
+    """Pixels and the points around the radar's, with which of them are near these."""
+    around = pixels.echoes
+    said = np.asarray(frequency(_padded(around.confidence), echoes))
+    sure = said[: len(around.xyz)] >= echoes.least
+    added = PointCloud.from_xyz(_rows(around.xyz[sure], AROUND * MOST_POINTS))
+    near = near_points(_rows(pixels.xyz, math.prod(LIDAR.shape)), added)
+    parts = (
+        (pixels.xyz, around.xyz[sure]),
+        (pixels.confidence, np.ones(sure.sum())),
+        (pixels.right, around.right[sure]),
     )
+    near = np.r_[np.asarray(near)[: len(pixels.xyz)], np.ones(sure.sum(), bool)]
+    return Judged(*map(np.concatenate, parts), pixels.truth, near)
 
 
 def _relative(answer, model):
@@ -170,6 +197,13 @@ def _padded(values):
     """Values of pixels with zeros after them: one shape, compiled once."""
     padded = np.zeros(math.prod(LIDAR.shape), np.float32)
     padded[: len(values)] = values
+    return jnp.asarray(padded)
+
+
+def _rows(xyz, count):
+    """Points with zeros after them, which are not valid: one shape, compiled once."""
+    padded = np.zeros((count, 3), np.float32)
+    padded[: len(xyz)] = xyz[:count]
     return jnp.asarray(padded)
 
 
@@ -246,9 +280,7 @@ def judged_answers(
 
 def around(points: np.ndarray, truth: np.ndarray) -> Around:
     """Return the points around the radar's, with their crowding as confidence."""
-    padded = np.full((MOST_POINTS, 3), np.nan, np.float32)  # one shape, compiled once
-    padded[: len(points)] = points[:MOST_POINTS]
-    found = plane_surroundings(PointCloud.from_xyz(padded))
+    found = plane_surroundings(PointCloud.from_xyz(_rows(points, MOST_POINTS)))
     valid = np.asarray(found.valid)
     xyz, said = (np.asarray(part)[valid] for part in (found.xyz, found.confidence))
     return Around(xyz, said, near_truth(xyz, truth))

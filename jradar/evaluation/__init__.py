@@ -24,10 +24,12 @@ build_report, open_report        tables, curves and clouds of a run in one HTML 
 """
 
 from jradar.evaluation.confidence import (
+    THRESHOLDS as THRESHOLDS,
     Around as Around,
     Judged as Judged,
     fitted_confidence as fitted_confidence,
     fitted_echoes as fitted_echoes,
+    least_alone as least_alone,
     least_confidence as least_confidence,
     with_confidence as with_confidence,
 )

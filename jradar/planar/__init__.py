@@ -14,7 +14,7 @@ image_features                       of a polar image, which tell how usual it i
 PolarGrid, RADAR, LIDAR, MAX_RANGE_M grids of the radar's image and of the answer
 PlanarModel, PlanarSpec, PlanarImage a trained network, and its answer
 one_pass, both_ways, plane_image, plane_cloud    conditions to images and to clouds
-plane_surroundings                   points around the radar's own
+plane_surroundings, near_points      points around the radar's own, and what is near
 Scaling, scaled, disagreement        confidence that falls where two answers disagree
 Pixels, fit_scaling                  what it is fitted to
 expected_f_score, least_confidence   by which pixels are left out of an image
@@ -31,7 +31,10 @@ from jradar.planar.agreement import (
     least_confidence as least_confidence,
     scaled as scaled,
 )
-from jradar.planar.evidence import plane_surroundings as plane_surroundings
+from jradar.planar.evidence import (
+    near_points as near_points,
+    plane_surroundings as plane_surroundings,
+)
 from jradar.planar.files import (
     describe_planar_model as describe_planar_model,
     load_planar_model as load_planar_model,

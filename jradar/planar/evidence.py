@@ -3,17 +3,19 @@
 A network of polar images sees the strongest cells of one chirp. The detector has all
 chirps of a frame, and finds much that such an image does not show. So each of its
 points is in the cloud as ten points across the line of sight. How sure they are depends
-on how many others are near, as in `jradar.range_image.evidence`.
+on how many others are near, as in `jradar.range_image.evidence`. What the network draws
+away from all of them must be surer to be kept.
 """
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 from scipy.special import ndtri
 
 from jradar.planar.grid import MAX_RANGE_M, in_view
 from jradar.planar.truth import HALF_HEIGHT_M
-from jradar.range_image import ImageSpec, crowding
+from jradar.range_image import ImageSpec, count_near, crowding
 from jradar.types import PointCloud
 
 AROUND = 10  # points for each point of the radar
@@ -42,6 +44,14 @@ def plane_surroundings(points: PointCloud) -> PointCloud:
     return PointCloud(
         around.reshape(-1, 3), valid.ravel(), confidence=confidence.ravel()
     )
+
+
+@jax.jit
+def near_points(
+    xyz: Float[Array, "*batch 3"], points: PointCloud
+) -> Bool[Array, "*batch"]:
+    """Return which places have one of the points within about 0.5 m."""
+    return count_near(xyz, points.xyz, points.valid, VIEW) > 0
 
 
 def _steps():

@@ -96,9 +96,8 @@ def load_planar_model(name: Path | str) -> PlanarModel:
         card = card_from_json(values.pop("card"))
         confidence = ConfidenceTable.of(values.pop("confidence"))
         scaling = Scaling.of(**values.pop("scaling"))
-        share = values.pop("least_share")
-        if not isinstance(share, int | float) or not 0 <= share <= 1:
-            raise ValueError(f"least_share = {share!r}, expected 0 to 1")
+        share = _share("least_share", values.pop("least_share"))
+        alone = _share("least_alone", values.pop("least_alone", 0.0))
         if (echoes := values.pop("echoes", None)) is not None:
             echoes = ConfidenceTable.of(**echoes)
         if (trust := values.pop("trust", None)) is not None:
@@ -119,7 +118,15 @@ def load_planar_model(name: Path | str) -> PlanarModel:
             raise ValueError(f"{weights} does not fit its network: {wrong}")
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    return PlanarModel(params, spec, card, confidence, trust, scaling, share, echoes)
+    tables = confidence, trust, scaling, share, echoes, alone
+    return PlanarModel(params, spec, card, *tables)
+
+
+def _share(name, value):
+    """A number from 0 to 1."""
+    if not isinstance(value, int | float) or not 0 <= value <= 1:
+        raise ValueError(f"{name} = {value!r}, expected 0 to 1")
+    return value
 
 
 def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) -> Path:
@@ -141,6 +148,7 @@ def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) ->
         "confidence": table_to_json(model.confidence)["frequencies"],
         "scaling": table_to_json(model.scaling),
         "least_share": float(model.least_share),
+        "least_alone": float(model.least_alone),
         "echoes": None if model.echoes is None else table_to_json(model.echoes),
         "trust": None if model.trust is None else table_to_json(model.trust),
         "card": dataclasses.asdict(model.card),

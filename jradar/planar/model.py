@@ -31,7 +31,7 @@ from jradar.planar.agreement import (
     least_confidence as default_least,
     scaled,
 )
-from jradar.planar.evidence import plane_surroundings
+from jradar.planar.evidence import near_points, plane_surroundings
 from jradar.planar.grid import LIDAR, RADAR
 from jradar.radar import PointSpec
 from jradar.range_image import IDENTITY, ConfidenceTable, TrustTable, frequency
@@ -77,6 +77,7 @@ class PlanarSpec:
         "scaling",
         "least_share",
         "echoes",
+        "least_alone",
     ),
     meta_fields=("spec",),
     drop_fields=("card",),
@@ -94,6 +95,7 @@ class PlanarModel:
     # Of the expected F-score: pixels of less confidence than that are left out.
     least_share: float | Float[Array, ""] = 0.5
     echoes: ConfidenceTable | None = None  # of `plane_surroundings`, by crowding
+    least_alone: float | Float[Array, ""] = 0.0  # of pixels away from all of these
 
     def __repr__(self) -> str:
         """One line: method, size, and what it was trained on."""
@@ -188,7 +190,9 @@ def plane_cloud(
     It begins with a point in the middle of each pixel; those of confidence 0 are not
     valid. Then come the `plane_surroundings` of the radar's points, if the model has a
     table of their confidence; those of less than its least confidence, or of
-    `least_confidence`, are not valid. The points have height 0 and no velocity.
+    `least_confidence`, are not valid. Pixels that are not near one of them need the
+    model's `least_alone` confidence, unless `least_confidence` was asked of all. The
+    points have height 0 and no velocity.
     """
     xyz = jnp.asarray(LIDAR.xyz.reshape(-1, 3), jnp.float32)
     confidence = image.confidence.ravel()
@@ -200,4 +204,8 @@ def plane_cloud(
     least = echoes.least if least_confidence is None else least_confidence
     kept = around.valid & (found >= least)
     added = PointCloud(around.xyz, kept, confidence=jnp.where(kept, found, 0.0))
+    if least_confidence is None:
+        sure = near_points(xyz, added) | (confidence >= model.least_alone)
+        valid, confidence = cloud.valid & sure, jnp.where(sure, confidence, 0.0)
+        cloud = PointCloud(xyz, valid, confidence=confidence)
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), cloud, added)

@@ -10,7 +10,7 @@ close_gaps                              fill pixels between a LiDAR's beams
 observed_pixels, pattern_reach          pixels that are not between two beams
 agreed_range, confident                 what several images agree on; sure pixels alone
 near_echo                               pixels near an echo that stands out
-surroundings, crowding                  points around the radar's, and how many are near
+surroundings, crowding, count_near      points around the radar's, and how many are near
 ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
                                         confidence that holds on new frames
 velocity_image                          the radar's velocity at each pixel
@@ -41,6 +41,7 @@ from jradar.range_image.confidence import (
 )
 from jradar.range_image.doppler import velocity_image as velocity_image
 from jradar.range_image.evidence import (
+    count_near as count_near,
     crowding as crowding,
     near_echo as near_echo,
     surroundings as surroundings,

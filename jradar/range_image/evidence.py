@@ -44,7 +44,7 @@ def near_echo(
         points.valid if points.snr is None else points.valid & (points.snr >= LEAST_SNR)
     )
     cloud = unproject(range_m, spec)
-    near = _count_near(cloud.xyz, points.xyz, loud, spec) > 0
+    near = count_near(cloud.xyz, points.xyz, loud, spec) > 0
     return (near & cloud.valid).reshape(range_m.shape)
 
 
@@ -54,7 +54,7 @@ def crowding(points: PointCloud, spec: ImageSpec) -> Float[Array, " point"]:
 
     The scale is logarithmic. Near is as in `near_echo`. One cloud; `vmap` it.
     """
-    count = _count_near(points.xyz, points.xyz, points.valid, spec)
+    count = count_near(points.xyz, points.xyz, points.valid, spec)
     return jnp.clip(jnp.log(jnp.maximum(count, 1.0)) / np.log(CROWD), 0.0, 1.0)
 
 
@@ -92,8 +92,16 @@ def _disc():
     return np.stack([deep, radius * np.cos(angle), radius * np.sin(angle)], -1)
 
 
-def _count_near(xyz, others, counted, spec):
-    """How many of the counted others are near each point, as float32."""
+def count_near(
+    xyz: Float[Array, "*batch 3"],
+    others: Float[Array, "other 3"],
+    counted: Bool[Array, " other"],
+    spec: ImageSpec,
+) -> Float[Array, "*batch"]:
+    """Return how many of the counted others are near each point; `near_echo` says how.
+
+    Places beyond the largest range have none.
+    """
     half = CELLS + 1
     size = 2 * half
 

@@ -70,14 +70,16 @@ def test_what_training_looked_like_is_kept(saved, tmp_path):
 def test_the_confidence_of_the_radars_points_is_kept(saved, tmp_path):
     assert load_planar_model(saved).echoes is None
     echoes = ConfidenceTable.of((0.1, 0.8), least=0.3)
-    hears = dataclasses.replace(MODEL, echoes=echoes)
+    hears = dataclasses.replace(MODEL, echoes=echoes, least_alone=0.6)
     weights = saved.with_suffix(".safetensors")
     found = load_planar_model(describe_planar_model(weights, hears, folder=tmp_path))
     jax.tree.map(np.testing.assert_array_equal, found.echoes, echoes)
+    assert found.least_alone == 0.6
     older = json.loads(saved.read_text())
-    del older["echoes"]  # as described before descriptions had it
+    del older["echoes"], older["least_alone"]  # as described before they were there
     saved.write_text(json.dumps(older))
-    assert load_planar_model(saved).echoes is None
+    found = load_planar_model(saved)
+    assert found.echoes is None and found.least_alone == 0
 
 
 @pytest.mark.parametrize(
@@ -100,6 +102,7 @@ def test_the_confidence_of_the_radars_points_is_kept(saved, tmp_path):
         ("confidence", [1, 0], "expected two or more that rise"),
         ("least_share", "half", "least_share = 'half', expected 0 to 1"),
         ("least_share", 2, "least_share = 2, expected 0 to 1"),
+        ("least_alone", None, "least_alone = None, expected 0 to 1"),
         ("network", {"kind": "unet", "channels": 1 << 40}, "channels for arrays"),
         ("network", {"kind": "unet", "channels": 8}, "none match"),
     ],
@@ -175,6 +178,25 @@ def test_the_radars_points_are_in_the_cloud_where_they_gather():
     every = plane_cloud(EMPTY, points, model, least_confidence=0.0)
     assert every.valid.sum() == 410  # the last point is 2 m too high
     assert not plane_cloud(EMPTY, points, model, least_confidence=0.6).valid.any()
+
+
+def test_pixels_away_from_the_radars_points_must_be_surer():
+    table = ConfidenceTable.of((0.5, 0.5), least=0.4)
+    model = dataclasses.replace(MODEL, echoes=table, least_alone=0.8)
+    image = EMPTY._replace(confidence=jnp.full(LIDAR.shape, 0.7))
+    points = PointCloud.from_xyz([(5, 2, 0)])
+    cloud = plane_cloud(image, points, model)
+    pixels = LIDAR.xyz[..., 0].size
+    kept = np.asarray(cloud.valid)[:pixels]
+    away = np.linalg.norm(LIDAR.xyz.reshape(-1, 3) - (5, 2, 0), axis=1)
+    assert kept[away < 0.3].all() and not kept[away > 1.5].any()
+    assert not np.asarray(cloud.confidence)[:pixels][~kept].any()
+    for surer in (
+        plane_cloud(image._replace(confidence=image.confidence + 0.2), points, model),
+        plane_cloud(image, points, model, least_confidence=0.7),
+        plane_cloud(image, points, dataclasses.replace(model, echoes=None)),
+    ):
+        assert np.asarray(surer.valid)[:pixels].all()
 
 
 def test_confidence_is_the_tables_and_falls_where_answers_disagree():

@@ -1,5 +1,7 @@
 """The confidence of planar models holds where two answers agree and where not."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -7,9 +9,10 @@ from experiments.radarhd.describe import (
     Answer,
     around,
     confidence,
+    with_echoes,
     with_scaled_confidence,
 )
-from jradar.evaluation import Judged
+from jradar.evaluation import THRESHOLDS, Judged
 from jradar.planar import LIDAR
 from tests.models import tiny_planar_model
 
@@ -51,10 +54,32 @@ def test_the_radars_points_are_as_sure_as_they_are_right_where_they_gather():
 
     groups = [[*answers(rng, 0.1, 0.9)], [answer(k) for k in range(6)]]
     echoes = with_scaled_confidence(MODEL, groups).echoes
-    assert with_scaled_confidence(MODEL, groups[:1]).echoes is None
+    plain = with_scaled_confidence(MODEL, groups[:1])
+    assert plain.echoes is None and plain.least_alone == 0
     lone, gathered = np.interp((0, 0.5), np.linspace(0, 1, 33), echoes.frequencies)
     assert lone < 0.2 and gathered > 0.8
     assert lone < echoes.least <= gathered
+
+
+def test_what_is_wrong_away_from_the_radars_points_must_be_surer():
+    rng = np.random.default_rng(2)
+    wall = np.stack([np.full(400, 6.0), np.linspace(-4, 4, 400), np.zeros(400)], -1)
+    model = dataclasses.replace(MODEL, least_share=0.0)
+
+    def answer(right_alone):
+        alone = np.stack([np.full(400, 2.0), *np.zeros((2, 400))], -1)
+        alone += rng.normal(0, 0.3, alone.shape) * (1, 1, 0)
+        truth = np.concatenate([wall, alone]) if right_alone else wall
+        xyz = np.concatenate([wall, alone]).astype(np.float32)
+        right = np.arange(800) < (800 if right_alone else 400)
+        pixels = Judged(xyz, np.full(800, 0.5), right, truth)
+        return Answer(0, pixels._replace(echoes=around(wall, truth)), 0.0)
+
+    def found(right_alone):
+        return with_echoes(model, [[answer(right_alone) for _ in range(4)]])
+
+    assert found(right_alone=False).least_alone == THRESHOLDS[-1]
+    assert found(right_alone=True).least_alone <= 0.5
 
 
 @pytest.mark.parametrize("groups", [(), ([],)])
