@@ -205,7 +205,8 @@ def plane_cloud(
     kept = around.valid & (found >= least)
     added = PointCloud(around.xyz, kept, confidence=jnp.where(kept, found, 0.0))
     if least_confidence is None:
-        sure = near_points(xyz, added) | (confidence >= model.least_alone)
+        places = jax.lax.optimization_barrier(xyz)  # XLA would take 2 s to fold them
+        sure = near_points(places, added) | (confidence >= model.least_alone)
         valid, confidence = cloud.valid & sure, jnp.where(sure, confidence, 0.0)
         cloud = PointCloud(xyz, valid, confidence=confidence)
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), cloud, added)
