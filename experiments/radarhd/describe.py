@@ -30,10 +30,11 @@ from jradar.evaluation import (
     Around,
     Judged,
     fitted_confidence,
-    fitted_echoes,
+    fitted_table,
     least_alone,
     least_confidence,
     markdown_table,
+    mean_f_scores,
     near_truth,
     spread,
 )
@@ -58,7 +59,6 @@ from jradar.planar.evidence import AROUND
 from jradar.planar.model import FAINT
 from jradar.range_image import (
     IDENTITY,
-    ConfidenceTable,
     TrustTable,
     fit_trust,
     frequency,
@@ -70,7 +70,6 @@ FAINTEST = 1e-3  # expected F-score
 MOST_IMAGES = 2000  # of training, which are described
 FITTED_FRAMES = 40  # of each rotation and size
 SIMULATED_FRAMES = 240
-EVERY = ConfidenceTable.of((0.0, 1.0), least=0.0)
 MOST_POINTS = PlanarSpec.points.capacity  # of the radar in a frame
 
 
@@ -142,17 +141,22 @@ def with_scaled_confidence(model: PlanarModel, groups: Groups) -> PlanarModel:
 def with_echoes(model: PlanarModel, groups: Groups) -> PlanarModel:
     """Return the model with what the radar's points say of a cloud, where known.
 
-    Their confidence is fitted next to the pixels that are kept. Pixels away from them
-    then need the highest confidence that costs no F-score.
+    Those of less than a share of the F-score that is expected of them are left out, the
+    one that is best next to the pixels. Pixels away from the others then need the
+    highest confidence that costs no F-score.
     """
     heard = [[a for a in group if a.pixels.echoes is not None] for group in groups]
     kept = [[_kept(answer, model) for answer in group] for group in heard if group]
-    echoes = fitted_echoes(*kept, table=EVERY)
-    if echoes is None:
-        return dataclasses.replace(model, echoes=None, least_alone=0.0)
-    joined = [[_joined(frame, echoes) for frame in group] for group in kept]
+    around = [[frame.echoes for frame in group] for group in kept]
+    if not any(len(each.xyz) for group in around for each in group):
+        return dataclasses.replace(model, echoes=None)
+    model = dataclasses.replace(model, echoes=fitted_table(around))
+    joined = [[_joined(frame, model) for frame in group] for group in kept]
+    scores = np.mean([mean_f_scores(group) for group in joined], axis=0)
+    model = dataclasses.replace(model, echo_share=THRESHOLDS[int(scores.argmax())])
+    joined = [[_next_to_kept(frame, model) for frame in group] for group in kept]
     alone = least_alone(*joined, least=THRESHOLDS[0])
-    return dataclasses.replace(model, echoes=echoes, least_alone=alone)
+    return dataclasses.replace(model, least_alone=alone)
 
 
 def _kept(answer, model):
@@ -163,19 +167,44 @@ def _kept(answer, model):
     return pixels._replace(xyz=xyz, confidence=said[kept], right=right)
 
 
-def _joined(pixels, echoes):
-    """Pixels and the points around the radar's, with which of them are near these."""
+def _said(around, model):
+    """The confidence of points around the radar's, and the F-score expected of them."""
+    said = frequency(_padded(around.confidence), model.echoes)
+    said = np.array(said) * (np.arange(len(said)) < len(around.xyz))
+    return said[: len(around.xyz)], float(expected_f_score(jnp.asarray(said)))
+
+
+def _joined(pixels, model):
+    """Pixels as sure ones, and points around the radar's with relative confidences."""
     around = pixels.echoes
-    said = np.asarray(frequency(_padded(around.confidence), echoes))
-    sure = said[: len(around.xyz)] >= echoes.least
-    added = PointCloud.from_xyz(_rows(around.xyz[sure], AROUND * MOST_POINTS))
-    near = near_points(_rows(pixels.xyz, math.prod(LIDAR.shape)), added)
+    said, expected = _said(around, model)
+    sure = np.ones(len(pixels.xyz))
     parts = (
-        (pixels.xyz, around.xyz[sure]),
-        (pixels.confidence, np.ones(sure.sum())),
-        (pixels.right, around.right[sure]),
+        (pixels.xyz, around.xyz),
+        (sure, said / max(expected, FAINTEST)),
+        (pixels.right, around.right),
     )
-    near = np.r_[np.asarray(near)[: len(pixels.xyz)], np.ones(sure.sum(), bool)]
+    return Judged(*map(np.concatenate, parts), pixels.truth)
+
+
+def _next_to_kept(pixels, model):
+    """Pixels, and as sure ones the points around the radar's that are kept.
+
+    Also which pixels are near these.
+    """
+    around = pixels.echoes
+    said, expected = _said(around, model)
+    kept = said >= model.echo_share * expected
+    xyz, right = around.xyz[kept], around.right[kept]
+    added = PointCloud.from_xyz(_rows(xyz, AROUND * MOST_POINTS))
+    near = near_points(_rows(pixels.xyz, math.prod(LIDAR.shape)), added)
+    sure = np.ones(len(xyz), bool)
+    parts = (
+        (pixels.xyz, xyz),
+        (pixels.confidence, sure),
+        (pixels.right, right),
+    )
+    near = np.concatenate([np.asarray(near)[: len(pixels.xyz)], sure])
     return Judged(*map(np.concatenate, parts), pixels.truth, near)
 
 

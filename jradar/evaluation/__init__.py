@@ -7,8 +7,8 @@ score_records, score_and_keep, View, Frame, drawn
 write_results, write_report      all of it, written as the report of a run
 detector_methods, choose_rates   CFAR detectors, and `splat`, with the best rates
 with_confidence                  a model whose confidence holds on given records
-fitted_confidence, fitted_echoes, Judged, Around
-                                 the tables of points whose truth is known
+fitted_confidence, fitted_table, Judged, Around
+                                 the table of points whose truth is known
 write_scores, read_scores        the file of scores, the source of all that follows
 mean_interval                    mean of correlated frames, with its interval
 score_rings, ring_edges          scores by distance from the radar
@@ -28,9 +28,10 @@ from jradar.evaluation.confidence import (
     Around as Around,
     Judged as Judged,
     fitted_confidence as fitted_confidence,
-    fitted_echoes as fitted_echoes,
+    fitted_table as fitted_table,
     least_alone as least_alone,
     least_confidence as least_confidence,
+    mean_f_scores as mean_f_scores,
     with_confidence as with_confidence,
 )
 from jradar.evaluation.detectors import (

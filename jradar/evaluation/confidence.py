@@ -79,7 +79,7 @@ def fitted_confidence(*groups: Sequence[Judged]) -> ConfidenceTable:
 
     Each group counts as much as another. Raises ValueError for frames without a point.
     """
-    table = _fitted(groups)
+    table = fitted_table(groups)
     fitted = [[_calibrated(frame, table) for frame in group] for group in groups]
     least = least_confidence(*fitted)
     alone = least_alone(*fitted, least=least)
@@ -96,15 +96,15 @@ def fitted_echoes(
     echoes = [[f.echoes for f in group if f.echoes is not None] for group in groups]
     if not any(len(frame.xyz) for group in echoes for frame in group):
         return None
-    found = _fitted(echoes)
+    found = fitted_table(echoes)
     joined = [[_joined(frame, table, found) for frame in group] for group in groups]
     scores = np.mean([mean_f_scores(group) for group in joined], axis=0)
     good = np.flatnonzero(scores >= scores.max() - SPARED)
     return ConfidenceTable.of(found.frequencies, least=THRESHOLDS[int(good[-1])])
 
 
-def _fitted(groups: Sequence[Sequence[Judged | Around]]) -> ConfidenceTable:
-    """Fit the frequencies to groups of equal weight."""
+def fitted_table(groups: Sequence[Sequence[Judged | Around]]) -> ConfidenceTable:
+    """Return the table whose frequencies were fitted to groups of equal weight."""
     points = [
         (frame.confidence, frame.right, np.full(len(frame.xyz), 1 / len(group)))
         for group in groups

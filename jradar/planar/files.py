@@ -99,7 +99,8 @@ def load_planar_model(name: Path | str) -> PlanarModel:
         share = _share("least_share", values.pop("least_share"))
         alone = _share("least_alone", values.pop("least_alone", 0.0))
         if (echoes := values.pop("echoes", None)) is not None:
-            echoes = ConfidenceTable.of(**echoes)
+            echoes = ConfidenceTable.of(echoes)
+        echo_share = _share("echo_share", values.pop("echo_share", 0.5))
         if (trust := values.pop("trust", None)) is not None:
             trust = TrustTable.of(**trust)
         network = network_from_json(values.pop("network"))
@@ -118,8 +119,13 @@ def load_planar_model(name: Path | str) -> PlanarModel:
             raise ValueError(f"{weights} does not fit its network: {wrong}")
     except Exception as error:  # values of a wrong kind raise errors of any kind
         raise ModelError(f"{path} is not usable: {error}") from error
-    tables = confidence, trust, scaling, share, echoes, alone
+    tables = confidence, trust, scaling, share, echoes, echo_share, alone
     return PlanarModel(params, spec, card, *tables)
+
+
+def _frequencies(table):
+    """The part of a table that a planar model takes: it leaves out by shares."""
+    return table_to_json(table)["frequencies"]
 
 
 def _share(name, value):
@@ -145,11 +151,12 @@ def describe_planar_model(weights: Path, model: PlanarModel, *, folder: Path) ->
         "history": spec.history,
         "network": network_fields(spec.network),
         "noise": noise,
-        "confidence": table_to_json(model.confidence)["frequencies"],
+        "confidence": _frequencies(model.confidence),
         "scaling": table_to_json(model.scaling),
         "least_share": float(model.least_share),
         "least_alone": float(model.least_alone),
-        "echoes": None if model.echoes is None else table_to_json(model.echoes),
+        "echoes": None if model.echoes is None else _frequencies(model.echoes),
+        "echo_share": float(model.echo_share),
         "trust": None if model.trust is None else table_to_json(model.trust),
         "card": dataclasses.asdict(model.card),
     }

@@ -77,6 +77,7 @@ class PlanarSpec:
         "scaling",
         "least_share",
         "echoes",
+        "echo_share",
         "least_alone",
     ),
     meta_fields=("spec",),
@@ -95,6 +96,7 @@ class PlanarModel:
     # Of the expected F-score: pixels of less confidence than that are left out.
     least_share: float | Float[Array, ""] = 0.5
     echoes: ConfidenceTable | None = None  # of `plane_surroundings`, by crowding
+    echo_share: float | Float[Array, ""] = 0.5  # as `least_share`, of these points
     least_alone: float | Float[Array, ""] = 0.0  # of pixels away from all of these
 
     def __repr__(self) -> str:
@@ -189,10 +191,10 @@ def plane_cloud(
 
     It begins with a point in the middle of each pixel; those of confidence 0 are not
     valid. Then come the `plane_surroundings` of the radar's points, if the model has a
-    table of their confidence; those of less than its least confidence, or of
-    `least_confidence`, are not valid. Pixels that are not near one of them need the
-    model's `least_alone` confidence, unless `least_confidence` was asked of all. The
-    points have height 0 and no velocity.
+    table of their confidence; those of less than `least_confidence`, by default than a
+    share of their own `expected_f_score`, are not valid. Pixels that are near none of
+    them need the model's `least_alone` confidence, unless `least_confidence` was asked
+    of all. The points have height 0 and no velocity.
     """
     xyz = jnp.asarray(LIDAR.xyz.reshape(-1, 3), jnp.float32)
     confidence = image.confidence.ravel()
@@ -200,8 +202,10 @@ def plane_cloud(
     if (echoes := model.echoes) is None:
         return cloud
     around = plane_surroundings(points)
-    found = frequency(around.confidence, echoes)
-    least = echoes.least if least_confidence is None else least_confidence
+    found = jnp.where(around.valid, frequency(around.confidence, echoes), 0.0)
+    least = least_confidence
+    if least is None:
+        least = default_least(found, model.echo_share)
     kept = around.valid & (found >= least)
     added = PointCloud(around.xyz, kept, confidence=jnp.where(kept, found, 0.0))
     if least_confidence is None:

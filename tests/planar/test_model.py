@@ -69,14 +69,15 @@ def test_what_training_looked_like_is_kept(saved, tmp_path):
 
 def test_the_confidence_of_the_radars_points_is_kept(saved, tmp_path):
     assert load_planar_model(saved).echoes is None
-    echoes = ConfidenceTable.of((0.1, 0.8), least=0.3)
-    hears = dataclasses.replace(MODEL, echoes=echoes, least_alone=0.6)
+    echoes = ConfidenceTable.of((0.1, 0.8))
+    hears = dataclasses.replace(MODEL, echoes=echoes, echo_share=0.3, least_alone=0.6)
     weights = saved.with_suffix(".safetensors")
     found = load_planar_model(describe_planar_model(weights, hears, folder=tmp_path))
     jax.tree.map(np.testing.assert_array_equal, found.echoes, echoes)
-    assert found.least_alone == 0.6
+    assert (found.echo_share, found.least_alone) == (0.3, 0.6)
     older = json.loads(saved.read_text())
-    del older["echoes"], older["least_alone"]  # as described before they were there
+    for name in ("echoes", "echo_share", "least_alone"):
+        del older[name]  # as described before they were there
     saved.write_text(json.dumps(older))
     found = load_planar_model(saved)
     assert found.echoes is None and found.least_alone == 0
@@ -85,7 +86,8 @@ def test_the_confidence_of_the_radars_points_is_kept(saved, tmp_path):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("echoes", {"frequencies": [1, 0]}, "expected two or more that rise"),
+        ("echoes", [1, 0], "expected two or more that rise"),
+        ("echo_share", -1, "echo_share = -1, expected 0 to 1"),
         (
             "trust",
             {"mean": [0, 0], "whitening": [[1]], "distances": [0]},
@@ -165,8 +167,8 @@ def test_the_radars_points_are_in_the_cloud_where_they_gather():
     crowd = np.random.default_rng(0).normal((5, 2, 0), (0.1, 0.1, 0.0), (40, 3))
     points = PointCloud.from_xyz([*crowd, (3, -3, 0), (4, -4, 2)])
     assert plane_cloud(EMPTY, points, MODEL).valid.size == LIDAR.xyz[..., 0].size
-    table = ConfidenceTable.of(np.linspace(0, 1, 3), least=0.4)
-    model = dataclasses.replace(MODEL, echoes=table)
+    table = ConfidenceTable.of(np.linspace(0, 1, 3))
+    model = dataclasses.replace(MODEL, echoes=table, echo_share=0.6)
     cloud = plane_cloud(EMPTY, points, model)
     kept = np.asarray(cloud.valid)
     assert kept.sum() == 400 and not kept[: LIDAR.xyz[..., 0].size].any()
@@ -181,7 +183,7 @@ def test_the_radars_points_are_in_the_cloud_where_they_gather():
 
 
 def test_pixels_away_from_the_radars_points_must_be_surer():
-    table = ConfidenceTable.of((0.5, 0.5), least=0.4)
+    table = ConfidenceTable.of((0.5, 0.5))
     model = dataclasses.replace(MODEL, echoes=table, least_alone=0.8)
     image = EMPTY._replace(confidence=jnp.full(LIDAR.shape, 0.7))
     points = PointCloud.from_xyz([(5, 2, 0)])

@@ -121,7 +121,7 @@ def test_more_confident_points_are_fewer():
 
 
 def test_the_radars_points_follow_the_pixels():
-    table = ConfidenceTable.of((0.5, 0.5), least=0.3)
+    table = ConfidenceTable.of((0.5, 0.5))
     model = dataclasses.replace(MODEL, echoes=table)
     (frame,) = enhance_recording(recording(), model, frames=range(1))
     (plain,) = enhance_recording(recording(), MODEL, frames=range(1))

@@ -53,12 +53,14 @@ def test_the_radars_points_are_as_sure_as_they_are_right_where_they_gather():
         return Answer(0, nothing._replace(echoes=around(points, wall)), 0.1)
 
     groups = [[*answers(rng, 0.1, 0.9)], [answer(k) for k in range(6)]]
-    echoes = with_scaled_confidence(MODEL, groups).echoes
+    model = with_scaled_confidence(MODEL, groups)
     plain = with_scaled_confidence(MODEL, groups[:1])
     assert plain.echoes is None and plain.least_alone == 0
-    lone, gathered = np.interp((0, 0.5), np.linspace(0, 1, 33), echoes.frequencies)
+    lone, gathered = np.interp(
+        (0, 0.5), np.linspace(0, 1, 33), model.echoes.frequencies
+    )
     assert lone < 0.2 and gathered > 0.8
-    assert lone < echoes.least <= gathered
+    assert lone < model.echo_share * gathered < gathered
 
 
 def test_what_is_wrong_away_from_the_radars_points_must_be_surer():
