@@ -88,8 +88,8 @@ def capture_figure(
     `power` and `azimuths`, the `azimuth_map`, are linear. `cloud` holds the detections,
     `dense` is the enhanced cloud, drawn above them, and `metres` its range image; if
     None, it is projected. A `polar` image, from -90 to 90 degrees and to the range of
-    `image`, is drawn in its place. `lidar` holds LiDAR points in the radar's frame;
-    only points ahead and within the image's range are drawn.
+    `image`, is drawn in its place. `lidar` holds LiDAR points in the radar's frame, of
+    which those ahead are drawn. Points beyond the image's range are not drawn.
     """
     figure = Figure(figsize=(17, 5))  # `constrained` layout takes twice as long
     figure.subplots_adjust(left=0.035, right=0.99, bottom=0.26, top=0.86, wspace=0.22)
@@ -97,13 +97,12 @@ def capture_figure(
     figure.suptitle(title)
     _draw_spectrum(spectrum, np.asarray(power), radar)
     _draw_azimuths(angles, np.asarray(azimuths), radar)
-    clouds = {}
-    if lidar is not None:
-        near = np.linalg.norm(lidar, axis=1) <= image.max_range_m
-        clouds["LiDAR"] = lidar[near & (lidar[:, 0] > 0)]
+    clouds = {} if lidar is None else {"LiDAR": lidar[lidar[:, 0] > 0]}
     for name, drawn in (("detections", cloud), ("jradar", dense)):
         if drawn is not None:
             clouds[name] = np.asarray(drawn.xyz)[np.asarray(drawn.valid)]
+    for name, xyz in clouds.items():
+        clouds[name] = xyz[np.linalg.norm(xyz, axis=1) <= image.max_range_m]
     _draw_above(above, clouds)
     if polar is not None:
         _draw_polar(front, polar, image.max_range_m)
