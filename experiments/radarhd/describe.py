@@ -141,9 +141,9 @@ def with_scaled_confidence(model: PlanarModel, groups: Groups) -> PlanarModel:
 def with_echoes(model: PlanarModel, groups: Groups) -> PlanarModel:
     """Return the model with what the radar's points say of a cloud, where known.
 
-    Those of less than a share of the F-score that is expected of them are left out, the
-    one that is best next to the pixels. Pixels away from the others then need the
-    highest confidence that costs no F-score.
+    The least confidence of the points around them is a share of their expected F-score,
+    the one that scores best together with the pixels. Pixels away from those that are
+    kept then need the highest confidence that costs no F-score.
     """
     heard = [[a for a in group if a.pixels.echoes is not None] for group in groups]
     kept = [[_kept(answer, model) for answer in group] for group in heard if group]
