@@ -10,8 +10,8 @@ away from all of them must be surer to be kept.
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy  # loads `special` when it is first used
 from jaxtyping import Array, Bool, Float
-from scipy.special import ndtri
 
 from jradar.planar.grid import MAX_RANGE_M, in_view
 from jradar.planar.truth import HALF_HEIGHT_M
@@ -38,7 +38,7 @@ def plane_surroundings(points: PointCloud) -> PointCloud:
     ahead = flat.xyz / jnp.linalg.norm(flat.xyz, axis=-1, keepdims=True)
     left = jnp.stack([-ahead[:, 1], ahead[:, 0], ahead[:, 2]], -1)
     axes = jnp.stack([ahead, left], 1)
-    around = flat.xyz[:, None] + jnp.asarray(_STEPS, xyz.dtype) @ axes
+    around = flat.xyz[:, None] + jnp.asarray(_steps(), xyz.dtype) @ axes
     valid = level[:, None] & in_view(around)
     confidence = jnp.where(valid, crowding(flat, VIEW)[:, None], 0.0)
     return PointCloud(
@@ -56,9 +56,6 @@ def near_points(
 
 def _steps():
     """Steps [point, 2] ahead and to the left: a Gaussian, evenly sampled."""
-    wide = WIDE_M * ndtri((np.arange(AROUND) + 0.5) / AROUND)
+    wide = WIDE_M * scipy.special.ndtri((np.arange(AROUND) + 0.5) / AROUND)
     deep = DEEP_M * np.where(np.arange(AROUND) % 2, 1, -1)
     return np.stack([deep, wide], -1)
-
-
-_STEPS = _steps()
