@@ -250,12 +250,9 @@ def reliability_table(model: PlanarModel, pairs: RadarHD, index: Sequence[int]) 
     unscaled = dataclasses.replace(model, scaling=UNSCALED)
     seen: dict[str, list[tuple[np.ndarray, ...]]] = defaultdict(list)
     for answer in judged_answers(model, pairs, index):
-        right, parts = answer.pixels.right, []
-        for each in (model, unscaled):
-            said = confidence(answer, each)
-            kept = said >= float(least_of(_padded(said), each.least_share))
-            parts += [said[kept], right[kept]]
-        seen[building(answer.trajectory)].append(tuple(parts))
+        kept = [_kept(answer, each) for each in (model, unscaled)]
+        parts = ((pixels.confidence, pixels.right) for pixels in kept)
+        seen[building(answer.trajectory)].append(tuple(itertools.chain(*parts)))
     rows = []
     for place, frames in seen.items():
         said, right, before, right_before = map(

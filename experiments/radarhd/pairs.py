@@ -71,9 +71,8 @@ class RadarHD(Sequence):
         return len(self.keys)
 
     def __getitem__(self, index: Any) -> Any:
-        parts = (get(index) for get in (self.radar, self.lidar, self.points))
-        radar, lidar, points = parts
-        return PolarPair(radar, lidar, *self.keys[index].tolist(), points)
+        images = self.radar(index), self.lidar(index)
+        return PolarPair(*images, *self.keys[index].tolist(), self.points(index))
 
     def of(self, trajectories: Sequence[int], *, without: bool = False) -> "RadarHD":
         """Return the pairs of trajectories, or those of all others.
