@@ -34,7 +34,7 @@ if CHECKED:  # a radar checks itself, and JAX makes some of placeholders
 
     Radar.__init__ = Radar.__init__.__wrapped__
 
-LONG = {"training", "experiments", "test_readme"}  # rooms and files
+LONG = {"training", "experiments", "test_readme", "test_own_rig"}  # rooms and files
 MOST_MAPS, MOST_BYTES = 20_000, 1 << 30
 SAMPLES = Path(__file__).parents[2] / "shared" / "samples"
 

@@ -7,7 +7,6 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from experiments.demo import EXPECTED
 from jradar.cli import options
 from jradar.cli.commands import simulate
 from jradar.recordings import open_recording, read_description
+from tests.programs import pasted, ran
 
 ROOT = Path(__file__).parents[1]
 GUIDE, STREAM = "jradar/recordings/README", "jradar/stream/README"
@@ -58,35 +58,6 @@ def simulated(tmp_path_factory):
     (found,) = (folder / "sim").glob("hall_*")
     (folder / "sim" / "lab_0").symlink_to(found)
     return folder
-
-
-def pasted(lines, folder, environment):
-    """Paste lines into one shell, in a folder; return what they print."""
-    return ran(["bash", "-c", "\n".join(["set -e", *lines])], folder, environment)
-
-
-def ran(words, folder, environment=None):
-    """What a program prints that ends well."""
-    options = {"cwd": folder, "env": environment, "capture_output": True, "text": True}
-    done = subprocess.run(words, **options)
-    assert done.returncode == 0, f"{words}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(3600)
-def test_the_page_of_ones_own_rig_runs_as_it_stands(tmp_path):
-    """With the environment that runs this test; see there for what is fine-tuned."""
-    for module in ("embreex", "rosbags"):
-        pytest.importorskip(module)
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(ROOT)}
-    command = 'jradar() { python -m jradar.cli "$@"; }'
-    shown = pasted([command, *blocks("bash", RIG)], tmp_path, environment)
-    rows = re.findall(r"^ +(jradar-sim|mine) +[0-9.]+ +([0-9.]+) ", shown, re.M)
-    shipped, own = (dict(rows[::-1])[name] for name in ("jradar-sim", "mine"))
-    assert float(own) >= float(shipped) - 2
-    assert (tmp_path / "scores" / "evaluation" / "report.html").is_file()
 
 
 @pytest.mark.slow
