@@ -40,7 +40,7 @@ def plane_surroundings(points: PointCloud) -> PointCloud:
     axes = jnp.stack([ahead, left], 1)
     around = flat.xyz[:, None] + jnp.asarray(_steps(), xyz.dtype) @ axes
     valid = level[:, None] & in_view(around)
-    confidence = jnp.where(valid, crowding(flat, VIEW)[:, None], 0.0)
+    confidence = jnp.where(valid, crowding(flat, VIEW, axes=2)[:, None], 0.0)
     return PointCloud(
         around.reshape(-1, 3), valid.ravel(), confidence=confidence.ravel()
     )
@@ -50,8 +50,8 @@ def plane_surroundings(points: PointCloud) -> PointCloud:
 def near_points(
     xyz: Float[Array, "*batch 3"], points: PointCloud
 ) -> Bool[Array, "*batch"]:
-    """Return which places have one of the points within about 0.5 m."""
-    return count_near(xyz, points.xyz, points.valid, VIEW) > 0
+    """Return which places have one of the points within about 0.5 m in the plane."""
+    return count_near(xyz[..., :2], points.xyz[:, :2], points.valid, VIEW) > 0
 
 
 def _steps():

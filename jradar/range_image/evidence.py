@@ -48,13 +48,17 @@ def near_echo(
     return (near & cloud.valid).reshape(range_m.shape)
 
 
-@functools.partial(jax.jit, static_argnames="spec")
-def crowding(points: PointCloud, spec: ImageSpec) -> Float[Array, " point"]:
+@functools.partial(jax.jit, static_argnames=("spec", "axes"))
+def crowding(
+    points: PointCloud, spec: ImageSpec, *, axes: int = 3
+) -> Float[Array, " point"]:
     """Return how many points are near each point: 0 for itself alone, 1 for 1,024.
 
-    The scale is logarithmic. Near is as in `near_echo`. One cloud; `vmap` it.
+    The scale is logarithmic. Near is as in `near_echo`; with two axes, points above
+    each other are near. One cloud; `vmap` it.
     """
-    count = count_near(points.xyz, points.xyz, points.valid, spec)
+    place = points.xyz[:, :axes]
+    count = count_near(place, place, points.valid, spec)
     return jnp.clip(jnp.log(jnp.maximum(count, 1.0)) / np.log(CROWD), 0.0, 1.0)
 
 
@@ -93,17 +97,18 @@ def _disc():
 
 
 def count_near(
-    xyz: Float[Array, "*batch 3"],
-    others: Float[Array, "other 3"],
+    xyz: Float[Array, "*batch axis"],
+    others: Float[Array, "other axis"],
     counted: Bool[Array, " other"],
     spec: ImageSpec,
 ) -> Float[Array, "*batch"]:
     """Return how many of the counted others are near each point; `near_echo` says how.
 
-    Places beyond the largest range have none.
+    Points have three coordinates, or the first two. Places beyond the largest range
+    have none.
     """
     half = CELLS + 1
-    size = 2 * half
+    size, axes = 2 * half, others.shape[-1]
 
     def cells(places):
         index = jnp.floor(places * (CELLS / spec.max_range_m)).astype(jnp.int32) + half
@@ -111,12 +116,13 @@ def count_near(
         return tuple(jnp.moveaxis(jnp.clip(index, 0, size - 1), -1, 0)), inside
 
     place, inside = cells(others)
-    counts = jnp.zeros((size,) * 3).at[place].add(jnp.where(counted & inside, 1.0, 0.0))
-    for axis in range(3):
-        window = [1, 1, 1]
+    counted = jnp.where(counted & inside, 1.0, 0.0)
+    counts = jnp.zeros((size,) * axes).at[place].add(counted)
+    for axis in range(axes):
+        window = [1] * axes
         window[axis] = 2 * REACH + 1
         counts = jax.lax.reduce_window(
-            counts, 0.0, jax.lax.add, tuple(window), (1, 1, 1), "SAME"
+            counts, 0.0, jax.lax.add, tuple(window), (1,) * axes, "SAME"
         )
     place, inside = cells(xyz)
     return jnp.where(inside, counts[place], 0.0)

@@ -59,6 +59,15 @@ def test_crowding_grows_with_the_points_near():
     np.testing.assert_array_equal(crowding(lone, SPEC), 0.0)
 
 
+def test_points_above_each_other_gather_in_the_plane_alone():
+    xyz = np.array([[5.0, 1.0, z] for z in np.linspace(-3, 3, 32)])
+    tower = PointCloud.from_xyz(xyz)
+    np.testing.assert_allclose(crowding(tower, SPEC, axes=2), 0.5, atol=1e-6)
+    assert (np.asarray(crowding(tower, SPEC)) < 0.4).all()
+    flat = PointCloud(tower.xyz * jnp.asarray((1.0, 1.0, 0.0)), tower.valid)
+    np.testing.assert_array_equal(crowding(flat, SPEC), crowding(flat, SPEC, axes=2))
+
+
 def test_what_is_around_a_point_faces_the_radar():
     xyz = np.array([[6.0, 0.0, 0.0], [3.0, 3.0, 0.4], [20.0, 0.0, 0.0], [5.0, 0.0, 0]])
     points = PointCloud(
