@@ -77,7 +77,8 @@ def get_config():
     config.train = main.train
     config.train.mirror = True  # every other pair
     config.train.update(steps=5400, checkpoint_every=300)
-    config.train.rotate = False  # every other pair, by up to 40 degrees
+    config.train.varied = False  # other speeds, rotations and sizes of places
+    config.train.initial_share = 0.0  # of the initial weights in those that are saved
 
     # The confidence is fitted to the pairs of the limits. Rotated, and with rooms of
     # these sizes too, they stand for another building.

@@ -9,7 +9,7 @@ r"""RadarHD's real pairs with the radar images of the last two seconds, as in Ra
         --config.nearness.weights=experiments/results/radarhd_nearness.safetensors
 
 The last command also averages draws with the images of `radarhd_nearness`. Differs
-from `radarhd` in one field. `data.path` must hold every frame: in a packed file
+from `radarhd` in two fields. `data.path` must hold every frame: in a packed file
 of every fourth one, 41 images cover eight seconds.
 """
 
@@ -19,4 +19,5 @@ from experiments.configs import radarhd
 def get_config():
     config = radarhd.get_config()
     config.data.history = 41  # newest first, at 20 images a second
+    config.confidence.sizes = (0.4, 0.5, 1.6, 2.0)  # unlike those of varied pairs
     return config

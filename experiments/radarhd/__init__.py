@@ -11,9 +11,9 @@ describe  what makes weights a model for `jradar enhance`, and its reliability
 """
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
+import jax
 from ml_collections import ConfigDict
 
 from experiments import build
@@ -25,7 +25,6 @@ from experiments.radarhd.pairs import (
     PolarItems,
     RadarHD,
     open_radarhd,
-    rotated_at_random,
 )
 from experiments.radarhd.scores import at_limits, choose_limits, score_pairs
 from experiments.train import Training
@@ -52,7 +51,14 @@ def check(config: ConfigDict) -> None:
             f"data.history = {config.data.history}, expected 1 with data.simulated: "
             "each simulated image shows a place of its own"
         )
-    initial_weights(config.train)
+    share = config.train.initial_share
+    if initial_weights(config.train) is None and share:
+        raise UsageError(
+            f"train.initial_share = {share:g} without weights to start from: pass them "
+            "as --config.train.initial=PATH"
+        )
+    if not 0 <= share < 1:
+        raise UsageError(f"train.initial_share = {share:g}, expected 0 to less than 1")
 
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
@@ -60,17 +66,18 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     pairs = open_radarhd(config.data.path)
     train, checked = training_pairs(config, pairs), threshold_pairs(config, pairs)
     fields = {"history": config.data.history, "mirror": config.train.mirror}
-    items: Sequence = PolarItems(train, **fields)
+    items: PolarItems | Alternating = PolarItems(train, **fields)
     trained_on = f"{len(train)} pairs"
     if config.data.simulated:
         simulated, _ = simulated_pairs(config)
         items = Alternating(items, PolarItems(simulated, **fields))
         trained_on += f" and {len(simulated)} simulated ones"
+    varied = config.train.varied
     batches = data.Batches(
-        items,
+        range(len(items)) if varied else items,
         seed=config.seed,
         batch_size=config.train.batch_size,
-        change=rotated_at_random if config.train.rotate else None,
+        change=items.varied if varied else None,
     )
     network, noise = networks(config)
     optimizer = build.build_optimizer(config.train)
@@ -83,9 +90,20 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         condition_shape=first.condition.shape,
     )
 
+    start = start_from(config.train, network, state)
+    share = config.train.initial_share
+
+    def weights(state):
+        """The mean of trained and initial weights."""
+        return jax.tree.map(
+            lambda trained, initial: (1 - share) * trained + share * initial,
+            state.ema_params,
+            start.ema_params,
+        )
+
     def validate(state, step):
         """Scores of the quickest method, at the best limit for these pairs."""
-        drawn = answers(config, state.ema_params)
+        drawn = answers(config, weights(state))
         quick = {"every": 8, "protocols": ("polar",), "methods": 1}
         rows = [*score_pairs(config, checked, drawn, **quick)]
         (found,) = report.summary(at_limits(rows, choose_limits(rows)))
@@ -93,7 +111,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         return means | {"empty": found["empty"] / found["frames"]}
 
     return Training(
-        state=start_from(config.train, network, state),
+        state=start,
         step=training.make_train_step(
             network,
             optimizer,
@@ -104,7 +122,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         batch_at=lambda step: training.Batch(*batches[step]),
         validate=validate,
         save=lambda state: diffusion.write_params(
-            workdir / "weights.safetensors", state.ema_params
+            workdir / "weights.safetensors", weights(state)
         ),
         trained_on=trained_on,
         data_digest=train.digest,

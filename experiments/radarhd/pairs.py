@@ -33,6 +33,8 @@ NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
 MAX_POINTS_BYTES = 16 << 20  # and of one frame's points
 MOST_CELLS = 14  # of the radar's azimuth in a rotation to either side, 40 degrees
+MOST_SPEED = 2.0  # of a history, relative to its own; backwards below 0
+MOST_SIZE = 1.6  # of a place, relative to its own; 1 / MOST_SIZE at least
 
 
 class PolarPair(NamedTuple):
@@ -121,21 +123,6 @@ class RadarHD(Sequence):
         )
 
 
-class Alternating(Sequence):
-    """The items of one sequence, each followed by one of another, which starts anew."""
-
-    def __init__(self, first: Sequence, second: Sequence):
-        self._both = first, second
-
-    def __len__(self) -> int:
-        return 2 * len(self._both[0])
-
-    def __getitem__(self, index: Any) -> Any:
-        place, odd = divmod(int(index), 2)
-        first, second = self._both
-        return second[place % len(second)] if odd else first[place]
-
-
 class PolarItems(Sequence):
     """Pairs as the network takes them; with `mirror` followed by all mirror images.
 
@@ -149,17 +136,61 @@ class PolarItems(Sequence):
     def __len__(self) -> int:
         return len(self._pairs) * (2 if self._mirror else 1)
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index: Any) -> Batch:
+        return self.at_speed(index, 1.0)
+
+    def at_speed(self, index: Any, speed: float) -> Batch:
+        """Return an item whose history passes at another speed.
+
+        0 is a radar that stands still. Below 0 it moves backwards: the history then
+        consists of the images that followed.
+        """
         mirrored, i = divmod(int(index), len(self._pairs))
         trajectories = self._pairs.keys[:, 0]
-        first = np.searchsorted(trajectories, trajectories[i])
-        past = np.maximum(i - np.arange(self._history), first).tolist()
+        first, end = np.searchsorted(trajectories, trajectories[i] + [0, 1])
+        steps = np.round(speed * np.arange(self._history)).astype(int)
+        past = np.clip(i - steps, first, end - 1).tolist()
         radar = {k: self._pairs.radar(k) for k in set(past)}
         condition = np.stack([radar[k] for k in past], -1).astype(np.float32) / 255
         target = self._pairs.lidar(i).astype(np.float32)[..., None]
         if mirrored:
             condition, target = condition[:, ::-1], target[:, ::-1]
         return Batch(condition, target)
+
+    def varied(self, index: Any, random: np.random.Generator) -> Batch:
+        """Return an item as another drive, or another place, would show it.
+
+        Every other history passes at another speed. The rest is `scaled_at_random` and
+        `rotated_at_random`.
+        """
+        kind, speed = random.random(), random.uniform(-MOST_SPEED, MOST_SPEED)
+        speed = 1.0 if kind < 0.5 else 0.0 if kind < 0.65 else speed
+        item = scaled_at_random(self.at_speed(index, speed), random)
+        return rotated_at_random(item, random)
+
+
+class Alternating(Sequence):
+    """Items of one sequence, each followed by one of another, which starts anew."""
+
+    def __init__(self, first: PolarItems, second: PolarItems):
+        self._both = first, second
+
+    def __len__(self) -> int:
+        return 2 * len(self._both[0])
+
+    def __getitem__(self, index: Any) -> Batch:
+        items, place = self._at(index)
+        return items[place]
+
+    def varied(self, index: Any, random: np.random.Generator) -> Batch:
+        """Return an item as `PolarItems.varied` does."""
+        items, place = self._at(index)
+        return items.varied(place, random)
+
+    def _at(self, index: Any) -> tuple[PolarItems, int]:
+        place, odd = divmod(int(index), 2)
+        first, second = self._both
+        return (second, place % len(second)) if odd else (first, place)
 
 
 def open_radarhd(path: Path | str, *, split: str = "train") -> RadarHD:
@@ -279,19 +310,28 @@ def stretched(image: np.ndarray, factor: float) -> np.ndarray:
 
 def moved_away(occupied: np.ndarray, factor: float) -> np.ndarray:
     """Return polar occupancy whose pixels are `factor` times as far away."""
-    row, column = np.nonzero(occupied)
+    row, *others = np.nonzero(occupied)
     target = np.round(row * factor).astype(int)
     inside = target < len(occupied)
     found = np.zeros_like(occupied)
-    found[target[inside], column[inside]] = True
+    found[target[inside], *(other[inside] for other in others)] = True
     return found
 
 
-def rotated_at_random(item: Batch, rng: np.random.Generator) -> Batch:
-    """Return every other item rotated about the radar, by whole radar cells."""
-    if rng.random() >= 0.5:
+def scaled_at_random(item: Batch, random: np.random.Generator) -> Batch:
+    """Return one in four items as of a place of another size."""
+    if random.random() >= 0.25:
         return item
-    cells = rng.integers(-MOST_CELLS, MOST_CELLS + 1)
+    factor = MOST_SIZE ** random.uniform(-1, 1)
+    target = moved_away(item.target > 0, factor).astype(np.float32)
+    return Batch(stretched(item.condition, factor), target)
+
+
+def rotated_at_random(item: Batch, random: np.random.Generator) -> Batch:
+    """Return every other item rotated about the radar, by whole radar cells."""
+    if random.random() >= 0.5:
+        return item
+    cells = random.integers(-MOST_CELLS, MOST_CELLS + 1)
     return Batch(
         rotated(item.condition, RADAR, cells), rotated(item.target, LIDAR, cells)
     )

@@ -268,11 +268,15 @@ def table(
 ) -> str:
     """Return the means over walks in Markdown; `columns` are the titles of scores."""
     methods = dict.fromkeys(row["method"] for row in rows)
+
+    def text(mean):
+        return f"{mean:,.{0 if mean >= 1000 else digits}f}"
+
     return markdown_table(
         ["map", "walks", *columns.values()],
         [
             [method, len(some)]
-            + [f"{np.mean([row[name] for row in some]):.{digits}f}" for name in columns]
+            + [text(np.mean([row[name] for row in some])) for name in columns]
             for method in methods
             if (some := [row for row in rows if row["method"] == method])
         ],

@@ -16,7 +16,7 @@ import functools
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jradar.errors import UsageError
 from jradar.recordings import valid_points, write_npz, write_ply
@@ -24,6 +24,7 @@ from jradar.results import Results
 from jradar.stream.views import CLOUDS, View
 
 
+@runtime_checkable
 class Writer(Protocol):
     """Takes views until it is closed."""
 

@@ -1,12 +1,20 @@
 """RadarHD: folder and packed file give the same pairs; what training may change."""
 
+import math
+
 import numpy as np
 import pytest
 from PIL import Image
 from scipy.spatial import KDTree
 
 from experiments.radarhd import pairs as module
-from experiments.radarhd.pairs import Alternating, PolarItems, open_radarhd, write_pair
+from experiments.radarhd.pairs import (
+    Alternating,
+    PolarItems,
+    RadarHD,
+    open_radarhd,
+    write_pair,
+)
 from experiments.radarhd.scores import polar_points
 from jradar.planar import LIDAR, RADAR
 from jradar.training import Batch
@@ -229,3 +237,69 @@ def test_what_a_rotation_uncovers_is_the_mirror_image_of_the_view(seed):
 def test_half_of_the_items_are_rotated():
     item = item_of(100, 10)
     assert 30 < sum(rotated(s, item).target is item.target for s in range(100)) < 70
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """Two trajectories of ten frames; the radar's pixels are the number of the pair."""
+    keys = [(trajectory, frame) for trajectory in (1, 2) for frame in range(10)]
+    return RadarHD(
+        keys,
+        lambda i: np.full(RADAR.shape, i, np.uint8),
+        lambda i: np.arange(math.prod(LIDAR.shape)).reshape(LIDAR.shape) % 97 == 1,
+    )
+
+
+def seen_frames(item):
+    return np.round(255 * item.condition[0, 0]).astype(int).tolist()
+
+
+@pytest.mark.parametrize(
+    ("speed", "frames"),
+    [
+        (1, [17, 16, 15, 14, 13]),
+        (0, [17] * 5),
+        (0.5, [17, 17, 16, 15, 15]),  # halves go to the even number
+        (2, [17, 15, 13, 11, 10]),  # the first frame stands for those before it
+        (-1, [17, 18, 19, 19, 19]),
+    ],
+)
+def test_a_history_at_another_speed_has_other_frames_of_its_trajectory(
+    drive, speed, frames
+):
+    items = PolarItems(drive, history=5)
+    assert seen_frames(items.at_speed(17, speed)) == frames
+    np.testing.assert_array_equal(items.at_speed(17, speed).target, items[17].target)
+
+
+def test_varied_items_show_other_drives_and_other_places(drive):
+    items = PolarItems(drive, history=5, mirror=True)
+    random = np.random.default_rng(0)
+    drawn = [items.varied(17, random) for _ in range(300)]
+    histories = [seen_frames(item) for item in drawn]
+    assert {frames[0] for frames in histories} == {17}
+    share = {
+        "as recorded": np.mean(
+            [frames == [17, 16, 15, 14, 13] for frames in histories]
+        ),
+        "standing": np.mean([frames == [17] * 5 for frames in histories]),
+        "backwards": np.mean([frames[-1] > 17 for frames in histories]),
+        "same target": np.mean(
+            [np.array_equal(item.target, items[17].target) for item in drawn]
+        ),
+    }
+    expected = {  # a half and some of other speeds; a half of three quarters
+        "as recorded": 0.52,
+        "standing": 0.17,
+        "backwards": 0.16,
+        "same target": 0.39,
+    }
+    assert share == pytest.approx(expected, abs=0.1)
+
+
+def test_of_two_sequences_every_other_item_is_varied(drive):
+    first = PolarItems(drive.of([1]), history=1)
+    both = Alternating(first, PolarItems(drive.of([2]), history=1))
+    random = np.random.default_rng(5)
+    seen = [seen_frames(both.varied(i, random))[0] for i in (0, 1, 2, 19)]
+    assert seen == [0, 10, 1, 19]
