@@ -205,15 +205,18 @@ def answers(config: ConfigDict, params: Any) -> Answers:
 
 
 def _diffusion_answers(draw, near, steps, draws, key, condition):
-    """Estimates, a careful sample, and several quick ones together."""
+    """Estimates, a careful sample, and quick ones together, half of the mirror image."""
     solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
     yield "one-step estimate", draw(key, condition, steps=1)
     yield "one pass from zero", draw(key, condition)
     yield f"diffusion, {solver} {steps}", draw(key, condition, steps=steps)
     if draws == 1:
         return
-    keys = jax.random.split(key, draws)
-    quick = [draw(each, condition, steps=QUICK_STEPS) for each in keys]
+    either = draw, functools.partial(of_mirror_image, draw)
+    quick = [
+        either[number % 2](each, condition, steps=QUICK_STEPS)
+        for number, each in enumerate(jax.random.split(key, draws))
+    ]
     yield f"{draws} draws", (agreed := agreed_occupancy(jnp.stack(quick)))
     if near is not None:
         *_, (_, nearness) = nearness_answers(near, key, condition)
@@ -228,8 +231,15 @@ def nearness_answers(
     Left and right are alike to a radar that looks ahead, not to a trained network.
     """
     yield "one pass", (straight := draw(key, condition))
-    mirrored = draw(key, condition[:, :, ::-1])[:, :, ::-1]
+    mirrored = of_mirror_image(draw, key, condition)
     yield "one pass and its mirror image", (straight + mirrored) / 2
+
+
+def of_mirror_image(
+    draw: Callable[..., Images], key: jax.Array, condition: jax.Array, **options: Any
+) -> Images:
+    """Return what is drawn for the mirror image of a condition, mirrored back."""
+    return draw(key, condition[:, :, ::-1], **options)[:, :, ::-1]
 
 
 def _regression_answers(draw, key, condition):

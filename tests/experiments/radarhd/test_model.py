@@ -163,10 +163,10 @@ def test_draws_agree_and_are_averaged_with_nearness(tmp_path, monkeypatch):
     found = dict(model.answers(config, params)(KEY, condition))
     network, noise = model.networks(config)
     fixed = {"params": params, "network": network, "noise": noise, "steps": 2}
-    draws = [
-        model.draw_images(key, condition, **fixed) for key in jax.random.split(KEY)
-    ]
-    agreed = agreed_occupancy(jnp.stack(draws))
+    first, second = jax.random.split(KEY)
+    straight = model.draw_images(first, condition, **fixed)
+    flipped = model.draw_images(second, condition[:, :, ::-1], **fixed)[..., ::-1]
+    agreed = agreed_occupancy(jnp.stack([straight, flipped]))
     np.testing.assert_array_equal(found["2 draws"], agreed)
     *_, (_, mirrored) = model.answers(other, near)(KEY, condition)
     mean = (agreed + mirrored) / 2
