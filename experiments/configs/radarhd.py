@@ -81,10 +81,10 @@ def get_config():
     config.train.initial_share = 0.0  # of the initial weights in those that are saved
 
     # The confidence is fitted to the pairs of the limits. Rotated, and with rooms of
-    # these sizes too, they stand for another building.
+    # sizes that varied pairs seldom have, they stand for another building.
     config.confidence = ConfigDict()
     config.confidence.turns = (0.0, 20.0, 40.0)  # degrees to the left
-    config.confidence.sizes = (0.6, 0.7, 0.85, 1.2, 1.4, 1.6)  # relative to their own
+    config.confidence.sizes = (0.4, 0.5, 1.6, 2.0)  # relative to their own
 
     config.sampling = ConfigDict()
     config.sampling.steps = 18

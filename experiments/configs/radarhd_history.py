@@ -19,5 +19,4 @@ from experiments.configs import radarhd
 def get_config():
     config = radarhd.get_config()
     config.data.history = 41  # newest first, at 20 images a second
-    config.confidence.sizes = (0.4, 0.5, 1.6, 2.0)  # unlike those of varied pairs
     return config
