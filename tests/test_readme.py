@@ -268,7 +268,7 @@ def test_commands_run_one_after_another(tmp_path):
     simulated(*"--scene hall --frames 3 --format capture -o capture".split())
     simulated("--set", "jradar-sim-1-mini", "--frames", "2", "-o", "coloradar")
     ordered = [command for name, command in commands() if name.startswith("exp")]
-    ran = 0
+    number = 0
     for command in dict.fromkeys([*ordered, *COMMANDS]):
         if any(command == k or (k[0] == "-" and k in command) for k in NOT_RUN):
             continue
@@ -280,5 +280,5 @@ def test_commands_run_one_after_another(tmp_path):
             words = ["python", "-m", "jradar.cli", *words[1:]]
             words += ["--no-open"] if "view" in words else []
         run(words)
-        ran += 1
-    assert ran > 15
+        number += 1
+    assert number > 15

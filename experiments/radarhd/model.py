@@ -205,7 +205,7 @@ def answers(config: ConfigDict, params: Any) -> Answers:
 
 
 def _diffusion_answers(draw, near, steps, draws, key, condition):
-    """Estimates, a careful sample, and quick ones of image and mirror image together."""
+    """Estimates, a careful sample, and quick ones of the image and its mirror image."""
     solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
     yield "one-step estimate", draw(key, condition, steps=1)
     yield "one pass from zero", draw(key, condition)
