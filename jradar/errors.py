@@ -14,6 +14,8 @@ import errno
 import importlib
 import os
 import signal
+import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -72,16 +74,30 @@ def printable(text: str) -> str:
 
 @contextlib.contextmanager
 def sigterm_raises() -> Iterator[None]:
-    """Raise Terminated in the main thread at SIGTERM; a second one ends at once."""
+    """Raise Terminated in the main thread at SIGTERM; a second one ends at once.
+
+    Python ignores what is raised in a destructor or in a callback of its garbage
+    collector, of which JAX has one. From there, Terminated is raised a little later.
+    """
 
     def terminate(number, _):
         signal.signal(number, signal.SIG_DFL)
         raise Terminated("ended by SIGTERM")
 
-    before = signal.signal(signal.SIGTERM, terminate)
+    def ignored(fault):
+        if not isinstance(fault.exc_value, Terminated):
+            return report(fault)
+        signal.signal(signal.SIGTERM, terminate)
+        again = threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGTERM))
+        again.daemon = True
+        again.start()
+
+    report, before = sys.unraisablehook, signal.signal(signal.SIGTERM, terminate)
+    sys.unraisablehook = ignored
     try:
         yield
     finally:
+        sys.unraisablehook = report
         signal.signal(signal.SIGTERM, before)
 
 

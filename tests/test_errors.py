@@ -1,8 +1,11 @@
 """Exit codes: the nearest kind of an error decides; faults of the program have none."""
 
+import gc
 import json
 import os
 import signal
+import sys
+import time
 
 import jax
 import pytest
@@ -81,6 +84,35 @@ def test_sigterm_runs_what_cleans_up_and_a_second_one_ends_at_once():
             finally:
                 assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_sigterm_while_garbage_is_collected_is_not_lost(capfd):
+    def terminated(*_):
+        gc.callbacks.remove(terminated)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    before = signal.getsignal(signal.SIGTERM), sys.unraisablehook
+    with pytest.raises(Terminated, match="ended by SIGTERM"):
+        with sigterm_raises():
+            gc.callbacks.append(terminated)
+            gc.collect()
+            time.sleep(60)
+    assert (signal.getsignal(signal.SIGTERM), sys.unraisablehook) == before
+    assert "Exception ignored" not in capfd.readouterr().err
+
+
+def test_other_faults_without_a_caller_are_reported(monkeypatch):
+    reported = []
+    monkeypatch.setattr(sys, "unraisablehook", reported.append)
+
+    def fails(*_):
+        gc.callbacks.remove(fails)
+        raise ValueError("of the callback")
+
+    with sigterm_raises():
+        gc.callbacks.append(fails)
+        gc.collect()
+    assert [str(fault.exc_value) for fault in reported] == ["of the callback"]
 
 
 @pytest.mark.parametrize("name", ["cuda", "tpu", "nonsense"])
