@@ -208,6 +208,7 @@ def test_every_command_parses(command, monkeypatch):
 
 STANDS_FOR = {  # of the user's own
     "RECORDING": "sim/hall_0",
+    "RECORDINGS": "sim",
     "PATH": "sim/hall_0",
     "adc_data.bin": "capture/hall_0/adc_data.bin",
     "profile.cfg": "capture/hall_0/awr1843.cfg",
@@ -232,6 +233,14 @@ NOT_RUN = {  # and why
     "-o runs/own_frames": "half an hour of training",
     "-o runs/mounts": "ten walks of 30 s",
     "--pairs dataset_5": "needs RadarHD's folder",
+    "--data RECORDS_OF_SIM_5": "needs that set",
+    "--rates RECORDS_OF_SIM_5": "needs that set",
+    "--data runs/sim5": "needs that set",
+    "--later 200": "needs four walks",
+    "--config.data.set=jradar-sim-3": "hours of simulation and training",
+    "-o fitted --dtype int8": "needs two sets",
+    "-o runs/warehouse": "half an hour of training and more",
+    "-o runs/plantroom": "half an hour of training and more",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/maps.py": "hours of training",
     "--model runs/maps": "needs that run",
@@ -251,10 +260,14 @@ NOT_RUN = {  # and why
 @pytest.mark.hours
 @pytest.mark.timeout(3600)
 def test_commands_run_one_after_another(tmp_path):
-    """In one folder; those of the experiments first, whose runs the others need."""
+    """In one folder; those of the experiments first, whose runs the others need.
+
+    Compiled as for a user: programs that the tests compile quickly train slowly.
+    """
     pytest.importorskip("embreex")
     program = Path(sys.executable).parent
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "JRADAR_CACHE": ""}
+    del environment["XLA_FLAGS"]
     for name in ("experiments", "benchmarks"):
         (tmp_path / name).symlink_to(ROOT / name)
 
@@ -267,9 +280,10 @@ def test_commands_run_one_after_another(tmp_path):
     simulated("--scene", "hall", "--frames", "3", "-o", "sim")
     simulated(*"--scene hall --frames 3 --format capture -o capture".split())
     simulated("--set", "jradar-sim-1-mini", "--frames", "2", "-o", "coloradar")
-    ordered = [command for name, command in commands() if name.startswith("exp")]
+    shown = [each for each in commands() if each[0] != RIG]
+    shown.sort(key=lambda each: not each[0].startswith("exp"))
     number = 0
-    for command in dict.fromkeys([*ordered, *COMMANDS]):
+    for command in dict.fromkeys(command for _, command in shown):
         if any(command == k or (k[0] == "-" and k in command) for k in NOT_RUN):
             continue
         words, variables = words_of(command)
@@ -282,3 +296,18 @@ def test_commands_run_one_after_another(tmp_path):
         run(words)
         number += 1
     assert number > 15
+
+
+@pytest.mark.slow
+@pytest.mark.hours
+@pytest.mark.timeout(1800)
+def test_recordings_become_a_model_of_ones_own(tmp_path):
+    """The commands of the guide to it, pasted into one shell."""
+    pytest.importorskip("embreex")
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    environment = {**os.environ, "PATH": path, "JRADAR_CACHE": ""}
+    del environment["XLA_FLAGS"]
+    (lines,) = blocks("bash", RIG)
+    shown = pasted(lines.splitlines(), tmp_path, environment)
+    assert "mine" in shown.split("home_903")[-1]
+    assert any((tmp_path / "out").iterdir())
