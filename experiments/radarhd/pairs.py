@@ -32,9 +32,9 @@ from jradar.training import Batch
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
 MAX_POINTS_BYTES = 16 << 20  # and of one frame's points
-MOST_CELLS = 14  # of the radar's azimuth in a rotation to either side, 40 degrees
+MOST_CELLS = 20  # of the radar's azimuth in a rotation to either side, 57 degrees
 MOST_SPEED = 2.0  # of a history, relative to its own; backwards below 0
-MOST_SIZE = 1.6  # of a place, relative to its own; 1 / MOST_SIZE at least
+MOST_SIZE = 1.8  # of a place, relative to its own; 1 / MOST_SIZE at least
 
 
 class PolarPair(NamedTuple):
@@ -319,8 +319,8 @@ def moved_away(occupied: np.ndarray, factor: float) -> np.ndarray:
 
 
 def scaled_at_random(item: Batch, random: np.random.Generator) -> Batch:
-    """Return one in four items as of a place of another size."""
-    if random.random() >= 0.25:
+    """Return every other item as of a place of another size."""
+    if random.random() >= 0.5:
         return item
     factor = MOST_SIZE ** random.uniform(-1, 1)
     target = moved_away(item.target > 0, factor).astype(np.float32)

@@ -218,12 +218,12 @@ def test_a_rotation_moves_both_images_by_one_angle_and_empties_no_part(seed):
         )
     ]
     assert turns[0] == pytest.approx(turns[1], abs=0.2)  # half a LiDAR cell
-    assert 2.6 < abs(turns[1]) < 40.3
+    assert 2.6 < abs(turns[1]) < 57.4
     full = [np.ones((*grid.shape, 1), np.float32) for grid in (RADAR, LIDAR)]
     assert all(image.all() for image in rotated(seed, full))
 
 
-@pytest.mark.parametrize("seed", [11, 12])  # 26 and 40 degrees to the left
+@pytest.mark.parametrize("seed", [171, 49])  # 26 and 40 degrees to the left
 def test_what_a_rotation_uncovers_is_the_mirror_image_of_the_view(seed):
     edges = []
     images = rotated(seed, item_of(100, -80))
@@ -288,11 +288,11 @@ def test_varied_items_show_other_drives_and_other_places(drive):
             [np.array_equal(item.target, items[17].target) for item in drawn]
         ),
     }
-    expected = {  # a half and some of other speeds; a half of three quarters
+    expected = {  # a half and some of other speeds; a half of a half
         "as recorded": 0.52,
         "standing": 0.17,
         "backwards": 0.16,
-        "same target": 0.39,
+        "same target": 0.26,
     }
     assert share == pytest.approx(expected, abs=0.1)
 
