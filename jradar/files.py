@@ -12,7 +12,7 @@ import shutil
 import stat
 import zipfile
 from collections.abc import Callable, Iterator
-from io import BufferedReader
+from io import BufferedReader, TextIOWrapper
 from pathlib import Path
 from typing import Any
 
@@ -130,10 +130,13 @@ def remove_leftovers(path: Path | str) -> None:
     prefix = f".{path.name}-"
     for scratch in path.parent.glob(f"{glob.escape(prefix)}*"):
         if re.fullmatch("[a-z0-9_]{8}", scratch.name.removeprefix(prefix)):
-            with contextlib.suppress(OSError):  # in use, gone, or without a lock
-                with (scratch / LOCK).open("r+") as lock:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    _discard(scratch, path)
+            with contextlib.suppress(OSError):  # in use, gone, or somebody else's
+                try:
+                    with (scratch / LOCK).open("r+") as lock:
+                        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                        _discard(scratch, path)
+                except FileNotFoundError:  # killed before there was a lock
+                    scratch.rmdir()  # if it is empty
 
 
 @contextlib.contextmanager
@@ -147,7 +150,9 @@ def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
         try:
             try:
                 scratch.mkdir(mode=0o700)
-                with (scratch / LOCK).open("w") as lock:
+                if (lock := _new_lock(scratch)) is None:
+                    continue
+                with lock:
                     with contextlib.suppress(OSError):  # a file system without locks
                         fcntl.flock(lock, fcntl.LOCK_EX)
                     if os.fstat(lock.fileno()).st_nlink:
@@ -162,6 +167,14 @@ def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
             raise
         finally:
             _discard(scratch, path)  # if a signal has interrupted the first call
+
+
+def _new_lock(scratch: Path) -> TextIOWrapper | None:
+    """Open the lock; None if another writer took the empty folder for a leftover."""
+    try:
+        return (scratch / LOCK).open("w")
+    except FileNotFoundError:
+        return None
 
 
 def _discard(scratch: Path, path: Path) -> None:

@@ -156,7 +156,26 @@ def test_a_kill_at_any_line_leaves_the_old_or_the_new_folder(tmp_path):
     for copy in copies:  # as a kill leaves the folder, for the next writer
         remove_leftovers(copy / "run")
         assert (copy / "run" / "note.txt").read_text() in ("old", "new")
-        assert [p.name for p in copy.iterdir() if p.name[0] != "."] == ["run"]
+        assert [p.name for p in copy.iterdir()] == ["run"]
+
+
+def test_a_writer_whose_new_folder_another_one_removed_tries_again(tmp_path):
+    """Between the folder and its lock, where a kill leaves an empty folder as well."""
+    path, removed = tmp_path / "a.txt", list[Path]()
+
+    def open_once(self, *arguments, **options):
+        if self.name == ".lock" and not removed:
+            removed.append(self.parent)
+            remove_leftovers(path)
+        return opened(self, *arguments, **options)
+
+    opened = Path.open
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "open", open_once)
+        with atomic_path(path) as scratch:
+            scratch.write_text("new")
+    assert removed and not removed[0].exists() and path.read_text() == "new"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "../x", "a/../../x", None, 3])
