@@ -17,9 +17,10 @@ PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
 FLOORS = (
     *("errors", "types range_code nearest fields files progress"),
-    *("results radar range_image lidar diffusion metrics", "recordings model"),
+    *("radar range_image lidar diffusion metrics", "recordings model"),
     *("motion simulation viz baselines planar", "calibration data session"),
-    *("training evaluation", "finetuning scoring mapping stream export", "cli"),
+    *("outputs", "training evaluation"),
+    *("finetuning scoring mapping stream export", "cli"),
 )
 FLOORS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 PURE = (

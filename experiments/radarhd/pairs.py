@@ -25,8 +25,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from jradar.errors import parsing
 from jradar.files import atomic_path, check_unpacked
+from jradar.outputs.clouds import write_npz
 from jradar.planar import LIDAR, RADAR, PolarGrid
-from jradar.recordings import write_npz
 from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")

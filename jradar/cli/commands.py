@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import jradar
 from jradar.cli.reading import given, open_frames, opening, summary
 from jradar.errors import UsageError
+from jradar.outputs.guard import GuardedFolder
 from jradar.progress import progress
-from jradar.results import Results
 
 if TYPE_CHECKING:
     from jradar.data import PrepareSpec
@@ -131,7 +131,7 @@ def _velocities_of_clouds(options: argparse.Namespace) -> tuple[Any, ...]:
 def map_(options: argparse.Namespace) -> dict[str, Any]:
     """Turn a walk into a map, and into the map that a LiDAR would have made."""
     mapping = jradar.mapping
-    results = Results(options.output, "map", force=options.force)
+    results = GuardedFolder(options.output, "map", force=options.force)
     results.check(mapping.FILES)
     model = mapping.load_map_model(options.model)
     recording = jradar.open_recording(options.path, **opening(options))
@@ -176,7 +176,7 @@ def prepare(options: argparse.Namespace) -> dict[str, Any]:
 
 def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]:
     """Write the picture of one frame's preparation, and return its numbers."""
-    results = Results(options.output, "prepare", force=options.force)
+    results = GuardedFolder(options.output, "prepare", force=options.force)
     results.check([PREVIEW])
     source, *_ = jradar.data.find_sources(options.path, **opening(options))
     recording, viz = source.open(), jradar.viz
@@ -224,7 +224,7 @@ def score(options: argparse.Namespace) -> dict[str, Any]:
 
     report, results = "evaluation/report.html", None
     if options.output:
-        results = Results(options.output, "score", force=options.force)
+        results = GuardedFolder(options.output, "score", force=options.force)
         results.check([report])
     found = scored(
         options.path,
@@ -237,7 +237,7 @@ def score(options: argparse.Namespace) -> dict[str, Any]:
     result = found.describe()
     if results:
         with tempfile.TemporaryDirectory() as scratch:
-            folder = Path(scratch) / results.folder.resolve().name
+            folder = Path(scratch) / results.path.resolve().name
             found.write(folder)
             files = {
                 path.relative_to(folder).as_posix(): functools.partial(_copied, path)
@@ -245,7 +245,7 @@ def score(options: argparse.Namespace) -> dict[str, Any]:
                 if path.is_file()
             }
             results.put(files)
-        result["written"] = [str(results.folder / report)]
+        result["written"] = [str(results.path / report)]
     return result
 
 

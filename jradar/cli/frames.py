@@ -11,12 +11,13 @@ from jradar.cli.groups import given_points
 from jradar.cli.paths import is_streamed
 from jradar.cli.reading import open_frames, summary
 from jradar.errors import UsageError
+from jradar.outputs.guard import GuardedFolder
 from jradar.progress import progress
-from jradar.results import Results
 
 if TYPE_CHECKING:
+    from jradar.outputs.frame_folder import FrameFolder
     from jradar.recordings import Recording
-    from jradar.session import Enhancement, Frame, FrameFolder
+    from jradar.session import Enhancement, Frame
 
 
 def points(options: argparse.Namespace) -> dict[str, Any]:
@@ -133,13 +134,13 @@ def _writer(
     if folder is not None:
         yield lambda frame: folder.write_enhanced(frame, found.recording, found.model)
         return
-    stream = jradar.stream
-    with contextlib.closing(
-        stream.open_writer(options.output, force=options.force)
-    ) as writer:
+    from jradar.outputs.published import published_frame
+    from jradar.outputs.writers import open_writer
+
+    with contextlib.closing(open_writer(options.output, force=options.force)) as writer:
 
         def write(frame: "Frame") -> list[str]:
-            writer.write(stream.enhanced_view(found.recording, frame))
+            writer.write(published_frame(found.recording, frame))
             return [options.output]
 
         yield write
@@ -153,8 +154,10 @@ def _folder(
     pictured: bool = True,
 ) -> "FrameFolder":
     """Return the folder of the output; UsageError if it must not be written."""
-    return jradar.session.FrameFolder(
-        Results(options.output, options.command.__name__, force=options.force),
+    from jradar.outputs.frame_folder import FrameFolder
+
+    return FrameFolder(
+        GuardedFolder(options.output, options.command.__name__, force=options.force),
         clouds,
         frames,
         kind=options.format,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from jradar.errors import ModelError, UsageError
 from jradar.files import open_file
-from jradar.results import Results, check_replaceable
+from jradar.outputs.guard import GuardedFolder, check_replaceable
 
 INPUTS = (  # options that name a file or folder
     *("path", "radar", "replay", "spec", "coupling", "run"),
@@ -72,7 +72,7 @@ def _check_output(options: argparse.Namespace, inputs: list[str]) -> None:
                 "replaces: name another output"
             )
     if folder:
-        Results(path, options.command.__name__.rstrip("_"), force=force)
+        GuardedFolder(path, options.command.__name__.rstrip("_"), force=force)
     elif not streamed:
         check_replaceable(path, begins=options.output_begins, force=force)
     elif os.path.lexists(path) and not force:

@@ -13,11 +13,11 @@ from jradar.cli.reading import given, opening
 from jradar.errors import UsageError
 
 if TYPE_CHECKING:
+    from jradar.outputs.writers import Writer
     from jradar.recordings import Recording
     from jradar.session import AnyModel
     from jradar.stream import Emulator, NetworkSpec, Receiver
     from jradar.stream.live import Session
-    from jradar.stream.outputs import Writer
 
 NO_MODEL = "none"
 WAITING = 64  # frames that wait for the disk
@@ -180,7 +180,9 @@ def open_writers(
     """Open the outputs; they are closed with the stack."""
     writers: list[Writer] = []
     if options.output:
-        writers.append(jradar.stream.open_writer(options.output, force=options.force))
+        from jradar.outputs.writers import open_writer
+
+        writers.append(open_writer(options.output, force=options.force))
         stack.callback(writers[-1].close)
     if options.serve is not None:
         from jradar.stream.server import Server

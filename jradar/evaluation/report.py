@@ -36,17 +36,15 @@ from jradar.evaluation.tables import (
     summarise,
 )
 from jradar.files import atomic_folder, atomic_path, check_unpacked, inside
-from jradar.recordings import write_ply
+from jradar.outputs.clouds import write_ply
+from jradar.outputs.page import CloudFrame, checked_points, write_page
 from jradar.types import PointCloud
 from jradar.viz import (
-    CloudFrame,
     clouds_figure,
     error_curves_figure,
     learning_curve_figure,
     save_figure,
-    write_page,
 )
-from jradar.viz.page import checked_points
 
 MAX_CLOUD_BYTES = 1 << 30
 CLOUDS_NOTE = "clouds.txt"  # marks the folder of clouds as written here

@@ -17,8 +17,9 @@ from jradar.mapping.model import MapModel
 from jradar.mapping.predict import Occupied, enhance_map, expected, likely_first
 from jradar.mapping.voxel_map import SensorModel, VoxelMap
 from jradar.motion import ego_velocity, frame_velocities, odometry
+from jradar.outputs.clouds import write_ply
 from jradar.radar import PointSpec
-from jradar.recordings import Recording, write_ply
+from jradar.recordings import Recording
 from jradar.session import detect_recording
 from jradar.types import PointCloud
 from jradar.viz import maps_figure, save_figure

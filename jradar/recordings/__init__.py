@@ -13,7 +13,6 @@
     read_cloud, read_tum             clouds in PLY, PCD or KITTI's files; poses
     open_recorder, FrameRecorder     frames as they come from the cable, as a recording
     BagRecorder, describes_its_radar   the same in one MCAP file
-    CLOUD_WRITERS, write_npz         a cloud's valid points, which `point_table` lists
 
 Each format has a module, with its layout at the top. `recording` explains how to add
 one.
@@ -29,13 +28,6 @@ from jradar.recordings.bags.radar_frames import (
     describes_its_radar as describes_its_radar,
 )
 from jradar.recordings.clouds.read import read_cloud as read_cloud
-from jradar.recordings.clouds.write import (
-    CLOUD_WRITERS as CLOUD_WRITERS,
-    point_table as point_table,
-    valid_points as valid_points,
-    write_npz as write_npz,
-    write_ply as write_ply,
-)
 from jradar.recordings.coloradar.calib import read_coupling as read_coupling
 from jradar.recordings.describe import (
     describe as describe,

@@ -4,7 +4,6 @@ enhance_recording, Enhancement, Frame    a recording's frames, with warnings and
 detect_recording                         their radar points alone
 describe_recording                       what a recording holds, and one frame of it
 describe_configuration                   what a radar and its board can do
-FrameFolder                              the files of frames
 Stages                                   the stages of one frame, compiled and timed
 of_model, of_radar                       why a model may not suit a radar
 load_any_model, AnyModel                 models of either kind by name
@@ -28,4 +27,3 @@ from jradar.session.models import (
 )
 from jradar.session.stages import Stages as Stages
 from jradar.session.warnings import of_model as of_model, of_radar as of_radar
-from jradar.session.writing import FrameFolder as FrameFolder

@@ -7,8 +7,7 @@
     Receiver                    `receiver`, `assembler`: packets to frames, all counted
     Emulator, FaultSpec         `emulator`: a card that plays a recording
     send_cfg                    `board`: the .cfg over the board's serial port
-    Processor, View             `processing`, `views`: a frame to clouds and a picture
-    open_writer                 `outputs`: MCAP, ROS 2 bag or folder, by name
+    Processor                   `processing`: a frame to clouds and a picture
     run_session, run_live       `live`: all of it; the loop alone
     replaying, run_replay       a card that plays a recording, until its end
 
@@ -27,7 +26,6 @@ from jradar.stream.live import (
     run_session as run_session,
     summary as summary,
 )
-from jradar.stream.outputs import open_writer as open_writer
 from jradar.stream.processing import (
     Processor as Processor,
     frame_bytes as frame_bytes,
@@ -37,8 +35,3 @@ from jradar.stream.processing import (
 from jradar.stream.protocol import NetworkSpec as NetworkSpec
 from jradar.stream.receiver import Receiver as Receiver
 from jradar.stream.sockets import loopback_network as loopback_network
-from jradar.stream.views import (
-    View as View,
-    enhanced_view as enhanced_view,
-    point_table as point_table,
-)

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from jradar.errors import UsageError
+from jradar.outputs.published import FALLBACK_PERIOD_S
 from jradar.recordings import Recording, Stream
 from jradar.recordings.ti.iq_order import words_of_cube
 from jradar.recordings.ti.packets import PAYLOAD
@@ -28,7 +29,6 @@ from jradar.stream.protocol import (
     unpack_command,
 )
 from jradar.stream.sockets import not_sent, udp_socket
-from jradar.stream.views import FALLBACK_PERIOD_S
 
 BURST = 16  # packets that are sent together
 ACTIVE = 0.6  # share of the frame period in which the packets are sent

@@ -1,4 +1,4 @@
-"""A live session: card and board, newest frame, view, writers, a line of status."""
+"""A live session: card and board, newest frame, writers, a line of status."""
 
 import contextlib
 import dataclasses
@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from jradar.errors import UsageError
+from jradar.outputs.writers import Writer
 from jradar.recordings import nearest_scan
 from jradar.stream.assembler import Frame
 from jradar.stream.board import Board
 from jradar.stream.card import Card
 from jradar.stream.emulator import Emulator, Sent
-from jradar.stream.outputs import Writer
 from jradar.stream.processing import Processor
 from jradar.stream.receiver import Receiver
 
@@ -205,9 +205,9 @@ def run_live(
             cube = processor.cube(frame.data)
             receiver.recycle(frame)
             scan = lidar(frame.number)
-            view = processor.view(cube, frame.number, frame.stamp_s, lidar=scan)
+            shown = processor.published(cube, frame.number, frame.stamp_s, lidar=scan)
             for writer in writers:
-                writer.write(view)
+                writer.write(shown)
             session.add(frame.arrived_s)
     line.end()
     return session

@@ -1,4 +1,4 @@
-"""A frame's bytes to a view: cube, calibration, radar points, dense cloud, picture."""
+"""A frame's bytes to its clouds and its picture, as they are published."""
 
 from pathlib import Path
 from typing import Any
@@ -8,20 +8,20 @@ import numpy as np
 from jaxtyping import Float, Inexact, Num, UInt8
 
 from jradar.errors import UsageError
+from jradar.outputs.published import (
+    LIDAR_FRAME,
+    Published,
+    lidar_cloud,
+    odom_from_base,
+    range_azimuth,
+    sensor_places,
+)
 from jradar.radar import PointSpec
 from jradar.recordings import Recording, Stream
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
 from jradar.session import AnyModel, Stages
 from jradar.session.history import last_images
-from jradar.stream.views import (
-    LIDAR_FRAME,
-    View,
-    lidar_cloud,
-    odom_from_base,
-    range_azimuth,
-    sensor_places,
-)
 
 
 def radar_on_the_cable(
@@ -52,7 +52,7 @@ def frame_bytes(recording: Recording) -> int:
 
 
 class Processor:
-    """Frames of one radar to views; all frames use the same noise for drawing."""
+    """Makes clouds of one radar's frames; all use the same noise for drawing."""
 
     def __init__(
         self,
@@ -92,16 +92,17 @@ class Processor:
 
     def warm_up(self) -> None:
         """Run a frame of zeros through everything."""
-        self.view(self.cube(np.zeros(frame_bytes(self.recording), np.uint8)), 0, 0.0)
+        zeros = np.zeros(frame_bytes(self.recording), np.uint8)
+        self.published(self.cube(zeros), 0, 0.0)
 
-    def view(
+    def published(
         self,
         cube: Inexact[Any, "tx rx chirp sample"],
         number: int,
         stamp_s: float,
         *,
         lidar: Float[np.ndarray, "point 3"] | None = None,
-    ) -> View:
+    ) -> Published:
         """Return the clouds and the picture of a frame, with `lidar` if it is given."""
         heard = self._stages.hear(cube)
         clouds = {"radar": heard.points}
@@ -117,7 +118,7 @@ class Processor:
             clouds[LIDAR_FRAME] = lidar_cloud(lidar)
         frames = len(self.recording.cubes)  # which are replayed, or none
         moved = odom_from_base(self.recording, number % frames) if frames else None
-        return View(number, stamp_s, clouds, picture, self._base_from, moved)
+        return Published(number, stamp_s, clouds, picture, self._base_from, moved)
 
 
 def quickest(model: AnyModel | None, **drawing: Any) -> dict[str, Any]:

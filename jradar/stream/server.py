@@ -7,7 +7,7 @@ refused.
 
     serverInfo, advertise    topics with their schemas, once a viewer connects
     subscribe, unsubscribe   what it wants to see
-    1 | id u32 | time u64 | message     for each view, little-endian
+    1 | id u32 | time u64 | message     for each frame, little-endian
 
 (Foxglove's WebSocket protocol, version 1. The server of foxglove-sdk has no way to look
 at the Origin.)
@@ -26,8 +26,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from jradar.errors import optional
-from jradar.stream.foxglove_writers import ENCODING, Messages
-from jradar.stream.views import View
+from jradar.outputs.foxglove import ENCODING, Messages
+from jradar.outputs.published import Published
 
 DEFAULT_PORT = 8765
 BACKLOG = 16  # messages that wait for a slow viewer, some megabytes each
@@ -80,7 +80,7 @@ class Viewer:
 
 
 class Server:
-    """Serves views to every viewer that connects."""
+    """Serves frames to every viewer that connects."""
 
     def __init__(
         self,
@@ -130,17 +130,17 @@ class Server:
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
-    def write(self, view: View) -> None:
-        """Send a view to all viewers; those that are too slow miss it."""
+    def write(self, frame: Published) -> None:
+        """Send a frame to all viewers; those that are too slow miss it."""
         with self._lock:
             viewers = [*self._viewers]
         if not viewers:
             return
-        for topic, message in self._messages.of(view):
+        for topic, message in self._messages.of(frame):
             channel = self._advertised(topic, type(message))
             raw = message.encode()
             for viewer in viewers:
-                viewer.publish(channel["id"], view.stamp_ns, raw)
+                viewer.publish(channel["id"], frame.stamp_ns, raw)
 
     def save(self) -> None:
         """Nothing is kept."""

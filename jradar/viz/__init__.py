@@ -1,4 +1,4 @@
-"""Figures with matplotlib, and a page with point clouds.
+"""Figures with matplotlib.
 
 range_doppler, range_azimuth     the power of a cube
 capture_figure                   a radar frame: maps of power, clouds, range image
@@ -10,9 +10,7 @@ error_curves_figure, clouds_figure, learning_curve_figure
 bars_figure                      a number of each method in groups, such as distances
 velocities_figure                a radar's velocities by Doppler and by poses
 maps_figure                      maps side by side, from above and from the side
-video.VideoWriter                frames from above, one after another
 save_figure                      any of them as PNG
-write_page, CloudFrame           one HTML file with point clouds that can be rotated
 """
 
 from jradar.viz.figures import (
@@ -24,7 +22,6 @@ from jradar.viz.figures import (
     save_figure as save_figure,
 )
 from jradar.viz.maps import maps_figure as maps_figure
-from jradar.viz.page import CloudFrame as CloudFrame, write_page as write_page
 from jradar.viz.results import (
     bars_figure as bars_figure,
     clouds_figure as clouds_figure,

@@ -16,12 +16,13 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
 
-from jradar.viz.page import Points
-
 MAX_CURVE_POINTS = 2000
 AVERAGED = 100  # steps of the strong learning curve, at most
 MAX_DOTS = 30  # values up to which a curve has markers
 CAMERA_DEG = (28.0, -155.0)  # elevation, azimuth
+
+# The fourth column is confidence, 0 to 1.
+Points = Float[np.ndarray, "_ 3"] | Float[np.ndarray, "_ 4"]
 
 
 def error_curves_figure(

@@ -10,10 +10,10 @@ from jradar import model as models
 from jradar.cli import main
 from jradar.diffusion import write_params
 from jradar.model import condition, draw, load_model, save_model
+from jradar.outputs import frame_folder
 from jradar.planar import describe_planar_model
 from jradar.radar import radar_points
 from jradar.recordings import open_recording, read_cloud, without_background
-from jradar.session import writing
 from tests.cli.conftest import MODEL, QUICK, write_cube
 from tests.models import tiny_model, tiny_planar_model
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -69,7 +69,9 @@ def test_every_stage_of_several_frames_is_timed(
     enhance, sequence, tmp_path, monkeypatch
 ):
     with monkeypatch.context() as patched:  # matplotlib loads for pictures alone
-        patched.setattr(writing, "_viz", lambda: pytest.fail("matplotlib is loaded"))
+        patched.setattr(
+            frame_folder, "_viz", lambda: pytest.fail("matplotlib is loaded")
+        )
         result = enhance("--frames", "10:", path=sequence, out=tmp_path / "few")
     assert [row["frame"] for row in result["enhanced"]] == [10, 11]
     stages = result["milliseconds_per_frame"]

@@ -9,7 +9,7 @@ import pytest
 
 from jradar import cli
 from jradar.cli import paths
-from jradar.recordings import write_ply
+from jradar.outputs.clouds import write_ply
 from jradar.types import PointCloud
 from tests.cli.conftest import write_cube
 from tests.programs import finished, started

@@ -12,11 +12,11 @@ from jradar import motion, simulation
 from jradar.cli.groups import CLOUD_FORMATS, DEVICES
 from jradar.cli.options import FAMILIES, ROTATIONS, SETS, parser
 from jradar.cli.paths import STREAMED
+from jradar.outputs import writers
+from jradar.outputs.clouds import CLOUD_WRITERS
 from jradar.radar import DETECTORS, PointSpec
 from jradar.radar.devices import BOARDS
-from jradar.recordings import CLOUD_WRITERS
 from jradar.simulation.plan import FRAMES, SCENE_FRAMES
-from jradar.stream import outputs
 from tests.programs import finished
 
 BIG = str(10**30)
@@ -90,7 +90,7 @@ def test_choices_are_those_of_the_library():
     assert DEVICES == tuple(BOARDS)
     assert CLOUD_FORMATS == tuple(CLOUD_WRITERS)
     assert ROTATIONS == motion.ROTATIONS
-    assert STREAMED == outputs.STREAMED
+    assert STREAMED == writers.STREAMED
 
 
 def test_help_shows_the_defaults_of_the_library():

@@ -3,7 +3,8 @@
 import numpy as np
 
 from jradar import radar
-from jradar.recordings import open_recording, read_cloud, valid_points
+from jradar.outputs.clouds import valid_points
+from jradar.recordings import open_recording, read_cloud
 from tests.cli.conftest import write_cube
 from tests.recordings.conftest import root as root, sequence as sequence
 

@@ -14,11 +14,11 @@ from jradar.stream.emulator import Emulator, recorded_frames
 from jradar.stream.sockets import loopback_network
 from tests.cli.conftest import QUICK
 from tests.models import tiny_planar_model
+from tests.outputs.readers import mcap_messages
 from tests.programs import started
 from tests.recordings.conftest import root as root, sequence as sequence
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 from tests.stream.loops import PATIENCE_S
-from tests.stream.readers import mcap_messages
 from tests.stream.test_board import demo
 
 

@@ -15,12 +15,12 @@ from jradar.diffusion.weights.files import read_state
 from jradar.evaluation import read_scores, save_clouds, write_scores
 from jradar.evaluation.report import load_clouds
 from jradar.model import load_model, save_model
+from jradar.outputs.guard import GuardedFolder
 from jradar.recordings import describe, open_recording
 from jradar.recordings.bags.bags import bag_topics, open_bag, open_imu
 from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.descriptions import read_description
 from jradar.recordings.text_files import read_tum
-from jradar.results import Results
 from jradar.viz import learning_curve_figure
 from tests.data.prepared import invented_frame
 from tests.data.test_records import write_folder
@@ -170,7 +170,7 @@ def sequence(folder: Path) -> Path:
 
 
 def results(folder: Path) -> Path:
-    Results(folder, "points").put({"a.csv": lambda path: path.write_bytes(b"1")})
+    GuardedFolder(folder, "points").put({"a.csv": lambda path: path.write_bytes(b"1")})
     return folder
 
 
@@ -254,7 +254,7 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "true poses": coloradar("run0", "groundtruth", "groundtruth_poses.txt"),
     "imu": coloradar("run0", "imu", "imu_data.txt"),
     "imu bag": target(imu_bags.write, open_imu),
-    "results": target(results, lambda path: Results(path, "points"), ".jradar"),
+    "results": target(results, lambda path: GuardedFolder(path, "points"), ".jradar"),
     "metrics": text("metrics.jsonl", METRICS, learning_curve_figure),
     "splits": target(splits, find_sources, "splits.json"),
     "pcd ascii": text("a.pcd", pcd("ascii"), read_cloud),

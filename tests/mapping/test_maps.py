@@ -15,7 +15,7 @@ from jradar.mapping.predict import SPREAD
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
 from jradar.metrics import f_score
-from jradar.recordings.clouds.write import write_pcd
+from jradar.outputs.clouds import write_pcd
 from jradar.types import PointCloud
 from tests.models import tiny_map_model
 

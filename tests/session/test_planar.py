@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
+from jradar.outputs.frame_folder import FrameFolder
+from jradar.outputs.guard import GuardedFolder
 from jradar.planar import (
     RADARHD,
     PlanarImage,
@@ -20,8 +22,7 @@ from jradar.planar import (
 from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.recordings import Recording, Stream
-from jradar.results import Results
-from jradar.session import FrameFolder, enhance_recording
+from jradar.session import enhance_recording
 from jradar.session.history import LastImages
 from tests.models import tiny_planar_model
 from tests.radar.targets import simulate, targets
@@ -79,9 +80,9 @@ def test_an_image_unlike_training_is_warned_of(enhanced):
 
 def test_the_cloud_the_images_and_a_picture_are_written(enhanced, tmp_path):
     frames, found = enhanced
-    results = Results(tmp_path / "out", "enhance")
+    guarded = GuardedFolder(tmp_path / "out", "enhance")
     clouds = "radar", "enhanced"
-    folder = FrameFolder(results, clouds, range(1), pictured=ROW)
+    folder = FrameFolder(guarded, clouds, range(1), pictured=ROW)
     folder.write_enhanced(frames[0], found.recording, MODEL)
     with np.load(tmp_path / "out/enhanced.npz") as arrays:
         assert arrays["polar_image"].shape == (256, 64)

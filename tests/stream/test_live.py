@@ -43,13 +43,13 @@ FRAMES = recorded_frames(RECORDING)
 class Kept:
     """A writer that keeps what it gets."""
 
-    def __init__(self, act=lambda view: None):
-        self.views, self.act, self.saved = [], act, 0
+    def __init__(self, act=lambda frame: None):
+        self.frames, self.act, self.saved = [], act, 0
 
-    def write(self, view):
-        """Act, and keep the view."""
-        self.act(view)
-        self.views.append(view)
+    def write(self, frame):
+        """Act, and keep the frame."""
+        self.act(frame)
+        self.frames.append(frame)
 
     def save(self):
         """Count how often there was time."""
@@ -85,13 +85,13 @@ def play(processor, writer, **options):
 def test_published_clouds_are_the_librarys(processor):
     kept = Kept()
     session, receiver = play(processor, kept)
-    assert session.published == len(kept.views) == len(CUBES)
+    assert session.published == len(kept.frames) == len(CUBES)
     assert session.latency_ms(50) <= session.latency_ms(95)
-    for view, cube in zip(kept.views, CUBES, strict=True):
+    for frame, cube in zip(kept.frames, CUBES, strict=True):
         expected = radar_points(cube, Radar(RADAR), points=POINTS.fitted(RADAR))
-        np.testing.assert_array_equal(view.clouds["radar"].xyz, expected.xyz)
-        assert view.clouds["radar"].valid.any()
-        assert view.picture.shape == (32, 64) and view.picture.max() == 255
+        np.testing.assert_array_equal(frame.clouds["radar"].xyz, expected.xyz)
+        assert frame.clouds["radar"].valid.any()
+        assert frame.picture.shape == (32, 64) and frame.picture.max() == 255
     told = summary(session, receiver)
     assert told["frames received"] == told["frames published"] == len(CUBES)
     assert told["packets"]["lost"] == 0
@@ -100,13 +100,13 @@ def test_published_clouds_are_the_librarys(processor):
 def test_frames_in_are_frames_out_and_those_dropped(processor):
     """A writer that waits until the next frames have arrived."""
     go_on = threading.Event()
-    slow = Kept(lambda view: go_on.wait(0.5))
+    slow = Kept(lambda frame: go_on.wait(0.5))
     session, receiver = play(processor, slow, waiting=1)
     told = summary(session, receiver)
     assert told["frames received"] == len(CUBES)
     assert told["frames received"] == told["frames published"] + told["frames dropped"]
-    assert len(slow.views) == told["frames published"]
-    assert slow.views[-1].number == len(CUBES) - 1
+    assert len(slow.frames) == told["frames published"]
+    assert slow.frames[-1].number == len(CUBES) - 1
 
 
 def test_a_card_that_never_sends_is_explained(processor):
@@ -147,10 +147,10 @@ def test_packets_of_others_are_reported_once_while_frames_go_on(processor):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_loop_after_the_frame(processor, number):
-    kept = Kept(lambda view: os.kill(os.getpid(), number))
+    kept = Kept(lambda frame: os.kill(os.getpid(), number))
     before = signal.getsignal(number)
     session, _ = play(processor, kept)
-    assert session.published == len(kept.views) == 1
+    assert session.published == len(kept.frames) == 1
     assert signal.getsignal(number) is before
 
 

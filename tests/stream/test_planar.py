@@ -11,8 +11,8 @@ from tests.session.test_planar import CUBES, MODEL, recording
 def test_a_live_radar_publishes_the_same():
     assert quickest(MODEL) == {}
     (frame, _) = enhance_recording(recording(), MODEL)
-    view = Processor(recording(), model=MODEL).view(CUBES[0], 0, 0.0)
-    np.testing.assert_array_equal(view.clouds["enhanced"].valid, frame.cloud.valid)
+    shown = Processor(recording(), model=MODEL).published(CUBES[0], 0, 0.0)
+    np.testing.assert_array_equal(shown.clouds["enhanced"].valid, frame.cloud.valid)
 
 
 def test_a_model_of_several_images_is_given_the_frames_before():
@@ -20,6 +20,6 @@ def test_a_model_of_several_images_is_given_the_frames_before():
     (frame,) = enhance_recording(recording(stamps=stamps), model, frames=slice(1, 2))
     processor = Processor(recording(stamps=stamps), model=model)
     for number, cube in enumerate(CUBES):
-        view = processor.view(cube, number, 100 + 0.05 * number)
-    found, expected = view.clouds["enhanced"].confidence, frame.cloud.confidence
+        shown = processor.published(cube, number, 100 + 0.05 * number)
+    found, expected = shown.clouds["enhanced"].confidence, frame.cloud.confidence
     np.testing.assert_allclose(found, expected, atol=2e-2)

@@ -7,8 +7,8 @@ import time
 
 import pytest
 
+from tests.outputs.scenes import frame_of
 from tests.stream.loops import PATIENCE_S, wait_until
-from tests.stream.scenes import view_of
 
 pytest.importorskip("foxglove")
 client = pytest.importorskip("websockets.sync.client")
@@ -16,7 +16,7 @@ exceptions = pytest.importorskip("websockets.exceptions")
 
 from jradar.stream.server import BACKLOG, Server  # noqa: E402  (needs the packages)
 
-VIEW = view_of(1)
+VIEW = frame_of(1)
 TOPICS = {
     "/radar/points": "foxglove.PointCloud",
     "/enhanced/points": "foxglove.PointCloud",
@@ -88,7 +88,7 @@ def test_channels_and_messages_are_those_of_foxgloves_own_server(server):
     import foxglove
     from foxglove.channels import PointCloudChannel
 
-    from jradar.stream.foxglove_writers import Messages
+    from jradar.outputs.foxglove import Messages
 
     context = foxglove.Context()
     theirs = foxglove.start_server(port=0, context=context)
@@ -186,9 +186,9 @@ def test_a_viewer_that_does_not_read_holds_up_nobody(server):
         channel = advertised(slow)["/radar/points"]["id"]
         subscribe(server, slow, [channel])  # so it is the server's first viewer
         advertised(sockets.enter_context(connected(server.port)))
-        view, begin = view_of(0, points=50_000), time.monotonic()  # a megabyte
+        frame, begin = frame_of(0, points=50_000), time.monotonic()  # a megabyte
         for _ in range(60):
-            server.write(view)
+            server.write(frame)
         assert time.monotonic() - begin < PATIENCE_S / 2
         assert len(server._viewers[0]._waiting) <= BACKLOG
 

@@ -1,4 +1,4 @@
-"""Point clouds in files: PCD, PLY and KITTI. `write` writes them."""
+"""Point clouds in files: PCD, PLY and KITTI. `outputs.clouds` writes PLY and PCD."""
 
 from pathlib import Path
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from jradar.lidar import Poses
+from jradar.outputs.published import published
+from jradar.outputs.writers import open_writer
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
-from jradar.stream.outputs import open_writer
 from jradar.stream.processing import Processor
-from jradar.stream.views import recorded_view
-from tests.stream.readers import READERS, bag_messages
-from tests.stream.scenes import BASE_FROM, cloud_of, columns_of, view_of
+from tests.outputs.readers import READERS, bag_messages
+from tests.outputs.scenes import BASE_FROM, cloud_of, columns_of, frame_of
 from tests.stream.test_live import CUBES, POINTS, RECORDING, Kept, play
 
 RADAR = RadarSpec.awr1843(num_chirps=4, num_samples=32)
@@ -39,15 +39,15 @@ TOPICS = {
 
 def contents_of(frame):
     """The clouds and the picture of a frame."""
-    view = view_of(frame)
-    return view.clouds | {"enhanced": cloud_of(80, seed=9 + frame)}, view.picture
+    held = frame_of(frame)
+    return held.clouds | {"enhanced": cloud_of(80, seed=9 + frame)}, held.picture
 
 
-def published(path, recording=WALK):
+def written(path, recording=WALK):
     """Write all frames of a recording."""
     writer = open_writer(path)
     for frame in range(len(recording.cubes)):
-        writer.write(recorded_view(recording, frame, *contents_of(frame)))
+        writer.write(published(recording, frame, *contents_of(frame)))
     writer.close()
     return path
 
@@ -58,7 +58,7 @@ def messages(request, tmp_path_factory):
     pytest.importorskip("foxglove")
     pytest.importorskip("rosbags")
     path, found = tmp_path_factory.mktemp("out") / request.param, {}
-    for message in READERS[request.param](published(path)):
+    for message in READERS[request.param](written(path)):
         found.setdefault(message.topic, []).append(message)
     return found
 
@@ -102,7 +102,7 @@ def test_the_base_moves_in_odom_as_recorded(messages):
 
 def test_a_bags_topics_are_offered_as_ros_does_by_default(tmp_path):
     highlevel = pytest.importorskip("rosbags.highlevel")
-    with highlevel.AnyReader([published(tmp_path / "out.ros2")]) as reader:
+    with highlevel.AnyReader([written(tmp_path / "out.ros2")]) as reader:
         assert len(reader.connections) == len(TOPICS)
         for connection in reader.connections:
             (qos,) = connection.ext.offered_qos_profiles
@@ -121,7 +121,7 @@ def test_a_bags_topics_are_offered_as_ros_does_by_default(tmp_path):
 )
 def test_without_known_motion_there_is_no_odom(tmp_path, change):
     pytest.importorskip("rosbags")
-    path = published(tmp_path / "out.ros2", WALK._replace(**change))
+    path = written(tmp_path / "out.ros2", WALK._replace(**change))
     rows = [row for row in bag_messages(path) if row.topic == "/tf"]
     assert all(row.frames == {"base"} for row in rows)
     if "cubes" in change:
@@ -131,13 +131,13 @@ def test_without_known_motion_there_is_no_odom(tmp_path, change):
 
 
 def test_a_replayed_frame_moves_as_recorded():
-    view = Processor(WALK).view(CUBE, 5, 7.0)
-    assert view.stamp_s == 7 and view.odom_from_base[0, 3] == pytest.approx(2 * 0.25)
+    shown = Processor(WALK).published(CUBE, 5, 7.0)
+    assert shown.stamp_s == 7 and shown.odom_from_base[0, 3] == pytest.approx(2 * 0.25)
 
 
 def test_a_live_frame_has_the_time_of_its_arrival():
     kept, begin_s = Kept(), time.time()
     play(Processor(RECORDING, points=POINTS), kept)
-    stamps = [view.stamp_s for view in kept.views]
+    stamps = [frame.stamp_s for frame in kept.frames]
     assert len(stamps) == len(CUBES) and stamps == sorted(stamps)
     assert begin_s < stamps[0] and stamps[-1] < time.time()

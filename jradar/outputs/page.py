@@ -23,19 +23,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
 from jradar.files import write_text
+from jradar.viz.results import Points
 
 TEMPLATE = Path(__file__).with_name("page.html")
 SHADES = np.linspace(0.07, 0.96, 256)  # of turbo, visible in both themes
 POINT_PX = (1.6, 4.0)  # for clouds with many points, with few
 SURE = 200  # the byte of confidence 1: percents and eighths are whole numbers
-
-# The fourth column is confidence, 0 to 1.
-Points = Float[np.ndarray, "_ 3"] | Float[np.ndarray, "_ 4"]
 
 
 class CloudFrame(NamedTuple):

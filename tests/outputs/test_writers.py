@@ -13,23 +13,23 @@ from matplotlib.animation import FFMpegWriter
 from PIL import Image, ImageSequence
 
 from jradar.errors import UsageError
+from jradar.outputs.published import range_azimuth
+from jradar.outputs.video import points_shown
+from jradar.outputs.writers import open_writer
 from jradar.radar import RadarSpec, Scatterers, direction_sines, simulate_cube
 from jradar.recordings import describe_file, read_cloud
-from jradar.stream.outputs import open_writer
-from jradar.stream.views import range_azimuth
 from jradar.types import PointCloud
-from jradar.viz.video import points_shown
-from tests.stream.readers import mcap_messages
-from tests.stream.scenes import columns_of, view_of
+from tests.outputs.readers import mcap_messages
+from tests.outputs.scenes import columns_of, frame_of
 
-VIEWS = [view_of(number) for number in range(3)]
+FRAMES = [frame_of(number) for number in range(3)]
 
 
-def write(path, views=VIEWS):
+def write(path, frames=FRAMES):
     writer = open_writer(path)
     try:
-        for view in views:
-            writer.write(view)
+        for frame in frames:
+            writer.write(frame)
     finally:
         writer.close()
     return path
@@ -46,14 +46,14 @@ def test_a_bag_is_accepted_by_the_converter_and_by_our_own_reader(tmp_path):
     for bag in (path, converted):
         assert bag_topics(bag)["/radar/points"] == ("sensor_msgs/msg/PointCloud2", 3)
         clouds = open_bag(bag, topic="/radar/points")
-        columns = columns_of(VIEWS[1].clouds["radar"])
+        columns = columns_of(FRAMES[1].clouds["radar"])
         np.testing.assert_array_equal(clouds[1][:, 0], columns["x"])
 
 
 def test_a_folder_holds_clouds_that_can_be_read(tmp_path):
     path = write(tmp_path / "out")
     found = read_cloud(path / "000002" / "radar.ply")
-    np.testing.assert_equal(found, columns_of(VIEWS[2].clouds["radar"]))
+    np.testing.assert_equal(found, columns_of(FRAMES[2].clouds["radar"]))
     assert (path / "000000" / "lidar.npz").is_file()
 
 
@@ -62,7 +62,7 @@ def test_an_empty_cloud_is_written(tmp_path, name):
     pytest.importorskip("foxglove")
     pytest.importorskip("rosbags")
     empty = PointCloud(np.zeros((4, 3), np.float32), np.zeros(4, bool))
-    write(tmp_path / name, [VIEWS[0]._replace(clouds={"enhanced": empty})])
+    write(tmp_path / name, [FRAMES[0]._replace(clouds={"enhanced": empty})])
     assert (tmp_path / name).exists()
 
 
@@ -92,11 +92,11 @@ def test_an_mcap_file_is_listed_without_its_messages(tmp_path):
 
 def test_a_video_shows_frame_after_frame(tmp_path):
     with Image.open(write(tmp_path / "walk.gif")) as video:
-        assert video.n_frames == len(VIEWS) and video.info["duration"] == 100
+        assert video.n_frames == len(FRAMES) and video.info["duration"] == 100
         shown = [np.asarray(f.convert("RGB")) for f in ImageSequence.Iterator(video)]
     assert all((a != b).any() for a, b in itertools.pairwise(shown))
     assert [path.name for path in tmp_path.iterdir()] == ["walk.gif"]
-    write(tmp_path / "none.gif", views=[])
+    write(tmp_path / "none.gif", frames=[])
     assert not (tmp_path / "none.gif").exists()
 
 

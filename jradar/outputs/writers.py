@@ -1,4 +1,4 @@
-"""Writers of views, chosen by the name of the output.
+"""Writers of frames, chosen by the name of the output.
 
     out.mcap      MCAP with Foxglove's messages; a crash loses its last second
     out.ros2      ROS 2 bag: sensor_msgs/PointCloud2, sensor_msgs/Image, tf2_msgs;
@@ -6,7 +6,7 @@
     out.mp4       video from above, complete at the end; also out.gif
     out           folder with a PLY file of each cloud, frame by frame
 
-All have `write(view)`, `save()` and `close()`. An MCAP file or a bag is never
+All have `write(frame)`, `save()` and `close()`. An MCAP file or a bag is never
 overwritten unless it is asked for, and neither is a file in a folder that was not
 written there before.
 """
@@ -19,16 +19,16 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from jradar.errors import UsageError
-from jradar.recordings import valid_points, write_npz, write_ply
-from jradar.results import Results
-from jradar.stream.views import CLOUDS, View
+from jradar.outputs.clouds import valid_points, write_npz, write_ply
+from jradar.outputs.guard import GuardedFolder
+from jradar.outputs.published import CLOUDS, Published
 
 
 @runtime_checkable
 class Writer(Protocol):
-    """Takes views until it is closed."""
+    """Takes frames until it is closed."""
 
-    def write(self, view: View) -> None:
+    def write(self, frame: Published) -> None:
         """Write or send one frame."""
 
     def save(self) -> None:
@@ -45,20 +45,20 @@ class FolderWriter:
     def __init__(self, path: Path, *, force: bool = False):
         """`path` may exist; UsageError if it holds clouds that are not of a session."""
         path.mkdir(parents=True, exist_ok=True)
-        self._results = Results(path, "live", force=force)
+        self._folder = GuardedFolder(path, "live", force=force)
         names = (f"{name}.{kind}" for name in CLOUDS for kind in ("ply", "npz"))
         found = (there for name in names for there in path.glob(f"[0-9]*/{name}"))
-        self._results.check(there.relative_to(path).as_posix() for there in found)
+        self._folder.check(there.relative_to(path).as_posix() for there in found)
 
-    def write(self, view: View) -> None:
+    def write(self, frame: Published) -> None:
         """Write the clouds of a frame into a folder of its number."""
         files = {}
-        for name, cloud in view.clouds.items():
-            place = f"{view.number:06d}/{name}"
+        for name, cloud in frame.clouds.items():
+            place = f"{frame.number:06d}/{name}"
             points = valid_points(cloud)
             files[f"{place}.ply"] = functools.partial(write_ply, cloud=cloud)
             files[f"{place}.npz"] = functools.partial(write_npz, arrays=points)
-        self._results.put(files)
+        self._folder.put(files)
 
     def save(self) -> None:
         """Every file is safe."""
@@ -88,11 +88,11 @@ def open_writer(path: Path | str, *, force: bool = False) -> Writer:
             raise UsageError(f"{path} is a file, expected the name of a folder")
         return FolderWriter(path, force=force)
     if path.suffix == ".mcap":
-        from jradar.stream.foxglove_writers import McapWriter as StreamWriter
+        from jradar.outputs.foxglove import McapWriter as StreamWriter
     elif path.suffix != ".ros2":
-        from jradar.viz.video import VideoWriter as StreamWriter
+        from jradar.outputs.video import VideoWriter as StreamWriter
     else:
-        from jradar.stream.bag_writer import BagWriter as StreamWriter
+        from jradar.outputs.ros2 import BagWriter as StreamWriter
     if path.exists() and not force:
         raise exists(path)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from jradar.viz import CloudFrame, write_page
+from jradar.outputs.page import CloudFrame, write_page
 
 RNG = np.random.default_rng(0)
 TABLE = "| a\\|b | CD |\n|---|---|\n| x<y | **0.5** |\n\n† a note"

@@ -1,10 +1,10 @@
-"""Outputs of commands: what they may replace.
+"""What a command may replace: what it wrote itself when it ran before.
 
-A command replaces what it wrote itself when it ran before. It never touches its input,
-a file of somebody else, or another command's results, unless it is told to (`--force`).
+It never touches its input, a file of somebody else, or another command's results,
+unless it is told to (`--force`).
 
     a file      begins as the command writes it: check_replaceable
-    a folder    lists what the command wrote there: Results
+    a folder    lists what the command wrote there: GuardedFolder
 """
 
 import hashlib
@@ -41,7 +41,7 @@ def _kept(path: Path, why: str) -> UsageError:
     return UsageError(f"{path} {why}: name another output, or add --force")
 
 
-class Results:
+class GuardedFolder:
     """A folder with the results of one command, which are replaced when it runs again.
 
     The file `.jradar` in it names the command and lists the digests of what it wrote.
@@ -51,8 +51,8 @@ class Results:
 
     def __init__(self, folder: Path | str, command: str, *, force: bool = False):
         """Raise UsageError for a folder with the results of another command."""
-        self.folder, self.force = Path(folder), force
-        self._list, self._head = self.folder / LIST, f"{HEAD} {command}"
+        self.path, self.force = Path(folder), force
+        self._list, self._head = self.path / LIST, f"{HEAD} {command}"
         self._digests: dict[str, str] = {}
         self._earlier: dict[PurePath, set[str]] = {}  # by folder, of earlier runs
         self._begun = self._list.is_file() and self._read()
@@ -63,7 +63,7 @@ class Results:
         Names are relative to the folder.
         """
         for name in names:
-            path = self.folder / name
+            path = self.path / name
             if os.path.lexists(path) and not (self.force or self._unchanged(name)):
                 raise _kept(path, "was not written by this command, or changed since")
 
@@ -77,19 +77,19 @@ class Results:
         self.check(files)
         for parent in {PurePath(name).parent for name in files} if not keep else ():
             for name in self._earlier.pop(parent, set()) - files.keys():
-                remove_leftovers(self.folder / name)
+                remove_leftovers(self.path / name)
                 if self._unchanged(name):
-                    (self.folder / name).unlink()
+                    (self.path / name).unlink()
         for name, write in files.items():
-            write(self.folder / name)
+            write(self.path / name)
             self._add(name)
-        return [str(self.folder / name) for name in files]
+        return [str(self.path / name) for name in files]
 
     def _read(self) -> bool:
         """Read the list; return whether this command began it."""
         head, *lines = read_text(self._list, limit=MAX_JSON_BYTES).splitlines() or [""]
         if head != self._head and not self.force:
-            raise _kept(self.folder, f"holds what `{head.removeprefix('# ')}` wrote")
+            raise _kept(self.path, f"holds what `{head.removeprefix('# ')}` wrote")
         for digest, _, name in (line.partition("  ") for line in lines):
             self._digests[name] = digest
             self._earlier.setdefault(PurePath(name).parent, set()).add(name)
@@ -99,9 +99,9 @@ class Results:
         return self._digests.get(name, "") == self._digest(name)
 
     def _digest(self, name: str) -> str | None:
-        if not (self.folder / name).is_file():
+        if not (self.path / name).is_file():
             return None
-        with (self.folder / name).open("rb") as file:
+        with (self.path / name).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
 
     def _add(self, name: str) -> None:

@@ -1,10 +1,10 @@
-"""Small views with known contents."""
+"""Small frames with known contents."""
 
 import jax.numpy as jnp
 import numpy as np
 
 from jradar.lidar import rigid_transform
-from jradar.stream.views import View, lidar_cloud
+from jradar.outputs.published import Published, lidar_cloud
 from jradar.types import PointCloud
 
 BASE_FROM = {
@@ -26,10 +26,10 @@ def cloud_of(points, seed=0):
     )
 
 
-def view_of(number, points=50):
-    """A view with everything that can be in one."""
+def frame_of(number, points=50):
+    """A frame with everything that can be in one."""
     rng = np.random.default_rng(number)
-    return View(
+    return Published(
         number,
         1_700_000_000.25 + 0.1 * number,
         {

@@ -8,29 +8,29 @@ import struct
 import pytest
 
 from jradar.errors import UsageError
-from jradar.stream.outputs import open_writer
+from jradar.outputs.writers import open_writer
+from tests.outputs.scenes import frame_of
 from tests.programs import finished
-from tests.stream.scenes import view_of
 
 KILLED = """
 import os, pathlib, signal
-from tests.stream.scenes import view_of
-from jradar.stream import bag_writer, foxglove_writers
+from tests.outputs.scenes import frame_of
+from jradar.outputs import foxglove, ros2
 folder = pathlib.Path({folder!r})
-foxglove_writers.FLUSHED_S = 0.0
+foxglove.FLUSHED_S = 0.0
 writers = {{
-    0.0: foxglove_writers.McapWriter(folder / "out.mcap"),
-    1e-9: bag_writer.BagWriter(folder / "saved.ros2"),
-    1e9: bag_writer.BagWriter(folder / "open.ros2"),
+    0.0: foxglove.McapWriter(folder / "out.mcap"),
+    1e-9: ros2.BagWriter(folder / "saved.ros2"),
+    1e9: ros2.BagWriter(folder / "open.ros2"),
 }}
 for number in range(40):
-    for bag_writer.SAVED_S, writer in writers.items():
-        writer.write(view_of(number, points=5000))
+    for ros2.SAVED_S, writer in writers.items():
+        writer.write(frame_of(number, points=5000))
 os.kill(os.getpid(), signal.SIGKILL)
 """
 WRITERS = {
-    "out.mcap": ("foxglove_writers", "McapWriter"),
-    "out.ros2": ("bag_writer", "BagWriter"),
+    "out.mcap": ("foxglove", "McapWriter"),
+    "out.ros2": ("ros2", "BagWriter"),
 }
 
 
@@ -55,7 +55,7 @@ def scanned_times(path):
 
 def times_of(views):
     """Times of the four messages of each of so many views."""
-    return [view_of(n, points=1).stamp_ns for n in range(views) for _ in range(4)]
+    return [frame_of(n, points=1).stamp_ns for n in range(views) for _ in range(4)]
 
 
 @pytest.fixture(scope="module")
@@ -90,20 +90,20 @@ def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(killed):
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_what_came_before_a_pause_is_safe_after_a_second(tmp_path, monkeypatch, name):
-    from jradar.stream import bag_writer, foxglove_writers
+    from jradar.outputs import foxglove, ros2
 
     path = tmp_path / name
     writer = open_writer(path)
     for number in range(3):
-        writer.write(view_of(number))
+        writer.write(frame_of(number))
     file = path if path.is_file() else path / f"{name}.mcap"
     writer.save()
     assert len(scanned_times(file)) < 12
-    monkeypatch.setattr(bag_writer, "SAVED_S", 0.0)
-    monkeypatch.setattr(foxglove_writers, "FLUSHED_S", 0.0)
+    monkeypatch.setattr(ros2, "SAVED_S", 0.0)
+    monkeypatch.setattr(foxglove, "FLUSHED_S", 0.0)
     writer.save()
     assert sorted(scanned_times(file)) == times_of(3)
-    writer.write(view_of(3))
+    writer.write(frame_of(3))
     writer.close()
     assert sorted(scanned_times(file)) == times_of(4)
 
@@ -112,15 +112,15 @@ def test_what_came_before_a_pause_is_safe_after_a_second(tmp_path, monkeypatch, 
 def test_a_full_disk_is_named_and_leaves_a_whole_bag(small_disk, monkeypatch, name):
     from rosbags.highlevel import AnyReader
 
-    from jradar.stream import bag_writer, foxglove_writers
+    from jradar.outputs import foxglove, ros2
 
-    monkeypatch.setattr(bag_writer, "SAVED_S", 0.0)
-    monkeypatch.setattr(foxglove_writers, "FLUSHED_S", 0.0)
+    monkeypatch.setattr(ros2, "SAVED_S", 0.0)
+    monkeypatch.setattr(foxglove, "FLUSHED_S", 0.0)
     path, whole = small_disk / name, 0
     writer = open_writer(path)
     with pytest.raises(OSError, match=rf"{name} cannot be written .*the disk full"):
         for whole in range(100):
-            writer.write(view_of(whole, points=5000))
+            writer.write(frame_of(whole, points=5000))
     if name == "out.mcap":  # whose end does not fit
         with contextlib.suppress(OSError):
             writer.close()
@@ -135,9 +135,9 @@ def test_a_full_disk_is_named_and_leaves_a_whole_bag(small_disk, monkeypatch, na
 def test_a_second_writer_that_comes_between_is_refused(tmp_path, name):
     """Both have looked before either of them has created the output."""
     module, kind = WRITERS[name]
-    create = getattr(importlib.import_module(f"jradar.stream.{module}"), kind)
+    create = getattr(importlib.import_module(f"jradar.outputs.{module}"), kind)
     first = create(tmp_path / name)
     with pytest.raises(UsageError, match="exists and is not overwritten"):
         create(tmp_path / name)
-    first.write(view_of(0))
+    first.write(frame_of(0))
     first.close()

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from trimesh.exchange.ply import load_ply
 
-from jradar.recordings import CLOUD_WRITERS, read_cloud, write_npz, write_ply
+from jradar.outputs.clouds import CLOUD_WRITERS, write_npz, write_ply
+from jradar.recordings import read_cloud
 from jradar.types import PointCloud
 
 

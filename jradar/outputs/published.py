@@ -10,12 +10,7 @@ from jaxtyping import Array, Float, Inexact, UInt8
 
 from jradar.lidar import interpolate_poses
 from jradar.radar import RadarSpec, azimuth_map, range_doppler
-from jradar.recordings import (
-    Recording,
-    nearest_scan,
-    point_table as point_table,
-    radar_from_lidar,
-)
+from jradar.recordings import Recording, nearest_scan, radar_from_lidar
 from jradar.session import Frame
 from jradar.types import PointCloud
 
@@ -26,7 +21,7 @@ ODOM_FRAME = "odom"  # fixed, in which the base moves
 CLOUDS = ("radar", "enhanced", "lidar")  # names of clouds, with topics /NAME/points
 
 
-class View(NamedTuple):
+class Published(NamedTuple):
     """One frame as writers take it. Points are in the radar's frame, in metres."""
 
     number: int
@@ -65,13 +60,13 @@ def range_azimuth(
     return jnp.where(above.max() > 0, shade, 0).astype(jnp.uint8)[::-1, ::-1]
 
 
-def recorded_view(
+def published(
     recording: Recording,
     frame: int,
     clouds: dict[str, PointCloud],
     picture: UInt8[np.ndarray, "range azimuth"] | None = None,
-) -> View:
-    """Return the view of a recorded frame: its time, and where base and sensors are.
+) -> Published:
+    """Return a recorded frame as it is published: its time, and where its sensors are.
 
     Without stamps, frames follow one another in the radar's frame period, or in 0.1 s.
     """
@@ -80,16 +75,16 @@ def recorded_view(
     if stamps is not None:
         stamp_s = float(stamps[frame])
     places, moved = sensor_places(recording), odom_from_base(recording, frame)
-    return View(frame, stamp_s, clouds, picture, places, moved)
+    return Published(frame, stamp_s, clouds, picture, places, moved)
 
 
-def enhanced_view(recording: Recording, frame: Frame) -> View:
-    """Return the view of an enhanced frame, with the LiDAR's scan if there is one."""
+def published_frame(recording: Recording, frame: Frame) -> Published:
+    """Return an enhanced frame as it is published, with the LiDAR's scan if there is one."""
     clouds = {"radar": frame.points, "enhanced": frame.cloud}
     if (lidar := nearest_scan(recording, frame.number)) is not None:
         clouds[LIDAR_FRAME] = lidar_cloud(lidar)
     picture = np.asarray(range_azimuth(frame.samples, recording.radar.spec))
-    return recorded_view(recording, frame.number, clouds, picture)
+    return published(recording, frame.number, clouds, picture)
 
 
 def sensor_places(recording: Recording) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Point clouds to files: PLY, PCD, CSV and NPZ; `clouds` reads PLY and PCD back.
+"""Point clouds to files: PLY, PCD, CSV and NPZ; `recordings` reads PLY and PCD back.
 
 A row is a valid point: x, y and z in metres, then what the cloud holds of velocity
 (m/s), power and SNR. PLY and PCD are binary, float32, little-endian. A CSV file begins

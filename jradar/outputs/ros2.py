@@ -1,4 +1,4 @@
-"""ROS 2 bags of views, in MCAP storage, through rosbags; no ROS is needed.
+"""ROS 2 bags of frames, in MCAP storage, through rosbags; no ROS is needed.
 
 /NAME/points          sensor_msgs/PointCloud2: x y z, and velocity, power .. as fields
 /radar/range_azimuth  sensor_msgs/Image, mono8
@@ -23,8 +23,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.errors import optional
-from jradar.stream.outputs import exists, writing
-from jradar.stream.views import RADAR_FRAME, View, point_table
+from jradar.outputs.clouds import point_table
+from jradar.outputs.published import RADAR_FRAME, Published
+from jradar.outputs.writers import exists, writing
 
 FLOAT32 = 7  # of sensor_msgs/PointField
 SAVED_S = 1.0  # by which a crash may shorten a bag
@@ -52,14 +53,14 @@ class BagWriter:
         self._saved_s = -math.inf
         self._failed = False
 
-    def write(self, view: View) -> None:
-        """Write a view; what is older than a second is safe from a crash.
+    def write(self, frame: Published) -> None:
+        """Write a frame; what is older than a second is safe from a crash.
 
         Raises OSError if the bag cannot be written, such as on a full disk. It then
         ends with the messages that were safe.
         """
         with self._or_end():
-            self._write_all(view)
+            self._write_all(frame)
         self.save()
 
     def save(self) -> None:
@@ -73,24 +74,24 @@ class BagWriter:
             with self._or_end():
                 self._complete()
 
-    def _write_all(self, view: View) -> None:
-        header = self._header(view, RADAR_FRAME)
-        for name, cloud in view.clouds.items():
+    def _write_all(self, frame: Published) -> None:
+        header = self._header(frame, RADAR_FRAME)
+        for name, cloud in frame.clouds.items():
             message = self._cloud(header, point_table(cloud))
-            self._write(f"/{name}/points", message, view)
-        if view.picture is not None:
-            message = self._image(header, view.picture)
-            self._write("/radar/range_azimuth", message, view)
-        if view.transforms:
+            self._write(f"/{name}/points", message, frame)
+        if frame.picture is not None:
+            message = self._image(header, frame.picture)
+            self._write("/radar/range_azimuth", message, frame)
+        if frame.transforms:
             transforms = [
-                self._transform(self._header(view, parent), child, matrix)
-                for parent, child, matrix in view.transforms
+                self._transform(self._header(frame, parent), child, matrix)
+                for parent, child, matrix in frame.transforms
             ]
             message = self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
-            self._write("/tf", message, view)
+            self._write("/tf", message, frame)
 
     def _complete(self) -> None:
-        """Write the end of the bag, which the next view goes over."""
+        """Write the end of the bag, which the next frame goes over."""
         storage = self._storage
         if storage.chunk.bio.tell():
             storage.close_chunk()
@@ -127,7 +128,7 @@ class BagWriter:
     def _type(self, name: str) -> Any:
         return self._store.types[name]
 
-    def _write(self, topic: str, message: Any, view: View) -> None:
+    def _write(self, topic: str, message: Any, frame: Published) -> None:
         kind = message.__msgtype__
         if self._bag.storage is None:
             self._go_on()
@@ -136,10 +137,10 @@ class BagWriter:
                 topic, kind, typestore=self._store, offered_qos_profiles=[self._qos]
             )
         raw = self._store.serialize_cdr(message, kind)
-        self._bag.write(self._connections[topic], view.stamp_ns, raw)
+        self._bag.write(self._connections[topic], frame.stamp_ns, raw)
 
-    def _header(self, view: View, frame_id: str) -> Any:
-        seconds, nanoseconds = divmod(view.stamp_ns, 10**9)
+    def _header(self, frame: Published, frame_id: str) -> Any:
+        seconds, nanoseconds = divmod(frame.stamp_ns, 10**9)
         stamp = self._type("builtin_interfaces/msg/Time")(
             sec=seconds, nanosec=nanoseconds
         )

@@ -15,15 +15,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from jradar.errors import optional
-from jradar.stream.outputs import exists, writing
-from jradar.stream.views import CLOUDS, RADAR_FRAME, View, point_table
+from jradar.outputs.clouds import point_table
+from jradar.outputs.published import CLOUDS, RADAR_FRAME, Published
+from jradar.outputs.writers import exists, writing
 
 FLUSHED_S = 1.0  # by which a crash may shorten a file
 ENCODING = "protobuf"
 
 
 class Messages:
-    """Views as Foxglove's messages."""
+    """Frames as Foxglove's messages."""
 
     def __init__(self, what: str):
         """Raise ImportError, which begins with `what`, if foxglove-sdk is missing."""
@@ -37,18 +38,18 @@ class Messages:
         clouds = {f"/{name}/points": m.PointCloud for name in CLOUDS}
         return {**clouds, "/radar/range_azimuth": m.RawImage, "/tf": m.FrameTransforms}
 
-    def of(self, view: View) -> Iterator[tuple[str, Any]]:
-        """Yield the topic and the message of everything that a view holds."""
-        seconds, nanoseconds = divmod(view.stamp_ns, 10**9)
+    def of(self, frame: Published) -> Iterator[tuple[str, Any]]:
+        """Yield the topic and the message of everything that a frame holds."""
+        seconds, nanoseconds = divmod(frame.stamp_ns, 10**9)
         stamp = self.messages.Timestamp(sec=seconds, nsec=nanoseconds)
-        for name, cloud in view.clouds.items():
+        for name, cloud in frame.clouds.items():
             yield f"/{name}/points", self._cloud(stamp, point_table(cloud))
-        if view.picture is not None:
-            yield "/radar/range_azimuth", self._image(stamp, view.picture)
-        if view.transforms:
+        if frame.picture is not None:
+            yield "/radar/range_azimuth", self._image(stamp, frame.picture)
+        if frame.transforms:
             transforms = [
                 self._transform(stamp, parent, child, matrix)
-                for parent, child, matrix in view.transforms
+                for parent, child, matrix in frame.transforms
             ]
             yield "/tf", self.messages.FrameTransforms(transforms=transforms)
 
@@ -109,14 +110,14 @@ class McapWriter:
             raise exists(path) from None
         self._flushed_s, self._safe = time.monotonic(), True
 
-    def write(self, view: View) -> None:
-        """Write a view; what is older than a second is safe from a crash.
+    def write(self, frame: Published) -> None:
+        """Write a frame; what is older than a second is safe from a crash.
 
         Raises OSError if the file cannot be written, such as on a full disk.
         """
         with writing(self.path):
-            for topic, message in self._messages.of(view):
-                log_time = view.stamp_ns
+            for topic, message in self._messages.of(frame):
+                log_time = frame.stamp_ns
                 self._channel(topic, message).log(message.encode(), log_time=log_time)
         self._safe = False
         self.save()

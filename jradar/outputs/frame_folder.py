@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.errors import UsageError
+from jradar.outputs.clouds import CLOUD_WRITERS, valid_points, write_npz
+from jradar.outputs.guard import GuardedFolder
 from jradar.planar import MAX_RANGE_M, PlanarImage
 from jradar.radar import (
     PointSpec,
@@ -26,14 +28,7 @@ from jradar.radar import (
     range_doppler,
 )
 from jradar.range_image import ImageSpec
-from jradar.recordings import (
-    CLOUD_WRITERS,
-    Recording,
-    nearest_scan,
-    valid_points,
-    write_npz,
-)
-from jradar.results import Results
+from jradar.recordings import Recording, nearest_scan
 from jradar.session import programs
 from jradar.session.detecting import Detected
 from jradar.session.frames import Frame
@@ -56,7 +51,7 @@ class FrameFolder:
 
     def __init__(
         self,
-        results: Results,
+        folder: GuardedFolder,
         clouds: Sequence[str],
         frames: range,
         *,
@@ -70,14 +65,14 @@ class FrameFolder:
         A picture of each frame is written if `pictured` names the radar, and the folder
         is not flat.
         """
-        self._results, self._clouds, self._kind = results, clouds, kind
+        self._folder, self._clouds, self._kind = folder, clouds, kind
         self._several, self._flat = several, flat
         self._pictured = pictured is not None and not flat
-        results.check(name for frame in frames for name in self._names(frame))
-        for folder in (results.folder / name for name in clouds if flat):
-            if folder.is_dir() and any(folder.iterdir()) and not results.force:
+        folder.check(name for frame in frames for name in self._names(frame))
+        for part in (folder.path / name for name in clouds if flat):
+            if part.is_dir() and any(part.iterdir()) and not folder.force:
                 raise UsageError(
-                    f"{folder} is not empty, and tools read all clouds in a folder: "
+                    f"{part} is not empty, and tools read all clouds in a folder: "
                     "name another output, or add --force"
                 )
         if pictured is not None and not flat:  # while the first frame is computed
@@ -158,7 +153,7 @@ class FrameFolder:
             lambda path: _viz().save_figure(figure(), path),
         ]
         files = dict(zip(self._names(frame), writers, strict=False))
-        return self._results.put(files, keep=self._flat)
+        return self._folder.put(files, keep=self._flat)
 
     def _figure(
         self,

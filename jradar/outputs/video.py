@@ -9,7 +9,6 @@ of the first.
 
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.animation import FFMpegWriter, PillowWriter
@@ -17,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jradar.errors import UsageError
+from jradar.outputs.published import Published
 from jradar.types import PointCloud
 
 PANELS = {"radar": 8.0, "enhanced": 0.6, "lidar": 0.6}  # and the area of a point
@@ -41,13 +41,13 @@ class VideoWriter:
         kind = FFMpegWriter if path.suffix == ".mp4" else PillowWriter
         self._movie, self._reach_m = kind(fps=FRAMES_PER_SECOND), 0.0
 
-    def write(self, view: Any) -> None:
-        """Draw a `View` of `jradar.stream`."""
+    def write(self, frame: Published) -> None:
+        """Draw one frame."""
         if not self._reach_m:
-            self._reach_m = reach_of(view.clouds)
+            self._reach_m = reach_of(frame.clouds)
             self._movie.setup(self._figure, str(self._scratch), dpi=90)
         for axes, (name, area) in zip(self._panels, PANELS.items(), strict=True):
-            x, y, z = points_shown(view.clouds, name).T
+            x, y, z = points_shown(frame.clouds, name).T
             axes.clear()
             axes.scatter(
                 y, x, area, z, cmap="turbo", vmin=HEIGHTS_M[0], vmax=HEIGHTS_M[1],
@@ -62,7 +62,7 @@ class VideoWriter:
                 aspect="equal",
             )
         self._panels[0].set_ylabel("x, forward (m)")
-        self._figure.suptitle(f"frame {view.number}")
+        self._figure.suptitle(f"frame {frame.number}")
         self._movie.grab_frame()
 
     def save(self) -> None:
