@@ -21,9 +21,10 @@ recedes.
 import math
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
+
+from jradar.compiled import jit
 
 Limit = float | Float[Array, ""]
 
@@ -60,7 +61,7 @@ class PointCloud(NamedTuple):
         valid = jnp.isfinite(xyz).all(-1) & (xyz != 0).any(-1)
         return cls(jnp.where(valid[..., None], xyz, 0.0), valid)
 
-    @jax.jit
+    @jit
     def within(
         self,
         *,

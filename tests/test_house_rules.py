@@ -16,7 +16,7 @@ from tests.programs import finished
 PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
 FLOORS = (
-    *("errors", "types range_code nearest fields files progress"),
+    *("errors compiled", "types range_code nearest fields files progress"),
     *("radar range_image lidar diffusion metrics", "recordings model"),
     *("motion simulation viz baselines planar", "calibration data session"),
     *("outputs", "training evaluation"),

@@ -19,7 +19,6 @@ square of the velocity.
 """
 
 import math
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -27,6 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact, Key
 
+from jradar.compiled import jit
 from jradar.radar.sensor import SPEED_OF_LIGHT, RadarSpec
 
 TIMES = ("middle", "start")  # of a frame
@@ -42,7 +42,7 @@ class Scatterers(NamedTuple):
     departure: Float[Array, "point 3"] | None = None  # as seen by the transmitters
 
 
-@partial(jax.jit, static_argnames=("radar", "noise_power", "at"))
+@jit(static_argnames=("radar", "noise_power", "at"))
 def simulate_cube(
     key: Key[Array, ""],
     scatterers: Scatterers,

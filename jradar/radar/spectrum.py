@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jradar.compiled import jit
 from jradar.radar.clean.interference import excise_interference
 from jradar.radar.samples import Cube, as_samples
 
@@ -50,7 +51,7 @@ def window(kind: str, length: int) -> np.ndarray:
     return values / values.sum()
 
 
-@functools.partial(jax.jit, static_argnames=STATIC)
+@jit(static_argnames=STATIC)
 def range_doppler(
     cube: Cube,
     *,
@@ -69,7 +70,7 @@ def range_doppler(
     return _transform(cube, *options, keep=True)
 
 
-@functools.partial(jax.jit, static_argnames=STATIC)
+@jit(static_argnames=STATIC)
 def power_map(
     cube: Cube,
     *,

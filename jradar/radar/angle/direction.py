@@ -15,7 +15,6 @@ The azimuth of the joint maximum is refined between bins; the elevation is then 
 at the refined azimuth.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -23,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jradar.compiled import jit
 from jradar.radar.angle.spectrum import (
     NEARLY_ONE,
     Angle,
@@ -48,9 +48,7 @@ class _Row(NamedTuple):
     weights: np.ndarray  # 1 / number of elements at the position
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate")
-)
+@jit(static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate"))
 def directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
@@ -85,7 +83,7 @@ def directions(
     return angles_of_sines(u.reshape(batch), w.reshape(batch))
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def elevation_sines(
     snapshot: Complex[Array, "*batch virtual"],
     u: Float[Array, "*batch"],

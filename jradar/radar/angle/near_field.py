@@ -13,13 +13,13 @@ in one plane with one origin; the point that angles refer to is the mean antenna
 board's transmitters and receivers are apart, give their positions accordingly.
 """
 
-import functools
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from jradar.compiled import jit
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.spectrum import Angle
 from jradar.radar.sensor import RadarSpec
@@ -29,9 +29,7 @@ ROUNDS = 4  # of focusing and searching
 CELLS = (-1, 0, 1)
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "range_window", "num_azimuth", "num_elevation")
-)
+@jit(static_argnames=("radar", "range_window", "num_azimuth", "num_elevation"))
 def focused_directions(
     cells: Complex[Array, "*batch 3 virtual"],
     cell: Int[Array, "*batch"],
@@ -49,7 +47,7 @@ def focused_directions(
     after `cell`; the target lies `offset` bins after it. Raises ValueError as
     `directions`.
     """
-    options = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
+    options: Any = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
     distance = (cell + offset) * radar.range_resolution_m - range_bias_m
     azimuth, elevation = directions(cells[..., 1, :], radar, **options)
     for _ in range(ROUNDS):

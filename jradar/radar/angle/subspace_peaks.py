@@ -9,13 +9,12 @@ The other targets are subtracted, because a beam towards one of them still recei
 rest: their phases would bend its elevation.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex
 
+from jradar.compiled import jit
 from jradar.radar.angle.direction import elevation_sines
 from jradar.radar.angle.spectrum import WEAKEST, Peaks, angles_of_sines
 from jradar.radar.angle.subspace import (
@@ -34,7 +33,7 @@ METHODS = ("capon", "music")
 DAMPING = 1e-4  # of the least squares, relative to a row's number of antennas
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "method", "count", "num_sources"))
+@jit(static_argnames=("radar", "method", "count", "num_sources"))
 def subspace_peaks(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,

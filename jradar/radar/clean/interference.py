@@ -32,6 +32,7 @@ import numpy as np
 import scipy  # loads `special` when it is first used
 from jaxtyping import Array, Bool, Float, Inexact, Key
 
+from jradar.compiled import jit
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.sensor import RadarSpec
@@ -62,7 +63,7 @@ class Interferers(NamedTuple):
     amplitude: Float[Array, " interferer"]  # ADC counts, inside the band
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "count"))
+@jit(static_argnames=("radar", "count"))
 def draw_interferers(
     key: Key[Array, ""],
     radar: RadarSpec,
@@ -96,7 +97,7 @@ def draw_interferers(
     )
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def crossing_chirps(
     key: Key[Array, ""], interferers: Interferers, radar: RadarSpec
 ) -> Inexact[Array, "tx rx chirp sample"]:
@@ -154,7 +155,7 @@ def _one(it, cycles, first_s, sample_s, radar):
     return chirps[:, None] * jnp.exp(2j * jnp.pi * turns)[None, :, None, None]
 
 
-@functools.partial(jax.jit, static_argnames="false_alarm_rate")
+@jit(static_argnames="false_alarm_rate")
 def excise_interference(
     cube: Cube, *, false_alarm_rate: float = 1e-8
 ) -> tuple[

@@ -52,6 +52,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Num
 
+from jradar.compiled import jit
 from jradar.radar.detect.cfar_window import (
     GUARD,
     TRAIN,
@@ -80,7 +81,7 @@ Map = Float[Array, "*batch doppler range"]
 Mask = Bool[Array, "*batch doppler range"]
 
 
-@functools.partial(jax.jit, static_argnames=STATIC)
+@jit(static_argnames=STATIC)
 def cfar(
     power: Power,
     *,
@@ -134,7 +135,7 @@ DETECTORS = {kind: functools.partial(cfar, kind=kind) for kind in KINDS}
 ca_cfar, go_cfar, so_cfar, os_cfar = DETECTORS.values()
 
 
-@functools.partial(jax.jit, static_argnames=("kind", "guard", "train", "edge"))
+@jit(static_argnames=("kind", "guard", "train", "edge"))
 def noise_floor(
     power: Power,
     *,

@@ -15,7 +15,6 @@ was calibrated has a `calibration` that differs from its channels by the errors 
 measurement.
 """
 
-import functools
 import os
 from typing import NamedTuple
 
@@ -24,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int, Key
 
+from jradar.compiled import jit
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.radar.clean.interference import (
     Interferers,
@@ -189,7 +189,7 @@ def channel_factors(
     return turns * hardware.phase[..., None]
 
 
-@functools.partial(jax.jit, static_argnames="radar", compiler_options=QUICK)
+@jit(static_argnames="radar", compiler_options=QUICK)
 def _sampled(
     key,
     scatterers,
