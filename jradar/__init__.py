@@ -40,7 +40,7 @@ if TYPE_CHECKING:
         model as model,
         motion as motion,
         outputs as outputs,
-        planar as planar,
+        pipeline as pipeline,
         radar as radar,
         range_image as range_image,
         recordings as recordings,
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     )
     from jradar.radar import Radar as Radar, RadarSpec as RadarSpec
     from jradar.recordings import open_recording as open_recording
-    from jradar.session import enhance_recording as enhance_recording
+    from jradar.pipeline import enhance_recording as enhance_recording
     from jradar.types import PointCloud as PointCloud
 
 __version__ = "0.1.0"
@@ -76,7 +76,7 @@ __all__ = [  # the rooms; NAMES stand in those that define them
     "model",
     "motion",
     "outputs",
-    "planar",
+    "pipeline",
     "radar",
     "range_image",
     "recordings",
@@ -93,7 +93,7 @@ NAMES = {
     "RadarSpec": "jradar.radar",
     "enhance": "jradar.model",
     "enhance_points": "jradar.model",
-    "enhance_recording": "jradar.session",
+    "enhance_recording": "jradar.pipeline",
     "load_model": "jradar.model",
     "open_recording": "jradar.recordings",
 }

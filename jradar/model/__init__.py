@@ -3,16 +3,10 @@
     model = load_model("jradar-sim")            # shipped with the package, or a folder
     cloud = enhance(key, cube, radar, model)    # ADC cube to a dense PointCloud
 
-`enhance` is `radar_points`, then `enhance_points`: `draw`, then `dense_cloud`. `Radar`
-and `Model` are pytrees, so all of them take both under `jit`, `vmap` and `grad`.
-
-Model, ModelSpec, Card, METHODS     a trained network, and how models answer
-load_model, load_card, save_model, shipped_models
-                                    folders of models; a card alone
-enhance, enhance_points, condition, draw, dense_cloud
-                                    from a cube, or its points, to a cloud
-mixtures, moving_pixels, fuse       several frames as one
-compiler_options                    for `jit` around them, quicker on a CPU
+`enhance` makes a condition of the cube, lets the model `draw`, and makes a `dense_cloud`
+of its image. What a condition and an image are, is the model's `grid`: range images,
+polar images of one row of antennas, or columns of a map. `Radar` and `Model` are
+pytrees, so all of them take both under `jit`, `vmap` and `grad`.
 """
 
 from jradar.model.compiling import compiler_options as compiler_options
@@ -34,5 +28,13 @@ from jradar.model.fusion import (
     mixtures as mixtures,
     moving_pixels as moving_pixels,
 )
-from jradar.model.methods import METHODS as METHODS
-from jradar.model.spec import Card as Card, Model as Model, ModelSpec as ModelSpec
+from jradar.model.grids import (
+    GRIDS as GRIDS,
+    ColumnGrid as ColumnGrid,
+    FrameGrid as FrameGrid,
+    Grid as Grid,
+    PolarGrid as PolarGrid,
+    ViewGrid as ViewGrid,
+)
+from jradar.model.model import Card as Card, Model as Model, ModelSpec as ModelSpec
+from jradar.model.tables import Tables as Tables

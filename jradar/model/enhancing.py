@@ -1,161 +1,119 @@
 """The paper in four functions: condition, draw, and both from a cube or from points."""
 
-import functools
+import dataclasses
+from typing import Any, Unpack
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key, Num
+from jaxtyping import Array, Float, Inexact, Key, Num
 
-from jradar.diffusion import Solver, conditional_denoiser
-from jradar.model.methods import METHODS
-from jradar.model.spec import Model, ModelSpec
-from jradar.radar import Radar, radar_points
-from jradar.range_image import (
-    CHANNELS,
-    RangeImage,
-    condition_image,
-    confident,
-    crowding,
-    frequency,
-    image_cloud,
-    near_echo,
-    surroundings,
-    velocity_image,
+from jradar.compiled import jit
+from jradar.diffusion import conditional_denoiser
+from jradar.model.grids.base import Question
+from jradar.model.model import Model, ModelSpec
+from jradar.options.drawing import STATIC, Drawing, given
+from jradar.radar import (
+    Radar,
+    calibrate,
+    excise_interference,
+    points_and_count,
 )
+from jradar.range_image import frequency
 from jradar.types import PointCloud
 
-DRAWING = ("draws", "steps", "solver")
 
-
-@functools.partial(jax.jit, static_argnames=DRAWING)
+@jit(static_argnames=STATIC)
 def enhance(
     key: Key[Array, ""],
     cube: Num[Array, "tx rx chirp sample *pair"],
     radar: Radar,
     model: Model,
-    *,
-    draws: int | None = None,
-    steps: int | None = None,
-    solver: Solver | None = None,
-    temperature: float | Float[Array, ""] | None = None,
-    least_confidence: float | Float[Array, ""] | None = None,
+    **drawing: Unpack[Drawing],
 ) -> PointCloud:
     """Return the dense, LiDAR-like cloud of one radar frame (Fig. 3b).
 
     The options are those of `draw`. A frame without a point of `radar_points` in the
     view of the condition gives an empty cloud. At the false-alarm rate of 1 of the
     paper's models every cell with power is a point: only a frame of zeros is empty, a
-    frame of noise is not. One frame; `vmap` it.
+    frame of noise is not. One frame; `vmap` it. Raises ValueError for a model of maps.
 
     Gradients are exact with respect to the model's parameters and to the powers and
     ranges of the radar's points. Which cells become points, the pixel of a point and
     the component of the mixture that a pixel shows are choices: they have no gradient,
     so neither has the phase of a channel, which acts through directions alone.
     """
-    return enhance_points(
-        key,
-        _points(cube, radar, model.spec),
-        model,
-        draws=draws,
-        steps=steps,
-        solver=solver,
-        temperature=temperature,
-        least_confidence=least_confidence,
-    )
+    samples, points = _observed(cube, radar, model.spec)
+    seen = model.spec.frame_grid.condition(samples, points, radar.spec)
+    return _enhanced(key, seen, points, model, drawing)
 
 
-@functools.partial(jax.jit, static_argnames=DRAWING)
+@jit(static_argnames=STATIC)
 def enhance_points(
-    key: Key[Array, ""],
-    points: PointCloud,
-    model: Model,
-    *,
-    draws: int | None = None,
-    steps: int | None = None,
-    solver: Solver | None = None,
-    temperature: float | Float[Array, ""] | None = None,
-    least_confidence: float | Float[Array, ""] | None = None,
+    key: Key[Array, ""], points: PointCloud, model: Model, **drawing: Unpack[Drawing]
 ) -> PointCloud:
     """Return the dense cloud of a radar's points, whatever detector found them.
 
     The options are those of `draw`. Points without power count as equally strong; the
     result has velocities if the points have. A model saw the points of its
     `spec.points` in training: the more another detector's differ, the less its cloud is
-    to be trusted. One cloud; `vmap` it.
+    to be trusted. One cloud; `vmap` it. Raises ValueError for a model that sees no
+    points.
     """
-    image = draw(
-        key,
-        _image(points, model.spec),
-        model,
-        draws=draws,
-        steps=steps,
-        solver=solver,
-        temperature=temperature,
-        least_confidence=least_confidence,
-    )
-    return dense_cloud(image, points, model, least_confidence=least_confidence)
+    seen = model.spec.frame_grid.condition(None, points, None)
+    return _enhanced(key, seen, points, model, drawing)
 
 
-@jax.jit
+@jit
 def condition(
     cube: Num[Array, "tx rx chirp sample *pair"], radar: Radar, model: Model
 ) -> Float[Array, "row column channel"]:
-    """Return the network's input: the radar points of one frame as range images.
+    """Return what the network is given of one frame, such as its points as images.
 
     One frame; `vmap` it. Raises ValueError for a cube that does not fit the radar.
     """
-    return _image(_points(cube, radar, model.spec), model.spec)
+    samples, points = _observed(cube, radar, model.spec)
+    return model.spec.frame_grid.condition(samples, points, radar.spec)
 
 
-@functools.partial(jax.jit, static_argnames=DRAWING)
+@jit(static_argnames=STATIC)
 def draw(
     key: Key[Array, ""],
     condition: Float[Array, "row column channel"],
     model: Model,
-    *,
-    draws: int | None = None,
-    steps: int | None = None,
-    solver: Solver | None = None,
-    temperature: float | Float[Array, ""] | None = None,
-    least_confidence: float | Float[Array, ""] | None = None,
-) -> RangeImage:
-    """Return a LiDAR-like range image in metres, 0 where nothing is seen.
+    **drawing: Unpack[Drawing],
+) -> Any:
+    """Return the image that the model draws of a condition, with its confidence.
 
-    A diffusion model takes `draws` samples at once, 8 by default, and returns the range
-    on which they agree. `draws=1` is the paper's single sample, `draws=1, steps=1` its
+    A model of range images gives a `RangeImage` in metres, 0 where nothing is seen; one
+    of polar images a `PolarImage`; one of maps the probability of each voxel.
+
+    A diffusion model takes `draws` samples at once, 8 by default, and returns that on
+    which they agree. `draws=1` is the paper's single sample, `draws=1, steps=1` its
     one-step estimate. Defaults for several draws: 5 steps of iPNDM, temperature 1; for
     one: 18 steps, the model's temperature, and the solver of `solver_for`. Other models
     take none of these. Pixels of less than `least_confidence`, by default the model's,
     are dropped. Without a radar point in the condition the image is empty. One
     condition; `vmap` it. Raises ValueError for options that the model does not take.
     """
-    spec = model.spec
-    expected = *spec.coarse.shape, len(CHANNELS) * spec.num_slices
-    if condition.shape != expected:
-        raise ValueError(
-            f"condition has shape {condition.shape}, the model needs [row, column, "
-            f"channel] = {expected}: one condition, or another model's?"
-        )
-    denoise = conditional_denoiser(spec.network, model.params, spec.noise)
-    options = {
-        "draws": draws,
-        "steps": steps,
-        "solver": solver,
-        "temperature": temperature,
-    }
-    given = {name: value for name, value in options.items() if value is not None}
-    image = METHODS[spec.method](key, denoise(condition[None]), spec, **given)
-    table = model.confidence
-    if image.confidence is not None:
-        image = image._replace(confidence=frequency(image.confidence, table))
-    least = table.least if least_confidence is None else least_confidence
-    image = confident(image, least)
-    return jax.tree.map(lambda value: jnp.where(condition.any(), value, 0.0), image)
+    spec, grid = model.spec, model.spec.grid
+    grid.check(condition.shape)
+    asked = Question(
+        key,
+        conditional_denoiser(spec.network, model.params, spec.noise),
+        condition,
+        spec.noise,
+        spec.temperature,
+    )
+    sampling = given(drawing)
+    least = sampling.pop("least_confidence", None)
+    image = grid.answer(spec.method, asked, **sampling)
+    image = grid.calibrated(image, model.tables)
+    return grid.kept(image, least, model.tables, condition)
 
 
-@functools.partial(jax.jit, static_argnames="fused")
+@jit(static_argnames="fused")
 def dense_cloud(
-    image: RangeImage,
+    image: Any,
     points: PointCloud,
     model: Model,
     *,
@@ -164,39 +122,49 @@ def dense_cloud(
 ) -> PointCloud:
     """Return the cloud of an image, and of what is around the radar's points.
 
-    Pixels that are not `near_echo` need the model's `least_alone` confidence, unless
-    `least_confidence` was asked of all, or the image is `fused` of several frames: not
-    all their echoes are in `points`. After the pixels come the `surroundings` of the
-    radar's points, if the model has a table of their confidence. Points have the
-    velocities of the radar's points near them.
+    First come the points of the pixels. Those that no point of the radar supports need
+    the model's `least_alone` confidence, unless `least_confidence` was asked of all, or
+    the image is `fused` of several frames: not all their echoes are in `points`. Then
+    come the surroundings of the radar's points, if the model has a table of their
+    confidence.
     """
-    spec, echoes = model.spec, model.echoes
-    if least_confidence is None and not fused and image.confidence is not None:
-        near = near_echo(image.range_m, points, spec.fine)
-        least = jnp.where(near, 0.0, model.confidence.least_alone)
-        image = confident(image, least)
-    cloud = image_cloud(image, spec.fine)
-    if points.velocity is not None:
-        velocity = velocity_image(
-            image.range_m, points, spec.coarse, num_slices=spec.num_slices
-        )
-        cloud = cloud._replace(velocity=velocity.ravel())
-    if echoes is None:
+    grid, tables = model.spec.frame_grid, model.tables
+    added = None
+    if (echoes := tables.echoes) is not None:
+        around = grid.surroundings(points)
+        found = jnp.where(around.valid, frequency(around.confidence, echoes), 0.0)
+        least = grid.least(found, echoes)
+        least = least if least_confidence is None else least_confidence
+        kept = around.valid & (found >= least)
+        found = jnp.where(kept, found, 0.0)
+        added = around._replace(valid=kept, confidence=found)
+    cloud = grid.cloud(image, points)
+    if least_confidence is None and not fused and cloud.confidence is not None:
+        sure = grid.near(cloud, points, added)
+        sure |= cloud.confidence >= tables.confidence.least_alone
+        confidence = jnp.where(sure, cloud.confidence, 0.0)
+        cloud = cloud._replace(valid=cloud.valid & sure, confidence=confidence)
+    if added is None:
         return cloud
-    found = frequency(crowding(points, spec.fine), echoes)
-    least = echoes.least if least_confidence is None else least_confidence
-    kept = points._replace(valid=points.valid & (found >= least), confidence=found)
-    added = surroundings(kept, spec.fine)
     if cloud.confidence is None:  # of a single draw
         added = added._replace(confidence=None)
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), cloud, added)
 
 
-def _points(cube, radar: Radar, spec: ModelSpec) -> PointCloud:
-    """The radar points of one frame, as the model saw them in training."""
-    return radar_points(cube, radar, points=spec.points.fitted(radar.spec))
+def _enhanced(key, condition, points, model: Model, drawing) -> PointCloud:
+    """The cloud of a frame's condition and points."""
+    image = draw(key, condition, model, **drawing)
+    least = drawing.get("least_confidence")
+    return dense_cloud(image, points, model, least_confidence=least)
 
 
-def _image(points: PointCloud, spec: ModelSpec) -> Float[Array, "row column channel"]:
-    """The condition that radar points make."""
-    return condition_image(points, spec.coarse, num_slices=spec.num_slices)
+def _observed(
+    cube: Num[Array, "tx rx chirp sample *pair"], radar: Radar, spec: ModelSpec
+) -> tuple[Inexact[Array, "tx rx chirp sample"], PointCloud]:
+    """The calibrated samples of a frame, and its points as training saw them."""
+    points = spec.points.fitted(radar.spec)
+    samples = calibrate(cube, radar)
+    if points.remove_interference:
+        samples, _ = excise_interference(samples)
+        points = dataclasses.replace(points, remove_interference=False)
+    return samples, points_and_count(samples, radar.once_calibrated(), points=points)[0]

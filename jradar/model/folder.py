@@ -1,12 +1,13 @@
 """A model on disk: a folder with its weights and its description.
 
 weights.safetensors    the network's parameters, named by path
-model.json             spec, tables and card, and the digest of the weights
+model.json             spec, grid, tables and card, and the digest of the weights
 """
 
 import dataclasses
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from jradar.diffusion import (
     NETWORKS,
+    OCCUPANCY,
     PREDICTIONS,
     Network,
     NoiseSpec,
@@ -28,19 +30,29 @@ from jradar.diffusion.weights.files import MAX_FILE_BYTES
 from jradar.errors import ModelError
 from jradar.fields import typed_fields
 from jradar.files import atomic_folder, open_file, read_json
-from jradar.model.spec import Card, Model, ModelSpec
+from jradar.model.grids import GRIDS, Grid
+from jradar.model.mirror import Scaling
+from jradar.model.model import Card, Model, ModelSpec
+from jradar.model.tables import Tables
 from jradar.radar import RadarSpec
-from jradar.range_image import CHANNELS, ConfidenceTable, TrustTable
+from jradar.range_image import ConfidenceTable, TrustTable
 
-FORMAT = 4
+FORMAT = 5
+MARKER, WEIGHTS = "model.json", "weights.safetensors"
 MAX_JSON_BYTES = 1 << 20
 MAX_PIXELS = 1 << 24
 SHIPPED = Path(__file__).parents[1] / "weights"
+TABLES: dict[str, Callable[..., Any]] = {
+    "confidence": ConfidenceTable.of,
+    "echoes": ConfidenceTable.of,
+    "trust": TrustTable.of,
+    "scaling": Scaling.of,
+}
 
 
 def shipped_models() -> dict[str, Path]:
     """Return the folders of the models that come with the package, by name."""
-    found = sorted(path.parent for path in SHIPPED.glob("*/model.json"))
+    found = sorted(path.parent for path in SHIPPED.glob(f"*/{MARKER}"))
     return {folder.name: folder for folder in found}
 
 
@@ -57,7 +69,7 @@ def load_model(name: Path | str) -> Model:
             found = hashlib.file_digest(file, "sha256").hexdigest()
         if found != digest:
             raise ValueError(
-                f"{weights} does not match the digest in model.json: the file is "
+                f"{weights} does not match the digest in {MARKER}: the file is "
                 "damaged, or from another model"
             )
         params = read_params(weights)
@@ -77,14 +89,14 @@ def _described(name: Path | str) -> tuple[Model, str, Path]:
     """The model without parameters, the digest of its weights, and their file."""
     shipped = shipped_models()
     folder = shipped.get(str(name), Path(name))
-    if not (folder / "model.json").is_file() and (folder / "model").is_dir():
+    if not (folder / MARKER).is_file() and (folder / "model").is_dir():
         folder /= "model"
-    path, weights = folder / "model.json", folder / "weights.safetensors"
+    path, weights = folder / MARKER, folder / WEIGHTS
     if not path.is_file() or not weights.is_file():
         raise ModelError(
-            f"no model at {folder}: expected a folder with model.json and "
-            "weights.safetensors, the workdir of a training, which holds one, or the "
-            f"name of a shipped model: {', '.join(shipped) or 'none is shipped'}"
+            f"no model at {folder}: expected a folder with {MARKER} and {WEIGHTS}, the "
+            "workdir of a training, which holds one, or the name of a shipped model: "
+            f"{', '.join(shipped) or 'none is shipped'}"
         )
     try:
         values = read_json(path, limit=MAX_JSON_BYTES)
@@ -110,8 +122,8 @@ def save_model(
     file again (`write_params`). Raises UsageError for a folder that holds something
     else.
     """
-    with atomic_folder(folder, marker="model.json") as scratch:
-        weights = scratch / "weights.safetensors"
+    with atomic_folder(folder, marker=MARKER) as scratch:
+        weights = scratch / WEIGHTS
         network = json.dumps(network_fields(model.spec.network))
         write_params(weights, model.params, metadata={"network": network}, dtype=dtype)
         header = {
@@ -119,28 +131,30 @@ def save_model(
             "weights_sha256": hashlib.sha256(weights.read_bytes()).hexdigest(),
         }
         text = json.dumps(header | _model_to_json(model), indent=2)
-        (scratch / "model.json").write_text(text + "\n")
+        (scratch / MARKER).write_text(text + "\n")
 
 
 def _model_to_json(model: Model) -> dict[str, Any]:
     """Everything but the parameters as JSON takes it."""
-    spec, card = model.spec, model.card
-    noise, dtype = spec.noise, str(getattr(spec.network, "dtype", "float32"))
+    spec, noise = model.spec, model.spec.noise
+    dtype = str(getattr(spec.network, "dtype", "float32"))
     other = {} if dtype == "float32" else {"dtype": dtype}
     return {
-        **{f.name: getattr(spec, f.name) for f in dataclasses.fields(spec)},
-        **{n: dataclasses.asdict(getattr(spec, n)) for n in ("coarse", "fine")},
+        "method": spec.method,
+        "grid": {"kind": spec.grid.kind, **dataclasses.asdict(spec.grid)},  # pyright: ignore[reportArgumentType]
         "points": dataclasses.asdict(spec.points),
+        "temperature": spec.temperature,
         "network": network_fields(spec.network) | other,
         "noise": dataclasses.asdict(noise) | {"prediction": noise.prediction.name},
-        "confidence": table_to_json(model.confidence),
-        "trust": None if model.trust is None else table_to_json(model.trust),
-        "echoes": None if model.echoes is None else table_to_json(model.echoes),
-        "card": dataclasses.asdict(card),
+        "tables": {
+            name: None if table is None else _table_to_json(table)
+            for name, table in model.tables._asdict().items()
+        },
+        "card": dataclasses.asdict(model.card),
     }
 
 
-def table_to_json(table: Any) -> dict[str, Any]:
+def _table_to_json(table: Any) -> dict[str, Any]:
     """The numbers of a table as they were fitted, without the noise of float32."""
     parts = {k: np.asarray(v, float).round(6) for k, v in table._asdict().items()}
     return {name: values.tolist() for name, values in parts.items()}
@@ -148,25 +162,34 @@ def table_to_json(table: Any) -> dict[str, Any]:
 
 def _model_from_json(values: dict[str, Any]) -> Model:
     """The model without parameters from `_model_to_json`'s dictionary, checked."""
-    card = card_from_json(values.pop("card"))
-    confidence = ConfidenceTable.of(**values.pop("confidence"))
-    if (trust := values.pop("trust")) is not None:
-        trust = TrustTable.of(**trust)
-    if (echoes := values.pop("echoes", None)) is not None:  # earlier files lack it
-        echoes = ConfidenceTable.of(**echoes)
-    network = network_from_json(values.pop("network"))
+    card = _card_from_json(values.pop("card"))
+    tables = {
+        name: None if table is None else TABLES[name](**table)
+        for name, table in values.pop("tables").items()
+    }
+    grid = _grid_from_json(values.pop("grid"))
+    network = _network_from_json(values.pop("network"))
     noise = values.pop("noise")
-    prediction = PREDICTIONS[noise.pop("prediction")]
+    prediction = ({OCCUPANCY.name: OCCUPANCY} | PREDICTIONS)[noise.pop("prediction")]
     noise = NoiseSpec(**typed_fields(NoiseSpec, noise), prediction=prediction)
-    spec = ModelSpec(network=network, noise=noise, **typed_fields(ModelSpec, values))
-    for name, image in (("coarse", spec.coarse), ("fine", spec.fine)):
-        if image.height * image.width > MAX_PIXELS:
-            size = f"{image.height} x {image.width} pixels"
+    fields = typed_fields(ModelSpec, values)
+    spec = ModelSpec(network=network, noise=noise, grid=grid, **fields)
+    return Model({}, spec, Tables(**tables), card)
+
+
+def _grid_from_json(values: dict[str, Any]) -> Grid:
+    """The grid, refused if its images are too large to be drawn."""
+    kind = GRIDS[values.pop("kind")]
+    grid = kind(**typed_fields(kind, values))
+    shapes = {"image": grid.image_shape, "condition": grid.condition_shape}
+    for name, (rows, columns, _) in shapes.items():
+        if rows * columns > MAX_PIXELS:
+            size = f"{rows} x {columns} pixels"
             raise ValueError(f"{name} has {size}, expected at most {MAX_PIXELS:,}")
-    return Model({}, spec, card, confidence, trust, echoes)
+    return grid
 
 
-def card_from_json(values: dict[str, Any]) -> Card:
+def _card_from_json(values: dict[str, Any]) -> Card:
     """The card, with every type checked."""
     radars = values.pop("radars")
     if not isinstance(radars, list):
@@ -175,7 +198,7 @@ def card_from_json(values: dict[str, Any]) -> Card:
     return Card(**typed_fields(Card, values), radars=radars)
 
 
-def network_from_json(values: dict[str, Any]) -> Network:
+def _network_from_json(values: dict[str, Any]) -> Network:
     """The network from `network_fields`' dictionary."""
     fields = dict(values)
     kind = NETWORKS[fields.pop("kind")]
@@ -185,15 +208,14 @@ def network_from_json(values: dict[str, Any]) -> Network:
 
 def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
     """Refuse parameters that do not fit the network, naming the first."""
-    channels = len(CHANNELS) * spec.num_slices
     found = parameter_shapes(params)
     try:
-        check_size(spec.network, found)
+        _check_size(spec.network, found)
         wrong = misfit(
             params,
             spec.network,
-            image_shape=(*spec.fine.shape, 2),  # range and validity
-            condition_shape=(*spec.coarse.shape, channels),
+            image_shape=spec.grid.image_shape,
+            condition_shape=spec.grid.condition_shape,
         )
     except Exception as error:  # Flax and JAX have their own
         raise ModelError(
@@ -203,7 +225,7 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
         raise ModelError(f"{path} does not fit its network: {wrong}")
 
 
-def check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
+def _check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
     """Refuse a network larger than the file: its shapes take hours, or gigabytes."""
     fields = network_fields(network)
     blocks = fields.get("blocks", 1) * len(fields.get("multipliers", [1]))

@@ -13,13 +13,13 @@ Echoes that move by themselves are where earlier frames saw nothing. Pixels that
 marked as moving are left out of earlier frames, and use the present frame alone.
 """
 
-import functools
 import math
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jradar.compiled import jit
 from jradar.diffusion import (
     RangeMixture,
     conditional_denoiser,
@@ -27,8 +27,9 @@ from jradar.diffusion import (
     window_mass,
 )
 from jradar.errors import UsageError
-from jradar.model.methods import SIDE_STEPS, WINDOW_M, likeliest_range
-from jradar.model.spec import Model, ModelSpec
+from jradar.model.grids.view.answers import SIDE_STEPS, WINDOW_M, likeliest_range
+from jradar.model.grids.view.grid import ViewGrid
+from jradar.model.model import Model
 from jradar.range_image import (
     RangeImage,
     confident,
@@ -46,7 +47,21 @@ SURE = 0.5  # confidence of earlier frames' points that are tried in the present
 MOVING_MPS = 0.6  # difference of an echo's Doppler from that of a world at rest
 
 
-@jax.jit
+def view_grid(model: Model) -> ViewGrid:
+    """Return the grid of a model whose frames can be fused.
+
+    Raises UsageError for a model of another grid, or of another method than "marginal".
+    """
+    spec = model.spec
+    if not isinstance(spec.grid, ViewGrid) or spec.method != "marginal":
+        raise UsageError(
+            f"{model!r} cannot fuse frames: expected range images and the method "
+            "marginal, such as jradar-sim, whose distributions over range are fused"
+        )
+    return spec.grid
+
+
+@jit
 def mixtures(
     condition: Float[Array, "row column channel"], model: Model
 ) -> RangeMixture:
@@ -54,26 +69,21 @@ def mixtures(
 
     Raises UsageError for a model of another method than "marginal".
     """
-    spec = model.spec
-    if spec.method != "marginal":
-        raise UsageError(
-            f"method = {spec.method!r}, expected 'marginal': frames are fused by their "
-            "distributions over range"
-        )
+    spec, grid = model.spec, view_grid(model)
     denoise = conditional_denoiser(spec.network, model.params, spec.noise)
-    shape = (1, *spec.fine.shape, 2)
+    shape = (1, *grid.image_shape)
     found = range_mixture(denoise(condition[None]), shape, noise=spec.noise)
     empty = ~condition.any()  # sees nothing
     returned = jnp.where(empty, -math.inf, found.returned)
     return jax.tree.map(lambda values: values[0], found._replace(returned=returned))
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "unambiguous_mps"))
+@jit(static_argnames=("grid", "unambiguous_mps"))
 def moving_pixels(
     mixture: RangeMixture,
     points: PointCloud,
     velocity: Float[Array, " 3"],
-    spec: ModelSpec,
+    grid: ViewGrid,
     *,
     unambiguous_mps: float | None = None,
 ) -> Bool[Array, "row column"]:
@@ -83,9 +93,9 @@ def moving_pixels(
     radar with this `velocity` in m/s. With `unambiguous_mps`, both are compared modulo
     twice that. All are False if the velocity is NaN.
     """
-    range_m = likeliest_range(mixture, spec).range_m
-    measured = velocity_image(range_m, points, spec.coarse, num_slices=spec.num_slices)
-    at_rest = -jnp.asarray(pixel_directions(spec.fine), jnp.float32) @ velocity
+    range_m = likeliest_range(mixture, grid).range_m
+    measured = velocity_image(range_m, points, grid.coarse, num_slices=grid.num_slices)
+    at_rest = -jnp.asarray(pixel_directions(grid.fine), jnp.float32) @ velocity
     difference = measured - at_rest
     if unambiguous_mps is not None:
         period = 2 * unambiguous_mps
@@ -93,7 +103,7 @@ def moving_pixels(
     return jnp.abs(difference) > MOVING_MPS
 
 
-@functools.partial(jax.jit, static_argnames="window_m")
+@jit(static_argnames="window_m")
 def fuse(
     frames: RangeMixture,
     poses: Float[Array, "frame 4 4"],
@@ -113,7 +123,7 @@ def fuse(
         frames = jax.vmap(mixtures, (0, None))(conditions, model)  # newest first
         image = fuse(frames, relative_poses(trajectory, [9, 8, 7], 9), model)
     """
-    spec, count = model.spec, frames.returned.shape[0]
+    grid, count = view_grid(model), frames.returned.shape[0]
     if poses.shape != (count, 4, 4):
         raise ValueError(
             f"poses have shape {poses.shape}, expected {(count, 4, 4)}: one for each "
@@ -126,41 +136,42 @@ def fuse(
     )
     past = range(1, count)
     tables = [_table(mixture) for mixture in earlier]
-    directions = jnp.asarray(pixel_directions(spec.fine), jnp.float32)
+    directions = jnp.asarray(pixel_directions(grid.fine), jnp.float32)
 
     def probability(range_m):
         """The mean probability of a surface within the window around a range."""
-        total = _surface(present, range_m, spec, window_m)
+        total = _surface(present, range_m, grid, window_m)
         views = jnp.ones_like(total)
         xyz = range_m[..., None] * directions
         for k, table in zip(past, tables, strict=True):
             there = (xyz - poses[k, :3, 3]) @ poses[k, :3, :3]
-            row, column, distance, inside = pixel_of(there, spec.fine)
+            row, column, distance, inside = pixel_of(there, grid.fine)
             seen = _from_table(table[row, column])
             counts = inside & ~moving[0] & ~moving[k][row, column] & (range_m > 0)
-            total += jnp.where(counts, _surface(seen, distance, spec, window_m), 0.0)
+            total += jnp.where(counts, _surface(seen, distance, grid, window_m), 0.0)
             views += counts
         return total / views
 
-    first = likeliest_range(present, spec, window_m=window_m).range_m
+    first = likeliest_range(present, grid, window_m=window_m).range_m
     candidates = [first]
     for k, mixture in zip(past, earlier, strict=True):
-        seen = confident(likeliest_range(mixture, spec, window_m=window_m), SURE)
+        seen = confident(likeliest_range(mixture, grid, window_m=window_m), SURE)
         shown = jnp.where(moving[k], 0.0, seen.range_m)
         xyz = (shown[..., None] * directions).reshape(-1, 3)
         here = xyz @ poses[k, :3, :3].T + poses[k, :3, 3]
         cloud = PointCloud(here, (shown > 0).ravel())
-        candidates.append(project(cloud, spec.fine))
+        candidates.append(project(cloud, grid.fine))
     heaviest = jax.lax.top_k(present.weight, 2)[1]
     centres = jnp.take_along_axis(present.centre, heaviest, -1)
-    view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
+    view = {"max_range_m": grid.fine.max_range_m, "codec": grid.codec}
     candidates += [decode_range(centres[..., k], **view) for k in range(2)]
 
     best, most = _likeliest(jnp.stack(candidates), probability)
     beside = jnp.stack([best, *(best + step * window_m for step in SIDE_STEPS)])
     best, most = _likeliest(beside, probability)
-    most = frequency(most, model.confidence)
-    least = model.confidence.least if least_confidence is None else least_confidence
+    table = model.tables.confidence
+    most = frequency(most, table)
+    least = table.least if least_confidence is None else least_confidence
     return confident(RangeImage(best, most), least)
 
 
@@ -175,9 +186,9 @@ def _likeliest(candidates, probability):
     )
 
 
-def _surface(mixture, range_m, spec, window_m):
+def _surface(mixture, range_m, grid, window_m):
     """The probability of a return within the window around a range."""
-    view = {"max_range_m": spec.fine.max_range_m, "codec": spec.codec}
+    view = {"max_range_m": grid.fine.max_range_m, "codec": grid.codec}
     low, high = (encode_range(range_m + side, **view) for side in (-window_m, window_m))
     return jax.nn.sigmoid(mixture.returned) * window_mass(mixture)(low, high)
 

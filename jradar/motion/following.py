@@ -45,17 +45,16 @@ class Follower:
         self._bias = np.zeros(3)
 
     def step(
-        self, frame: int, velocity: Float[np.ndarray, " 3"]
+        self, stamp_s: float, velocity: Float[np.ndarray, " 3"]
     ) -> Float[np.ndarray, "frame 4 4"]:
         """Return the transforms of points from each frame's radar to this one's.
 
-        This `frame` comes first, then those before it. `velocity` is the radar's own in
-        m/s, along its axes, NaN where unknown. A transform is NaN where the motion is
-        unknown. Frames come in order.
+        The frame that began at `stamp_s`, NaN where unknown, comes first, then those
+        before it. `velocity` is the radar's own in m/s, along its axes, NaN where
+        unknown. A transform is NaN where the motion is unknown. Frames come in order.
         """
-        recording, radar = self._recording, self._recording.radar.spec
-        stamps = recording.cubes.stamps
-        stamp = np.nan if stamps is None else stamps[frame] + radar.frame_middle_s
+        radar = self._recording.radar.spec
+        stamp = stamp_s + radar.frame_middle_s
         if radar.num_chirps < 2 or not radar.has_azimuth:
             velocity = np.full(3, np.nan)  # one chirp or one column does not measure it
         self._stamps.append(float(stamp))

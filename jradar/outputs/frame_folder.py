@@ -18,7 +18,7 @@ import numpy as np
 from jradar.errors import UsageError
 from jradar.outputs.clouds import CLOUD_WRITERS, valid_points, write_npz
 from jradar.outputs.guard import GuardedFolder
-from jradar.planar import MAX_RANGE_M, PlanarImage
+from jradar.model import Model
 from jradar.radar import (
     PointSpec,
     Radar,
@@ -29,10 +29,7 @@ from jradar.radar import (
 )
 from jradar.range_image import ImageSpec
 from jradar.recordings import Recording, nearest_scan
-from jradar.session import programs
-from jradar.session.detecting import Detected
-from jradar.session.frames import Frame
-from jradar.session.models import AnyModel
+from jradar.pipeline import Detected, Frame, programs
 from jradar.types import PointCloud
 
 if TYPE_CHECKING:
@@ -103,26 +100,17 @@ class FrameFolder:
         return self._write(frame.number, (frame.points,), arrays, figure)
 
     def write_enhanced(
-        self, frame: Frame, recording: Recording, model: AnyModel
+        self, frame: Frame, recording: Recording, model: Model
     ) -> list[str]:
         """Write the clouds of a frame, and its images; returns the paths."""
-        image, kept = frame.image, frame.pixels
-        if isinstance(image, PlanarImage):
-            view = ImageSpec(PIXELS, PIXELS, max_range_m=MAX_RANGE_M)
-            seen = np.where(kept, image.confidence, 0)
-            arrays = {"polar_image": np.asarray(image.radar), "occupancy": seen}
-            shown = {"polar": arrays["polar_image"]}
-        else:
-            spec: Any = model.spec
-            view = spec.fine
-            seen = np.where(kept, image.range_m, 0)
-            arrays = {"range_image": seen}
-            shown = {"metres": seen}
+        grid = model.spec.frame_grid
+        arrays = grid.pictured(frame.image, frame.pixels)
+        shown = {name: arrays.get(name) for name in ("range_image", "polar_image")}
         figure = functools.partial(
             self._figure,
             frame,
             recording,
-            view,
+            grid.view,
             dense=frame.cloud,
             more=f"; model: {model.card.purpose}",
             **shown,
@@ -162,8 +150,8 @@ class FrameFolder:
         view: ImageSpec,
         *,
         dense: PointCloud | None = None,
-        metres: np.ndarray | None = None,
-        polar: np.ndarray | None = None,
+        range_image: np.ndarray | None = None,
+        polar_image: np.ndarray | None = None,
         more: str = "",
     ) -> "Figure":
         """Draw the maps and the clouds, with the LiDAR's if there is one."""
@@ -175,8 +163,8 @@ class FrameFolder:
             detections(frame, radar) if isinstance(frame, Frame) else frame.points,
             view,
             dense=dense,
-            metres=metres,
-            polar=polar,
+            metres=range_image,
+            polar=polar_image,
             lidar=nearest_scan(recording, frame.number),
             title=f"{recording.name}, frame {frame.number}{more}",
         )

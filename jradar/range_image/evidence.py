@@ -10,6 +10,8 @@ are depends on how many others are near (`crowding`): where points gather there 
 surface, and a single one is as often noise.
 """
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +19,6 @@ from jaxtyping import Array, Bool, Float
 
 from jradar.compiled import jit
 from jradar.range_image.grid import ImageSpec, pixel_of
-from jradar.range_image.projection import unproject
 from jradar.types import PointCloud
 
 LEAST_SNR = 4.0  # of a point that stands out, 6 dB
@@ -31,20 +32,18 @@ CROWD = 1024.0  # points that make a crowding of 1
 
 @jit(static_argnames="spec")
 def near_echo(
-    range_m: Float[Array, "row column"], points: PointCloud, spec: ImageSpec
-) -> Bool[Array, "row column"]:
-    """Return which pixels lie near a radar point of 6 dB or more.
+    cloud: PointCloud, points: PointCloud, spec: ImageSpec
+) -> Bool[Array, " point"]:
+    """Return which points of a cloud lie near a radar point of 6 dB or more.
 
     Near is at most two cells away along each axis, of which the largest range has 48:
-    about 0.5 m of 12. Without SNR all points stand out. Pixels without a range are not
-    near anything. One image; `vmap` it.
+    about 0.5 m of 12. Without SNR all points of the radar stand out. Points that are
+    not valid are not near anything. One cloud; `vmap` it.
     """
     loud = (
         points.valid if points.snr is None else points.valid & (points.snr >= LEAST_SNR)
     )
-    cloud = unproject(range_m, spec)
-    near = count_near(cloud.xyz, points.xyz, loud, spec) > 0
-    return (near & cloud.valid).reshape(range_m.shape)
+    return (count_near(cloud.xyz, points.xyz, loud, spec) > 0) & cloud.valid
 
 
 @jit(static_argnames=("spec", "axes"))
@@ -69,21 +68,32 @@ def surroundings(points: PointCloud, spec: ImageSpec) -> PointCloud:
     the field of view of `spec`. A surface that reflects to the radar mostly faces it,
     and goes on to all sides. One cloud; `vmap` it.
     """
+    return spread_out(points, _disc(), lambda xyz: pixel_of(xyz, spec)[-1])
+
+
+def spread_out(
+    points: PointCloud,
+    steps: Float[np.ndarray, "step 3"],
+    inside: Callable[[Float[Array, "*batch 3"]], Bool[Array, "*batch"]],
+) -> PointCloud:
+    """Return points at `steps` ahead, to the left and up (m) from each point.
+
+    Ahead is along the line of sight. They have the velocity and confidence of their
+    point, and are valid if both are `inside`. One cloud; `vmap` it.
+    """
     xyz = jnp.where(points.valid[:, None], points.xyz, jnp.asarray((1.0, 0.0, 0.0)))
     ahead = xyz / jnp.linalg.norm(xyz, axis=-1, keepdims=True)
     ground = jnp.linalg.norm(ahead[:, :2], axis=-1, keepdims=True)
     left = jnp.concatenate([-ahead[:, 1:2], ahead[:, :1], 0 * ground], -1) / ground
     axes = jnp.stack([ahead, left, jnp.cross(ahead, left)], 1)
-    around = xyz[:, None] + jnp.asarray(_disc(), xyz.dtype) @ axes
-    inside = pixel_of(around, spec)[-1] & pixel_of(xyz, spec)[-1][:, None]
-    valid = (inside & points.valid[:, None]).ravel()
+    around = xyz[:, None] + jnp.asarray(steps, xyz.dtype) @ axes
+    valid = (inside(around) & (inside(xyz) & points.valid)[:, None]).ravel()
     velocity, confidence = points.velocity, points.confidence
     if velocity is not None:
-        velocity = velocity.repeat(AROUND)
+        velocity = velocity.repeat(len(steps))
     if confidence is not None:
-        confidence = jnp.where(valid, confidence.repeat(AROUND), 0.0)
-    xyz = around.reshape(-1, 3)
-    return PointCloud(xyz, valid, velocity, confidence=confidence)
+        confidence = jnp.where(valid, confidence.repeat(len(steps)), 0.0)
+    return PointCloud(around.reshape(-1, 3), valid, velocity, confidence=confidence)
 
 
 def _disc():

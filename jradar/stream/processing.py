@@ -1,13 +1,15 @@
 """A frame's bytes to its clouds and its picture, as they are published."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import jax
 import numpy as np
 from jaxtyping import Float, Inexact, Num, UInt8
 
 from jradar.errors import UsageError
+from jradar.model import Model
+from jradar.options.drawing import Drawing, given
 from jradar.outputs.published import (
     LIDAR_FRAME,
     Published,
@@ -16,12 +18,13 @@ from jradar.outputs.published import (
     range_azimuth,
     sensor_places,
 )
+from jradar.pipeline import Pipeline, Stages
 from jradar.radar import PointSpec
 from jradar.recordings import Recording, Stream
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
-from jradar.session import AnyModel, Stages
-from jradar.session.history import last_images
+
+LEAST = "least_confidence"  # the option of drawing that every model takes
 
 
 def radar_on_the_cable(
@@ -58,30 +61,28 @@ class Processor:
         self,
         recording: Recording,
         *,
-        model: AnyModel | None = None,
+        model: Model | None = None,
         points: PointSpec | None = None,
+        fuse: int = 1,
         seed: int = 0,
-        draws: int | None = None,
-        steps: int | None = None,
+        anyway: bool = False,
+        **drawing: Unpack[Drawing],
     ):
         """`recording` describes the radar and its calibration.
 
         Without a model only the `points` are published; with one, its own points are
-        published next to the dense cloud. `draws` and `steps` are options of `draw`.
+        published next to the dense cloud. The other options are those of `Pipeline`.
         """
-        self.recording, self.model = recording, model
+        self.recording, self.pipeline = recording, None
         self._order = recording.iq_order
         if not self._order:
             self._order = "I" if recording.radar.spec.real_samples else "IIQQ"
-        self._stages = Stages(
-            jax.random.key(seed),
-            recording.radar,
-            model,
-            points=points,
-            draws=draws,
-            steps=steps,
-        )
-        self._images = last_images(model)
+        if model is None:
+            key = jax.random.key(seed)
+            self._stages = Stages(key, recording.radar, None, points=points)
+        else:
+            options = {"seed": seed, "fuse": fuse, "anyway": anyway, **drawing}
+            self.pipeline = Pipeline(recording, model, points=points, **options)
         self._base_from = sensor_places(recording)
 
     def cube(
@@ -104,15 +105,13 @@ class Processor:
         lidar: Float[np.ndarray, "point 3"] | None = None,
     ) -> Published:
         """Return the clouds and the picture of a frame, with `lidar` if it is given."""
-        heard = self._stages.hear(cube)
-        clouds = {"radar": heard.points}
-        if self.model is not None:
-            if self._images is not None and heard.condition is not None:
-                whole = self._images.add(heard.condition, stamp_s)
-                heard = heard._replace(condition=whole)
-            image = self._stages.see(heard)
-            clouds["enhanced"] = self._stages.cloud(image, heard)
-        picture = range_azimuth(heard.samples, self.recording.radar.spec)
+        if self.pipeline is None:
+            frame = self._stages.observe(cube)
+            clouds = {"radar": frame.points}
+        else:
+            frame = self.pipeline.frame(number, cube, stamp_s)
+            clouds = {"radar": frame.points, "enhanced": frame.cloud}
+        picture = range_azimuth(frame.samples, self.recording.radar.spec)
         clouds, picture = jax.device_get((clouds, picture))
         if lidar is not None:
             clouds[LIDAR_FRAME] = lidar_cloud(lidar)
@@ -121,17 +120,18 @@ class Processor:
         return Published(number, stamp_s, clouds, picture, self._base_from, moved)
 
 
-def quickest(model: AnyModel | None, **drawing: Any) -> dict[str, Any]:
+def quickest(model: Model | None, **drawing: Unpack[Drawing]) -> Drawing:
     """Return how a live model draws: as asked, by default its one-step estimate.
 
     Raises UsageError for options that the model does not take.
     """
-    given = {name: value for name, value in drawing.items() if value is not None}
-    if model is None or model.spec.method != "diffusion":
-        if given:
-            raise UsageError(
-                f"{', '.join(given)}: only a diffusion model draws samples, leave "
-                "these options out"
-            )
-        return {}
-    return given or {"draws": 1, "steps": 1}
+    asked = given(drawing)
+    if model is not None and model.spec.method == "diffusion":
+        sampling = asked.keys() & {"draws", "steps"}
+        return Drawing(**({} if sampling else {"draws": 1, "steps": 1}), **asked)
+    if unknown := [name for name in asked if model is None or name != LEAST]:
+        raise UsageError(
+            f"{', '.join(unknown)}: only a diffusion model draws samples, leave "
+            "these options out"
+        )
+    return Drawing(**asked)

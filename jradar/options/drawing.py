@@ -1,0 +1,47 @@
+"""How a model draws its answer: the options of `jradar.draw` and of all that calls it.
+
+`jradar.enhance`, `enhance_points`, `enhance_recording`, `live` and `export` take them
+as keyword arguments, and the command line as the flags below.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple, TypedDict
+
+
+class Drawing(TypedDict, total=False):
+    """Options of `draw`; one that is left out, or None, has the model's default."""
+
+    draws: int | None  # samples of a diffusion model; 8 by default
+    steps: int | None  # of each sample; 5 for several, 18 for one
+    solver: Any  # a `jradar.diffusion.Solver`; iPNDM for several
+    temperature: Any  # of the noise that a sample starts from; the model's, or 1
+    least_confidence: Any  # pixels of less are dropped; the model's
+
+
+STATIC = ("draws", "steps", "solver")  # those that shape the computation
+
+
+class Flag(NamedTuple):
+    """An option on the command line."""
+
+    flag: str
+    kind: str  # "count" or "share"
+    help: str
+
+
+FLAGS = {
+    "draws": Flag(
+        "--draws", "count", "samples of a diffusion model that must agree (default: 8)"
+    ),
+    "steps": Flag(
+        "--steps", "count", "steps of each sample (default: 5, or 18 for one sample)"
+    ),
+    "least_confidence": Flag(
+        "--min-confidence", "share", "keep points of at least this confidence, 0 to 1"
+    ),
+}
+
+
+def given(drawing: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options that are not None."""
+    return {name: value for name, value in drawing.items() if value is not None}

@@ -1,0 +1,28 @@
+"""The way of a frame to a cloud, written once, for recordings and live radars.
+
+    for frame in enhance_recording(recording, model, fuse=3):
+        frame.cloud, frame.warnings
+
+`Pipeline` observes a frame, lets the model answer and makes a cloud, with the frames
+before it, warnings and times. `enhance_recording` and `jradar.stream` drive it.
+"""
+
+from jradar.pipeline.configuration import (
+    describe_configuration as describe_configuration,
+)
+from jradar.pipeline.detecting import (
+    Detected as Detected,
+    describe_recording as describe_recording,
+    detect_recording as detect_recording,
+)
+from jradar.pipeline.frames import (
+    Enhancement as Enhancement,
+    enhance_recording as enhance_recording,
+)
+from jradar.pipeline.pipeline import (
+    Frame as Frame,
+    Pipeline as Pipeline,
+    without_interference as without_interference,
+)
+from jradar.pipeline.stages import Stages as Stages
+from jradar.pipeline.warnings import of_model as of_model

@@ -1,0 +1,191 @@
+"""Frames of a recording to radar points, one after another, as `jradar points` does.
+
+`describe_recording` is what `jradar info` says of a recording and one of its frames.
+"""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Inexact
+
+from jradar.motion import gravity_warnings, propose_offset
+from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
+from jradar.recordings import (
+    Recording,
+    check_samples,
+    describe,
+    with_sample_doubts,
+)
+from jradar.recordings.sample_checks import SampleCheck
+from jradar.pipeline.frames import ahead, chosen_frames, stamp_s
+from jradar.pipeline.stages import Stages
+from jradar.pipeline.warnings import Tally, no_echoes
+from jradar.types import PointCloud
+
+POINTS = PointSpec()
+LEAST_CONFIDENCE = 0.1  # of an offset between two clocks
+
+
+class Detected(NamedTuple):
+    """One frame of a recording, and what the detector found in it."""
+
+    number: int
+    stamp_s: float | None  # None if the recording has no times
+    samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
+    power: Float[Array, "doppler range"]
+    points: PointCloud
+    detected: int  # cells that the detector marked
+    dropped: int  # of them, the weakest, for which the cloud has no room
+    check: SampleCheck  # of the samples as they were recorded
+    saturated: int  # numbers at the end of the converter's scale
+
+    confidence: None = None  # which detections have none of
+    unlikeness: None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether the detector found nothing."""
+        return not np.asarray(self.points.valid).any()
+
+    def describe(self, radar: RadarSpec) -> dict[str, Any]:
+        """Return the numbers of points, the noise and the strongest echoes."""
+        return {
+            "frame": self.number,
+            "points": int(np.asarray(self.points.valid).sum()),
+            "detected": self.detected,
+            "dropped": self.dropped,
+            "saturated": self.saturated,
+            "noise": noise_statistics(self.power, radar)._asdict(),
+            "echoes": [e._asdict() for e in strongest_echoes(self.points, radar)],
+        }
+
+
+class Detection(Iterator[Detected]):
+    """The frames of a recording as they come, and what is known of all so far."""
+
+    def __init__(self, recording: Recording, points: PointSpec, frames: range):
+        """Compile; `detect_recording` describes the options."""
+        self.recording, self.points, self.frames = recording, points, frames
+        self._stages = Stages(jax.random.key(0), recording.radar, None, points=points)
+        self._dropped, self._tally = 0, Tally()
+        self._iterator = self._run()
+
+    def __next__(self) -> Detected:
+        """Return the next frame."""
+        frame = next(self._iterator)
+        self._dropped += frame.dropped
+        self._tally.add(frame)
+        return frame
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the options, and about the frames so far."""
+        found = [*self._shrunk()]
+        if self._dropped:
+            found.append(
+                f"{self._dropped:,} detections were dropped, the weakest of frames "
+                f"with more than {self.points.capacity:,}: --capacity N keeps more"
+            )
+        return (*found, *self._tally.warnings(self.recording.radar))
+
+    def _run(self) -> Iterator[Detected]:
+        with ThreadPoolExecutor(1) as reader:
+            for number, cube in ahead(reader, self._read, self.frames):
+                observed = self._stages.observe(cube)
+                power, _ = self._stages.detections(observed)
+                check, detected = check_samples(cube), int(observed.detected)
+                numbers = cube.size * (1 + np.iscomplexobj(cube))
+                yield Detected(
+                    number=number,
+                    stamp_s=stamp_s(self.recording, number),
+                    samples=observed.samples,
+                    power=power,
+                    points=observed.points,
+                    detected=detected,
+                    dropped=max(detected - self.points.capacity, 0),
+                    check=check,
+                    saturated=round(check.share * numbers),
+                )
+
+    def _read(self, number: int):
+        return number, self.recording.cube(number)
+
+    def _shrunk(self) -> Iterator[str]:
+        """Yield a warning if a CFAR window that is not the usual one had to shrink."""
+        asked, usual, fitted = (
+            (points.guard, points.train)
+            for points in (self.points, POINTS, self._stages.points)
+        )
+        radar = self.recording.radar.spec
+        if asked not in (usual, fitted):
+            yield (
+                f"the CFAR window was shrunk to guard {fitted[0]}, train {fitted[1]}: "
+                "a larger one does not fit into the map of "
+                f"{radar.num_chirps} x {radar.num_range_bins} cells"
+            )
+
+
+def detect_recording(
+    recording: Recording,
+    *,
+    points: PointSpec = POINTS,
+    frames: slice | range = slice(None),
+) -> Detection:
+    """Return an iterator over the radar points of a recording's `frames`; host.
+
+    Windows and angle bins of `points` are fitted to the radar. Raises UsageError for
+    frames that the recording does not have.
+    """
+    chosen = chosen_frames(recording, frames)
+    return Detection(with_sample_doubts(recording, chosen[0]), points, chosen)
+
+
+def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any]:
+    """Return `describe`, and a frame's samples, noise and strongest echoes.
+
+    For a rig's own capture with a LiDAR or poses, also the offset between the clocks.
+    """
+    radar, one = recording.radar.spec, range(frame, frame + 1)
+    doubted = with_sample_doubts(recording, chosen_frames(recording, one)[0])
+    kinds = [POINTS]
+    if radar.num_chirps > 1:
+        kinds.append(PointSpec(remove_static=True))
+    with ThreadPoolExecutor() as threads:  # which compile at the same time
+        detections = [*threads.map(lambda kind: Detection(doubted, kind, one), kinds)]
+    (seen,), *moving = detections
+    shown = seen.describe(radar)
+    found: dict[str, Any] = {
+        "frame": frame,
+        "largest sample": seen.check.largest,
+        "share at full scale": seen.check.share,
+        "noise": shown["noise"],
+        "echoes": shown["echoes"],
+    }
+    for (seen_moving,) in moving:
+        found["moving echoes"] = seen_moving.describe(radar)["echoes"]
+    own = (recording.path / "capture.toml").is_file()
+    if own and not (recording.lidar is None and recording.poses is None):
+        found["time offset"] = described_offset(recording)
+    described = describe(doubted)
+    described["notes"] += gravity_warnings(recording)
+    described["notes"] += [no_echoes([frame], 1)] if seen.empty else []
+    return {**described, **found}
+
+
+def described_offset(recording: Recording) -> dict[str, Any]:
+    """Return the offset between the sensors' clocks, or why none is given."""
+    try:
+        found = propose_offset(recording)
+    except ValueError as error:
+        return {"not estimated": str(error)}
+    if found.confidence < LEAST_CONFIDENCE:
+        reason = f"no offset stands out (confidence {found.confidence:.3f})"
+        return {"not estimated": reason}
+    return {
+        "add to the radar's start (s)": found.seconds,
+        "confidence, 0 to 1": found.confidence,
+        "compared with": found.compared_with,
+    }

@@ -1,0 +1,153 @@
+"""Frames of a recording to dense clouds, one after another, as `jradar enhance` does.
+
+    for frame in enhance_recording(recording, model, fuse=3):
+        frame.cloud, frame.warnings, frame.times
+
+Four threads work on consecutive frames: one reads, one finds the radar points, one runs
+the network, and the caller does with a frame what it likes. A recording takes as long
+as its slowest thread, if there are cores enough.
+"""
+
+import collections
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Unpack
+
+from jradar.errors import UsageError
+from jradar.model import Model
+from jradar.options.drawing import Drawing
+from jradar.pipeline.history import frame_times
+from jradar.pipeline.pipeline import Frame, Pipeline, without_interference
+from jradar.recordings import Recording, with_sample_doubts
+
+AHEAD = 2  # frames that wait between two threads
+
+
+class Enhancement(Iterator[Frame]):
+    """The frames of a recording as they come, and what is known of all so far."""
+
+    def __init__(self, pipeline: Pipeline, frames: range):
+        """`enhance_recording` makes one."""
+        self.recording, self.model = pipeline.recording, pipeline.model
+        self.frames, self.watch = frames, pipeline.watch
+        self._pipeline, self._times = pipeline, frame_times(pipeline.recording)
+        self._iterator = self._run(pipeline.before(frames))
+
+    def __next__(self) -> Frame:
+        """Return the next frame."""
+        return next(self._iterator)
+
+    @property
+    def times(self) -> dict[str, float]:
+        """Median seconds of each stage, and the time to compile."""
+        return self._pipeline.times
+
+    @property
+    def motion(self) -> dict[str, int]:
+        """How many steps between fused frames each source of motion gave."""
+        return self._pipeline.motion
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the radar, and about the frames so far."""
+        return tuple(self._pipeline.warnings)
+
+    def _run(self, lead: range) -> Iterator[Frame]:
+        """Yield the frames after those of `lead`, which are needed before them."""
+        pipeline = self._pipeline
+
+        def read(number):
+            return number, self.watch("reading", self.recording.cube, number)
+
+        def observe(frame):
+            number, cube = frame
+            observed = pipeline.observe(cube, self._time(number))
+            return number, observed, pipeline.detections(observed)
+
+        def answer(frame):
+            number, observed, detections = frame
+            image = pipeline.answer(number, observed, self._time(number))
+            cloud = pipeline.cloud(image, observed)
+            return number, detections, (observed, image, cloud)
+
+        with (
+            ThreadPoolExecutor(1) as reader,
+            ThreadPoolExecutor(1) as processor,
+            ThreadPoolExecutor(1) as network,
+        ):
+            cubes = ahead(reader, read, (*lead, *self.frames))
+            observed = ahead(processor, observe, cubes)
+            for number, detections, found in ahead(network, answer, observed):
+                if number not in lead:
+                    stamp = stamp_s(self.recording, number)
+                    yield pipeline.judge(number, stamp, *found, detections=detections)
+
+    def _time(self, number: int) -> float | None:
+        """The time of a frame, by the frame period if it has no stamp."""
+        return None if self._times is None else float(self._times[number])
+
+
+def enhance_recording(
+    recording: Recording,
+    model: Model,
+    *,
+    frames: slice | range = slice(None),
+    seed: int = 0,
+    fuse: int = 1,
+    remove_interference: bool | None = None,
+    anyway: bool = False,
+    **drawing: Unpack[Drawing],
+) -> Enhancement:
+    """Return an iterator over the enhanced `frames` of a recording; host.
+
+    With `fuse`, the last frames become one, held together by the recorded poses or the
+    radar's own velocity. `remove_interference` is that of `PointSpec`, by default the
+    model's, and the options of drawing are those of `draw`. Every frame draws with the
+    key of `seed`. `anyway` enhances a radar that does not measure the angles that the
+    model needs. Raises UsageError for frames that the recording lacks, for such a
+    radar, and for options that the model does not take.
+    """
+    chosen = chosen_frames(recording, frames)
+    return Enhancement(
+        Pipeline(
+            with_sample_doubts(recording, chosen[0]),
+            without_interference(model, remove_interference),
+            seed=seed,
+            fuse=fuse,
+            anyway=anyway,
+            **drawing,
+        ),
+        chosen,
+    )
+
+
+def chosen_frames(recording: Recording, frames: slice | range) -> range:
+    """Return the numbers of `frames`; UsageError for what the recording lacks."""
+    count = len(recording.cubes)
+    chosen = range(*frames.indices(count)) if isinstance(frames, slice) else frames
+    if not chosen or chosen.start < 0 or chosen.stop > count:
+        raise UsageError(
+            f"frames = {frames}: {recording.path} has frames 0 to {count - 1}"
+        )
+    return chosen
+
+
+def stamp_s(recording: Recording, frame: int) -> float | None:
+    """Return the time of a frame, None if the recording has no times."""
+    stamps = recording.cubes.stamps
+    return None if stamps is None else float(stamps[frame])
+
+
+def ahead(threads: ThreadPoolExecutor, call: Callable, items: Iterable) -> Iterator:
+    """Yield `call(item)` in order; a thread works on the next items meanwhile."""
+    waiting: collections.deque[Future] = collections.deque()
+    try:
+        for item in items:
+            waiting.append(threads.submit(call, item))
+            if len(waiting) > AHEAD:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for future in waiting:
+            future.cancel()

@@ -1,0 +1,244 @@
+"""The way of a radar's frames to clouds, written once, for recordings and live radars.
+
+    cube --observe--> samples, points, condition
+         --answer---> image, with the frames before it where the model or `fuse` asks
+         --cloud----> PointCloud
+         --judge----> Frame, with warnings
+
+`Pipeline.frame` is the whole of it. Whoever wants several threads calls its parts, each
+for the frames in their order.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple, Unpack
+
+import jax
+import numpy as np
+from jaxtyping import Array, Bool, Float, Inexact
+
+from jradar.errors import UsageError
+from jradar.model import Model
+from jradar.model.fusion import view_grid
+from jradar.options.drawing import Drawing, given
+from jradar.pipeline import warnings
+from jradar.pipeline.fusion import LastFrames
+from jradar.pipeline.history import LastImages, check_history, frame_times
+from jradar.pipeline.stages import Observed, Stages, Stopwatch
+from jradar.radar import PointSpec
+from jradar.recordings import Recording
+from jradar.types import PointCloud
+
+Cube = Inexact[Any, "tx rx chirp sample"]
+
+
+class Frame(NamedTuple):
+    """One frame of a radar, enhanced."""
+
+    number: int
+    stamp_s: float | None  # None if its time is not known
+    samples: Inexact[Array, "tx rx chirp sample"]  # calibrated, without crossing chirps
+    power: Float[Array, "doppler range"] | None  # None if nobody asked for it
+    detected: Bool[Array, "doppler range"] | None  # above the noise, 1 in 1,000 false
+    points: PointCloud  # of the radar
+    image: Any  # as `draw` returns it
+    cloud: PointCloud
+    confidence: float | None  # mean over the image's points; None if it has none
+    unlikeness: float | None  # share of training frames that are more usual
+    warnings: tuple[str, ...]
+
+    @property
+    def empty(self) -> bool:
+        """Whether the detector found nothing."""
+        return not np.asarray(self.points.valid).any()
+
+    @property
+    def pixels(self) -> Bool[np.ndarray, "row column"]:
+        """Which pixels of the image are points of the cloud, which begins with them."""
+        shape = np.shape(self.image[0])
+        valid = np.asarray(self.cloud.valid)[: math.prod(shape)]
+        return valid.reshape(shape)
+
+    def describe(self) -> dict[str, int | float]:
+        """Return the numbers of points, and how far to trust them."""
+        row: dict[str, int | float] = {"frame": self.number}
+        if self.detected is not None:
+            row["detections"] = int(np.asarray(self.detected).sum())
+        row["radar points"] = int(np.asarray(self.points.valid).sum())
+        row["enhanced points"] = int(np.asarray(self.cloud.valid).sum())
+        if self.confidence is not None:
+            row["confidence (%)"] = round(100 * self.confidence, 1)
+        if self.unlikeness is not None:
+            row["unlike training (%)"] = round(100 * self.unlikeness, 1)
+        return row
+
+
+class Pipeline:
+    """The frames of one radar to clouds, in the order of time; host."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        model: Model,
+        *,
+        points: PointSpec | None = None,
+        seed: int = 0,
+        fuse: int = 1,
+        anyway: bool = False,
+        **drawing: Unpack[Drawing],
+    ):
+        """Compile what the frames of a recording's radar need.
+
+        `recording` describes the radar, its place and motion; it may hold no frame yet.
+        `points` are by default the model's, `fuse` frames become one, and every frame
+        draws with the key of `seed`. `anyway` takes a radar that does not measure what
+        the model needs. Raises UsageError for a radar or options that do not suit the
+        model.
+        """
+        radar = recording.radar
+        if not anyway and (why := warnings.needs_more(model, radar.spec)):
+            raise UsageError(why)
+        self.recording, self.model, self.fuse = recording, model, fuse
+        self.watch = Stopwatch()
+        self._fused = self._images = None
+        if fuse > 1:
+            self._check_fusing(**drawing)
+            self._fused = LastFrames(recording, fuse)
+        if (history := model.spec.frame_grid.history) > 1:
+            if len(recording.cubes):
+                check_history(recording)
+            self._images = LastImages(history)
+        self._tally = warnings.Tally()
+        self._stages = Stages(
+            jax.random.key(seed),
+            radar,
+            model,
+            points=points,
+            fuse=fuse,
+            watch=self.watch,
+            **drawing,
+        )
+
+    def frame(self, number: int, cube: Cube, stamp_s: float | None = None) -> Frame:
+        """Return one frame, enhanced: the paper, from samples to a cloud (Fig. 3b)."""
+        observed = self.observe(cube, stamp_s)
+        image = self.answer(number, observed, stamp_s)
+        cloud = self.cloud(image, observed)
+        return self.judge(number, stamp_s, observed, image, cloud)
+
+    def observe(self, cube: Cube, stamp_s: float | None = None) -> Observed:
+        """Return the radar's side of a frame: samples, points and condition."""
+        observed = self._stages.observe(cube)
+        if self._images is not None:
+            time_s = math.nan if stamp_s is None else stamp_s
+            whole = self._images.add(observed.condition, time_s)
+            observed = observed._replace(condition=whole)
+        return observed
+
+    def detections(
+        self, observed: Observed
+    ) -> tuple[Float[Array, "doppler range"], Bool[Array, "doppler range"]]:
+        """Return the power map of a frame, and its cells above the noise."""
+        return self._stages.detections(observed)
+
+    def answer(self, number: int, observed: Observed, stamp_s: float | None) -> Any:
+        """Return the model's image of a frame, fused with the frames before it."""
+        seen = self._stages.answer(observed)
+        if self._fused is None:
+            return seen
+        time_s = math.nan if stamp_s is None else stamp_s
+        return self._stages.fuse(*self._fused.add(number, time_s, seen))
+
+    def cloud(self, image: Any, observed: Observed) -> PointCloud:
+        """Return the points of an image, and those around the radar's."""
+        return self._stages.cloud(image, observed)
+
+    def judge(
+        self,
+        number: int,
+        stamp_s: float | None,
+        observed: Observed,
+        image: Any,
+        cloud: PointCloud,
+        *,
+        detections: tuple[Any, Any] = (None, None),
+    ) -> Frame:
+        """Return a frame with its confidence and its warnings.
+
+        `detections` are those of `detections`, for pictures and counts.
+        """
+        power, detected = detections
+        strange = observed.unlikeness
+        frame = Frame(
+            number=number,
+            stamp_s=stamp_s,
+            samples=observed.samples,
+            power=power,
+            detected=detected,
+            points=observed.points,
+            image=image,
+            cloud=cloud,
+            confidence=None,
+            unlikeness=None if strange is None else float(strange),
+            warnings=(),
+        )
+        if image.confidence is not None and (kept := frame.pixels).any():
+            sure = float(np.asarray(image.confidence)[kept].mean())
+            frame = frame._replace(confidence=sure)
+        alone = warnings.Tally()
+        for tally in (alone, self._tally):
+            tally.add(frame)
+        return frame._replace(warnings=tuple(alone.warnings(self.recording.radar)))
+
+    def before(self, frames: range) -> range:
+        """Return the frames that must be answered before these, for their history."""
+        first = max(0, frames.start - self.fuse + 1)
+        if self._images is not None:
+            times = frame_times(self.recording)
+            assert times is not None  # as `check_history` has seen
+            begin_s = times[frames.start] - self._images.span_s
+            first = int(np.searchsorted(times, begin_s))
+        return range(first, frames.start)
+
+    @property
+    def times(self) -> dict[str, float]:
+        """Median seconds of each stage, and the time to compile."""
+        return {name: float(np.median(taken)) for name, taken in self.watch.items()}
+
+    @property
+    def motion(self) -> dict[str, int]:
+        """How many steps between fused frames each source of motion gave."""
+        return {} if self._fused is None else self._fused.steps
+
+    @property
+    def warnings(self) -> Iterator[str]:
+        """Warnings about the radar, and about the frames so far."""
+        yield from warnings.of_model(self.model, self.recording.radar.spec)
+        yield from self._tally.warnings(self.recording.radar)
+        if self._fused is not None:
+            yield from self._fused.warnings()
+
+    def _check_fusing(self, **drawing: Any) -> None:
+        """Raise UsageError for frames that cannot be fused."""
+        view_grid(self.model)
+        if len(self.recording.cubes) == 1:
+            raise UsageError(
+                f"fuse = {self.fuse}: {self.recording.path} has one frame, expected "
+                "several: leave it out"
+            )
+        drawing.pop("least_confidence", None)
+        if asked := given(drawing):
+            raise UsageError(
+                f"{', '.join(asked)}: a model of one pass draws no samples, leave these "
+                "options out"
+            )
+
+
+def without_interference(model: Model, remove: bool | None) -> Model:
+    """Return the model with that option of its `points`; None leaves it as it is."""
+    if remove is None:
+        return model
+    points = dataclasses.replace(model.spec.points, remove_interference=remove)
+    spec = dataclasses.replace(model.spec, points=points)
+    return dataclasses.replace(model, spec=spec)
