@@ -12,8 +12,8 @@ from jradar import motion, simulation
 from jradar.cli.groups import CLOUD_FORMATS, DEVICES
 from jradar.cli.options import FAMILIES, ROTATIONS, SETS, parser
 from jradar.cli.paths import STREAMED
+from jradar.options.boards import BOARDS
 from jradar.radar import DETECTORS, PointSpec
-from jradar.radar.devices import BOARDS
 from jradar.recordings import CLOUD_WRITERS
 from jradar.simulation.plan import FRAMES, SCENE_FRAMES
 from jradar.stream import outputs

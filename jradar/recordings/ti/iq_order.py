@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Int16, Num
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 
 TWO_LANES = ("IIQQ", "QQII", "IQIQ", "QIQI")
 IQ_ORDERS = (*TWO_LANES, "I4Q4", "Q4I4", "I")
