@@ -37,6 +37,9 @@ from jradar.recordings.clouds.write import (
     write_ply as write_ply,
 )
 from jradar.recordings.coloradar.calib import read_coupling as read_coupling
+from jradar.recordings.configuration import (
+    describe_configuration as describe_configuration,
+)
 from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,

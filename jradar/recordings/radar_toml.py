@@ -33,10 +33,10 @@ import jradar
 from jradar.errors import UsageError, printable
 from jradar.files import write_text
 from jradar.options.boards import BOARDS
+from jradar.options.recordings import IQ_ORDERS
 from jradar.options.sensor import RadarSpec
 from jradar.recordings.text_files import check_names, radar_of, toml
 from jradar.recordings.ti.frame import CaptureSpec
-from jradar.recordings.ti.iq_order import IQ_ORDERS
 
 FILE_KEYS = ("axes", "iq_order")
 MOUNT = ("xyz", "quaternion")

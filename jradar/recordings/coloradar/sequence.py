@@ -24,6 +24,7 @@ import numpy as np
 import jradar
 from jradar.errors import UsageError, parsing
 from jradar.lidar import Poses
+from jradar.options.recordings import SENSORS
 from jradar.options.sensor import RadarSpec
 from jradar.recordings.clouds.read import read_bin
 from jradar.recordings.coloradar.calib import (
@@ -41,7 +42,6 @@ from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, Imu, Recording
 from jradar.recordings.ti.frame import CaptureSpec
 
-SENSORS = ("single_chip", "cascade")
 KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
 LEVELS_UP = 3  # above a sequence, where calib/ is looked for
 
