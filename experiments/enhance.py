@@ -14,7 +14,6 @@ from experiments import build
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
-from jradar.data.sources import SPLITS
 from jradar.errors import UsageError
 from jradar.evaluation import (
     Frame,
@@ -31,6 +30,7 @@ from jradar.evaluation import (
 )
 from jradar.finetuning import trust_of
 from jradar.model import Model, load_model, save_model
+from jradar.options.recordings import SPLITS
 from jradar.radar import DETECTORS
 from jradar.range_image import close_gaps, encode_target
 

@@ -17,6 +17,7 @@ PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
 FLOORS = (
     *("errors compiled", "types range_code nearest fields files progress"),
+    "options",
     *("radar range_image lidar diffusion metrics", "recordings model"),
     *("motion simulation viz baselines planar", "calibration data session"),
     *("outputs", "training evaluation"),

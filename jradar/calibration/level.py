@@ -21,7 +21,7 @@ from jaxtyping import Array, Complex, Float
 from jradar.compiled import jit
 from jradar.motion.doppler import ego_velocity
 from jradar.motion.velocities import TO_DEVIATION
-from jradar.radar.sensor import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.types import PointCloud
 
 LARGEST_DEG, STEP_DEG = 25.0, 1.0  # of the tilts that are tried

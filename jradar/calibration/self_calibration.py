@@ -29,10 +29,10 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.calibration.snapshots import Snapshots
 from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.spectrum import azimuth_bins
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 FINEST, FINER = 256, 2  # azimuth bins, or this many per bin of `azimuth_bins`
 NUM_ELEVATION = 64

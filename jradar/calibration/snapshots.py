@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.compiled import jit
+from jradar.options.points import PointSpec
 from jradar.radar.channels import compensate_tdm
-from jradar.radar.point_spec import PointSpec
 from jradar.radar.points import WRAPPED, cell_bins, frame_spectra
 from jradar.radar.radar import Radar
 from jradar.radar.samples import Cube

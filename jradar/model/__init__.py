@@ -21,7 +21,6 @@ from jradar.model.folder import (
     load_card as load_card,
     load_model as load_model,
     save_model as save_model,
-    shipped_models as shipped_models,
 )
 from jradar.model.fusion import (
     fuse as fuse,
@@ -38,3 +37,4 @@ from jradar.model.grids import (
 )
 from jradar.model.model import Card as Card, Model as Model, ModelSpec as ModelSpec
 from jradar.model.tables import Tables as Tables
+from jradar.options.models import shipped_models as shipped_models

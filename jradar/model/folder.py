@@ -34,6 +34,7 @@ from jradar.model.grids import GRIDS, Grid
 from jradar.model.mirror import Scaling
 from jradar.model.model import Card, Model, ModelSpec
 from jradar.model.tables import Tables
+from jradar.options.models import shipped_models
 from jradar.radar import RadarSpec
 from jradar.range_image import ConfidenceTable, TrustTable
 
@@ -41,19 +42,12 @@ FORMAT = 5
 MARKER, WEIGHTS = "model.json", "weights.safetensors"
 MAX_JSON_BYTES = 1 << 20
 MAX_PIXELS = 1 << 24
-SHIPPED = Path(__file__).parents[1] / "weights"
 TABLES: dict[str, Callable[..., Any]] = {
     "confidence": ConfidenceTable.of,
     "echoes": ConfidenceTable.of,
     "trust": TrustTable.of,
     "scaling": Scaling.of,
 }
-
-
-def shipped_models() -> dict[str, Path]:
-    """Return the folders of the models that come with the package, by name."""
-    found = sorted(path.parent for path in SHIPPED.glob(f"*/{MARKER}"))
-    return {folder.name: folder for folder in found}
 
 
 def load_model(name: Path | str) -> Model:

@@ -7,9 +7,6 @@
 before it, warnings and times. `enhance_recording` and `jradar.stream` drive it.
 """
 
-from jradar.pipeline.configuration import (
-    describe_configuration as describe_configuration,
-)
 from jradar.pipeline.detecting import (
     Detected as Detected,
     describe_recording as describe_recording,

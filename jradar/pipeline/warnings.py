@@ -1,14 +1,14 @@
 """Why a cloud may not be what it looks like, in words."""
 
 import collections
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
-from jradar.model import Card, FrameGrid, Model
+from jradar.model import Model
+from jradar.options.suiting import KINDS, unsuited
 from jradar.radar import Radar, RadarSpec
 from jradar.range_image import STRANGE, UNSURE
 
-TOLERANCE = 0.05  # up to which two radars count as alike
 NAMED = 5  # frames that a warning names
 UNCALIBRATED = (
     "The channels of this radar are not calibrated: record a walk over level ground "
@@ -43,15 +43,15 @@ class Seen(Protocol):
 def of_model(model: Model, radar: RadarSpec) -> Iterator[str]:
     """Yield why a model of frames may not suit a radar, and what it leaves out."""
     grid = model.spec.frame_grid
-    if without := grid.caution or grid.unmeasured(radar):
-        yield without
-    yield from differences(model.card, radar, grid.seen)
+    if grid.caution:
+        yield grid.caution
+    yield from unsuited(grid.kind, model.card.radars, radar)
 
 
 def needs_more(model: Model, radar: RadarSpec) -> str:
     """Return what this radar does not measure and the model needs, and what to use."""
-    without = model.spec.frame_grid.unmeasured(radar)
-    if not without:
+    blind, _ = KINDS[model.spec.frame_grid.kind]
+    if not (without := blind(radar)):
         return ""
     trained = model.card.radars[0].name if model.card.radars else "other radars"
     plane = ", `--model radarhd` for a cloud in the plane of its antennas"
@@ -59,24 +59,6 @@ def needs_more(model: Model, radar: RadarSpec) -> str:
         f"{without}, which was trained on {trained}: use `jradar points`"
         f"{plane if radar.has_azimuth else ''}, or add --anyway"
     )
-
-
-def differences(
-    card: Card, radar: RadarSpec, described: Callable[[RadarSpec], dict[str, float]]
-) -> Iterator[str]:
-    """Yield what differs from the radars of training, if anything does."""
-    trained = [described(seen) for seen in card.radars]
-    differ = [
-        f"{name.format(value)} here, {_span(known)} in training"
-        for name, value in described(radar).items()
-        if (known := [waveform[name] for waveform in trained])
-        and not min(known) * (1 - TOLERANCE) <= value <= max(known) * (1 + TOLERANCE)
-    ]
-    if differ:
-        yield (
-            f"the model was trained on other radars ({card.radar.name}), expect worse "
-            f"clouds: {'; '.join(differ)}"
-        )
 
 
 class Tally:
@@ -131,9 +113,3 @@ def no_echoes(first: Sequence[int], count: int) -> str:
     names = ", ".join(map(str, first)) + (", .." if count > len(first) else "")
     which = f"frame {names}" if count == 1 else f"{count} frames: {names}"
     return f"no echoes in {which}: the detector found nothing, the clouds are empty"
-
-
-def _span(values: list[float]) -> str:
-    """Write the smallest and the largest value, once if they are the same."""
-    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
-    return low if low == high else f"{low} to {high}"

@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jradar.compiled import jit
+from jradar.options.points import WINDOWS
+from jradar.options.sensor import RadarSpec
 from jradar.radar.radar import Radar
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
-from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import WINDOWS, window
+from jradar.radar.spectrum import window
 
 
 @jit

@@ -17,6 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jradar.compiled import jit
+from jradar.options.points import POINTS, PointSpec
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.cell_directions import (
     angle_bins,
     cell_directions,
@@ -28,11 +30,9 @@ from jradar.radar.channels import calibrate, compensate_tdm, subtract_leakage
 from jradar.radar.detect.cfar import DETECTORS, noise_floor
 from jradar.radar.detect.clusters import map_peaks
 from jradar.radar.peaks import window_offset
-from jradar.radar.point_spec import POINTS, PointSpec
 from jradar.radar.radar import Radar
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
-from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import STATIC, PowerMap, Spectrum, range_doppler
 from jradar.types import PointCloud
 

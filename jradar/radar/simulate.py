@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact, Key
 
 from jradar.compiled import jit
-from jradar.radar.sensor import SPEED_OF_LIGHT, RadarSpec
+from jradar.options.sensor import SPEED_OF_LIGHT, RadarSpec
 
 TIMES = ("middle", "start")  # of a frame
 MOST_DRIFT = 0.105  # radians in the linear term; the error is its square over 2

@@ -29,6 +29,9 @@ from jradar.recordings.bags.radar_frames import (
 )
 from jradar.recordings.clouds.read import read_cloud as read_cloud
 from jradar.recordings.coloradar.calib import read_coupling as read_coupling
+from jradar.recordings.configuration import (
+    describe_configuration as describe_configuration,
+)
 from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,

@@ -121,14 +121,6 @@ class FrameGrid(Grid):
     def pictured(self, image: Any, shown: Any) -> dict[str, Any]:
         """Return the image as arrays to save, by name, where `shown` is True."""
 
-    @abc.abstractmethod
-    def seen(self, radar: RadarSpec) -> dict[str, float]:
-        """Return what the look of a condition depends on, by its words in a warning."""
-
-    @abc.abstractmethod
-    def unmeasured(self, radar: RadarSpec) -> str:
-        """Return what this radar does not measure and the grid needs; "" for nothing."""
-
     @property
     def caution(self) -> str:
         """What is never right about the heights or angles of these clouds; or ""."""

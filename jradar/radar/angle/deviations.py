@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jradar.compiled import jit
+from jradar.options.points import PointSpec
+from jradar.options.sensor import RadarSpec
 from jradar.radar.peaks import lobe, unbiased_coefficients, vertex_and_slopes
-from jradar.radar.point_spec import PointSpec
-from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import window
 from jradar.types import PointCloud
 

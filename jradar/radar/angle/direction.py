@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.spectrum import (
     NEARLY_ONE,
     Angle,
@@ -31,7 +32,6 @@ from jradar.radar.angle.spectrum import (
     direction_sines,
 )
 from jradar.radar.peaks import parabola_offset
-from jradar.radar.sensor import RadarSpec
 
 BLOCK = 64  # cells whose arrays stay in a core's cache; twice as many for few rows
 SHORT = 16  # longest row for which Horner's rule is unrolled

@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import directions
 from jradar.radar.channels import compensate_tdm
-from jradar.radar.sensor import RadarSpec
 
 TINY = 1e-30
 MOST_DB = 99.0  # margin over a fold without any power

@@ -20,10 +20,10 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from jradar.compiled import jit
+from jradar.options.points import WINDOWS
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.spectrum import Angle
-from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import WINDOWS
 
 ROUNDS = 4  # of focusing and searching
 CELLS = (-1, 0, 1)

@@ -21,10 +21,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.channels import check_antennas, compensate_tdm
 from jradar.radar.peaks import local_maxima, parabola_offset
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 Angle = Float[Array, "*batch"]
 NEARLY_ONE = 1 - 1e-6  # the slope of the arcsine is still finite here

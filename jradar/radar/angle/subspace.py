@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import elevation_sines
 from jradar.radar.angle.spectrum import (
     NEARLY_ONE,
@@ -35,7 +36,6 @@ from jradar.radar.angle.spectrum import (
 from jradar.radar.channels import check_antennas
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 BLOCK = 512  # cells whose spectra are held in memory at a time
 SOURCES, NUM_AZIMUTH = 2, 256  # of the directions

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Complex
 
 from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import elevation_sines
 from jradar.radar.angle.spectrum import WEAKEST, Peaks, angles_of_sines
 from jradar.radar.angle.subspace import (
@@ -27,7 +28,6 @@ from jradar.radar.angle.subspace import (
 )
 from jradar.radar.channels import check_antennas
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 METHODS = ("capon", "music")
 DAMPING = 1e-4  # of the least squares, relative to a row's number of antennas

@@ -33,9 +33,9 @@ import scipy  # loads `special` when it is first used
 from jaxtyping import Array, Bool, Float, Inexact, Key
 
 from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
-from jradar.radar.sensor import RadarSpec
 
 PASSES = (8.0, 2.0, 1.0, 1.0)  # factors on the threshold: strong bursts come first
 ECHO = 6.0  # power over the median cell from which a cell counts as an echo

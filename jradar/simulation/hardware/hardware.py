@@ -24,13 +24,13 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Int, Key
 
 from jradar.compiled import jit
+from jradar.options.sensor import SPEED_OF_LIGHT
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.radar.clean.interference import (
     Interferers,
     crossing_chirps,
     draw_interferers,
 )
-from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation.hardware.front_end import FrontEnd, distort, make_front_end
 from jradar.simulation.hardware.synthesiser import SynthesiserSpec, sampling_errors
 from jradar.simulation.paths.line_of_sight import Paths

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-MAX_RANGE_M = 10.8
+from jradar.options.suiting import MAX_RANGE_M
+
 VIEW_M = 10.0  # ahead, and to either side
 
 

@@ -22,7 +22,7 @@ from jradar.model.grids.base import FrameGrid
 from jradar.model.mirror import least_confidence, scaled
 from jradar.model.grids.polar.answers import METHODS, PolarImage
 from jradar.model.grids.polar.axes import LIDAR, MAX_RANGE_M, RADAR, in_view
-from jradar.model.grids.polar.image import azimuth_row, image_features, polar_image
+from jradar.model.grids.polar.image import image_features, polar_image
 from jradar.model.grids.polar.truth import HALF_HEIGHT_M
 from jradar.range_image import ImageSpec, count_near, crowding, frequency
 from jradar.range_image.evidence import spread_out
@@ -131,22 +131,6 @@ class PolarGrid(FrameGrid):
         """Return the polar image that the network saw, and its answer."""
         seen = np.where(shown, image.confidence, 0)
         return {"polar_image": np.asarray(image.radar), "occupancy": seen}
-
-    def seen(self, radar) -> dict[str, float]:
-        """Return what the look of a radar's polar images depends on."""
-        return {
-            "range to {:.3g} m": min(radar.max_range_m, MAX_RANGE_M),
-            "range bins of {:.3g} m": radar.range_resolution_m,
-            "{:.0f} antennas in a row": float(len(azimuth_row(radar)[0])),
-        }
-
-    def unmeasured(self, radar) -> str:
-        """Return that a radar has no row of antennas; it need not have several."""
-        try:
-            azimuth_row(radar)
-        except UsageError as error:
-            return str(error)
-        return ""
 
     @property
     def caution(self) -> str:

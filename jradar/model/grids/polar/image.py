@@ -17,18 +17,17 @@ spacing of antennas the radar has; of RadarHD's radar, they are plain FFTs.
 """
 
 import functools
-import itertools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact, Int
 
-from jradar.errors import UsageError
+from jradar.compiled import jit
 from jradar.model.grids.polar.axes import MAX_RANGE_M, RADAR, VIEW_M
+from jradar.options.suiting import azimuth_row
 from jradar.radar import RadarSpec
 
-NUM_ANTENNAS = 8  # in RadarHD's row; of a longer one, the first are used
 CELLS = 64, 512  # azimuths and ranges of the spectrum
 FARTHEST_M = 21.59  # range that RadarHD gives to the last cell
 FIRST_BIN = 6  # nearer cells hold the leakage
@@ -55,7 +54,7 @@ RADARHD = (
 )
 
 
-@jax.jit
+@jit
 def image_features(
     image: Float[Array, "*batch range azimuth"],
 ) -> Float[Array, "*batch feature"]:
@@ -69,7 +68,7 @@ def image_features(
     return jnp.concatenate([jnp.sqrt(lit / parts.shape[-1]), mean], -1)
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def polar_image(
     samples: Inexact[Array, "tx rx chirp sample"], radar: RadarSpec
 ) -> Float[Array, "range azimuth"]:
@@ -107,31 +106,6 @@ def _usable(radar: RadarSpec) -> Bool[np.ndarray, " range"]:
     if radar.max_range_m < MAX_RANGE_M:  # its leakage is in view at the far end, too
         end -= FIRST_BIN
     return (cells >= FIRST_BIN) & (cells < end)
-
-
-@functools.cache
-def azimuth_row(
-    radar: RadarSpec,
-) -> tuple[Int[np.ndarray, " antenna"], Int[np.ndarray, " antenna"]]:
-    """Return the virtual antennas of the longest gapless row, and their columns.
-
-    Of rows of one length, it is the lowest, and of long rows the first antennas.
-    """
-    places = radar.virtual_positions.tolist()
-    best: list[int] = []
-    for row in sorted({row for _, row in places}):
-        antennas = {places[i][0]: i for i in range(len(places)) if places[i][1] == row}
-        for start in sorted(antennas):
-            run = itertools.takewhile(antennas.__contains__, itertools.count(start))
-            found = [antennas[column] for column in run]
-            best = max(best, found, key=len)  # the first of equals
-    if len(best) < 2:
-        raise UsageError(
-            f"{radar.name} has no two antennas next to each other in a row, expected 2 "
-            f"to {NUM_ANTENNAS}: a polar image needs azimuths"
-        )
-    best = best[:NUM_ANTENNAS]
-    return np.array(best), radar.virtual_positions[best, 0]
 
 
 def _transforms(radar: RadarSpec) -> tuple[np.ndarray, np.ndarray]:

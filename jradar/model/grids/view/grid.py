@@ -29,15 +29,6 @@ from jradar.range_image import (
     velocity_image,
 )
 
-FLAT = (
-    "this radar has one row of antennas and measures no elevation: heights in the "
-    "result are invented by the model"
-)
-NARROW = (
-    "this radar has one column of antennas and measures no azimuth: directions in the "
-    "result are invented by the model"
-)
-
 
 @dataclasses.dataclass(frozen=True)
 class ViewGrid(FrameGrid):
@@ -116,19 +107,3 @@ class ViewGrid(FrameGrid):
     def pictured(self, image: RangeImage, shown) -> dict[str, Any]:
         """Return the range image in metres."""
         return {"range_image": np.where(shown, image.range_m, 0)}
-
-    def seen(self, radar) -> dict[str, float]:
-        """Return what the look of a radar's points depends on."""
-        return {
-            "range to {:.3g} m": radar.max_range_m,
-            "range bins of {:.3g} m": radar.range_resolution_m,
-            "velocity to {:.3g} m/s": radar.max_velocity_mps,
-            "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
-            "{:.0f} virtual antennas": float(radar.num_virtual),
-        }
-
-    def unmeasured(self, radar) -> str:
-        """Return which angle the radar does not measure."""
-        if not radar.has_elevation:
-            return FLAT
-        return "" if radar.has_azimuth else NARROW

@@ -1,4 +1,4 @@
-"""What a radar's configuration can do, before anything is recorded.
+"""What a radar's configuration can do, before anything is recorded; without JAX.
 
 The limits are those of TI's chips in the demo of the mmWave SDK, and of the DCA1000.
 The demo keeps one frame in the chip's memory even if it only sends the samples.
@@ -8,11 +8,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jradar.model import load_card, shipped_models
-from jradar.radar import RadarSpec
-from jradar.recordings import describe_radar, read_description
+from jradar.files import read_json
+from jradar.options.models import shipped_models
+from jradar.options.sensor import RadarSpec
+from jradar.options.suiting import unsuited
+from jradar.recordings.describe import describe_radar
+from jradar.recordings.descriptions import read_description
 from jradar.recordings.ti.dca1000 import bytes_of_frame
-from jradar.pipeline.warnings import of_radar
 
 MOST_DUTY = 50.0  # % of the time in which a transmitter is on
 MOST_BANDWIDTH_GHZ = 4.0
@@ -44,14 +46,14 @@ def describe_configuration(
     found = read_description(path, device=device)
     radar, checks = found.radar, [*board_checks(found.radar)]
     failed = [check.check for check in checks if not check.fits]
-    cards = {name: load_card(name) for name in shipped_models()}
     return {
         "configuration": str(path),
         "radar": describe_radar(radar),
         "frames/s": 1 / radar.frame_period_s if radar.frame_period_s else None,
         "models": {
-            name: "; ".join(of_radar(card, radar)) or "trained on such radars"
-            for name, card in cards.items()
+            name: why
+            for name, folder in shipped_models().items()
+            if (why := _unsuited(folder, radar))
         },
         "the board can run it": f"no: {', '.join(failed)}" if failed else "yes",
         "limits": [check._asdict() | {"fits": check.fits} for check in checks],
@@ -94,3 +96,16 @@ def _hints(radar: RadarSpec) -> Iterator[str]:
         delay_s = 8e-6 * PACKET_BYTES / link_mbps(radar) - PACKET_S
         if delay_s >= SHORTEST_DELAY_S:
             yield f"the link needs a --packet-delay of {1e6 * delay_s:.0f} us or less"
+
+
+def _unsuited(model: Path, radar: RadarSpec) -> str:
+    """Return why a shipped model may not suit a radar; its weights are not read.
+
+    "" for a model that was trained on no radar's frames.
+    """
+    values = read_json(model / "model.json")
+    trained = [RadarSpec.from_dict(seen) for seen in values["card"]["radars"]]
+    if not trained:
+        return ""
+    found = unsuited(values["grid"]["kind"], trained, radar)
+    return "; ".join(found) or "trained on such radars"
