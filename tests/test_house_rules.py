@@ -19,7 +19,7 @@ FLOORS = (
     *("errors", "types range_code nearest fields files progress"),
     *("results radar range_image lidar diffusion metrics", "recordings model"),
     *("motion simulation viz baselines planar", "calibration data session"),
-    *("training evaluation", "finetuning scoring mapping stream export", "cli"),
+    *("evaluation", "training", "scoring mapping stream export", "cli"),
 )
 FLOORS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 PURE = (
