@@ -34,6 +34,7 @@ from jradar.simulation import (
     set_sequences,
     simulate_set,
 )
+from jradar.training import LOSSES, Loss, clipped_adamw, view_losses
 
 TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(3)
 
@@ -248,42 +249,33 @@ def build_augment(config: ConfigDict) -> data.AugmentSpec:
 
 
 def build_optimizer(train: ConfigDict) -> optax.GradientTransformation:
-    """Return AdamW with gradient clipping and a warm-up, then cosine, learning rate."""
-    warmup, steps = min(train.warmup_steps, train.steps // 2), max(train.steps, 1)
+    """Return the optimiser of the config's section `train`."""
+    names = ("steps", "learning_rate", "warmup_steps", "clip_norm", "weight_decay")
     with section("train"):
-        rate = optax.warmup_cosine_decay_schedule(
-            0.0, train.learning_rate, warmup, steps
-        )
-    return optax.chain(
-        optax.clip_by_global_norm(train.clip_norm),
-        optax.adamw(rate, weight_decay=train.weight_decay),
-    )
+        return clipped_adamw(**{name: train[name] for name in names})
 
 
-def build_loss(loss: ConfigDict, *, method: str) -> Callable[..., jax.Array]:
-    """Return the training loss of a method of answering, with the config's weights."""
-    if method not in LOSSES:
-        raise UsageError(f"{method=}, expected one of {[*LOSSES]}")
-    return LOSSES[method](loss)
+def loss_of(grid: str, method: str) -> Loss:
+    """Return the training loss of a method on a grid."""
+    return _chosen(LOSSES[grid], method)
 
 
-def _denoising_loss(loss):
-    """Eq. 12. LPIPS is loaded if its weight is not 0."""
+def build_loss(loss: ConfigDict, *, method: str) -> Loss:
+    """Return the loss of range images, with the config's weights.
+
+    LPIPS is loaded if its weight is not 0.
+    """
     weights = dict(loss)
     network, perceptual = weights.pop("perceptual_network"), None
     with section("loss"):
         spec = diffusion.LossSpec(**weights)
-        if spec.perceptual:
+        if spec.perceptual and method == "diffusion":
             loaded = diffusion.load_lpips(network=network)
             perceptual = functools.partial(diffusion.lpips, loaded)
-    terms = {"weights": spec, "perceptual": perceptual}
-    return diffusion.where_known(diffusion.denoising_loss, **terms)
+    return _chosen(view_losses(weights=spec, perceptual=perceptual), method)
 
 
-LOSSES = {  # of each method of `jradar.model`, from the config's section `loss`
-    "diffusion": _denoising_loss,
-    "regression": lambda loss: diffusion.where_known(
-        diffusion.regression_loss, range_weight=loss.range_weight
-    ),
-    "marginal": lambda loss: diffusion.mixture_loss,
-}
+def _chosen(losses, method):
+    if method not in losses:
+        raise UsageError(f"{method = }, expected one of {[*losses]}")
+    return losses[method]

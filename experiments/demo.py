@@ -15,7 +15,7 @@ from ml_collections import ConfigDict
 from experiments import build
 from experiments.enhance import model_methods
 from jradar import data
-from jradar.evaluation import Method, View, detector_methods, write_results
+from jradar.evaluation import Method, RecordsInView, detector_methods, write_results
 from jradar.files import write_text
 from jradar.model import Model, load_model, shipped_models
 from jradar.progress import progress
@@ -47,7 +47,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     folder = build.prepared_data(config, workdir, write=simulate_layouts)
     records = data.Records(folder, SPLIT)
     coarse, fine = build.build_images(config.image)
-    view = View(records, fine)
+    view = RecordsInView(records, fine)
     slices = config.image.num_slices
     rates = {
         name: config.evaluation.rates[name] for name in config.evaluation.detectors

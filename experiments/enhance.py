@@ -16,23 +16,22 @@ from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
 from jradar.errors import UsageError
 from jradar.evaluation import (
-    Frame,
     Method,
-    View,
+    MethodInput,
+    RecordsInView,
     choose_rates,
     detector_methods,
     drawn,
     mean_scores,
     points_of,
     spread,
+    trust_of,
     with_confidence,
     write_results,
 )
-from jradar.finetuning import trust_of
 from jradar.model import Model, load_model, save_model
 from jradar.options.recordings import SPLITS
 from jradar.radar import DETECTORS
-from jradar.range_image import close_gaps, encode_target
 
 FRAMES_IN_FIGURE = 4
 ONE_ANSWER = {  # rows of methods that draw no samples, if not "jradar, METHOD"
@@ -68,21 +67,6 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     spec = build.build_spec(config, records)
     pairs = build.build_pairs(spec, records)
     card, trust = build.build_card(config, records), trust_of(pairs)
-    batches = data.Batches(
-        records,
-        seed=config.seed,
-        batch_size=config.train.batch_size,
-        change=data.AugmentedPairs(
-            spec.coarse, spec.fine, spec.num_slices, build.build_augment(config)
-        ),
-    )
-
-    def batch_at(step):
-        batch = batches[step]
-        closed = close_gaps(batch.lidar, reach=config.image.gap_pixels)
-        target = encode_target(closed, spec.fine, codec=spec.codec)
-        return training.Batch(batch.condition, np.asarray(target))
-
     optimizer = build.build_optimizer(config.train)
     state = training.create_state(
         build.random_key(config, build.INIT_KEY),
@@ -112,7 +96,14 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     return Training(
         state=start_from(config.train, spec.network, state),
         step=step,
-        batch_at=batch_at,
+        batch_at=training.pair_batches(
+            records,
+            spec,
+            build.build_augment(config),
+            batch_size=config.train.batch_size,
+            seed=config.seed,
+            gap_pixels=config.image.gap_pixels,
+        ),
         validate=validated,
         save=save,
         trained_on=f"{len(records)} frames",
@@ -129,7 +120,7 @@ def validate(
     """
     pairs = build.build_pairs(model.spec, records)
     index = spread(len(records), config.evaluation.frames_while_training)
-    frames = [Frame(records[i], pairs[i]) for i in index]
+    frames = [MethodInput(records[i], pairs[i]) for i in index]
     name, method = [*model_methods(config, model).items()][-1]
     key = build.random_key(config, build.SAMPLE_KEY)
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in enumerate(frames)]
@@ -148,7 +139,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
     records = build.records_of(config, folder, config.evaluation.split)
-    view = View(records, model.spec.fine)
+    view = RecordsInView(records, model.spec.fine)
     rates = choose_rates(
         view,
         build.records_of(config, folder, "validation"),

@@ -19,7 +19,7 @@ from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, diffusion, training
 from jradar.errors import UsageError
-from jradar.evaluation import markdown_table
+from jradar.evaluation import Reliability, markdown_table, reliability
 from jradar.files import write_text
 from jradar.mapping import (
     PATCH_VOXELS,
@@ -53,15 +53,13 @@ SCORES = {  # of a patch
 }
 TEST = "_run0"  # the published test runs, which training never sees
 NEAR_M = 0.2
-BINS = 10  # of the probability, in which it is compared with the share of right voxels
 VALIDATED = 12  # every so many patches, while training
 
 
 def check(config: ConfigDict) -> None:
     """Raise UsageError for a config that cannot be trained."""
     network(config)
-    if config.method not in METHODS:
-        raise UsageError(f"method = {config.method!r}, expected one of {[*METHODS]}")
+    build.loss_of("columns", config.method)
     if not config.data.path:
         raise UsageError("no maps: pass the folder of runs as --config.data.path")
     initial_weights(config.train)
@@ -170,7 +168,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
             net,
             optimizer,
             method.noise,
-            loss=method.loss,
+            loss=build.loss_of("columns", config.method),
             ema_decay=config.train.ema_decay,
         ),
         batch_at=lambda step: training.Batch(*batches[step]),
@@ -205,7 +203,7 @@ def score_patches(
                 "radar": f_score(metres(radar), truth, within_m=exact),
                 "near": f_score(points[:count], truth, within_m=NEAR_M),
                 "expected": float(2 * chosen.sum() / (count + PATCH_VOXELS)),
-                "bins": reliability_sums(chosen, right).tolist(),
+                "bins": _sums(chosen, right),
             }
 
 
@@ -224,13 +222,6 @@ def voxel_truth(
             parts.append((found.probability[seen], right))
     probability, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     return probability, right
-
-
-def reliability_sums(probability: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return counts, sums of probability, and right voxels, in BINS of probability."""
-    place = np.minimum((probability * BINS).astype(int), BINS - 1)
-    sums = (np.bincount(place, of, minlength=BINS) for of in (probability, right))
-    return np.stack([np.bincount(place, minlength=BINS), *sums])
 
 
 def is_among(voxels: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -278,13 +269,18 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
         [
             [name, str(len(group))]
             + [f"{np.mean([row[score] for row in group]):.3f}" for score in SCORES]
-            + [f"{100 * _calibration_error(group):.1f}"]
+            + [f"{100 * _reliability(group).error():.1f}"]
             for name, group in groups.items()
         ],
     )
 
 
-def _calibration_error(rows):
+def _sums(probability, right):
+    """The reliability of a patch's voxels, for JSON; of no voxels, zeros."""
+    found = reliability(probability, right) if len(right) else np.zeros((3, 10))
+    return np.stack(found).tolist()
+
+
+def _reliability(rows):
     """That of the drawn voxels of patches."""
-    count, probability, right = np.sum([row["bins"] for row in rows], 0)
-    return np.abs(probability - right).sum() / max(count.sum(), 1)
+    return Reliability(*np.sum([row["bins"] for row in rows], 0))

@@ -2,16 +2,16 @@
 
 All three follow from one pass of nearest-neighbour distances, both ways, in metres.
 `compare` takes masked clouds and works under `jit`, `vmap` and `grad`;
-`compare_on_host` returns the same numbers from SciPy's tree, in float64, and `f_score`
-one of them, much faster. A comparison with an empty cloud is NaN: count and report such
-frames.
+`compare_on_host` returns the same numbers from SciPy's tree, in float64. `f_score` is
+one of them, and much faster to compute. A comparison with an empty cloud is NaN: count
+and report such frames.
 """
 
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
 from jradar.compiled import jit
@@ -19,6 +19,7 @@ from jradar.nearest import squared_both_ways
 from jradar.types import PointCloud, check_one_cloud
 
 THRESHOLDS_M = (0.1, 0.2, 0.5)
+NEAR_M = 0.2  # as in the confidence of `jradar.types.PointCloud`
 
 
 class CloudMetrics(NamedTuple):
@@ -92,8 +93,31 @@ def f_score(
         ).mean()
         for points, other in ((found, truth), (truth, found))
     )
+    return float(f_score_of(precision, recall))
+
+
+def f_score_of(precision: Any, recall: Any) -> Any:
+    """Return the F-score of precision and recall, 0 where both are 0.
+
+    It is their harmonic mean, for numbers and for arrays of NumPy or JAX.
+    """
     both = precision + recall
-    return float(2 * precision * recall / both) if both else 0.0
+    return 2 * precision * recall / (both + (both == 0))
+
+
+def near_truth(
+    xyz: Float[np.ndarray, "point 3"],
+    truth: Float[np.ndarray, "other 3"],
+    *,
+    within_m: float = NEAR_M,
+) -> Bool[np.ndarray, " point"]:
+    """Return which points have a true point at most that far away; host."""
+    if not len(truth):
+        return np.zeros(len(xyz), bool)
+    # The bound of the search excludes points at the very distance.
+    bound = np.nextafter(within_m, np.inf)
+    nearest, _ = KDTree(truth).query(xyz, distance_upper_bound=bound)
+    return nearest <= within_m
 
 
 def _root_or_nan(squared):
@@ -119,11 +143,10 @@ def _scores(forth: Any, back: Any, xp: Any) -> CloudMetrics:
         )
         for distance in (forth, back)
     )
-    both = precision + recall
     return CloudMetrics(
         xp.nanmean(forth) + xp.nanmean(back),
         xp.maximum(xp.nanmedian(forth), xp.nanmedian(back)),
-        2 * precision * recall / xp.where(both > 0, both, 1.0),
+        f_score_of(precision, recall),
         precision,
         recall,
     )

@@ -24,17 +24,15 @@ from jradar.data import PrepareSpec, Records
 from jradar.errors import UsageError
 from jradar.evaluation import (
     COLUMNS,
-    View,
+    RecordsInView,
     check_view,
     choose_rates,
     compare_methods,
     detector_methods,
     drawn,
-    near_truth,
     pooled,
     precision_over_coverage,
     reliability,
-    reliability_error,
     ring_edges,
     samples,
     score_and_keep,
@@ -45,6 +43,7 @@ from jradar.evaluation import (
 from jradar.evaluation.records import TRUTH, VIEW, Clouds
 from jradar.evaluation.scores import Scores
 from jradar.lidar import LidarSpec
+from jradar.metrics import near_truth
 from jradar.model import Model, load_model
 from jradar.radar.angle.spectrum import azimuth_bins
 from jradar.session import of_model
@@ -65,7 +64,7 @@ class Score(NamedTuple):
     rings: Scores  # by distance from the radar
     confidence: dict[str, tuple[np.ndarray, np.ndarray]]  # of points; which are right
     clouds: Clouds
-    view: View
+    view: RecordsInView
     notes: tuple[str, ...]
 
     def describe(self) -> dict[str, Any]:
@@ -90,8 +89,7 @@ class Score(NamedTuple):
                 "points": len(right),
                 "confidence (%)": 100 * float(confidence.mean(dtype=float)),
                 "right (%)": 100 * float(right.mean()),
-                "calibration error (%)": 100
-                * reliability_error(reliability(confidence, right)),
+                "calibration error (%)": 100 * reliability(confidence, right).error(),
             }
             for name, (confidence, right) in self.confidence.items()
         ]
@@ -131,7 +129,7 @@ class Score(NamedTuple):
             "distance": viz.bars_figure(curves, ylabel=title),
         }
         if judged := self.confidence:
-            bins = {name: reliability(*points)[1:] for name, points in judged.items()}
+            bins = {name: reliability(*p).means() for name, p in judged.items()}
             kept = {name: precision_over_coverage(*p) for name, p in judged.items()}
             figures["reliability"] = viz.reliability_figure(bins, kept)
         return write_report(Path(folder), self.rows, self.clouds, figures)
@@ -225,7 +223,7 @@ def _records(folder: Path | str, split: str | None) -> Records:
 def _scored(records, models, truths, seed) -> Score:
     """Return the scores of the detectors and models on records."""
     first = next(iter(models.values())).spec
-    view = View(records, first.fine)
+    view = RecordsInView(records, first.fine)
     if not any(len(records[i].lidar_xyz) for i in range(len(records))):
         raise ValueError(
             f"none of {len(records)} frames has a LiDAR point that the radar could "

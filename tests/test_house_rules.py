@@ -17,11 +17,9 @@ PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
 FLOORS = (
     *("errors compiled", "types range_code nearest fields files progress"),
-    "options",
-    *("radar range_image lidar diffusion metrics", "recordings model"),
-    *("motion simulation viz baselines planar", "calibration data session"),
-    *("outputs", "training evaluation"),
-    *("finetuning scoring mapping stream export", "cli"),
+    *("options", "radar range_image lidar diffusion metrics", "recordings model"),
+    *("motion simulation viz baselines", "calibration data pipeline"),
+    *("outputs evaluation", "training mapping stream export", "cli"),
 )
 FLOORS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 PURE = (

@@ -227,7 +227,7 @@ NOT_RUN = {  # and why
     "--seeds": "minutes; see test_main",
     "--config=experiments/configs/default.py": "an hour of training",
     "--config=experiments/configs/regression.py": "an hour of training",
-    "--config=experiments/configs/finetune.py": "starts from that",
+    "--config=experiments/configs/from_regression.py": "starts from that",
     "--config=experiments/configs/varied.py": "starts from that",
     "-o runs/robustness --rates runs/varied": "needs that run",
     "-o runs/own_frames": "half an hour of training",

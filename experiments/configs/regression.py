@@ -4,7 +4,7 @@ r"""Baseline: the same network trained by direct regression, with the squared er
         --workdir=runs/regression
 
 Its row in the tables is `direct regression`. Training takes an hour on two cores, after
-the simulation. `finetune` starts from this model.
+the simulation. `from_regression` starts from this model.
 """
 
 from experiments.configs import default

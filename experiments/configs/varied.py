@@ -9,11 +9,11 @@ starts from `jradar-sim-diffusion`. `python -m experiments.studies.robustness` s
 the result under shifts that training never saw.
 """
 
-from experiments.configs import finetune
+from experiments.configs import from_regression
 
 
 def get_config():
-    config = finetune.get_config()
+    config = from_regression.get_config()
     config.data.set = "jradar-sim-5"
     config.points.remove_interference = True
     config.train.initial = "jradar-sim-diffusion"

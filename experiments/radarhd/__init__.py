@@ -4,7 +4,7 @@ The diffusion half of the main model alone: its network, sampler and loop, with 
 prediction and loss. Samples are occupancy images of 0 and 1.
 
 pairs     RadarHD's images, how the network takes them, and their rotation
-model     the prediction, the losses, and the methods that draw images
+model     the prediction, and the methods that draw images
 scores    two protocols, and limits of occupied pixels
 report    tables and pictures
 describe  what makes weights a model for `jradar enhance`, and its reliability
@@ -19,7 +19,7 @@ from ml_collections import ConfigDict
 from experiments import build
 from experiments.radarhd import report
 from experiments.radarhd.describe import described, reliability_table
-from experiments.radarhd.model import LOSSES, answers, fitting_weights, networks
+from experiments.radarhd.model import answers, fitting_weights, networks
 from experiments.radarhd.pairs import (
     Alternating,
     PolarItems,
@@ -42,8 +42,7 @@ SPARED = 10  # one in so many simulated trajectories is not trained on
 def check(config: ConfigDict) -> None:
     """Raise UsageError for a config that cannot be trained."""
     networks(config)
-    if config.method not in LOSSES:
-        raise UsageError(f"method = {config.method!r}, expected one of {[*LOSSES]}")
+    build.loss_of("polar", config.method)
     if not config.data.path:
         raise UsageError("no pairs: pass RadarHD's folder as --config.data.path")
     if config.data.simulated and config.data.history != 1:
@@ -116,7 +115,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
             network,
             optimizer,
             noise,
-            loss=LOSSES[config.method],
+            loss=build.loss_of("polar", config.method),
             ema_decay=config.train.ema_decay,
         ),
         batch_at=lambda step: training.Batch(*batches[step]),

@@ -35,9 +35,9 @@ from jradar.evaluation import (
     least_confidence,
     markdown_table,
     mean_f_scores,
-    near_truth,
     spread,
 )
+from jradar.metrics import near_truth
 from jradar.model import Card
 from jradar.planar import (
     LIDAR,

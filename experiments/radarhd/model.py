@@ -1,15 +1,8 @@
-"""Occupancy images: what the network predicts, its losses, and how images are drawn.
+"""Occupancy images: what the network predicts, and how images are drawn.
 
-The prediction is `OCCUPANCY` of `jradar.diffusion`: the probability of each pixel.
-
-With the method "nearness" the network answers in one pass, and predicts the expectation
-of how near the closest LiDAR point is:
-
-    nearness of a pixel = max(0, 1 - distance to the nearest occupied pixel / REACH_M)
-
-Where a wall may lie a little nearer or farther, no single pixel is likely to be
-occupied, but many are likely to be near it: pixels of a large expected nearness make a
-cloud of small distances.
+The prediction is `OCCUPANCY` of `jradar.diffusion`: the probability of each pixel. With
+the method "nearness" the network answers in one pass, and predicts the expectation of
+how near the closest LiDAR point is (`jradar.training.targets`).
 """
 
 import functools
@@ -25,116 +18,15 @@ from ml_collections import ConfigDict
 from experiments import build
 from experiments.weights import load_weights
 from jradar import diffusion
-from jradar.diffusion import (
-    OCCUPANCY,
-    Denoiser,
-    NoiseSpec,
-    prior,
-    regression_estimate,
-)
+from jradar.diffusion import OCCUPANCY, NoiseSpec
 from jradar.errors import ModelError
-from jradar.planar import LIDAR, MAX_RANGE_M, RADAR, one_pass
+from jradar.planar import LIDAR, RADAR, one_pass
 
-REACH_M = 0.3
-RANGE_STEP_M = MAX_RANGE_M / (len(LIDAR.ranges) - 1)
-REACH = int(REACH_M / RANGE_STEP_M)  # rows
-FAR = 1e6  # a squared distance, or a number of columns, beyond all others
 AGREED_PIXELS = 3  # rows and columns within which draws agree on an occupied pixel
 QUICK_STEPS = 5  # of each draw of those that have to agree
 
-Image = Float[Array, "batch row column channel"]
 Images = Float[Array, "batch range azimuth"]
 Answers = Callable[[jax.Array, jax.Array], Iterator[tuple[str, Images]]]
-
-
-def denoising_loss(
-    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec
-) -> Float[Array, ""]:
-    """Return the cross-entropy at random noise levels, relative to the prior's.
-
-    The denoiser of least cross-entropy is also that of least squared error, but the
-    gradient of the cross-entropy does not vanish where the denoiser is sure and wrong.
-    """
-    sigma_key, noise_key = jax.random.split(key)
-    sigma = diffusion.training_sigma(sigma_key, clean.shape[:1], noise)
-    unit = jax.random.normal(noise_key, clean.shape, clean.dtype)
-    share = denoise(clean + sigma[:, None, None, None] * unit, sigma)
-    return cross_entropy(share, clean, noise)
-
-
-def regression_loss(
-    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec
-) -> Float[Array, ""]:
-    """Return squared error plus Dice of the one-pass estimate (Prabhakara et al. 2023).
-
-    Dice is computed for each image. `key` is not used.
-    """
-    share = regression_estimate(denoise, clean.shape, noise=noise)
-    both = (share * clean).sum((1, 2, 3))
-    either = (share + clean).sum((1, 2, 3))
-    dice = 1 - 2 * both / jnp.maximum(either, 1e-6)
-    return jnp.mean((share - clean) ** 2) + dice.mean()
-
-
-def nearness_loss(
-    key: Any, denoise: Denoiser, clean: Image, *, noise: NoiseSpec
-) -> Float[Array, ""]:
-    """Return the cross-entropy of the one-pass estimate to the nearness of `clean`.
-
-    It is least where the estimate is the expectation given the condition. `key` is not
-    used.
-    """
-    estimate = regression_estimate(denoise, clean.shape, noise=noise)
-    return cross_entropy(estimate, nearness(clean), noise)
-
-
-LOSSES = {
-    "diffusion": denoising_loss,
-    "nearness": nearness_loss,
-    "regression": regression_loss,
-}
-
-
-def cross_entropy(share: Image, clean: Image, noise: NoiseSpec) -> Float[Array, ""]:
-    """Return the mean cross-entropy of pixels, relative to that of the prior."""
-    share = jnp.clip(share, 1e-6, 1 - 1e-6)
-    loss = -clean * jnp.log(share) - (1 - clean) * jnp.log1p(-share)
-    start = jax.nn.sigmoid(prior(noise))
-    entropy = -start * jnp.log(start) - (1 - start) * jnp.log1p(-start)
-    return loss.mean() / entropy
-
-
-@jax.jit
-def nearness(occupied: Image) -> Image:
-    """Return the nearness of each pixel of occupancy images on RadarHD's grid.
-
-    Distances are exact, in the plane, between the middles of pixels. Raises ValueError
-    for images of another size.
-    """
-    rows, columns = occupied.shape[-3:-1]
-    if (rows, columns) != LIDAR.shape:
-        raise ValueError(
-            f"image has {rows} x {columns} pixels, expected {LIDAR.shape}, whose "
-            "ranges and angles are known"
-        )
-    here, axis = occupied[..., 0] > 0.5, occupied.ndim - 2
-    column = jnp.arange(columns, dtype=jnp.float32)
-    last = jax.lax.cummax(jnp.where(here, column, -FAR), axis)
-    following = jax.lax.cummin(jnp.where(here, column, FAR), axis, reverse=True)
-    apart = jnp.minimum(column - last, following - column)  # along the row
-    # The squared chord of that angle on a circle of radius 1.
-    chord = 4 * jnp.sin(LIDAR.azimuth_step / 2 * jnp.minimum(apart, columns)) ** 2
-    chord = jnp.where(apart < columns, chord, FAR)
-    around = [(0, 0)] * (axis - 1) + [(REACH, REACH), (0, 0)]
-    chord = jnp.pad(chord, around, constant_values=FAR)
-    range_m = RANGE_STEP_M * jnp.arange(rows)[:, None]
-    nearest = jnp.full(here.shape, FAR)
-    for offset in range(-REACH, REACH + 1):
-        first, other_m = REACH + offset, range_m + offset * RANGE_STEP_M
-        there = jax.lax.slice_in_dim(chord, first, first + rows, axis=axis - 1)
-        across = jnp.where(there < FAR, range_m * other_m * there, FAR)
-        nearest = jnp.minimum(nearest, (offset * RANGE_STEP_M) ** 2 + across)
-    return jnp.maximum(1 - jnp.sqrt(nearest) / REACH_M, 0)[..., None]
 
 
 @jax.jit

@@ -24,13 +24,13 @@ from jradar import data, diffusion, training
 from jradar.baselines import RPDNet, map_values
 from jradar.evaluation import (
     Method,
-    View,
+    RecordsInView,
     best_choice,
     mean_scores,
     points_of,
+    records_in_view,
     seen_points,
     spread,
-    view_of,
     write_results,
 )
 from jradar.files import read_json
@@ -86,7 +86,7 @@ def validate(
     config: ConfigDict, params: Any, records: data.Records
 ) -> dict[str, float]:
     """Return scores on some validation frames, at the best limit for these."""
-    view = view_of(records)
+    view = records_in_view(records)
     probability = cell_probability(config, params["detector"])
     count = config.evaluation.frames_while_training
     limit, score = choose_limit(view, probability, records, frames=count)
@@ -100,7 +100,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Score the workdir's weights on the config's split: tables and a report."""
     folder = build.prepared_data(config, workdir)
     records = data.Records(folder, config.evaluation.split)
-    view = view_of(records)
+    view = records_in_view(records)
     probability, limit = detector_of(workdir, data.Records(folder, "validation"))
     print(f"{config.purpose}\n\ncells of probability {limit} and more")
     write_results(
@@ -118,11 +118,12 @@ def detector_of(workdir: Path, checked: data.Records) -> tuple[Probability, floa
     config = ConfigDict(read_json(workdir / "config.json"))
     probability = cell_probability(config, load_weights(workdir / WEIGHTS))
     frames = config.evaluation.frames_for_limit
-    limit, _ = choose_limit(view_of(checked), probability, checked, frames=frames)
+    view = records_in_view(checked)
+    limit, _ = choose_limit(view, probability, checked, frames=frames)
     return probability, limit
 
 
-def method_of(view: View, probability: Probability, limit: float) -> Method:
+def method_of(view: RecordsInView, probability: Probability, limit: float) -> Method:
     """Return the method that draws the points of the marked cells."""
 
     def method(key, frame):
@@ -144,7 +145,10 @@ def cell_probability(config: ConfigDict, params: Any) -> Probability:
 
 
 def marked_points(
-    prepared: data.PreparedFrame, view: View, probability: Probability, limit: float
+    prepared: data.PreparedFrame,
+    view: RecordsInView,
+    probability: Probability,
+    limit: float,
 ) -> PointCloud:
     """Return the points of the cells whose probability is at least `limit`."""
     power = np.asarray(prepared.cells.power)
@@ -152,7 +156,7 @@ def marked_points(
 
 
 def choose_limit(
-    view: View, probability: Probability, records: data.Records, *, frames: int
+    view: RecordsInView, probability: Probability, records: data.Records, *, frames: int
 ) -> tuple[float, float]:
     """Return the limit with the best mean F-score at 0.2 m, and that score."""
     prepared = [records[i] for i in spread(len(records), frames)]

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 
 from jradar import data, training
 from jradar.baselines import map_values
-from jradar.evaluation import View, detected, view_of
+from jradar.evaluation import RecordsInView, detected, records_in_view
 from jradar.motion import ego_velocity
 from jradar.radar import RadarSpec
 
@@ -78,14 +78,14 @@ def record_velocities(records: data.Records) -> Float[np.ndarray, "frame 3"]:
     for name in dict.fromkeys(names):
         mine = names == name
         velocities[mine] = sensor_velocities(stamps[mine], poses[mine])
-    view = view_of(records)
+    view = records_in_view(records)
     for i in np.flatnonzero(np.isnan(velocities).any(-1)):
         velocities[i] = doppler_velocity(records[i], view)
     return velocities
 
 
 def doppler_velocity(
-    prepared: data.PreparedFrame, view: View
+    prepared: data.PreparedFrame, view: RecordsInView
 ) -> Float[np.ndarray, " 3"]:
     """Return the radar's own velocity by the Doppler of its echoes; NaN if unknown."""
     radar = view.radar_of(prepared)

@@ -36,9 +36,9 @@ from jradar.evaluation import (
     markdown_table,
     points_of,
     read_scores,
+    records_in_view,
     score_and_keep,
     score_rings,
-    view_of,
     write_report,
 )
 from jradar.evaluation.records import TRUTH
@@ -73,8 +73,8 @@ def study(options: Namespace) -> None:
                 train.run(task, config, workdir)
     checked = data.Records(options.data, "validation")
     records = data.Records(options.data, "test")
-    view = view_of(records)
-    rates = choose_rates(view_of(checked), checked, detectors=("os",))
+    view = records_in_view(records)
+    rates = choose_rates(records_in_view(checked), checked, detectors=("os",))
     methods = detector_methods(view, rates)
     pairs = None
     for name, workdir in trained(options.output):

@@ -5,9 +5,9 @@ r"""How many frames of one's own does fine-tuning need, and what does it forget?
 
 A rig that training never saw walks through a kind of place that it never saw, with a
 Livox Mid-360. The shipped model is fine-tuned on the first walks of it by
-`jradar.finetuning` with its defaults, once for each seed. With `--compare`, the first
-seed is also trained without old frames, however much it forgets. `curve.md` has the
-scores in other places of the same kind, and on validation frames of
+`jradar.training.finetune` with its defaults, once for each seed. With `--compare`, the
+first seed is also trained without old frames, however much it forgets. `curve.md` has
+the scores in other places of the same kind, and on validation frames of
 `jradar-sim-5-mini`, which stand for the old places: means over the seeds, with 95 %
 intervals over frames. An interrupted study resumes.
 """
@@ -26,11 +26,12 @@ from jradar.errors import UsageError
 from jradar.evaluation import compare_methods, markdown_table, pooled
 from jradar.evaluation.records import TRUTH
 from jradar.files import write_text
-from jradar.finetuning import FinetuneSpec, finetune, simulate_replay
 from jradar.scoring import JUDGED, Score, score
 from jradar.simulation import drawn_sources
 from jradar.simulation.capture_writer import simulate_capture
 from jradar.simulation.units import FIRST_SHIFT, UnitSpec
+from jradar.training import FinetuneSpec, finetune
+from jradar.training.replay import simulate_replay
 
 START = "jradar-sim"
 

@@ -37,12 +37,12 @@ from jradar import data, evaluation
 from jradar.errors import UsageError
 from jradar.evaluation import (
     Method,
-    View,
+    RecordsInView,
     choose_rates,
     detector_methods,
     markdown_table,
+    records_in_view,
     score_records,
-    view_of,
 )
 from jradar.files import write_text
 from jradar.model import Model, load_model
@@ -81,14 +81,14 @@ def study(options: Namespace) -> None:
     """Simulate and prepare the shifts, score all methods, and write the tables."""
     models = {name: load_model(name) for name in options.model}
     chosen = data.Records(options.rates, "validation")
-    rates = choose_rates(view_of(chosen), chosen, detectors=("os",))
+    rates = choose_rates(records_in_view(chosen), chosen, detectors=("os",))
     print(f"false-alarm rates: {rates}")
     found = options.rpdnet and rpdnet.detector_of(options.rpdnet, chosen)
     rows, doubts = [], {}
     for shift in options.shift or SHIFTS:
         folder = prepared_shift(options.output / "data" / shift, shift)
         seen: Confidences = {}
-        view = view_of(data.Records(folder, "test"))
+        view = records_in_view(data.Records(folder, "test"))
         detectors = detector_methods(view, rates)
         if found:
             detectors["RPDNet"] = rpdnet.method_of(view, *found)
@@ -114,7 +114,7 @@ def prepared_shift(folder: Path, shift: str) -> Path:
 
 
 def score_shift(
-    view: View,
+    view: RecordsInView,
     shift: str,
     models: dict[str, Model],
     detectors: dict[str, Method],

@@ -26,7 +26,7 @@ from experiments.build import build_pairs, prepare_spec
 from experiments.command import run_study, study_parser
 from experiments.configs import marginal
 from jradar import data
-from jradar.evaluation import Frame, drawn, markdown_table, points_of
+from jradar.evaluation import MethodInput, drawn, markdown_table, points_of
 from jradar.files import write_text
 from jradar.model import load_model
 from jradar.simulation.drawn import TIME_S, described, recording_of
@@ -132,7 +132,7 @@ def study(options: Namespace) -> None:
     clouds = {TRUTH: truths}
     for name, model in models.items():
         method, pairs = drawn(model), build_pairs(model.spec, frames)
-        answers = itertools.starmap(Frame, zip(frames, pairs, strict=True))
+        answers = itertools.starmap(MethodInput, zip(frames, pairs, strict=True))
         clouds[name] = [
             points_of(method(jax.random.key(0), frame)) for frame in answers
         ]

@@ -195,7 +195,7 @@ def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]
 
 def finetune(options: argparse.Namespace) -> dict[str, Any]:
     """Fine-tune a model on the records of one's own rig."""
-    from jradar.finetuning import FinetuneSpec, finetune as tune
+    from jradar.training import FinetuneSpec, finetune as tune
 
     try:
         chosen = given(options, "steps", "learning_rate", "forget")

@@ -10,6 +10,8 @@ precondition, conditional_denoiser, Denoiser     a network as D(x; sigma)
 sample, SOLVERS, HEUN, Solver, solver_for        images by a solver
 denoising_loss, LossSpec, lpips, load_lpips      Eq. 12, its weights and its distance
 regression_loss, regression_estimate     the same network without diffusion
+occupancy_loss, estimate_loss, dice_loss, log_odds_loss, log_odds, SHARE
+                                         losses of pixels from 0 to 1
 RangeMixture, range_mixture, window_mass, mixture_loss
                                          one pass: each pixel's distribution of range
 load_pretrained                          weights to start from
@@ -41,6 +43,14 @@ from jradar.diffusion.noise import (
     training_sigma as training_sigma,
 )
 from jradar.diffusion.occupancy import OCCUPANCY as OCCUPANCY, prior as prior
+from jradar.diffusion.occupancy_losses import (
+    SHARE as SHARE,
+    dice_loss as dice_loss,
+    estimate_loss as estimate_loss,
+    log_odds as log_odds,
+    log_odds_loss as log_odds_loss,
+    occupancy_loss as occupancy_loss,
+)
 from jradar.diffusion.perceptual import load_lpips as load_lpips, lpips as lpips
 from jradar.diffusion.precondition import (
     Denoiser as Denoiser,

@@ -1,26 +1,13 @@
 """Scores of methods against LiDAR: tables, intervals, comparisons, reports.
 
-score_frames, Method             scores of each method on each frame of a sequence
-score_points, mean_scores        scores of one cloud; their means over several
-score_records, score_and_keep, View, Frame, drawn
-                                 methods on records: rows, and clouds of some frames
-write_results, write_report      all of it, written as the report of a run
-detector_methods, choose_rates   CFAR detectors, and `splat`, with the best rates
-with_confidence                  a model whose confidence holds on given records
-fitted_confidence, fitted_table, Judged, Around
-                                 the table of points whose truth is known
-write_scores, read_scores        the file of scores, the source of all that follows
-mean_interval                    mean of correlated frames, with its interval
-score_rings, ring_edges          scores by distance from the radar
-near_truth, reliability, reliability_error, precision_over_coverage
-                                 whether the confidence of points holds
-summarise, pooled, markdown, COLUMNS
-                                 means of groups of rows, as a table; its columns
-overview, write_tables           the tables that a run prints; Markdown, LaTeX and CSV
-markdown_table                   any titles and cells as Markdown
-seeds_table                      mean and spread over runs with other seeds
-save_clouds                      clouds of a few frames
-build_report, open_report        tables, curves and clouds of a run in one HTML file
+A method is a function from a key and a frame to a PointCloud, such as a model's answer
+or a CFAR detector. All methods answer the same frames, and every score is written to
+one file, from which the tables, curves and comparisons of a report are made:
+
+    view = records_in_view(Records("records", "test"))
+    pairs = PairSource(view.records, spec.coarse, spec.fine, num_slices=spec.num_slices)
+    methods = {"jradar": drawn(model)} | detector_methods(view, {"os": 1e-3})
+    write_results(key, Path("run"), view, pairs, methods)
 """
 
 from jradar.evaluation.confidence import (
@@ -52,46 +39,40 @@ from jradar.evaluation.methods import (
     score_rings as score_rings,
 )
 from jradar.evaluation.records import (
-    Frame as Frame,
-    View as View,
+    MethodInput as MethodInput,
+    RecordsInView as RecordsInView,
     check_view as check_view,
     drawn as drawn,
     points_of as points_of,
+    records_in_view as records_in_view,
     samples as samples,
     score_and_keep as score_and_keep,
     score_records as score_records,
     surest_points as surest_points,
-    view_of as view_of,
     write_report as write_report,
     write_results as write_results,
 )
 from jradar.evaluation.reliability import (
-    near_truth as near_truth,
+    Reliability as Reliability,
     precision_over_coverage as precision_over_coverage,
     reliability as reliability,
-    reliability_error as reliability_error,
 )
-from jradar.evaluation.report import (
-    build_report as build_report,
-    open_report as open_report,
-    save_clouds as save_clouds,
-)
+from jradar.evaluation.report import open_report as open_report
 from jradar.evaluation.scores import (
     read_scores as read_scores,
     write_scores as write_scores,
 )
 from jradar.evaluation.statistics import (
     compare_methods as compare_methods,
-    mean_interval as mean_interval,
     spread as spread,
 )
 from jradar.evaluation.tables import (
     COLUMNS as COLUMNS,
     markdown as markdown,
     markdown_table as markdown_table,
-    overview as overview,
     pooled as pooled,
     seeds_table as seeds_table,
     summarise as summarise,
     write_tables as write_tables,
 )
+from jradar.evaluation.trust import trust_of as trust_of

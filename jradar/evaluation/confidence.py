@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jradar.data import PairSource, PreparedFrame
-from jradar.evaluation.reliability import near_truth
 from jradar.evaluation.statistics import spread
+from jradar.metrics import near_truth
 from jradar.model import Model, draw
 from jradar.range_image import (
     IDENTITY,

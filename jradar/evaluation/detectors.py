@@ -8,7 +8,7 @@ import numpy as np
 
 from jradar import data
 from jradar.evaluation.methods import Method
-from jradar.evaluation.records import View, points_of
+from jradar.evaluation.records import RecordsInView, points_of
 from jradar.evaluation.statistics import spread
 from jradar.lidar import shared_field_of_view
 from jradar.metrics import f_score
@@ -21,7 +21,7 @@ SMEAR_M = 0.2  # the deviation of a smeared point in each coordinate
 Choice = TypeVar("Choice")
 
 
-def detector_methods(view: View, rates: dict[str, float]) -> dict[str, Method]:
+def detector_methods(view: RecordsInView, rates: dict[str, float]) -> dict[str, Method]:
     """Return a method for each CFAR detector, at its false-alarm rate, and `splat`.
 
     `splat` smears the points of the last detector. A model that scores below it is
@@ -41,7 +41,7 @@ def detector_methods(view: View, rates: dict[str, float]) -> dict[str, Method]:
     return {**found, "splat": lambda key, frame: smeared(key, last(key, frame), view)}
 
 
-def smeared(key: jax.Array, cloud: PointCloud, view: View) -> PointCloud:
+def smeared(key: jax.Array, cloud: PointCloud, view: RecordsInView) -> PointCloud:
     """Return a cloud's points smeared by SMEAR_M, one for each pixel of the image.
 
     These are about as many as a model draws. Those outside the field of view are not
@@ -57,7 +57,7 @@ def smeared(key: jax.Array, cloud: PointCloud, view: View) -> PointCloud:
     return PointCloud(moved, seen)
 
 
-def in_view(xyz: np.ndarray, view: View) -> np.ndarray:
+def in_view(xyz: np.ndarray, view: RecordsInView) -> np.ndarray:
     """Return which points lie in the field of view."""
     return shared_field_of_view(
         xyz,
@@ -68,7 +68,7 @@ def in_view(xyz: np.ndarray, view: View) -> np.ndarray:
 
 
 def detected(
-    prepared: data.PreparedFrame, view: View, *, detector: str, rate: float
+    prepared: data.PreparedFrame, view: RecordsInView, *, detector: str, rate: float
 ) -> PointCloud:
     """Return the points that a detector finds in the field of view."""
     radar = view.radar_of(prepared)
@@ -77,7 +77,9 @@ def detected(
     return seen_points(prepared, mask, view)
 
 
-def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointCloud:
+def seen_points(
+    prepared: data.PreparedFrame, mask: Any, view: RecordsInView
+) -> PointCloud:
     """Return the points of the cells in `mask` that lie in the field of view."""
     radar = Radar(view.radar_of(prepared), range_bias_m=prepared.range_bias_m)
     cloud = cell_points(prepared.cells, mask, radar, points=view.points(prepared))
@@ -86,7 +88,7 @@ def seen_points(prepared: data.PreparedFrame, mask: Any, view: View) -> PointClo
 
 
 def choose_rates(
-    view: View,
+    view: RecordsInView,
     records: data.Records,
     *,
     detectors: Sequence[str] = tuple(DETECTORS),

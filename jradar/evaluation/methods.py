@@ -16,9 +16,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, Key
 
-from jradar.evaluation.reliability import near_truth
 from jradar.evaluation.scores import COUNTS, DISTANCES, F_SCORES
-from jradar.metrics import compare_on_host
+from jradar.metrics import compare_on_host, f_score_of, near_truth
 from jradar.types import PointCloud
 
 RINGS = 4  # up to the end of the view
@@ -142,8 +141,7 @@ def score_rings(
         here, there = ((low <= d) & (d < high) for d in distances)
         precision = right[here].mean() if here.any() else 0.0
         recall = seen[there].mean() if there.any() else 0.0
-        both = precision + recall
-        score = 2 * precision * recall / both if both else 0.0
+        score = f_score_of(precision, recall)
         yield {
             "distance": f"{low:g} to {high:g} m",
             "points": int(here.sum()),

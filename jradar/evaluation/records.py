@@ -1,7 +1,7 @@
 """Methods on records: what they are given, their rows, and the report of a run.
 
-A method is a function from a key and a `Frame` to a PointCloud. `write_results` scores
-a dictionary of methods, and writes
+A method is a function from a key and a `MethodInput` to a PointCloud. `write_results`
+scores a dictionary of methods, and writes
 
     evaluation/frames.jsonl    every score of every frame; all else is made from it
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
@@ -36,15 +36,15 @@ VIEW = ("azimuth", "elevation", "max_range_m")
 Clouds = dict[tuple[str, str, int], dict[str, np.ndarray]]  # by frame and name
 
 
-class Frame(NamedTuple):
+class MethodInput(NamedTuple):
     """What a method is given: the prepared frame and its images."""
 
     prepared: data.PreparedFrame
     pair: data.Pair | None
 
 
-class View(NamedTuple):
-    """The records, and the image whose field of view counts."""
+class RecordsInView(NamedTuple):
+    """Records, and an image of the field of view in which their points count."""
 
     records: data.Records
     fine: ImageSpec
@@ -60,11 +60,11 @@ class View(NamedTuple):
         return PointSpec(**chosen).fitted(self.radar_of(prepared))
 
 
-def view_of(records: data.Records) -> View:
+def records_in_view(records: data.Records) -> RecordsInView:
     """Return the records and a 128 x 512 image of their field of view."""
     seen = records.manifest["options"]["lidar"]
     angles = tuple(seen["azimuth"]), tuple(seen["elevation"])
-    return View(records, ImageSpec(128, 512, *angles, seen["max_range_m"]))
+    return RecordsInView(records, ImageSpec(128, 512, *angles, seen["max_range_m"]))
 
 
 def points_of(cloud: PointCloud) -> np.ndarray:
@@ -127,7 +127,7 @@ def _cloud(key, condition, points, model, options):
 def write_results(
     key: jax.Array,
     workdir: Path,
-    view: View,
+    view: RecordsInView,
     pairs: Any,
     methods: dict[str, Method],
     *,
@@ -145,7 +145,7 @@ def write_results(
 
 def score_and_keep(
     key: jax.Array,
-    view: View,
+    view: RecordsInView,
     pairs: Any,
     methods: dict[str, Method],
     *,
@@ -197,7 +197,7 @@ def write_report(
 
 def score_records(
     key: jax.Array,
-    view: View,
+    view: RecordsInView,
     pairs: Any,
     methods: dict[str, Method],
     *,
@@ -222,7 +222,7 @@ def score_records(
         for number, (sequence, index) in enumerate(scored.items()):
             rows = score_frames(
                 jax.random.fold_in(key, number),
-                (Frame(records[i], pairs[i]) for i in index),
+                (MethodInput(records[i], pairs[i]) for i in index),
                 methods,
                 truths=truths,
                 scene=scene_of(sequence),

@@ -18,21 +18,30 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial import KDTree
-
-NEAR_M = 0.2  # as in the confidence of `jradar.types.PointCloud`
 
 
 class Reliability(NamedTuple):
     """Points in bins of confidence, of equal width, the lowest first.
 
-    `confidence` is the mean, and `right` the share of right points; both are NaN in an
-    empty bin.
+    Each field is a sum over the points of a bin, so that several can be added.
     """
 
     points: Int[np.ndarray, " bin"]
     confidence: Float[np.ndarray, " bin"]
     right: Float[np.ndarray, " bin"]
+
+    def means(self) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
+        """Return mean confidence and share of right points; NaN in an empty bin."""
+        with np.errstate(invalid="ignore"):  # 0 / 0
+            return self.confidence / self.points, self.right / self.points
+
+    def error(self) -> float:
+        """Return the mean distance of confidence and share, 0 to 1; 0 without points.
+
+        Each bin weighs as much as it has points.
+        """
+        gap = np.abs(self.confidence - self.right).sum()
+        return float(gap / max(self.points.sum(), 1))
 
 
 class Coverage(NamedTuple):
@@ -40,21 +49,6 @@ class Coverage(NamedTuple):
 
     kept: Float[np.ndarray, " part"]
     precision: Float[np.ndarray, " part"]  # share of right points among the kept
-
-
-def near_truth(
-    xyz: Float[np.ndarray, "point 3"],
-    truth: Float[np.ndarray, "other 3"],
-    *,
-    within_m: float = NEAR_M,
-) -> Bool[np.ndarray, " point"]:
-    """Return which points have a point of the truth within that distance."""
-    if not len(truth):
-        return np.zeros(len(xyz), bool)
-    # The bound of the search excludes points at the very distance.
-    bound = np.nextafter(within_m, np.inf)
-    nearest, _ = KDTree(truth).query(xyz, distance_upper_bound=bound)
-    return nearest <= within_m
 
 
 def reliability(
@@ -70,16 +64,8 @@ def reliability(
     """
     confidence, right = _checked(confidence, right)
     place = np.minimum((confidence * bins).astype(int), bins - 1)
-    points = np.bincount(place, minlength=bins)
-    sums = [np.bincount(place, of, minlength=bins) for of in (confidence, right)]
-    with np.errstate(invalid="ignore"):  # an empty bin: 0 / 0
-        return Reliability(points, sums[0] / points, sums[1] / points)
-
-
-def reliability_error(found: Reliability) -> float:
-    """Return the mean distance of confidence and share, 0 to 1, weighted by points."""
-    gap = np.abs(np.nan_to_num(found.confidence - found.right))
-    return float((found.points * gap).sum() / found.points.sum())
+    sums = (np.bincount(place, of, minlength=bins) for of in (confidence, right))
+    return Reliability(np.bincount(place, minlength=bins), *sums)
 
 
 def precision_over_coverage(

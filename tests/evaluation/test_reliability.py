@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jradar.evaluation import near_truth, precision_over_coverage, reliability
-from jradar.evaluation.reliability import reliability_error
+from jradar.evaluation import Reliability, precision_over_coverage, reliability
+from jradar.metrics import near_truth
 
 
 def bins_of(*groups):
@@ -20,9 +20,10 @@ def test_bins_count_and_average_the_points_between_their_edges():
     found = reliability(confidence, right)
     assert found.points.tolist() == [2, 2, 0, 0, 0, 0, 0, 0, 0, 2]
     nan = [np.nan] * 7
-    np.testing.assert_allclose(found.confidence, [0.025, 0.145, *nan, 0.975])
-    np.testing.assert_allclose(found.right, [0.5, 0.5, *nan, 1.0])
-    (halves,) = reliability(confidence, right, bins=1).right
+    said, share = found.means()
+    np.testing.assert_allclose(said, [0.025, 0.145, *nan, 0.975])
+    np.testing.assert_allclose(share, [0.5, 0.5, *nan, 1.0])
+    _, (halves,) = reliability(confidence, right, bins=1).means()
     assert halves == pytest.approx(4 / 6)
 
 
@@ -39,8 +40,10 @@ RIGHT = (0.25, 40, 10), (0.5, 10, 5), (0.75, 200, 150)
     ],
 )
 def test_the_error_is_the_offset_weighed_by_points(groups, error):
-    found = reliability_error(reliability(*bins_of(*groups)))
+    found = reliability(*bins_of(*groups)).error()
     assert found == pytest.approx(error, abs=1e-12)
+    parts = [reliability(*bins_of(group)) for group in groups]
+    assert Reliability(*np.sum(parts, 0)).error() == pytest.approx(error, abs=1e-12)
 
 
 def test_the_diagram_is_scikit_learns():
@@ -50,8 +53,7 @@ def test_the_diagram_is_scikit_learns():
     right = rng.random(4000) < confidence**1.5
     found = reliability(confidence, right)
     share, mean = peer.calibration_curve(right, confidence, n_bins=10)
-    np.testing.assert_allclose(found.right, share)
-    np.testing.assert_allclose(found.confidence, mean)
+    np.testing.assert_allclose(found.means(), (mean, share))
 
 
 def test_precision_is_of_the_most_confident_points():

@@ -9,7 +9,6 @@ import pytest
 from experiments import confidence
 from experiments.configs import marginal, regression
 from jradar.data import Records
-from jradar.evaluation import near_truth
 from jradar.evaluation.confidence import (
     THRESHOLDS,
     Around,
@@ -20,7 +19,7 @@ from jradar.evaluation.confidence import (
     least_confidence,
     mean_f_scores,
 )
-from jradar.metrics import f_score
+from jradar.metrics import f_score, near_truth
 from jradar.model import load_model, save_model
 from jradar.range_image import IDENTITY, ConfidenceTable, frequency
 

@@ -50,7 +50,7 @@ def test_direct_regression_draws_the_networks_answer(trained):
     changed["params"]["trunk"]["unfold"]["bias"] = np.tile(out, 2 * 8)
     methods = enhance.model_methods(config, Model(changed, spec))
     assert [*methods] == ["direct regression"]
-    frame = evaluation.Frame(frames[0], pairs[0])
+    frame = evaluation.MethodInput(frames[0], pairs[0])
     for key in (0, 1):
         cloud = methods["direct regression"](jax.random.key(key), frame)
         xyz = evaluation.points_of(cloud)
@@ -60,7 +60,7 @@ def test_direct_regression_draws_the_networks_answer(trained):
 
 def test_ranges_of_detections_are_without_the_radars_bias(records):
     frames = data.Records(records, "test")
-    view, frame = evaluation.view_of(frames), frames[0]
+    view, frame = evaluation.records_in_view(frames), frames[0]
     wide = view._replace(fine=dataclasses.replace(view.fine, max_range_m=100.0))
     mask = np.asarray(frame.cells.power) >= np.sort(frame.cells.power, axis=None)[-20]
     mask[:, : mask.shape[1] // 4] = False  # far enough to be nearer
@@ -87,7 +87,7 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
     data.prepare(source, folder, spec, workers=1)
     records = data.Records(folder)
     assert records.windows_of("a") == ("hann", "blackman")
-    view, frame = evaluation.view_of(records), records[0]
+    view, frame = evaluation.records_in_view(records), records[0]
     all_round = {"azimuth": (-3.0, 3.0), "elevation": (-1.5, 1.5), "max_range_m": 99.0}
     view = view._replace(fine=dataclasses.replace(view.fine, **all_round))
     found = evaluation.points_of(
@@ -99,7 +99,7 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
 
 
 def test_splat_smears_the_points_by_20_cm_to_one_for_each_pixel(records):
-    view = evaluation.view_of(data.Records(records, "train"))
+    view = evaluation.records_in_view(data.Records(records, "train"))
     middle = PointCloud.from_xyz(np.array([[5.0, 0, 0]]))
     cloud = evaluation.smeared(jax.random.key(1), middle, view)
     assert cloud.valid.shape == (128 * 512,) and cloud.valid.all()
@@ -135,7 +135,7 @@ def test_a_config_for_recordings_asks_for_them(tmp_path):
     config.data.set = ""
     with pytest.raises(UsageError, match="--config.data.path"):
         build.prepared_data(config, tmp_path)
-    with pytest.raises(UsageError, match="method='guess', expected one of"):
+    with pytest.raises(UsageError, match="method = 'guess', expected one of"):
         build.build_loss(config.loss, method="guess")
 
 
@@ -143,7 +143,7 @@ def test_a_config_for_recordings_asks_for_them(tmp_path):
 def test_frames_with_more_or_fewer_points_are_scored_without_compiling(records, caplog):
     frames = data.Records(records, "train")
     assert len({len(frames[i].lidar_xyz) for i in range(3)}) > 1
-    view = evaluation.view_of(frames)
+    view = evaluation.records_in_view(frames)
     pairs = [data.Pair(None, np.ones(view.fine.shape, np.float32))] * len(frames)
     methods = evaluation.detector_methods(view, {"os": 1e-3})
     jax.clear_caches()  # another test may have compiled the detector

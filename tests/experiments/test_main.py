@@ -149,7 +149,7 @@ def test_a_workdir_is_for_one_config(finished, change, message, capsys):
         (["--config.network.preset=huge"], 2, "huge"),
         (["--config.noise.prediction=huge"], 2, "noise.prediction = 'huge', expected"),
         (["--config.noise.sigma_min=-1.0"], 2, "config.noise: sigma_min = -1.0"),
-        (["--config.method=huge"], 2, "method='huge', expected one of"),
+        (["--config.method=huge"], 2, "method = 'huge', expected one of"),
         (["--config.evaluation.split=final"], 2, "evaluation.split: 'final', expected"),
         (["--seeds=3"], 2, "--seeds=3, expected two or more"),
         (["--seeds=3:4"], 2, "--seeds=3:4, expected two or more"),

@@ -21,7 +21,7 @@ from experiments.rpdnet.loss import (
 )
 from jradar import data, evaluation, training
 from jradar.baselines import RPDNet
-from jradar.evaluation import view_of
+from jradar.evaluation import records_in_view
 from jradar.radar import Radar, RadarSpec, Scatterers, all_cells, simulate_cube
 
 KEY = jax.random.key(0)
@@ -89,7 +89,9 @@ def test_the_limit_with_the_best_score_is_chosen(records):
     def probability(_):
         return np.where(strong, 0.65, 0.2)
 
-    limit, score = rpdnet.choose_limit(view_of(frames), probability, frames, frames=1)
+    limit, score = rpdnet.choose_limit(
+        records_in_view(frames), probability, frames, frames=1
+    )
     assert limit in (0.25, 0.35, 0.5, 0.6) and score > 0
 
 
@@ -133,7 +135,7 @@ def test_doppler_gives_the_velocity_that_poses_do_not(records, monkeypatch):
     )
     cube = simulate_cube(KEY, scatterers, RADAR, noise_power=1e-4)
     frames = data.Records(records, "train")
-    view = view_of(frames)._replace(records=_OfOneRadar(frames))
+    view = records_in_view(frames)._replace(records=_OfOneRadar(frames))
     frame = frames[0]._replace(cells=all_cells(cube, Radar(RADAR)))
     found = module.doppler_velocity(frame, view)
     np.testing.assert_allclose(found, velocity, atol=0.03)

@@ -10,12 +10,13 @@ import pytest
 from jradar import mapping, training
 from jradar.errors import ModelError
 from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
-from jradar.mapping.methods import METHODS, nearness
+from jradar.mapping.methods import METHODS
 from jradar.mapping.predict import SPREAD
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
 from jradar.metrics import f_score
 from jradar.outputs.clouds import write_pcd
+from jradar.training import LOSSES
 from jradar.types import PointCloud
 from tests.models import tiny_map_model
 
@@ -95,20 +96,12 @@ def test_the_loss_is_least_where_the_odds_are_right():
 
     def at(odds):
         denoise = functools.partial(lambda odds, x, sigma: odds, jnp.asarray(odds))
-        return float(method.loss(None, denoise, target, noise=method.noise))
+        loss = LOSSES["columns"]["occupancy"]
+        return float(loss(None, denoise, target, noise=method.noise))
 
     right = np.where(target > 0, 20.0, -20.0)
     assert at(right) < 0.01 < at(np.zeros(target.shape))
     assert at(-right) > at(np.zeros(target.shape))
-
-
-def test_nearness_is_one_in_a_voxel_and_falls_by_a_third_with_each_around_it():
-    occupied = np.zeros((1, 9, 9, 9), np.float32)
-    occupied[0, 4, 4, 0] = 1
-    x, y, z = np.indices((9, 9, 9))
-    away = np.maximum(np.maximum(abs(x - 4), abs(y - 4)), z)
-    found = nearness(jnp.asarray(occupied))[0]
-    np.testing.assert_allclose(found, np.maximum(1 - away / 3, 0), atol=1e-6)
 
 
 def test_a_draw_from_the_truth_scores_the_truth():
@@ -131,7 +124,7 @@ def test_a_few_steps_of_training_learn_a_room(model, name):
     state = training.TrainState(
         np.zeros((), np.int32), model.params, model.params, optimizer.init(model.params)
     )
-    noise, loss = METHODS[name].noise, METHODS[name].loss
+    noise, loss = METHODS[name].noise, LOSSES["columns"][name]
     step = training.make_train_step(model.network, optimizer, noise, loss=loss)
     rng, losses = np.random.default_rng(1), []
     items = [tiles.draw(tiles[0], rng) for _ in range(2)]

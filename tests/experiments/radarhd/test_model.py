@@ -1,91 +1,19 @@
-"""Occupancy: Bayes' rule, minima of losses, exact nearness, and what methods draw."""
+"""Occupancy images: agreement of draws, and what methods draw."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
 
 from experiments.configs import radarhd, radarhd_nearness
 from experiments.radarhd import model
-from experiments.radarhd.model import (
-    REACH_M,
-    agreed_occupancy,
-    denoising_loss,
-    nearness,
-    nearness_loss,
-    regression_loss,
-)
-from experiments.radarhd.scores import polar_points
-from jradar.diffusion import OCCUPANCY, NoiseSpec, precondition, prior, write_params
+from experiments.radarhd.model import agreed_occupancy
+from jradar.diffusion import write_params
 from jradar.errors import ModelError
-from jradar.planar import LIDAR, RADAR
+from jradar.planar import RADAR
 from tests.experiments.radarhd.conftest import random_params, shrink
 
-RARE = NoiseSpec(prediction=OCCUPANCY, sigma_data=0.1, sigma_max=1e4)
 KEY = jax.random.key(0)
-
-
-def test_occupancy_is_the_posterior_of_a_pixel_that_is_0_or_1():
-    share, sigma, x = 0.09, 0.4, 0.7
-    noise = NoiseSpec(prediction=OCCUPANCY, sigma_data=(share * (1 - share)) ** 0.5)
-    denoise = precondition(lambda x, c_noise: jnp.full_like(x, 0.8), noise)
-    odds = share / (1 - share) * np.exp(0.8)
-    odds *= np.exp(-((x - 1) ** 2) / (2 * sigma**2) + x**2 / (2 * sigma**2))
-    found = denoise(jnp.full((1, 1, 1, 1), x), sigma)
-    np.testing.assert_allclose(found, odds / (1 + odds), rtol=1e-5)
-    with pytest.raises(ValueError, match="sigma_data = 0.7, expected at most 0.5"):
-        NoiseSpec(prediction=OCCUPANCY, sigma_data=0.7)
-
-
-def test_cross_entropy_is_1_for_the_prior_and_falls_with_knowledge():
-    share = 0.09
-    noise = NoiseSpec(
-        prediction=OCCUPANCY,
-        sigma_data=(share * (1 - share)) ** 0.5,
-        log_mean=7.0,  # noise so strong that pixels carry no information
-        log_std=0.1,
-    )
-    clean = jax.random.bernoulli(KEY, share, (64, 32, 32, 1)).astype(float)
-
-    @jax.jit
-    def loss(odds):
-        denoise = precondition(lambda x, c_noise: odds, noise)
-        return denoising_loss(KEY, denoise, clean, noise=noise)
-
-    start = jnp.zeros_like(clean)
-    np.testing.assert_allclose(loss(start), 1, rtol=0.03)
-    assert loss(6 * clean - 3) < 0.5
-    less, more = loss(start - 0.1), loss(start + 0.1)
-    assert abs(more - less) < 4e-3  # the prior is the best constant
-
-
-def occupied(share):
-    """A denoiser whose estimate is this share of occupied pixels."""
-    odds = jnp.log(share / (1 - share)) - prior(RARE)
-    return precondition(lambda x, c_noise: odds, RARE)
-
-
-def test_regression_loss_is_squared_error_and_dice():
-    truth = jnp.array([1.0, 0.0, 0.0, 0.0]).reshape(1, 2, 2, 1)
-    shares = np.array([0.8, 0.3, 0.1, 0.2])
-    dice = 1 - 2 * 0.8 / (shares.sum() + 1)
-    squared = (0.2**2 + 0.3**2 + 0.1**2 + 0.2**2) / 4
-    denoise = occupied(jnp.asarray(shares).reshape(truth.shape))
-    loss = regression_loss(KEY, denoise, truth, noise=RARE)
-    assert float(loss) == pytest.approx(dice + squared, rel=1e-4)
-    perfect = occupied(jnp.clip(truth, 1e-6, 1 - 1e-6))
-    loss = regression_loss(KEY, perfect, truth, noise=RARE)
-    assert float(loss) == pytest.approx(0, abs=1e-4)
-    empty = jnp.zeros_like(truth)
-
-    @jax.jit
-    @jax.value_and_grad
-    def nothing_there(share):
-        return regression_loss(KEY, occupied(share), empty, noise=RARE)
-
-    value, slope = nothing_there(jnp.full_like(empty, 0.5))
-    assert float(value) == pytest.approx(1.25) and np.isfinite(slope).all()
 
 
 def test_agreement_is_the_share_of_draws_with_a_pixel_nearby():
@@ -97,44 +25,6 @@ def test_agreement_is_the_share_of_draws_with_a_pixel_nearby():
     batch = np.stack([draws, draws[:, ::-1]], 1)
     both = np.asarray(agreed_occupancy(jnp.asarray(batch)))
     np.testing.assert_allclose(both, [expected, expected[::-1]])
-
-
-def walls(seed):
-    """An occupancy image with single pixels and a piece of a wall."""
-    random = np.random.default_rng(seed)
-    occupied = np.zeros(LIDAR.shape, bool)
-    occupied[tuple(random.integers(0, size, 40) for size in LIDAR.shape)] = True
-    occupied[90, 100:300] = occupied[0, 3] = occupied[255, 511] = True
-    return occupied
-
-
-WALLS = np.stack([walls(0), walls(1), np.zeros(LIDAR.shape, bool)])
-TRUTH = jnp.asarray(WALLS[..., None], jnp.float32)
-
-
-def test_nearness_is_that_of_a_nearest_neighbour_search():
-    pixels = polar_points(np.ones(LIDAR.shape, bool))
-    found = np.asarray(nearness(TRUTH))[..., 0]
-    for image, near in zip(WALLS[:2], found[:2], strict=True):
-        apart, _ = KDTree(polar_points(image)).query(pixels)
-        expected = np.maximum(1 - apart / REACH_M, 0).reshape(LIDAR.shape)
-        np.testing.assert_allclose(near, expected, atol=1e-5)
-    assert not found[2].any()
-    with pytest.raises(ValueError, match=r"8 x 8 pixels, expected \(256, 512\)"):
-        nearness(jnp.zeros((1, 8, 8, 1)))
-
-
-def test_the_loss_is_least_for_the_expected_nearness():
-    wanted = float(nearness(TRUTH).mean())
-
-    def loss(value):
-        odds = jnp.log(value / (1 - value)) - prior(RARE)
-        denoise = precondition(lambda x, c_noise: odds * jnp.ones_like(x), RARE)
-        return float(nearness_loss(KEY, denoise, TRUTH, noise=RARE))
-
-    less, least, more = (loss(part * wanted) for part in (0.9, 1.0, 1.1))
-    assert min(less, more) > least
-    assert less - least == pytest.approx(more - least, rel=0.2)
 
 
 def test_the_mean_with_the_mirror_image_is_a_mirror_image_itself():

@@ -1,7 +1,6 @@
 """Columns of voxels: the grid of models that complete a radar's map."""
 
 from jradar.model.grids.columns.answers import (
-    LOSSES as LOSSES,
     METHODS as METHODS,
     NOISE as NOISE,
 )

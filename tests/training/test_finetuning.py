@@ -10,10 +10,11 @@ import pytest
 
 from jradar.data import PrepareSpec, Records, prepare
 from jradar.errors import UsageError
-from jradar.finetuning import FinetuneSpec, finetune, tune
-from jradar.finetuning.frames import halves
 from jradar.lidar import LidarSpec
 from jradar.model import load_model, save_model
+from jradar.training import FinetuneSpec, choosing, finetune, finetuning
+from jradar.training.choosing import SCORE, Scores, kept_change
+from jradar.training.replay import Old, halves
 from tests.models import SPEC, tiny_model
 from tests.recordings.small_sequence import write_sequence, write_splits
 
@@ -71,16 +72,17 @@ def test_own_frames_are_learnt_and_the_best_stay(records, start, tmp_path, monke
         fitted.append([len(frames) for frames in sets])
         return model
 
-    monkeypatch.setattr(tune, "with_confidence", with_confidence)
-    judged, judge = [], tune._judge
+    monkeypatch.setattr(finetuning, "with_confidence", with_confidence)
+    judged, judge = [], choosing.frame_scores
 
-    def killed(model, records, count):
+    def killed(model, records, **options):
         judged.append(model)
         if len(judged) == 5:
             raise KeyboardInterrupt
-        return judge(model, records, count)
+        return judge(model, records, **options)
 
-    monkeypatch.setattr(tune, "_judge", killed)
+    for module in (choosing, finetuning):
+        monkeypatch.setattr(module, "frame_scores", killed)
     for _ in range(2):
         with contextlib.suppress(KeyboardInterrupt):
             options = {"spec": QUICK, "replay": records}
@@ -125,13 +127,14 @@ def test_of_the_change_so_much_is_kept_as_old_places_bear(
     old = iter([0.6 - points / 100 for points in lost])
 
     def scores(model, checked, held_out):
-        return tune.Scores({tune.SCORE: 0.5}, {tune.SCORE: next(old)})
+        return Scores({SCORE: 0.5}, {SCORE: next(old)})
 
-    monkeypatch.setattr(tune, "_scores", scores)
+    monkeypatch.setattr(choosing, "both_scores", scores)
     model = load_model(start)
     tuned = jax.tree.map(lambda value: value + 1.0, model.params)
-    before = tune.Scores({tune.SCORE: 0.4}, {tune.SCORE: 0.6})
-    found = tune._kept(model, tuned, [], [], before, 1.0)
+    before = Scores({SCORE: 0.4}, {SCORE: 0.6})
+    old_frames = Old([], [])
+    found = kept_change(model, tuned, [], old_frames, before=before, forget=1.0)
     assert found.share == share
     moved = jax.tree.map(lambda a, b: a - b, found.model.params, model.params)
     for leaf in jax.tree.leaves(moved):

@@ -9,51 +9,45 @@ The confidence is then fitted to the validation frames and to those old ones.
 
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 
-from jradar import diffusion, training
-from jradar.data import PairSource, PreparedFrame, Records
+from jradar.data import Records
 from jradar.errors import UsageError
-from jradar.evaluation import (
-    Frame,
-    check_view,
-    drawn,
-    mean_scores,
-    points_of,
-    spread,
-    with_confidence,
-)
-from jradar.evaluation.confidence import THRESHOLDS, judged, mean_f_scores
+from jradar.evaluation import check_view, trust_of, with_confidence
 from jradar.files import lock_folder, read_json, write_text
-from jradar.finetuning.frames import (
+from jradar.model import Card, Model, load_model, save_model
+from jradar.training.choosing import (
+    SCORE,
+    Kept,
+    Scores,
+    both_scores,
+    frame_scores,
+    kept_change,
+)
+from jradar.training.logs import write_model_card
+from jradar.training.loop import train
+from jradar.training.losses import LOSSES
+from jradar.training.optimiser import clipped_adamw
+from jradar.training.replay import (
     Old,
     batches_of,
     halves,
     pairs_of,
     simulate_replay,
 )
-from jradar.model import Card, Model, load_model, save_model
-from jradar.range_image import IDENTITY, TrustTable, condition_features, fit_trust
-from jradar.range_image.trust import LEAST_FRAMES
+from jradar.training.step import TrainState, make_train_step
 from jradar.viz import learning_curve_figure, save_figure
 
 RUN = "finetune.json"  # what is fine-tuned, and how
 BEST = "best.json"  # of the evaluations so far
 BEFORE = "before.json"  # scores of the model as it was
-SCORE = "f_score_0.2"
-JUDGED = 32  # validation frames of an evaluation
-JUDGED_OLD = 72
 EVALUATIONS = 8
-TRUSTED = 1200  # most frames of the table of trust
 STEPS = 100, 1, 3000  # at least, for each own frame, and at most
-HALVINGS = 3  # to find the share of the change of the weights that is kept
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,13 +77,6 @@ class FinetuneSpec:
         """Return the steps for a number of own frames."""
         least, each, most = STEPS
         return self.steps or min(least + each * frames, most)
-
-
-class Scores(NamedTuple):
-    """Mean scores of own validation frames, and of old frames that were held out."""
-
-    own: dict[str, float]
-    old: dict[str, float]
 
 
 class Finetuned(NamedTuple):
@@ -153,20 +140,12 @@ def finetune(
         return _trained(folder, start, own, checked, old, spec, str(model))
 
 
-class Kept(NamedTuple):
-    """A model with a share of the change of the weights, and its scores."""
-
-    model: Model
-    share: float
-    scores: Scores
-
-
 def _trained(folder, start, own, checked, old, spec, name):
     """Train, keep the best weights, fit the tables, and write the model."""
     steps = spec.steps_for(len(own))
     best = folder / BEST
     if not best.exists():
-        scores = _scores(start, checked, old)
+        scores = both_scores(start, checked, old)
         write_text(folder / BEFORE, json.dumps(scores._asdict()) + "\n")
         _keep(best, start, 0, scores.own)  # the last: who resumes has both
     _train(folder, start, own, checked, old, spec)
@@ -174,7 +153,8 @@ def _trained(folder, start, own, checked, old, spec, name):
     kept, step = Kept(start, 0.0, before), read_json(best)["step"]
     if step:
         tuned = load_model(folder / "best").params
-        kept = _kept(start, tuned, checked, old, before, spec.forget)
+        limits = {"before": before, "forget": spec.forget}
+        kept = kept_change(start, tuned, checked, old, **limits)
     card = _card(start.card, own, old, step, name) if kept.share else start.card
     pairs = [pairs_of(start, frames) for frames in (own, *old)]
     found = dataclasses.replace(
@@ -184,7 +164,7 @@ def _trained(folder, start, own, checked, old, spec, name):
     # The frames of one place alone would make every point look as sure as there.
     found = with_confidence(key, found, checked, old.checked)
     save_model(folder / "model", found)
-    training.write_model_card(
+    write_model_card(
         folder,
         config={"finetune": dataclasses.asdict(spec), "model": name},
         data_digest=own.digest,
@@ -202,32 +182,29 @@ def _trained(folder, start, own, checked, old, spec, name):
 def _train(folder, start, own, checked, old, spec):
     """Train, and keep the weights with the best score on the validation frames."""
     steps, best = spec.steps_for(len(own)), folder / BEST
-    rate = optax.warmup_cosine_decay_schedule(
-        0.0, spec.learning_rate, min(50, steps // 4), steps
-    )
-    optimizer = optax.chain(
-        optax.clip_by_global_norm(1.0), optax.adamw(rate, weight_decay=1e-2)
+    optimizer = clipped_adamw(
+        steps=steps, learning_rate=spec.learning_rate, warmup_steps=min(50, steps // 4)
     )
     count = jnp.zeros((), jnp.int32)
     moments = jax.jit(optimizer.init)(start.params)
-    state = training.TrainState(count, start.params, start.params, moments)
+    state = TrainState(count, start.params, start.params, moments)
 
     def evaluate(state, step):
         params = jax.device_get(state.ema_params)
         found = dataclasses.replace(start, params=params)
-        scores = _judge(found, checked, JUDGED)
+        scores = frame_scores(found, checked)
         if scores[SCORE] > read_json(best)["scores"][SCORE]:
             _keep(best, found, step, scores)
         return scores
 
-    training.train(
+    train(
         jax.random.fold_in(jax.random.key(spec.seed), 0),
         state,
-        training.make_train_step(
+        make_train_step(
             start.spec.network,
             optimizer,
             start.spec.noise,
-            loss=LOSSES[start.spec.method],
+            loss=LOSSES["view"][start.spec.method],
             ema_decay=min(0.995, 1 - 10 / steps),
         ),
         batches_of(
@@ -244,42 +221,6 @@ def _train(folder, start, own, checked, old, spec):
         checkpoint_every=max(steps // 10, 10),
         evaluate_every=max(steps // EVALUATIONS, 1),
         evaluate=evaluate,
-    )
-
-
-def _kept(start, tuned, checked, old, before, forget):
-    """Return the largest change of the weights that forgets no more than allowed.
-
-    All of the change, or a share found by halving the interval.
-    """
-    kept, most = Kept(start, 0.0, before), 2.0  # all of it is the first middle
-    for _ in range(1 + HALVINGS):
-        share = (kept.share + most) / 2
-        params = _between(start.params, tuned, share)
-        model = dataclasses.replace(start, params=params)
-        scores = _scores(model, checked, old)
-        if before.old[SCORE] - scores.old[SCORE] > forget / 100:
-            most = share
-            continue
-        kept = Kept(model, share, scores)
-        if share == 1:
-            break
-    better = kept.scores.own[SCORE] > before.own[SCORE]
-    return kept if better else Kept(start, 0.0, before)
-
-
-def _scores(model, checked, old):
-    return Scores(
-        _judge(model, checked, JUDGED), _judge(model, old.checked, JUDGED_OLD)
-    )
-
-
-def _between(before: Any, after: Any, share: float) -> Any:
-    """Return parameters at a share of the way from those before to those after."""
-    return jax.tree.map(
-        lambda a, b: np.asarray(a) + np.float32(share) * (np.asarray(b) - a),
-        before,
-        after,
     )
 
 
@@ -322,42 +263,10 @@ def _check_run(path: Path, run: dict[str, Any]) -> None:
             )
 
 
-def _judge(
-    model: Model, records: Sequence[PreparedFrame], count: int
-) -> dict[str, float]:
-    """Return the mean scores of the model's answer to some of these frames.
-
-    A model with confidence is judged at the least confidence that is best for it, as
-    its table is fitted only later.
-    """
-    key = jax.random.key(0)
-    plain = dataclasses.replace(model, confidence=IDENTITY)
-    if found := [*judged(key, plain, records, frames=count)]:
-        least = THRESHOLDS[int(np.argmax(mean_f_scores(found)))]
-        clouds = [frame.xyz[frame.confidence >= least] for frame in found]
-        return mean_scores(clouds, [frame.truth for frame in found])
-    pairs = pairs_of(model, records)
-    method, index = drawn(model), spread(len(records), count)
-    frames = {i: Frame(records[i], pairs[i]) for i in index}
-    clouds = [method(jax.random.fold_in(key, i), f) for i, f in frames.items()]
-    truths = [frame.prepared.lidar_xyz for frame in frames.values()]
-    return mean_scores(map(points_of, clouds), truths)
-
-
 def _keep(path: Path, model: Model, step: int, scores: dict[str, float]) -> None:
     """Write the weights that are the best so far, and then their scores."""
     save_model(path.parent / "best", model, dtype=np.float32)
     write_text(path, json.dumps({"step": step, "scores": scores}) + "\n")
-
-
-def trust_of(*sources: PairSource) -> TrustTable | None:
-    """Return what conditions look like in training; None for too few frames."""
-    features = [
-        np.asarray(condition_features(pairs[i].condition))
-        for pairs in sources
-        for i in spread(len(pairs), TRUSTED)
-    ]
-    return fit_trust(np.stack(features)) if len(features) >= LEAST_FRAMES else None
 
 
 def _card(card: Card, own: Records, old: Old, step: int, name: str) -> Card:
@@ -373,12 +282,3 @@ def _card(card: Card, own: Records, old: Old, step: int, name: str) -> Card:
 
 def _rounded(scores: dict[str, float]) -> dict[str, float]:
     return {name: round(value, 4) for name, value in scores.items()}
-
-
-LOSSES: dict[str, Callable[..., jax.Array]] = {  # with the weights of shipped models
-    "diffusion": diffusion.where_known(
-        diffusion.denoising_loss, weights=diffusion.LossSpec(range_weight=4.0)
-    ),
-    "regression": diffusion.where_known(diffusion.regression_loss, range_weight=4.0),
-    "marginal": diffusion.mixture_loss,
-}

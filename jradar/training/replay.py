@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jradar import data, simulation
@@ -20,16 +19,11 @@ from jradar.data import PairSource, PreparedFrame, PrepareSpec, Records
 from jradar.evaluation import spread
 from jradar.fields import typed_fields
 from jradar.model import Model
-from jradar.range_image import (
-    close_gaps,
-    encode_target,
-    observed_pixels,
-    pattern_reach,
-)
+from jradar.range_image import pattern_reach
 from jradar.recordings.recording import Stream
-from jradar.training import Batch
+from jradar.training.step import Batch
+from jradar.training.targets import pair_batches
 
-GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 PATTERN = 32  # frames that show the pattern of the beams
 REPLAYED, UNITS = "jradar-sim-5", 8  # radar units of each kind
 OF_A_UNIT = slice(0, 1)  # of its eight frames
@@ -102,7 +96,7 @@ def batches_of(
 
     def batch_at(step: int) -> Batch:
         found = [part(step) for part in parts]
-        return jax.tree.map(lambda *values: jnp.concatenate(values), *found)
+        return jax.tree.map(lambda *values: np.concatenate(values), *found)
 
     return batch_at
 
@@ -113,27 +107,14 @@ def _part(model, frames, count, change, seed) -> Callable[[int], Batch]:
     Where the beams are too far apart for `close_gaps`, empty pixels near a hit are not
     learnt.
     """
-    spec = model.spec
-    low, high = spec.fine.azimuth
-    change = dataclasses.replace(change, mirror=low == -high)
-    grids = spec.coarse, spec.fine, spec.num_slices
-    batches = data.Batches(
-        frames,
-        seed=seed,
-        batch_size=count,
-        change=data.AugmentedPairs(*grids, change),
-    )
+    low, high = model.spec.fine.azimuth
     pairs = pairs_of(model, frames)
     shown = [pairs[i].lidar for i in spread(len(pairs), PATTERN)]
-    reach = pattern_reach(np.stack(shown))
-
-    def batch_at(step):
-        batch = batches[step]
-        closed = close_gaps(batch.lidar, reach=GAP_PIXELS)
-        target = encode_target(closed, spec.fine, codec=spec.codec)
-        if reach > GAP_PIXELS:
-            observed = observed_pixels(closed, reach=reach)[..., None]
-            target = target.at[..., 1:].multiply(observed)
-        return Batch(jnp.asarray(batch.condition), target)
-
-    return batch_at
+    return pair_batches(
+        frames,
+        model.spec,
+        dataclasses.replace(change, mirror=low == -high),
+        batch_size=count,
+        seed=seed,
+        reach=pattern_reach(np.stack(shown)),
+    )

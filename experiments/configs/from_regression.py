@@ -2,9 +2,9 @@ r"""The recipe of the shipped model: a diffusion model started from direct regre
 
     python -m experiments.main --config=experiments/configs/regression.py \
         --workdir=runs/regression
-    python -m experiments.main --config=experiments/configs/finetune.py \
+    python -m experiments.main --config=experiments/configs/from_regression.py \
         --config.data.path=runs/regression/data/records \
-        --config.train.initial=runs/regression --workdir=runs/finetune
+        --config.train.initial=runs/regression --workdir=runs/from_regression
 
 Regression learns faster where the surfaces are; the diffusion model then learns what
 rooms look like. The two take 61 and 6 minutes on two CPU cores.
