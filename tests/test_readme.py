@@ -231,7 +231,6 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/varied.py": "starts from that",
     "-o runs/robustness --rates runs/varied": "needs that run",
     "-o runs/own_frames": "half an hour of training",
-    "--pairs dataset_5": "needs RadarHD's folder",
     "--data RECORDS_OF_SIM_5": "needs that set",
     "--rates RECORDS_OF_SIM_5": "needs that set",
     "--data runs/sim5": "needs that set",
