@@ -233,7 +233,6 @@ NOT_RUN = {  # and why
     "--data RECORDS_OF_SIM_5": "needs that set",
     "--rates RECORDS_OF_SIM_5": "needs that set",
     "--data runs/sim5": "needs that set",
-    "--later 200": "needs four walks",
     "--config.data.set=jradar-sim-3": "hours of simulation and training",
     "-o fitted --dtype int8": "needs two sets",
     "--config=experiments/configs/coloradar.py": "days of training",
