@@ -41,7 +41,7 @@ def test_a_missing_path_is_named(study, arguments, code, tmp_path, capsys, monke
 
 def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):
     (tmp_path / "file").write_text(WORK)
-    call = ["-o", str(tmp_path / "file" / "out")]
+    call = ["--rates=none", "-o", str(tmp_path / "file" / "out")]
     assert "file is a file" in ends(lambda: robustness.main(call), capsys, 2)
     assert (tmp_path / "file").read_text() == WORK
 
@@ -49,7 +49,7 @@ def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):
 @pytest.mark.parametrize(
     "run",
     [
-        lambda out: robustness.main(["-o", str(out)]),
+        lambda out: robustness.main(["--rates=none", "-o", str(out)]),
         lambda out: command.main(["main", SMOKE, f"--workdir={out}"]),
     ],
     ids=["study", "experiment"],
