@@ -8,9 +8,9 @@ base's axes. With the radar at R, p on the base,
 
 Directions of travel show R, rotations of the rig show p, and changes of speed the
 offset of the clocks. What a walk does not show stays as described: straight ahead, for
-example, nothing shows p. Of R, the mount takes the yaw alone. Floors, ceilings and phase
-errors shift the few elevations that an array measures, so pitch and roll are fitted with
-the rest, but stay as described.
+example, nothing shows p. Of R, the mount takes the yaw alone. Floors, ceilings and
+phase errors shift the few elevations that an array measures, so pitch and roll are
+fitted with the rest, but stay as described.
 """
 
 from collections.abc import Callable
@@ -146,9 +146,9 @@ def mount_from_motion(
 ) -> Mount:
     """Return the mount that explains a radar's velocities by the poses of its base.
 
-    `described` is base_from_radar as far as it is known. Errors of its yaw and place are
-    found where the walk shows them. Poses of LiDAR scans are `matched`: their errors look like
-    motion. Raises ValueError for fewer than 20 frames with a velocity within the poses.
+    `described` is base_from_radar as far as it is known. Errors of its yaw and place
+    are found where the walk shows them. Poses of LiDAR scans are `matched`: their
+    errors look like motion. Raises ValueError for fewer than 20 frames with a velocity within the poses.
     """
     if len(poses.stamps) < LEAST_POSES:
         raise ValueError(f"{len(poses.stamps)} poses, expected {LEAST_POSES} or more")

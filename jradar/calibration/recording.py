@@ -94,8 +94,8 @@ def calibrate_recording(
     At most 200 of the `frames` are used, evenly spaced. `reflector` is that of
     `self_calibrate`. With `level`, the radar was carried over level ground, which shows
     the tilt. With `mount`, the radar's yaw and place on the base are estimated from its
-    motion and the recorded poses, or else those of matched LiDAR scans. Raises UsageError
-    without frames, and for `level` and `reflector` together.
+    motion and the recorded poses, or else those of matched LiDAR scans. Raises
+    UsageError without frames, and for `level` and `reflector` together.
     """
     if level and reflector:
         raise UsageError("--level and --reflector both fix the tilt: leave one out")
