@@ -148,7 +148,8 @@ def mount_from_motion(
 
     `described` is base_from_radar as far as it is known. Errors of its yaw and place
     are found where the walk shows them. Poses of LiDAR scans are `matched`: their
-    errors look like motion. Raises ValueError for fewer than 20 frames with a velocity within the poses.
+    errors look like motion. Raises ValueError for fewer than 20 frames with a
+    velocity within the poses.
     """
     if len(poses.stamps) < LEAST_POSES:
         raise ValueError(f"{len(poses.stamps)} poses, expected {LEAST_POSES} or more")
