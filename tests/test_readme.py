@@ -217,7 +217,6 @@ STANDS_FOR = {  # of the user's own
 NOT_RUN = {  # and why
     "python -m benchmarks.run": "half an hour; the quick one is run",
     "--set jradar-sim-1": "minutes; the mini set is run by smoke",
-    "jradar prepare sim-test -o records/test": "needs the test set",
     "--scheduler": "needs a Dask cluster",
     "python -m benchmarks.soak_stream --seconds 600 --model jradar-sim": "10 minutes",
     "--host 127.0.0.1 --card 127.0.0.2": "waits for a card; see test_streaming",
@@ -233,7 +232,6 @@ NOT_RUN = {  # and why
     "--data RECORDS_OF_SIM_5": "needs that set",
     "--rates RECORDS_OF_SIM_5": "needs that set",
     "--data runs/sim5": "needs that set",
-    "--config.data.set=jradar-sim-3": "hours of simulation and training",
     "-o fitted --dtype int8": "needs two sets",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/maps.py": "hours of training",

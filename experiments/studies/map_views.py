@@ -171,7 +171,7 @@ def _manifest(sequences):
         "format": FORMAT,
         "jradar": __version__,
         "complete": True,
-        "radar": dataclasses.asdict(draw_unit(0, population=2).radar()),
+        "radar": dataclasses.asdict(draw_unit(0).radar()),
         "options": dataclasses.asdict(build.prepare_spec(CONFIG)),
         "frames": [None, None],
         "names": [sequence["name"] for sequence in sequences],

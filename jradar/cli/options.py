@@ -87,11 +87,7 @@ FAMILIES = (
     *("room", "atrium", "lobby", "stairwell", "shed", "carpark", "yard", "street"),
     *("open", "tunnel"),
 )
-SETS = (
-    *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),
-    *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
-    *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
-)
+SETS = "jradar-sim-1", "jradar-sim-1-mini", "jradar-sim-4-test"
 PLANAR = ", or radarhd for a cloud in the plane of one row of antennas"
 SPLITS = ("train", "validation", "test")
 MAX_FUSED = 16

@@ -14,7 +14,6 @@ import pytest
 from experiments import build, enhance, main as command, maps, rpdnet, train
 from experiments.configs import smoke
 from experiments.radarhd.model import networks
-from experiments.train import flat
 from experiments.weights import initial_weights
 from jradar.data import Records
 from jradar.errors import UsageError
