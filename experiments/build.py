@@ -220,7 +220,7 @@ def build_card(config: ConfigDict, records: data.Records) -> Card:
     """Return what the model's users are told of its training."""
     return Card(
         purpose=config.purpose,
-        steps_seen=config.train.steps,
+        steps_seen=config.train.steps_before + config.train.steps,
         trained_on=f"{len(records)} frames {records.digest[:12]}",
         radars=(records.radar, *records.other_radars),
     )

@@ -2,18 +2,15 @@ r"""Convert published image diffusion models to files that `load_pretrained` rea
 
     python -m experiments.convert_weights edm-ffhq-64x64-uncond-vp.pkl ffhq.safetensors
     python -m experiments.convert_weights edm_imagenet64_ema.pt imagenet.safetensors
-    python -m experiments.convert_weights terrain_consistency_unet_difficulty100.onnx \
-        terrain.safetensors
 
 `.pt` files are plain state dicts, and need PyTorch as `.pkl` files do. NVIDIA's `.pkl`
 files contain the source of their network, which ordinary unpickling would execute. Here
 it is dropped, and only the parameters, buffers and submodules of each module are kept.
 Apart from PyTorch's storage of tensors, globals are refused or replaced by inert
-objects. The `.onnx` file of adaptive-terrain-diffusion (PyPI) needs onnx: an ADM for
-height maps, which takes a difficulty from 0 to 1 in the place of a label.
+objects.
 
 Mind the licences: NVIDIA's weights, and everything derived from them, are CC BY-NC-SA
-4.0; OpenAI's consistency models and adaptive-terrain-diffusion are MIT.
+4.0; OpenAI's consistency models are MIT.
 """
 
 import io
@@ -30,14 +27,6 @@ from jradar.errors import parsing
 from jradar.files import atomic_path
 
 HARMLESS = ("torch", "numpy", "dnnlib", "collections", "training", "torch_utils")
-# Of an ADM: the layer that follows each norm, and the norm's name.
-NORMS = {
-    "in_layers.2": "in_layers.0",
-    "out_layers.3": "out_layers.0",
-    "qkv": "norm",
-    "out.2": "out.0",
-}
-LABELS = np.linspace(0.0, 1.0, 100, dtype=np.float32)  # difficulties of height maps
 
 
 def main(arguments: list[str]) -> int:
@@ -59,11 +48,9 @@ def write_converted(source: Path, target: Path) -> None:
 
 
 def convert(source: Path) -> dict[str, np.ndarray]:
-    """Return the tensors of a `.pt`, `.pkl` or `.onnx` file in float32, by name."""
+    """Return the tensors of a `.pt` or `.pkl` file in float32, by name."""
     if not source.is_file():
         raise FileNotFoundError(f"no such file: {source}")
-    if source.suffix == ".onnx":
-        return _of_onnx(source)
     try:
         import torch
     except ImportError as error:
@@ -79,50 +66,6 @@ def convert(source: Path) -> dict[str, np.ndarray]:
     if not state:
         raise ValueError("it contains no tensors")
     return {name: t.detach().float().contiguous().numpy() for name, t in state.items()}
-
-
-def _of_onnx(source: Path) -> dict[str, np.ndarray]:
-    """Return the tensors of an ADM that PyTorch exported, with the names of its norms.
-
-    The graph names convolutions and linear layers, but not norms. A norm is an
-    InstanceNormalization, the factors of a Mul and the terms of an Add, and belongs to
-    the convolution that follows.
-    """
-    try:
-        import onnx
-    except ImportError as error:
-        raise ImportError("onnx is missing: pip install onnx") from error
-    graph = onnx.load(source, load_external_data=False).graph
-    tensors = {t.name: onnx.numpy_helper.to_array(t) for t in graph.initializer}
-    named = {n: t for n, t in tensors.items() if n.startswith("network.")}
-    state = {n.removeprefix("network."): t.astype(np.float32) for n, t in named.items()}
-    norm: dict[str, np.ndarray] = {}
-    normalised = ""  # the value that becomes a norm's output, step by step
-    for node in graph.node:
-        known = [tensors[name] for name in node.input if name in tensors]
-        if node.op_type == "InstanceNormalization":
-            normalised = node.output[0]
-        elif node.op_type in ("Reshape", "Mul", "Add") and normalised in node.input:
-            normalised = node.output[0]
-            if node.op_type != "Reshape":
-                kind = "weight" if node.op_type == "Mul" else "bias"
-                norm[kind] = known[0].astype(np.float32).ravel()
-            if node.op_type == "Add":
-                normalised = ""
-        elif node.op_type == "Conv" and node.input[1] in named:
-            place = node.input[1].removeprefix("network.").removesuffix(".weight")
-            for layer, its_norm in NORMS.items():
-                if place.endswith(layer):
-                    place = place.removesuffix(layer) + its_norm
-                    state |= {f"{place}.{k}": tensor for k, tensor in norm.items()}
-                    break
-    if "out.0.weight" not in state:
-        raise ValueError("it contains no ADM whose tensors are named network.*")
-    if (first := state.pop("label_emb.0.weight", None)) is not None:
-        h = LABELS[:, None] @ first.T + state.pop("label_emb.0.bias")
-        h = h / (1 + np.exp(-h)) @ state.pop("label_emb.2.weight").T
-        state["label_emb.weight"] = h + state.pop("label_emb.2.bias")
-    return state
 
 
 def _load_plain(torch: Any, source: Path | io.BytesIO) -> Any:

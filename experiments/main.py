@@ -104,15 +104,15 @@ def _run(config: ConfigDict, workdir: Path, mode: str) -> int:
 
     join_processes()  # before a task's module may use a device
     check_platform()
-    from experiments import train
+    from experiments import stages
 
     task = importlib.import_module(f"experiments.{config.task}")
     try:
         with contextlib.nullcontext() if jax.process_index() else lock_folder(workdir):
             if mode == "train":
-                train.run(task, config, workdir)
+                stages.run(task, config, workdir)
             elif not jax.process_index():
-                task.evaluate(config, workdir)
+                task.evaluate(stages.final_config(config, workdir), workdir)
     except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code

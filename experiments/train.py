@@ -38,15 +38,23 @@ class Training(NamedTuple):
     data_digest: str
 
 
-def run(task: Any, config: ConfigDict, workdir: Path) -> None:
+def run(
+    task: Any,
+    config: ConfigDict,
+    workdir: Path,
+    *,
+    recorded: ConfigDict | None = None,
+    evaluate: bool = True,
+) -> None:
     """Train and evaluate a task in a workdir that no other config has used.
 
     Several processes train together; the first one validates, saves and evaluates.
+    The config that was `recorded` in the workdir may be another (see `stages`).
     """
     if config.data.path and not Path(config.data.path).exists():
         raise UsageError(f"data.path = {config.data.path}: no such file or folder")
     task.check(config)
-    check_workdir(config, workdir)
+    check_workdir(recorded or config, workdir)
     job = task.setup(config, workdir)
     if job is not None:
         print(f"training on {job.trained_on}", file=sys.stderr, flush=True)
@@ -72,13 +80,14 @@ def run(task: Any, config: ConfigDict, workdir: Path) -> None:
         job.save(state)
         training.write_model_card(
             workdir,
-            config=config.to_dict(),
+            config=(recorded or config).to_dict(),
             data_digest=job.data_digest,
             seed=config.seed,
-            steps=config.train.steps,
+            steps=config.train.steps_before + config.train.steps,
             purpose=config.purpose,
         )
-    task.evaluate(config, workdir)
+    if evaluate:
+        task.evaluate(config, workdir)
 
 
 def check_workdir(config: ConfigDict, workdir: Path) -> None:

@@ -1,9 +1,12 @@
 """Files of weights: those that training starts from, and those that a task saved."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import jax
+import numpy as np
 from ml_collections import ConfigDict
 
 from jradar import diffusion, training
@@ -25,7 +28,10 @@ def initial_weights(train: ConfigDict) -> Path | None:
         raise UsageError(
             "no weights to start from: pass them as --config.train.initial=PATH"
         )
-    path = Path(shipped_models().get(train.initial, train.initial))
+    return _found(Path(shipped_models().get(train.initial, train.initial)))
+
+
+def _found(path: Path) -> Path:
     files = [path] if path.is_file() else [path / name for name in FILES]
     found = next((file for file in files if file.is_file()), None)
     if found is None:
@@ -34,6 +40,22 @@ def initial_weights(train: ConfigDict) -> Path | None:
             f"shipped model, or the workdir of a run with one of {FILES}"
         )
     return found
+
+
+def write_mean(path: Path, shares: Mapping[Path, float]) -> None:
+    """Write the mean of the weights of workdirs, by the share of each.
+
+    Raises UsageError if their networks differ.
+    """
+    trees = [diffusion.read_params(_found(folder)) for folder in shares]
+    if len({str(diffusion.parameter_shapes(tree)) for tree in trees}) > 1:
+        raise UsageError("config.stages: a mean is of stages with one network")
+
+    def mean(*leaves):
+        return sum(w * leaf for w, leaf in zip(shares.values(), leaves, strict=True))
+
+    tree = jax.tree.map(mean, *trees)
+    diffusion.write_params(path, tree, dtype=np.float32)
 
 
 def start_from(

@@ -75,11 +75,17 @@ def get_config():
     config.loss.perceptual = 0.0
     config.loss.perceptual_network = "alexnet"  # or vgg16
 
+    # Runs one after another, each with changes of this config, and the shares of their
+    # weights in the model; see `stages.py`. Without stages, the config is one run.
+    config.stages = ()
+    config.average = ()
+
     config.train = ConfigDict()
     # Weights to start from: a run's workdir, a model, or a file for load_pretrained.
     config.train.initial = config_dict.placeholder(str)
     config.train.attention_order = config_dict.placeholder(str)  # of OpenAI's weights
     config.train.steps = 3600
+    config.train.steps_before = 0  # of earlier stages; the model's card adds them
     config.train.batch_size = 8
     config.train.learning_rate = 1e-3
     config.train.warmup_steps = 100

@@ -51,6 +51,7 @@ def get_config():
         "angles": False,
     }
 
+    config.stages, config.average = main.stages, main.average
     config.train = main.train
     config.train.update(steps=4000, checkpoint_every=250, evaluate_every=1000)
     config.train.ema_decay = 0.998

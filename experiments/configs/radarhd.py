@@ -74,11 +74,11 @@ def get_config():
         "outputs": 1,
     }
 
+    config.stages, config.average = main.stages, main.average
     config.train = main.train
     config.train.mirror = True  # every other pair
     config.train.update(steps=5400, checkpoint_every=300)
     config.train.varied = False  # other speeds, rotations and sizes of places
-    config.train.initial_share = 0.0  # of the initial weights in those that are saved
 
     # The confidence is fitted to the pairs of the limits. Rotated, and with rooms of
     # sizes that varied pairs seldom have, they stand for another building.

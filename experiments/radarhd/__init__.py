@@ -13,7 +13,6 @@ describe  what makes weights a model for `jradar enhance`, and its reliability
 import math
 from pathlib import Path
 
-import jax
 from ml_collections import ConfigDict
 
 from experiments import build
@@ -50,14 +49,7 @@ def check(config: ConfigDict) -> None:
             f"data.history = {config.data.history}, expected 1 with data.simulated: "
             "each simulated image shows a place of its own"
         )
-    share = config.train.initial_share
-    if initial_weights(config.train) is None and share:
-        raise UsageError(
-            f"train.initial_share = {share:g} without weights to start from: pass them "
-            "as --config.train.initial=PATH"
-        )
-    if not 0 <= share < 1:
-        raise UsageError(f"train.initial_share = {share:g}, expected 0 to less than 1")
+    initial_weights(config.train)
 
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
@@ -89,20 +81,9 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         condition_shape=first.condition.shape,
     )
 
-    start = start_from(config.train, network, state)
-    share = config.train.initial_share
-
-    def weights(state):
-        """The mean of trained and initial weights."""
-        return jax.tree.map(
-            lambda trained, initial: (1 - share) * trained + share * initial,
-            state.ema_params,
-            start.ema_params,
-        )
-
     def validate(state, step):
         """Scores of the quickest method, at the best limit for these pairs."""
-        drawn = answers(config, weights(state))
+        drawn = answers(config, state.ema_params)
         quick = {"every": 8, "protocols": ("polar",), "methods": 1}
         rows = [*score_pairs(config, checked, drawn, **quick)]
         (found,) = report.summary(at_limits(rows, choose_limits(rows)))
@@ -110,7 +91,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         return means | {"empty": found["empty"] / found["frames"]}
 
     return Training(
-        state=start,
+        state=start_from(config.train, network, state),
         step=training.make_train_step(
             network,
             optimizer,
@@ -121,7 +102,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         batch_at=lambda step: training.Batch(*batches[step]),
         validate=validate,
         save=lambda state: diffusion.write_params(
-            workdir / "weights.safetensors", weights(state)
+            workdir / "weights.safetensors", state.ema_params
         ),
         trained_on=trained_on,
         data_digest=train.digest,

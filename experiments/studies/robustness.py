@@ -47,7 +47,7 @@ from jradar.evaluation import (
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.range_image import STRANGE, UNSURE, condition_features, unlikeness
-from jradar.simulation import LATER_SHIFTS, SHIFTS, robust_set
+from jradar.simulation import ROBUST, SHIFTS
 
 KEY = 20
 CLEAN = "clean"
@@ -67,7 +67,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--shift",
         action="append",
-        choices=[*SHIFTS, *LATER_SHIFTS],
+        choices=[*SHIFTS],
         help="only this shift",
     )
     text = "also score the detector of this run of the config rpdnet"
@@ -107,7 +107,7 @@ def study(options: Namespace) -> None:
 def prepared_shift(folder: Path, shift: str) -> Path:
     """Return the records of a shift, simulated and prepared if they are missing."""
     records = folder / "records"
-    simulate(robust_set(shift), folder / "recordings", frames=1)
+    simulate(f"{ROBUST}{shift}", folder / "recordings", frames=1)
     spec = prepare_spec(varied.get_config())
     data.prepare(folder / "recordings", records, spec, workers=1)
     return records

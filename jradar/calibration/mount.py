@@ -6,10 +6,11 @@ base's axes. With the radar at R, p on the base,
 
     v_radar(t) = R^T (v(t + offset) + w(t + offset) x p)
 
-Directions of travel show R, turns show p, and changes of speed the offset of the
-clocks. What a walk does not show stays as described: straight ahead, for example,
-nothing shows a rotation about the direction of travel. R is that of the array as it
-measures: a phase error that shifts all angles is part of it.
+Directions of travel show R, rotations of the rig show p, and changes of speed the
+offset of the clocks. What a walk does not show stays as described: straight ahead, for
+example, nothing shows p. Of R, the mount takes the yaw alone. Floors, ceilings and
+phase errors shift the few elevations that an array measures, so pitch and roll are
+fitted with the rest, but stay as described.
 """
 
 from collections.abc import Callable
@@ -25,9 +26,9 @@ from jradar.lidar import Poses
 from jradar.motion import Velocities
 from jradar.motion.velocities import TO_DEVIATION
 
-# Axes of a mount: rotation about x, y, z of the radar, place along x, y, z of the
-# base, and the offset of the clocks. A walk shows an axis if its deviation is within
-# LIMITS; that of a description is DESCRIBED.
+# Axes of the fit: rotation about x, y, z of the radar, place along x, y, z of the base,
+# and the offset of the clocks. A walk shows an axis if its deviation is within LIMITS;
+# that of a description is DESCRIBED. A mount has the axes from the third on.
 LIMITS = np.array([np.radians(1.0)] * 3 + [0.05] * 3 + [0.02])
 DESCRIBED = np.array([np.radians(10.0)] * 3 + [0.2] * 3 + [0.2])
 LEAST_FRAMES, LEAST_POSES = 20, 10
@@ -51,12 +52,13 @@ PREFER_SMALL = 0.01  # deviations a radian and a second
 
 
 AXES = (  # name, unit, and its size in SI units
-    *((f"rotation about the radar's {axis}", "deg", np.pi / 180) for axis in "xyz"),
+    ("rotation about the radar's z", "deg", np.pi / 180),
     *((f"position along the base's {axis}", "m", 1.0) for axis in "xyz"),
     ("time to add to the radar's start", "s", 1.0),
 )
+PITCH_AND_ROLL = "the pitch and roll of the mount: they stay as described"
 MOTIONS = (
-    "all motion was along one line of the radar: move it sideways, and up and down",
+    "the radar hardly moved over the ground: walk ahead",
     "the rig turned too little: turn left and right by 180 degrees or more in all",
     "the rig hardly tilted: nod and roll it by 20 degrees while walking",
     "the speed hardly changed: stop and walk on several times",
@@ -77,45 +79,28 @@ class Mount(NamedTuple):
 
     base_from_radar: Float[np.ndarray, "4 4"]
     offset_s: float  # to add to the radar's stamps
-    turned: Float[np.ndarray, " 3"]  # rad about its axes, from the description
-    deviation: Float[
-        np.ndarray, " 7"
-    ]  # rad about x, y, z of the radar; m on the base; s
+    rotated: float  # rad, from the described orientation to that of the motion
+    deviation: Float[np.ndarray, " 5"]  # of AXES, in SI units
     stamps: Float[np.ndarray, " frame"]
     velocity: Float[np.ndarray, "frame 3"]  # of the radar by Doppler, m/s
     expected: Float[np.ndarray, "frame 3"]  # by the poses and this mount, m/s
-    rates: Float[np.ndarray, "frame 3"]  # of the base, rad/s
 
     @property
-    def observed(self) -> Bool[np.ndarray, " 7"]:
+    def observed(self) -> Bool[np.ndarray, " 5"]:
         """The axes that the walk shows within `LIMITS`."""
-        return self.deviation <= LIMITS
-
-    def rotated(
-        self, turn: Float[np.ndarray, "3 3"], deviation: Float[np.ndarray, " 7"]
-    ) -> "Mount":
-        """Return the mount with the radar rotated about its own axes by `turn`."""
-        mount = self.base_from_radar.copy()
-        described = mount[:3, :3] @ Rotation.from_rotvec(-self.turned).as_matrix()
-        mount[:3, :3] = mount[:3, :3] @ turn
-        turned = Rotation.from_matrix(described.T @ mount[:3, :3]).as_rotvec()
-        return self._replace(
-            base_from_radar=mount,
-            turned=turned,
-            deviation=deviation,
-            expected=self.expected @ turn,
-        )
+        return self.deviation <= LIMITS[2:]
 
     def missing(self) -> tuple[str, ...]:
         """Return the motions that would show the axes that this walk does not show."""
         hidden = ~self.observed
-        groups = hidden[[0, 2]].any(), hidden[3:5].any(), hidden[5], hidden[6]
+        groups = hidden[0], hidden[1:3].any(), hidden[3], hidden[4]
         return tuple(m for m, lacks in zip(MOTIONS, groups, strict=True) if lacks)
 
     def describe(self) -> dict[str, Any]:
         """Return the place, each axis with its deviation, and what the walk lacks."""
         turn = Rotation.from_matrix(self.base_from_radar[:3, :3])
-        values = np.r_[turn.as_euler("xyz"), self.base_from_radar[:3, 3], self.offset_s]
+        yaw = turn.as_euler("xyz")[2]
+        values = np.r_[yaw, self.base_from_radar[:3, 3], self.offset_s]
         return {
             "mount": [
                 {
@@ -139,7 +124,7 @@ class Mount(NamedTuple):
 
         Poses were `matched` if they are those of LiDAR scans.
         """
-        turned_deg = float(np.degrees(np.linalg.norm(self.turned)))
+        turned_deg = float(np.degrees(self.rotated))
         found = (MATCHED_SCANS,) if matched else ()
         if turned_deg < TURNED_DEG:
             return found
@@ -161,9 +146,10 @@ def mount_from_motion(
 ) -> Mount:
     """Return the mount that explains a radar's velocities by the poses of its base.
 
-    `described` is base_from_radar as far as it is known; any error of it is found where
-    the walk shows it. Poses of LiDAR scans are `matched`: their errors look like
-    motion. Raises ValueError for fewer than 20 frames with a velocity within the poses.
+    `described` is base_from_radar as far as it is known. Errors of its yaw and place
+    are found where the walk shows them. Poses of LiDAR scans are `matched`: their
+    errors look like motion. Raises ValueError for fewer than 20 frames with a
+    velocity within the poses.
     """
     if len(poses.stamps) < LEAST_POSES:
         raise ValueError(f"{len(poses.stamps)} poses, expected {LEAST_POSES} or more")
@@ -202,16 +188,17 @@ def mount_from_motion(
             f"{walk.speed:.2f} m/s, whatever the mount: are the clocks within "
             f"{LARGEST_OFFSET_S} s, and did scan matching hold?"
         )
-    turned = Rotation.from_matrix(described[:3, :3].T @ mount[:3, :3])
+    turn = described[:3, :3].T @ mount[:3, :3]
+    yaw = np.arctan2(turn[1, 0], turn[0, 0])
+    mount[:3, :3] = described[:3, :3] @ Rotation.from_euler("z", yaw).as_matrix()
     return Mount(
         base_from_radar=mount,
         offset_s=offset,
-        turned=turned.as_rotvec(),
-        deviation=deviation,
+        rotated=float(Rotation.from_matrix(turn).magnitude()),
+        deviation=deviation[2:],
         stamps=walk.stamps,
         velocity=walk.velocity,
         expected=expected,
-        rates=walk.motion(walk.stamps + offset)[1],
     )
 
 

@@ -11,11 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.calibration.level import Tilt, level_tilt, untilted
-from jradar.calibration.mount import Mount, mount_from_motion
-from jradar.calibration.pitch import single_echoes, with_pitch
+from jradar.calibration.mount import PITCH_AND_ROLL, Mount, mount_from_motion
 from jradar.calibration.self_calibration import SelfCalibration, self_calibrate
 from jradar.calibration.snapshots import strong_snapshots
-from jradar.calibration.surfaces import surfaces_of, with_roll
 from jradar.errors import UsageError
 from jradar.motion import frame_velocities, gravity_warnings
 from jradar.motion.scans import scan_poses
@@ -95,9 +93,9 @@ def calibrate_recording(
 
     At most 200 of the `frames` are used, evenly spaced. `reflector` is that of
     `self_calibrate`. With `level`, the radar was carried over level ground, which shows
-    the tilt. With `mount`, the radar's place on the base is estimated from its motion
-    and the recorded poses, or else those of matched LiDAR scans. Raises UsageError
-    without frames, and for `level` and `reflector` together.
+    the tilt. With `mount`, the radar's yaw and place on the base are estimated from its
+    motion and the recorded poses, or else those of matched LiDAR scans. Raises
+    UsageError without frames, and for `level` and `reflector` together.
     """
     if level and reflector:
         raise UsageError("--level and --reflector both fix the tilt: leave one out")
@@ -125,16 +123,15 @@ def calibrate_recording(
         mount=place,
         frames=chosen,
         warnings=(*sample_doubts(recording, chosen[0]), *itertools.chain(*warnings)),
-        hidden=tuple(_hidden(radar.spec, reflector=reflector is not None, level=level)),
+        hidden=(
+            *_hidden(radar.spec, reflector=reflector is not None, level=level),
+            *([PITCH_AND_ROLL] if mount else ()),
+        ),
     )
 
 
 def _mount(recording: Recording, frames: slice) -> Mount:
-    """Return the radar's place by all frames: the filter needs their rate.
-
-    Its pitch is that of echoes that are surely single ones, and its roll the one that
-    puts them on the surfaces of the LiDAR's scans.
-    """
+    """Return the radar's place by all frames: the filter needs their rate."""
     matched = recording.poses is None
     poses = scan_poses(recording) if recording.poses is None else recording.poses
     chosen = range(*frames.indices(len(recording.cubes)))
@@ -142,14 +139,7 @@ def _mount(recording: Recording, frames: slice) -> Mount:
         velocities = frame_velocities(recording, frames=chosen, advance=show)
     described = recording.base_from_radar
     described = np.eye(4) if described is None else described
-    found = mount_from_motion(velocities, poses, described, matched=matched)
-    if not recording.has_elevation:
-        return found
-    with progress("measuring elevations", len(chosen), unit="frames") as show:
-        echoes = single_echoes(recording, chosen, advance=show)
-    found = with_pitch(found, echoes, poses, matched=matched)
-    surfaces = None if matched else surfaces_of(recording, poses)
-    return found if surfaces is None else with_roll(found, echoes, surfaces, poses)
+    return mount_from_motion(velocities, poses, described, matched=matched)
 
 
 def _evenly(recording: Recording, frames: slice) -> range:

@@ -257,8 +257,11 @@ def _calibrate(sub):
     groups.option(sub, "--reflector", "M[,AZ,EL]", text, type=values.reflector)
     text = "estimate the tilt from Doppler; the radar was carried over level ground"
     groups.flag(sub, "--level", text)
-    text = "estimate the radar's place on the rig, from its motion and the recording's "
-    text += "poses or LiDAR scans; the rig was walked ahead and turned"
+    text = "estimate the radar's yaw and place on the rig, from its motion and the "
+    text += (
+        "recording's poses or LiDAR scans; the rig was walked ahead and turned. Pitch "
+    )
+    text += "and roll are not estimated"
     groups.flag(sub, "--mount", text)
     text = "new .png to draw how well --mount explains the radar's velocities"
     groups.option(sub, "--picture", "FILE", text)

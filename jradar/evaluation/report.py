@@ -120,7 +120,8 @@ def build_report(run: Path | str) -> Path:
         frames = _frames(clouds, first)
         drawn["Clouds"] = ("clouds.png", _clouds_figure(clouds))
         _write_clouds(folder / "clouds", clouds)
-    if (metrics := run / "metrics.jsonl").is_file():
+    metrics = run / "metrics.jsonl"  # empty after a run of no steps
+    if metrics.is_file() and metrics.stat().st_size:
         drawn["Training"] = ("training.png", learning_curve_figure(metrics))
     for name, figure in drawn.values():
         save_figure(figure, folder / name)

@@ -5,7 +5,7 @@
     radar_frames, lidar_scans   what the sensors measure, in memory
     simulate_sequence           a sequence on disk, in ColoRadar's layout
     draw_unit                   a radar as it is built, mounted and disturbed
-    SHIFTS, LATER_SHIFTS, robust_set    what the units of the robustness sets differ in
+    SHIFTS, ROBUST              what the units of the robustness set differ in
     simulate_set, set_sequences, SETS   named data sets and their versions
     drawn_sources, DRAWN        sets of training frames, each of a place of its own
     row_sources                 the same of radars with one row of antennas
@@ -34,13 +34,12 @@ from jradar.simulation.sequence import (
     simulate_sequence as simulate_sequence,
 )
 from jradar.simulation.sets import (
+    ROBUST as ROBUST,
     SETS as SETS,
-    robust_set as robust_set,
     set_sequences as set_sequences,
     simulate_set as simulate_set,
 )
 from jradar.simulation.units import (
-    LATER_SHIFTS as LATER_SHIFTS,
     SHIFTS as SHIFTS,
     draw_unit as draw_unit,
 )

@@ -5,9 +5,9 @@ place of its own, and nothing is written but the records: a `DrawnSource` opens 
 `Recording` whose frames are simulated on access, so `data.prepare_sources` prepares it
 in any number of processes, and resumes.
 
-The frames of one source share a radar unit, drawn from the second population. Radar and
-LiDAR look ahead at the same time, and the truth uses the true mount: errors of clocks
-and mounts are those of a user, and no target to learn.
+The frames of one source share a radar unit (`draw_unit`). Radar and LiDAR look ahead at
+the same time, and the truth uses the true mount: errors of clocks and mounts are those
+of a user, and not for a model to learn.
 
     jradar-sim-5        12,000 frames of ten kinds without a template, 3,200 of eight
                         older families, and 5,280 of real places, from six environments'
@@ -238,7 +238,7 @@ def _radar(name: str, row: bool) -> tuple[RadarSpec, Hardware]:
 
 
 def _unit(name, row) -> UnitSpec:
-    unit = draw_unit(zlib.crc32(name.encode()), population=2)
+    unit = draw_unit(zlib.crc32(name.encode()))
     return dataclasses.replace(unit, one_row=True, waveform="radarhd") if row else unit
 
 

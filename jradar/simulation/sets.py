@@ -2,13 +2,11 @@
 
     jradar-sim-1 ..           those of `options.scenes.SETS`, to train on and to test on
     jradar-sim-2-robust/NAME  test layouts under one named shift
-    jradar-sim-4-robust/NAME  the same, of the shifts that were added later
 
 A set has a frame of each of many layouts, because layouts differ more than the frames
 of one. The number in the name is the version: it changes whenever the data do. No
-board, interferer or clutter of a robustness set occurs in a training set, and neither
-does the family of `jradar-sim-2-robust/unseen-scene`, nor the waveform of
-`jradar-sim-4-robust/ti-indoor-waveform`.
+board, interferer or clutter of the robustness set occurs in a training set, and neither
+does the family of `jradar-sim-2-robust/unseen-scene`.
 
 The folder of a set holds ColoRadar's layout, `splits.json` for preparation, and
 `manifest.json` with the splits and a digest of every sequence. Samples are float32
@@ -28,32 +26,21 @@ from jradar import __version__
 from jradar.errors import UsageError, parsing
 from jradar.files import read_json, write_text
 from jradar.simulation.sequence import simulate_sequence
-from jradar.simulation.units import (
-    LATER_SHIFTS,
-    SHIFTS,
-    UnitSpec,
-    draw_unit,
-    shifted_unit,
-)
+from jradar.simulation.units import SHIFTS, UnitSpec, draw_unit, shifted_unit
 
 Splits = dict[str, tuple[int, ...]]  # seeds of each split
 FRAMES = 1  # of each sequence, by default
 SIX = ("hallways", "mine", "lab", "outdoor", "corridor", "hall")
-SEEN = (*SIX, "home")
-EIGHT = (*SEEN, "forest")
 UNSEEN = "warehouse"
 TEST: Splits = {"validation": tuple(range(100, 116)), "test": tuple(range(200, 392))}
 MINI: Splits = {"train": (0,), "validation": (100,), "test": (200,)}
-ROBUST: Splits = {"test": tuple(range(200, 204))}
-
-
-def _splits(train: int, validation: int) -> Splits:
-    """Return so many seeds of each split; those of training begin at 0 and at 1000."""
-    return {
-        "train": (*range(96), *range(1000, 904 + train)),
-        "validation": tuple(range(100, 100 + validation)),
-        **ROBUST,
-    }
+FEW: Splits = {"test": tuple(range(200, 204))}
+FULL: Splits = {
+    "train": (*range(96), *range(1000, 1288)),
+    "validation": tuple(range(100, 104)),
+    **FEW,
+}
+ROBUST = "jradar-sim-2-robust/"  # and the name of a shift
 
 
 class SetSpec(NamedTuple):
@@ -74,49 +61,29 @@ class Sequence(NamedTuple):
 
 
 def _own_unit(family: str, seed: int) -> UnitSpec:
-    return draw_unit(zlib.crc32(f"{family}_{seed}".encode()))
-
-
-def _wide_unit(family: str, seed: int) -> UnitSpec:
-    return draw_unit(zlib.crc32(f"{family}_{seed}".encode()), population=2)
-
-
-def _coloradar_unit(family: str, seed: int) -> UnitSpec:
-    return dataclasses.replace(_wide_unit(family, seed), waveform=None)
+    unit = draw_unit(zlib.crc32(f"{family}_{seed}".encode()))
+    return dataclasses.replace(unit, waveform=None)
 
 
 def _robust(shift: str) -> SetSpec:
     families = (UNSEEN,) if shift == "unseen-scene" else SIX
-    return SetSpec(ROBUST, families, lambda family, seed: shifted_unit(shift))
+    return SetSpec(FEW, families, lambda family, seed: shifted_unit(shift))
 
 
-def robust_set(shift: str) -> str:
-    """Return the name of the set that holds a shift."""
-    return f"jradar-sim-{2 if shift in SHIFTS else 4}-robust/{shift}"
-
-
-ROBUSTNESS = {robust_set(shift): _robust(shift) for shift in (*SHIFTS, *LATER_SHIFTS)}
+ROBUSTNESS = {f"{ROBUST}{shift}": _robust(shift) for shift in SHIFTS}
 SETS = {
-    "jradar-sim-1": SetSpec(_splits(384, 4)),
-    "jradar-sim-1-test": SetSpec(TEST),
+    "jradar-sim-1": SetSpec(FULL),
     "jradar-sim-1-mini": SetSpec(MINI),
-    "jradar-sim-2": SetSpec(_splits(192, 6), SEEN, _own_unit),
-    "jradar-sim-2-mini": SetSpec(MINI, SEEN, _own_unit),
-    "jradar-sim-3": SetSpec(_splits(384, 6), SEEN, _own_unit),
-    "jradar-sim-4": SetSpec(_splits(384, 8), EIGHT, _wide_unit),
-    "jradar-sim-4-mini": SetSpec(MINI, EIGHT, _wide_unit),
-    "jradar-sim-4-test": SetSpec(TEST, SIX, _coloradar_unit),
+    "jradar-sim-4-test": SetSpec(TEST, SIX, _own_unit),
 }
 
 
 def set_sequences(name: str) -> list[Sequence]:
     """Return the sequences of a set."""
     if (found := (SETS | ROBUSTNESS).get(name)) is None:
-        shifts, later = ", ".join(SHIFTS), ", ".join(LATER_SHIFTS)
         raise UsageError(
-            f"set {name!r}, expected one of {', '.join(SETS)}, or "
-            f"jradar-sim-2-robust/SHIFT with a shift of {shifts}, or "
-            f"jradar-sim-4-robust/SHIFT with a shift of {later}"
+            f"set {name!r}, expected one of {', '.join(SETS)}, or {ROBUST}SHIFT with a "
+            f"shift of {', '.join(SHIFTS)}"
         )
     return [
         Sequence(split, family, seed, found.unit(family, seed))

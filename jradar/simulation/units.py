@@ -2,12 +2,10 @@
 
 A `UnitSpec` describes one radar in somebody's hands: the errors of its board, how well
 they were calibrated, how it is mounted and carried, and what disturbs it. The default
-is the unit of `jradar-sim-1`. `draw_unit` draws a unit from a population. `SHIFTS`
+is the unit of `jradar-sim-1`. `draw_unit` draws a unit from the population that models
+are trained on: boards, mounts, speeds, chirps (`WAVEFORMS`), clutter, reflections by
+way of the floor and between walls, moving leaves, receivers that clip. `SHIFTS`
 names the units of the robustness set; the population contains none of their boards.
-Population 1 is that of `jradar-sim-2` and `jradar-sim-3`. Population 2, of
-`jradar-sim-4`, adds other chirps (`WAVEFORMS`), reflections by way of the floor and
-between walls (`bounces`), moving leaves (`clutter`) and receivers that clip; boards,
-mounts, speeds and clutter spread more widely.
 
 The spreads are those of the boards and captures at hand: phases of channels that TI's
 demo measured on an AWR1843 and an AWR6843AOP (`compRangeBiasAndRxChanPhase`), and on
@@ -38,12 +36,8 @@ WAVEFORMS = {
     "fine-range": (0.08, 64, 256, 72e12, 5.4e6, 150e-6, 55e-6),
     "fine-range-quick": (0.08, 64, 256, 79e12, 8e6, 20e-6, 42e-6),
 }
-# Of the robustness set: TI's 3-D example for the AWR1843 (`1843_3d.cfg` of its ROS
-# driver), with 16 chirps. RadarHD's, of `radarhd_config.xml` in its repository.
-UNSEEN = {
-    "ti-3d": (0.0, 16, 256, 70e12, 5.209e6, 267e-6, 57.14e-6),
-    "radarhd": (0.0, 64, 512, 63.343e12, 9.121e6, 10e-6, 63.14e-6),
-}
+# RadarHD's, of `radarhd_config.xml` in its repository. No unit draws it.
+RADARHD = {"radarhd": (0.0, 64, 512, 63.343e12, 9.121e6, 10e-6, 63.14e-6)}
 WAVEFORM_NAMES = tuple(WAVEFORMS)
 WAVEFORM_SHARES = [share for share, *_ in WAVEFORMS.values()]
 
@@ -112,54 +106,15 @@ def named_waveform(name: str) -> dict[str, Any]:
 
     Raises ValueError for an unknown name.
     """
-    known = WAVEFORMS | UNSEEN
+    known = WAVEFORMS | RADARHD
     if name not in known:
         raise ValueError(f"waveform {name!r}, expected one of {', '.join(known)}")
     fields = zip(WAVEFORM_FIELDS, known[name][1:], strict=True)
     return {field: value for field, value in fields if value is not None}
 
 
-def draw_unit(seed: int, *, population: int = 1) -> UnitSpec:
-    """Return unit number `seed` of a population that models are trained on.
-
-    Raises ValueError for a population other than 1 and 2.
-    """
-    if population not in POPULATIONS:
-        raise ValueError(f"{population=}, expected one of {[*POPULATIONS]}")
-    return POPULATIONS[population](seed)
-
-
-def _first_population(seed: int) -> UnitSpec:
-    random = np.random.default_rng([seed, *b"unit"])
-    uniform, chance = random.uniform, random.random
-    calibration = [1.5, 6.0, None][random.choice(3, p=[0.5, 0.25, 0.25])]
-    bias = uniform(0.03, 0.09) if calibration is None else random.normal(scale=0.01)
-    still = chance() < 0.3
-    return UnitSpec(
-        board=int(random.integers(FIRST_SHIFT)),
-        channel_degrees=uniform(5, 25),
-        channel_db=uniform(0.3, 1.2),
-        calibration_degrees=calibration,
-        range_bias_m=float(bias),
-        noise_db=uniform(-2, 6),
-        leakage_db=uniform(-8, 4),
-        coupling_file=chance() < 0.6,
-        gain_db=uniform(-6, 6),
-        edge_db=uniform(0, 10),
-        image_db=uniform(-46, -30),
-        offset_counts=uniform(0, 30),
-        drift_mrad=uniform(0, 60),
-        clutter_counts=float(chance() < 0.7) * float(np.exp(uniform(-1, 2.7))),
-        interferers=int(random.choice(4, p=[0.7, 0.15, 0.1, 0.05])),
-        interferer_counts=float(np.exp(uniform(3, 7))),
-        mount_degrees=uniform(0, 2),
-        height_m=uniform(0.6, 1.8),
-        tilt_degrees=float(np.clip(random.normal(scale=5), -8, 14)),
-        speed_mps=0.0 if still else uniform(0.2, 2.5),
-    )
-
-
-def _second_population(seed: int) -> UnitSpec:
+def draw_unit(seed: int) -> UnitSpec:
+    """Return unit number `seed` of the population that models are trained on."""
     random = np.random.default_rng([seed, *b"unit 2"])
     uniform, chance = random.uniform, random.random
     calibration = [1.5, 6.0, None][random.choice(3, p=[0.45, 0.25, 0.3])]
@@ -194,8 +149,6 @@ def _second_population(seed: int) -> UnitSpec:
         wind_mph=uniform(1, 25) if chance() < 0.7 else 0.0,
     )
 
-
-POPULATIONS = {1: _first_population, 2: _second_population}
 
 # What a unit of the robustness set differs in from `CALIBRATED`, the clean unit.
 CALIBRATED = UnitSpec(calibration_degrees=2.0, range_bias_m=0.01, mount_degrees=0.5)
@@ -238,19 +191,8 @@ SHIFTS: dict[str, dict[str, object]] = {
     },
     "one-row": {"one_row": True},
 }
-# Of `jradar-sim-4-robust`.
-LATER_SHIFTS: dict[str, dict[str, object]] = {
-    "ground-and-bounces": {
-        "floor_bounces": True,
-        "floor_roughness_m": 0.3e-3,
-        "wall_echoes": True,
-        "ghost_db": 4.0,
-    },
-    "ti-indoor-waveform": {"waveform": "ti-3d"},
-    "clipping": {"gain_db": 36.0},
-}
 
 
 def shifted_unit(shift: str) -> UnitSpec:
-    """Return the unit of a named shift of a robustness set."""
-    return dataclasses.replace(CALIBRATED, **(SHIFTS | LATER_SHIFTS)[shift])
+    """Return the unit of a named shift of the robustness set."""
+    return dataclasses.replace(CALIBRATED, **SHIFTS[shift])

@@ -17,7 +17,6 @@ ADVICE = (
     "`False` will likely succeed"
 )
 NOISE = np.random.default_rng(0).bytes(300)
-LABEL = ("0.weight", "0.bias", "2.weight", "2.bias")
 PICKLE = pickle.dumps({"ema": {"weights": [1, 2, 3]}})
 
 
@@ -81,75 +80,6 @@ def test_a_state_dict_is_converted(torch, tmp_path):
     assert main([str(tmp_path / "net.pt"), str(tmp_path / "net.safetensors")]) == 0
     state = read_state(tmp_path / "net.safetensors")
     np.testing.assert_array_equal(state["out.0.weight"], np.ones(3, np.float32))
-
-
-def test_the_norms_of_an_exported_graph_get_their_names(tmp_path):
-    onnx = pytest.importorskip("onnx", reason="needs onnx")
-    draw = np.random.default_rng(0).normal
-    tensors = {
-        f"network.label_emb.{name}": draw(size=shape)
-        for name, shape in zip(LABEL, ((8, 1), 8, (4, 8), 4), strict=True)
-    }
-    tensors |= {
-        "groups": np.array([0, 2, -1]),
-        "ones": np.ones(2),
-        "zeros": np.zeros(2),
-        "two": np.array(2.0),
-    }
-    nodes, layers = [], ["input_blocks.1.0.in_layers.2", "middle_block.1.qkv", "out.2"]
-    value = "image"
-    for k, layer in enumerate(layers):
-        tensors |= {f"a{k}": draw(size=(2, 1, 1)), f"b{k}": draw(size=(2, 1, 1))}
-        tensors[f"network.{layer}.weight"] = draw(size=(2, 2, 1, 1))
-        nodes += [
-            ("Reshape", value, "groups"),
-            ("InstanceNormalization", None, "ones", "zeros"),
-            ("Reshape", None, "shape"),
-            ("Mul", None, f"a{k}"),
-            ("Add", None, f"b{k}"),
-            ("Mul", None, "two"),  # no part of the norm
-            ("Conv", None, f"network.{layer}.weight"),
-            ("Add", None, "two"),
-        ]
-        value = None
-    made, last = [], ""
-    for k, (kind, first, *others) in enumerate(nodes):
-        inputs = [first or last, *others]
-        last = f"value{k}"
-        made.append(onnx.helper.make_node(kind, inputs, [last]))
-    held = [
-        onnx.numpy_helper.from_array(np.asarray(t, np.float32), n)
-        for n, t in tensors.items()
-    ]
-    graph = onnx.helper.make_graph(made, "adm", [], [], initializer=held)
-    onnx.save(onnx.helper.make_model(graph), tmp_path / "net.onnx")
-    assert main([str(tmp_path / "net.onnx"), str(tmp_path / "net.safetensors")]) == 0
-    state = read_state(tmp_path / "net.safetensors")
-    norms = ["input_blocks.1.0.in_layers.0", "middle_block.1.norm", "out.0"]
-    for k, norm in enumerate(norms):
-        for kind, name in (("weight", f"a{k}"), ("bias", f"b{k}")):
-            expected = tensors[name].astype(np.float32).ravel()
-            np.testing.assert_array_equal(state[f"{norm}.{kind}"], expected)
-    label = {n: tensors[f"network.label_emb.{n}"] for n in LABEL}
-    h = label["0.weight"][:, 0] + label["0.bias"]
-    last = label["2.weight"] @ (h / (1 + np.exp(-h))) + label["2.bias"]
-    np.testing.assert_allclose(state["label_emb.weight"][-1], last, rtol=1e-5)
-    assert "label_emb.0.weight" not in state
-
-
-@pytest.mark.parametrize("damaged", [False, True])
-def test_an_exported_graph_of_another_network_is_refused(tmp_path, capsys, damaged):
-    onnx = pytest.importorskip("onnx", reason="needs onnx")
-    path = tmp_path / "net.onnx"
-    graph = onnx.helper.make_graph([], "other", [], [])
-    onnx.save(onnx.helper.make_model(graph), path)
-    if damaged:
-        path.write_bytes(NOISE)
-    assert main([str(path), str(tmp_path / "out")]) == 4
-    err = capsys.readouterr().err
-    assert f"{path} is damaged or not a file of weights" in err
-    assert damaged or "no ADM" in err
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from experiments import convert_weights, main as command
-from experiments.studies import robustness, walk_maps
+from experiments.studies import robustness
 from tests.experiments.conftest import TINY
 from tests.programs import ROOT, started
 
@@ -26,8 +26,6 @@ def ends(call, capsys, code):
 @pytest.mark.parametrize(
     ("study", "arguments", "code"),
     [
-        (walk_maps, ["nowhere", "-o", "out"], 2),
-        (walk_maps, ["walk", "--model=nowhere", "-o", "out"], 5),
         (robustness, ["--rates=nowhere", "-o", "out"], 2),
         (convert_weights, ["nowhere.pt", "out"], 2),
         (convert_weights, ["nowhere.pkl", "out"], 2),
@@ -43,15 +41,15 @@ def test_a_missing_path_is_named(study, arguments, code, tmp_path, capsys, monke
 
 def test_an_output_below_a_file_is_refused_at_once(tmp_path, capsys):
     (tmp_path / "file").write_text(WORK)
-    call = ["walk", "-o", str(tmp_path / "file" / "out")]
-    assert "file is a file" in ends(lambda: walk_maps.main(call), capsys, 2)
+    call = ["--rates=none", "-o", str(tmp_path / "file" / "out")]
+    assert "file is a file" in ends(lambda: robustness.main(call), capsys, 2)
     assert (tmp_path / "file").read_text() == WORK
 
 
 @pytest.mark.parametrize(
     "run",
     [
-        lambda out: walk_maps.main(["walk", "-o", str(out)]),
+        lambda out: robustness.main(["--rates=none", "-o", str(out)]),
         lambda out: command.main(["main", SMOKE, f"--workdir={out}"]),
     ],
     ids=["study", "experiment"],

@@ -20,7 +20,7 @@ def test_a_kind_is_left_out_and_alone_is_tested(tmp_path, monkeypatch):
     monkeypatch.setattr(drawn, "NEWER", ("open", "stairwell"))
     monkeypatch.setattr(drawn, "OLDER", ())
     unit = drawn.draw_unit(0)  # one waveform: compiled once
-    monkeypatch.setattr(drawn, "draw_unit", lambda seed, *, population: unit)
+    monkeypatch.setattr(drawn, "draw_unit", lambda seed: unit)
     config = smoke.get_config()
     config.data.set = "jradar-sim-5-mini"
     folder = build.prepared_data(config, tmp_path)

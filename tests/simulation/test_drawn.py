@@ -45,7 +45,7 @@ def test_sets_and_maps_that_are_missing_are_named(tmp_path):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_radar_is_the_one_that_calibration_files_would_describe(seed, tmp_path):
-    unit = draw_unit(seed, population=2)
+    unit = draw_unit(seed)
     radar = unit.radar()
     hardware = make_unit_hardware(unit, radar)
     found = drawn.described(radar, hardware)

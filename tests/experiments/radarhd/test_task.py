@@ -9,7 +9,6 @@ import pytest
 from experiments import radarhd as task, train
 from experiments.configs import radarhd as default, radarhd_history, radarhd_nearness
 from experiments.radarhd import scores
-from jradar import diffusion
 from jradar.errors import ModelError, UsageError
 from jradar.evaluation import read_scores
 from jradar.planar import RADAR
@@ -100,24 +99,6 @@ def test_a_run_starts_from_weights_with_varied_pairs(walls, started):
     np.testing.assert_array_equal(batch.condition, again.condition)
 
 
-def test_saved_weights_are_the_mean_of_trained_and_initial_ones(
-    walls, started, tmp_path
-):
-    config = shrink(default.get_config(), walls)
-    config.train.initial = str(started[1] / "weights.safetensors")
-    config.train.initial_share = 0.25
-    training = task.setup(config, tmp_path)
-    initial = training.state.ema_params
-    trained = jax.tree.map(lambda leaf: leaf + 1, initial)
-    training.save(training.state._replace(ema_params=trained))
-    saved = diffusion.read_params(tmp_path / "weights.safetensors")
-    for before, after in zip(*map(jax.tree.leaves, (initial, saved)), strict=True):
-        np.testing.assert_allclose(after, before + 0.75, rtol=2e-3, atol=1e-3)
-    config.train.initial_share = 1.0
-    with pytest.raises(UsageError, match="initial_share = 1, expected 0 to less"):
-        task.check(config)
-
-
 def test_wrong_weights_are_named(walls, started, tmp_path):
     config = shrink(default.get_config(), walls)
     with pytest.raises(ModelError, match="no weights at"):
@@ -138,7 +119,6 @@ def test_wrong_weights_are_named(walls, started, tmp_path):
         ("noise.sigma_data", 0.6, "config.noise: sigma_data = 0.6, expected"),
         ("data.threshold_trajectories", (136, 9), "config.data.threshold_traj.*: no t"),
         ("data.turn", 120.0, "config.data.turn: 120 degrees, expected -90"),
-        ("train.initial_share", 0.5, "initial_share = 0.5 without weights to start"),
     ],
 )
 def test_wrong_fields_are_named(walls, started, field, value, message, monkeypatch):
