@@ -1,4 +1,4 @@
-"""MCAP files with Foxglove's messages, through foxglove-sdk.
+"""MCAP files with Foxglove's messages, which foxglove-sdk encodes.
 
 /NAME/points          foxglove.PointCloud: x y z, and velocity, power .. as fields
 /radar/range_azimuth  foxglove.RawImage, mono8
@@ -6,7 +6,6 @@
                       the base in odom
 """
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,16 +13,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jradar.errors import optional
+from jradar.errors import UsageError, optional
 from jradar.outputs.clouds import point_table
+from jradar.outputs.messages import exists
 from jradar.outputs.published import CLOUDS, RADAR_FRAME, Published
-from jradar.outputs.writers import exists, writing
+from jradar.recordings.bags.mcap_writer import McapWriter, Schema
 
-FLUSHED_S = 1.0  # by which a crash may shorten a file
 ENCODING = "protobuf"
 
 
-class Messages:
+class FoxgloveMessages:
     """Frames as Foxglove's messages."""
 
     def __init__(self, what: str):
@@ -52,6 +51,10 @@ class Messages:
                 for parent, child, matrix in frame.transforms
             ]
             yield "/tf", self.messages.FrameTransforms(transforms=transforms)
+
+    def create(self, path: Path) -> "FoxgloveFile":
+        """Create a file for these messages."""
+        return FoxgloveFile(path)
 
     def _cloud(self, stamp, table: np.ndarray):
         m, names = self.messages, table.dtype.names or ()
@@ -96,51 +99,23 @@ class Messages:
         )
 
 
-class McapWriter:
-    """One MCAP file."""
+class FoxgloveFile:
+    """An MCAP file of these messages."""
 
     def __init__(self, path: Path):
-        """Create the file; UsageError if it exists."""
-        self.path, self._messages = path, Messages("an MCAP file")
-        foxglove = self._messages.foxglove
-        self._context, self._channels = foxglove.Context(), dict[str, Any]()
+        """Create the file; UsageError if it exists, ImportError without mcap."""
         try:
-            self._file = foxglove.open_mcap(path, context=self._context)
-        except FileExistsError:  # created since the caller looked
+            self._file = McapWriter(path, profile="", compress=True)
+        except UsageError:  # created since the caller looked
             raise exists(path) from None
-        self._flushed_s, self._safe = time.monotonic(), True
+        self._topics = set[str]()
+        self.complete, self.close = self._file.complete, self._file.close
 
-    def write(self, frame: Published) -> None:
-        """Write a frame; what is older than a second is safe from a crash.
-
-        Raises OSError if the file cannot be written, such as on a full disk.
-        """
-        with writing(self.path):
-            for topic, message in self._messages.of(frame):
-                log_time = frame.stamp_ns
-                self._channel(topic, message).log(message.encode(), log_time=log_time)
-        self._safe = False
-        self.save()
-
-    def save(self) -> None:
-        """Write what waits in memory, once a second."""
-        now = time.monotonic()
-        if not self._safe and now - self._flushed_s >= FLUSHED_S:
-            with writing(self.path):
-                self._file.flush()
-            self._flushed_s, self._safe = now, True
-
-    def close(self) -> None:
-        """Write the index."""
-        with writing(self.path):
-            self._file.close()
-
-    def _channel(self, topic: str, message: Any) -> Any:
-        if topic not in self._channels:
-            self._channels[topic] = self._messages.foxglove.Channel(
-                topic,
-                schema=message.get_schema(),
-                message_encoding=ENCODING,
-                context=self._context,
-            )
-        return self._channels[topic]
+    def put(self, topic: str, message: Any, time_ns: int) -> None:
+        """Add a message."""
+        if topic not in self._topics:
+            kind = message.get_schema()
+            schema = Schema(kind.name, kind.data, kind.encoding, ENCODING)
+            self._file.add(topic, schema)
+            self._topics.add(topic)
+        self._file.write(topic, time_ns, message.encode())

@@ -79,7 +79,7 @@ def published(
 
 
 def published_frame(recording: Recording, frame: Frame) -> Published:
-    """Return an enhanced frame as it is published, with the LiDAR's scan if there is one."""
+    """Return an enhanced frame as it is published, with its LiDAR scan if any."""
     clouds = {"radar": frame.points, "enhanced": frame.cloud}
     if (lidar := nearest_scan(recording, frame.number)) is not None:
         clouds[LIDAR_FRAME] = lidar_cloud(lidar)

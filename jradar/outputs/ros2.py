@@ -1,20 +1,13 @@
-"""ROS 2 bags of frames, in MCAP storage, through rosbags; no ROS is needed.
+"""ROS 2 bags of frames, in MCAP storage; rosbags encodes messages, no ROS is needed.
 
 /NAME/points          sensor_msgs/PointCloud2: x y z, and velocity, power .. as fields
 /radar/range_azimuth  sensor_msgs/Image, mono8
 /tf                   tf2_msgs/TFMessage of radar and LiDAR on the base, and of the
                       base in odom
 
-Once a second the bag is completed, with its index and metadata.yaml. The next message
-goes over the index:
-
-    chunk | chunk | index        complete: any reader opens it
-    chunk | chunk | chunk ..     until the next second: readers scan it
+A bag is a folder with metadata.yaml, which names topics and counts messages.
 """
 
-import contextlib
-import math
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -24,120 +17,42 @@ from scipy.spatial.transform import Rotation
 
 from jradar.errors import optional
 from jradar.outputs.clouds import point_table
+from jradar.outputs.messages import exists
 from jradar.outputs.published import RADAR_FRAME, Published
-from jradar.outputs.writers import exists, writing
+from jradar.recordings.bags.mcap_writer import McapWriter, Schema
 
 FLOAT32 = 7  # of sensor_msgs/PointField
-SAVED_S = 1.0  # by which a crash may shorten a bag
 VERSION = 8  # of the bag's metadata, which ROS 2 Humble and later read
 
 
-class BagWriter:
-    """A bag in MCAP storage, a folder with metadata.yaml."""
+class Ros2Messages:
+    """Frames as messages of ROS 2."""
 
-    def __init__(self, path: Path):
-        """Create the folder; UsageError if it exists, ImportError without rosbags."""
-        rosbag2, typesys = _rosbags("rosbag2"), _rosbags("typesys")
-        self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-        self.path = path
-        storage = rosbag2.StoragePlugin.MCAP
-        try:
-            self._bag = rosbag2.Writer(path, version=VERSION, storage_plugin=storage)
-            self._bag.open()
-        except rosbag2.WriterError:  # created since the caller looked
-            raise exists(path) from None
-        self._storage: Any = self._bag.storage
-        self._connections: dict[str, Any] = {}
-        self._qos = _reliable()
-        self._end, self._index = 0, b""  # of the messages that are safe
-        self._saved_s = -math.inf
-        self._failed = False
+    def __init__(self):
+        """Raise ImportError without rosbags."""
+        typesys = _rosbags("typesys")
+        self.store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
-    def write(self, frame: Published) -> None:
-        """Write a frame; what is older than a second is safe from a crash.
-
-        Raises OSError if the bag cannot be written, such as on a full disk. It then
-        ends with the messages that were safe.
-        """
-        with self._or_end():
-            self._write_all(frame)
-        self.save()
-
-    def save(self) -> None:
-        """Complete the bag, once a second."""
-        if time.monotonic() - self._saved_s >= SAVED_S:
-            self.close()
-
-    def close(self) -> None:
-        """Write the index and the metadata."""
-        if not self._failed and self._bag.storage is not None:
-            with self._or_end():
-                self._complete()
-
-    def _write_all(self, frame: Published) -> None:
+    def of(self, frame: Published) -> Iterator[tuple[str, Any]]:
+        """Yield the topic and the message of everything that a frame holds."""
         header = self._header(frame, RADAR_FRAME)
         for name, cloud in frame.clouds.items():
-            message = self._cloud(header, point_table(cloud))
-            self._write(f"/{name}/points", message, frame)
+            yield f"/{name}/points", self._cloud(header, point_table(cloud))
         if frame.picture is not None:
-            message = self._image(header, frame.picture)
-            self._write("/radar/range_azimuth", message, frame)
+            yield "/radar/range_azimuth", self._image(header, frame.picture)
         if frame.transforms:
             transforms = [
                 self._transform(self._header(frame, parent), child, matrix)
                 for parent, child, matrix in frame.transforms
             ]
-            message = self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
-            self._write("/tf", message, frame)
+            yield "/tf", self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
 
-    def _complete(self) -> None:
-        """Write the end of the bag, which the next frame goes over."""
-        storage = self._storage
-        if storage.chunk.bio.tell():
-            storage.close_chunk()
-        end = storage.bio.tell()
-        self._bag.close()
-        with storage.path.open("rb") as file:
-            file.seek(end)
-            self._index = file.read()
-        self._end, self._saved_s = end, time.monotonic()
-
-    def _go_on(self) -> None:
-        """Open a bag that was completed, behind its last chunk."""
-        file = self._storage.path.open("r+b")
-        file.seek(self._end)
-        file.truncate()
-        self._storage.bio, self._bag.storage = file, self._storage
-
-    @contextlib.contextmanager
-    def _or_end(self) -> Iterator[None]:
-        """End the bag with the messages that are safe if it cannot be written."""
-        try:
-            with writing(self.path):
-                yield
-        except OSError:
-            self._failed = True
-            with contextlib.suppress(OSError):
-                self._storage.bio.close()  # which tries to write again
-            with self._storage.path.open("r+b") as file:
-                file.truncate(self._end)
-                file.seek(self._end)
-                file.write(self._index)
-            raise
+    def create(self, path: Path) -> "Ros2Bag":
+        """Create a bag for these messages."""
+        return Ros2Bag(path, self.store)
 
     def _type(self, name: str) -> Any:
-        return self._store.types[name]
-
-    def _write(self, topic: str, message: Any, frame: Published) -> None:
-        kind = message.__msgtype__
-        if self._bag.storage is None:
-            self._go_on()
-        if topic not in self._connections:
-            self._connections[topic] = self._bag.add_connection(
-                topic, kind, typestore=self._store, offered_qos_profiles=[self._qos]
-            )
-        raw = self._store.serialize_cdr(message, kind)
-        self._bag.write(self._connections[topic], frame.stamp_ns, raw)
+        return self.store.types[name]
 
     def _header(self, frame: Published, frame_id: str) -> Any:
         seconds, nanoseconds = divmod(frame.stamp_ns, 10**9)
@@ -189,6 +104,86 @@ class BagWriter:
                 rotation=quaternion(x=x, y=y, z=z, w=w),
             ),
         )
+
+
+class Ros2Bag:
+    """The folder of a bag; rosbags writes metadata.yaml, and how topics are described.
+
+    Its own storage cannot be completed and gone on with, nor cut off at a full disk.
+    """
+
+    def __init__(self, path: Path, store: Any):
+        """Create the folder; UsageError if it exists."""
+        rosbag2, self._store = _rosbags("rosbag2"), store
+        mcap = rosbag2.StoragePlugin.MCAP
+
+        class Bag(rosbag2.Writer):
+            STORAGE_PLUGINS = {mcap: _Storage}
+
+        self._path = path
+        try:
+            self._bag: Any = Bag(path, version=VERSION, storage_plugin=mcap)
+            self._bag.open()
+        except rosbag2.WriterError:  # created since the caller looked
+            raise exists(path) from None
+        self._storage: _Storage = self._bag.storage
+        self._topics, self._qos = dict[str, Any](), _reliable()
+
+    def put(self, topic: str, message: Any, time_ns: int) -> None:
+        """Add a message."""
+        kind = message.__msgtype__
+        if topic not in self._topics:
+            self._topics[topic] = self._bag.add_connection(
+                topic, kind, typestore=self._store, offered_qos_profiles=[self._qos]
+            )
+        raw = self._store.serialize_cdr(message, kind)
+        self._bag.write(self._topics[topic], time_ns, raw)
+
+    def complete(self) -> None:
+        """Write index and metadata; the bag takes more after that."""
+        try:
+            self._bag.close()
+        except OSError as error:
+            if error.errno is None:  # of McapWriter
+                raise
+            raise OSError(
+                f"{self._path} cannot be written ({error}): is the disk full?"
+            ) from error
+        self._bag.storage = self._storage
+
+    def close(self) -> None:
+        """Close the file; `complete` comes before."""
+        self._storage.abort()
+
+
+class _Storage:
+    """One MCAP file as `rosbags.rosbag2.Writer` calls its storage."""
+
+    def __init__(self, path: Path, _: Any):
+        self.path = path / f"{path.name}.mcap"
+        self._file = McapWriter(self.path)
+
+    def add_msgtype(self, connection: Any) -> None:
+        """Do nothing: `add_connection` adds the type."""
+
+    def add_connection(self, connection: Any, offered_qos_profiles: str) -> None:
+        """Add a topic."""
+        metadata = {"offered_qos_profiles": offered_qos_profiles}
+        definition = connection.msgdef.data.encode()
+        schema = Schema(connection.msgtype, definition, metadata=metadata)
+        self._file.add(connection.topic, schema)
+
+    def write(self, connection: Any, timestamp: int, data: bytes | memoryview) -> None:
+        """Add a message."""
+        self._file.write(connection.topic, timestamp, data)
+
+    def close(self, version: int, metadata: str) -> None:
+        """Complete the file, which takes more after that."""
+        self._file.complete()
+
+    def abort(self) -> None:
+        """Close the file."""
+        self._file.close()
 
 
 def _rosbags(module: str) -> Any:

@@ -11,16 +11,15 @@ overwritten unless it is asked for, and neither is a file in a folder that was n
 written there before.
 """
 
-import contextlib
 import functools
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from jradar.errors import UsageError
 from jradar.outputs.clouds import valid_points, write_npz, write_ply
 from jradar.outputs.guard import GuardedFolder
+from jradar.outputs.messages import MessageWriter, exists
 from jradar.outputs.published import CLOUDS, Published
 
 
@@ -87,24 +86,21 @@ def open_writer(path: Path | str, *, force: bool = False) -> Writer:
         if path.is_file():
             raise UsageError(f"{path} is a file, expected the name of a folder")
         return FolderWriter(path, force=force)
-    if path.suffix == ".mcap":
-        from jradar.outputs.foxglove import McapWriter as StreamWriter
-    elif path.suffix != ".ros2":
-        from jradar.outputs.video import VideoWriter as StreamWriter
-    else:
-        from jradar.outputs.ros2 import BagWriter as StreamWriter
     if path.exists() and not force:
         raise exists(path)
+    if path.suffix == ".mcap":
+        from jradar.outputs.foxglove import FoxgloveMessages
+
+        create = functools.partial(MessageWriter, FoxgloveMessages("an MCAP file"))
+    elif path.suffix == ".ros2":
+        from jradar.outputs.ros2 import Ros2Messages
+
+        create = functools.partial(MessageWriter, Ros2Messages())
+    else:
+        from jradar.outputs.video import VideoWriter as create
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove(path)
-    return StreamWriter(path)
-
-
-def exists(path: Path) -> UsageError:
-    """Return the error for a file or bag that exists."""
-    return UsageError(
-        f"{path} exists and is not overwritten: name another output, or add --force"
-    )
+    return create(path)
 
 
 def _remove(path: Path) -> None:
@@ -116,15 +112,3 @@ def _remove(path: Path) -> None:
     for other in sorted({entry.name for entry in path.iterdir()} - parts):
         raise UsageError(f"{path / other} is not part of a bag: name another output")
     shutil.rmtree(path)
-
-
-@contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Raise OSError with the file's name for errors of the packages that write it."""
-    try:
-        yield
-    except (RuntimeError, OSError) as error:
-        reason = " ".join(str(error).split())
-        raise OSError(
-            f"{path} cannot be written ({reason}): is the disk full?"
-        ) from error

@@ -15,7 +15,7 @@ from jradar.recordings.bags.bags import (
     is_bag,
     open_bag,
 )
-from jradar.recordings.bags.foxglove import describe_mcap, is_other_mcap
+from jradar.recordings.bags.mcap_files import describe_mcap, is_other_mcap
 from jradar.recordings.bags.messages import is_cloud_type
 from jradar.recordings.clouds.read import read_cloud
 from jradar.recordings.recording import (

@@ -26,7 +26,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from jradar.errors import optional
-from jradar.outputs.foxglove import ENCODING, Messages
+from jradar.outputs.foxglove import ENCODING, FoxgloveMessages
 from jradar.outputs.published import Published
 
 DEFAULT_PORT = 8765
@@ -95,7 +95,7 @@ class Server:
         `allow_origins` are served besides the local ones and Foxglove's. `say` is
         called with a line about the first page of each other origin, which is refused.
         """
-        self._messages = Messages("--serve")
+        self._messages = FoxgloveMessages("--serve")
         need = "--serve needs websockets"
         websockets = optional("websockets", need=need, extra="live")
         serving = optional("websockets.sync.server", need=need, extra="live")

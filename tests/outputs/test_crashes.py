@@ -1,37 +1,23 @@
 """What is left of an output after kill -9, a full disk, or a second writer."""
 
 import contextlib
-import importlib
+import os
 import signal
 import struct
+import time
 
+import jax
+import numpy as np
 import pytest
 
 from jradar.errors import UsageError
+from jradar.outputs import messages
+from jradar.outputs.messages import MessageWriter
 from jradar.outputs.writers import open_writer
 from tests.outputs.scenes import frame_of
-from tests.programs import finished
 
-KILLED = """
-import os, pathlib, signal
-from tests.outputs.scenes import frame_of
-from jradar.outputs import foxglove, ros2
-folder = pathlib.Path({folder!r})
-foxglove.FLUSHED_S = 0.0
-writers = {{
-    0.0: foxglove.McapWriter(folder / "out.mcap"),
-    1e-9: ros2.BagWriter(folder / "saved.ros2"),
-    1e9: ros2.BagWriter(folder / "open.ros2"),
-}}
-for number in range(40):
-    for ros2.SAVED_S, writer in writers.items():
-        writer.write(frame_of(number, points=5000))
-os.kill(os.getpid(), signal.SIGKILL)
-"""
-WRITERS = {
-    "out.mcap": ("foxglove", "McapWriter"),
-    "out.ros2": ("ros2", "BagWriter"),
-}
+NAMES = "out.mcap", "out.ros2"
+FRAMES = 40
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -40,12 +26,23 @@ def packages():
         pytest.importorskip(package)
 
 
+@pytest.fixture
+def save_all(monkeypatch):
+    """Outputs are saved after each frame, not once a second."""
+    monkeypatch.setattr(messages, "SAVED_S", 0.0)
+
+
+def file_of(path):
+    """The file of an output, which is in a folder if it is a bag."""
+    return path if path.suffix == ".mcap" else path / f"{path.name}.mcap"
+
+
 def scanned_times(path):
     """Times of the messages of an MCAP file that may have no end, in file order."""
     from mcap import exceptions, records, stream_reader
 
     times = []
-    with path.open("rb") as file:
+    with file_of(path).open("rb") as file:
         with contextlib.suppress(exceptions.McapError, struct.error, EOFError):
             for record in stream_reader.StreamReader(file).records:
                 if isinstance(record, records.Message):
@@ -53,91 +50,138 @@ def scanned_times(path):
     return times
 
 
-def times_of(views):
-    """Times of the four messages of each of so many views."""
-    return [frame_of(n, points=1).stamp_ns for n in range(views) for _ in range(4)]
+def indexed_times(path):
+    """Times of the messages of a whole MCAP file, by the index at its end."""
+    from mcap.reader import make_reader
+
+    with file_of(path).open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None and summary.chunk_indexes
+        return [message.log_time for *_, message in reader.iter_messages()]
 
 
-@pytest.fixture(scope="module")
-def killed(tmp_path_factory, packages):
-    """Outputs of a killed program of 40 views: saved after each, and never saved."""
-    folder = tmp_path_factory.mktemp("killed")
-    done = finished(KILLED.format(folder=str(folder)))
-    assert done.returncode == -signal.SIGKILL, done.stderr
-    return folder
+def times_of(frames):
+    """Times of the four messages of each of so many frames."""
+    return [frame_of(n, points=1).stamp_ns for n in range(frames) for _ in range(4)]
 
 
-def test_an_mcap_file_of_a_killed_program_is_read_up_to_its_last_chunk(killed):
-    assert sorted(scanned_times(killed / "out.mcap")) == times_of(40)
+def killed(path, after_s):
+    """Write frames in a process that is killed; return how many it had written."""
+    frames = jax.device_get([frame_of(n, points=5000) for n in range(FRAMES)])
+    read, told = os.pipe()
+    if (child := os.fork()) == 0:
+        try:
+            writer = open_writer(path)
+            for frame in frames:
+                writer.write(frame)
+                os.write(told, b".")
+            time.sleep(60)
+        finally:
+            os._exit(1)
+    os.close(told)
+    os.read(read, 1)  # the first frame
+    time.sleep(after_s)
+    os.kill(child, signal.SIGKILL)
+    assert os.waitpid(child, 0)[1] == signal.SIGKILL
+    with open(read, "rb") as file:
+        return 1 + len(file.read())
 
 
-def test_a_bag_of_a_killed_program_is_whole_after_each_save(killed):
-    """Once a second in earnest, after each view here."""
-    from rosbags.highlevel import AnyReader
-
-    path = killed / "saved.ros2"
-    assert scanned_times(path / "saved.ros2.mcap") == times_of(40)
-    with AnyReader([path]) as reader:
-        assert [time_ns for _, time_ns, _ in reader.messages()] == times_of(40)
-    assert "message_count: 160" in (path / "metadata.yaml").read_text()
-
-
-def test_a_bag_of_a_program_killed_between_two_saves_is_scanned(killed):
-    found = scanned_times(killed / "open.ros2" / "open.ros2.mcap")
-    assert len(found) > 4 * 20 and found == times_of(40)[: len(found)]
-    assert "message_count: 4\n" in (killed / "open.ros2/metadata.yaml").read_text()
+@pytest.mark.parametrize("name", NAMES)
+def test_a_program_that_is_killed_at_any_moment_loses_nothing_saved(
+    tmp_path, save_all, name
+):
+    """Twenty times; the last frame may be there or not."""
+    counts = []
+    for number, after_s in enumerate(np.linspace(0, 0.2, 20)):
+        path = tmp_path / f"{number}{name}"
+        counts.append(killed(path, after_s))
+        times = scanned_times(path)
+        assert times in (times_of(counts[-1]), times_of(min(counts[-1] + 1, FRAMES)))
+    assert len({*counts}) > 3
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", NAMES)
+def test_an_output_of_a_killed_program_is_whole_after_each_save(
+    tmp_path, save_all, name
+):
+    """Once a second in earnest, after each frame here."""
+    assert killed(tmp_path / name, after_s=2.0) == FRAMES
+    assert indexed_times(tmp_path / name) == times_of(FRAMES)
+    if name == "out.ros2":
+        from rosbags.highlevel import AnyReader
+
+        with AnyReader([tmp_path / name]) as reader:
+            assert [time_ns for _, time_ns, _ in reader.messages()] == times_of(FRAMES)
+        text = (tmp_path / name / "metadata.yaml").read_text()
+        assert f"message_count: {4 * FRAMES}" in text
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_program_killed_between_two_saves_leaves_whole_chunks(
+    tmp_path, monkeypatch, name
+):
+    monkeypatch.setattr(messages, "SAVED_S", 1e9)
+    assert killed(tmp_path / name, after_s=2.0) == FRAMES
+    found = scanned_times(tmp_path / name)
+    assert len(found) > 4 * 20 and found == times_of(FRAMES)[: len(found)]
+    if name == "out.ros2":
+        text = (tmp_path / name / "metadata.yaml").read_text()
+        assert "message_count: 4\n" in text
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_what_came_before_a_pause_is_safe_after_a_second(tmp_path, monkeypatch, name):
-    from jradar.outputs import foxglove, ros2
-
-    path = tmp_path / name
-    writer = open_writer(path)
+    writer = open_writer(tmp_path / name)
     for number in range(3):
         writer.write(frame_of(number))
-    file = path if path.is_file() else path / f"{name}.mcap"
     writer.save()
-    assert len(scanned_times(file)) < 12
-    monkeypatch.setattr(ros2, "SAVED_S", 0.0)
-    monkeypatch.setattr(foxglove, "FLUSHED_S", 0.0)
+    assert len(scanned_times(tmp_path / name)) < 12
+    monkeypatch.setattr(messages, "SAVED_S", 0.0)
     writer.save()
-    assert sorted(scanned_times(file)) == times_of(3)
+    assert indexed_times(tmp_path / name) == times_of(3)
     writer.write(frame_of(3))
     writer.close()
-    assert sorted(scanned_times(file)) == times_of(4)
+    assert indexed_times(tmp_path / name) == times_of(4)
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_is_named_and_leaves_a_whole_bag(small_disk, monkeypatch, name):
-    from rosbags.highlevel import AnyReader
+@pytest.mark.parametrize("name", NAMES)
+def test_a_full_disk_is_named_and_leaves_a_whole_file(small_disk, save_all, name):
+    from jradar.recordings import describe_file
 
-    from jradar.outputs import foxglove, ros2
-
-    monkeypatch.setattr(ros2, "SAVED_S", 0.0)
-    monkeypatch.setattr(foxglove, "FLUSHED_S", 0.0)
     path, whole = small_disk / name, 0
     writer = open_writer(path)
-    with pytest.raises(OSError, match=rf"{name} cannot be written .*the disk full"):
+    with pytest.raises(OSError, match=rf"{name}.* cannot be written .*the disk full"):
         for whole in range(100):
             writer.write(frame_of(whole, points=5000))
-    if name == "out.mcap":  # whose end does not fit
-        with contextlib.suppress(OSError):
-            writer.close()
-        return
     writer.close()
-    assert whole > 5
+    assert whole > 5 and scanned_times(path) == times_of(whole)
+    found = {row["topic"]: row["messages"] for row in describe_file(path)["topics"]}
+    assert found["/radar/points"] >= whole - 1
+
+
+def test_a_bag_that_met_a_full_disk_is_read_by_others(small_disk, save_all):
+    from rosbags.highlevel import AnyReader
+
+    path, whole = small_disk / "out.ros2", 0
+    with pytest.raises(OSError, match="the disk full"):
+        with contextlib.closing(open_writer(path)) as writer:
+            for whole in range(100):
+                writer.write(frame_of(whole, points=5000))
     with AnyReader([path]) as reader:
         assert [time_ns for _, time_ns, _ in reader.messages()] == times_of(whole)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_second_writer_that_comes_between_is_refused(tmp_path, name):
     """Both have looked before either of them has created the output."""
-    module, kind = WRITERS[name]
-    create = getattr(importlib.import_module(f"jradar.outputs.{module}"), kind)
-    first = create(tmp_path / name)
+    from jradar.outputs.foxglove import FoxgloveMessages
+    from jradar.outputs.ros2 import Ros2Messages
+
+    encoding = Ros2Messages() if name == "out.ros2" else FoxgloveMessages("a test")
+    first = MessageWriter(encoding, tmp_path / name)
     with pytest.raises(UsageError, match="exists and is not overwritten"):
-        create(tmp_path / name)
+        MessageWriter(encoding, tmp_path / name)
     first.write(frame_of(0))
     first.close()

@@ -85,8 +85,12 @@ def test_an_mcap_file_is_listed_without_its_messages(tmp_path):
     found = describe_file(path)
     rows = {(row["topic"], row["type"]): row["messages"] for row in found["topics"]}
     assert rows == dict(counts) and found["first_s"] <= found["last_s"]
+    assert found["notes"] == []
     path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(ValueError, match="a whole MCAP file"):
+    cut = describe_file(path)
+    assert cut["topics"] == found["topics"] and "was cut off" in cut["notes"][0]
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(ValueError, match="is damaged or not an MCAP file"):
         describe_file(path)
 
 

@@ -88,12 +88,12 @@ def test_channels_and_messages_are_those_of_foxgloves_own_server(server):
     import foxglove
     from foxglove.channels import PointCloudChannel
 
-    from jradar.outputs.foxglove import Messages
+    from jradar.outputs.foxglove import FoxgloveMessages
 
     context = foxglove.Context()
     theirs = foxglove.start_server(port=0, context=context)
     channel = PointCloudChannel("/radar/points", context=context)
-    message = dict(Messages("test").of(VIEW))["/radar/points"]
+    message = dict(FoxgloveMessages("test").of(VIEW))["/radar/points"]
 
     def said(port, publish):
         with connected(port) as socket:

@@ -23,7 +23,6 @@ from jaxtyping import Float
 
 from jradar.errors import UsageError, optional
 from jradar.files import open_file
-from jradar.recordings.bags.cut_off import CutOffMcap, is_cut_off
 from jradar.recordings.bags.messages import (
     NS,
     decode_cloud,
@@ -31,7 +30,6 @@ from jradar.recordings.bags.messages import (
     is_cloud_type,
     stamp_ns,
 )
-from jradar.recordings.bags.unpacking import limit_rosbags
 from jradar.recordings.recording import Imu, Stream
 
 SUFFIXES = (".bag", ".mcap", ".db3")
@@ -227,7 +225,8 @@ def bag_topics(path: Path | str) -> dict[str, tuple[str, int]]:
 def bag_notes(path: Path | str) -> tuple[str, ...]:
     """Return what of a bag could not be read, if it was cut off."""
     with _opened(Path(path)) as reader:
-        return getattr(reader, "notes", ())
+        storage = getattr(reader, "storage", None)
+        return getattr(storage, "notes", ())
 
 
 def bag_definition(path: Path | str, topic: str) -> str:
@@ -291,13 +290,10 @@ def _opened(path: Path) -> Iterator[Any]:
 @functools.lru_cache(maxsize=64)
 def _reader(path, _process, _version):
     kind = "rosbag1" if path.suffix == ".bag" else "rosbag2"
-    rosbag = optional(f"rosbags.{kind}", need="bags need rosbags", extra="ros")
-    limit_rosbags()
-    if is_cut_off(path):
-        return CutOffMcap(path)
-    reader = rosbag.Reader(path)
-    reader.open()
-    return reader
+    optional(f"rosbags.{kind}", need="bags need rosbags", extra="ros")
+    from jradar.recordings.bags.readers import open_reader
+
+    return open_reader(path)
 
 
 def _damaged(path, error):

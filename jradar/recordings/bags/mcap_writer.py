@@ -1,150 +1,169 @@
-"""MCAP files of ROS 2 messages, written so that a killed program loses nothing.
+"""MCAP files that a killed program and a full disk leave readable.
 
-Each message is a chunk of its own, without compression, that is handed to the system
-when it is complete. The end makes the file quick to open, also for other programs:
+The package `mcap` makes every record. It hands them to Python's buffers; how they reach
+the disk is ours:
 
-    header | chunk, index | chunk, index ..           while it is written, or killed
-    .. | schemas, channels, chunks, statistics        the end, written by `close`
+    header | chunk, index | chunk, index | end        complete: any reader opens it
+    header | chunk, index | chunk, index | chunk      the next chunk goes over the end
 
-The layout is that of mcap.dev/spec. No package is needed.
+A chunk goes to the system as a whole. What does not fit on the disk is cut off, and the
+file ends with what came before and an end without an index, which readers scan.
 """
 
 import contextlib
-import os
-import struct
-import zlib
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from jradar.errors import UsageError
-from jradar.recordings.bags.foxglove import (
-    CHANNEL,
-    CHUNK,
-    CHUNK_INDEX,
-    DATA_END,
-    FOOTER_RECORD,
-    HEADER,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_INDEX,
-    SCHEMA,
-    STATISTICS,
+from jradar.errors import UsageError, optional
+
+MAGIC = b"\x89MCAP0\r\n"
+# Two records, the end of the data and a footer that names no summary, and MAGIC.
+END_WITHOUT_INDEX = (
+    *(b"\x0f", (4).to_bytes(8, "little"), bytes(4)),
+    *(b"\x02", (20).to_bytes(8, "little"), bytes(20), MAGIC),
 )
 
 
-class _Topic(NamedTuple):
-    number: int
-    described: bytes  # records of schema and channel
-    times: list[int]  # of its messages, nanoseconds
+class Schema(NamedTuple):
+    """The type of a topic's messages, and how both are written down."""
+
+    name: str
+    definition: bytes
+    encoding: str = "ros2msg"  # of the definition
+    messages: str = "cdr"  # encoding of the messages
+    metadata: dict[str, str] = {}  # of the topic
 
 
 class McapWriter:
-    """A new file; `close`, or the end of a `with` block, writes its end."""
+    """A new file; the end of a `with` block closes it.
+
+    Errors of the disk are OSErrors that name the file. It takes nothing more after one.
+    """
+
+    def __init__(self, path: Path, *, profile: str = "ros2", compress: bool = False):
+        """Create the file; UsageError if it exists, ImportError without `mcap`."""
+        need = f"{path.name} needs mcap"
+        self._mcap = optional("mcap.writer", need=need, extra="ros")
+        self._file, self._channels = _File(path), dict[str, int]()
+        self._schemas = dict[tuple[str, str, bytes], int]()
+        kinds = self._mcap.CompressionType
+        self._writer = self._mcap.Writer(
+            self._file,
+            compression=kinds.ZSTD if compress else kinds.NONE,
+            use_summary_offsets=False,  # which would grow with every end
+        )
+        self._writer.start(profile, "jradar")
+        self._file.flush()
+        self._complete = False
+
+    def __enter__(self) -> "McapWriter":
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def add(self, topic: str, schema: Schema) -> None:
+        """Add a topic."""
+        described = schema.name, schema.encoding, schema.definition
+        if (number := self._schemas.get(described)) is None:
+            number = self._writer.register_schema(*described)
+            self._schemas[described] = number
+        self._channels[topic] = self._writer.register_channel(
+            topic, schema.messages, number, schema.metadata
+        )
+
+    def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
+        """Add a message, with the time of its recording; `flush` makes it safe.
+
+        A chunk that is full is flushed by itself.
+        """
+        if self._file.failed:
+            raise OSError(f"{self._file.path} took nothing more after an error")
+        self._writer.add_message(self._channels[topic], time_ns, data, time_ns)
+        self._file.flush()
+        self._complete = False
+
+    def flush(self) -> None:
+        """Hand what was written to the system, from where no crash of ours takes it."""
+        self._writer.flush()
+
+    def complete(self) -> None:
+        """Make the file whole, with its index; more can be written after that."""
+        if not self._complete and not self._file.failed:
+            self._writer.flush()
+            self._writer.finish()
+            self._file.end()
+            self._complete = True
+
+    def close(self) -> None:
+        """Make the file whole, and close it."""
+        try:
+            self.complete()
+        finally:
+            self._file.close()
+
+
+class _File:
+    """What the package writes to: bytes wait until they reach the disk together."""
 
     def __init__(self, path: Path):
-        """Create the file; UsageError if it exists."""
-        self.path, self._topics, self._chunks = path, dict[str, _Topic](), list[bytes]()
+        self.path, self.failed = path, False
         try:
             self._file = path.open("xb", buffering=0)
         except FileExistsError:
             raise UsageError(
                 f"{path} exists, and recordings are never overwritten: name another"
             ) from None
-        self._size = 0  # of what is whole
-        self._append(MAGIC + _record(HEADER, _text("ros2") + _text("jradar")))
+        self._waiting, self._size = list[bytes](), 0
+        self._kept, self._ended = 0, False  # bytes that stay; whether an end follows
 
-    def __enter__(self) -> "McapWriter":
-        return self
+    def write(self, data: bytes) -> None:
+        """Let bytes wait."""
+        self._waiting.append(data)
+        self._size += len(data)
 
-    def __exit__(self, *_) -> None:
-        self.close()
+    def tell(self) -> int:
+        """Return where the next bytes will be in the file."""
+        return self._kept + self._size
 
-    def add(self, topic: str, kind: str, definition: str) -> None:
-        """Add a topic of messages of a `kind`, which `definition` describes."""
-        number = len(self._topics) + 1
-        schema = _text(kind) + _text("ros2msg") + _text(definition)
-        ids = struct.pack("<HH", number, number)
-        described = _record(SCHEMA, struct.pack("<H", number) + schema)
-        described += _record(
-            CHANNEL, ids + _text(topic) + _text("cdr") + struct.pack("<I", 0)
-        )
-        self._topics[topic] = _Topic(number, described, [])
+    def flush(self) -> None:
+        """Write what waits, over an end."""
+        size = self._size
+        if size:
+            self._put()
+            self._kept, self._ended = self._kept + size, False
 
-    def write(self, topic: str, time_ns: int, *data: bytes | memoryview) -> None:
-        """Write a message, whose `data` are joined, with the time of its recording.
-
-        Raises OSError that names the file if it does not fit on the disk. The file then
-        ends with the message before.
-        """
-        number, described, times = self._topics[topic]
-        first = b"" if times else described
-        head = struct.pack("<HIQQ", number, len(times), time_ns, time_ns)
-        size = len(head) + sum(map(len, data))
-        message = [first, struct.pack("<BQ", MESSAGE, size), head, *data]
-        inside = b"".join(message)
-        span = struct.pack("<QQQ", time_ns, time_ns, len(inside))
-        packed = _text("") + struct.pack("<Q", len(inside))
-        check = struct.pack("<I", zlib.crc32(inside))
-        start, index = self._size, struct.pack("<HIQQ", number, 16, time_ns, len(first))
-        chunk = _record(CHUNK, span + check + packed + inside)
-        end = start + len(chunk)
-        indexed = _record(MESSAGE_INDEX, index)
-        self._append(chunk + indexed)
-        times.append(time_ns)
-        self._chunks.append(
-            struct.pack("<QQQQ", time_ns, time_ns, start, end - start)
-            + struct.pack("<IHQQ", 10, number, end, len(indexed))
-            + packed
-            + struct.pack("<Q", len(inside))
-        )
+    def end(self) -> None:
+        """Write what waits as an end, which the next bytes go over."""
+        self._put()
+        self._ended = True
 
     def close(self) -> None:
-        """Write the end of the file; a full disk leaves it without."""
-        if self._file.closed:
-            return
-        times = [time for topic in self._topics.values() for time in topic.times]
-        counts = b"".join(
-            struct.pack("<HQ", topic.number, len(topic.times))
-            for topic in self._topics.values()
-        )
-        span = min(times, default=0), max(times, default=0)
-        topics, chunks = len(self._topics), len(self._chunks)
-        numbers = (len(times), topics, topics, 0, 0, chunks, *span, len(counts))
-        statistics = struct.pack("<QHIIIIQQI", *numbers) + counts
-        data_end = _record(DATA_END, struct.pack("<I", 0))
-        start = self._size + len(data_end)
-        end = [
-            data_end,
-            *(topic.described for topic in self._topics.values()),
-            *(_record(CHUNK_INDEX, chunk) for chunk in self._chunks),
-            _record(STATISTICS, statistics),
-            _record(FOOTER_RECORD, struct.pack("<QQI", start, 0, 0)),
-            MAGIC,
-        ]
-        try:
-            self._append(b"".join(end))
-        finally:
-            self._file.close()
+        """Close the file; what waits is lost."""
+        self._file.close()
 
-    def _append(self, data: bytes) -> None:
-        left = memoryview(data)
+    def _put(self) -> None:
+        waiting, self._waiting, self._size = self._waiting, [], 0
         try:
-            while left:
-                left = left[self._file.write(left) or 0 :]
+            if self._ended:
+                self._cut()
+            self._write(waiting)
         except OSError as error:
+            self.failed = True
             with contextlib.suppress(OSError):
-                self._file.truncate(self._size)
-                self._file.seek(0, os.SEEK_END)
+                self._cut()
+                self._write(END_WITHOUT_INDEX)
             raise OSError(
                 f"{self.path} cannot be written ({error}): is the disk full?"
             ) from error
-        self._size += len(data)
 
+    def _cut(self) -> None:
+        self._file.truncate(self._kept)
+        self._file.seek(self._kept)
 
-def _record(kind: int, content: bytes) -> bytes:
-    return struct.pack("<BQ", kind, len(content)) + content
-
-
-def _text(text: str) -> bytes:
-    data = text.encode()
-    return struct.pack("<I", len(data)) + data
+    def _write(self, parts: Sequence[bytes]) -> None:
+        for part in parts:
+            left = memoryview(part)
+            while left:
+                left = left[self._file.write(left) or 0 :]

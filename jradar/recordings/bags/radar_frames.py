@@ -24,7 +24,7 @@ from jaxtyping import UInt8
 from jradar.errors import UsageError, parsing
 from jradar.files import MAX_TEXT_BYTES
 from jradar.recordings.bags.bags import bag_topics, is_bag, messages
-from jradar.recordings.bags.mcap_writer import McapWriter
+from jradar.recordings.bags.mcap_writer import McapWriter, Schema
 from jradar.recordings.bags.messages import NS, after_header
 from jradar.recordings.descriptions import Description
 from jradar.recordings.radar_toml import radar_of_tables, radar_toml
@@ -59,8 +59,8 @@ class BagRecorder:
         self.path, self.frames, self.lost_bytes = Path(path), 0, 0
         self._radar, self._time_ns = radar, 0
         self._file = McapWriter(self.path)
-        self._file.add(DESCRIPTION, TEXT, "string data\n")
-        self._file.add(FRAMES, KIND, DEFINITION)
+        self._file.add(DESCRIPTION, Schema(TEXT, b"string data\n"))
+        self._file.add(FRAMES, Schema(KIND, DEFINITION.encode()))
 
     def __enter__(self) -> "BagRecorder":
         return self
@@ -82,8 +82,9 @@ class BagRecorder:
             "<iII", seconds, nanoseconds, len(FRAME_ID.rstrip(b"\0")) + 1
         )
         counts = struct.pack("<II", lost_bytes, data.nbytes // 2)
-        message = LITTLE_ENDIAN + head + FRAME_ID + counts
-        self._file.write(FRAMES, self._time_ns, message, data.tobytes())
+        message = b"".join((LITTLE_ENDIAN, head, FRAME_ID, counts, data.data))
+        self._file.write(FRAMES, self._time_ns, message)
+        self._file.flush()
         self.frames += 1
         self.lost_bytes += lost_bytes
 

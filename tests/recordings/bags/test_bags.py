@@ -12,6 +12,7 @@ rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="pip install 'jradar[ros
 
 from jradar.recordings.bags import bags, unpacking  # noqa: E402
 from jradar.recordings.bags.bags import bag_topics, open_bag  # noqa: E402
+from tests.programs import finished  # noqa: E402
 from tests.recordings.bag_writer import (  # noqa: E402
     CLOUD,
     CONTAINERS,
@@ -157,6 +158,41 @@ def test_a_bag_that_unpacks_to_too_much(tmp_path, monkeypatch, container, compre
     bags._reader.cache_clear()
     with pytest.raises(ValueError, match="not a whole bag .*unpacks to more than 10,0"):
         open_bag(path)[0]
+
+
+UNCHANGED = """
+import importlib, pkgutil, rosbags
+modules = [
+    importlib.import_module(found.name)
+    for found in pkgutil.walk_packages(rosbags.__path__, "rosbags.")
+    if not found.name.endswith("__main__")
+]
+def state():
+    for module in modules:
+        for name, value in vars(module).items():
+            yield module.__name__, name, value
+            inside = vars(value) if isinstance(value, type) else value
+            if isinstance(inside, dict) or isinstance(value, type):
+                yield from ((module.__name__, name, *pair) for pair in inside.items())
+before = [*state()]
+from jradar.recordings.bags.bags import open_bag
+for path in {paths!r}:
+    assert len(open_bag(path)[0])
+after = [*state()]
+assert len(before) > 1000 and len(before) == len(after)
+for one, other in zip(before, after, strict=True):
+    assert one[:-1] == other[:-1] and one[-1] is other[-1], one
+"""
+
+
+def test_opening_a_bag_leaves_rosbags_as_it_was(tmp_path):
+    """Also in a program that reads bags with it."""
+    paths = [
+        str(livox_bag(tmp_path / f"{i}", container, [livox_rows(20)], compressed=how))
+        for i, (container, how) in enumerate([*PACKED, ("mcap", "storage")])
+    ]
+    done = finished(UNCHANGED.format(paths=paths))
+    assert done.returncode == 0, done.stderr
 
 
 BAG_TIMES = [START / 1e9, START / 1e9 + 0.1, START / 1e9 + 0.2]

@@ -1,0 +1,256 @@
+"""What an MCAP file holds, read by the package `mcap` with limits of our own.
+
+    magic | header | chunk, index | chunk, index .. | summary | footer, magic
+                                                      ^ footer.summary_start
+
+The package believes every size in a file, and unpacks a chunk however large it becomes.
+Here a record is taken only as far as the file goes, a chunk is unpacked to a limit, and
+the package parses both from memory. A recorder that was killed, or a computer that lost
+its power, leaves a file without a summary, which may end within a chunk:
+
+    magic | header | chunk, index | chunk, index | half a chunk
+
+It is scanned: the messages of all whole chunks are found, and a chunk whose checksum is
+wrong is left out. So is a file that has an end without a summary.
+"""
+
+import heapq
+import io
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from jradar.errors import optional, parsing
+from jradar.files import open_file
+from jradar.recordings.bags.unpacking import MOST_BYTES, unpack
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")  # of a record: its kind and size
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 1, 2, 3, 4, 5, 6, 15
+FOOTER_BYTES = 20
+
+
+class Part(NamedTuple):
+    """Where a chunk begins, or a message outside of chunks, and what is in it."""
+
+    at: int
+    first_ns: int
+    last_ns: int
+    channels: frozenset[int]  # empty if it is not known
+
+
+class McapFile:
+    """Schemas, channels and messages of a file; `notes` say what cannot be read."""
+
+    def __init__(self, file: BinaryIO, name: str):
+        """Read the summary, or scan; ValueError if neither finds a message."""
+        self._file, self._size = file, file.seek(0, io.SEEK_END)
+        self._records, self._reader = _package("records"), _package("stream_reader")
+        self._cached: tuple[int, list[Any]] = -1, []
+        self.schemas, self.channels = dict[int, Any](), dict[int, Any]()
+        self.counts, self.notes = Counter[int](), ()
+        self._parts = list[Part]()
+        if self._read(0, len(MAGIC)) != MAGIC:
+            raise ValueError("it does not begin as an MCAP file")
+        content = self._content(len(MAGIC), HEADER)
+        self.profile: str = self._parsed(self._records.Header, content).profile
+        summary = self._summary()
+        if not (summary and self._take(summary)):
+            self._scan(name, cut_off=summary is None)
+        self._parts.sort(key=lambda part: part.first_ns)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """The first and the last time of a message."""
+        if not self._parts:
+            return None
+        return self._parts[0].first_ns, max(part.last_ns for part in self._parts)
+
+    def messages(
+        self, channels: Collection[int], start: int | None, stop: int | None
+    ) -> Iterator[Any]:
+        """Yield the messages of channels from `start` to before `stop`, by their times.
+
+        ValueError for a damaged chunk, or one that is too large.
+        """
+        waiting, order = [], 0  # a heap of messages that a later part may precede
+        for part in self._parts:
+            after = start is None or part.last_ns >= start
+            if not after or (stop is not None and part.first_ns >= stop):
+                continue
+            if part.channels and part.channels.isdisjoint(channels):
+                continue
+            while waiting and waiting[0][0] < part.first_ns:
+                yield heapq.heappop(waiting)[-1]
+            for record in self._part(part.at):
+                if not isinstance(record, self._records.Message):
+                    continue
+                time, order = record.log_time, order + 1
+                inside = start is None or time >= start
+                if (
+                    inside
+                    and (stop is None or time < stop)
+                    and record.channel_id in channels
+                ):
+                    heapq.heappush(waiting, (time, order, record))
+        while waiting:
+            yield heapq.heappop(waiting)[-1]
+
+    def _summary(self) -> list[Any] | None:
+        """Return the records of the summary, [] without one; None without an end."""
+        at = self._size - HEAD.size - FOOTER_BYTES - len(MAGIC)
+        footer = self._read(max(at, 0), self._size)
+        if not footer.endswith(MAGIC) or HEAD.unpack_from(footer) != (FOOTER, 20):
+            return None
+        (start,) = struct.unpack_from("<Q", footer, HEAD.size)
+        if not start:
+            return []
+        if not len(MAGIC) < start <= at or at - start > MOST_BYTES:
+            raise ValueError(f"its summary begins at byte {start:,} of {at:,}")
+        stream = io.BytesIO(self._read(start, self._size))
+        return [
+            *self._reader.StreamReader(
+                stream, skip_magic=True, emit_chunks=True
+            ).records
+        ]
+
+    def _take(self, summary: list[Any]) -> bool:
+        """Take the index from a summary; return whether it is complete."""
+        kinds, counted = self._records, None
+        for record in summary:
+            self._describe(record)
+            if isinstance(record, kinds.Statistics):
+                counted = record
+            elif isinstance(record, kinds.ChunkIndex):
+                span = record.message_start_time, record.message_end_time
+                channels = frozenset(record.message_index_offsets)
+                self._parts.append(Part(record.chunk_start_offset, *span, channels))
+        if counted is None or len(self._parts) != counted.chunk_count:
+            return False
+        self.counts.update(counted.channel_message_counts)
+        return not counted.message_count or bool(self._parts and self.channels)
+
+    def _scan(self, name: str, *, cut_off: bool) -> None:
+        self._parts, damaged, at = [], 0, len(MAGIC)
+        while (head := self._head(at)) and head[0] in range(1, DATA_END):
+            if head[0] in (SCHEMA, CHANNEL, MESSAGE, CHUNK):
+                try:
+                    self._add(at, self._part(at))
+                except Exception:  # damaged bytes can raise anything
+                    damaged += 1
+            at += HEAD.size + head[1]
+        if not self._parts and (cut_off or damaged):
+            raise ValueError("it was cut off before its first message")
+        if cut_off:
+            first, last = self.span_ns or (0, 0)
+            whole, seconds = self.counts.total(), 1e-9 * (last - first)
+            self.notes += (
+                f"{name} was cut off: its {whole:,} whole messages, of {seconds:.1f} "
+                f"s, are read; {self._size - at:,} bytes at its end are not",
+            )
+        if damaged:
+            self.notes += (f"{damaged} damaged chunks in {name} are left out",)
+
+    def _add(self, at: int, records: list[Any]) -> None:
+        """Add what a part holds."""
+        times = list[int]()
+        counts = Counter[int]()
+        for record in records:
+            self._describe(record)
+            if isinstance(record, self._records.Message):
+                times.append(record.log_time)
+                counts[record.channel_id] += 1
+        if times:
+            self._parts.append(Part(at, min(times), max(times), frozenset(counts)))
+            self.counts += counts
+
+    def _describe(self, record: Any) -> None:
+        if isinstance(record, self._records.Schema):
+            self.schemas[record.id] = record
+        elif isinstance(record, self._records.Channel):
+            self.channels[record.id] = record
+
+    def _part(self, at: int) -> list[Any]:
+        """Return the records of a part; ValueError if it is damaged or too large."""
+        if self._cached[0] != at:
+            kind, size = self._head(at) or (0, 0)
+            if kind == CHUNK:
+                data = self._unpacked(self._content(at, CHUNK))
+            elif kind in (SCHEMA, CHANNEL, MESSAGE):
+                data = self._read(at, at + HEAD.size + size)
+            else:
+                raise ValueError(f"there is no chunk at byte {at:,}")
+            whole = self._records.Chunk("", data, 0, 0, 0, len(data))
+            self._cached = at, self._reader.breakup_chunk(whole)
+        return self._cached[1]
+
+    def _unpacked(self, content: bytes) -> bytes:
+        chunk = self._parsed(self._records.Chunk, content)
+        size, check = chunk.uncompressed_size, chunk.uncompressed_crc
+        data = unpack(chunk.compression, chunk.data)
+        if len(data) != size or (check and zlib.crc32(data) != check):
+            raise ValueError("a chunk has a wrong size or checksum")
+        return data
+
+    def _parsed(self, kind: Any, content: bytes) -> Any:
+        stream = _package("data_stream").ReadDataStream(io.BytesIO(content))
+        return kind.read(stream)
+
+    def _content(self, at: int, kind: int) -> bytes:
+        """Return the content of a record of a kind; ValueError for any other."""
+        found, size = self._head(at) or (0, 0)
+        if found != kind or size > MOST_BYTES:
+            raise ValueError(f"a record of kind {found} and {size:,} bytes at {at:,}")
+        return self._read(at + HEAD.size, at + HEAD.size + size)
+
+    def _head(self, at: int) -> tuple[int, int] | None:
+        """Kind and size of the record at a place; None if it is not whole."""
+        head = self._read(at, at + HEAD.size)
+        if len(head) < HEAD.size:
+            return None
+        kind, size = HEAD.unpack(head)
+        return (kind, size) if at + HEAD.size + size <= self._size else None
+
+    def _read(self, begin: int, end: int) -> bytes:
+        self._file.seek(begin)
+        return self._file.read(end - begin)
+
+
+def is_other_mcap(path: Path) -> bool:
+    """Whether a file is an MCAP file of another profile than ROS's."""
+    if path.suffix != ".mcap" or not path.is_file():
+        return False
+    with open_file(path) as file:
+        begin = file.read(len(MAGIC) + HEAD.size + 4 + 1024)
+    text = begin[len(MAGIC) + HEAD.size :]
+    profile = text[4 : 4 + int.from_bytes(text[:4], "little")]
+    is_mcap = begin.startswith(MAGIC + bytes([HEADER]))
+    return is_mcap and profile not in (b"ros1", b"ros2")
+
+
+def describe_mcap(path: Path | str) -> dict[str, Any]:
+    """Return type and number of messages of each topic, and when they were written."""
+    with parsing(path, "an MCAP file"), open_file(Path(path)) as opened:
+        file = McapFile(opened, Path(path).name)
+    rows = [
+        {
+            "topic": channel.topic,
+            "type": getattr(file.schemas.get(channel.schema_id), "name", ""),
+            "messages": file.counts[number],
+        }
+        for number, channel in file.channels.items()
+    ]
+    span = zip(("first_s", "last_s"), file.span_ns or (), strict=False)
+    times = {name: 1e-9 * time for name, time in span}
+    return {"mcap": str(path), "topics": rows, **times, "notes": [*file.notes]}
+
+
+def _package(module: str) -> Any:
+    return optional(f"mcap.{module}", need="an MCAP file needs mcap", extra="ros")

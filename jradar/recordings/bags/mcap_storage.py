@@ -1,0 +1,81 @@
+"""MCAP files of ROS 2 messages, also without their end, for the readers of rosbags."""
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from rosbags.interfaces import (
+    Connection,
+    ConnectionExtRosbag2,
+    MessageDefinition,
+    MessageDefinitionFormat,
+)
+from rosbags.rosbag2.metadata import parse_qos
+
+from jradar.files import open_file
+from jradar.recordings.bags.mcap_files import McapFile
+
+FORMATS = {
+    "ros2msg": MessageDefinitionFormat.MSG,
+    "ros2idl": MessageDefinitionFormat.IDL,
+    "omgidl": MessageDefinitionFormat.IDL,
+}
+QOS = "offered_qos_profiles"
+
+
+class McapStorage:
+    """One file, as rosbags calls a storage."""
+
+    def __init__(self, path: Path):
+        self.path, self.notes = path, ()
+        self.connections: list[Connection] = []
+
+    def open(self) -> None:
+        """Read the index, or scan the file; ValueError without whole messages."""
+        self._file = McapFile(open_file(self.path), self.path.name)
+        if self._file.profile != "ros2":
+            raise ValueError("Profile is not ros2")
+        self.notes = self._file.notes
+        self.connections = [self._connection(c) for c in self._file.channels.values()]
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def messages(
+        self,
+        connections: Collection[Connection],
+        start: int | None = None,
+        stop: int | None = None,
+    ) -> Iterator[tuple[Connection, int, bytes]]:
+        """Yield connection, time and bytes of messages in the order of their times."""
+        chosen = {connection.id: connection for connection in connections}
+        for message in self._file.messages(chosen, start, stop):
+            yield chosen[message.channel_id], message.log_time, message.data
+
+    def _connection(self, channel: Any) -> Connection:
+        schema = self._file.schemas.get(channel.schema_id)
+        defined = FORMATS.get(schema.encoding) if schema else None
+        text = schema.data.decode() if schema and defined else ""
+        return Connection(
+            channel.id,
+            channel.topic,
+            schema.name if schema else "__schemaless__",
+            MessageDefinition(defined or MessageDefinitionFormat.NONE, text),
+            "",
+            self._file.counts.get(channel.id, 0),
+            ConnectionExtRosbag2(
+                channel.message_encoding, parse_qos(channel.metadata.get(QOS, ""))
+            ),
+            self,
+        )
+
+
+class WholeMcapStorage(McapStorage):
+    """One file of a folder, whose metadata counts messages that must be there."""
+
+    def open(self) -> None:
+        """Read the index; ValueError for a file that was cut off."""
+        super().open()
+        if self.notes:
+            raise ValueError(self.notes[0])
