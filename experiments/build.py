@@ -23,7 +23,7 @@ from jradar import data, diffusion
 from jradar.errors import UsageError
 from jradar.fields import typed_fields
 from jradar.lidar import LidarSpec
-from jradar.model import Card, ModelSpec
+from jradar.model import Card, ModelSpec, ViewGrid
 from jradar.progress import progress
 from jradar.radar import PointSpec
 from jradar.range_image import ImageSpec
@@ -200,18 +200,21 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
         )
     points = PointSpec(**typed_fields(PointSpec, options["points"]))
     coarse, fine = build_images(config.image)
-    network, noise = build_network(config), build_noise(config)
-    with section("method"):
-        return ModelSpec(
-            method=config.method,
-            network=network,
-            noise=noise,
-            coarse=coarse,
-            fine=fine,
-            points=points.fitted(records.radar),
+    with section("image"):
+        grid = ViewGrid(
+            coarse,
+            fine,
             num_slices=config.image.num_slices,
             codec=config.image.codec,
             validity_threshold=config.sampling.validity_threshold,
+        )
+    with section("method"):
+        return ModelSpec(
+            method=config.method,
+            network=build_network(config),
+            noise=build_noise(config),
+            grid=grid,
+            points=points.fitted(records.radar),
             temperature=config.sampling.temperature,
         )
 
@@ -224,11 +227,6 @@ def build_card(config: ConfigDict, records: data.Records) -> Card:
         trained_on=f"{len(records)} frames {records.digest[:12]}",
         radars=(records.radar, *records.other_radars),
     )
-
-
-def build_pairs(spec: ModelSpec, records: Any) -> data.PairSource:
-    """Return the records' images on the model's grids."""
-    return data.PairSource(records, spec.coarse, spec.fine, num_slices=spec.num_slices)
 
 
 def build_augment(config: ConfigDict) -> data.AugmentSpec:

@@ -17,7 +17,7 @@ from experiments.enhance import model_methods
 from jradar import data
 from jradar.evaluation import Method, RecordsInView, detector_methods, write_results
 from jradar.files import write_text
-from jradar.model import Model, load_model, shipped_models
+from jradar.model import Model, ViewGrid, load_model, shipped_models
 from jradar.progress import progress
 from jradar.simulation import set_sequences, simulate_sequence
 
@@ -48,16 +48,15 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     records = data.Records(folder, SPLIT)
     coarse, fine = build.build_images(config.image)
     view = RecordsInView(records, fine)
-    slices = config.image.num_slices
     rates = {
         name: config.evaluation.rates[name] for name in config.evaluation.detectors
     }
-    models = {name: load_model(path) for name, path in shipped_models().items()}
+    shipped = {name: load_model(path) for name, path in shipped_models().items()}
+    models = {k: m for k, m in shipped.items() if isinstance(m.spec.grid, ViewGrid)}
     usable = {
         name: model
         for name, model in models.items()
-        if (model.spec.coarse, model.spec.fine, model.spec.num_slices)
-        == (coarse, fine, slices)
+        if (model.spec.grid.coarse, model.spec.grid.fine) == (coarse, fine)
         and model.card.radar.cube_shape == records.radar.cube_shape
     }
     for name in models.keys() - usable.keys():
@@ -66,7 +65,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
         build.random_key(config, build.SAMPLE_KEY),
         workdir,
         view,
-        data.PairSource(records, coarse, fine, num_slices=slices),
+        data.PairSource(records, coarse, fine, num_slices=config.image.num_slices),
         detector_methods(view, rates) | shipped_methods(config, usable),
     )
     if usable:

@@ -29,7 +29,7 @@ from jradar.evaluation import (
     with_confidence,
     write_results,
 )
-from jradar.model import Model, load_model, save_model
+from jradar.model import Model, Tables, load_model, save_model
 from jradar.options.recordings import SPLITS
 from jradar.radar import DETECTORS
 
@@ -65,15 +65,15 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     records = build.records_of(config, build.prepared_data(config, workdir), "train")
     checked = build.records_of(config, records.folder, "validation")
     spec = build.build_spec(config, records)
-    pairs = build.build_pairs(spec, records)
-    card, trust = build.build_card(config, records), trust_of(pairs)
+    pairs = data.pairs_of(spec, records)
+    card, trust = build.build_card(config, records), trust_of(spec.frame_grid, pairs)
     optimizer = build.build_optimizer(config.train)
     state = training.create_state(
         build.random_key(config, build.INIT_KEY),
         spec.network,
         optimizer,
-        image_shape=(*spec.fine.shape, 2),
-        condition_shape=pairs[0].condition.shape,
+        image_shape=spec.grid.image_shape,
+        condition_shape=spec.grid.condition_shape,
     )
     step = training.make_train_step(
         spec.network,
@@ -84,12 +84,12 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
     )
 
     def validated(state, step):
-        model = Model(state.ema_params, spec, card, trust=trust)
+        model = Model(state.ema_params, spec, Tables(trust=trust), card)
         path = workdir / "samples" / f"{step:06d}.png"
         return validate(config, model, checked, picture=path)
 
     def save(state):
-        model = Model(jax.device_get(state.ema_params), spec, card, trust=trust)
+        model = Model(jax.device_get(state.ema_params), spec, Tables(trust=trust), card)
         key = build.random_key(config, build.SAMPLE_KEY)
         save_model(workdir / "model", with_confidence(key, model, checked))
 
@@ -98,7 +98,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         step=step,
         batch_at=training.pair_batches(
             records,
-            spec,
+            spec.grid,
             build.build_augment(config),
             batch_size=config.train.batch_size,
             seed=config.seed,
@@ -118,13 +118,13 @@ def validate(
 
     It is the last row of `model_methods`. A picture shows it next to the LiDAR's.
     """
-    pairs = build.build_pairs(model.spec, records)
+    pairs = data.pairs_of(model.spec, records)
     index = spread(len(records), config.evaluation.frames_while_training)
     frames = [MethodInput(records[i], pairs[i]) for i in index]
     name, method = [*model_methods(config, model).items()][-1]
     key = build.random_key(config, build.SAMPLE_KEY)
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in enumerate(frames)]
-    fine, some = model.spec.fine, range(min(FRAMES_IN_FIGURE, len(frames)))
+    fine, some = model.spec.frame_grid.view, range(min(FRAMES_IN_FIGURE, len(frames)))
     columns = {
         "LiDAR": np.stack([frames[i].pair.lidar for i in some]),
         name: np.stack([data.lidar_image(points_of(clouds[i]), fine) for i in some]),
@@ -139,7 +139,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     model = load_model(workdir / "model")
     folder = build.prepared_data(config, workdir)
     records = build.records_of(config, folder, config.evaluation.split)
-    view = RecordsInView(records, model.spec.fine)
+    view = RecordsInView(records, model.spec.frame_grid.view)
     rates = choose_rates(
         view,
         build.records_of(config, folder, "validation"),
@@ -148,7 +148,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     )
     print(model.card.purpose, end="\n\n")
     pairs, methods = (
-        build.build_pairs(model.spec, records),
+        data.pairs_of(model.spec, records),
         model_methods(config, model),
     )
     write_results(

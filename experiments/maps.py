@@ -23,24 +23,21 @@ from jradar.evaluation import Reliability, markdown_table, reliability
 from jradar.files import write_text
 from jradar.mapping import (
     PATCH_VOXELS,
-    MapModel,
     MapRun,
-    MapSpec,
     Tiles,
     TileSpec,
     best_count,
+    column_grid,
     enhance_map,
     enhance_patch,
     expected,
-    load_map_model,
     nearest,
     open_runs,
     published_distance,
-    save_map_model,
 )
-from jradar.mapping.columns import outline
-from jradar.mapping.methods import METHODS
 from jradar.metrics import f_score
+from jradar.model import Card, ColumnGrid, Model, ModelSpec, load_model, save_model
+from jradar.model.grids.columns import NOISE, outline
 from jradar.range_image import fit_confidence
 from jradar.viz import maps_figure, save_figure
 
@@ -118,36 +115,31 @@ def scored_runs(config: ConfigDict, runs: dict[str, list[MapRun]]) -> list[MapRu
 
 def setup(config: ConfigDict, workdir: Path) -> Training:
     """Return the network's training on tiles."""
-    runs, method = splits(config), METHODS[config.method]
+    runs = splits(config)
     train, checked = runs["train"], runs["validation"]
     scored_runs(config, runs)  # before hours of training
     with build.section("map"):
-        spec = MapSpec(**config.map)
+        grid = ColumnGrid(**config.map)
     with build.section("tiles"):
-        tiles = Tiles(train, spec, TileSpec(**config.tiles))
+        tiles = Tiles(train, grid, TileSpec(**config.tiles))
     batches = data.Batches(
         tiles, seed=config.seed, batch_size=config.train.batch_size, change=tiles.draw
     )
-    first = tiles.draw(tiles[0], np.random.default_rng(config.seed))
-    net, optimizer = network(config), build.build_optimizer(config.train)
+    spec = ModelSpec(config.method, network(config), NOISE[config.method], grid)
+    optimizer = build.build_optimizer(config.train)
     state = training.create_state(
         build.random_key(config, build.INIT_KEY),
-        net,
+        spec.network,
         optimizer,
-        image_shape=first.target.shape,
-        condition_shape=first.condition.shape,
+        image_shape=grid.image_shape,
+        condition_shape=grid.condition_shape,
     )
     words = f"{len(tiles):,} patches of {len(train)} runs of ColoRadar"
+    steps = config.train.steps_before + config.train.steps
+    card = Card(purpose=config.purpose, steps_seen=steps, trained_on=words)
 
-    def model_of(state: training.TrainState) -> MapModel:
-        return MapModel(
-            state.ema_params,
-            net,
-            spec,
-            config.method,
-            purpose=config.purpose,
-            trained_on=words,
-        )
+    def model_of(state: training.TrainState) -> Model:
+        return Model(state.ema_params, spec, card=card)
 
     def validate(state: training.TrainState, step: int) -> dict[str, float]:
         rows = [*score_patches(model_of(state), checked, every=VALIDATED)]
@@ -159,15 +151,15 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         model = model_of(state)
         if held := runs["confidence"]:
             truth = voxel_truth(model, held, every=VALIDATED)
-            model = model.calibrated_by(fit_confidence(*truth))
-        save_map_model(workdir / "model", model)
+            model = model.with_tables(confidence=fit_confidence(*truth))
+        save_model(workdir / "model", model, dtype=np.int8)
 
     return Training(
-        state=start_from(config.train, net, state),
+        state=start_from(config.train, spec.network, state),
         step=training.make_train_step(
-            net,
+            spec.network,
             optimizer,
-            method.noise,
+            spec.noise,
             loss=build.loss_of("columns", config.method),
             ema_decay=config.train.ema_decay,
         ),
@@ -180,10 +172,10 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
 
 
 def score_patches(
-    model: MapModel, runs: Sequence[MapRun], *, every: int = 1
+    model: Model, runs: Sequence[MapRun], *, every: int = 1
 ) -> Iterator[dict[str, Any]]:
     """Yield the scores of every so many patches of runs; see `SCORES`."""
-    metres = model.spec.metres
+    metres = column_grid(model).metres
     for run in runs:
         for k in range(0, len(run.radar_in_patch), every):
             radar, lidar = run.patch(k)
@@ -208,7 +200,7 @@ def score_patches(
 
 
 def voxel_truth(
-    model: MapModel, runs: Sequence[MapRun], *, every: int
+    model: Model, runs: Sequence[MapRun], *, every: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the probability of voxels of radar patches, and whether they are true."""
     parts = []
@@ -232,7 +224,7 @@ def is_among(voxels: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Score the model on the runs of the config's split."""
-    model = load_map_model(config.model or workdir)
+    model = load_model(config.model or workdir)
     checked = scored_runs(config, splits(config))
     for run in checked:
         figure = whole_map_figure(model, run)
@@ -244,14 +236,14 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     print(f"{model}\n\n{text}")
 
 
-def whole_map_figure(model: MapModel, run: MapRun) -> Figure:
+def whole_map_figure(model: Model, run: MapRun) -> Figure:
     """Draw a run's whole maps: the radar's, the model's of it, and the LiDAR's.
 
     The model's has as many voxels as it expects.
     """
     found = expected(enhance_map(run.radar.astype(int), model))
     maps = {"radar": run.radar, "jradar": found.voxels, "LiDAR": run.lidar}
-    return maps_figure({name: model.spec.metres(maps[name]) for name in maps})
+    return maps_figure({name: column_grid(model).metres(maps[name]) for name in maps})
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:

@@ -24,7 +24,7 @@ from experiments.configs import marginal
 from experiments.radarhd.pairs import PolarPair, write_pair
 from jradar.data.workers import run_jobs
 from jradar.errors import UsageError
-from jradar.planar import lidar_image, polar_image
+from jradar.model.grids.polar import lidar_image, polar_image
 from jradar.progress import progress
 from jradar.radar import PointSpec, calibrate, radar_points
 from jradar.recordings import nearest_scan

@@ -44,7 +44,6 @@ if TYPE_CHECKING:
         radar as radar,
         range_image as range_image,
         recordings as recordings,
-        session as session,
         simulation as simulation,
         stream as stream,
         training as training,
@@ -56,9 +55,9 @@ if TYPE_CHECKING:
         enhance_points as enhance_points,
         load_model as load_model,
     )
+    from jradar.pipeline import enhance_recording as enhance_recording
     from jradar.radar import Radar as Radar, RadarSpec as RadarSpec
     from jradar.recordings import open_recording as open_recording
-    from jradar.pipeline import enhance_recording as enhance_recording
     from jradar.types import PointCloud as PointCloud
 
 __version__ = "0.1.0"
@@ -80,7 +79,6 @@ __all__ = [  # the rooms; NAMES stand in those that define them
     "radar",
     "range_image",
     "recordings",
-    "session",
     "simulation",
     "stream",
     "training",

@@ -20,15 +20,17 @@ import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Unpack
 
 import jax
 import jax.numpy as jnp
 
 from jradar.files import atomic_path
 from jradar.model import Model, enhance
+from jradar.options.drawing import Drawing, given
 from jradar.radar import Radar
 
-FORMAT = "jradar function 3"
+FORMAT = "jradar function 4"
 PLATFORMS = ("cpu", "cuda", "tpu")
 
 
@@ -38,17 +40,16 @@ def export_function(
     model: Model,
     *,
     platforms: Sequence[str] = ("cpu",),
-    draws: int | None = None,
-    steps: int | None = None,
+    **drawing: Unpack[Drawing],
 ) -> None:
     """Write `enhance` for one radar, with its calibration and the weights, as one file.
 
-    `draws` and `steps` are those of `model.draw`.
+    The options of drawing are those of `draw`.
     """
     unknown = [name for name in platforms if name not in PLATFORMS]
     if unknown or not platforms:
         raise ValueError(f"platforms {platforms}, expected some of {PLATFORMS}")
-    spec, card, drawing = radar.spec, model.card, {"draws": draws, "steps": steps}
+    spec, card = radar.spec, model.card
 
     def function(seed, cube):
         key = jax.random.key(seed)
@@ -74,6 +75,6 @@ def export_function(
             "purpose": card.purpose,
             "trained_on": card.trained_on,
             "steps_seen": card.steps_seen,
-            "sampling": {name: n for name, n in drawing.items() if n is not None},
+            "drawing": given(drawing),
         }
         scratch.write_bytes(json.dumps(header).encode() + b"\n" + content)

@@ -6,11 +6,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jradar.planar import LIDAR, RADARHD, PlanarModel, PlanarSpec
 
 from jradar.diffusion import OCCUPANCY, PREDICTIONS, NoiseSpec, UNet
 from jradar.mapping import MapModel, MapSpec
 from jradar.model import Card, Model, ModelSpec
-from jradar.planar import LIDAR, RADARHD, PlanarModel, PlanarSpec
 from jradar.radar import PointSpec, RadarSpec, Scatterers, simulate_cube
 from jradar.range_image import IDENTITY, ConfidenceTable, ImageSpec
 

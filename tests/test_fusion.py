@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jradar.model.methods import likeliest_range
 
 from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
 from jradar.model import Model, fuse, load_model, mixtures, moving_pixels
-from jradar.model.methods import likeliest_range
 from jradar.range_image import (
     ConfidenceTable,
     ImageSpec,

@@ -5,10 +5,10 @@ r"""RadarHD's real pairs: one radar image in, an occupancy image out, by diffusi
 
     python -m experiments.main --config=experiments/configs/radarhd.py \
         --config.data.path=dataset_5 --workdir=runs/radarhd_test --mode=eval \
-        --config.weights=experiments/results/radarhd.safetensors
+        --config.model=radarhd
 
 `data.path` is the public folder dataset_5, or a packed file of its training pairs.
-`--mode=eval` scores weights on the folder's test pairs; without these, on the training
+`--mode=eval` scores a model on the folder's test pairs; without these, on the training
 trajectories that are kept for the report. Training takes two hours on one core.
 """
 
@@ -34,7 +34,8 @@ def get_config():
     config.data.turn = 0.0  # degrees to the left, of the pairs that are reported
 
     config.method = "diffusion"  # "nearness": one pass; "regression": a baseline
-    config.weights = ""  # to evaluate; by default the workdir's own
+    config.answer = "occupancy"  # of the model in one pass, or by draws: "diffusion"
+    config.model = ""  # to evaluate; by default the workdir's own
 
     # The network predicts a pixel from radar and surroundings, and Bayes' rule adds its
     # own noisy value: no pixel's noise has to pass through a coarse patch.
@@ -58,21 +59,7 @@ def get_config():
         "detail_channels": 0,
         "outputs": 1,
     }
-    # A U-Net with small patches: what it learns of a wall holds anywhere in the image.
-    # It is the network of `radarhd_nearness`; draws may be averaged with its images.
-    config.nearness = ConfigDict()
-    config.nearness.weights = ""  # "": no row of draws and nearness
-    config.nearness.network = {
-        "channels": 32,
-        "multipliers": (1, 1, 2, 4),
-        "blocks": 1,
-        "attention_levels": (),
-        "stem": (4, 8),
-        "condition_stem": (4, 1),
-        "condition_channels": 32,
-        "detail_channels": 0,
-        "outputs": 1,
-    }
+    config.nearness = ""  # model whose images are averaged with draws; "": no row
 
     config.stages, config.average = main.stages, main.average
     config.train = main.train

@@ -13,12 +13,13 @@ describe  what makes weights a model for `jradar enhance`, and its reliability
 import math
 from pathlib import Path
 
+import jax
 from ml_collections import ConfigDict
 
 from experiments import build
 from experiments.radarhd import report
 from experiments.radarhd.describe import described, reliability_table
-from experiments.radarhd.model import answers, fitting_weights, networks
+from experiments.radarhd.model import answers, build_spec, evaluated
 from experiments.radarhd.pairs import (
     Alternating,
     PolarItems,
@@ -28,11 +29,11 @@ from experiments.radarhd.pairs import (
 from experiments.radarhd.scores import at_limits, choose_limits, score_pairs
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
-from jradar import data, diffusion, training
+from jradar import data, training
 from jradar.errors import UsageError
 from jradar.evaluation.scores import DISTANCES, F_SCORES
 from jradar.files import write_text
-from jradar.planar import describe_planar_model
+from jradar.model import Model, save_model
 
 LIMIT_FRAMES = 70  # on which limits are chosen, at most
 SPARED = 10  # one in so many simulated trajectories is not trained on
@@ -40,7 +41,7 @@ SPARED = 10  # one in so many simulated trajectories is not trained on
 
 def check(config: ConfigDict) -> None:
     """Raise UsageError for a config that cannot be trained."""
-    networks(config)
+    build_spec(config)
     build.loss_of("polar", config.method)
     if not config.data.path:
         raise UsageError("no pairs: pass RadarHD's folder as --config.data.path")
@@ -70,12 +71,12 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         batch_size=config.train.batch_size,
         change=items.varied if varied else None,
     )
-    network, noise = networks(config)
+    spec = build_spec(config)
     optimizer = build.build_optimizer(config.train)
     first = items[0]
     state = training.create_state(
         build.random_key(config, build.INIT_KEY),
-        network,
+        spec.network,
         optimizer,
         image_shape=first.target.shape,
         condition_shape=first.condition.shape,
@@ -83,27 +84,31 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
 
     def validate(state, step):
         """Scores of the quickest method, at the best limit for these pairs."""
-        drawn = answers(config, state.ema_params)
+        drawn = answers(config, Model(state.ema_params, spec))
         quick = {"every": 8, "protocols": ("polar",), "methods": 1}
         rows = [*score_pairs(config, checked, drawn, **quick)]
         (found,) = report.summary(at_limits(rows, choose_limits(rows)))
         means = {name: found[name].mean for name in (*DISTANCES, *F_SCORES)}
         return means | {"empty": found["empty"] / found["frames"]}
 
+    def save(state):
+        """Write the model, its confidence fitted to pairs that it has not seen."""
+        trained, spared = described_pairs(config, pairs)
+        params = jax.device_get(state.ema_params)
+        save_model(workdir / "model", described(config, params, spared, trained))
+
     return Training(
-        state=start_from(config.train, network, state),
+        state=start_from(config.train, spec.network, state),
         step=training.make_train_step(
-            network,
+            spec.network,
             optimizer,
-            noise,
+            spec.noise,
             loss=build.loss_of("polar", config.method),
             ema_decay=config.train.ema_decay,
         ),
         batch_at=lambda step: training.Batch(*batches[step]),
         validate=validate,
-        save=lambda state: diffusion.write_params(
-            workdir / "weights.safetensors", state.ema_params
-        ),
+        save=save,
         trained_on=trained_on,
         data_digest=train.digest,
     )
@@ -123,6 +128,15 @@ def simulated_pairs(config: ConfigDict) -> tuple[RadarHD, RadarHD]:
     return pairs.of(spared, without=True), pairs.of(spared)
 
 
+def described_pairs(config: ConfigDict, pairs: RadarHD) -> tuple[list, list]:
+    """Return the pairs that are trained on, and those that are not: real, simulated."""
+    parts = [(training_pairs(config, pairs), threshold_pairs(config, pairs))]
+    if config.data.simulated:
+        parts.append(simulated_pairs(config))
+    trained, spared = zip(*parts, strict=True)
+    return [*trained], [*spared]
+
+
 def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
     """Return the pairs on which limits are chosen."""
     with build.section("data.threshold_trajectories"):
@@ -130,25 +144,12 @@ def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
 
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
-    """Choose limits, and score the weights on the test pairs: tables and a report.
-
-    The workdir also receives the description with which `jradar enhance` takes weights.
-    """
-    for weights in (config.weights, config.nearness.weights):
-        if weights and not Path(weights).is_file():
-            raise UsageError(f"weights = {weights}: no such file")
-    path = Path(config.weights or workdir / "weights.safetensors")
-    params = fitting_weights(path, networks(config)[0], config.data.history)
-    drawn, every = answers(config, params), config.data.every
+    """Choose limits, and score a model on the test pairs: tables and a report."""
+    model = evaluated(config.model or str(workdir), config)
+    drawn, every = answers(config, model), config.data.every
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)
     spacing = math.ceil(len(checked) / LIMIT_FRAMES)
-    parts = [(training_pairs(config, pairs), checked)]
-    if config.data.simulated:
-        parts.append(simulated_pairs(config))
-    trained, spared = zip(*parts, strict=True)
-    model = described(config, params, spared, trained)
-    describe_planar_model(path, model, folder=workdir)
     rows = [*score_pairs(config, checked, drawn, every=max(every, spacing))]
     limits = choose_limits(rows)
     if (Path(config.data.path) / "test").is_dir():
@@ -165,4 +166,4 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
     report.write_results(config, workdir, title, reported, drawn, limits)
     table = reliability_table(model, reported, range(0, len(reported), every))
     write_text(workdir / "evaluation" / "confidence.md", table)
-    print(f"\nConfidence of the model in one pass:\n\n{table}")
+    print(f"\nConfidence of the model:\n\n{table}")

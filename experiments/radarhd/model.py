@@ -1,13 +1,12 @@
-"""Occupancy images: what the network predicts, and how images are drawn.
+"""What the task trains, and the methods by which its images are drawn.
 
-The prediction is `OCCUPANCY` of `jradar.diffusion`: the probability of each pixel. With
-the method "nearness" the network answers in one pass, and predicts the expectation of
-how near the closest LiDAR point is (`jradar.training.targets`).
+The network predicts the probability of each pixel (`OCCUPANCY` of `jradar.diffusion`).
+With the method "nearness" it answers in one pass, and predicts the expectation of how
+near the closest LiDAR point is (`jradar.training.targets`).
 """
 
 import functools
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -16,84 +15,68 @@ from jaxtyping import Array, Float, Key
 from ml_collections import ConfigDict
 
 from experiments import build
-from experiments.weights import load_weights
 from jradar import diffusion
+from jradar.compiled import jit
 from jradar.diffusion import OCCUPANCY, NoiseSpec
-from jradar.errors import ModelError
-from jradar.planar import LIDAR, RADAR, one_pass
+from jradar.errors import UsageError
+from jradar.model import Model, ModelSpec, PolarGrid, load_model
+from jradar.model.grids.polar import LIDAR, agreed_occupancy, one_pass
 
-AGREED_PIXELS = 3  # rows and columns within which draws agree on an occupied pixel
 QUICK_STEPS = 5  # of each draw of those that have to agree
 
 Images = Float[Array, "batch range azimuth"]
 Answers = Callable[[jax.Array, jax.Array], Iterator[tuple[str, Images]]]
 
 
-@jax.jit
-def agreed_occupancy(
-    draws: Float[Array, "draw *batch row column"],
-) -> Float[Array, "*batch row column"]:
-    """Return the share of draws that have an occupied pixel near each pixel.
+def build_spec(config: ConfigDict) -> ModelSpec:
+    """Return everything about the model except its weights.
 
-    Near is in the square of `AGREED_PIXELS`. Pixels that no draw has are 0. This is the
-    counterpart of `agreed_range` for images with any number of surfaces in a column; as
-    there, the share is the confidence.
+    A network that was trained to draw, or by regression, answers as `config.answer`.
     """
-    occupied = (draws > 0.5).astype(draws.dtype)
-    window = (1,) * (draws.ndim - 2) + (AGREED_PIXELS, AGREED_PIXELS)
-    near = jax.lax.reduce_window(
-        occupied, 0.0, jax.lax.max, window, (1,) * draws.ndim, "SAME"
-    )
-    return jnp.where(occupied.any(0), near.mean(0), 0.0)
-
-
-def networks(config: ConfigDict) -> tuple[diffusion.Network, NoiseSpec]:
-    """Return the network and its noise levels."""
     noise = build.build_noise(config, predictions={OCCUPANCY.name: OCCUPANCY})
     with build.section("network"):
-        return diffusion.build_network(**config.network), noise
+        network = diffusion.build_network(**config.network)
+    with build.section("data.history"):
+        grid = PolarGrid(config.data.history)
+    method = config.method if config.method in grid.methods else "occupancy"
+    method = config.answer if method == "diffusion" else method
+    with build.section("answer"):
+        return ModelSpec(method, network, noise, grid)
 
 
-def fitting_weights(path: Path, network: diffusion.Network, history: int) -> Any:
-    """Return the parameters in a file.
+def evaluated(name: str, config: ConfigDict) -> Model:
+    """Return a model by its name or folder.
 
-    Raises ModelError without them, and for those of another network or history.
+    Raises UsageError for one that does not see the config's radar images.
     """
-    params = load_weights(path)
-    wrong = diffusion.misfit(
-        params,
-        network,
-        image_shape=(*LIDAR.shape, 1),
-        condition_shape=(*RADAR.shape, history),
-    )
-    if wrong:
-        raise ModelError(
-            f"{path} does not fit the network with data.history = {history}: {wrong}"
+    model, wanted = load_model(name), PolarGrid(config.data.history)
+    if model.spec.grid != wanted:
+        raise UsageError(
+            f"{name} sees {model.spec.grid}, expected {wanted}: change data.history, "
+            "or name another model"
         )
-    return params
+    return model
 
 
-def answers(config: ConfigDict, params: Any) -> Answers:
+def answers(config: ConfigDict, model: Model) -> Answers:
     """Return the function from a key and conditions to (method, images), in turn.
 
     The quickest method comes first.
     """
-    network, noise = networks(config)
-
-    def drawing(params, network):
-        fixed = {"params": params, "network": network, "noise": noise}
-        return functools.partial(draw_images, **fixed)
-
-    draw, near = drawing(params, network), None
+    draw, near = _drawing(model), None
     if config.method in ONE_PASS:
         return functools.partial(ONE_PASS[config.method], draw)
-    if config.nearness.weights:
-        with build.section("nearness.network"):
-            network = diffusion.build_network(**config.nearness.network)
-        path = Path(config.nearness.weights)
-        near = drawing(fitting_weights(path, network, config.data.history), network)
+    if config.nearness:
+        near = _drawing(evaluated(config.nearness, config))
     steps, draws = config.sampling.steps, config.sampling.draws
     return functools.partial(_diffusion_answers, draw, near, steps, draws)
+
+
+def _drawing(model: Model) -> Callable[..., Images]:
+    """The function that draws images with a model's network."""
+    spec = model.spec
+    fixed = {"params": model.params, "network": spec.network, "noise": spec.noise}
+    return functools.partial(draw_images, **fixed)
 
 
 def _diffusion_answers(draw, near, steps, draws, key, condition):
@@ -141,7 +124,7 @@ def _regression_answers(draw, key, condition):
 ONE_PASS = {"nearness": nearness_answers, "regression": _regression_answers}
 
 
-@functools.partial(jax.jit, static_argnames=("network", "noise", "steps"))
+@jit(static_argnames=("network", "noise", "steps"))
 def draw_images(
     key: Key[Array, ""],
     condition: Float[Array, "batch row column channel"],
@@ -152,8 +135,8 @@ def draw_images(
     steps: int | None = None,
 ) -> Images:
     """Return an image for each condition: of one pass if `steps` is None, or drawn."""
-    if steps is None:
-        return one_pass(condition, params, network, noise)
     denoise = diffusion.conditional_denoiser(network, params, noise)(condition)
+    if steps is None:
+        return one_pass(denoise, len(condition), noise)
     shape = (len(condition), *LIDAR.shape, 1)
     return diffusion.sample(key, denoise, shape, noise=noise, steps=steps)[..., 0]

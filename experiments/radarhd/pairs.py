@@ -9,7 +9,8 @@ A simulated folder also has the points of the radar, in metres from it:
     runs/row/train/points/P_<trajectory>_<frame>.npz
 
 Real pairs may also be a packed .npz with `radar` uint8, `lidar_packed` (bits along the
-azimuth), `trajectory` and `frame`. Images are on the grids of `jradar.planar`.
+azimuth), `trajectory` and `frame`. Images are on the grids of
+`jradar.model.grids.polar`.
 """
 
 import functools
@@ -25,8 +26,8 @@ from jaxtyping import Bool, Float, UInt8
 
 from jradar.errors import parsing
 from jradar.files import atomic_path, check_unpacked
+from jradar.model.grids.polar import LIDAR, RADAR, PolarAxes
 from jradar.outputs.clouds import write_npz
-from jradar.planar import LIDAR, RADAR, PolarGrid
 from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
@@ -276,7 +277,7 @@ def _packed(path: Path) -> RadarHD:
     )
 
 
-def _png(path: Path, grid: PolarGrid) -> np.ndarray:
+def _png(path: Path, grid: PolarAxes) -> np.ndarray:
     """An 8-bit grey image on a grid."""
     from PIL import Image
 
@@ -287,7 +288,7 @@ def _png(path: Path, grid: PolarGrid) -> np.ndarray:
             return np.asarray(image.convert("L"))
 
 
-def rotated(image: np.ndarray, grid: PolarGrid, cells: int) -> np.ndarray:
+def rotated(image: np.ndarray, grid: PolarAxes, cells: int) -> np.ndarray:
     """Return a polar image [range, azimuth, ...] rotated to the left by radar cells.
 
     It moves by whole cells of its own. Beyond an edge, the view goes on as its own

@@ -27,7 +27,7 @@ from jradar import evaluation
 from jradar.evaluation import spread, write_report
 from jradar.evaluation.scores import FIELDS
 from jradar.files import write_text
-from jradar.planar import MAX_RANGE_M, RADAR
+from jradar.model.grids.polar import MAX_RANGE_M, RADAR
 
 SHOWN = 4  # frames in a picture
 NOTES = """\

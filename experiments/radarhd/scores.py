@@ -33,7 +33,7 @@ from experiments.radarhd.model import Answers
 from experiments.radarhd.pairs import PolarItems, PolarPair, RadarHD
 from jradar import evaluation
 from jradar.evaluation import known_mean
-from jradar.planar import LIDAR, MAX_RANGE_M
+from jradar.model.grids.polar import LIDAR, MAX_RANGE_M
 
 # Limits of the drawn value to choose from: evenly spaced log-odds.
 LIMITS = 1 / (1 + np.exp(-np.arange(-5.0, 4.1, 0.25)))

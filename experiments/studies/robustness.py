@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments import rpdnet
-from experiments.build import build_pairs, prepare_spec, simulate
+from experiments.build import prepare_spec, simulate
 from experiments.command import run_study, study_parser
 from experiments.configs import default, varied
 from experiments.enhance import model_methods
@@ -94,7 +94,7 @@ def study(options: Namespace) -> None:
             detectors["RPDNet"] = rpdnet.method_of(view, *found)
         rows += score_shift(view, shift, models, detectors, seen, quick=options.quick)
         for name, model in models.items():
-            if model.trust is not None:
+            if model.tables.trust is not None:
                 doubts[name, shift] = warning(folder, model, seen.get(name, {}))
     path = options.output / "evaluation" / "frames.jsonl"
     evaluation.write_scores(path, rows)
@@ -129,14 +129,15 @@ def score_shift(
     records, config, methods = view.records, default.get_config(), {**detectors}
     pairs, grids = None, set()
     for name, model in models.items():
-        grids.add((model.spec.coarse, model.spec.fine, model.spec.num_slices))
+        grid = model.spec.frame_grid
+        grids.add(dataclasses.replace(grid, validity_threshold=0.0))
         if len(grids) > 1:
             raise UsageError(f"--model {name} has other images than the first model")
-        pairs = build_pairs(model.spec, records)
+        pairs = data.pairs_of(model.spec, records)
         prefix = f"{name}: " if len(models) > 1 else ""
         found = model_methods(config, model)
         last = [*found][-1]
-        pixels = math.prod(model.spec.fine.shape)
+        pixels = math.prod(grid.view.shape)
         found[last] = _watched(found[last], pixels, seen.setdefault(name, {}))
         chosen = [last] if quick else [*found]
         methods |= {prefix + row: found[row] for row in chosen}
@@ -166,10 +167,10 @@ def warning(
     folder: Path, model: Model, seen: dict[Place, float]
 ) -> Float[np.ndarray, "frame 2"]:
     """Return each frame's unlikeness, and its confidence, NaN without one."""
-    trust = model.trust
+    trust = model.tables.trust
     assert trust is not None
     records = data.Records(folder, "test")
-    conditions = np.stack([p.condition for p in build_pairs(model.spec, records)])
+    conditions = np.stack([p.condition for p in data.pairs_of(model.spec, records)])
     confidence = [seen.get(place, np.nan) for place in records.where]
     features = condition_features(jnp.asarray(conditions))
     return np.stack([np.asarray(unlikeness(features, trust)), confidence], -1)

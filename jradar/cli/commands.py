@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jradar
+from jradar.cli.groups import given_drawing
 from jradar.cli.reading import given, open_frames, opening, summary
 from jradar.errors import UsageError
 from jradar.outputs.guard import GuardedFolder
@@ -36,7 +37,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
         if (contents := recordings.describe_file(options.path)) is not None:
             return contents
     recording, (frame,) = open_frames(options)
-    return jradar.session.describe_recording(recording, frame=frame)
+    return jradar.pipeline.describe_recording(recording, frame=frame)
 
 
 def calibrate(options: argparse.Namespace) -> dict[str, Any]:
@@ -131,7 +132,8 @@ def map_(options: argparse.Namespace) -> dict[str, Any]:
     mapping = jradar.mapping
     results = GuardedFolder(options.output, "map", force=options.force)
     results.check(mapping.FILES)
-    model = mapping.load_map_model(options.model)
+    model = jradar.load_model(options.model)
+    mapping.column_grid(model)  # refuses a model of frames
     recording = jradar.open_recording(options.path, **opening(options))
     frames = range(*options.frames.indices(len(recording.cubes)))
     with progress("mapping", len(frames), unit="frames") as show:
@@ -140,7 +142,7 @@ def map_(options: argparse.Namespace) -> dict[str, Any]:
         )
     return {
         **summary(recording, found.notes),
-        "model": {"name": options.model, "purpose": model.purpose},
+        "model": {"name": options.model, "purpose": model.card.purpose},
         **found.describe(),
         "written": results.put(mapping.map_files(found)),
     }
@@ -218,7 +220,7 @@ def finetune(options: argparse.Namespace) -> dict[str, Any]:
 
 def score(options: argparse.Namespace) -> dict[str, Any]:
     """Score CFAR, splat and models against the LiDAR of recordings."""
-    from jradar.scoring import score as scored
+    from jradar.evaluation import score as scored
 
     report, results = "evaluation/report.html", None
     if options.output:
@@ -286,6 +288,7 @@ def view(options: argparse.Namespace) -> dict[str, Any]:
 def export(options: argparse.Namespace) -> dict[str, Any]:
     """Write a trained model as one file that runs without jradar."""
     model = jradar.load_model(options.model)
+    _ = model.spec.frame_grid  # refuses a model of maps
     radar = jradar.Radar(model.card.radar)
     if options.radar:
         described = jradar.recordings.read_description(
@@ -295,7 +298,7 @@ def export(options: argparse.Namespace) -> dict[str, Any]:
     if options.coupling:
         leakage = jradar.recordings.read_coupling(options.coupling)
         radar = dataclasses.replace(radar, leakage=leakage)
-    drawing = given(options, "draws", "steps")
+    drawing = given_drawing(options)
     jradar.export.export_function(options.output, radar, model, **drawing)
     kind = "float32" if radar.spec.real_samples else "complex64"
     return {

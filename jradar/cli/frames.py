@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import jradar
-from jradar.cli.groups import given_points
+from jradar.cli.groups import given_drawing, given_points
 from jradar.cli.paths import is_streamed
 from jradar.cli.reading import open_frames, summary
 from jradar.errors import UsageError
@@ -16,8 +16,8 @@ from jradar.progress import progress
 
 if TYPE_CHECKING:
     from jradar.outputs.frame_folder import FrameFolder
+    from jradar.pipeline import Enhancement, Frame
     from jradar.recordings import Recording
-    from jradar.session import Enhancement, Frame
 
 
 def points(options: argparse.Namespace) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
         raise UsageError(str(error)) from error
     recording, frames = open_frames(options)
     folder = _folder(options, recording, frames, "radar")
-    found = jradar.session.detect_recording(recording, points=spec, frames=frames)
+    found = jradar.pipeline.detect_recording(recording, points=spec, frames=frames)
     recording, radar = found.recording, recording.radar.spec
     deviations = spec if options.deviations else None
     rows, written = list[dict[str, Any]](), list[str]()
@@ -69,7 +69,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         raise UsageError("--flat writes clouds alone: leave out --flat or --picture")
     if streamed and options.frame is None:
         options.frames = options.frames or slice(None)
-    model = jradar.session.load_any_model(options.model)
+    model = jradar.load_model(options.model)
     recording, frames = open_frames(options)
     pictured = not options.frames if options.picture is None else options.picture
     folder = None
@@ -82,11 +82,9 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         frames=frames,
         seed=options.seed,
         fuse=options.fuse,
-        draws=options.draws,
-        steps=options.steps,
-        least_confidence=options.min_confidence,
         remove_interference=options.remove_interference or None,
         anyway=options.anyway,
+        **given_drawing(options),
     )
     rows, written = list[dict[str, Any]](), [options.output]
     begin = time.perf_counter()

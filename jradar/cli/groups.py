@@ -8,6 +8,7 @@ from typing import Any
 
 from jradar.cli import values
 from jradar.options.boards import BOARDS
+from jradar.options.drawing import FLAGS, Drawing, given
 from jradar.options.models import DEFAULT
 from jradar.options.outputs import CLOUDS
 from jradar.options.points import PointSpec
@@ -15,7 +16,7 @@ from jradar.options.recordings import IQ_ORDERS, SENSORS
 
 MAX_COUNT = 10**9
 CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
-MAX_DRAWS, MAX_STEPS = 64, 1000
+MAX_FUSED = 16
 MODEL = "name of a shipped model, or folder of a model or of its training"
 KINDS: dict[Any, dict[str, Any]] = {  # by the annotation of a field
     bool: {"action": argparse.BooleanOptionalAction},
@@ -146,12 +147,24 @@ def seed(sub, text: str):
 
 
 def drawing(sub):
-    """Add how a diffusion model is sampled."""
-    text = "draw N samples and keep the points on which they agree; the paper draws 1"
-    count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
-    text = "solver steps per draw (default: 5 for several draws, 18 for one); one draw"
-    text += " takes Heun's method, or iPNDM below 8 steps"
-    count(sub, "--steps", text, most=MAX_STEPS)
+    """Add how a model draws."""
+    for name, (flag_, text, most) in FLAGS.items():
+        if most is None:
+            option(sub, flag_, "P", text, type=values.share, dest=name)
+        else:
+            count(sub, flag_, text, most=most, dest=name)
+
+
+def given_drawing(options: argparse.Namespace) -> Drawing:
+    """Return the options of drawing that the user gave."""
+    return Drawing(**given({name: getattr(options, name) for name in FLAGS}))
+
+
+def fusing(sub):
+    """Add how many frames become one."""
+    text = "fuse each frame with the N - 1 before it, by recorded poses, or else by "
+    text += "the radar's velocity with its IMU or alone (default: %(default)s)"
+    count(sub, "--fuse", text, most=MAX_FUSED, default=1)
 
 
 def anyway(sub):

@@ -84,7 +84,6 @@ the test frames are scored, or else the validation frames. The truth is the part
 LiDAR that the radar could have seen, as in training, and for recordings also all of its
 points in view. Intervals hold 95 % and allow for frames that resemble each other."""
 PLANAR = ", or radarhd for a cloud in the plane of one row of antennas"
-MAX_FUSED = 16
 COMPLETION = """\
 Completion of commands and options in a shell: pip install argcomplete, then
 eval "$(register-python-argcomplete jradar)"."""
@@ -173,11 +172,7 @@ def _enhance(sub):
     groups.add_point_options(sub, "remove_interference")
     groups.background(sub)
     groups.drawing(sub)
-    text = "fuse each frame with the N - 1 before it, by recorded poses, or else by "
-    text += "the radar's velocity with its IMU or alone (default: %(default)s)"
-    groups.count(sub, "--fuse", text, most=MAX_FUSED, default=1)
-    text = "leave out points of less confidence, 0 to 1 (default: the model's)"
-    groups.option(sub, "--min-confidence", "P", text, type=values.share)
+    groups.fusing(sub)
     sub.add_argument(
         "--picture",
         action=argparse.BooleanOptionalAction,
@@ -204,10 +199,9 @@ def _live(sub):
     groups.option(sub, "--allow-origin", "ORIGIN", text, action="append", default=[])
     groups.model(sub, PLANAR + ", or none for detections only")
     groups.anyway(sub)
-    groups.count(sub, "--draws", "draw N samples (default: 1)", most=groups.MAX_DRAWS)
-    groups.count(
-        sub, "--steps", "solver steps per draw (default: 1)", most=groups.MAX_STEPS
-    )
+    groups.add_point_options(sub, "remove_interference")
+    groups.drawing(sub)
+    groups.fusing(sub)
     groups.seed(sub, "random seed of the draws")
     _on_the_cable(sub)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import jradar
+from jradar.cli.groups import given_drawing
 from jradar.cli.printing import say
 from jradar.cli.reading import given, opening
 from jradar.errors import UsageError
@@ -15,7 +16,6 @@ from jradar.errors import UsageError
 if TYPE_CHECKING:
     from jradar.outputs.writers import Writer
     from jradar.recordings import Recording
-    from jradar.session import AnyModel
     from jradar.stream import Emulator, NetworkSpec, Receiver
     from jradar.stream.live import Session
 
@@ -26,10 +26,19 @@ WAITING = 64  # frames that wait for the disk
 def live(options: argparse.Namespace) -> dict[str, Any]:
     """Publish dense clouds of a radar on the cable, as it runs."""
     stream, recording = jradar.stream, _recording(options)
-    model = _model(options, recording)
-    unsuited = jradar.session.of_model(model, recording.radar.spec) if model else []
-    drawing = stream.quickest(model, draws=options.draws, steps=options.steps)
-    processor = stream.Processor(recording, model=model, seed=options.seed, **drawing)
+    model = None
+    if options.model != NO_MODEL:
+        loaded = jradar.load_model(options.model)
+        remove = options.remove_interference or None
+        model = jradar.pipeline.without_interference(loaded, remove)
+    processor = stream.Processor(
+        recording,
+        model=model,
+        fuse=options.fuse,
+        seed=options.seed,
+        anyway=options.anyway,
+        **stream.quickest(model, **given_drawing(options)),
+    )
     with contextlib.ExitStack() as stack:
         receiver, run_session = _listen(options, recording, stack)
         writers = open_writers(options, stack)
@@ -40,7 +49,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
         "recording": options.replay or "",
         "model": options.model,
         **stream.summary(session, receiver),
-        "notes": [*recording.notes, *unsuited, *session.warnings],
+        "notes": [*recording.notes, *processor.warnings, *session.warnings],
         "written": [options.output] if options.output else [],
     }
 
@@ -136,22 +145,6 @@ def _recording(options: argparse.Namespace) -> "Recording":
         )
     described = given(options, "device", "iq_order")
     return jradar.stream.radar_on_the_cable(options.radar, **described)
-
-
-def _model(options: argparse.Namespace, recording: "Recording") -> "AnyModel | None":
-    """The model, or None; UsageError for a radar that measures no elevation."""
-    if options.model == NO_MODEL:
-        return None
-    model = jradar.session.load_any_model(options.model)
-    spec = recording.radar.spec
-    needs_elevation = not isinstance(model, jradar.planar.PlanarModel)
-    if needs_elevation and not (spec.has_elevation or options.anyway):
-        raise UsageError(
-            f"{spec.name} has one row of antennas and measures no elevation: publish "
-            "its detections with --model none, a cloud in the plane of its antennas "
-            "with --model radarhd, or add --anyway"
-        )
-    return model
 
 
 def _network(options: argparse.Namespace) -> "NetworkSpec":

@@ -25,6 +25,7 @@ from jradar.data.loading import (
     PairSource as PairSource,
     lidar_image as lidar_image,
     make_pair as make_pair,
+    pairs_of as pairs_of,
 )
 from jradar.data.prepare import (
     describe_manifest as describe_manifest,

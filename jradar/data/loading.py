@@ -18,6 +18,8 @@ from jaxtyping import Float
 
 from jradar.data.augment import AugmentSpec, augmented
 from jradar.data.records import PreparedFrame, package
+from jradar.errors import UsageError
+from jradar.model import ModelSpec, ViewGrid
 from jradar.range_image import ImageSpec, condition_image, project
 from jradar.recordings.recording import Stream
 from jradar.types import PointCloud
@@ -55,6 +57,20 @@ class PairSource(Stream):
         return make_pair(
             self._source[index], self._coarse, self._fine, num_slices=self._num_slices
         )
+
+
+def pairs_of(spec: ModelSpec, frames: Sequence[PreparedFrame]) -> PairSource:
+    """Return the pairs of prepared frames on a model's grids.
+
+    Raises UsageError for a model that does not see a radar's points: that is all that
+    records hold.
+    """
+    if not isinstance(grid := spec.grid, ViewGrid):
+        raise UsageError(
+            f"records hold a radar's points, and a model of {grid.kind} images does "
+            "not see these: use a model of range images, such as jradar-sim"
+        )
+    return PairSource(frames, grid.coarse, grid.fine, num_slices=grid.num_slices)
 
 
 def make_pair(

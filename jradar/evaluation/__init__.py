@@ -5,20 +5,15 @@ or a CFAR detector. All methods answer the same frames, and every score is writt
 one file, from which the tables, curves and comparisons of a report are made:
 
     view = records_in_view(Records("records", "test"))
-    pairs = PairSource(view.records, spec.coarse, spec.fine, num_slices=spec.num_slices)
+    pairs = pairs_of(model.spec, view.records)
     methods = {"jradar": drawn(model)} | detector_methods(view, {"os": 1e-3})
     write_results(key, Path("run"), view, pairs, methods)
 """
 
 from jradar.evaluation.confidence import (
-    THRESHOLDS as THRESHOLDS,
-    Around as Around,
     Judged as Judged,
-    fitted_confidence as fitted_confidence,
-    fitted_table as fitted_table,
-    least_alone as least_alone,
-    least_confidence as least_confidence,
-    mean_f_scores as mean_f_scores,
+    fitted as fitted,
+    judged_answer as judged_answer,
     with_confidence as with_confidence,
 )
 from jradar.evaluation.detectors import (
@@ -62,6 +57,7 @@ from jradar.evaluation.scores import (
     read_scores as read_scores,
     write_scores as write_scores,
 )
+from jradar.evaluation.scoring import Score as Score, score as score
 from jradar.evaluation.statistics import (
     compare_methods as compare_methods,
     spread as spread,

@@ -7,10 +7,9 @@ scores a dictionary of methods, and writes
     evaluation/table.*, report.html, clouds.npz, samples.png, ...
 """
 
-import functools
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import jax
 import numpy as np
@@ -23,7 +22,8 @@ from jradar.evaluation.report import build_report, save_clouds
 from jradar.evaluation.scores import Scores, write_scores
 from jradar.evaluation.statistics import spread
 from jradar.evaluation.tables import overview, write_tables
-from jradar.model import Model, dense_cloud, draw
+from jradar.model import Model, enhance_points
+from jradar.options.drawing import Drawing
 from jradar.progress import progress
 from jradar.radar import PointSpec, RadarSpec
 from jradar.range_image import ImageSpec, unproject
@@ -94,7 +94,7 @@ def scene_of(sequence: str) -> str:
 
 def check_view(model: Model, records: data.Records) -> None:
     """Raise UsageError for records of another field of view than the model's."""
-    lidar, fine = records.manifest["options"]["lidar"], model.spec.fine
+    lidar, fine = records.manifest["options"]["lidar"], model.spec.frame_grid.view
     seen = {name: np.ravel(lidar[name]).tolist() for name in VIEW}
     wanted = {name: np.ravel(getattr(fine, name)).tolist() for name in VIEW}
     if seen != wanted:
@@ -104,24 +104,11 @@ def check_view(model: Model, records: data.Records) -> None:
         )
 
 
-def drawn(model: Model, **drawing: Any) -> Method:
+def drawn(model: Model, **drawing: Unpack[Drawing]) -> Method:
     """Return the method that draws the model's cloud with options of `draw`."""
-    options = tuple(drawing.items())
-
-    def method(key, frame):
-        condition, points = frame.pair.condition, frame.prepared.radar
-        return _cloud(key, condition, points, model, options)
-
-    return method
-
-
-@functools.partial(jax.jit, static_argnames="options")
-def _cloud(key, condition, points, model, options):
-    """The cloud of one condition; models of the same spec share what is compiled."""
-    drawing = dict(options)
-    image = draw(key, condition, model, **drawing)
-    least = drawing.get("least_confidence")
-    return dense_cloud(image, points, model, least_confidence=least)
+    return lambda key, frame: enhance_points(
+        key, frame.prepared.radar, model, **drawing
+    )
 
 
 def write_results(

@@ -1,20 +1,30 @@
 """What the conditions of training look like, by which unusual ones are recognised."""
 
+from collections.abc import Sequence
+from typing import Any
+
+import jax
 import numpy as np
 
-from jradar.data import PairSource
 from jradar.evaluation.statistics import spread
-from jradar.range_image import TrustTable, condition_features, fit_trust
+from jradar.model import FrameGrid
+from jradar.range_image import TrustTable, fit_trust
 from jradar.range_image.trust import LEAST_FRAMES
 
 TRUSTED = 1200  # most frames of each source
 
 
-def trust_of(*sources: PairSource) -> TrustTable | None:
-    """Return the table of trust of the sources' conditions; None of too few frames."""
+def trust_of(
+    grid: FrameGrid, *sources: Sequence[Any], most: int = TRUSTED
+) -> TrustTable | None:
+    """Return the table of trust of a grid's conditions; None of too few frames.
+
+    The items of `sources` have a `condition`; at most so many of each are described.
+    """
+    described = jax.jit(grid.features)
     features = [
-        np.asarray(condition_features(pairs[i].condition))
+        np.asarray(described(pairs[i].condition))
         for pairs in sources
-        for i in spread(len(pairs), TRUSTED)
+        for i in spread(len(pairs), most)
     ]
     return fit_trust(np.stack(features)) if len(features) >= LEAST_FRAMES else None

@@ -1,26 +1,16 @@
 """Mapping: clouds and poses to a map of voxels, and a model that completes the map.
 
-VoxelMap, SensorModel              detections of many frames to log-odds of voxels
-MapModel, load_map_model, save_map_model
-                                   a network that gives each voxel's probability
-map_recording, map_clouds, map_files
-                                   a recording, or clouds with poses, to maps; files
-enhance_map, expected              a radar's map -> the voxels that a LiDAR would find
-enhance_patch, nearest, best_count the same for a patch, in ColoRadar's sense
-MapRun, open_runs                  ColoRadar's maps of radar and LiDAR
-MapSpec, TileSpec, Tiles           images of them for training
-published_distance                 UpPoinTr's, for scores of patches
+    found = map_recording(recording, load_model("jradar-maps"))
+    found.enhanced.voxels, found.enhanced.probability
+
+`VoxelMap` gathers the detections of many frames, `enhance_map` gives the voxels that a
+LiDAR would have found, and `enhance_patch` does so for a patch of ColoRadar's maps.
 """
 
-from jradar.mapping.columns import MapSpec as MapSpec
-from jradar.mapping.model import (
-    MapModel as MapModel,
-    load_map_model as load_map_model,
-    save_map_model as save_map_model,
-)
 from jradar.mapping.predict import (
     Occupied as Occupied,
     best_count as best_count,
+    column_grid as column_grid,
     enhance_map as enhance_map,
     enhance_patch as enhance_patch,
     expected as expected,

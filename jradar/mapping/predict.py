@@ -2,12 +2,19 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from jradar.mapping.columns import Voxels, condition_columns, middle_height, outline
-from jradar.mapping.model import MapModel, voxel_frequencies
+from jradar.errors import ModelError
+from jradar.model import ColumnGrid, Model, draw
+from jradar.model.grids.columns import (
+    Voxels,
+    condition_columns,
+    middle_height,
+    outline,
+)
 
 SIZES = (64, 96, 128, 160)  # of images of patches, in columns; each is compiled once
 MARGIN = 16  # columns of an image beyond the radar's patch, both sides together
@@ -25,18 +32,35 @@ class Occupied(NamedTuple):
     probability: Float[np.ndarray, " voxel"]
 
 
-def enhance_patch(radar: Voxels, model: MapModel, *, least: float = LEAST) -> Occupied:
+def column_grid(model: Model) -> ColumnGrid:
+    """Return the grid of a model of maps; ModelError for another model."""
+    if not isinstance(model.spec.grid, ColumnGrid):
+        raise ModelError(
+            f"{model!r} sees single frames, expected a model that completes maps, such "
+            "as jradar-maps"
+        )
+    return model.spec.grid
+
+
+def _probability(
+    condition: Float[np.ndarray, "x y channel"], model: Model
+) -> Float[np.ndarray, "x y height"]:
+    """The probability of each voxel; every image draws with the same key."""
+    return np.asarray(draw(jax.random.key(0), jnp.asarray(condition), model))
+
+
+def enhance_patch(radar: Voxels, model: Model, *, least: float = LEAST) -> Occupied:
     """Return the LiDAR's voxels around the robot, from the radar's patch.
 
     Those of a probability of `least` or less are left out.
     """
-    spec, around = model.spec, outline(radar)
+    grid, around = column_grid(model), outline(radar)
     wanted = 2 * around.radius + MARGIN
     size = next((size for size in SIZES if size >= wanted), SIZES[-1])
     x, y = round(around.x) - size // 2, round(around.y) - size // 2
-    origin = (x, y, middle_height(radar) - spec.heights // 2)
-    image = condition_columns(radar, origin, (size, size), spec, observed=around)
-    share = np.asarray(voxel_frequencies(jnp.asarray(image), model))
+    origin = (x, y, middle_height(radar) - grid.heights // 2)
+    image = condition_columns(radar, origin, (size, size), grid, observed=around)
+    share = _probability(image, model)
     cells = np.argwhere(share > least)
     return likely_first(cells + np.asarray(origin), share[tuple(cells.T)])
 
@@ -44,8 +68,8 @@ def enhance_patch(radar: Voxels, model: MapModel, *, least: float = LEAST) -> Oc
 def nearest(found: Occupied, x: float, y: float, count: int) -> Occupied:
     """Return the probability that a voxel is true, and among the nearest true ones.
 
-    A patch of ColoRadar ends where it has `count` voxels. The distance from the robot,
-    at `x` and `y` in voxels, at which the expected number reaches it, is about right.
+    A patch of ColoRadar ends where it has `count` voxels. So it ends about as far from
+    the robot, at `x` and `y` in voxels, as `count` true voxels are expected to reach.
     """
     ring = (np.hypot(*(found.voxels[:, :2] - (x, y)).T) / RING).astype(int)
     in_ring = np.bincount(ring, found.probability)
@@ -54,20 +78,20 @@ def nearest(found: Occupied, x: float, y: float, count: int) -> Occupied:
     return likely_first(found.voxels, found.probability * inside)
 
 
-def enhance_map(radar: Voxels, model: MapModel, *, start_height: int = 0) -> Occupied:
+def enhance_map(radar: Voxels, model: Model, *, start_height: int = 0) -> Occupied:
     """Return the voxels of a whole map that the LiDAR would have found.
 
     Tiles overlap, and count most in their middle. Heights are above `start_height`, the
     number of the voxel in which the radar started. Raises ValueError for a map without
     voxels, or for one too large.
     """
-    spec = model.spec
+    grid = column_grid(model)
     if not len(radar):
         raise ValueError("the radar's map has no voxels, expected one or more")
     low, high = radar.min(0), radar.max(0)
     counts = np.maximum(-(-(high - low + 1)[:2] // STRIDE), 1)
     if counts.prod() > MOST_TILES:
-        size = (high - low) * spec.voxel_m
+        size = (high - low) * grid.voxel_m
         raise ValueError(
             f"the map extends over {size[0]:,.0f} x {size[1]:,.0f} m, expected less "
             "than 6 km: do its poses jump?"
@@ -85,12 +109,12 @@ def enhance_map(radar: Voxels, model: MapModel, *, start_height: int = 0) -> Occ
         if not inside.any():
             continue
         near = radar[inside]
-        z = middle_height(near) - spec.heights // 2
+        z = middle_height(near) - grid.heights // 2
         relative = near - (0, 0, start_height)
         image = condition_columns(
-            relative, (x, y, z - start_height), (TILE, TILE), spec, observed=None
+            relative, (x, y, z - start_height), (TILE, TILE), grid, observed=None
         )
-        share = np.asarray(voxel_frequencies(jnp.asarray(image), model))
+        share = _probability(image, model)
         cells = np.argwhere(share > LEAST)
         first = row * STRIDE, column * STRIDE
         weights[first[0] : first[0] + TILE, first[1] : first[1] + TILE] += taper

@@ -12,15 +12,20 @@ from jaxtyping import Float
 from jradar.errors import UsageError
 from jradar.files import atomic_path, write_text
 from jradar.lidar import interpolate_poses
-from jradar.mapping.columns import MapSpec
-from jradar.mapping.model import MapModel
-from jradar.mapping.predict import Occupied, enhance_map, expected, likely_first
+from jradar.mapping.predict import (
+    Occupied,
+    column_grid,
+    enhance_map,
+    expected,
+    likely_first,
+)
 from jradar.mapping.voxel_map import SensorModel, VoxelMap
+from jradar.model import ColumnGrid, Model
 from jradar.motion import ego_velocity, frame_velocities, odometry
 from jradar.outputs.clouds import write_ply
+from jradar.pipeline import detect_recording
 from jradar.radar import PointSpec
 from jradar.recordings import Recording
-from jradar.session import detect_recording
 from jradar.types import PointCloud
 from jradar.viz import maps_figure, save_figure
 
@@ -39,7 +44,7 @@ Points = Float[np.ndarray, "point 3"]
 class RecordingMap(NamedTuple):
     """Both maps of a recording, in the world of its poses."""
 
-    spec: MapSpec
+    grid: ColumnGrid
     radar: Occupied
     enhanced: Occupied
     free: np.ndarray  # voxels [voxel, 3] that the radar looked through
@@ -54,7 +59,7 @@ class RecordingMap(NamedTuple):
             "frames": len(self.path),
             "path (m)": round(float(steps.sum()), 2),
             "extent of the path (m)": np.round(high - low, 2).tolist(),
-            "voxel (m)": self.spec.voxel_m,
+            "voxel (m)": self.grid.voxel_m,
             "radar voxels": len(self.radar.voxels),
             "voxels": len(self.enhanced.voxels),
             "mean confidence (%)": round(
@@ -68,7 +73,7 @@ class RecordingMap(NamedTuple):
 
 def map_recording(
     recording: Recording,
-    model: MapModel,
+    model: Model,
     *,
     frames: slice | range = slice(None),
     points: PointSpec = POINTS,
@@ -109,7 +114,7 @@ def map_recording(
 def map_clouds(
     clouds: Iterable[Points],
     poses: Float[np.ndarray, "frame 4 4"],
-    model: MapModel,
+    model: Model,
     *,
     notes: Iterable[str] = (),
     advance: Callable[[int], None] = lambda done: None,
@@ -118,7 +123,8 @@ def map_clouds(
 
     Raises UsageError where no point is within the sensor model's range.
     """
-    voxels = VoxelMap(SensorModel(voxel_m=model.spec.voxel_m))
+    grid = column_grid(model)
+    voxels = VoxelMap(SensorModel(voxel_m=grid.voxel_m))
     for done, (xyz, pose) in enumerate(zip(clouds, poses, strict=True), 1):
         voxels.add(xyz, pose)
         advance(done)
@@ -129,12 +135,10 @@ def map_clouds(
             "expected some to make a map of"
         )
     path = poses[:, :3, 3]
-    start = int(np.floor(path[0, 2] / model.spec.voxel_m))
+    start = int(np.floor(path[0, 2] / grid.voxel_m))
     likely = enhance_map(occupied.voxels, model, start_height=start)
     enhanced = expected(likely)
-    return RecordingMap(
-        model.spec, occupied, enhanced, voxels.free(), path, tuple(notes)
-    )
+    return RecordingMap(grid, occupied, enhanced, voxels.free(), path, tuple(notes))
 
 
 def radar_poses(
@@ -196,10 +200,10 @@ def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
     text = json.dumps(found.describe() | {"notes": found.notes}, indent=2) + "\n"
     grid, corner = occupancy_grid(found)
     return {
-        "map.ply": lambda path: _write_voxels(path, found.enhanced, found.spec),
-        "radar_map.ply": lambda path: _write_voxels(path, found.radar, found.spec),
+        "map.ply": lambda path: _write_voxels(path, found.enhanced, found.grid),
+        "radar_map.ply": lambda path: _write_voxels(path, found.radar, found.grid),
         "grid.pgm": lambda path: _write_pgm(path, grid),
-        "grid.yaml": lambda path: write_text(path, _grid_yaml(found.spec, corner)),
+        "grid.yaml": lambda path: write_text(path, _grid_yaml(found.grid, corner)),
         "map.json": lambda path: write_text(path, text),
         "map.png": lambda path: save_figure(_figure(found), path),
     }
@@ -207,7 +211,7 @@ def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
 
 def _figure(found):
     """The picture of both maps."""
-    metres = found.spec.metres
+    metres = found.grid.metres
     maps = {"radar": found.radar.voxels, "jradar": found.enhanced.voxels}
     return maps_figure(
         {k: metres(voxels) for k, voxels in maps.items()}, path=found.path
@@ -229,12 +233,12 @@ def occupancy_grid(
     grid = np.full(high - low + 1, UNKNOWN, np.uint8)
     for cells, value in ((free, FREE), (occupied, OCCUPIED)):
         grid[tuple((cells - low).T)] = value
-    return grid.T[::-1], low * found.spec.voxel_m
+    return grid.T[::-1], low * found.grid.voxel_m
 
 
 def _cells(found):
     """The columns of the path."""
-    return np.floor(found.path[:, :2] / found.spec.voxel_m).astype(int)
+    return np.floor(found.path[:, :2] / found.grid.voxel_m).astype(int)
 
 
 def _near_path(found):
@@ -246,7 +250,7 @@ def _near_path(found):
     def columns(voxels):
         if not len(voxels):
             return np.zeros((0, 2), int)
-        xyz = found.spec.metres(voxels)
+        xyz = found.grid.metres(voxels)
         height = xyz[:, 2] - found.path[tree.query(xyz[:, :2])[1], 2]
         kept = (height >= BAND_M[0]) & (height <= BAND_M[1])
         return np.unique(voxels[kept, :2], axis=0)

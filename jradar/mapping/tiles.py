@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from jradar.mapping.columns import (
-    MapSpec,
+from jradar.model import ColumnGrid
+from jradar.model.grids.columns import (
     condition_columns,
     middle_height,
     outline,
@@ -38,9 +38,9 @@ class TileSpec:
 class Tiles(Sequence):
     """The patches of several runs; `draw` makes a tile of one."""
 
-    def __init__(self, runs: Sequence[MapRun], spec: MapSpec, tiles: TileSpec):
+    def __init__(self, runs: Sequence[MapRun], grid: ColumnGrid, tiles: TileSpec):
         """List the patches of all runs."""
-        self.runs, self.spec, self.tiles = runs, spec, tiles
+        self.runs, self.grid, self.tiles = runs, grid, tiles
         self.places = [
             (i, k) for i, run in enumerate(runs) for k in range(len(run.radar_in_patch))
         ]
@@ -59,19 +59,19 @@ class Tiles(Sequence):
 
     def draw(self, place: tuple[int, int], rng: np.random.Generator) -> Batch:
         """Return condition and target of a tile of a patch."""
-        run, spec, tiles = self.runs[place[0]], self.spec, self.tiles
+        run, grid, tiles = self.runs[place[0]], self.grid, self.tiles
         radar, patch = run.patch(place[1])
         around, truth = outline(radar), outline(patch)
-        half = spec.tile // 2
-        margin = tiles.border_m / spec.voxel_m
+        half = grid.tile // 2
+        margin = tiles.border_m / grid.voxel_m
         reach = max(truth.radius - half, 0) + margin
         shift = rng.uniform(-reach, reach, 2)
         x, y = (round(v) for v in (truth.x + shift[0], truth.y + shift[1]))
         z = middle_height(radar) + int(
             rng.integers(-tiles.most_raised, tiles.most_raised + 1)
         )
-        origin = (x - half, y - half, z - spec.heights // 2)
-        size = (spec.tile, spec.tile)
+        origin = (x - half, y - half, z - grid.heights // 2)
+        size = (grid.tile, grid.tile)
         if rng.random() < tiles.whole:
             radar, around = run.radar, None
         if rng.random() < tiles.thin:
@@ -81,11 +81,11 @@ class Tiles(Sequence):
             radar,
             origin,
             size,
-            spec,
+            grid,
             observed=around,
             height_known=rng.random() >= tiles.unknown_height,
         )
-        target: Any = target_columns(run.lidar, origin, size, spec)
+        target: Any = target_columns(run.lidar, origin, size, grid)
         return symmetric(Batch(condition, target), int(rng.integers(8)))
 
 

@@ -3,10 +3,10 @@
     model = load_model("jradar-sim")            # shipped with the package, or a folder
     cloud = enhance(key, cube, radar, model)    # ADC cube to a dense PointCloud
 
-`enhance` makes a condition of the cube, lets the model `draw`, and makes a `dense_cloud`
-of its image. What a condition and an image are, is the model's `grid`: range images,
-polar images of one row of antennas, or columns of a map. `Radar` and `Model` are
-pytrees, so all of them take both under `jit`, `vmap` and `grad`.
+`enhance` makes a condition of the cube, lets the model `draw`, and makes a
+`dense_cloud` of its image. The model's grid says what a condition and an image are:
+range images, polar images of one row of antennas, or columns of a map. `Radar` and
+`Model` are pytrees, so all of them take both under `jit`, `vmap` and `grad`.
 """
 
 from jradar.model.compiling import compiler_options as compiler_options

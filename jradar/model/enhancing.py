@@ -132,7 +132,8 @@ def dense_cloud(
     added = None
     if (echoes := tables.echoes) is not None:
         around = grid.surroundings(points)
-        found = jnp.where(around.valid, frequency(around.confidence, echoes), 0.0)
+        crowded = jnp.asarray(around.confidence)
+        found = jnp.where(around.valid, frequency(crowded, echoes), 0.0)
         least = grid.least(found, echoes)
         least = least if least_confidence is None else least_confidence
         kept = around.valid & (found >= least)

@@ -157,7 +157,7 @@ def _table_to_json(table: Any) -> dict[str, Any]:
 def _model_from_json(values: dict[str, Any]) -> Model:
     """The model without parameters from `_model_to_json`'s dictionary, checked."""
     card = _card_from_json(values.pop("card"))
-    tables = {
+    tables: dict[str, Any] = {
         name: None if table is None else TABLES[name](**table)
         for name, table in values.pop("tables").items()
     }

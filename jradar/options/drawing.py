@@ -22,22 +22,29 @@ STATIC = ("draws", "steps", "solver")  # those that shape the computation
 
 
 class Flag(NamedTuple):
-    """An option on the command line."""
+    """An option on the command line: a count up to `most`, or a share without it."""
 
     flag: str
-    kind: str  # "count" or "share"
     help: str
+    most: int | None = None
 
 
 FLAGS = {
     "draws": Flag(
-        "--draws", "count", "samples of a diffusion model that must agree (default: 8)"
+        "--draws",
+        "draw N samples and keep the points on which they agree; the paper draws 1 "
+        "(default: 8; live: 1)",
+        64,
     ),
     "steps": Flag(
-        "--steps", "count", "steps of each sample (default: 5, or 18 for one sample)"
+        "--steps",
+        "solver steps per draw (default: 5 for several draws, 18 for one; live: 1); "
+        "one draw takes Heun's method, or iPNDM below 8 steps",
+        1000,
     ),
     "least_confidence": Flag(
-        "--min-confidence", "share", "keep points of at least this confidence, 0 to 1"
+        "--min-confidence",
+        "leave out points of less confidence, 0 to 1 (default: the model's)",
     ),
 }
 

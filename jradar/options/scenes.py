@@ -12,6 +12,5 @@ FAMILIES = (*WRITTEN, *DRAWN)
 SETS = {
     "jradar-sim-1": "one radar unit, to train on",
     "jradar-sim-1-mini": "one layout of each family for each split, to try it",
-    "jradar-sim-4-test": "a unit of its own in each layout, with ColoRadar's chirps, to "
-    "test on",
+    "jradar-sim-4-test": "a unit of its own in each layout, to test on",
 }

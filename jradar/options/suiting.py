@@ -24,7 +24,9 @@ NARROW = (
 Described = Callable[[RadarSpec], dict[str, float]]
 
 
-def unsuited(kind: str, trained: Sequence[RadarSpec], radar: RadarSpec) -> Iterator[str]:
+def unsuited(
+    kind: str, trained: Sequence[RadarSpec], radar: RadarSpec
+) -> Iterator[str]:
     """Yield why a model of this kind and these radars may not suit another one."""
     blind, described = KINDS[kind]
     if without := blind(radar):

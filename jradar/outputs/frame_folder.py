@@ -16,9 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jradar.errors import UsageError
+from jradar.model import Model
 from jradar.outputs.clouds import CLOUD_WRITERS, valid_points, write_npz
 from jradar.outputs.guard import GuardedFolder
-from jradar.model import Model
+from jradar.pipeline import Detected, Frame, programs
 from jradar.radar import (
     PointSpec,
     Radar,
@@ -29,7 +30,6 @@ from jradar.radar import (
 )
 from jradar.range_image import ImageSpec
 from jradar.recordings import Recording, nearest_scan
-from jradar.pipeline import Detected, Frame, programs
 from jradar.types import PointCloud
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact, UInt8
 
 from jradar.lidar import interpolate_poses
+from jradar.pipeline import Frame
 from jradar.radar import RadarSpec, azimuth_map, range_doppler
 from jradar.recordings import Recording, nearest_scan, radar_from_lidar
-from jradar.pipeline import Frame
 from jradar.types import PointCloud
 
 FALLBACK_PERIOD_S = 0.1  # of a recording that does not say how fast it was

@@ -12,6 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float, Inexact
 
 from jradar.motion import gravity_warnings, propose_offset
+from jradar.pipeline.frames import ahead, chosen_frames, stamp_s
+from jradar.pipeline.stages import Stages
+from jradar.pipeline.warnings import Tally, no_echoes
 from jradar.radar import PointSpec, RadarSpec, noise_statistics, strongest_echoes
 from jradar.recordings import (
     Recording,
@@ -20,9 +23,6 @@ from jradar.recordings import (
     with_sample_doubts,
 )
 from jradar.recordings.sample_checks import SampleCheck
-from jradar.pipeline.frames import ahead, chosen_frames, stamp_s
-from jradar.pipeline.stages import Stages
-from jradar.pipeline.warnings import Tally, no_echoes
 from jradar.types import PointCloud
 
 POINTS = PointSpec()

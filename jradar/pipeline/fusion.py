@@ -84,7 +84,8 @@ class LastFrames:
     ) -> tuple[tuple[Seen, ...], Float[np.ndarray, "frame 4 4"]]:
         """Add a frame; return what `fused` takes: `count` frames, newest first.
 
-        `stamp_s` is the time at which it began, NaN if it is not known. Poses of NaN fill up what is not there yet.
+        `stamp_s` is the time at which it began, NaN if it is not known. Poses of NaN
+        fill up what is not there yet.
         """
         earlier = len(self._seen)
         self._seen.appendleft(seen)

@@ -101,15 +101,11 @@ class Pipeline:
             raise UsageError(why)
         self.recording, self.model, self.fuse = recording, model, fuse
         self.watch = Stopwatch()
-        self._fused = self._images = None
         if fuse > 1:
             self._check_fusing(**drawing)
-            self._fused = LastFrames(recording, fuse)
-        if (history := model.spec.frame_grid.history) > 1:
-            if len(recording.cubes):
-                check_history(recording)
-            self._images = LastImages(history)
-        self._tally = warnings.Tally()
+        if model.spec.frame_grid.history > 1 and len(recording.cubes):
+            check_history(recording)
+        self.reset()
         self._stages = Stages(
             jax.random.key(seed),
             radar,
@@ -119,6 +115,13 @@ class Pipeline:
             watch=self.watch,
             **drawing,
         )
+
+    def reset(self) -> None:
+        """Forget the frames so far."""
+        fuse, history = self.fuse, self.model.spec.frame_grid.history
+        self._fused = LastFrames(self.recording, fuse) if fuse > 1 else None
+        self._images = LastImages(history) if history > 1 else None
+        self._tally = warnings.Tally()
 
     def frame(self, number: int, cube: Cube, stamp_s: float | None = None) -> Frame:
         """Return one frame, enhanced: the paper, from samples to a cloud (Fig. 3b)."""
@@ -230,8 +233,8 @@ class Pipeline:
         drawing.pop("least_confidence", None)
         if asked := given(drawing):
             raise UsageError(
-                f"{', '.join(asked)}: a model of one pass draws no samples, leave these "
-                "options out"
+                f"{', '.join(asked)}: a model of one pass draws no samples, leave "
+                "these options out"
             )
 
 

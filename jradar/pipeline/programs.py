@@ -30,8 +30,8 @@ from jradar.diffusion import RangeMixture
 from jradar.files import atomic_path, open_file
 from jradar.model import compiler_options
 from jradar.model.grids.polar import PolarImage
-from jradar.range_image import RangeImage
 from jradar.pipeline.fusion import Seen
+from jradar.range_image import RangeImage
 from jradar.types import PointCloud
 
 PACKAGE = Path(__file__).parents[1]

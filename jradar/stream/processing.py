@@ -85,6 +85,11 @@ class Processor:
             self.pipeline = Pipeline(recording, model, points=points, **options)
         self._base_from = sensor_places(recording)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings about the radar, and about the frames so far."""
+        return () if self.pipeline is None else tuple(self.pipeline.warnings)
+
     def cube(
         self, data: UInt8[np.ndarray, " byte"]
     ) -> Num[np.ndarray, "tx rx chirp sample"]:
@@ -95,6 +100,8 @@ class Processor:
         """Run a frame of zeros through everything."""
         zeros = np.zeros(frame_bytes(self.recording), np.uint8)
         self.published(self.cube(zeros), 0, 0.0)
+        if self.pipeline is not None:
+            self.pipeline.reset()
 
     def published(
         self,

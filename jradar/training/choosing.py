@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jradar.data import PreparedFrame
+from jradar.data import PreparedFrame, pairs_of
 from jradar.evaluation import (
     MethodInput,
     drawn,
@@ -17,8 +17,7 @@ from jradar.evaluation import (
 )
 from jradar.evaluation.confidence import THRESHOLDS, judged, mean_f_scores
 from jradar.model import Model
-from jradar.range_image import IDENTITY
-from jradar.training.replay import Old, pairs_of
+from jradar.training.replay import Old
 
 SCORE = "f_score_0.2"
 JUDGED = 32  # validation frames of an evaluation
@@ -86,12 +85,11 @@ def frame_scores(
     its table is fitted only later.
     """
     key = jax.random.key(0)
-    plain = dataclasses.replace(model, confidence=IDENTITY)
-    if found := [*judged(key, plain, records, frames=count)]:
+    if found := [*judged(key, model, records, frames=count)]:
         least = THRESHOLDS[int(np.argmax(mean_f_scores(found)))]
         clouds = [frame.xyz[frame.confidence >= least] for frame in found]
         return mean_scores(clouds, [frame.truth for frame in found])
-    pairs = pairs_of(model, records)
+    pairs = pairs_of(model.spec, records)
     method, index = drawn(model), spread(len(records), count)
     frames = {i: MethodInput(records[i], pairs[i]) for i in index}
     clouds = [method(jax.random.fold_in(key, i), f) for i, f in frames.items()]

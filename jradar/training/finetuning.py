@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar.data import Records
+from jradar.data import Records, pairs_of
 from jradar.errors import UsageError
 from jradar.evaluation import check_view, trust_of, with_confidence
 from jradar.files import lock_folder, read_json, write_text
@@ -37,7 +37,6 @@ from jradar.training.replay import (
     Old,
     batches_of,
     halves,
-    pairs_of,
     simulate_replay,
 )
 from jradar.training.step import TrainState, make_train_step
@@ -124,6 +123,7 @@ def finetune(
     folder = Path(folder)
     _check_contents(folder)  # before a lock is left there
     start = load_model(model)
+    pairs_of(start.spec, [])  # refuses a model that sees no points
     own, checked = _split(records, "train"), _split(records, "validation")
     check_view(start, own)
     with lock_folder(folder):
@@ -156,10 +156,9 @@ def _trained(folder, start, own, checked, old, spec, name):
         limits = {"before": before, "forget": spec.forget}
         kept = kept_change(start, tuned, checked, old, **limits)
     card = _card(start.card, own, old, step, name) if kept.share else start.card
-    pairs = [pairs_of(start, frames) for frames in (own, *old)]
-    found = dataclasses.replace(
-        kept.model, card=card, trust=trust_of(*pairs) or start.trust
-    )
+    pairs = [pairs_of(start.spec, frames) for frames in (own, *old)]
+    trust = trust_of(start.spec.frame_grid, *pairs) or start.tables.trust
+    found = dataclasses.replace(kept.model, card=card).with_tables(trust=trust)
     key = jax.random.fold_in(jax.random.key(spec.seed), 1)
     # The frames of one place alone would make every point look as sure as there.
     found = with_confidence(key, found, checked, old.checked)

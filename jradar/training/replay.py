@@ -15,10 +15,10 @@ import jax
 import numpy as np
 
 from jradar import data, simulation
-from jradar.data import PairSource, PreparedFrame, PrepareSpec, Records
+from jradar.data import PreparedFrame, PrepareSpec, Records, pairs_of
 from jradar.evaluation import spread
 from jradar.fields import typed_fields
-from jradar.model import Model
+from jradar.model import Model, ViewGrid
 from jradar.range_image import pattern_reach
 from jradar.recordings.recording import Stream
 from jradar.training.step import Batch
@@ -71,12 +71,6 @@ def _subset(records: Records, index: list[int]) -> Stream:
     return Stream(lambda k: records[index[k]], len(index))
 
 
-def pairs_of(model: Model, frames: Sequence[PreparedFrame]) -> PairSource:
-    """Return the pairs of frames on the model's grids."""
-    spec = model.spec
-    return PairSource(frames, spec.coarse, spec.fine, num_slices=spec.num_slices)
-
-
 def batches_of(
     model: Model,
     own: Sequence[PreparedFrame],
@@ -107,12 +101,13 @@ def _part(model, frames, count, change, seed) -> Callable[[int], Batch]:
     Where the beams are too far apart for `close_gaps`, empty pixels near a hit are not
     learnt.
     """
-    low, high = model.spec.fine.azimuth
-    pairs = pairs_of(model, frames)
+    grid: ViewGrid = model.spec.grid
+    low, high = grid.fine.azimuth
+    pairs = pairs_of(model.spec, frames)
     shown = [pairs[i].lidar for i in spread(len(pairs), PATTERN)]
     return pair_batches(
         frames,
-        model.spec,
+        grid,
         dataclasses.replace(change, mirror=low == -high),
         batch_size=count,
         seed=seed,

@@ -5,13 +5,13 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
+from jradar.planar import describe_planar_model
 
 from jradar import model as models
 from jradar.cli import main
 from jradar.diffusion import write_params
 from jradar.model import condition, draw, load_model, save_model
 from jradar.outputs import frame_folder
-from jradar.planar import describe_planar_model
 from jradar.radar import radar_points
 from jradar.recordings import open_recording, read_cloud, without_background
 from tests.cli.conftest import MODEL, QUICK, write_cube

@@ -6,9 +6,9 @@ import threading
 
 import numpy as np
 import pytest
+from jradar.planar import describe_planar_model
 
 from jradar.diffusion import write_params
-from jradar.planar import describe_planar_model
 from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.emulator import Emulator, recorded_frames
 from jradar.stream.sockets import loopback_network

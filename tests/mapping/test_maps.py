@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
+from jradar.mapping.methods import METHODS
 
 from jradar import mapping, training
 from jradar.errors import ModelError
-from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
-from jradar.mapping.methods import METHODS
 from jradar.mapping.predict import SPREAD
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric

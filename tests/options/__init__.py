@@ -1,0 +1,1 @@
+"""Tests of the options that the library and the command line share."""

@@ -2,10 +2,11 @@
 
 import pkgutil
 
+from jradar.stream.outputs import STREAMED
+
 from jradar import options, simulation
 from jradar.options import models, outputs, scenes
 from jradar.recordings import CLOUD_WRITERS
-from jradar.stream.outputs import STREAMED
 from tests.programs import finished
 
 

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
+from jradar.session import detecting
 
 from jradar.motion import TimeOffset
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
-from jradar.session import detecting
 
 CUBES = Stream(lambda _: None, 1)
 RECORDING = Recording("walk", Path("walk"), Radar(RadarSpec.awr1843()), CUBES)

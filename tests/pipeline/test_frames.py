@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jradar.session import Stages, detect_recording, enhance_recording, fusion
+from jradar.session.stages import Stopwatch
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses
@@ -20,8 +22,6 @@ from jradar.radar.points import points_and_count
 from jradar.radar.spectrum import power_map
 from jradar.range_image import condition_features, fit_trust
 from jradar.recordings import Recording, Stream
-from jradar.session import Stages, detect_recording, enhance_recording, fusion
-from jradar.session.stages import Stopwatch
 from tests.models import RADAR, SPEC, echoes, one_pass_model, tiny_model
 
 CUBES = [np.asarray(echoes(seed)) for seed in range(2)]

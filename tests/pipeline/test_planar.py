@@ -7,10 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from jradar.errors import UsageError
-from jradar.outputs.frame_folder import FrameFolder
-from jradar.outputs.guard import GuardedFolder
 from jradar.planar import (
     RADARHD,
     PlanarImage,
@@ -19,11 +15,15 @@ from jradar.planar import (
     plane_image,
     polar_image,
 )
+from jradar.session import enhance_recording
+from jradar.session.history import LastImages
+
+from jradar.errors import UsageError
+from jradar.outputs.frame_folder import FrameFolder
+from jradar.outputs.guard import GuardedFolder
 from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.recordings import Recording, Stream
-from jradar.session import enhance_recording
-from jradar.session.history import LastImages
 from tests.models import tiny_planar_model
 from tests.radar.targets import simulate, targets
 

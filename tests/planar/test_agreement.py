@@ -3,8 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.special import expit, logit
-
 from jradar.planar import (
     UNSCALED,
     Pixels,
@@ -15,6 +13,7 @@ from jradar.planar import (
     least_confidence,
     scaled,
 )
+from scipy.special import expit, logit
 
 
 def test_disagreement_is_0_of_the_same_images_and_1_of_separate_ones():

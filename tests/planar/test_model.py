@@ -7,10 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.special import expit
-
-from jradar.diffusion import write_params
-from jradar.errors import ModelError
 from jradar.planar import (
     LIDAR,
     RADAR,
@@ -25,8 +21,12 @@ from jradar.planar import (
     plane_cloud,
     plane_image,
 )
-from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.session import load_any_model
+from scipy.special import expit
+
+from jradar.diffusion import write_params
+from jradar.errors import ModelError
+from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.types import PointCloud
 from tests.models import tiny_planar_model
 

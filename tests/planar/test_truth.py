@@ -1,7 +1,6 @@
 """A scan in the plane: heights, view, and pixels as RadarHD assigns them."""
 
 import numpy as np
-
 from jradar.planar import LIDAR, lidar_image, true_points
 
 

@@ -1,8 +1,8 @@
 """A live radar with a planar model publishes the clouds of its recording."""
 
 import numpy as np
-
 from jradar.session import enhance_recording
+
 from jradar.stream import Processor, quickest
 from tests.models import tiny_planar_model
 from tests.session.test_planar import CUBES, MODEL, recording

@@ -72,7 +72,7 @@ class Grid(abc.ABC):
 
 
 class FrameGrid(Grid):
-    """A grid whose condition is that of a radar's frame, and whose answer is a cloud."""
+    """A grid of models that turn a radar's frame into a cloud."""
 
     history: int = 1  # frames whose images make a condition
 
@@ -98,9 +98,7 @@ class FrameGrid(Grid):
         """Return what describes a condition for a `TrustTable`."""
 
     @abc.abstractmethod
-    def least(
-        self, confidence: Float[Array, "..."], table: ConfidenceTable
-    ) -> Float[Array, ""]:
+    def least(self, confidence: Float[Array, "..."], table: ConfidenceTable) -> Any:
         """Return the confidence that points of this frame must have."""
 
     @abc.abstractmethod
@@ -120,6 +118,10 @@ class FrameGrid(Grid):
     @abc.abstractmethod
     def pictured(self, image: Any, shown: Any) -> dict[str, Any]:
         """Return the image as arrays to save, by name, where `shown` is True."""
+
+    def compared(self, cloud: PointCloud) -> PointCloud:
+        """Return the part of a cloud, or of a LiDAR's scan, that a score is of."""
+        return cloud
 
     @property
     def caution(self) -> str:

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jradar.planar import LIDAR, RADAR
 
 from experiments.radarhd.model import networks
-from jradar.planar import LIDAR, RADAR
 
 
 @pytest.fixture(scope="session")

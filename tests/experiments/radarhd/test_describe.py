@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from jradar.planar import LIDAR
 
 from experiments.radarhd.describe import (
     Answer,
@@ -13,7 +14,6 @@ from experiments.radarhd.describe import (
     with_scaled_confidence,
 )
 from jradar.evaluation import THRESHOLDS, Judged
-from jradar.planar import LIDAR
 from tests.models import tiny_planar_model
 
 MODEL = tiny_planar_model()

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from jradar.planar import LIDAR, RADAR
 from PIL import Image
 from scipy.spatial import KDTree
 
@@ -16,7 +17,6 @@ from experiments.radarhd.pairs import (
     write_pair,
 )
 from experiments.radarhd.scores import polar_points
-from jradar.planar import LIDAR, RADAR
 from jradar.training import Batch
 
 KEYS = [(7, 2), (7, 10), (12, 0)]  # in numeric, not alphabetic order

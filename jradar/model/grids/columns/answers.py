@@ -57,4 +57,5 @@ NOISE = {  # levels of each method's training
 
 def _shape(asked: Question, grid: Any) -> tuple[int, int, int, int]:
     """The shape of the answer to a condition, whose size is not that of training."""
-    return (1, *asked.condition.shape[:2], grid.heights)
+    x, y, _ = asked.condition.shape
+    return 1, x, y, grid.heights

@@ -1,7 +1,7 @@
 """The grid of voxel maps: columns of a radar's map in, a LiDAR's columns out.
 
-    radar voxels --condition_columns--> condition [x, y, channel]
-    --network--> probability [x, y, height]
+radar voxels --condition_columns--> condition [x, y, channel]
+--network--> probability [x, y, height]
 """
 
 import dataclasses

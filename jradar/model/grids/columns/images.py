@@ -12,7 +12,7 @@ import itertools
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float32, Int
 
 EXTRA = 3  # channels of a condition beyond the heights
 HEIGHT_SCALE_M = 4.0

@@ -20,8 +20,8 @@ from jaxtyping import Array, Float
 from jradar.compiled import jit
 from jradar.diffusion import Denoiser, NoiseSpec, regression_estimate, sample
 from jradar.model.grids.base import Answer, Question, no_draws
-from jradar.model.mirror import disagreement
 from jradar.model.grids.polar.axes import LIDAR
+from jradar.model.mirror import disagreement
 
 AGREED_PIXELS = 3  # rows and columns within which draws agree on an occupied pixel
 QUICK_STEPS = 5  # of each of several draws

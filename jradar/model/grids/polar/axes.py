@@ -5,10 +5,10 @@ j-th of evenly spaced azimuths from -90 to 90 degrees, both ends included.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Float
 
 from jradar.options.suiting import MAX_RANGE_M
 
@@ -39,10 +39,11 @@ class PolarAxes(NamedTuple):
         return np.stack([ahead, left, np.zeros_like(left)], -1)
 
 
-def in_view(
-    xyz: Float[Array | np.ndarray, "*batch 3"],
-) -> Bool[Array | np.ndarray, "*batch"]:
-    """Return which points lie ahead and in RadarHD's view, whatever their height."""
+def in_view(xyz: Any) -> Any:
+    """Return which points `[*batch 3]` lie ahead and in RadarHD's view at any height.
+
+    They are arrays of NumPy or of JAX.
+    """
     x, y = xyz[..., 0], xyz[..., 1]
     ahead = (x > 0) & (x <= VIEW_M) & (abs(y) <= VIEW_M)
     return ahead & (x * x + y * y <= MAX_RANGE_M**2)

@@ -1,11 +1,11 @@
 """The grid of polar images: clouds in the plane of one row of antennas.
 
 A radar with one row of antennas measures no elevation. What it can measure is where
-surfaces are in its plane: the polar image of a frame, formed as in RadarHD (Prabhakara
-et al. 2023), becomes an image of occupancy, and that a cloud whose points have height 0.
+surfaces are in its plane. The polar image of a frame, formed as in RadarHD (Prabhakara
+et al. 2023), becomes an image of occupancy, and this a cloud of points at height 0.
 
-    samples --polar_image--> condition [range, azimuth, image]     256 x 64, newest first
-    --network--> PolarImage [range, azimuth]                       256 x 512
+    samples --polar_image--> condition [range, azimuth, image]    256 x 64 pixels
+    --network--> PolarImage [range, azimuth]                      256 x 512
 """
 
 import dataclasses
@@ -19,11 +19,11 @@ import scipy  # loads `special` when it is first used
 
 from jradar.errors import UsageError
 from jradar.model.grids.base import FrameGrid
-from jradar.model.mirror import least_confidence, scaled
 from jradar.model.grids.polar.answers import METHODS, PolarImage
 from jradar.model.grids.polar.axes import LIDAR, MAX_RANGE_M, RADAR, in_view
 from jradar.model.grids.polar.image import image_features, polar_image
 from jradar.model.grids.polar.truth import HALF_HEIGHT_M
+from jradar.model.mirror import least_confidence, scaled
 from jradar.range_image import ImageSpec, count_near, crowding, frequency
 from jradar.range_image.evidence import spread_out
 from jradar.types import PointCloud
@@ -67,7 +67,7 @@ class PolarGrid(FrameGrid):
 
     def condition(self, samples, points, radar):
         """Return the polar image of a frame, which also stands for those before it."""
-        if samples is None:
+        if samples is None or radar is None:
             raise UsageError(
                 "a model of polar images sees a radar's samples, not its points: use "
                 "`enhance` with the cube, or a model of range images such as jradar-sim"
@@ -97,7 +97,7 @@ class PolarGrid(FrameGrid):
 
     def least(self, confidence, table):
         """Return the table's share of the F-score expected of this frame."""
-        return least_confidence(confidence, table.least)
+        return least_confidence(confidence, jnp.asarray(table.least))
 
     def cloud(self, image: PolarImage, points) -> PointCloud:
         """Return a point in the middle of each pixel; no velocities."""
@@ -111,10 +111,8 @@ class PolarGrid(FrameGrid):
         Points of the plane are at most 0.3 m above or below the radar. The points
         around them have height 0.
         """
-        level = points.valid & (abs(points.xyz[:, 2]) <= HALF_HEIGHT_M)
-        level &= in_view(points.xyz)
-        xyz = jnp.where(level[:, None], points.xyz, jnp.asarray((1.0, 0.0, 0.0)))
-        flat = PointCloud(xyz * jnp.asarray((1.0, 1.0, 0.0)), level)
+        seen = self.compared(points)
+        flat = PointCloud(seen.xyz, seen.valid)
         flat = flat._replace(confidence=crowding(flat, VIEW, axes=2))
         return spread_out(flat, _line(), in_view)
 
@@ -131,6 +129,14 @@ class PolarGrid(FrameGrid):
         """Return the polar image that the network saw, and its answer."""
         seen = np.where(shown, image.confidence, 0)
         return {"polar_image": np.asarray(image.radar), "occupancy": seen}
+
+    def compared(self, cloud):
+        """Return the points at most 0.3 m above or below the plane, in the plane."""
+        seen = (
+            cloud.valid & (abs(cloud.xyz[:, 2]) <= HALF_HEIGHT_M) & in_view(cloud.xyz)
+        )
+        flat = cloud.xyz * np.asarray((1.0, 1.0, 0.0), np.float32)
+        return cloud._replace(xyz=flat, valid=seen)
 
     @property
     def caution(self) -> str:

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
+
 from jradar.diffusion import (
     SOLVERS,
     RangeMixture,

@@ -1,7 +1,7 @@
 """The grid of range images: a frame's points in, a range for each direction out.
 
-    points --condition_image--> condition [row, column, channel]       64 x 64
-    --network--> RangeImage [row, column]                              128 x 512
+points --condition_image--> condition [row, column, channel]       64 x 64
+--network--> RangeImage [row, column]                              128 x 512
 """
 
 import dataclasses

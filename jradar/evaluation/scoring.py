@@ -6,7 +6,9 @@
 Recordings are prepared as for training, and then scored as records are; the folder of
 `jradar prepare` can be given instead. There are two truths: the part of the LiDAR that
 the radar could have seen, by the rule of training, and, for recordings, all of its
-points in the field of view. The detector has the false-alarm rate that is best on the
+points in the field of view. A model of recordings goes the way of `enhance_recording`;
+one in the plane of a row of antennas is compared, as all methods next to it, with what
+lies in that plane. The detector has the false-alarm rate that is best on the
 scored frames, which favours it.
 """
 
@@ -22,31 +24,32 @@ import numpy as np
 from jradar import data, viz
 from jradar.data import PrepareSpec, Records
 from jradar.errors import UsageError
-from jradar.evaluation import (
-    COLUMNS,
+from jradar.evaluation.detectors import choose_rates, detector_methods
+from jradar.evaluation.methods import Method, Truth, ring_edges, score_rings
+from jradar.evaluation.records import (
+    TRUTH,
+    VIEW,
+    Clouds,
     RecordsInView,
     check_view,
-    choose_rates,
-    compare_methods,
-    detector_methods,
     drawn,
-    pooled,
-    precision_over_coverage,
-    reliability,
-    ring_edges,
+    points_of,
     samples,
     score_and_keep,
-    score_rings,
     surest_points,
     write_report,
 )
-from jradar.evaluation.records import TRUTH, VIEW, Clouds
+from jradar.evaluation.reliability import precision_over_coverage, reliability
 from jradar.evaluation.scores import Scores
+from jradar.evaluation.statistics import compare_methods
+from jradar.evaluation.tables import COLUMNS, pooled
 from jradar.lidar import LidarSpec
 from jradar.metrics import near_truth
-from jradar.model import Model, load_model
+from jradar.model import FrameGrid, Model, load_model
+from jradar.pipeline import Pipeline, of_model
 from jradar.radar.angle.spectrum import azimuth_bins
-from jradar.session import of_model
+from jradar.recordings import Recording
+from jradar.types import PointCloud
 
 WHOLE = "whole LiDAR in view"
 DETECTORS = ("os",)
@@ -163,10 +166,12 @@ def score(
             )
         records = _records(paths[0], split)
         check_view(first, records)
-        return _scored(records, loaded, {}, seed)
+        data.pairs_of(first.spec, records)  # refuses a model that sees no points
+        methods = {name: drawn(model) for name, model in loaded.items()}
+        return _scored(records, loaded, methods, {}, seed)
     if split is not None:
         raise UsageError(f"{split=}: recordings have no splits, only records do")
-    view = {name: getattr(first.spec.fine, name) for name in VIEW}
+    view = {name: getattr(first.spec.frame_grid.view, name) for name in VIEW}
     spec = PrepareSpec(points=first.spec.points, lidar=LidarSpec(**view))
     with tempfile.TemporaryDirectory() as scratch:
         data.prepare(paths, scratch, spec, frames=frames, workers=1, **opening)
@@ -177,7 +182,25 @@ def score(
             recording = recordings[frame.prepared.sequence]
             return data.lidar_in_view(recording, frame.prepared, spec.lidar)
 
-        return _scored(Records(scratch), loaded, {WHOLE: whole}, seed)
+        methods = {
+            name: _recorded(model, recordings, seed) for name, model in loaded.items()
+        }
+        return _scored(Records(scratch), loaded, methods, {WHOLE: whole}, seed)
+
+
+def _recorded(model: Model, recordings: dict[str, Recording], seed: int) -> Method:
+    """Return the method that enhances a recorded frame, as `enhance_recording` does."""
+    pipelines: dict[str, Pipeline] = {}
+
+    def method(key, frame):
+        name, number = frame.prepared.sequence, frame.prepared.frame
+        recording = recordings[name]
+        if name not in pipelines:
+            pipelines[name] = Pipeline(recording, model, seed=seed, anyway=True)
+        cube, stamp_s = recording.cube(number), frame.prepared.stamp
+        return pipelines[name].frame(number, cube, stamp_s).cloud
+
+    return method
 
 
 def _alike(models: dict[str, Model]) -> Model:
@@ -196,11 +219,14 @@ def _alike(models: dict[str, Model]) -> Model:
 
 def _seen(model: Model) -> dict[str, Any]:
     """Return what shapes a model's input and view, by name."""
-    spec = model.spec
-    found: dict[str, Any] = {"num_slices": spec.num_slices}
-    for part in ("points", "coarse", "fine"):
-        fields = dataclasses.asdict(getattr(spec, part))
-        found |= {f"{part}.{name}": value for name, value in fields.items()}
+    spec: Any = model.spec
+    found: dict[str, Any] = {"grid": spec.grid.kind}
+    parts = {"points": spec.points, "grid": spec.grid}
+    for part, fields in parts.items():
+        for name, value in dataclasses.asdict(fields).items():
+            found[f"{part}.{name}"] = value
+    for name in ("codec", "validity_threshold", "history"):  # a model's own affair
+        found.pop(f"grid.{name}", None)
     bins = "points.num_azimuth"
     if found[bins] is None and model.card.radars:
         found[bins] = azimuth_bins(model.card.radar)
@@ -220,10 +246,10 @@ def _records(folder: Path | str, split: str | None) -> Records:
     return Records(folder, found)
 
 
-def _scored(records, models, truths, seed) -> Score:
-    """Return the scores of the detectors and models on records."""
-    first = next(iter(models.values())).spec
-    view = RecordsInView(records, first.fine)
+def _scored(records, models, answers, truths, seed) -> Score:
+    """Return the scores of the detectors and of the models' answers on records."""
+    grid: FrameGrid = next(iter(models.values())).spec.frame_grid
+    view = RecordsInView(records, grid.view)
     if not any(len(records[i].lidar_xyz) for i in range(len(records))):
         raise ValueError(
             f"none of {len(records)} frames has a LiDAR point that the radar could "
@@ -232,8 +258,8 @@ def _scored(records, models, truths, seed) -> Score:
         )
     rates = choose_rates(view, records, detectors=DETECTORS)
     methods = detector_methods(view, rates)
-    methods |= {name: drawn(model) for name, model in models.items()}
-    edges, rings, judged = ring_edges(first.fine.max_range_m), [], {}
+    methods = {k: _compared(method, grid) for k, method in (methods | answers).items()}
+    edges, rings, judged = ring_edges(grid.view.max_range_m), [], {}
 
     def watch(frame, row, cloud, truth):
         if row["truth"] != TRUTH:
@@ -247,12 +273,14 @@ def _scored(records, models, truths, seed) -> Score:
             right = near_truth(points[:, :3], truth)
             judged.setdefault(row["method"], []).append((points[:, 3], right))
 
-    pairs = data.PairSource(
-        records, first.coarse, first.fine, num_slices=first.num_slices
-    )
-    truth = {TRUTH: lambda frame: np.asarray(frame.prepared.lidar_xyz)}
+    seen = {TRUTH: lambda frame: np.asarray(frame.prepared.lidar_xyz), **truths}
     rows, clouds = score_and_keep(
-        jax.random.key(seed), view, pairs, methods, truths=truth | truths, watch=watch
+        jax.random.key(seed),
+        view,
+        [None] * len(records),  # no method needs images
+        methods,
+        truths={name: _compared_truth(truth, grid) for name, truth in seen.items()},
+        watch=watch,
     )
     names = [name for name, _ in records.where]
     return Score(
@@ -273,6 +301,22 @@ def _scored(records, models, truths, seed) -> Score:
         view=view,
         notes=tuple(_notes(records, models, rates, rows)),
     )
+
+
+def _compared(method: Method, grid: FrameGrid) -> Method:
+    """Return the method whose clouds are what the grid can be compared in."""
+    return lambda key, frame: grid.compared(method(key, frame))
+
+
+def _compared_truth(truth: Truth, grid: FrameGrid) -> Truth:
+    """Return the truth likewise; host."""
+
+    def compared(frame):
+        xyz = truth(frame)
+        scan: Any = PointCloud(xyz, np.ones(len(xyz), bool))  # pyright: ignore[reportArgumentType]
+        return points_of(grid.compared(scan))
+
+    return compared
 
 
 def _notes(records, models, rates, rows):

@@ -10,10 +10,10 @@ from jradar import data
 from jradar.data import PrepareSpec, prepare
 from jradar.errors import UsageError
 from jradar.evaluation import read_scores
+from jradar.evaluation.scoring import WHOLE, score
 from jradar.lidar import LidarSpec
 from jradar.model import save_model
 from jradar.recordings import open_recording
-from jradar.scoring import WHOLE, score
 from tests.models import SPEC, tiny_model
 from tests.recordings.coloradar_writer import write_calib
 from tests.recordings.small_sequence import AT_BASE, SIZES, write_sequence
