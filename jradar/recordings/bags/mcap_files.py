@@ -134,8 +134,10 @@ class McapFile:
                 self._parts.append(Part(record.chunk_start_offset, *span, channels))
         if counted is None or len(self._parts) != counted.chunk_count:
             return False
+        if counted.message_count and not (self._parts and self.channels):
+            return False
         self.counts.update(counted.channel_message_counts)
-        return not counted.message_count or bool(self._parts and self.channels)
+        return True
 
     def _scan(self, name: str, *, cut_off: bool) -> None:
         self._parts, damaged, at = [], 0, len(MAGIC)
