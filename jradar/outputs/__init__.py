@@ -5,8 +5,8 @@
     frame_folder  FrameFolder: clouds, arrays and a picture of each frame
     published     Published: one frame as writers of many frames take it
     writers       open_writer: MCAP, ROS 2 bag, video or folder, by the output's name
-    foxglove      MCAP with Foxglove's messages
-    ros2          a ROS 2 bag
+    messages      MessageWriter: messages in one file, whole once a second, as
+    foxglove, ros2    an MCAP file of Foxglove's messages, and a ROS 2 bag
     video         MP4 and GIF
     page          write_page: one HTML file with clouds that can be rotated
 

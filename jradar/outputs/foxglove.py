@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError, optional
 from jradar.outputs.clouds import point_table
-from jradar.outputs.messages import exists
+from jradar.outputs.messages import MessageWriter, exists
 from jradar.outputs.published import CLOUDS, RADAR_FRAME, Published
 from jradar.recordings.bags.mcap_writer import McapWriter, Schema
 
@@ -51,10 +51,6 @@ class FoxgloveMessages:
                 for parent, child, matrix in frame.transforms
             ]
             yield "/tf", self.messages.FrameTransforms(transforms=transforms)
-
-    def create(self, path: Path) -> "FoxgloveFile":
-        """Create a file for these messages."""
-        return FoxgloveFile(path)
 
     def _cloud(self, stamp, table: np.ndarray):
         m, names = self.messages, table.dtype.names or ()
@@ -99,23 +95,27 @@ class FoxgloveMessages:
         )
 
 
-class FoxgloveFile:
-    """An MCAP file of these messages."""
+class FoxgloveWriter(MessageWriter):
+    """One MCAP file."""
 
     def __init__(self, path: Path):
-        """Create the file; UsageError if it exists, ImportError without mcap."""
+        """Create the file; UsageError if it exists."""
+        self._messages = FoxgloveMessages("an MCAP file")
         try:
             self._file = McapWriter(path, profile="", compress=True)
         except UsageError:  # created since the caller looked
             raise exists(path) from None
-        self._topics = set[str]()
-        self.complete, self.close = self._file.complete, self._file.close
 
-    def put(self, topic: str, message: Any, time_ns: int) -> None:
-        """Add a message."""
-        if topic not in self._topics:
-            kind = message.get_schema()
-            schema = Schema(kind.name, kind.data, kind.encoding, ENCODING)
-            self._file.add(topic, schema)
-            self._topics.add(topic)
-        self._file.write(topic, time_ns, message.encode())
+    def _put(self, frame: Published) -> None:
+        for topic, message in self._messages.of(frame):
+            if topic not in self._file.topics:
+                kind = message.get_schema()
+                schema = Schema(kind.name, kind.data, kind.encoding, ENCODING)
+                self._file.add(topic, schema)
+            self._file.write(topic, frame.stamp_ns, message.encode())
+
+    def _complete(self) -> None:
+        self._file.complete()
+
+    def _close(self) -> None:
+        self._file.close()

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from jradar.errors import optional
 from jradar.outputs.clouds import point_table
-from jradar.outputs.messages import exists
+from jradar.outputs.messages import MessageWriter, exists
 from jradar.outputs.published import RADAR_FRAME, Published
 from jradar.recordings.bags.mcap_writer import McapWriter, Schema
 
@@ -25,16 +25,55 @@ FLOAT32 = 7  # of sensor_msgs/PointField
 VERSION = 8  # of the bag's metadata, which ROS 2 Humble and later read
 
 
-class Ros2Messages:
-    """Frames as messages of ROS 2."""
+class BagWriter(MessageWriter):
+    """A bag in MCAP storage; rosbags encodes messages, and describes their topics.
 
-    def __init__(self):
-        """Raise ImportError without rosbags."""
-        typesys = _rosbags("typesys")
-        self.store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    The storage is ours: that of rosbags cannot be completed and gone on with.
+    """
 
-    def of(self, frame: Published) -> Iterator[tuple[str, Any]]:
-        """Yield the topic and the message of everything that a frame holds."""
+    def __init__(self, path: Path):
+        """Create the folder; UsageError if it exists, ImportError without rosbags."""
+        rosbag2, typesys = _rosbags("rosbag2"), _rosbags("typesys")
+        mcap = rosbag2.StoragePlugin.MCAP
+
+        class Bag(rosbag2.Writer):
+            STORAGE_PLUGINS = {mcap: _Storage}
+
+        self._path = path
+        self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        try:
+            self._bag: Any = Bag(path, version=VERSION, storage_plugin=mcap)
+            self._bag.open()
+        except rosbag2.WriterError:  # created since the caller looked
+            raise exists(path) from None
+        self._storage: _Storage = self._bag.storage
+        self._topics, self._qos = dict[str, Any](), _reliable()
+
+    def _put(self, frame: Published) -> None:
+        for topic, message in self._messages(frame):
+            kind = message.__msgtype__
+            if topic not in self._topics:
+                self._topics[topic] = self._bag.add_connection(
+                    topic, kind, typestore=self._store, offered_qos_profiles=[self._qos]
+                )
+            raw = self._store.serialize_cdr(message, kind)
+            self._bag.write(self._topics[topic], frame.stamp_ns, raw)
+
+    def _complete(self) -> None:
+        try:
+            self._bag.close()
+        except OSError as error:
+            if error.errno is None:  # of McapWriter
+                raise
+            raise OSError(
+                f"{self._path} cannot be written ({error}): is the disk full?"
+            ) from error
+        self._bag.storage = self._storage
+
+    def _close(self) -> None:
+        self._storage.abort()
+
+    def _messages(self, frame: Published) -> Iterator[tuple[str, Any]]:
         header = self._header(frame, RADAR_FRAME)
         for name, cloud in frame.clouds.items():
             yield f"/{name}/points", self._cloud(header, point_table(cloud))
@@ -47,12 +86,8 @@ class Ros2Messages:
             ]
             yield "/tf", self._type("tf2_msgs/msg/TFMessage")(transforms=transforms)
 
-    def create(self, path: Path) -> "Ros2Bag":
-        """Create a bag for these messages."""
-        return Ros2Bag(path, self.store)
-
     def _type(self, name: str) -> Any:
-        return self.store.types[name]
+        return self._store.types[name]
 
     def _header(self, frame: Published, frame_id: str) -> Any:
         seconds, nanoseconds = divmod(frame.stamp_ns, 10**9)
@@ -104,56 +139,6 @@ class Ros2Messages:
                 rotation=quaternion(x=x, y=y, z=z, w=w),
             ),
         )
-
-
-class Ros2Bag:
-    """The folder of a bag; rosbags writes metadata.yaml, and how topics are described.
-
-    Its own storage cannot be completed and gone on with, nor cut off at a full disk.
-    """
-
-    def __init__(self, path: Path, store: Any):
-        """Create the folder; UsageError if it exists."""
-        rosbag2, self._store = _rosbags("rosbag2"), store
-        mcap = rosbag2.StoragePlugin.MCAP
-
-        class Bag(rosbag2.Writer):
-            STORAGE_PLUGINS = {mcap: _Storage}
-
-        self._path = path
-        try:
-            self._bag: Any = Bag(path, version=VERSION, storage_plugin=mcap)
-            self._bag.open()
-        except rosbag2.WriterError:  # created since the caller looked
-            raise exists(path) from None
-        self._storage: _Storage = self._bag.storage
-        self._topics, self._qos = dict[str, Any](), _reliable()
-
-    def put(self, topic: str, message: Any, time_ns: int) -> None:
-        """Add a message."""
-        kind = message.__msgtype__
-        if topic not in self._topics:
-            self._topics[topic] = self._bag.add_connection(
-                topic, kind, typestore=self._store, offered_qos_profiles=[self._qos]
-            )
-        raw = self._store.serialize_cdr(message, kind)
-        self._bag.write(self._topics[topic], time_ns, raw)
-
-    def complete(self) -> None:
-        """Write index and metadata; the bag takes more after that."""
-        try:
-            self._bag.close()
-        except OSError as error:
-            if error.errno is None:  # of McapWriter
-                raise
-            raise OSError(
-                f"{self._path} cannot be written ({error}): is the disk full?"
-            ) from error
-        self._bag.storage = self._storage
-
-    def close(self) -> None:
-        """Close the file; `complete` comes before."""
-        self._storage.abort()
 
 
 class _Storage:

@@ -19,7 +19,7 @@ from typing import Protocol, runtime_checkable
 from jradar.errors import UsageError
 from jradar.outputs.clouds import valid_points, write_npz, write_ply
 from jradar.outputs.guard import GuardedFolder
-from jradar.outputs.messages import MessageWriter, exists
+from jradar.outputs.messages import exists
 from jradar.outputs.published import CLOUDS, Published
 
 
@@ -89,18 +89,14 @@ def open_writer(path: Path | str, *, force: bool = False) -> Writer:
     if path.exists() and not force:
         raise exists(path)
     if path.suffix == ".mcap":
-        from jradar.outputs.foxglove import FoxgloveMessages
-
-        create = functools.partial(MessageWriter, FoxgloveMessages("an MCAP file"))
+        from jradar.outputs.foxglove import FoxgloveWriter as StreamWriter
     elif path.suffix == ".ros2":
-        from jradar.outputs.ros2 import Ros2Messages
-
-        create = functools.partial(MessageWriter, Ros2Messages())
+        from jradar.outputs.ros2 import BagWriter as StreamWriter
     else:
-        from jradar.outputs.video import VideoWriter as create
+        from jradar.outputs.video import VideoWriter as StreamWriter
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove(path)
-    return create(path)
+    return StreamWriter(path)
 
 
 def _remove(path: Path) -> None:

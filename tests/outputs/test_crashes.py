@@ -12,7 +12,6 @@ import pytest
 
 from jradar.errors import UsageError
 from jradar.outputs import messages
-from jradar.outputs.messages import MessageWriter
 from jradar.outputs.writers import open_writer
 from tests.outputs.scenes import frame_of
 
@@ -176,12 +175,12 @@ def test_a_bag_that_met_a_full_disk_is_read_by_others(small_disk, save_all):
 @pytest.mark.parametrize("name", NAMES)
 def test_a_second_writer_that_comes_between_is_refused(tmp_path, name):
     """Both have looked before either of them has created the output."""
-    from jradar.outputs.foxglove import FoxgloveMessages
-    from jradar.outputs.ros2 import Ros2Messages
+    from jradar.outputs.foxglove import FoxgloveWriter
+    from jradar.outputs.ros2 import BagWriter
 
-    encoding = Ros2Messages() if name == "out.ros2" else FoxgloveMessages("a test")
-    first = MessageWriter(encoding, tmp_path / name)
+    create = BagWriter if name == "out.ros2" else FoxgloveWriter
+    first = create(tmp_path / name)
     with pytest.raises(UsageError, match="exists and is not overwritten"):
-        MessageWriter(encoding, tmp_path / name)
+        create(tmp_path / name)
     first.write(frame_of(0))
     first.close()

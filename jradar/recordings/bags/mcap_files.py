@@ -1,17 +1,17 @@
 """What an MCAP file holds, read by the package `mcap` with limits of our own.
 
     magic | header | chunk, index | chunk, index .. | summary | footer, magic
-                                                      ^ footer.summary_start
+                                                      ^ summary_start
 
 The package believes every size in a file, and unpacks a chunk however large it becomes.
 Here a record is taken only as far as the file goes, a chunk is unpacked to a limit, and
 the package parses both from memory. A recorder that was killed, or a computer that lost
-its power, leaves a file without a summary, which may end within a chunk:
+its power, leaves a file that ends anywhere:
 
     magic | header | chunk, index | chunk, index | half a chunk
 
-It is scanned: the messages of all whole chunks are found, and a chunk whose checksum is
-wrong is left out. So is a file that has an end without a summary.
+A file without a summary is scanned: the messages of all whole chunks are found, and a
+chunk whose checksum is wrong is left out.
 """
 
 import heapq
@@ -39,67 +39,57 @@ class Part(NamedTuple):
     at: int
     first_ns: int
     last_ns: int
-    channels: frozenset[int]  # empty if it is not known
+    channels: frozenset[int]  # empty if they are not known
 
 
 class McapFile:
     """Schemas, channels and messages of a file; `notes` say what cannot be read."""
 
     def __init__(self, file: BinaryIO, name: str):
-        """Read the summary, or scan; ValueError if neither finds a message."""
+        """Read the summary, or scan; ValueError for a file cut off before a message."""
+        need = f"{name} needs mcap"
+        self._records = optional("mcap.records", need=need, extra="ros")
+        self._reader = optional("mcap.stream_reader", need=need, extra="ros")
         self._file, self._size = file, file.seek(0, io.SEEK_END)
-        self._records, self._reader = _package("records"), _package("stream_reader")
-        self._cached: tuple[int, list[Any]] = -1, []
         self.schemas, self.channels = dict[int, Any](), dict[int, Any]()
-        self.counts, self.notes = Counter[int](), ()
+        self.counts, self.notes = Counter[int](), tuple[str, ...]()
         self._parts = list[Part]()
-        if self._read(0, len(MAGIC)) != MAGIC:
-            raise ValueError("it does not begin as an MCAP file")
-        content = self._content(len(MAGIC), HEADER)
-        self.profile: str = self._parsed(self._records.Header, content).profile
+        self._latest: tuple[int, list[Any]] = -1, []  # part, and what is in it
         summary = self._summary()
         if not (summary and self._take(summary)):
             self._scan(name, cut_off=summary is None)
         self._parts.sort(key=lambda part: part.first_ns)
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        self.close = file.close
 
     @property
-    def span_ns(self) -> tuple[int, int] | None:
-        """The first and the last time of a message."""
-        if not self._parts:
-            return None
-        return self._parts[0].first_ns, max(part.last_ns for part in self._parts)
+    def span_ns(self) -> tuple[int, int]:
+        """The first and the last time of a message; zeros without any."""
+        last = max((part.last_ns for part in self._parts), default=0)
+        return min((part.first_ns for part in self._parts), default=0), last
 
     def messages(
-        self, channels: Collection[int], start: int | None, stop: int | None
+        self,
+        channels: Collection[int],
+        start: int | None = None,
+        stop: int | None = None,
     ) -> Iterator[Any]:
         """Yield the messages of channels from `start` to before `stop`, by their times.
 
         ValueError for a damaged chunk, or one that is too large.
         """
+        begin, end = -1 if start is None else start, 1 << 64 if stop is None else stop
         waiting, order = [], 0  # a heap of messages that a later part may precede
         for part in self._parts:
-            after = start is None or part.last_ns >= start
-            if not after or (stop is not None and part.first_ns >= stop):
+            if part.last_ns < begin or part.first_ns >= end:
                 continue
             if part.channels and part.channels.isdisjoint(channels):
                 continue
             while waiting and waiting[0][0] < part.first_ns:
                 yield heapq.heappop(waiting)[-1]
-            for record in self._part(part.at):
-                if not isinstance(record, self._records.Message):
-                    continue
-                time, order = record.log_time, order + 1
-                inside = start is None or time >= start
-                if (
-                    inside
-                    and (stop is None or time < stop)
-                    and record.channel_id in channels
-                ):
-                    heapq.heappush(waiting, (time, order, record))
+            for message in self._messages(part.at):
+                if begin <= message.log_time < end and message.channel_id in channels:
+                    order += 1
+                    heapq.heappush(waiting, (message.log_time, order, message))
         while waiting:
             yield heapq.heappop(waiting)[-1]
 
@@ -114,42 +104,41 @@ class McapFile:
             return []
         if not len(MAGIC) < start <= at or at - start > MOST_BYTES:
             raise ValueError(f"its summary begins at byte {start:,} of {at:,}")
+        read = self._reader.StreamReader
         stream = io.BytesIO(self._read(start, self._size))
-        return [
-            *self._reader.StreamReader(
-                stream, skip_magic=True, emit_chunks=True
-            ).records
-        ]
+        return [*read(stream, skip_magic=True, emit_chunks=True).records]
 
     def _take(self, summary: list[Any]) -> bool:
         """Take the index from a summary; return whether it is complete."""
-        kinds, counted = self._records, None
+        counted = None
         for record in summary:
             self._describe(record)
-            if isinstance(record, kinds.Statistics):
+            if isinstance(record, self._records.Statistics):
                 counted = record
-            elif isinstance(record, kinds.ChunkIndex):
+            elif isinstance(record, self._records.ChunkIndex):
                 span = record.message_start_time, record.message_end_time
                 channels = frozenset(record.message_index_offsets)
                 self._parts.append(Part(record.chunk_start_offset, *span, channels))
         if counted is None or len(self._parts) != counted.chunk_count:
             return False
+        if counted.message_count and not (self._parts and self.channels):
+            return False
         self.counts.update(counted.channel_message_counts)
-        return not counted.message_count or bool(self._parts and self.channels)
+        return True
 
     def _scan(self, name: str, *, cut_off: bool) -> None:
         self._parts, damaged, at = [], 0, len(MAGIC)
         while (head := self._head(at)) and head[0] in range(1, DATA_END):
             if head[0] in (SCHEMA, CHANNEL, MESSAGE, CHUNK):
                 try:
-                    self._add(at, self._part(at))
+                    self._add(at)
                 except Exception:  # damaged bytes can raise anything
                     damaged += 1
             at += HEAD.size + head[1]
         if not self._parts and (cut_off or damaged):
             raise ValueError("it was cut off before its first message")
         if cut_off:
-            first, last = self.span_ns or (0, 0)
+            first, last = self.span_ns
             whole, seconds = self.counts.total(), 1e-9 * (last - first)
             self.notes += (
                 f"{name} was cut off: its {whole:,} whole messages, of {seconds:.1f} "
@@ -158,16 +147,14 @@ class McapFile:
         if damaged:
             self.notes += (f"{damaged} damaged chunks in {name} are left out",)
 
-    def _add(self, at: int, records: list[Any]) -> None:
-        """Add what a part holds."""
-        times = list[int]()
-        counts = Counter[int]()
-        for record in records:
+    def _add(self, at: int) -> None:
+        """Add a part, if it holds messages, and what it describes."""
+        found = [*self._messages(at)]
+        for record in self._latest[1]:
             self._describe(record)
-            if isinstance(record, self._records.Message):
-                times.append(record.log_time)
-                counts[record.channel_id] += 1
-        if times:
+        if found:
+            times = [message.log_time for message in found]
+            counts = Counter(message.channel_id for message in found)
             self._parts.append(Part(at, min(times), max(times), frozenset(counts)))
             self.counts += counts
 
@@ -177,38 +164,29 @@ class McapFile:
         elif isinstance(record, self._records.Channel):
             self.channels[record.id] = record
 
-    def _part(self, at: int) -> list[Any]:
-        """Return the records of a part; ValueError if it is damaged or too large."""
-        if self._cached[0] != at:
+    def _messages(self, at: int) -> Iterator[Any]:
+        """Yield the messages of a part; ValueError if it is damaged or too large."""
+        if self._latest[0] != at:
             kind, size = self._head(at) or (0, 0)
-            if kind == CHUNK:
-                data = self._unpacked(self._content(at, CHUNK))
-            elif kind in (SCHEMA, CHANNEL, MESSAGE):
-                data = self._read(at, at + HEAD.size + size)
-            else:
+            if kind not in (SCHEMA, CHANNEL, MESSAGE, CHUNK) or size > MOST_BYTES:
                 raise ValueError(f"there is no chunk at byte {at:,}")
+            data = self._read(at, at + HEAD.size + size)
+            if kind == CHUNK:
+                data = self._unpacked(io.BytesIO(data))
             whole = self._records.Chunk("", data, 0, 0, 0, len(data))
-            self._cached = at, self._reader.breakup_chunk(whole)
-        return self._cached[1]
+            self._latest = at, self._reader.breakup_chunk(whole)
+        for record in self._latest[1]:
+            if isinstance(record, self._records.Message):
+                yield record
 
-    def _unpacked(self, content: bytes) -> bytes:
-        chunk = self._parsed(self._records.Chunk, content)
+    def _unpacked(self, record: BinaryIO) -> bytes:
+        record.seek(HEAD.size)
+        chunk = self._records.Chunk.read(self._reader.ReadDataStream(record))
         size, check = chunk.uncompressed_size, chunk.uncompressed_crc
         data = unpack(chunk.compression, chunk.data)
         if len(data) != size or (check and zlib.crc32(data) != check):
             raise ValueError("a chunk has a wrong size or checksum")
         return data
-
-    def _parsed(self, kind: Any, content: bytes) -> Any:
-        stream = _package("data_stream").ReadDataStream(io.BytesIO(content))
-        return kind.read(stream)
-
-    def _content(self, at: int, kind: int) -> bytes:
-        """Return the content of a record of a kind; ValueError for any other."""
-        found, size = self._head(at) or (0, 0)
-        if found != kind or size > MOST_BYTES:
-            raise ValueError(f"a record of kind {found} and {size:,} bytes at {at:,}")
-        return self._read(at + HEAD.size, at + HEAD.size + size)
 
     def _head(self, at: int) -> tuple[int, int] | None:
         """Kind and size of the record at a place; None if it is not whole."""
@@ -223,16 +201,21 @@ class McapFile:
         return self._file.read(end - begin)
 
 
-def is_other_mcap(path: Path) -> bool:
-    """Whether a file is an MCAP file of another profile than ROS's."""
+def mcap_profile(path: Path) -> str | None:
+    """Return the profile that an MCAP file begins with; None for other files."""
     if path.suffix != ".mcap" or not path.is_file():
-        return False
+        return None
     with open_file(path) as file:
-        begin = file.read(len(MAGIC) + HEAD.size + 4 + 1024)
+        begin = file.read(len(MAGIC) + HEAD.size + 1024)
     text = begin[len(MAGIC) + HEAD.size :]
     profile = text[4 : 4 + int.from_bytes(text[:4], "little")]
     is_mcap = begin.startswith(MAGIC + bytes([HEADER]))
-    return is_mcap and profile not in (b"ros1", b"ros2")
+    return profile.decode(errors="replace") if is_mcap else None
+
+
+def is_other_mcap(path: Path) -> bool:
+    """Whether a file is an MCAP file of another profile than ROS's."""
+    return mcap_profile(path) not in (None, "ros1", "ros2")
 
 
 def describe_mcap(path: Path | str) -> dict[str, Any]:
@@ -247,10 +230,6 @@ def describe_mcap(path: Path | str) -> dict[str, Any]:
         }
         for number, channel in file.channels.items()
     ]
-    span = zip(("first_s", "last_s"), file.span_ns or (), strict=False)
-    times = {name: 1e-9 * time for name, time in span}
-    return {"mcap": str(path), "topics": rows, **times, "notes": [*file.notes]}
-
-
-def _package(module: str) -> Any:
-    return optional(f"mcap.{module}", need="an MCAP file needs mcap", extra="ros")
+    first, last = file.span_ns
+    span = {"first_s": 1e-9 * first, "last_s": 1e-9 * last}
+    return {"mcap": str(path), "topics": rows, **span, "notes": [*file.notes]}

@@ -13,7 +13,7 @@ from rosbags.interfaces import (
 from rosbags.rosbag2.metadata import parse_qos
 
 from jradar.files import open_file
-from jradar.recordings.bags.mcap_files import McapFile
+from jradar.recordings.bags.mcap_files import McapFile, mcap_profile
 
 FORMATS = {
     "ros2msg": MessageDefinitionFormat.MSG,
@@ -32,15 +32,14 @@ class McapStorage:
 
     def open(self) -> None:
         """Read the index, or scan the file; ValueError without whole messages."""
+        profile = mcap_profile(self.path)
+        if profile != "ros2":
+            why = "Profile is not ros2" if profile is not None else "it is no MCAP file"
+            raise ValueError(why)
         self._file = McapFile(open_file(self.path), self.path.name)
-        if self._file.profile != "ros2":
-            raise ValueError("Profile is not ros2")
+        self.close = self._file.close
         self.notes = self._file.notes
         self.connections = [self._connection(c) for c in self._file.channels.values()]
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
     def messages(
         self,

@@ -1,13 +1,13 @@
 """MCAP files that a killed program and a full disk leave readable.
 
-The package `mcap` makes every record. It hands them to Python's buffers; how they reach
-the disk is ours:
+The package `mcap` makes every record. How they reach the disk is ours, because the
+package writes to a buffer, in pieces, and can write only one end:
 
-    header | chunk, index | chunk, index | end        complete: any reader opens it
-    header | chunk, index | chunk, index | chunk      the next chunk goes over the end
+    header | chunk, index | chunk, index | end       whole: any reader opens it
+    header | chunk, index | chunk, index | chunk     the next chunk goes over the end
 
-A chunk goes to the system as a whole. What does not fit on the disk is cut off, and the
-file ends with what came before and an end without an index, which readers scan.
+A chunk reaches the system as a whole. What does not fit on the disk is cut off, and the
+file ends with what came before, and an end without an index, which readers scan.
 """
 
 import contextlib
@@ -17,16 +17,15 @@ from typing import Any, NamedTuple
 
 from jradar.errors import UsageError, optional
 
-MAGIC = b"\x89MCAP0\r\n"
-# Two records, the end of the data and a footer that names no summary, and MAGIC.
+# The end of the data, a footer that names no summary, and the magic bytes.
 END_WITHOUT_INDEX = (
     *(b"\x0f", (4).to_bytes(8, "little"), bytes(4)),
-    *(b"\x02", (20).to_bytes(8, "little"), bytes(20), MAGIC),
+    *(b"\x02", (20).to_bytes(8, "little"), bytes(20), b"\x89MCAP0\r\n"),
 )
 
 
 class Schema(NamedTuple):
-    """The type of a topic's messages, and how both are written down."""
+    """The type of a topic's messages, and how both are encoded."""
 
     name: str
     definition: bytes
@@ -38,24 +37,22 @@ class Schema(NamedTuple):
 class McapWriter:
     """A new file; the end of a `with` block closes it.
 
-    Errors of the disk are OSErrors that name the file. It takes nothing more after one.
+    Errors of the disk are OSErrors that name the file, which takes nothing more then.
     """
 
     def __init__(self, path: Path, *, profile: str = "ros2", compress: bool = False):
         """Create the file; UsageError if it exists, ImportError without `mcap`."""
-        need = f"{path.name} needs mcap"
-        self._mcap = optional("mcap.writer", need=need, extra="ros")
-        self._file, self._channels = _File(path), dict[str, int]()
-        self._schemas = dict[tuple[str, str, bytes], int]()
-        kinds = self._mcap.CompressionType
-        self._writer = self._mcap.Writer(
+        mcap = optional("mcap.writer", need=f"{path.name} needs mcap", extra="ros")
+        kind = mcap.CompressionType.ZSTD if compress else mcap.CompressionType.NONE
+        self._file, self._complete = _File(path), False
+        self._writer = mcap.Writer(
             self._file,
-            compression=kinds.ZSTD if compress else kinds.NONE,
+            compression=kind,
             use_summary_offsets=False,  # which would grow with every end
         )
         self._writer.start(profile, "jradar")
         self._file.flush()
-        self._complete = False
+        self.topics = dict[str, int]()  # numbers of channels
 
     def __enter__(self) -> "McapWriter":
         return self
@@ -65,27 +62,24 @@ class McapWriter:
 
     def add(self, topic: str, schema: Schema) -> None:
         """Add a topic."""
-        described = schema.name, schema.encoding, schema.definition
-        if (number := self._schemas.get(described)) is None:
-            number = self._writer.register_schema(*described)
-            self._schemas[described] = number
-        self._channels[topic] = self._writer.register_channel(
+        number = self._writer.register_schema(
+            schema.name, schema.encoding, schema.definition
+        )
+        self.topics[topic] = self._writer.register_channel(
             topic, schema.messages, number, schema.metadata
         )
 
     def write(self, topic: str, time_ns: int, data: bytes | memoryview) -> None:
-        """Add a message, with the time of its recording; `flush` makes it safe.
+        """Add a message, with the time of its recording.
 
-        A chunk that is full is flushed by itself.
+        It is safe after `flush`, and as soon as its chunk is full.
         """
-        if self._file.failed:
-            raise OSError(f"{self._file.path} took nothing more after an error")
-        self._writer.add_message(self._channels[topic], time_ns, data, time_ns)
-        self._file.flush()
+        self._writer.add_message(self.topics[topic], time_ns, data, time_ns)
         self._complete = False
+        self._file.flush()
 
     def flush(self) -> None:
-        """Hand what was written to the system, from where no crash of ours takes it."""
+        """End the chunk, and hand it to the system."""
         self._writer.flush()
 
     def complete(self) -> None:
@@ -93,7 +87,7 @@ class McapWriter:
         if not self._complete and not self._file.failed:
             self._writer.flush()
             self._writer.finish()
-            self._file.end()
+            self._file.flush(ends=True)
             self._complete = True
 
     def close(self) -> None:
@@ -117,6 +111,7 @@ class _File:
             ) from None
         self._waiting, self._size = list[bytes](), 0
         self._kept, self._ended = 0, False  # bytes that stay; whether an end follows
+        self.close = self._file.close
 
     def write(self, data: bytes) -> None:
         """Let bytes wait."""
@@ -127,42 +122,32 @@ class _File:
         """Return where the next bytes will be in the file."""
         return self._kept + self._size
 
-    def flush(self) -> None:
-        """Write what waits, over an end."""
-        size = self._size
-        if size:
-            self._put()
-            self._kept, self._ended = self._kept + size, False
+    def flush(self, *, ends: bool = False) -> None:
+        """Write what waits, over an end; if it `ends` the file, the next goes over it.
 
-    def end(self) -> None:
-        """Write what waits as an end, which the next bytes go over."""
-        self._put()
-        self._ended = True
-
-    def close(self) -> None:
-        """Close the file; what waits is lost."""
-        self._file.close()
-
-    def _put(self) -> None:
-        waiting, self._waiting, self._size = self._waiting, [], 0
+        Raises OSError that names the file if it does not fit.
+        """
+        waiting, size, self._waiting, self._size = self._waiting, self._size, [], 0
+        if not size:
+            return
+        if self.failed:
+            raise OSError(f"{self.path} cannot be written after an error")
         try:
-            if self._ended:
-                self._cut()
-            self._write(waiting)
+            self._put(waiting)
         except OSError as error:
             self.failed = True
             with contextlib.suppress(OSError):
-                self._cut()
-                self._write(END_WITHOUT_INDEX)
+                self._put(END_WITHOUT_INDEX)
             raise OSError(
                 f"{self.path} cannot be written ({error}): is the disk full?"
             ) from error
+        self._ended = ends
+        self._kept += 0 if ends else size
 
-    def _cut(self) -> None:
-        self._file.truncate(self._kept)
-        self._file.seek(self._kept)
-
-    def _write(self, parts: Sequence[bytes]) -> None:
+    def _put(self, parts: Sequence[bytes]) -> None:
+        if self._ended or self.failed:
+            self._file.truncate(self._kept)
+            self._file.seek(self._kept)
         for part in parts:
             left = memoryview(part)
             while left:
