@@ -32,6 +32,7 @@ from jradar.recordings.clouds.read import read_cloud as read_cloud
 from jradar.recordings.clouds.write import (
     CLOUD_WRITERS as CLOUD_WRITERS,
     point_table as point_table,
+    save_cloud as save_cloud,
     valid_points as valid_points,
     write_npz as write_npz,
     write_ply as write_ply,
