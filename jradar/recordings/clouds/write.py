@@ -97,7 +97,7 @@ def save_cloud(path: Path | str, cloud: "jradar.PointCloud") -> None:
 
     It is one of CLOUD_WRITERS or .npz. Raises UsageError for another one.
     """
-    kind = Path(path).suffix.lower().removeprefix(".")
+    kind = Path(path).suffix.removeprefix(".")
     jradar.types.check_one_cloud(cloud, "save")
     if kind == "npz":
         write_npz(path, valid_points(cloud))
