@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jradar.compiled import jit
@@ -50,7 +51,7 @@ class PointCloud(NamedTuple):
     fold_margin_db: Float[Array, "*batch point"] | None = None
 
     @classmethod
-    def from_xyz(cls, xyz) -> "PointCloud":
+    def from_xyz(cls, xyz: ArrayLike) -> "PointCloud":
         """Return the cloud of points `[*batch point 3]`.
 
         NaN, infinite points and (0, 0, 0), a missing return of a LiDAR, are invalid.
