@@ -25,13 +25,10 @@ from ml_collections import ConfigDict
 from experiments import build
 from experiments.weights import load_weights
 from jradar import diffusion
-from jradar.diffusion import (
-    OCCUPANCY,
-    Denoiser,
-    NoiseSpec,
-    prior,
-    regression_estimate,
-)
+from jradar.diffusion import OCCUPANCY, Denoiser, NoiseSpec, regression_estimate
+from jradar.diffusion.noise import training_sigma
+from jradar.diffusion.occupancy import prior
+from jradar.diffusion.solvers import solver_for
 from jradar.errors import ModelError
 from jradar.planar import LIDAR, MAX_RANGE_M, RADAR, one_pass
 
@@ -56,7 +53,7 @@ def denoising_loss(
     gradient of the cross-entropy does not vanish where the denoiser is sure and wrong.
     """
     sigma_key, noise_key = jax.random.split(key)
-    sigma = diffusion.training_sigma(sigma_key, clean.shape[:1], noise)
+    sigma = training_sigma(sigma_key, clean.shape[:1], noise)
     unit = jax.random.normal(noise_key, clean.shape, clean.dtype)
     share = denoise(clean + sigma[:, None, None, None] * unit, sigma)
     return cross_entropy(share, clean, noise)
@@ -206,7 +203,7 @@ def answers(config: ConfigDict, params: Any) -> Answers:
 
 def _diffusion_answers(draw, near, steps, draws, key, condition):
     """Estimates, a careful sample, and quick ones of the image and its mirror image."""
-    solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
+    solver = {"heun": "Heun", "ipndm3": "iPNDM"}[solver_for(steps).name]
     yield "one-step estimate", draw(key, condition, steps=1)
     yield "one pass from zero", draw(key, condition)
     yield f"diffusion, {solver} {steps}", draw(key, condition, steps=steps)

@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.training import CheckpointError, Checkpoints, TrainState
-from jradar.training.checkpoints import tree_digest
+from jradar.errors import CheckpointError
+from jradar.training import TrainState
+from jradar.training.checkpoints import Checkpoints, tree_digest
 
 
 def state_of(step, *, size=2000, dtype=np.float32):

@@ -11,7 +11,10 @@ import jax
 import numpy as np
 import pytest
 
-from jradar.training import CheckpointError, Checkpoints, Interrupted, train
+from jradar.errors import CheckpointError
+from jradar.training import train
+from jradar.training.checkpoints import Checkpoints
+from jradar.training.loop import Interrupted
 from tests.training import tiny
 from tests.training.tiny import STEP, batch_at
 

@@ -17,7 +17,8 @@ from experiments.radarhd.model import (
     regression_loss,
 )
 from experiments.radarhd.scores import polar_points
-from jradar.diffusion import OCCUPANCY, NoiseSpec, precondition, prior, write_params
+from jradar.diffusion import OCCUPANCY, NoiseSpec, precondition, write_params
+from jradar.diffusion.occupancy import prior
 from jradar.errors import ModelError
 from jradar.planar import LIDAR, RADAR
 from tests.experiments.radarhd.conftest import random_params, shrink
