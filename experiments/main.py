@@ -100,7 +100,8 @@ def _run(config: ConfigDict, workdir: Path, mode: str) -> int:
     use_compilation_cache()
     import jax
 
-    from jradar.training import Interrupted, join_processes
+    from jradar.training.loop import Interrupted
+    from jradar.training.parallel import join_processes
 
     join_processes()  # before a task's module may use a device
     check_platform()

@@ -18,6 +18,7 @@ from experiments import build
 from jradar import diffusion
 from jradar.compiled import jit
 from jradar.diffusion import OCCUPANCY, NoiseSpec
+from jradar.diffusion.solvers import solver_for
 from jradar.errors import UsageError
 from jradar.model import Model, ModelSpec, PolarGrid, load_model
 from jradar.model.grids.polar import LIDAR, agreed_occupancy, one_pass
@@ -81,7 +82,7 @@ def _drawing(model: Model) -> Callable[..., Images]:
 
 def _diffusion_answers(draw, near, steps, draws, key, condition):
     """Estimates, a careful sample, and quick ones of the image and its mirror image."""
-    solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
+    solver = {"heun": "Heun", "ipndm3": "iPNDM"}[solver_for(steps).name]
     yield "one-step estimate", draw(key, condition, steps=1)
     yield "one pass from zero", draw(key, condition)
     yield f"diffusion, {solver} {steps}", draw(key, condition, steps=steps)

@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Key
 
 from jradar import training
 from jradar.baselines import RPDNet
+from jradar.training.step import ema_decay_at
 
 Maps = Float[Array, "batch doppler range 1"]
 
@@ -78,7 +79,7 @@ def make_rpdnet_step(
         )
         updates, opt_state = optimizer.update(gradient, state.opt_state, state.params)
         params = optax.apply_updates(state.params, updates)
-        share = 1 - training.ema_decay_at(state.step, decay=ema_decay)
+        share = 1 - ema_decay_at(state.step, decay=ema_decay)
         averaged = optax.incremental_update(params, state.ema_params, share)
         metrics = {"loss": value, "gradient_norm": optax.tree.norm(gradient), **parts}
         return training.TrainState(state.step + 1, params, averaged, opt_state), metrics

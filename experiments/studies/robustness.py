@@ -47,7 +47,8 @@ from jradar.evaluation import (
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.range_image import STRANGE, UNSURE, condition_features, unlikeness
-from jradar.simulation import ROBUST, SHIFTS
+from jradar.simulation.sets import ROBUST
+from jradar.simulation.units import SHIFTS
 
 KEY = 20
 CLEAN = "clean"

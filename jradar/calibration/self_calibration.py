@@ -20,6 +20,7 @@ an AWR1843, the phase of the upper row's transmitter is such a tilt. The estimat
 phase has no linear part, unless a reflector shows it, and no common factor.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -148,7 +149,11 @@ def _finite(echoes: Snapshots) -> Snapshots:
     )
 
 
-def residuals(snapshots, responses, radar: RadarSpec) -> Residuals:
+def residuals(
+    snapshots: Sequence[np.ndarray],
+    responses: Sequence[Array | np.ndarray],
+    radar: RadarSpec,
+) -> Residuals:
     """Return the residuals of groups of snapshots, each with a response; host."""
     phases, shares = [], []
     for snapshot, response in zip(snapshots, responses, strict=True):

@@ -14,6 +14,8 @@ from jradar.options.outputs import CLOUDS
 from jradar.options.points import PointSpec
 from jradar.options.recordings import IQ_ORDERS, SENSORS
 
+Options = argparse._ActionsContainer  # a command, or a group of its options
+
 MAX_COUNT = 10**9
 CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
 MAX_FUSED = 16
@@ -27,24 +29,26 @@ KINDS: dict[Any, dict[str, Any]] = {  # by the annotation of a field
 }
 
 
-def flag(sub, name: str, text: str):
+def flag(sub: Options, name: str, text: str) -> None:
     """Add an option without a value."""
     sub.add_argument(name, action="store_true", help=text)
 
 
-def option(sub, name: str, metavar: str, text: str, **options):
+def option(sub: Options, name: str, metavar: str, text: str, **options: Any) -> None:
     """Add an option with a value."""
     sub.add_argument(name, metavar=metavar, help=text, **options)
 
 
-def count(sub, name: str, text: str, *, most: int = MAX_COUNT, **options):
+def count(
+    sub: Options, name: str, text: str, *, most: int = MAX_COUNT, **options: Any
+) -> None:
     """Add an option whose value is a whole number from 1 to `most`."""
     option(
         sub, name, "N", text, type=functools.partial(values.whole, 1, most), **options
     )
 
 
-def recording(sub):
+def recording(sub: Options) -> None:
     """Add how a recording is opened."""
     text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
     option(sub, "--radar", "FILE", text)
@@ -61,13 +65,13 @@ def recording(sub):
     flag(sub, "--allow-partial", text)
 
 
-def device(sub):
+def device(sub: Options) -> None:
     """Add the board of a .cfg."""
     text = f"board that a .cfg was written for: {', '.join(BOARDS)} (default: awr1843)"
     option(sub, "--device", "NAME", text, choices=tuple(BOARDS))
 
 
-def frame(sub, *, several: bool = False):
+def frame(sub: Options, *, several: bool = False) -> None:
     """Add which frame is read, or which frames."""
     which = sub.add_mutually_exclusive_group()
     option(which, "--frame", "N", "frame to read (default: 0)", type=int)
@@ -81,20 +85,20 @@ def frame(sub, *, several: bool = False):
     flag(sub, "--frames-as-chirps", text)
 
 
-def all_frames(sub, text: str):
+def all_frames(sub: Options, text: str) -> None:
     """Add which frames a command uses that takes all by default."""
     option(sub, "--frames", "A:B", text, type=values.frames, default=slice(None))
 
 
 def output(
-    sub,
+    sub: Options,
     text: str = "output folder, created if missing",
     *,
     file_begins: str | None = None,
     may_stream: bool = False,
     required: bool = True,
     force: bool = True,
-):
+) -> None:
     """Add the output, a folder; or a file, which begins so if the command wrote it.
 
     Where it `may_stream`, it can be one file or bag of all frames. With `force`, the
@@ -110,20 +114,20 @@ def output(
         flag(sub, "--force", text)
 
 
-def model(sub, more: str = ""):
+def model(sub: Options, more: str = "") -> None:
     """Add which model is used."""
     text = f"{MODEL}{more} (default: %(default)s)"
     option(sub, "--model", "NAME|FOLDER", text, default=DEFAULT)
 
 
-def background(sub):
+def background(sub: Options) -> None:
     """Add which frames of a standing radar are its background."""
     text = "subtract the mean of frames A to B-1, for a radar that stands still: best "
     text += "frames of the empty room, or all of them with :"
     option(sub, "--background", "A:B", text, type=values.frames)
 
 
-def clouds(sub):
+def clouds(sub: Options) -> None:
     """Add how clouds are limited and written."""
     sub.add_argument(
         "--format",
@@ -140,13 +144,13 @@ def clouds(sub):
         option(sub, name, metavar, f"leave out points {what}", type=kind)
 
 
-def seed(sub, text: str):
+def seed(sub: Options, text: str) -> None:
     """Add the seed of a random generator."""
     text += " (default: %(default)s)"
     option(sub, "--seed", "N", text, type=values.seed_value, default=0)
 
 
-def drawing(sub):
+def drawing(sub: Options) -> None:
     """Add how a model draws."""
     for name, (flag_, text, most) in FLAGS.items():
         if most is None:
@@ -160,20 +164,20 @@ def given_drawing(options: argparse.Namespace) -> Drawing:
     return Drawing(**given({name: getattr(options, name) for name in FLAGS}))
 
 
-def fusing(sub):
+def fusing(sub: Options) -> None:
     """Add how many frames become one."""
     text = "fuse each frame with the N - 1 before it, by recorded poses, or else by "
     text += "the radar's velocity with its IMU or alone (default: %(default)s)"
     count(sub, "--fuse", text, most=MAX_FUSED, default=1)
 
 
-def anyway(sub):
+def anyway(sub: Options) -> None:
     """Add that a radar with one row of antennas is enhanced too."""
     text = "also enhance a radar with one row of antennas; heights are then invented"
     flag(sub, "--anyway", text)
 
 
-def network(sub, host: str, card: str):
+def network(sub: Options, host: str, card: str) -> None:
     """Add the addresses of this machine and of the card."""
     for name, default, what in (
         ("--host", host, "address that receives the packets"),
@@ -185,7 +189,7 @@ def network(sub, host: str, card: str):
         option(sub, name, "PORT", text, type=values.port, default=port)
 
 
-def playing(sub):
+def playing(sub: Options) -> None:
     """Add how a recording is played."""
     text = "play S times as fast as it was recorded (default: 1)"
     option(sub, "--speed", "S", text, type=values.positive, default=1.0)
@@ -198,7 +202,7 @@ def playing(sub):
     flag(sub, "--repeat", "begin again at the end of the recording")
 
 
-def add_point_options(sub: argparse.ArgumentParser, *names: str) -> None:
+def add_point_options(sub: Options, *names: str) -> None:
     """Add an option for each field of `PointSpec`, or for those of these names."""
     kinds = typing.get_type_hints(PointSpec)
     for field in dataclasses.fields(PointSpec):

@@ -39,12 +39,8 @@ from jradar.files import atomic_folder, atomic_path, check_unpacked, inside
 from jradar.outputs.clouds import write_ply
 from jradar.outputs.page import CloudFrame, checked_points, write_page
 from jradar.types import PointCloud
-from jradar.viz import (
-    clouds_figure,
-    error_curves_figure,
-    learning_curve_figure,
-    save_figure,
-)
+from jradar.viz import learning_curve_figure, save_figure
+from jradar.viz.results import clouds_figure, error_curves_figure
 
 MAX_CLOUD_BYTES = 1 << 30
 CLOUDS_NOTE = "clouds.txt"  # marks the folder of clouds as written here

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 import jradar
+from jradar.errors import UsageError
 from jradar.files import atomic_path
 
 
@@ -89,6 +90,22 @@ def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
     """Write named arrays as an uncompressed NPZ file; compressing takes the longest."""
     with atomic_path(path) as scratch, scratch.open("wb") as file:
         np.savez(file, **arrays)
+
+
+def save_cloud(path: Path | str, cloud: "jradar.PointCloud") -> None:
+    """Write the valid points of one cloud in the format that the suffix names.
+
+    It is one of CLOUD_WRITERS or .npz. Raises UsageError for another one.
+    """
+    kind = Path(path).suffix.removeprefix(".")
+    jradar.types.check_one_cloud(cloud, "save")
+    if kind == "npz":
+        write_npz(path, valid_points(cloud))
+    elif kind in CLOUD_WRITERS:
+        CLOUD_WRITERS[kind](path, cloud)
+    else:
+        known = ", ".join(f".{name}" for name in (*CLOUD_WRITERS, "npz"))
+        raise UsageError(f"{path}: expected a name that ends with one of {known}")
 
 
 def _write(path: Path | str, lines: list[str], data: bytes) -> None:

@@ -2,11 +2,12 @@
 
 import pkgutil
 
-from jradar.stream.outputs import STREAMED
-
-from jradar import options, simulation
+from jradar import options
 from jradar.options import models, outputs, scenes
-from jradar.recordings import CLOUD_WRITERS
+from jradar.outputs.clouds import CLOUD_WRITERS
+from jradar.outputs.writers import STREAMED
+from jradar.simulation.scenes.layouts import FAMILIES
+from jradar.simulation.sets import SETS
 from tests.programs import finished
 
 
@@ -20,8 +21,8 @@ def test_options_and_recordings_load_without_jax():
 
 
 def test_names_are_those_of_the_library():
-    assert scenes.FAMILIES == tuple(simulation.FAMILIES)
-    assert tuple(scenes.SETS) == tuple(simulation.SETS)
+    assert scenes.FAMILIES == tuple(FAMILIES)
+    assert tuple(scenes.SETS) == tuple(SETS)
     assert outputs.CLOUDS == tuple(CLOUD_WRITERS)
     assert outputs.STREAMS == STREAMED
     assert {*models.shipped_models()} <= models.MODELS.keys()

@@ -16,7 +16,8 @@ from jradar.errors import UsageError
 from jradar.outputs.published import range_azimuth
 from jradar.outputs.video import points_shown
 from jradar.outputs.writers import open_writer
-from jradar.radar import RadarSpec, Scatterers, direction_sines, simulate_cube
+from jradar.radar import RadarSpec, Scatterers, simulate_cube
+from jradar.radar.angle.spectrum import direction_sines
 from jradar.recordings import describe_file, read_cloud
 from jradar.types import PointCloud
 from tests.outputs.readers import mcap_messages

@@ -36,7 +36,7 @@ def focused_directions(
     offset: Float[Array, "*batch"],
     radar: RadarSpec,
     *,
-    range_bias_m: Float[Array, ""] | float = 0.0,
+    range_bias_m: Float[Array | np.ndarray, "..."] | float = 0.0,
     range_window: str = "hann",
     num_azimuth: int = 64,
     num_elevation: int = 32,

@@ -9,24 +9,30 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
+from jradar.options.detectors import Window
 from jradar.radar.ranks import to_rank
+
+Map = Float[Array, "*batch doppler range"]
 
 MAX_COMPARISONS = 96  # in one fused kernel: XLA stops vectorising beyond about 100
 
 
-def inside(bins, window):
+def inside(bins: int, window: Window) -> np.ndarray:
     """Whether the whole window of a range bin exists; host."""
     number = np.arange(bins)
     return np.minimum(number, number[::-1]) >= window.sides[1]
 
 
-def halves_counted(low, high, power):
+def halves_counted(low: np.ndarray, high: np.ndarray, power: Map) -> list[Array]:
     """Which halves count in each range bin."""
     return [to_rank(cells > 0, power) for cells in (low, high)]
 
 
-def cells_per_range_bin(shape, window):
+def cells_per_range_bin(
+    shape: tuple[int, ...], window: Window
+) -> tuple[np.ndarray, np.ndarray]:
     """Number of training cells of each range bin in the two halves; host."""
     guard, train, edge = window
     for axis, bins, g, t in zip(
@@ -56,7 +62,7 @@ def cells_per_range_bin(shape, window):
     return low, low[::-1]
 
 
-def pad(values, window, fill):
+def pad(values: Array, window: Window, fill: int | float) -> Array:
     """Pad the map by the window: Doppler wraps around, range continues by the rule.
 
     Where no cells exist, it continues with `fill`.
@@ -71,7 +77,7 @@ def pad(values, window, fill):
     return jnp.pad(values, sides, constant_values=fill)
 
 
-def sums_of_halves(power, window):
+def sums_of_halves(power: Map, window: Window) -> list[Any]:
     """Sums over the training cells at lower range and over those at higher range.
 
     Sums columns first, then along range. `whole` are complete columns of the window,
@@ -123,7 +129,9 @@ def _sliding_sum(values, size, axis) -> Any:
         width *= 2
 
 
-def count_below(level, padded, window, counted):
+def count_below(
+    level: Map, padded: Array, window: Window, counted: list[Array] | None
+) -> Int[Array, "*batch doppler range"]:
     """Number of training cells below `level`, counted a few window rows at a time.
 
     `counted` says for each range bin whether its low and its high half count; if it is
