@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from jradar.session import enhance_recording as enhance_recording
     from jradar.types import PointCloud as PointCloud
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [  # the rooms; NAMES stand in those that define them
     "baselines",
