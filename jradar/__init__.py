@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jradar import (
-        baselines as baselines,
         calibration as calibration,
         data as data,
         diffusion as diffusion,
@@ -63,7 +62,6 @@ if TYPE_CHECKING:
 __version__ = "0.2.0"
 
 __all__ = [  # the rooms; NAMES stand in those that define them
-    "baselines",
     "calibration",
     "data",
     "diffusion",

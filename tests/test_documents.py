@@ -1,4 +1,4 @@
-"""Numbers of README and RESULTS are those of results.json, each with where it is from."""
+"""Numbers of README and RESULTS are those of results.json, with where they are from."""
 
 import json
 import re

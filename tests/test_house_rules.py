@@ -18,7 +18,7 @@ ROOT = PACKAGE.parent
 FLOORS = (
     *("errors", "types range_code nearest fields files progress"),
     *("results radar range_image lidar diffusion metrics", "recordings model"),
-    *("motion simulation viz baselines planar", "calibration data session"),
+    *("motion simulation viz planar", "calibration data session"),
     *("training evaluation", "finetuning scoring mapping stream export", "cli"),
 )
 FLOORS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
