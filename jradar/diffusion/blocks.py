@@ -85,10 +85,7 @@ def conv(channels, dtype, *, zero=False, name=None):
 
 
 def norm(epsilon, dtype, name=None, *, group_channels=4):
-    """Return group normalisation in float32: 32 groups, or fewer of `group_channels`.
-
-    EDM's groups have 4 channels or more, OpenAI's 1 or more.
-    """
+    """Return group normalisation in float32: 32 groups, or `group_channels` in each."""
 
     def apply(x):
         groups = min(32, max(1, x.shape[-1] // group_channels))
