@@ -1,16 +1,14 @@
 r"""Convert published image diffusion models to files that `load_pretrained` reads.
 
     python -m experiments.convert_weights edm-ffhq-64x64-uncond-vp.pkl ffhq.safetensors
-    python -m experiments.convert_weights edm_imagenet64_ema.pt imagenet.safetensors
 
-`.pt` files are plain state dicts, and need PyTorch as `.pkl` files do. NVIDIA's `.pkl`
-files contain the source of their network, which ordinary unpickling would execute. Here
-it is dropped, and only the parameters, buffers and submodules of each module are kept.
-Apart from PyTorch's storage of tensors, globals are refused or replaced by inert
-objects.
+NVIDIA's `.pkl` files need PyTorch. They contain the source of their network, which
+ordinary unpickling would execute. Here it is dropped, and only the parameters, buffers
+and submodules of each module are kept. Apart from PyTorch's storage of tensors, globals
+are refused or replaced by inert objects.
 
-Mind the licences: NVIDIA's weights, and everything derived from them, are CC BY-NC-SA
-4.0; OpenAI's consistency models are MIT.
+Mind the licence: NVIDIA's weights, and everything derived from them, are CC BY-NC-SA
+4.0.
 """
 
 import io
@@ -48,28 +46,23 @@ def write_converted(source: Path, target: Path) -> None:
 
 
 def convert(source: Path) -> dict[str, np.ndarray]:
-    """Return the tensors of a `.pt` or `.pkl` file in float32, by name."""
+    """Return the tensors of a `.pkl` file in float32, by name."""
     if not source.is_file():
         raise FileNotFoundError(f"no such file: {source}")
     try:
         import torch
     except ImportError as error:
         raise ImportError("PyTorch is missing: pip install torch") from error
-    if source.suffix == ".pkl":
-        with source.open("rb") as file:
-            state = _tensors(_Unpickler(file).load())
-    else:
-        state = _load_plain(torch, source)
-    if not isinstance(state, dict):
-        raise ValueError("it contains no state dict")
+    with source.open("rb") as file:
+        state = _tensors(_Unpickler(file).load())
     state = {k: v for k, v in state.items() if isinstance(v, torch.Tensor)}
     if not state:
         raise ValueError("it contains no tensors")
     return {name: t.detach().float().contiguous().numpy() for name, t in state.items()}
 
 
-def _load_plain(torch: Any, source: Path | io.BytesIO) -> Any:
-    """Return the content of a `.pt` file of plain tensors, or refuse it."""
+def _load_plain(torch: Any, source: io.BytesIO) -> Any:
+    """Return plain tensors of a pickle, or refuse it."""
     try:
         return torch.load(source, map_location="cpu", weights_only=True)
     except pickle.UnpicklingError:  # whose message advises to run the file's code

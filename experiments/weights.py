@@ -68,9 +68,7 @@ def start_from(
     path = initial_weights(train)
     if path is None:
         return state
-    params, report = diffusion.load_pretrained(
-        path, network, state.params, attention_order=train.attention_order
-    )
+    params, report = diffusion.load_pretrained(path, network, state.params)
     counts = {name: len(names) for name, names in report._asdict().items()}
     new = sorted({"/".join(name.split("/")[:2]) for name in report.new})
     print(

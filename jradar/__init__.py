@@ -30,7 +30,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jradar import (
-        baselines as baselines,
         calibration as calibration,
         data as data,
         diffusion as diffusion,
@@ -64,7 +63,7 @@ if TYPE_CHECKING:
     from jradar.recordings import open_recording as open_recording
     from jradar.types import PointCloud as PointCloud
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 NAMES = {  # of the front door, and where each is defined
     "PointCloud": "jradar.types",

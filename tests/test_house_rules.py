@@ -18,7 +18,7 @@ ROOT = PACKAGE.parent
 FLOORS = (
     *("errors compiled", "types range_code nearest fields files progress"),
     *("options", "radar range_image lidar diffusion metrics", "recordings model"),
-    *("motion simulation viz baselines", "calibration data pipeline"),
+    *("motion simulation viz", "calibration data pipeline"),
     *("outputs evaluation", "training mapping stream export", "cli"),
 )
 FLOORS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}

@@ -23,7 +23,8 @@ from tests.programs import pasted, ran
 ROOT = Path(__file__).parents[1]
 GUIDE, STREAM = "jradar/recordings/README", "jradar/stream/README"
 RIG = "jradar/data/README"
-EXPERIMENTS = "experiments/README", "experiments/RESULTS"
+LAB = tuple(f"experiments/lab/{part}" for part in ("maps", "simulation"))
+EXPERIMENTS = "experiments/README", "experiments/RESULTS", *LAB
 FILES = "README", GUIDE, STREAM, RIG, *EXPERIMENTS, "benchmarks/README"
 TEXTS = {name: (ROOT / f"{name}.md").read_text() for name in FILES}
 README = TEXTS["README"]
@@ -216,7 +217,6 @@ STANDS_FOR = {  # of the user's own
 }
 NOT_RUN = {  # and why
     "python -m benchmarks.run": "half an hour; the quick one is run",
-    "--set jradar-sim-1": "minutes; the mini set is run by smoke",
     "--scheduler": "needs a Dask cluster",
     "python -m benchmarks.soak_stream --seconds 600 --model jradar-sim": "10 minutes",
     "--host 127.0.0.1 --card 127.0.0.2": "waits for a card; see test_streaming",
@@ -227,12 +227,8 @@ NOT_RUN = {  # and why
     "--config=experiments/configs/default.py": "an hour of training",
     "--config=experiments/configs/regression.py": "an hour of training",
     "--config=experiments/configs/from_regression.py": "starts from that",
-    "--config=experiments/configs/varied.py": "starts from that",
-    "-o runs/robustness --rates runs/varied": "needs that run",
-    "--data RECORDS_OF_SIM_5": "needs that set",
     "--rates RECORDS_OF_SIM_5": "needs that set",
     "--data runs/sim5": "needs that set",
-    "-o fitted --dtype int8": "needs two sets",
     "--config=experiments/configs/coloradar.py": "days of training",
     "--config=experiments/configs/maps.py": "hours of training",
     "--model runs/maps": "needs that run",
@@ -240,7 +236,7 @@ NOT_RUN = {  # and why
     "--config.data.path=runs/sim5": "needs that set",
     "-m experiments.studies.map_views": "half an hour; needs ColoRadar's maps",
     "--config.data.path=runs/views": "needs those views",
-    "--model runs/marginal": "needs that run",
+    "--split test --model jradar-sim": "needs that set",
     "--model runs/half": "needs that run",
     "--config=experiments/configs/radarhd.py": "hours of training",
     "--config=experiments/configs/radarhd_history.py": "needs RadarHD's folder",

@@ -83,7 +83,6 @@ def get_config():
     config.train = ConfigDict()
     # Weights to start from: a run's workdir, a model, or a file for load_pretrained.
     config.train.initial = config_dict.placeholder(str)
-    config.train.attention_order = config_dict.placeholder(str)  # of OpenAI's weights
     config.train.steps = 3600
     config.train.steps_before = 0  # of earlier stages; the model's card adds them
     config.train.batch_size = 8

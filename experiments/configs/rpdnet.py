@@ -14,7 +14,6 @@ def get_config():
     config = default.get_config()
     config.task = "rpdnet"
     config.purpose = "RPDNet, a learned detector, trained on simulated scenes only"
-    config.data.frames = 2  # labels need a velocity: two poses of a layout
     config.data.min_snr_db = 3.0  # of a labelled cell, above the noise
     config.network = {"channels": 16, "levels": 8}
     config.train.update(steps=2000, batch_size=8, learning_rate=1e-3, warmup_steps=100)

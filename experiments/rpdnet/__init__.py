@@ -18,10 +18,10 @@ from ml_collections import ConfigDict
 from experiments import build
 from experiments.rpdnet.labels import LabelledMaps
 from experiments.rpdnet.loss import make_rpdnet_step, rpdnet_params
+from experiments.rpdnet.network import RPDNet, map_values
 from experiments.train import Training
 from experiments.weights import load_weights
 from jradar import data, diffusion, training
-from jradar.baselines import RPDNet, map_values
 from jradar.evaluation import (
     Method,
     RecordsInView,

@@ -5,11 +5,10 @@ A static point in direction d, seen by a radar that moves with velocity v, reced
     -d . v
 
 so its range and the platform's motion determine its cell in the range-Doppler map. The
-motion is that of the poses around a frame; a frame without has what the Doppler of its
-echoes says. A cell is labelled if a LiDAR point falls into it or one of its neighbours,
-which the main lobe of the windows reaches, and if its power stands out of the noise.
-Cheng et al. (2022) also label by LiDAR but did not publish the code; this one is our
-own. All of it runs on the host.
+motion is what the Doppler of the frame's echoes says. A cell is labelled if a LiDAR
+point falls into it or one of its neighbours, which the main lobe of the windows
+reaches, and if its power stands out of the noise. Cheng et al. (2022) also label by
+LiDAR but did not publish the code; this one is our own. All of it runs on the host.
 """
 
 import collections
@@ -20,13 +19,11 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from experiments.rpdnet.network import map_values
 from jradar import data, training
-from jradar.baselines import map_values
 from jradar.evaluation import RecordsInView, detected, records_in_view
 from jradar.motion import ego_velocity
 from jradar.radar import RadarSpec
-
-MAX_GAP_S = 0.3  # between two poses that give a velocity
 
 
 class LabelledMaps(Sequence):
@@ -40,7 +37,7 @@ class LabelledMaps(Sequence):
         if not known:
             raise ValueError(
                 f"{records.folder} has no frame with a known velocity: labels need "
-                "recordings with a trajectory, or static echoes in several directions"
+                "static echoes in several directions"
             )
         shapes = {i: records[i].cells.power.shape for i in known}
         commonest = collections.Counter(shapes.values()).most_common(1)[0][0]
@@ -65,23 +62,9 @@ class LabelledMaps(Sequence):
 
 
 def record_velocities(records: data.Records) -> Float[np.ndarray, "frame 3"]:
-    """Return the radar's own velocity at each record; NaN where it is unknown.
-
-    Doppler gives that of frames without another pose within 0.3 s.
-    """
-    stamps, poses = np.zeros(len(records)), np.zeros((len(records), 4, 4))
-    for i in range(len(records)):
-        frame = records[i]
-        stamps[i], poses[i] = frame.stamp, frame.world_from_radar
-    names = np.array([name for name, _ in records.where])
-    velocities = np.full((len(records), 3), np.nan)
-    for name in dict.fromkeys(names):
-        mine = names == name
-        velocities[mine] = sensor_velocities(stamps[mine], poses[mine])
+    """Return the radar's own velocity at each record; NaN where it is unknown."""
     view = records_in_view(records)
-    for i in np.flatnonzero(np.isnan(velocities).any(-1)):
-        velocities[i] = doppler_velocity(records[i], view)
-    return velocities
+    return np.stack([doppler_velocity(records[i], view) for i in range(len(records))])
 
 
 def doppler_velocity(
@@ -127,24 +110,3 @@ def label_cells(
     label |= np.roll(label, 1, 0) | np.roll(label, -1, 0)
     label[:, 1:-1] |= label[:, 2:] | label[:, :-2]
     return label & (power > np.median(power) * 10 ** (min_snr_db / 10))
-
-
-def sensor_velocities(
-    stamps: Float[np.ndarray, " frame"],
-    world_from_sensor: Float[np.ndarray, "frame 4 4"],
-) -> Float[np.ndarray, "frame 3"]:
-    """Return the sensor's velocity in its own frame, in m/s, from poses in time order.
-
-    It is the mean of the motion since the frame before and to the frame after; NaN if
-    both are more than 0.3 s away or have no pose.
-    """
-    gap = np.diff(stamps)[:, None]
-    steps = np.diff(world_from_sensor[:, :3, 3], axis=0)
-    near = (gap > 0) & (gap <= MAX_GAP_S)
-    steps = np.where(near, steps / np.where(near, gap, 1.0), np.nan)
-    nothing = np.full((1, 3), np.nan)
-    both = np.stack([np.r_[nothing, steps], np.r_[steps, nothing]])
-    count = np.isfinite(both).sum(0)
-    total = np.where(np.isfinite(both), both, 0.0).sum(0)
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return np.einsum("nij,ni->nj", world_from_sensor[:, :3, :3], mean)

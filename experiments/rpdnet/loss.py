@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Key
 
+from experiments.rpdnet.network import RPDNet
 from jradar import training
-from jradar.baselines import RPDNet
 from jradar.training.step import ema_decay_at
 
 Maps = Float[Array, "batch doppler range 1"]

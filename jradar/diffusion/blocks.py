@@ -91,10 +91,7 @@ def conv(
 def norm(
     epsilon: float, dtype: Any, name: str | None = None, *, group_channels: int = 4
 ) -> Callable[[Image], Image]:
-    """Return group normalisation in float32: 32 groups, or fewer of `group_channels`.
-
-    EDM's groups have 4 channels or more, OpenAI's 1 or more.
-    """
+    """Return group normalisation in float32: 32 groups, or `group_channels` in each."""
 
     def apply(x):
         groups = min(32, max(1, x.shape[-1] // group_channels))

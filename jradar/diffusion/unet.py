@@ -76,8 +76,8 @@ class UNet(nn.Module):
     form                 kind of block, "adm" or "ddpm++"
     stem, condition_stem
                          pixels of image and condition in one pixel of their grid
-    noise_scale          factor of c_noise (1000 for OpenAI's networks)
-    group_channels       fewest channels in a group of a norm (1 for OpenAI's networks)
+    noise_scale          factor of c_noise
+    group_channels       fewest channels in a group of a norm
     detail_channels      channels of the full-size path around the trunk; with 0, the
                          head is a linear map of each patch's features
     condition_at_input   resize the condition to the image and append its channels

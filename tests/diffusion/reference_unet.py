@@ -1,4 +1,4 @@
-"""EDM's SongUNet (DDPM++) and DhariwalUNet, and OpenAI's ADM, written in NumPy.
+"""EDM's SongUNet (DDPM++) and DhariwalUNet, written in NumPy.
 
 The published networks by their own names, one image [channel, row, column] at a time,
 in float64. A tensor is made when it is first asked for, so a run leaves a state dict
@@ -32,10 +32,9 @@ class State(dict):
         y = self.take(f"{name}.weight", out, len(x)) @ x
         return y + self.take(f"{name}.bias", out) if bias else y
 
-    def conv(self, name, x, out, size=3, flat=False):
-        """torch.nn.Conv2d, or Conv1d over pixels, with padding."""
-        shape = (out, len(x), 1) if flat else (out, len(x), size, size)
-        weight = self.take(f"{name}.weight", *shape).reshape(out, len(x), size, size)
+    def conv(self, name, x, out, size=3):
+        """torch.nn.Conv2d with padding."""
+        weight = self.take(f"{name}.weight", out, len(x), size, size)
         rows, columns = x.shape[1:]
         padded = np.pad(x, ((0, 0), (size // 2,) * 2, (size // 2,) * 2))
         total = np.zeros((out, rows, columns))
@@ -44,9 +43,9 @@ class State(dict):
             total += np.tensordot(weight[:, :, i, j], patch, 1)
         return total + self.take(f"{name}.bias", out)[:, None, None]
 
-    def norm(self, name, x, eps, groups=None):
-        """torch.nn.GroupNorm, by default with EDM's number of groups."""
-        groups = groups or min(32, len(x) // 4)
+    def norm(self, name, x, eps):
+        """torch.nn.GroupNorm with EDM's number of groups."""
+        groups = min(32, len(x) // 4)
         parts = x.reshape(groups, -1)
         spread = np.sqrt(parts.var(1, keepdims=True) + eps)
         y = ((parts - parts.mean(1, keepdims=True)) / spread).reshape(x.shape)
@@ -54,7 +53,7 @@ class State(dict):
         return y * scale[:, None, None] + shift[:, None, None]
 
     def resample(self, name, x, way):
-        """EDM's resampling by the filter (1, 1), which is OpenAI's."""
+        """EDM's resampling by the filter (1, 1)."""
         if way:
             self[f"{name}.resample_filter"] = np.full((1, 1, 2, 2), 0.25)
         return RESAMPLE[way](x)
@@ -156,67 +155,3 @@ def edm(state, x, c_noise, *, song, channels, multipliers, blocks, attention, he
         name = f"dec.{resolution}x{resolution}_aux"
         return state.conv(f"{name}_conv", silu(state.norm(f"{name}_norm", x, 1e-6)), 3)
     return state.conv("out_conv", silu(state.norm("out_norm", x, 1e-5)), 3)
-
-
-def adm_block(state, name, x, emb, out, way=""):
-    h = RESAMPLE[way](silu(state.norm(f"{name}.in_layers.0", x, 1e-5, 32)))
-    h = state.conv(f"{name}.in_layers.2", h, out)
-    level = state.linear(f"{name}.emb_layers.1", silu(emb), 2 * out)[:, None, None]
-    h = state.norm(f"{name}.out_layers.0", h, 1e-5, 32)
-    h = h * (1 + level[:out]) + level[out:]
-    h = state.conv(f"{name}.out_layers.3", silu(h), out)
-    if len(x) != out:
-        return state.conv(f"{name}.skip_connection", x, out, 1) + h
-    return RESAMPLE[way](x) + h
-
-
-def adm_attention(state, name, x, head, new_order):
-    count, heads = len(x), len(x) // head
-    h = state.norm(f"{name}.norm", x, 1e-5, 32)
-    h = state.conv(f"{name}.qkv", h, 3 * count, 1, flat=True).reshape(3 * count, -1)
-    if new_order:
-        parts = h.reshape(3, heads, head, -1).transpose(1, 0, 2, 3)
-    else:
-        parts = h.reshape(heads, 3, head, -1)
-    h = np.concatenate([attend(*part) for part in parts]).reshape(x.shape)
-    return x + state.conv(f"{name}.proj_out", h, count, 1, flat=True)
-
-
-def adm(state, x, log_sigma, *, channels, multipliers, blocks, attention, head,
-        new_order=False, label=None):  # fmt: skip
-    """OpenAI's UNetModel as its consistency models run it, with one of 3 classes."""
-    emb = embed(1000 * 0.25 * log_sigma, channels, False)
-    emb = silu(state.linear("time_embed.0", emb, 4 * channels))
-    emb = state.linear("time_embed.2", emb, 4 * channels)
-    if label is not None:
-        emb = emb + label @ state.take("label_emb.weight", 3, 4 * channels)
-    x = state.conv("input_blocks.0.0", x, channels * multipliers[0])
-    skips, number = [x], 1
-    for level, multiplier in enumerate(multipliers):
-        for _ in range(blocks):
-            name = f"input_blocks.{number}"
-            x = adm_block(state, f"{name}.0", x, emb, channels * multiplier)
-            if level in attention:
-                x = adm_attention(state, f"{name}.1", x, head, new_order)
-            skips.append(x)
-            number += 1
-        if level < len(multipliers) - 1:
-            x = adm_block(state, f"input_blocks.{number}.0", x, emb, len(x), "down")
-            skips.append(x)
-            number += 1
-    x = adm_block(state, "middle_block.0", x, emb, len(x))
-    x = adm_attention(state, "middle_block.1", x, head, new_order)
-    x = adm_block(state, "middle_block.2", x, emb, len(x))
-    number = 0
-    for level, multiplier in reversed([*enumerate(multipliers)]):
-        for i in range(blocks + 1):
-            name, layer = f"output_blocks.{number}", 1
-            x = np.concatenate([x, skips.pop()])
-            x = adm_block(state, f"{name}.0", x, emb, channels * multiplier)
-            if level in attention:
-                x = adm_attention(state, f"{name}.1", x, head, new_order)
-                layer = 2
-            if level and i == blocks:
-                x = adm_block(state, f"{name}.{layer}", x, emb, len(x), "up")
-            number += 1
-    return state.conv("out.2", silu(state.norm("out.0", x, 1e-5, 32)), 3)

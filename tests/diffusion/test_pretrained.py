@@ -15,47 +15,32 @@ from flax.traverse_util import flatten_dict
 from jradar.diffusion import UNet, load_pretrained, network_fields, write_params
 from jradar.diffusion.weights.files import read_state
 from tests.diffusion.networks import apply, build, random_params
-from tests.diffusion.reference_unet import State, adm, edm
+from tests.diffusion.reference_unet import State, edm
 
 SIZES = {"channels": 8, "multipliers": (1, 2), "blocks": 1}
-WIDE = {**SIZES, "channels": 32}  # OpenAI's norms always have 32 groups
 C_NOISE = -0.3
 RNG = np.random.default_rng(3)
-NO_LABEL, MEAN_LABEL = np.zeros(3), np.full(3, 1 / 3)
-
-
-def sizes_of(kind):
-    return WIDE if kind.startswith("adm") else SIZES
+NO_LABEL = np.zeros(3)
 
 
 @functools.cache
 def published(kind, labelled=False):
     """A state dict in float32, a grey image, and the network's output for it."""
-    shape = {"song": (8, 16), "dhariwal": (8, 8)}.get(kind, (4, 8))
-    state, image = State(), RNG.normal(size=shape)
-    rgb = np.repeat(image[None], 3, 0)
-    options = {**sizes_of(kind), "attention": (1,), "head": 4}
-    if kind.startswith("adm"):
-        new = kind == "adm new"
-        label = MEAN_LABEL if labelled else None
-        output = adm(state, rgb, 4 * C_NOISE, new_order=new, label=label, **options)
-    else:
-        label = NO_LABEL if labelled else None
-        output = edm(state, rgb, C_NOISE, song=kind == "song", label=label, **options)
+    state, image = State(), RNG.normal(size=(8, 16 if kind == "song" else 8))
+    rgb, label = np.repeat(image[None], 3, 0), NO_LABEL if labelled else None
+    options = {**SIZES, "attention": (1,), "head": 4}
+    output = edm(state, rgb, C_NOISE, song=kind == "song", label=label, **options)
     state = {name: tensor.astype(np.float32) for name, tensor in state.items()}
     return state, image, output.mean(0)
 
 
 def network_for(kind, stem):
-    openai = kind.startswith("adm")
     return UNet(
         form="ddpm++" if kind == "song" else "adm",
-        noise_scale=1000.0 if openai else 1.0,
         attention_levels=(1,),
         head_channels=4,
-        group_channels=1 if openai else 4,
         stem=stem,
-        **sizes_of(kind),
+        **SIZES,
     )
 
 
@@ -84,9 +69,7 @@ def save(path, state):
     [
         ("song", (1, 4), False),
         ("dhariwal", (1, 1), False),
-        ("adm legacy", (2, 4), False),
-        ("adm new", (2, 4), False),
-        *((kind, (1, 1), True) for kind in ("song", "dhariwal", "adm legacy")),
+        *((kind, (1, 1), True) for kind in ("song", "dhariwal")),
     ],
 )
 def test_the_network_first_is_the_published_one(tmp_path, kind, stem, labelled):
@@ -94,9 +77,8 @@ def test_the_network_first_is_the_published_one(tmp_path, kind, stem, labelled):
     safetensors.numpy.save_file(state, tmp_path / "w.safetensors")
     network, args = network_for(kind, stem), arguments(image, stem)
     params = random_params(network, *args)
-    order = {"adm new": "new", "adm legacy": "legacy"}.get(kind)
     path = tmp_path / "w.safetensors"
-    params, report = load_pretrained(path, network, params, attention_order=order)
+    params, report = load_pretrained(path, network, params)
     output = apply(network, params, *args)[0]
     spread = np.kron(expected, np.ones(stem))
     np.testing.assert_allclose(output[..., 0], spread, atol=1e-5)
@@ -134,14 +116,8 @@ def without(part):
     return lambda state: {k: v for k, v in state.items() if part not in k}
 
 
-def doubled(state):
-    double = {k: np.repeat(v, 2, 0) for k, v in state.items() if k[:6] == "out.2."}
-    return state | double
-
-
 ZEROS = np.zeros(64, np.float32)
 FILTER = r"resample_filter has taps in the shares .*, expected \[0.5, 0.5\]"
-DISCRETE = "6 outputs for 3 colours: .* guided-diffusion, .* 1000 discrete steps"
 
 
 @pytest.mark.slow
@@ -151,12 +127,8 @@ DISCRETE = "6 outputs for 3 colours: .* guided-diffusion, .* 1000 discrete steps
         ("song", {}, filtered(1, 3, 3, 1), FILTER),
         ("song", {}, filtered(1, 2), FILTER),
         ("song", {"group_channels": 1}, None, "set its group_channels = 4"),
-        ("adm new", {"group_channels": 4}, None, "set its group_channels = 1"),
         ("song", {"form": "adm"}, None, r"has the form 'ddpm\+\+', the network 'adm'"),
         ("song", {"noise_scale": 1e3}, None, "needs noise_scale = 1.0, the network"),
-        ("adm", {}, None, "is an ADM: attention_order=None"),
-        ("adm old", {}, None, "is an ADM: attention_order='old'"),
-        ("adm legacy", {}, doubled, DISCRETE),
         ("song", {}, without("block0.conv1"), "8 parameters missing"),
         ("song", {}, without(""), "no first convolution found"),
         ("song", {}, song_with("enc.64x64_block1.conv0.bias", ZEROS[:8]), "1 too many"),
@@ -170,14 +142,12 @@ DISCRETE = "6 outputs for 3 colours: .* guided-diffusion, .* 1000 discrete steps
     ],
 )
 def test_what_is_not_the_published_network(tmp_path, kind, fields, change, message):
-    order = kind.partition(" ")[2] or None
-    known = {"adm": "adm legacy", "adm old": "adm legacy"}.get(kind, kind)
-    state, image, _ = published(known)
-    network = network_for(known, (1, 4)).clone(**fields)
+    state, image, _ = published(kind)
+    network = network_for(kind, (1, 4)).clone(**fields)
     path = save(tmp_path / "w.npz", change(state) if change else state)
     params = shapes_of(network, arguments(image, (1, 4)))
     with pytest.raises(ValueError, match=message):
-        load_pretrained(path, network, params, attention_order=order)
+        load_pretrained(path, network, params)
 
 
 def test_a_network_without_the_full_path_keeps_its_own_head(tmp_path):

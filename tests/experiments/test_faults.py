@@ -27,7 +27,6 @@ def ends(call, capsys, code):
     ("study", "arguments", "code"),
     [
         (robustness, ["--rates=nowhere", "-o", "out"], 2),
-        (convert_weights, ["nowhere.pt", "out"], 2),
         (convert_weights, ["nowhere.pkl", "out"], 2),
     ],
     ids=lambda value: getattr(value, "__name__", None),

@@ -3,14 +3,12 @@
 `load_pretrained` reads, from the files of `files`,
 
 - weights that were trained here: a model's, or those of its trunk alone;
-- state dicts of NVIDIA's EDM: SongUNet with the DDPM++ settings, and DhariwalUNet;
-- state dicts of OpenAI's ADM with continuous noise levels, as in consistency models.
+- state dicts of NVIDIA's EDM: SongUNet with the DDPM++ settings, and DhariwalUNet.
 
 Parts that a published network lacks start at zero, so the network begins as the
 published one, applied to the means of the patches (`published`). Of a class-conditional
-network, EDM's answer without a label is kept, or OpenAI's for the mean of all labels. A
-network without `detail_channels` has a different head, and ignores the published output
-layer.
+network, the answer without a label is kept. A network without `detail_channels` has a
+different head, and ignores the published output layer.
 """
 
 import json
@@ -33,13 +31,11 @@ from jradar.diffusion.weights.published import (
     by_level,
     check_filters,
     check_groups,
-    from_adm,
     target_of,
     without_labels,
 )
 from jradar.errors import parsing
 
-ATTENTION_ORDERS = ("legacy", "new")
 # Prefixes in files written here.
 OWN, TOWER, EVIDENCE = "params/", "params/tower/", "params/evidence/"
 HEADS = ("params/trunk/unfold/", "params/trunk/output/", "params/trunk/refine/")
@@ -66,14 +62,10 @@ def load_pretrained(
     path: Path | str,
     network: Network,
     params: Any,
-    *,
-    attention_order: str | None = None,
 ) -> tuple[Any, Transfer]:
     """Return `params` of `network` with the weights of a file, and a report.
 
-    `attention_order` is the order of query, key and value channels in an ADM, which its
-    file does not record: "new" for models trained with use_new_attention_order or flash
-    attention, otherwise "legacy". Raises ValueError if file and network do not match.
+    Raises ValueError if file and network do not match.
     """
     state = read_state(path)
     if any(name.startswith(OWN) for name in state):
@@ -82,23 +74,15 @@ def load_pretrained(
     if not isinstance(network, UNet):
         raise ValueError(f"{path} was not written by jradar: only a UNet can read it")
     with parsing(path, "a file of published weights"):
-        return _load_published(path, state, params, network, attention_order)
+        return _load_published(path, state, params, network)
 
 
-def _load_published(path, state, params, network, attention_order):
-    """`params` with the weights of EDM or of an ADM."""
-    if "input_blocks.0.0.weight" in state:
-        if attention_order not in ATTENTION_ORDERS:
-            raise ValueError(
-                f"{path} is an ADM: {attention_order=}, expected one of "
-                f"{ATTENTION_ORDERS}"
-            )
-        kind, state = attention_order, from_adm(state, network)
-    else:
-        kind, state = "edm", by_level(state)
-    _check_published(path, state, kind, network)
+def _load_published(path, state, params, network):
+    """`params` with the weights of EDM."""
+    state = by_level(state)
+    _check_published(path, state, network)
     check_filters(path, state)
-    check_groups(path, state, kind, network)
+    check_groups(path, state, network)
     state = without_labels(state)
     trunk = params["params"]["trunk"]
     flat: dict[str, Any] = flax.traverse_util.flatten_dict(trunk, sep="/")
@@ -109,11 +93,11 @@ def _load_published(path, state, params, network, attention_order):
             unused.append(name)
             continue
         shape = flat[target].shape
-        tensor = arranged(np.asarray(tensor, np.float32), target, shape, network, kind)
+        tensor = arranged(np.asarray(tensor, np.float32), target, shape, network)
         _check_shape(path, name, tensor, flat[target])
         loaded[target] = jnp.asarray(tensor)
     new = [name for name in flat if name not in loaded]
-    blocks = [n for n in unused if re.match(r"enc|dec|input_|output_|middle_", n)]
+    blocks = [n for n in unused if re.match(r"enc|dec", n)]
     spared = (*DROPPED, "aux_conv")  # unused by a network with another head
     surplus = [name for name in blocks if not any(part in name for part in spared)]
     _check_complete(path, [name for name in new if not _is_new(name)], surplus)
@@ -177,25 +161,16 @@ def _check_network(path, network):
             )
 
 
-def _check_published(path, state, kind, network):
-    """Refuse networks of another form or noise scale, or with discrete time steps."""
+def _check_published(path, state, network):
+    """Refuse networks of another form or noise scale."""
     form = "ddpm++" if "dec.0_aux_conv.weight" in state else "adm"
     if form != network.form:
         raise ValueError(
             f"{path} has the form {form!r}, the network {network.form!r}: set its form"
         )
-    scale = 1.0 if kind == "edm" else 1000.0
-    if network.noise_scale != scale:
+    if network.noise_scale != 1.0:
         raise ValueError(
-            f"{path} needs noise_scale = {scale}, the network has {network.noise_scale}"
-        )
-    colours = state["enc.0_conv.weight"].shape[1]
-    outputs = len(state.get("out_conv.weight", ()))
-    if outputs == 2 * colours:
-        raise ValueError(
-            f"{path} has {outputs} outputs for {colours} colours: a model of "
-            "guided-diffusion, which embeds 1000 discrete steps instead of noise "
-            "levels; expected weights of EDM or of a consistency model"
+            f"{path} needs noise_scale = 1.0, the network has {network.noise_scale}"
         )
 
 

@@ -1,4 +1,4 @@
-"""Published networks, EDM's and OpenAI's ADM, with this network's names and axes.
+"""EDM's published networks with this network's names and axes.
 
 Every tensor gets EDM's name with the level in place of the image size, for example
 `enc.1_block0.conv0.weight`, and then this network's order of axes. RGB becomes range:
@@ -15,7 +15,8 @@ import numpy as np
 from jradar.diffusion.unet import UNet
 from jradar.diffusion.weights.files import State
 
-FULL_GROUPS = 128  # channels from which EDM's and OpenAI's norms have 32 groups alike
+FULL_GROUPS = 128  # channels from which norms have 32 groups
+FEWEST = 4  # channels of a group
 LAYERS = {"weight": "kernel", "bias": "bias"}
 # Constants, and parameters used only for augmented training.
 DROPPED = ("resample_filter", "map_augment", "augment")
@@ -28,10 +29,10 @@ def by_level(state: State) -> State:
     sizes = [int(match[1]) for match in map(first.fullmatch, state) if match]
     if len(sizes) != 1:
         raise ValueError(
-            "no first convolution found: expected weights of jradar, EDM or ADM"
+            "no first convolution found: expected weights of jradar or EDM"
         )
     if any("aux_residual" in name or name == "map_noise.freqs" for name in state):
-        raise ValueError("found NCSN++ (ve), expected DDPM++ (vp) or ADM")
+        raise ValueError("found NCSN++ (ve), expected DDPM++ (vp) or Dhariwal's")
 
     def level(match):
         return f"{match[1]}.{round(math.log2(sizes[0] / int(match[2])))}_"
@@ -39,73 +40,17 @@ def by_level(state: State) -> State:
     return {re.sub(r"^(enc|dec)\.(\d+)x\d+_", level, n): t for n, t in state.items()}
 
 
-def from_adm(state: State, network: UNet) -> State:
-    """Return OpenAI's tensors under EDM's names; both walk the layers in one order."""
-    last = len(network.multipliers) - 1
-    places = {"time_embed.0": "map_layer0", "time_embed.2": "map_layer1"}
-    places |= {"input_blocks.0.0": "enc.0_conv"}
-    places |= {"out.0": "out_norm", "out.2": "out_conv"}
-    number = 1
-    for level in range(last + 1):
-        if level:
-            places[f"input_blocks.{number}.0"] = f"enc.{level}_down"
-            number += 1
-        for i in range(network.blocks):
-            places[f"input_blocks.{number}.0"] = f"enc.{level}_block{i}"
-            places[f"input_blocks.{number}.1"] = f"enc.{level}_block{i}"
-            number += 1
-    places["middle_block.0"] = places["middle_block.1"] = f"dec.{last}_in0"
-    places["middle_block.2"] = f"dec.{last}_in1"
-    number = 0
-    for level in reversed(range(last + 1)):
-        for i in range(network.blocks + 1):
-            block = f"output_blocks.{number}"
-            places[f"{block}.0"] = f"dec.{level}_block{i}"
-            up = 2 if f"{block}.1.qkv.weight" in state else 1
-            if up == 2:
-                places[f"{block}.1"] = f"dec.{level}_block{i}"
-            if level and i == network.blocks:
-                places[f"{block}.{up}"] = f"dec.{level - 1}_up"
-            number += 1
-    layers = {
-        "in_layers.0": "norm0",
-        "in_layers.2": "conv0",
-        "emb_layers.1": "affine",
-        "out_layers.0": "norm1",
-        "out_layers.3": "conv1",
-        "skip_connection": "skip",
-        "norm": "norm2",
-        "qkv": "qkv",
-        "proj_out": "proj",
-    }
-    renamed = {}
-    for name, tensor in state.items():
-        match = re.match(r"((?:input|output)_blocks\.\d+\.\d+|\w+\.\d+)\.(.+)", name)
-        place = places.get(match[1]) if match else None
-        if match is None or place is None:
-            renamed[name] = tensor
-            continue
-        layer, _, kind = match[2].rpartition(".")
-        layer = f".{layers.get(layer, layer)}" if layer else ""
-        renamed[f"{place}{layer}.{kind}"] = tensor
-    return renamed
-
-
 def without_labels(state: State) -> State:
     """Return a class-conditional network's tensors as those of one without classes.
 
-    EDM's networks answer without a label as for a label of zeros, of which the bias of
-    `map_label` remains: it is added into the bias of the next layer. OpenAI's always
-    have a label, and their mean embedding takes its place.
+    They answer without a label as for a label of zeros, of which the bias of
+    `map_label` remains: it is added into the bias of the next layer.
     """
     folded = dict(state)
     bias = folded.pop("map_label.bias", None)
     if bias is not None:
         weight = np.asarray(folded["map_layer0.weight"])
         folded["map_layer0.bias"] = folded["map_layer0.bias"] + weight @ bias
-    labels = folded.pop("label_emb.weight", None)
-    if labels is not None:
-        folded["map_layer1.bias"] = folded["map_layer1.bias"] + labels.mean(0)
     return folded
 
 
@@ -119,16 +64,15 @@ def check_filters(path: Any, state: State) -> None:
             )
 
 
-def check_groups(path: Any, state: State, kind: str, network: UNet) -> None:
+def check_groups(path: Any, state: State, network: UNet) -> None:
     """Refuse a network whose norms would have other groups than the published ones."""
     norms = [t for n, t in state.items() if re.search(r"norm\d?\.weight$", n)]
-    fewest = 4 if kind == "edm" else 1
     narrow = min((len(tensor) for tensor in norms), default=FULL_GROUPS)
-    if narrow < FULL_GROUPS and network.group_channels != fewest:
+    if narrow < FULL_GROUPS and network.group_channels != FEWEST:
         raise ValueError(
-            f"{path} has norms of {narrow} channels in groups of {fewest} or more, the "
+            f"{path} has norms of {narrow} channels in groups of {FEWEST} or more, the "
             f"network has groups of {network.group_channels} or more: set its "
-            f"group_channels = {fewest}"
+            f"group_channels = {FEWEST}"
         )
 
 
@@ -151,12 +95,12 @@ def target_of(name: str) -> str:
 
 
 def arranged(
-    tensor: np.ndarray, target: str, shape: tuple[int, ...], network: UNet, kind: str
+    tensor: np.ndarray, target: str, shape: tuple[int, ...], network: UNet
 ) -> np.ndarray:
     """Return a tensor with this network's order of axes and channels, as `shape`."""
     layer = target.split("/")[-2]
     if layer == "qkv":
-        tensor = _heads_first(tensor, network, kind)
+        tensor = _heads_first(tensor, network)
     if layer in ("qkv", "proj"):
         tensor = tensor.reshape(tensor.shape[:2])  # from a 1 x 1 convolution
     if tensor.ndim == 4:
@@ -176,17 +120,10 @@ def arranged(
     return tensor
 
 
-def _heads_first(tensor, network, kind):
+def _heads_first(tensor, network):
     """Query, key and value channels in the order [head, query key value, channel]."""
     channels = len(tensor) // 3
     song = network.form == "ddpm++"
     heads = 1 if song else max(1, channels // network.head_channels)
-    if kind == "legacy":
-        return tensor
-    split, order = {
-        "edm": ((heads, channels // heads, 3), (0, 2, 1)),
-        "new": ((3, heads, channels // heads), (1, 0, 2)),
-    }[kind]
-    rest = tensor.shape[1:]
-    parts = tensor.reshape(*split, *rest)
-    return parts.transpose(*order, *range(3, 3 + len(rest))).reshape(tensor.shape)
+    parts = tensor.reshape(heads, channels // heads, 3, *tensor.shape[1:])
+    return np.swapaxes(parts, 1, 2).reshape(tensor.shape)

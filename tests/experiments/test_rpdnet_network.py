@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jradar.baselines import RPDNet, map_values
+from experiments.rpdnet.network import RPDNet, map_values
 
 
 def test_map_values_span_the_unit_interval():
