@@ -5,7 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from jradar.planar import describe_planar_model
+from jradar.model.grids.polar import describe_planar_model
 
 from jradar import model as models
 from jradar.cli import main
@@ -15,7 +15,7 @@ from jradar.outputs import frame_folder
 from jradar.radar import radar_points
 from jradar.recordings import open_recording, read_cloud, without_background
 from tests.cli.conftest import MODEL, QUICK, write_cube
-from tests.models import tiny_model, tiny_planar_model
+from tests.models import tiny_model, tiny_polar_model
 from tests.recordings.conftest import root as root, sequence as sequence
 
 WAVEFORM = {"start_frequency_hz": 77e9, "slope_hz_per_s": 100e12, "idle_time_s": 7e-6}
@@ -119,7 +119,7 @@ def test_another_radar_than_in_training_is_noted(
 
 @pytest.mark.slow
 def test_a_radar_with_one_row_gets_a_cloud_in_its_plane(run_json, flat_cube, tmp_path):
-    model, weights = tiny_planar_model(), tmp_path / "mine.safetensors"
+    model, weights = tiny_polar_model(), tmp_path / "mine.safetensors"
     write_params(weights, model.params)
     describe_planar_model(weights, model, folder=tmp_path)
     options = ("--model", weights, "-o", tmp_path / "out")

@@ -6,14 +6,14 @@ import threading
 
 import numpy as np
 import pytest
-from jradar.planar import describe_planar_model
+from jradar.model.grids.polar import describe_planar_model
 
 from jradar.diffusion import write_params
 from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.emulator import Emulator, recorded_frames
 from jradar.stream.sockets import loopback_network
 from tests.cli.conftest import QUICK
-from tests.models import tiny_planar_model
+from tests.models import tiny_polar_model
 from tests.outputs.readers import mcap_messages
 from tests.programs import started
 from tests.recordings.conftest import root as root, sequence as sequence
@@ -88,7 +88,7 @@ def test_the_model_of_a_live_session_is_one_of_ones_own(
 def test_a_live_radar_with_one_row_is_told_what_it_does_not_measure(
     flat_cube, run_json, tmp_path
 ):
-    model, weights = tiny_planar_model(), tmp_path / "mine.safetensors"
+    model, weights = tiny_polar_model(), tmp_path / "mine.safetensors"
     write_params(weights, model.params)
     describe_planar_model(weights, model, folder=tmp_path)
     command = ["live", "--replay", flat_cube, "--model", weights, "-o", tmp_path / "o"]

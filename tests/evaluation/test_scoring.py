@@ -19,7 +19,7 @@ from tests.models import SPEC, tiny_model
 from tests.recordings.coloradar_writer import write_calib
 from tests.recordings.small_sequence import AT_BASE, SIZES, write_sequence
 
-VIEW = {k: getattr(SPEC.fine, k) for k in ("azimuth", "elevation", "max_range_m")}
+VIEW = {k: getattr(SPEC.grid.fine, k) for k in ("azimuth", "elevation", "max_range_m")}
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_the_end_of_a_walk_is_scored_under_its_own_name(models, tmp_path):
 
 
 def test_models_that_see_something_else_are_refused(walks, models, tmp_path):
-    wide = dataclasses.replace(SPEC.fine, max_range_m=20.0)
+    wide = dataclasses.replace(SPEC.grid.fine, max_range_m=20.0)
     save_model(tmp_path / "wide", tiny_model(method="regression", fine=wide))
     with pytest.raises(UsageError, match=r"wide has fine\.max_range_m = 20\.0, .*12"):
         score(walks, models=[models[0], tmp_path / "wide"])

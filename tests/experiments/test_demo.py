@@ -41,7 +41,7 @@ def workdir(tmp_path, config):
 def test_shipped_models_are_scored(workdir, config, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
     model = random_model(config, Records(workdir / "data" / "records"))
-    far = dataclasses.replace(model.spec.fine, max_range_m=15.0)
+    far = dataclasses.replace(model.spec.grid.fine, max_range_m=15.0)
     plain = {"method": "regression"}
     changes = {"jradar-sim": {}, "more": {}, "other": {"fine": far}, "plain": plain}
     for name, change in changes.items():

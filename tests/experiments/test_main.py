@@ -67,7 +67,7 @@ def test_validation_scores_what_the_final_table_scores(made, records, tmp_path):
     key, clouds = build.random_key(config, build.SAMPLE_KEY), []
     for i, pair in enumerate(build.build_pairs(model.spec, checked)):
         image = draw(jax.random.fold_in(key, i), pair.condition, model, draws=3)
-        clouds.append(points_of(image_cloud(image, model.spec.fine)))
+        clouds.append(points_of(image_cloud(image, model.spec.grid.fine)))
     assert found == mean_scores(clouds, [frame.lidar_xyz for frame in checked])
     assert np.isfinite(found["chamfer"])
 

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.mapping.columns import Circle, condition_columns, outline, target_columns
-from jradar.mapping.methods import METHODS
+from jradar.model.grids.columns.images import Circle, condition_columns, outline, target_columns
+from jradar.model.grids.columns.answers import METHODS
 
 from jradar import mapping, training
 from jradar.errors import ModelError

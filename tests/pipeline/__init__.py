@@ -1,1 +1,1 @@
-"""Tests of `jradar.session`."""
+"""Tests of `jradar.pipeline`."""

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from jradar.session import detecting
+from jradar.pipeline import detecting
 
 from jradar.motion.time_offset import TimeOffset
 from jradar.radar import Radar, RadarSpec

@@ -11,8 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.session import Stages, detect_recording, enhance_recording, fusion
-from jradar.session.stages import Stopwatch
+from jradar.pipeline import Stages, detect_recording, enhance_recording, fusion
+from jradar.pipeline.stages import Stopwatch
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses
@@ -191,7 +191,7 @@ def test_stages_of_the_same_radar_and_model_compile_once():
 
 @pytest.mark.slow
 def test_two_frames_are_fused_by_their_poses_without_what_moves(monkeypatch):
-    model, moving = one_pass_model(), np.zeros(SPEC.fine.shape, bool)
+    model, moving = one_pass_model(), np.zeros(SPEC.grid.fine.shape, bool)
     moving[:, 20:] = True
     monkeypatch.setattr(fusion, "moving_pixels", lambda *_, **__: jnp.array(moving))
     frames = enhance_recording(recording(2), model, fuse=2)

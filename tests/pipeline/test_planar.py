@@ -7,16 +7,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import (
+from jradar.model.grids.polar import (
     RADARHD,
-    PlanarImage,
+    PolarImage,
     image_features,
     plane_cloud,
     plane_image,
     polar_image,
 )
-from jradar.session import enhance_recording
-from jradar.session.history import LastImages
+from jradar.pipeline import enhance_recording
+from jradar.pipeline.history import LastImages
 
 from jradar.errors import UsageError
 from jradar.outputs.frame_folder import FrameFolder
@@ -24,10 +24,10 @@ from jradar.outputs.guard import GuardedFolder
 from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.recordings import Recording, Stream
-from tests.models import tiny_planar_model
+from tests.models import tiny_polar_model
 from tests.radar.targets import simulate, targets
 
-MODEL = tiny_planar_model()
+MODEL = tiny_polar_model()
 ROW = RadarSpec.awr1642(num_chirps=8, num_samples=64)
 UNIT = Radar(ROW).with_factors(np.exp(1j * np.linspace(0, 3, 8)))
 CUBES = [
@@ -115,10 +115,10 @@ def test_a_radar_without_azimuths_is_refused_before_anything_is_read():
 
 def test_more_confident_points_are_fewer():
     (frame, _) = enhance_recording(recording(), MODEL, least_confidence=0.6)
-    assert isinstance(frame.image, PlanarImage)
+    assert isinstance(frame.image, PolarImage)
     kept = np.asarray(frame.cloud.valid)
     assert kept.any() and np.asarray(frame.cloud.confidence)[kept].min() >= 0.6
-    assert jax.tree.structure(MODEL) == jax.tree.structure(tiny_planar_model())
+    assert jax.tree.structure(MODEL) == jax.tree.structure(tiny_polar_model())
 
 
 def test_the_radars_points_follow_the_pixels():
@@ -155,7 +155,7 @@ def test_the_images_of_a_condition_are_those_of_training_or_the_nearest_in_time(
 
 @pytest.mark.slow
 def test_a_model_of_several_images_is_given_the_frames_before():
-    model = tiny_planar_model(history=3)
+    model = tiny_polar_model(history=3)
     cubes, stamps = [*CUBES, CUBES[0]], 0.05 * np.arange(3)
     walk = recording(read=cubes.__getitem__, stamps=stamps)
     (frame,) = enhance_recording(walk, model, frames=slice(2, 3))
@@ -173,4 +173,4 @@ def test_a_model_of_several_images_is_given_the_frames_before():
 )
 def test_frames_without_times_or_too_far_apart_are_refused(stamps, message):
     with pytest.raises(UsageError, match=message):
-        enhance_recording(recording(stamps=stamps), tiny_planar_model(history=3))
+        enhance_recording(recording(stamps=stamps), tiny_polar_model(history=3))

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.session import programs
-from jradar.session.fusion import Seen
+from jradar.pipeline import programs
+from jradar.pipeline.fusion import Seen
 
 from jradar.diffusion import RangeMixture
 from jradar.types import PointCloud

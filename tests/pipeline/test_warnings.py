@@ -5,8 +5,8 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.session import Frame
-from jradar.session.warnings import of_frames, of_radar
+from jradar.pipeline import Frame
+from jradar.pipeline.warnings import of_frames, of_radar
 
 from jradar.model import load_model
 from jradar.radar import Radar

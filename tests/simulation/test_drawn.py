@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from jradar.planar import RADARHD
+from jradar.model.grids.polar import RADARHD
 
 from jradar.errors import UsageError
 from jradar.recordings import nearest_scan

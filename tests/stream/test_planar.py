@@ -1,11 +1,11 @@
 """A live radar with a planar model publishes the clouds of its recording."""
 
 import numpy as np
-from jradar.session import enhance_recording
+from jradar.pipeline import enhance_recording
 
 from jradar.stream import Processor, quickest
-from tests.models import tiny_planar_model
-from tests.session.test_planar import CUBES, MODEL, recording
+from tests.models import tiny_polar_model
+from tests.pipeline.test_planar import CUBES, MODEL, recording
 
 
 def test_a_live_radar_publishes_the_same():
@@ -16,7 +16,7 @@ def test_a_live_radar_publishes_the_same():
 
 
 def test_a_model_of_several_images_is_given_the_frames_before():
-    model, stamps = tiny_planar_model(history=3), 0.05 * np.arange(2)
+    model, stamps = tiny_polar_model(history=3), 0.05 * np.arange(2)
     (frame,) = enhance_recording(recording(stamps=stamps), model, frames=slice(1, 2))
     processor = Processor(recording(stamps=stamps), model=model)
     for number, cube in enumerate(CUBES):

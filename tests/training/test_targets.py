@@ -6,7 +6,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import LIDAR
+from jradar.model.grids.polar import LIDAR
 from scipy.spatial import KDTree
 
 from jradar import training

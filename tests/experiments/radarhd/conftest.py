@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import LIDAR, RADAR
+from jradar.model.grids.polar import LIDAR, RADAR
 
 from experiments.radarhd.model import networks
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from jradar.planar import LIDAR
+from jradar.model.grids.polar import LIDAR
 
 from experiments.radarhd.describe import (
     Answer,
@@ -14,9 +14,9 @@ from experiments.radarhd.describe import (
     with_scaled_confidence,
 )
 from jradar.evaluation import THRESHOLDS, Judged
-from tests.models import tiny_planar_model
+from tests.models import tiny_polar_model
 
-MODEL = tiny_planar_model()
+MODEL = tiny_polar_model()
 
 
 def answers(rng, disagreement, share):

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import RADAR
+from jradar.model.grids.polar import RADAR
 
 from experiments.configs import radarhd, radarhd_nearness
 from experiments.radarhd import model

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from jradar.planar import LIDAR, RADAR
+from jradar.model.grids.polar import LIDAR, RADAR
 from PIL import Image
 from scipy.spatial import KDTree
 

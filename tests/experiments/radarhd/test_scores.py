@@ -5,7 +5,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import LIDAR
+from jradar.model.grids.polar import LIDAR
 
 from experiments.configs import radarhd
 from experiments.radarhd import report, scores

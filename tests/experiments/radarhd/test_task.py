@@ -5,8 +5,8 @@ import json
 import jax
 import numpy as np
 import pytest
-from jradar.planar import RADAR
-from jradar.session import load_any_model
+from jradar.model.grids.polar import RADAR
+from jradar.pipeline import load_model
 
 from experiments import radarhd as task, train
 from experiments.configs import radarhd as default, radarhd_history, radarhd_nearness
@@ -52,7 +52,7 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
     assert 0 <= json.loads(lines[-1])["validation/f_score_0.2"] <= 1
     elsewhere = tmp_path / "elsewhere"
-    model = load_any_model(tmp_path)
+    model = load_model(tmp_path)
     assert model.card.steps_seen == 3 and model.spec.history == config.data.history
     assert (model.spec.method == "nearness") == (method == "nearness")
     assert ("simulated" in model.card.trained_on) == simulated

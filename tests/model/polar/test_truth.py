@@ -1,7 +1,7 @@
 """A scan in the plane: heights, view, and pixels as RadarHD assigns them."""
 
 import numpy as np
-from jradar.planar import LIDAR, lidar_image, true_points
+from jradar.model.grids.polar import LIDAR, lidar_image, true_points
 
 
 def test_only_points_near_the_plane_and_in_view_are_true():

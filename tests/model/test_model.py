@@ -27,10 +27,20 @@ from jradar.range_image import (
     project,
 )
 from jradar.types import PointCloud
-from tests.models import CONDITION_SHAPE, NETWORK, RADAR, SPEC, echoes, tiny_model
+from tests.models import (
+    CONDITION_SHAPE,
+    NETWORK,
+    RADAR,
+    SPEC,
+    changed,
+    echoes,
+    tiny_map_model,
+    tiny_model,
+    tiny_polar_model,
+)
 
 UNIT = Radar(RADAR)
-FINE = SPEC.fine
+FINE = SPEC.grid.fine
 LIDAR = 4.0 + np.sin(np.arange(8 * 32.0)).reshape(FINE.shape)
 KEY, IMAGE = jax.random.key(0), jnp.ones(CONDITION_SHAPE)
 DRAWN = {"draws": 4, "steps": 2}
@@ -72,7 +82,7 @@ def oracle(*images, **changes):
     stored = tuple(tuple(map(tuple, image.tolist())) for image in images)
     noise = NoiseSpec(prediction=PREDICTIONS["clean"])
     changes = {"network": Oracle(stored), "noise": noise, "codec": "log"} | changes
-    return Model({}, dataclasses.replace(SPEC, **changes))
+    return Model({}, changed(SPEC, **changes))
 
 
 def test_the_networks_image_becomes_the_cloud_unless_there_are_no_echoes():
@@ -157,14 +167,16 @@ def test_points_of_any_origin_are_enhanced_as_those_of_the_cube(quick):
 def test_models_of_other_cards_and_tables_share_programs_and_map_together(quick):
     table = ConfidenceTable.of((0.0, 1.0), least=0.2)
     table = table._replace(frequencies=IDENTITY.frequencies)
-    other = dataclasses.replace(quick, card=Card("another", 9), confidence=table)
+    other = dataclasses.replace(quick, card=Card("another", 9)).with_tables(
+        confidence=table
+    )
     draw(KEY, IMAGE, quick)
     before = draw._cache_size()
     draw(KEY, IMAGE, other)
     assert draw._cache_size() == before
     mean = jax.tree.map(lambda a, b: (a + b) / 2, quick, other)
     assert mean.card == quick.card != other.card
-    assert float(mean.confidence.least) == pytest.approx((0.375 + 0.2) / 2)
+    assert float(mean.tables.confidence.least) == pytest.approx((0.375 + 0.2) / 2)
 
 
 def test_what_a_user_holds_is_one_line(model):
@@ -194,7 +206,7 @@ def test_a_condition_that_skips_a_level_of_the_network_is_refused():
     """Its grids 8 x 8 and 4 x 4 met two levels; those of 16 x 16 would meet one."""
     two = dataclasses.replace(NETWORK, multipliers=(1, 1), stem=(1, 4))
     model = tiny_model(network=two)
-    larger = dataclasses.replace(model.spec, coarse=ImageSpec(16, 16))
+    larger = changed(model.spec, coarse=ImageSpec(16, 16))
     other = Model(model.params, larger)
     with pytest.raises(ValueError, match=r"none is .* where it entered in training"):
         enhance(KEY, echoes(), UNIT, other, draws=1, steps=1)

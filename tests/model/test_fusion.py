@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.methods import likeliest_range
+from jradar.model.grids.view.answers import likeliest_range
 
 from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
-from jradar.model import Model, fuse, load_model, mixtures, moving_pixels
+from jradar.model import Model, Tables, fuse, load_model, mixtures, moving_pixels
 from jradar.range_image import (
     ConfidenceTable,
     ImageSpec,
@@ -20,13 +20,13 @@ from jradar.range_image import (
     unproject,
 )
 from jradar.types import PointCloud
-from tests.models import CONDITION_SHAPE, tiny_model
+from tests.models import CONDITION_SHAPE, changed, tiny_model
 
 VIEW = {"azimuth": (-math.pi / 3, math.pi / 3), "max_range_m": 12.0}
 VIEW |= {"elevation": (-math.pi / 9, math.pi / 9)}
 FINE, COARSE = ImageSpec(16, 64, **VIEW), ImageSpec(8, 8, **VIEW)
-SPEC = dataclasses.replace(load_model("jradar-sim").spec, fine=FINE, coarse=COARSE)
-MODEL = Model({}, SPEC, confidence=ConfidenceTable.of((0.0, 1.0), least=0.3))
+SPEC = changed(load_model("jradar-sim").spec, fine=FINE, coarse=COARSE)
+MODEL = Model({}, SPEC, Tables(ConfidenceTable.of((0.0, 1.0), least=0.3)))
 STILL = np.eye(4, dtype=np.float32)
 UNIT = np.asarray(unproject(jnp.ones(FINE.shape), FINE).xyz)  # directions of pixels
 AZIMUTH = np.arctan2(UNIT[:, 1], UNIT[:, 0])[: FINE.width]
@@ -67,7 +67,7 @@ def wall(x_m):
 
 def test_one_frame_and_three_alike_answer_as_draw_does():
     frame = frame_of(wall(4.0), wall(6.0), share=0.4)
-    alone, one = likeliest_range(frame, SPEC), fused([frame])
+    alone, one = likeliest_range(frame, SPEC.grid), fused([frame])
     np.testing.assert_allclose(one.range_m, alone.range_m, rtol=1e-4)
     np.testing.assert_allclose(one.confidence, alone.confidence, atol=1e-5)
     three = fused([frame, frame, frame])
@@ -133,9 +133,9 @@ def test_pixels_whose_doppler_differs_from_a_world_at_rest_move():
     for unambiguous, speed in ((None, doppler), (2.0, (doppler + 2) % 4 - 2)):
         seen = cloud._replace(velocity=jnp.asarray(speed), power=jnp.ones(len(speed)))
         options = {"unambiguous_mps": unambiguous}
-        moving = np.asarray(moving_pixels(frame, seen, velocity, SPEC, **options))
+        moving = np.asarray(moving_pixels(frame, seen, velocity, SPEC.grid, **options))
         assert moving[marked].mean() > 0.7 and moving[:, :32].mean() < 0.02
-    assert not moving_pixels(frame, seen, velocity * np.nan, SPEC, **options).any()
+    assert not moving_pixels(frame, seen, velocity * np.nan, SPEC.grid, **options).any()
 
 
 def test_a_diffusion_model_and_missing_poses_are_refused():

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import (
+from jradar.model.grids.polar import (
     UNSCALED,
     Pixels,
     Scaling,

@@ -100,7 +100,7 @@ def test_int8_halves_the_file_and_keeps_every_weight_within_half_a_step(
 
 
 def test_what_conditions_looked_like_in_training_is_kept(tmp_path, model):
-    features = np.random.default_rng(0).normal(size=(60, 2 * model.spec.num_slices))
+    features = np.random.default_rng(0).normal(size=(60, 2 * model.spec.grid.num_slices))
     trust = fit_trust(features)
     save_model(tmp_path / "m", dataclasses.replace(model, trust=trust))
     for found, kept in zip(load_model(tmp_path / "m").trust, trust, strict=True):

@@ -7,11 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import RADAR, RADARHD, azimuth_row, image_features, polar_image
+from jradar.model.grids.polar import RADAR, RADARHD, azimuth_row, image_features, polar_image
 
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec, simulate_cube
-from tests.planar.radarhd import drawn
+from tests.model.polar.radarhd import drawn
 from tests.radar.targets import targets
 
 ONE_TURN = dataclasses.replace(RADARHD, num_chirps=1)

@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.planar import (
+from jradar.model.grids.polar import (
     LIDAR,
     RADAR,
-    PlanarImage,
+    PolarImage,
     Scaling,
     both_ways,
     describe_planar_model,
@@ -21,19 +21,19 @@ from jradar.planar import (
     plane_cloud,
     plane_image,
 )
-from jradar.session import load_any_model
+from jradar.pipeline import load_model
 from scipy.special import expit
 
 from jradar.diffusion import write_params
 from jradar.errors import ModelError
 from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.types import PointCloud
-from tests.models import tiny_planar_model
+from tests.models import tiny_polar_model
 
-MODEL = tiny_planar_model()
+MODEL = tiny_polar_model()
 SEEN = jax.random.uniform(jax.random.key(1), MODEL.spec.condition_shape)
 NOTHING = PointCloud(jnp.zeros((4, 3)), jnp.zeros(4, bool))
-EMPTY = PlanarImage(jnp.zeros(LIDAR.shape), jnp.zeros(RADAR.shape))
+EMPTY = PolarImage(jnp.zeros(LIDAR.shape), jnp.zeros(RADAR.shape))
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_a_model_comes_back_from_its_files_by_any_of_their_names(saved):
         assert dataclasses.replace(model.spec, points=MODEL.spec.points) == MODEL.spec
         assert model.card == MODEL.card and model.least_share == 0.6
         jax.tree.map(np.testing.assert_array_equal, model.params, MODEL.params)
-    assert repr(load_any_model(saved)) == repr(MODEL)
+    assert repr(load_model(saved)) == repr(MODEL)
     assert "PlanarModel(occupancy, 0.0" in repr(MODEL) and "7 steps" in repr(MODEL)
 
 
@@ -119,18 +119,18 @@ def test_an_unusable_description_is_refused(saved, field, value, message):
 def test_a_model_that_is_not_there_is_named(tmp_path, monkeypatch, saved):
     monkeypatch.setattr(files, "RESULTS", tmp_path)  # as in a wheel
     with pytest.raises(ModelError, match="no licence.*--config=.*radarhd.py"):
-        load_any_model("radarhd")
+        load_model("radarhd")
     with pytest.raises(ModelError, match="no planar model at nowhere"):
         load_planar_model("nowhere")
     with pytest.raises(ModelError, match="the name of a shipped model"):
-        load_any_model("nowhere")
+        load_model("nowhere")
     saved.with_suffix(".safetensors").unlink()
     with pytest.raises(ModelError, match=r"weights.safetensors is missing"):
         load_planar_model(saved)
 
 
 def test_the_weights_of_a_clone_are_described():
-    model = load_any_model("radarhd")
+    model = load_model("radarhd")
     assert model.spec.condition_shape == (*RADAR.shape, 1)
     assert 0 < model.least_share < 1
     assert "licence is not stated" in model.card.trained_on
@@ -155,7 +155,7 @@ def test_points_lie_in_the_plane_at_the_pixels_that_are_sure_enough():
 
 def test_a_point_ahead_and_to_the_left():
     sure = jnp.zeros(LIDAR.shape).at[255, 511].set(0.9).at[128, 255].set(0.7)
-    image = PlanarImage(sure, jnp.zeros(RADAR.shape))
+    image = PolarImage(sure, jnp.zeros(RADAR.shape))
     cloud = plane_cloud(image, NOTHING, MODEL)
     ahead, left = np.asarray(cloud.xyz)[np.asarray(cloud.valid)]
     np.testing.assert_allclose(ahead, [5.42, 0, 0], atol=0.02)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.methods import likeliest_range
+from jradar.model.grids.view.answers import likeliest_range
 
 from jradar.diffusion import RangeMixture, window_mass
 from jradar.model import dense_cloud, draw, enhance
@@ -19,7 +19,7 @@ from jradar.range_image import (
     near_echo,
 )
 from jradar.types import PointCloud
-from tests.models import CONDITION_SHAPE, RADAR, SPEC, echoes, one_pass_model
+from tests.models import CONDITION_SHAPE, GRID, RADAR, SPEC, echoes, one_pass_model
 
 MARGINAL = one_pass_model()
 KEY = jax.random.key(0)
@@ -40,14 +40,14 @@ def mixtures(count):
 
 def test_the_window_holds_nearly_as_much_as_the_best_of_all():
     mixture = mixtures(400)
-    view = {"max_range_m": SPEC.fine.max_range_m, "codec": SPEC.codec}
+    view = {"max_range_m": SPEC.grid.fine.max_range_m, "codec": SPEC.grid.codec}
 
     @jax.jit
     def mass(range_m):
         edges = (encode_range(range_m + side, **view) for side in (-0.2, 0.2))
         return window_mass(mixture)(*edges)
 
-    image = likeliest_range(mixture, SPEC)
+    image = likeliest_range(mixture, GRID)
     found = np.asarray(mass(image.range_m))
     returned = 1 / (1 + np.exp(-np.asarray(mixture.returned)))
     np.testing.assert_allclose(image.confidence, returned * found, rtol=1e-4)
@@ -66,7 +66,7 @@ def test_no_point_lies_between_two_surfaces():
         jnp.broadcast_to(jnp.stack([near, far, near, far]), (*shape, 4)),
         jnp.full((*shape, 4), 0.003),
     )
-    image = likeliest_range(mixture, dataclasses.replace(SPEC, codec="log"))
+    image = likeliest_range(mixture, dataclasses.replace(GRID, codec="log"))
     np.testing.assert_allclose(image.range_m, [[3.0, 6.0]], atol=0.11)
     np.testing.assert_allclose(image.confidence, 0.6, atol=0.05)
 
@@ -81,7 +81,7 @@ def test_a_model_of_one_pass_needs_no_randomness_and_takes_no_sampling_options()
 def test_confidence_is_calibrated_and_cuts_the_image():
     raw = draw(KEY, SOME, MARGINAL)
     table = ConfidenceTable.of((0.0, 0.1, 1.0), least=0.0)
-    model = dataclasses.replace(MARGINAL, confidence=table)
+    model = MARGINAL.with_tables(confidence=table)
     found = draw(KEY, SOME, model)
     expected = frequency(raw.confidence, table)
     np.testing.assert_allclose(found.confidence, expected, rtol=1e-6)
@@ -95,11 +95,11 @@ def test_what_is_alone_must_be_surer():
     image = draw(KEY, SOME, MARGINAL)
     hit = np.asarray(image.range_m).ravel() > 0
     alone = float(np.median(image.confidence))
-    table = MARGINAL.confidence._replace(least_alone=np.float32(alone))
-    model = dataclasses.replace(MARGINAL, confidence=table)
-    xyz = np.asarray(image_cloud(image, SPEC.fine).xyz)
+    table = MARGINAL.tables.confidence._replace(least_alone=np.float32(alone))
+    model = MARGINAL.with_tables(confidence=table)
+    xyz = np.asarray(image_cloud(image, SPEC.grid.fine).xyz)
     points = PointCloud(jnp.asarray(xyz[hit][:3]), jnp.ones(3, bool))
-    near = np.asarray(near_echo(image.range_m, points, SPEC.fine)).ravel()
+    near = np.asarray(near_echo(image_cloud(image, GRID.fine), points, GRID.fine))
     sure = np.asarray(image.confidence).ravel() >= alone
     valid = np.asarray(dense_cloud(image, points, model).valid)
     np.testing.assert_array_equal(valid, hit & (near | sure))
@@ -114,9 +114,9 @@ def test_the_radars_own_points_are_kept_with_a_confidence_of_their_own():
     xyz = np.concatenate([random.normal([3, 0, 0], 0.1, (30, 3)), [[6.0, 1.0, 0.5]]])
     points = PointCloud.from_xyz(xyz)._replace(velocity=jnp.arange(31.0))
     pixels = dense_cloud(image, points, MARGINAL)
-    assert pixels.valid.shape == (np.prod(SPEC.fine.shape),)
+    assert pixels.valid.shape == (np.prod(SPEC.grid.fine.shape),)
     table = ConfidenceTable.of((0.0, 1.0), least=0.3)
-    model = dataclasses.replace(MARGINAL, echoes=table)
+    model = MARGINAL.with_tables(echoes=table)
     found = dense_cloud(image, points, model)
     jax.tree.map(
         lambda part, whole: np.testing.assert_array_equal(part, whole[: len(part)]),
