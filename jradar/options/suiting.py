@@ -31,8 +31,7 @@ def unsuited(
     blind, described = KINDS[kind]
     if without := blind(radar):
         yield without
-    else:
-        yield from differences(trained, radar, described)
+    yield from differences(trained, radar, described)
 
 
 def differences(
@@ -86,10 +85,11 @@ def without_row(radar: RadarSpec) -> str:
 
 def plane(radar: RadarSpec) -> dict[str, float]:
     """Return what the look of a radar's polar images depends on."""
+    row = [] if without_row(radar) else azimuth_row(radar)[0]
     return {
         "range to {:.3g} m": min(radar.max_range_m, MAX_RANGE_M),
         "range bins of {:.3g} m": radar.range_resolution_m,
-        "{:.0f} antennas in a row": float(len(azimuth_row(radar)[0])),
+        "{:.0f} antennas in a row": float(len(row)),
     }
 
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from jradar.cli import main
-from jradar.mapping import save_map_model
 from jradar.model import save_model
 from jradar.radar import RadarSpec, simulate_cube
 from jradar.simulation import simulate_sequence
@@ -60,7 +59,7 @@ def model_folder(tmp_path_factory):
 def map_model_folder(tmp_path_factory):
     """The folder of a random model of maps."""
     folder = tmp_path_factory.mktemp("models") / "maps"
-    save_map_model(folder, tiny_map_model())
+    save_model(folder, tiny_map_model())
     return str(folder)
 
 

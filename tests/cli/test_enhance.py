@@ -5,12 +5,10 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from jradar.model.grids.polar import describe_planar_model
 
-from jradar import model as models
 from jradar.cli import main
-from jradar.diffusion import write_params
 from jradar.model import condition, draw, load_model, save_model
+from jradar.options import models
 from jradar.outputs import frame_folder
 from jradar.radar import radar_points
 from jradar.recordings import open_recording, read_cloud, without_background
@@ -119,10 +117,8 @@ def test_another_radar_than_in_training_is_noted(
 
 @pytest.mark.slow
 def test_a_radar_with_one_row_gets_a_cloud_in_its_plane(run_json, flat_cube, tmp_path):
-    model, weights = tiny_polar_model(), tmp_path / "mine.safetensors"
-    write_params(weights, model.params)
-    describe_planar_model(weights, model, folder=tmp_path)
-    options = ("--model", weights, "-o", tmp_path / "out")
+    save_model(tmp_path / "mine", tiny_polar_model())
+    options = ("--model", tmp_path / "mine", "-o", tmp_path / "out")
     found = run_json("enhance", flat_cube, *options)
     assert "height is not measured: all points lie at height 0" in found["notes"]
     assert found["model"]["trained_on"] == "a test, radar radarhd"
@@ -140,7 +136,7 @@ def test_a_radar_with_real_samples_and_a_silent_frame(enhance, tmp_path):
 
 
 def test_a_shipped_model_is_used(small_cube, tmp_path, monkeypatch, refused, capsys):
-    monkeypatch.setattr(models.folder, "SHIPPED", tmp_path)
+    monkeypatch.setattr(models, "WEIGHTS", tmp_path)
     command = ["enhance", small_cube, "-o", str(tmp_path / "out"), "--no-picture"]
     assert "no model at jradar-sim" in refused(*command, code=5)
     missing = refused(*command, "--model", tmp_path / "no", code=5)

@@ -6,9 +6,8 @@ import threading
 
 import numpy as np
 import pytest
-from jradar.model.grids.polar import describe_planar_model
 
-from jradar.diffusion import write_params
+from jradar.model import save_model
 from jradar.recordings import nearest_scan, open_recording
 from jradar.stream.emulator import Emulator, recorded_frames
 from jradar.stream.sockets import loopback_network
@@ -88,10 +87,9 @@ def test_the_model_of_a_live_session_is_one_of_ones_own(
 def test_a_live_radar_with_one_row_is_told_what_it_does_not_measure(
     flat_cube, run_json, tmp_path
 ):
-    model, weights = tiny_polar_model(), tmp_path / "mine.safetensors"
-    write_params(weights, model.params)
-    describe_planar_model(weights, model, folder=tmp_path)
-    command = ["live", "--replay", flat_cube, "--model", weights, "-o", tmp_path / "o"]
+    model = tmp_path / "mine"
+    save_model(model, tiny_polar_model())
+    command = ["live", "--replay", flat_cube, "--model", model, "-o", tmp_path / "o"]
     result = run_json(*command, "--silence", PATIENCE_S)
     assert "height is not measured: all points lie at height 0" in result["notes"]
     with np.load(tmp_path / "o" / "000000" / "enhanced.npz") as file:

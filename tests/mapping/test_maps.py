@@ -6,8 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.columns.images import Circle, condition_columns, outline, target_columns
-from jradar.model.grids.columns.answers import METHODS
 
 from jradar import mapping, training
 from jradar.errors import ModelError
@@ -15,6 +13,13 @@ from jradar.mapping.predict import SPREAD
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
 from jradar.metrics import f_score
+from jradar.model.grids.columns.answers import METHODS
+from jradar.model.grids.columns.images import (
+    Circle,
+    condition_columns,
+    outline,
+    target_columns,
+)
 from jradar.outputs.clouds import write_pcd
 from jradar.training import LOSSES
 from jradar.types import PointCloud

@@ -14,12 +14,19 @@ import pytest
 from flax.traverse_util import flatten_dict, unflatten_dict
 
 import jradar
-from jradar import model as models
 from jradar.errors import ModelError
 from jradar.model import Model, draw, load_model, save_model, shipped_models
+from jradar.model.mirror import Scaling
+from jradar.options import models
 from jradar.radar import PointSpec
 from jradar.range_image import ConfidenceTable, ImageSpec, fit_trust
-from tests.models import CONDITION_SHAPE, tiny_model
+from tests.models import (
+    CONDITION_SHAPE,
+    changed,
+    tiny_map_model,
+    tiny_model,
+    tiny_polar_model,
+)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +77,7 @@ def test_round_trip_is_exact_except_for_half_precision(tmp_path, model, leaves):
 def test_a_model_that_computes_in_bfloat16_does_so_after_loading(tmp_path, model):
     half = model.spec.network.clone(dtype="bfloat16")
     spec = dataclasses.replace(model.spec, network=half)
-    save_model(tmp_path, Model(model.params, spec, model.card), dtype=np.float32)
+    save_model(tmp_path, Model(model.params, spec), dtype=np.float32)
     loaded = load_model(tmp_path)
     assert loaded.spec == spec != model.spec
     near, exact = (
@@ -79,7 +86,7 @@ def test_a_model_that_computes_in_bfloat16_does_so_after_loading(tmp_path, model
         )
         for m in (loaded, model)
     )
-    assert 0 < np.abs(near - exact).mean() < 0.05 * spec.fine.max_range_m
+    assert 0 < np.abs(near - exact).mean() < 0.05 * spec.grid.fine.max_range_m
 
 
 def test_int8_halves_the_file_and_keeps_every_weight_within_half_a_step(
@@ -99,38 +106,49 @@ def test_int8_halves_the_file_and_keeps_every_weight_within_half_a_step(
     assert eight < 0.8 * half
 
 
-def test_what_conditions_looked_like_in_training_is_kept(tmp_path, model):
-    features = np.random.default_rng(0).normal(size=(60, 2 * model.spec.grid.num_slices))
-    trust = fit_trust(features)
-    save_model(tmp_path / "m", dataclasses.replace(model, trust=trust))
-    for found, kept in zip(load_model(tmp_path / "m").trust, trust, strict=True):
-        np.testing.assert_allclose(found, kept, atol=1e-6)
-    path = tmp_path / "m" / "model.json"
-    text = json.loads(path.read_text())
-    text["trust"]["mean"] = text["trust"]["mean"][1:]
-    path.write_text(json.dumps(text))
-    with pytest.raises(ModelError, match="not usable: whitening has"):
-        load_model(tmp_path / "m")
+TABLES = {
+    "echoes": ConfidenceTable.of((0.0, 0.3, 0.8), least=0.1),
+    "trust": fit_trust(np.random.default_rng(0).normal(size=(60, 8))),
+    "scaling": Scaling.of((0.1, -2.0), (1.0, -0.5)),
+}
 
 
-def test_the_confidence_of_echoes_is_kept_and_earlier_files_have_none(tmp_path, model):
-    echoes = ConfidenceTable.of((0.0, 0.3, 0.8), least=0.1)
-    save_model(tmp_path / "m", dataclasses.replace(model, echoes=echoes))
-    found = load_model(tmp_path / "m").echoes
-    for one, kept in zip(found, echoes, strict=True):
+@pytest.mark.parametrize(
+    ("name", "broken", "message"),
+    [
+        ("echoes", {"least": 2.0}, "least = 2.0"),
+        ("trust", {"mean": [0.0]}, "whitening has"),
+        ("scaling", {"offset": [0.0]}, "expected two finite numbers"),
+    ],
+)
+def test_a_table_comes_back_and_a_broken_one_is_refused(
+    tmp_path, model, name, broken, message
+):
+    save_model(tmp_path / "m", model.with_tables(**{name: TABLES[name]}))
+    found = getattr(load_model(tmp_path / "m").tables, name)
+    for one, kept in zip(found, TABLES[name], strict=True):
         np.testing.assert_allclose(one, kept, atol=1e-6)
     path = tmp_path / "m" / "model.json"
     text = json.loads(path.read_text())
-    path.write_text(json.dumps(text | {"echoes": text["echoes"] | {"least": 2.0}}))
-    with pytest.raises(ModelError, match="not usable: least = 2.0"):
-        load_model(tmp_path / "m")
-    del text["echoes"]
+    text["tables"][name] |= broken
     path.write_text(json.dumps(text))
-    assert load_model(tmp_path / "m").echoes is None
+    with pytest.raises(ModelError, match=f"not usable: .*{message}"):
+        load_model(tmp_path / "m")
+
+
+@pytest.mark.parametrize("make", [tiny_polar_model, tiny_map_model])
+def test_models_of_every_grid_have_one_format(tmp_path, make):
+    model = make()
+    save_model(tmp_path, model, dtype=np.float32)
+    found = load_model(tmp_path)
+    assert found.spec == model.spec and found.card == model.card
+    jax.tree.map(np.testing.assert_array_equal, found.params, model.params)
 
 
 def test_a_missing_model_is_named_with_the_shipped_ones(tmp_path):
-    expected = r"no model at .*nowhere: expected a folder .*shipped model: jradar-sim"
+    expected = (
+        r"no model at .*nowhere: expected a folder .*shipped model: jradar-maps, jradar"
+    )
     with pytest.raises(ModelError, match=expected):
         load_model(tmp_path / "nowhere")
 
@@ -138,15 +156,17 @@ def test_a_missing_model_is_named_with_the_shipped_ones(tmp_path):
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("format", 99, "format 99, this version reads 4"),
+        ("format", 99, "format 99, this version reads 5"),
         ("method", "magic", "not usable: method = 'magic'"),
-        ("codec", "x", "not usable: codec = 'x', expected one of .'log', 'lin"),
+        ("grid.kind", "torus", "not usable: 'torus'"),
+        ("grid", {"kind": "polar", "history": 1000}, "history = 1000, expected 1 to"),
+        ("grid.codec", "x", "not usable: codec = 'x', expected one of .'log', 'lin"),
         ("temperature", -1.0, "temperature = -1.0, expected 0 or more"),
         ("temperature", float("nan"), "temperature = nan, expected a number"),
         ("noise", {"sigma_data": -1.0, "prediction": "edm"}, "sigma_data = -1"),
         ("network", {"kind": "unet", "chanels": 3}, "not usable: .*chanels"),
         ("surprise", 1, "not usable: .*surprise"),
-        ("fine.width", 1 << 40, ""),
+        ("grid.fine.width", 1 << 40, ""),
         ("points.capacity", 99999999999, ""),
         ("points.num_azimuth", 1 << 40, ""),
         ("network.channels", 300_000_000, "300,000,000 channels for arrays"),
@@ -172,8 +192,10 @@ def test_values_of_a_wrong_type_and_missing_ones_are_refused_everywhere(saved):
     good = saved.good
     parts = {(): good, ("card",): good["card"]}
     parts[("card", "radars", 0)] = good["card"]["radars"][0]
-    for part in ("network", "noise", "coarse", "fine", "points"):
+    for part in ("network", "noise", "grid", "points"):
         parts[(part,)] = good[part]
+    for part in ("coarse", "fine"):
+        parts[("grid", part)] = good["grid"][part]
     for part, values in parts.items():
         for (name, value), wrong in itertools.product(values.items(), WRONG):
             if type(wrong) is type(value):
@@ -182,7 +204,7 @@ def test_values_of_a_wrong_type_and_missing_ones_are_refused_everywhere(saved):
             folder = saved([*part, name], 10**500 if huge else wrong)
             with pytest.raises(ModelError, match=str(folder)):
                 load_model(folder)
-    less = {name: value for name, value in good.items() if name != "codec"}
+    less = {name: value for name, value in good.items() if name != "grid"}
     (folder / "model.json").write_text(json.dumps(less))
     with pytest.raises(ModelError, match="not usable"):
         load_model(folder)
@@ -210,7 +232,7 @@ def test_damaged_weights_are_refused(tmp_path, model):
 
 def test_weights_of_another_network_are_named(tmp_path, model, leaves):
     name = "params/trunk/stem/bias"
-    small = dataclasses.replace(model.spec, fine=ImageSpec(8, 30))
+    small = changed(model.spec, fine=ImageSpec(8, 30))
     without = {k: v for k, v in leaves.items() if k != name}
     wrong = rf"does not fit its network: {name} is"
     for params, spec, message in (
@@ -225,7 +247,7 @@ def test_weights_of_another_network_are_named(tmp_path, model, leaves):
 
 
 def test_shipped_models_are_found_by_name(tmp_path, model, monkeypatch):
-    monkeypatch.setattr(models.folder, "SHIPPED", tmp_path / "weights")
+    monkeypatch.setattr(models, "WEIGHTS", tmp_path / "weights")
     assert shipped_models() == {}
     with pytest.raises(ModelError, match="shipped model: none is shipped"):
         load_model("jradar-sim")
@@ -236,13 +258,14 @@ def test_shipped_models_are_found_by_name(tmp_path, model, monkeypatch):
     assert load_model("jradar-sim").spec == model.spec
 
 
-def test_the_shipped_model_is_whole_and_small():
+def test_the_shipped_models_are_whole_and_small():
     folders = shipped_models()
-    assert "jradar-sim" in folders
+    assert folders.keys() == models.MODELS.keys()
     for name in folders:
         model = jradar.load_model(name)
-        points = dataclasses.replace(model.spec.points, remove_interference=False)
-        expected = PointSpec(false_alarm_rate=1.0, num_azimuth=64)
-        assert model.card.purpose and points == expected
+        assert model.card.purpose and model.card.trained_on
+        if model.spec.grid.kind == "view":
+            points = dataclasses.replace(model.spec.points, remove_interference=False)
+            assert points == PointSpec(false_alarm_rate=1.0, num_azimuth=64)
     size = sum(p.stat().st_size for f in folders.values() for p in f.iterdir())
-    assert size <= 25_000_000
+    assert size <= 60_000_000

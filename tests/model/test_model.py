@@ -229,3 +229,14 @@ def test_compiler_options_change_no_result_and_unknown_ones_go(quick, monkeypatc
     np.testing.assert_allclose(found.range_m, expected.range_m, atol=1e-4)
     monkeypatch.setattr(compiling, "CPU_OPTIONS", {"xla_cpu_no_such_option": True})
     assert compiling.compiler_options.__wrapped__() == {}
+
+
+def test_a_model_that_has_no_meaning_there_is_refused_by_name():
+    maps, plane = tiny_map_model(), tiny_polar_model()
+    with pytest.raises(ValueError, match="expected one of a radar's frames"):
+        enhance(KEY, echoes(), UNIT, maps)
+    points = radar_points(echoes(), UNIT)
+    with pytest.raises(ValueError, match="sees a radar's samples.* such as jradar-sim"):
+        enhance_points(KEY, points, plane)
+    with pytest.raises(ValueError, match="19 channels: one condition, or another"):
+        draw(KEY, jnp.zeros((32, 32, 4)), maps)

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
-from jradar.pipeline import detecting
 
 from jradar.motion.time_offset import TimeOffset
+from jradar.pipeline import detecting
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
 

@@ -11,12 +11,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.pipeline import Stages, detect_recording, enhance_recording, fusion
-from jradar.pipeline.stages import Stopwatch
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses
 from jradar.model import condition, enhance, fuse, mixtures
+from jradar.pipeline import Stages, detect_recording, enhance_recording, fusion
+from jradar.pipeline.stages import Stopwatch
 from jradar.radar import PointSpec, Radar, RadarSpec, calibrate, radar_points
 from jradar.radar.points import points_and_count
 from jradar.radar.spectrum import power_map
@@ -105,7 +105,7 @@ def test_no_thread_is_left_when_the_caller_stops_early(stopped):
 
 def test_every_stage_is_timed_and_warnings_are_about_the_frames_so_far(stopped):
     _, _, _, times, warnings = stopped
-    assert {"reading", "radar processing", "sampling", "compiling"} <= times.keys()
+    assert {"reading", "points", "answer", "cloud", "compiling"} <= times.keys()
     assert min(times.values()) > 0
     assert not any("frame 2" in warning for warning in warnings)
 
@@ -118,7 +118,7 @@ def test_a_frame_is_processed_while_another_is_in_the_network(monkeypatch):
         seen[stage] += 1
         if stage == "condition" and seen[stage] == 2:
             begun.set()
-        if stage == "sampling" and seen[stage] == 1:
+        if stage == "answer" and seen[stage] == 1:
             waited.append(begun.wait(60))
         return call(watch, stage, *rest)
 
@@ -141,11 +141,11 @@ def test_a_frame_that_cannot_be_read_ends_the_recording():
 def test_detections_are_counted_by_cfar_not_by_capacity():
     few = dataclasses.replace(MODEL.spec.points, capacity=8)
     stages = Stages(jax.random.key(0), UNIT, None, points=few)
-    heard = stages.hear(CUBES[0])
-    _, cells = stages.detections(heard)
+    observed = stages.observe(CUBES[0])
+    _, cells = stages.detections(observed)
     points = PointSpec(false_alarm_rate=1e-3)
     (found,) = detect_recording(recording(1), points=points)
-    assert int(heard.points.valid.sum()) == 8 < found.detected
+    assert int(observed.points.valid.sum()) == 8 < found.detected
     assert int(cells.sum()) == pytest.approx(found.detected, rel=0.3)
 
 
@@ -154,7 +154,7 @@ def test_a_frame_unlike_training_is_not_to_be_trusted():
     usual = np.asarray(condition_features(condition(CUBES[0], UNIT, MODEL)))
     noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
     for mean, strange in ((usual, False), (usual + 1.0, True)):
-        model = dataclasses.replace(MODEL, trust=fit_trust(mean + noise))
+        model = MODEL.with_tables(trust=fit_trust(mean + noise))
         found = enhance_recording(recording(1), model, **DRAWING)
         (frame,) = found
         assert (frame.unlikeness == 1) == strange
@@ -186,7 +186,7 @@ def test_stages_of_the_same_radar_and_model_compile_once():
     first = compiled(UNIT, **DRAWING)
     again = compiled(Radar(RADAR, range_bias_m=0.2).with_factors(FACTORS), **DRAWING)
     assert all(first[stage] is again[stage] for stage in first)
-    assert compiled(UNIT, draws=3, steps=2)["sampling"] is not first["sampling"]
+    assert compiled(UNIT, draws=3, steps=2)["answer"] is not first["answer"]
 
 
 @pytest.mark.slow
@@ -221,7 +221,10 @@ def test_two_frames_are_fused_by_their_poses_without_what_moves(monkeypatch):
     [
         ({"frames": range(1, 4)}, r"range\(1, 4\): walk has frames 0 to 2"),
         ({"frames": slice(3, None)}, "walk has frames 0 to 2"),
-        ({"fuse": 2}, "the model answers by diffusion, expected marginal"),
+        (
+            {"fuse": 2},
+            "cannot fuse frames: expected range images and the",
+        ),
         ({"least_confidence": 0.5, "draws": 1}, "this model has no confidence"),
     ],
 )

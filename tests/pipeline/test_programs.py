@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.pipeline import programs
-from jradar.pipeline.fusion import Seen
 
 from jradar.diffusion import RangeMixture
+from jradar.pipeline import programs
+from jradar.pipeline.fusion import Seen
 from jradar.types import PointCloud
 from tests.models import tiny_model
 

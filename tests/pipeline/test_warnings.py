@@ -5,17 +5,31 @@ import dataclasses
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.pipeline import Frame
-from jradar.pipeline.warnings import of_frames, of_radar
 
 from jradar.model import load_model
+from jradar.pipeline import Frame
+from jradar.pipeline.warnings import Tally, of_model
 from jradar.radar import Radar
 from jradar.types import PointCloud
+from tests.models import tiny_model
 
 
 @pytest.fixture(scope="module")
 def card():
     return load_model("jradar-sim").card
+
+
+def of_radar(card, radar):
+    """Warnings about a radar, of a model with this card."""
+    return of_model(tiny_model(card=card), radar)
+
+
+def of_frames(frames, radar):
+    """Warnings about frames."""
+    tally = Tally()
+    for each in frames:
+        tally.add(each)
+    return tally.warnings(radar)
 
 
 def frame(number, confidence=0.7, unlikeness=0.5, points=3):

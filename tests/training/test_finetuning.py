@@ -27,7 +27,9 @@ def records(tmp_path_factory):
     for seed, (name, frames) in enumerate({"a": 4, "b": 2}.items()):
         write_sequence(source, name, frames=frames, seed=seed)
     write_splits(source, {"a": "train", "b": "validation"})
-    view = {k: getattr(SPEC.grid.fine, k) for k in ("azimuth", "elevation", "max_range_m")}
+    view = {
+        k: getattr(SPEC.grid.fine, k) for k in ("azimuth", "elevation", "max_range_m")
+    }
     prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
     return folder
 
@@ -145,7 +147,9 @@ def test_records_without_a_validation_split_say_how_to_get_one(start, tmp_path):
     source, folder = tmp_path / "source", tmp_path / "records"
     source.mkdir()
     write_sequence(source, "walk", frames=2)
-    view = {k: getattr(SPEC.grid.fine, k) for k in ("azimuth", "elevation", "max_range_m")}
+    view = {
+        k: getattr(SPEC.grid.fine, k) for k in ("azimuth", "elevation", "max_range_m")
+    }
     prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
     with pytest.raises(UsageError, match=r"no validation frames.*--validation NAME"):
         finetune(folder, tmp_path / "mine", model=start, spec=QUICK)

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from jradar.model.grids.polar import LIDAR
 
 from experiments.radarhd.describe import (
     Answer,
@@ -14,6 +13,7 @@ from experiments.radarhd.describe import (
     with_scaled_confidence,
 )
 from jradar.evaluation import THRESHOLDS, Judged
+from jradar.model.grids.polar import LIDAR
 from tests.models import tiny_polar_model
 
 MODEL = tiny_polar_model()

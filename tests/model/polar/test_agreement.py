@@ -3,6 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import expit, logit
+
 from jradar.model.grids.polar import (
     UNSCALED,
     Pixels,
@@ -13,7 +15,6 @@ from jradar.model.grids.polar import (
     least_confidence,
     scaled,
 )
-from scipy.special import expit, logit
 
 
 def test_disagreement_is_0_of_the_same_images_and_1_of_separate_ones():

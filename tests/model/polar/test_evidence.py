@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.polar import MAX_RANGE_M, plane_surroundings
 
+from jradar.model.grids.polar import MAX_RANGE_M, plane_surroundings
 from jradar.types import PointCloud
 
 

@@ -7,9 +7,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.polar import RADAR, RADARHD, azimuth_row, image_features, polar_image
 
 from jradar.errors import UsageError
+from jradar.model.grids.polar import (
+    RADAR,
+    RADARHD,
+    azimuth_row,
+    image_features,
+    polar_image,
+)
 from jradar.radar import RadarSpec, simulate_cube
 from tests.model.polar.radarhd import drawn
 from tests.radar.targets import targets

@@ -7,6 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import expit
+
+from jradar.diffusion import write_params
+from jradar.errors import ModelError
 from jradar.model.grids.polar import (
     LIDAR,
     RADAR,
@@ -22,10 +26,6 @@ from jradar.model.grids.polar import (
     plane_image,
 )
 from jradar.pipeline import load_model
-from scipy.special import expit
-
-from jradar.diffusion import write_params
-from jradar.errors import ModelError
 from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.types import PointCloud
 from tests.models import tiny_polar_model

@@ -1,4 +1,4 @@
-"""Frames through a planar model: clouds in the plane, warnings, files, refusals."""
+"""Frames in the plane of one row of antennas: clouds, warnings, files, refusals."""
 
 import dataclasses
 from pathlib import Path
@@ -7,20 +7,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from jradar.errors import UsageError
+from jradar.model import dense_cloud, draw
 from jradar.model.grids.polar import (
     RADARHD,
     PolarImage,
     image_features,
-    plane_cloud,
-    plane_image,
     polar_image,
 )
-from jradar.pipeline import enhance_recording
-from jradar.pipeline.history import LastImages
-
-from jradar.errors import UsageError
 from jradar.outputs.frame_folder import FrameFolder
 from jradar.outputs.guard import GuardedFolder
+from jradar.pipeline import enhance_recording
+from jradar.pipeline.history import LastImages
 from jradar.radar import Radar, RadarSpec, calibrate
 from jradar.range_image import ConfidenceTable, fit_trust
 from jradar.recordings import Recording, Stream
@@ -28,6 +27,7 @@ from tests.models import tiny_polar_model
 from tests.radar.targets import simulate, targets
 
 MODEL = tiny_polar_model()
+KEY = jax.random.key(0)
 ROW = RadarSpec.awr1642(num_chirps=8, num_samples=64)
 UNIT = Radar(ROW).with_factors(np.exp(1j * np.linspace(0, 3, 8)))
 CUBES = [
@@ -52,8 +52,8 @@ def test_a_frame_goes_from_samples_to_a_cloud_in_the_plane(enhanced):
     for frame, cube in zip(frames, CUBES, strict=True):
         seen = polar_image(calibrate(cube, UNIT), ROW)
         np.testing.assert_allclose(frame.image.radar, seen, atol=1.5 / 255)
-        image = plane_image(frame.image.radar[..., None], MODEL)
-        cloud = plane_cloud(image, frame.points, MODEL)
+        image = draw(KEY, frame.image.radar[..., None], MODEL)
+        cloud = dense_cloud(image, frame.points, MODEL)
         np.testing.assert_allclose(frame.cloud.confidence, cloud.confidence, atol=1e-3)
         assert frame.cloud.valid.any() and not np.asarray(frame.cloud.xyz)[:, 2].any()
         assert frame.describe()["enhanced points"] == frame.cloud.valid.sum()
@@ -70,7 +70,7 @@ def test_an_image_unlike_training_is_warned_of(enhanced):
     usual = np.asarray(image_features(enhanced[0][0].image.radar))
     noise = np.random.default_rng(0).normal(scale=0.05, size=(60, len(usual)))
     for mean, strange in ((usual, False), (usual + 1.0, True)):
-        model = dataclasses.replace(MODEL, trust=fit_trust(mean + noise))
+        model = MODEL.with_tables(trust=fit_trust(mean + noise))
         found = enhance_recording(recording(), model, frames=range(1))
         (frame,) = found
         assert (frame.unlikeness == 1) == strange
@@ -97,8 +97,11 @@ def test_the_cloud_the_images_and_a_picture_are_written(enhanced, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"draws": 2}, "draws = 2, steps = None: a model of one pass draws no"),
-        ({"fuse": 2}, "the model answers by occupancy, expected marginal"),
+        ({"draws": 2}, "draws: a model of one pass draws no"),
+        (
+            {"fuse": 2},
+            "cannot fuse frames: expected range images and the",
+        ),
     ],
 )
 def test_options_of_other_models_are_refused(options, message):
@@ -122,8 +125,8 @@ def test_more_confident_points_are_fewer():
 
 
 def test_the_radars_points_follow_the_pixels():
-    table = ConfidenceTable.of((0.5, 0.5))
-    model = dataclasses.replace(MODEL, echoes=table)
+    table = ConfidenceTable.of((0.5, 0.5), least=0.5)
+    model = MODEL.with_tables(echoes=table)
     (frame,) = enhance_recording(recording(), model, frames=range(1))
     (plain,) = enhance_recording(recording(), MODEL, frames=range(1))
     found = np.asarray(frame.points.valid).sum()
@@ -160,7 +163,7 @@ def test_a_model_of_several_images_is_given_the_frames_before():
     walk = recording(read=cubes.__getitem__, stamps=stamps)
     (frame,) = enhance_recording(walk, model, frames=slice(2, 3))
     seen = [polar_image(calibrate(cube, UNIT), ROW) for cube in cubes]
-    image = plane_image(jnp.stack(seen[::-1], -1), model)
+    image = draw(KEY, jnp.stack(seen[::-1], -1), model)
     np.testing.assert_allclose(frame.image.confidence, image.confidence, atol=2e-2)
 
 
