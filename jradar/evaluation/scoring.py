@@ -55,6 +55,7 @@ WHOLE = "whole LiDAR in view"
 DETECTORS = ("os",)
 SCORED = ("test", "validation")  # splits of records, the first that there is
 JUDGED = "f_score_0.2"
+OWN = ("codec", "validity_threshold", "history")  # fields that models may differ in
 
 
 class Score(NamedTuple):
@@ -221,12 +222,13 @@ def _seen(model: Model) -> dict[str, Any]:
     """Return what shapes a model's input and view, by name."""
     spec: Any = model.spec
     found: dict[str, Any] = {"grid": spec.grid.kind}
-    parts = {"points": spec.points, "grid": spec.grid}
-    for part, fields in parts.items():
-        for name, value in dataclasses.asdict(fields).items():
-            found[f"{part}.{name}"] = value
-    for name in ("codec", "validity_threshold", "history"):  # a model's own affair
-        found.pop(f"grid.{name}", None)
+    parts = {"points": spec.points} | vars(spec.grid)
+    for name, value in parts.items():
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            fields = dataclasses.asdict(value).items()
+            found |= {f"{name}.{field}": each for field, each in fields}
+        elif name not in OWN:
+            found[name] = value
     bins = "points.num_azimuth"
     if found[bins] is None and model.card.radars:
         found[bins] = azimuth_bins(model.card.radar)

@@ -1,18 +1,18 @@
 """Confidence that falls where an answer contradicts the one to the mirror image.
 
-Left and right are alike to a radar that looks ahead. A network that knows a place draws
-its mirror image in the mirror image of the radar's; one that guesses draws two places:
+A radar that looks ahead does not know left from right. A network that knows a place
+draws the mirrored place when it is given the mirror image. One that guesses draws two
+different places. How different they are is the disagreement:
 
-    disagreement d = sum |straight - mirrored| / sum (straight + mirrored)
+    d = sum |straight - mirrored| / sum (straight + mirrored)
 
-It is 0 where both are the same, and 1 where they have no pixel in common. The log-odds
-of the frequencies of a confidence table are scaled (Platt 1999), the more the larger it
-is:
+It is 0 if both answers are the same, and 1 if they have no pixel in common. Confidence
+falls with it, by a scaling of the log-odds of the confidence table (Platt 1999):
 
     log-odds = offset + scale * log-odds of the table
 
-with offset and scale linear in d. They are fitted to images of places that training has
-not seen.
+Offset and scale are linear in d. They are fitted to images of places that the training
+did not see.
 
     values and truth of pixels, d --fit_scaling--> Scaling
     frequency, d, Scaling         --scaled------> confidence
@@ -117,7 +117,7 @@ def least_confidence(
 
 
 def fit_scaling(images: Sequence[Pixels]) -> Scaling:
-    """Return the scaling of greatest likelihood, where each image counts as much.
+    """Return the scaling of greatest likelihood. Every image has the same weight.
 
     A host function. Raises ValueError without an image that has pixels.
     """

@@ -9,7 +9,7 @@ frames that lie nearer: above 0.99, hardly any training frame looked like it.
     features of training conditions --fit_trust--> TrustTable
     features, TrustTable            --unlikeness--> 0 .. 1
 
-`jradar.planar` has features of polar images.
+Grids of `jradar.model` say what the features of a condition are.
 """
 
 from typing import Any, NamedTuple

@@ -15,7 +15,7 @@ from jradar.evaluation.scoring import WHOLE, score
 from jradar.lidar import LidarSpec
 from jradar.model import save_model
 from jradar.recordings import open_recording
-from tests.models import SPEC, tiny_model
+from tests.models import SPEC, tiny_model, tiny_polar_model
 from tests.recordings.coloradar_writer import write_calib
 from tests.recordings.small_sequence import AT_BASE, SIZES, write_sequence
 
@@ -130,6 +130,19 @@ def test_the_end_of_a_walk_is_scored_under_its_own_name(models, tmp_path):
     assert found.records == {"walk-end": 2} and {s for _, s, _ in found.clouds} == {
         "walk-end"
     }
+
+
+@pytest.mark.slow
+def test_a_model_of_one_row_is_compared_in_its_plane(walks, tmp_path):
+    save_model(tmp_path / "plane", tiny_polar_model())
+    found = score(walks, models=[tmp_path / "plane"])
+    assert {row["truth"] for row in found.rows} == {"LiDAR", WHOLE}
+    for named in found.clouds.values():
+        for name in ("LiDAR", "OS-CFAR", "splat", str(tmp_path / "plane")):
+            assert not named[name][:, 2].any()
+    plane = [row for row in found.rows if row["truth"] == "LiDAR"]
+    assert sum(row["points"] for row in plane) > 0
+    assert any("all points lie at height 0" in note for note in found.notes)
 
 
 def test_models_that_see_something_else_are_refused(walks, models, tmp_path):

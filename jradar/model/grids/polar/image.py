@@ -6,11 +6,11 @@
     -> dB, from 0 (weakest) to 1 (strongest) of those in view
     -> pixels of even angles                                  256 ranges x 64 azimuths
 
-Neither windows nor a mean over chirps are applied, and nothing that stands still is
-removed. A cell goes to the pixel at or beyond its range, and at or to the left of its
-azimuth. Where two cells share a pixel, the one of larger range, then the one farther to
-the right, replaces the other: the stronger of the two may be lost. Pixels that no cell
-falls into stay empty.
+There is no window and no mean over chirps, and echoes at rest are not removed. A cell
+goes to the first pixel at or beyond its range, and to the first at or to the left of its
+azimuth. If two cells share a pixel, the cell of larger range replaces the other; at the
+same range, the cell farther to the right does. So the stronger cell can be lost. Pixels
+without a cell stay empty.
 
 Spectra are computed at the ranges and directions of RadarHD's cells, whatever chirp and
 spacing of antennas the radar has; of RadarHD's radar, they are plain FFTs.
