@@ -1,4 +1,4 @@
-r"""The recipe of the shipped model: each pixel's distribution of range, in one pass.
+r"""One pass: trains `jradar-sim` on, which predicts each pixel's distribution of range.
 
     python -m experiments.main --config=experiments/configs/marginal.py \
         --workdir=runs/marginal
@@ -6,7 +6,7 @@ r"""The recipe of the shipped model: each pixel's distribution of range, in one 
 The network learns the likelihood of LiDAR images (`jradar.diffusion.mixture`). Some
 components lie where the radar's points are (`jradar.diffusion.evidence`). Each frame
 has a place of its own (`jradar-sim-5`), and changes in size and direction whenever it
-is drawn. The run trains the shipped model on.
+is drawn. The card of `jradar-sim` says which trainings and means made it.
 """
 
 from experiments.configs import varied
