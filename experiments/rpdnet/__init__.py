@@ -25,14 +25,13 @@ from jradar.baselines import RPDNet, map_values
 from jradar.evaluation import (
     Method,
     View,
-    best_choice,
     mean_scores,
     points_of,
-    seen_points,
     spread,
     view_of,
     write_results,
 )
+from jradar.evaluation.detectors import best_choice, seen_points
 from jradar.files import read_json
 from jradar.types import PointCloud
 

@@ -9,14 +9,8 @@ import pytest
 from matplotlib.image import imread
 
 from jradar.errors import UsageError
-from jradar.evaluation import (
-    build_report,
-    open_report,
-    read_scores,
-    save_clouds,
-    write_scores,
-)
-from jradar.evaluation.report import load_clouds
+from jradar.evaluation import open_report, read_scores, write_scores
+from jradar.evaluation.report import build_report, load_clouds, save_clouds
 from jradar.recordings import read_cloud
 from tests.evaluation import invented
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import wilcoxon
 
-from jradar.evaluation import mean_interval
-from jradar.evaluation.statistics import compare_methods, compare_paired
+from jradar.evaluation.statistics import compare_methods, compare_paired, mean_interval
 from tests.evaluation import invented
 
 

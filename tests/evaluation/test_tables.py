@@ -10,12 +10,11 @@ from jradar.evaluation import (
     COLUMNS,
     markdown,
     markdown_table,
-    overview,
     summarise,
     write_scores,
     write_tables,
 )
-from jradar.evaluation.tables import csv_table, scenes_table
+from jradar.evaluation.tables import csv_table, overview, scenes_table
 from tests.evaluation import invented
 
 ROWS = invented.scores(truths=("LiDAR", "re-projected"))

@@ -12,8 +12,8 @@ import safetensors.numpy
 from jradar.data import PrepareSpec, Records, find_sources
 from jradar.data.records import from_bytes, to_bytes
 from jradar.diffusion.weights.files import read_state
-from jradar.evaluation import read_scores, save_clouds, write_scores
-from jradar.evaluation.report import load_clouds
+from jradar.evaluation import read_scores, write_scores
+from jradar.evaluation.report import load_clouds, save_clouds
 from jradar.model import load_model, save_model
 from jradar.recordings import describe, open_recording
 from jradar.recordings.bags.bags import bag_topics, open_bag, open_imu
