@@ -14,7 +14,6 @@ from experiments import build
 from experiments.train import Training
 from experiments.weights import initial_weights, start_from
 from jradar import data, training, viz
-from jradar.data.sources import SPLITS
 from jradar.errors import UsageError
 from jradar.evaluation import (
     Method,
@@ -31,6 +30,7 @@ from jradar.evaluation import (
     write_results,
 )
 from jradar.model import Model, load_model, save_model
+from jradar.options.recordings import SPLITS
 from jradar.radar import DETECTORS
 
 FRAMES_IN_FIGURE = 4

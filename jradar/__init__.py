@@ -19,11 +19,13 @@ The front door:
     model = jradar.load_model("jradar-sim")
     cloud = jradar.enhance(key, recording.cube(0), recording.radar, model)
     for frame in jradar.enhance_recording(recording, model): ...
+    cloud.save("frame.ply")
 
 A room is loaded when it is first named.
 """
 
 import importlib
+import pkgutil
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -34,15 +36,18 @@ if TYPE_CHECKING:
         diffusion as diffusion,
         evaluation as evaluation,
         export as export,
+        finetuning as finetuning,
         lidar as lidar,
         mapping as mapping,
         metrics as metrics,
         model as model,
         motion as motion,
+        options as options,
         planar as planar,
         radar as radar,
         range_image as range_image,
         recordings as recordings,
+        scoring as scoring,
         session as session,
         simulation as simulation,
         stream as stream,
@@ -55,56 +60,37 @@ if TYPE_CHECKING:
         enhance_points as enhance_points,
         load_model as load_model,
     )
-    from jradar.radar import Radar as Radar, RadarSpec as RadarSpec
+    from jradar.options.sensor import RadarSpec as RadarSpec
+    from jradar.radar import Radar as Radar
     from jradar.recordings import open_recording as open_recording
     from jradar.session import enhance_recording as enhance_recording
     from jradar.types import PointCloud as PointCloud
 
 __version__ = "0.1.0"
 
-__all__ = [  # the rooms; NAMES stand in those that define them
-    "baselines",
-    "calibration",
-    "data",
-    "diffusion",
-    "evaluation",
-    "export",
-    "lidar",
-    "mapping",
-    "metrics",
-    "model",
-    "motion",
-    "planar",
-    "radar",
-    "range_image",
-    "recordings",
-    "session",
-    "simulation",
-    "stream",
-    "training",
-    "types",
-    "viz",
-]
-NAMES = {
+NAMES = {  # of the front door, and where each is defined
     "PointCloud": "jradar.types",
     "Radar": "jradar.radar",
-    "RadarSpec": "jradar.radar",
+    "RadarSpec": "jradar.options.sensor",
+    "open_recording": "jradar.recordings",
+    "load_model": "jradar.model",
     "enhance": "jradar.model",
     "enhance_points": "jradar.model",
     "enhance_recording": "jradar.session",
-    "load_model": "jradar.model",
-    "open_recording": "jradar.recordings",
 }
+ROOMS = [module.name for module in pkgutil.iter_modules(__path__)]
+
+__all__ = [*NAMES, *ROOMS]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
     """Load a room, or one of the names in NAMES, on first use."""
     if name in NAMES:
         return getattr(importlib.import_module(NAMES[name]), name)
-    if name in __all__:
+    if name in ROOMS:
         return importlib.import_module(f"jradar.{name}")
     raise AttributeError(f"module 'jradar' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__, *NAMES])
+    return sorted([*globals(), *__all__])

@@ -6,8 +6,9 @@ import functools
 import math
 import typing
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
+Value = TypeVar("Value")
 WORDS = {int: "an integer", float: "a number", bool: "true or false", str: "a text"}
 
 
@@ -40,6 +41,11 @@ def typed_fields(spec: Any, values: Mapping[str, Any]) -> dict[str, Any]:
             text = f"{name} = {value!r:.80}, expected {expected}"
             raise ValueError(text) from error
     return fields
+
+
+def option(default: Value, text: str) -> Value:
+    """Return a dataclass's field with a default, and the help of its option."""
+    return dataclasses.field(default=default, metadata={"help": text})
 
 
 def _converted(value: Any, kind: Any) -> Any:

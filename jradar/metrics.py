@@ -9,12 +9,12 @@ and report such frames.
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.spatial import KDTree
 
+from jradar.compiled import jit
 from jradar.nearest import squared_both_ways
 from jradar.types import PointCloud, check_one_cloud
 
@@ -32,7 +32,7 @@ class CloudMetrics(NamedTuple):
     recall: Float[Array, "*batch threshold"]  # true points near a predicted one
 
 
-@jax.jit
+@jit
 def nearest_distances(
     a: PointCloud, b: PointCloud
 ) -> tuple[Float[Array, " point"], Float[Array, " other"]]:
@@ -46,7 +46,7 @@ def nearest_distances(
     return _root_or_nan(forth), _root_or_nan(back)
 
 
-@jax.jit
+@jit
 def compare(prediction: PointCloud, truth: PointCloud) -> CloudMetrics:
     """Return the scores of one cloud against another; `vmap` it over pairs.
 

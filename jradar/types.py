@@ -18,12 +18,17 @@ Frames are x forward, y left, z up, in metres. Velocities are positive when the 
 recedes.
 """
 
+import importlib
 import math
+import os
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
+
+from jradar.compiled import jit
 
 Limit = float | Float[Array, ""]
 
@@ -46,7 +51,7 @@ class PointCloud(NamedTuple):
     fold_margin_db: Float[Array, "*batch point"] | None = None
 
     @classmethod
-    def from_xyz(cls, xyz) -> "PointCloud":
+    def from_xyz(cls, xyz: ArrayLike) -> "PointCloud":
         """Return the cloud of points `[*batch point 3]`.
 
         NaN, infinite points and (0, 0, 0), a missing return of a LiDAR, are invalid.
@@ -60,7 +65,32 @@ class PointCloud(NamedTuple):
         valid = jnp.isfinite(xyz).all(-1) & (xyz != 0).any(-1)
         return cls(jnp.where(valid[..., None], xyz, 0.0), valid)
 
-    @jax.jit
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the valid points of one cloud: .ply, .pcd, .csv or .npz.
+
+        A file of this name is replaced. Raises UsageError for another suffix.
+        """
+        importlib.import_module("jradar.recordings").save_cloud(path, self)
+
+    def __repr__(self) -> str:
+        """One line: the valid points, their extent in metres, and the other columns."""
+        held = {k: v for k, v in self._asdict().items() if v is not None}
+        try:
+            xyz, valid = np.asarray(self.xyz), np.asarray(self.valid)
+            found, shape = xyz[valid], valid.shape
+        except (TypeError, IndexError):  # placeholders of JAX have no values
+            return f"PointCloud({', '.join(f'{k}={v!r}' for k, v in held.items())})"
+        text = f"{len(found):,} of {valid.size:,} points"
+        if len(shape) > 1:
+            text += f" in {math.prod(shape[:-1]):,} clouds"
+        if len(found):
+            spans = zip("xyz", found.min(0), found.max(0), strict=True)
+            spans = [f"{axis} {low:.2f} to {high:.2f}" for axis, low, high in spans]
+            text += f", {', '.join(spans)} m"
+        columns = "".join(f", {name}" for name in [*held][2:])
+        return f"PointCloud({text}{columns})"
+
+    @jit
     def within(
         self,
         *,

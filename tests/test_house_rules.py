@@ -16,7 +16,8 @@ from tests.programs import finished
 PACKAGE = Path(jradar.__file__).parent
 ROOT = PACKAGE.parent
 FLOORS = (
-    *("errors", "types range_code nearest fields files progress"),
+    *("errors compiled", "types range_code nearest fields files progress"),
+    "options",
     *("results radar range_image lidar diffusion metrics", "recordings model"),
     *("motion simulation viz baselines planar", "calibration data session"),
     *("evaluation", "training", "scoring mapping stream export", "cli"),
@@ -153,8 +154,9 @@ def test_importing_the_package_or_the_command_line_loads_no_jax():
 
 
 def test_every_room_and_name_is_listed_and_loads():
-    for name in (*jradar.__all__, *jradar.NAMES):
+    for name in jradar.__all__:
         assert getattr(jradar, name) is not None and name in dir(jradar)
+    assert {*jradar.__all__} == {*jradar.NAMES} | FLOORS.keys()
     with pytest.raises(AttributeError, match="no attribute 'xyz'"):
         _ = jradar.xyz
 

@@ -11,7 +11,6 @@ Doppler of echoes that stand still gives its velocity in the shifted directions
 vertical. Steps and bumps average out over the frames.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -19,9 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jradar.compiled import jit
 from jradar.motion.doppler import ego_velocity
 from jradar.motion.velocities import TO_DEVIATION
-from jradar.radar.sensor import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.types import PointCloud
 
 LARGEST_DEG, STEP_DEG = 25.0, 1.0  # of the tilts that are tried
@@ -96,7 +96,7 @@ def untilted(sine: float, radar: RadarSpec) -> Complex[np.ndarray, " virtual"]:
     return np.exp(-2j * np.pi * radar.row_spacing_wavelengths * sine * rows)
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def _motion(
     tilts: Float[Array, " tilt"],
     clouds: PointCloud,

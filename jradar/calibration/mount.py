@@ -274,7 +274,9 @@ class _Walk(NamedTuple):
         off = self.velocity - self.expected(mount, offset_s)
         return np.einsum("fij,fj->fi", self.weight, off).ravel()
 
-    def scores(self, mount, offset_s, scale):
+    def scores(
+        self, mount: np.ndarray, offset_s: float, scale: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Slopes [residual, axis] by the limits, and residuals; robustly weighted."""
         value = self.residual(mount, offset_s)
         slope = [

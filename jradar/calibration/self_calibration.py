@@ -20,7 +20,7 @@ an AWR1843, the phase of the upper row's transmitter is such a tilt. The estimat
 phase has no linear part, unless a reflector shows it, and no common factor.
 """
 
-import functools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -29,10 +29,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jradar.calibration.snapshots import Snapshots
+from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.spectrum import azimuth_bins
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 FINEST, FINER = 256, 2  # azimuth bins, or this many per bin of `azimuth_bins`
 NUM_ELEVATION = 64
@@ -116,7 +117,8 @@ def self_calibrate(
     if improves:
         response = channel_response(snapshot, radar, separable=separable)
         _check_gains(response, radar)
-    apart = np.angle(np.divide(*fits[separable]))
+    one, other = map(np.asarray, fits[separable])
+    apart = np.angle(one / other)
     bias = None
     if reflector is not None:
         response, bias = towards_reflector(response, echoes, radar, reflector)
@@ -147,7 +149,11 @@ def _finite(echoes: Snapshots) -> Snapshots:
     )
 
 
-def residuals(snapshots, responses, radar: RadarSpec) -> Residuals:
+def residuals(
+    snapshots: Sequence[np.ndarray],
+    responses: Sequence[Array | np.ndarray],
+    radar: RadarSpec,
+) -> Residuals:
     """Return the residuals of groups of snapshots, each with a response; host."""
     phases, shares = [], []
     for snapshot, response in zip(snapshots, responses, strict=True):
@@ -166,15 +172,15 @@ def residuals(snapshots, responses, radar: RadarSpec) -> Residuals:
     )
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def explain(
-    snapshot: Complex[Array, "echo virtual"],
-    response: Complex[Array, " virtual"],
+    snapshot: Complex[Array | np.ndarray, "echo virtual"],
+    response: Complex[Array | np.ndarray, " virtual"],
     radar: RadarSpec,
 ) -> Explained:
     """Return the single echo that is nearest to each snapshot, in least squares."""
     azimuth, elevation = directions(
-        snapshot * response.conj()[None],
+        jnp.asarray(snapshot) * response.conj()[None],
         radar,
         num_azimuth=max(FINEST, FINER * azimuth_bins(radar)),
         num_elevation=NUM_ELEVATION,
@@ -198,9 +204,9 @@ def steering(
     return jnp.exp(2j * jnp.pi * cycles)
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def channel_response(
-    snapshot: Complex[Array, "echo virtual"],
+    snapshot: Complex[Array | np.ndarray, "echo virtual"],
     radar: RadarSpec,
     *,
     separable: bool | Bool[Array, ""],

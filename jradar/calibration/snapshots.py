@@ -1,6 +1,5 @@
 """The strong echoes of a frame as snapshots: one complex value per virtual antenna."""
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -8,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jradar.compiled import jit
+from jradar.options.points import PointSpec
 from jradar.radar.channels import compensate_tdm
-from jradar.radar.point_spec import PointSpec
 from jradar.radar.points import WRAPPED, cell_bins, frame_spectra
 from jradar.radar.radar import Radar
 from jradar.radar.samples import Cube
@@ -27,7 +27,7 @@ class Snapshots(NamedTuple):
     power: Float[Array, "*batch echo"]  # ADC counts squared, summed over antennas
 
 
-@functools.partial(jax.jit, static_argnames="count")
+@jit(static_argnames="count")
 def strong_snapshots(cube: Cube, radar: Radar, *, count: int = 64) -> Snapshots:
     """Return the `count` strongest echoes of one frame, beyond 0.5 m; `vmap` it.
 

@@ -29,9 +29,7 @@ def info(options: argparse.Namespace) -> dict[str, Any]:
     """Describe a recording, a bag, a cloud or a radar's configuration; check it."""
     recordings = jradar.recordings
     if recordings.is_description(options.path):
-        return jradar.session.describe_configuration(
-            options.path, device=options.device
-        )
+        return recordings.describe_configuration(options.path, device=options.device)
     described = options.radar or recordings.describes_its_radar(options.path)
     if not (described and recordings.is_recording(options.path)):
         # Bags may hold radar frames: a description of the radar asks for those.

@@ -1,76 +1,76 @@
-"""Options that several commands share; `options` builds the commands from them.
-
-The fields of `PointSpec` are read from its source: importing the class would load JAX,
-and `--help` would wait for it.
-"""
+"""Options that several commands share; `options` builds the commands from them."""
 
 import argparse
-import ast
+import dataclasses
 import functools
-from pathlib import Path
+import typing
 from typing import Any
 
 from jradar.cli import values
+from jradar.options.boards import BOARDS
+from jradar.options.models import DEFAULT
+from jradar.options.outputs import CLOUDS
+from jradar.options.points import PointSpec
+from jradar.options.recordings import IQ_ORDERS, SENSORS
 
-DEVICES = (
-    *("awr1443", "awr1642", "awr1843", "awr2944"),
-    *("iwr6843isk", "iwr6843ods", "iwr6843aop"),
-)
-CLOUD_FORMATS = ("ply", "pcd", "csv")
+Options = argparse._ActionsContainer  # a command, or a group of its options
+
 MAX_COUNT = 10**9
 CHANCE: dict[str, Any] = {"type": values.share, "default": 0.0}
 MAX_DRAWS, MAX_STEPS = 64, 1000
 MODEL = "name of a shipped model, or folder of a model or of its training"
-SOURCE = Path(__file__).parents[1] / "radar" / "point_spec.py"
-KINDS: dict[str, dict[str, Any]] = {  # by the annotation of a field
-    "str": {"metavar": "NAME"},
-    "int": {"metavar": "N", "type": functools.partial(values.whole, 0, 1 << 20)},
-    "float": {"metavar": "X", "type": values.positive},
-    "tuple[int, int]": {"metavar": "D,R", "type": values.cells},
+KINDS: dict[Any, dict[str, Any]] = {  # by the annotation of a field
+    bool: {"action": argparse.BooleanOptionalAction},
+    str: {"metavar": "NAME"},
+    int: {"metavar": "N", "type": functools.partial(values.whole, 0, 1 << 20)},
+    float: {"metavar": "X", "type": values.positive},
+    tuple[int, int]: {"metavar": "D,R", "type": values.cells},
 }
 
 
-def flag(sub, name: str, text: str):
+def flag(sub: Options, name: str, text: str) -> None:
     """Add an option without a value."""
     sub.add_argument(name, action="store_true", help=text)
 
 
-def option(sub, name: str, metavar: str, text: str, **options):
+def option(sub: Options, name: str, metavar: str, text: str, **options: Any) -> None:
     """Add an option with a value."""
     sub.add_argument(name, metavar=metavar, help=text, **options)
 
 
-def count(sub, name: str, text: str, *, most: int = MAX_COUNT, **options):
+def count(
+    sub: Options, name: str, text: str, *, most: int = MAX_COUNT, **options: Any
+) -> None:
     """Add an option whose value is a whole number from 1 to `most`."""
     option(
         sub, name, "N", text, type=functools.partial(values.whole, 1, most), **options
     )
 
 
-def recording(sub):
+def recording(sub: Options) -> None:
     """Add how a recording is opened."""
     text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
     option(sub, "--radar", "FILE", text)
     device(sub)
     sub.add_argument(
         "--sensor",
-        choices=("single_chip", "cascade"),
+        choices=SENSORS,
         help="radar of a ColoRadar sequence (default: single_chip if it has both)",
     )
-    text = "order of I and Q in adc_data.bin: IIQQ, QQII, IQIQ, QIQI, I4Q4 or Q4I4"
+    text = f"order of I and Q in adc_data.bin: {', '.join(IQ_ORDERS)}"
     text += " (default: as in the radar's description)"
     option(sub, "--iq-order", "ORDER", text)
     text = "accept an adc_data.bin that ends inside a frame; leave that frame out"
     flag(sub, "--allow-partial", text)
 
 
-def device(sub):
+def device(sub: Options) -> None:
     """Add the board of a .cfg."""
-    text = f"board that a .cfg was written for: {', '.join(DEVICES)} (default: awr1843)"
-    option(sub, "--device", "NAME", text, choices=DEVICES)
+    text = f"board that a .cfg was written for: {', '.join(BOARDS)} (default: awr1843)"
+    option(sub, "--device", "NAME", text, choices=tuple(BOARDS))
 
 
-def frame(sub, *, several: bool = False):
+def frame(sub: Options, *, several: bool = False) -> None:
     """Add which frame is read, or which frames."""
     which = sub.add_mutually_exclusive_group()
     option(which, "--frame", "N", "frame to read (default: 0)", type=int)
@@ -84,20 +84,20 @@ def frame(sub, *, several: bool = False):
     flag(sub, "--frames-as-chirps", text)
 
 
-def all_frames(sub, text: str):
+def all_frames(sub: Options, text: str) -> None:
     """Add which frames a command uses that takes all by default."""
     option(sub, "--frames", "A:B", text, type=values.frames, default=slice(None))
 
 
 def output(
-    sub,
+    sub: Options,
     text: str = "output folder, created if missing",
     *,
     file_begins: str | None = None,
     may_stream: bool = False,
     required: bool = True,
     force: bool = True,
-):
+) -> None:
     """Add the output, a folder; or a file, which begins so if the command wrote it.
 
     Where it `may_stream`, it can be one file or bag of all frames. With `force`, the
@@ -113,24 +113,24 @@ def output(
         flag(sub, "--force", text)
 
 
-def model(sub, more: str = ""):
+def model(sub: Options, more: str = "") -> None:
     """Add which model is used."""
     text = f"{MODEL}{more} (default: %(default)s)"
-    option(sub, "--model", "NAME|FOLDER", text, default="jradar-sim")
+    option(sub, "--model", "NAME|FOLDER", text, default=DEFAULT)
 
 
-def background(sub):
+def background(sub: Options) -> None:
     """Add which frames of a standing radar are its background."""
     text = "subtract the mean of frames A to B-1, for a radar that stands still: best "
     text += "frames of the empty room, or all of them with :"
     option(sub, "--background", "A:B", text, type=values.frames)
 
 
-def clouds(sub):
+def clouds(sub: Options) -> None:
     """Add how clouds are limited and written."""
     sub.add_argument(
         "--format",
-        choices=CLOUD_FORMATS,
+        choices=CLOUDS,
         default="ply",
         help="format of the clouds, in addition to NPZ (default: %(default)s)",
     )
@@ -143,13 +143,13 @@ def clouds(sub):
         option(sub, name, metavar, f"leave out points {what}", type=kind)
 
 
-def seed(sub, text: str):
+def seed(sub: Options, text: str) -> None:
     """Add the seed of a random generator."""
     text += " (default: %(default)s)"
     option(sub, "--seed", "N", text, type=values.seed_value, default=0)
 
 
-def drawing(sub):
+def drawing(sub: Options) -> None:
     """Add how a diffusion model is sampled."""
     text = "draw N samples and keep the points on which they agree; the paper draws 1"
     count(sub, "--draws", f"{text} (default: 8)", most=MAX_DRAWS)
@@ -158,13 +158,13 @@ def drawing(sub):
     count(sub, "--steps", text, most=MAX_STEPS)
 
 
-def anyway(sub):
+def anyway(sub: Options) -> None:
     """Add that a radar with one row of antennas is enhanced too."""
     text = "also enhance a radar with one row of antennas; heights are then invented"
     flag(sub, "--anyway", text)
 
 
-def network(sub, host: str, card: str):
+def network(sub: Options, host: str, card: str) -> None:
     """Add the addresses of this machine and of the card."""
     for name, default, what in (
         ("--host", host, "address that receives the packets"),
@@ -176,7 +176,7 @@ def network(sub, host: str, card: str):
         option(sub, name, "PORT", text, type=values.port, default=port)
 
 
-def playing(sub):
+def playing(sub: Options) -> None:
     """Add how a recording is played."""
     text = "play S times as fast as it was recorded (default: 1)"
     option(sub, "--speed", "S", text, type=values.positive, default=1.0)
@@ -189,41 +189,25 @@ def playing(sub):
     flag(sub, "--repeat", "begin again at the end of the recording")
 
 
-@functools.cache
-def point_fields() -> dict[str, tuple[str, Any, str]]:
-    """Return type, default and help of each field of `PointSpec`, in their order."""
-    module = ast.parse(SOURCE.read_text(encoding="utf-8"))
-    (body,) = (n.body for n in module.body if isinstance(n, ast.ClassDef))
-    found = {}
-    for field, below in zip(body, body[1:], strict=False):
-        if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr):
-            kind = ast.unparse(field.annotation).removesuffix(" | None")
-            default = ast.literal_eval(ast.unparse(field.value or ast.Constant(None)))
-            text = " ".join(ast.literal_eval(below.value).split())
-            found[ast.unparse(field.target)] = kind, default, text
-    return found
-
-
-def add_point_options(sub: argparse.ArgumentParser, *names: str) -> None:
+def add_point_options(sub: Options, *names: str) -> None:
     """Add an option for each field of `PointSpec`, or for those of these names."""
-    for name, (kind, default, text) in point_fields().items():
-        if names and name not in names:
+    kinds = typing.get_type_hints(PointSpec)
+    for field in dataclasses.fields(PointSpec):
+        if names and field.name not in names:
             continue
-        flag = "--" + name.replace("_", "-")
-        if kind == "bool" and not default:
-            sub.add_argument(
-                flag, action="store_const", const=True, default=None, help=text
-            )
-        elif kind == "bool":
-            optional = argparse.BooleanOptionalAction
-            sub.add_argument(flag, action=optional, help=f"{text} (default: yes)")
-        else:
-            shown = str(default).strip("()").replace(", ", ",")
-            text = text if default is None else f"{text} (default: {shown})"
-            sub.add_argument(flag, help=text, **KINDS[kind])
+        kind, default, text = kinds[field.name], field.default, field.metadata["help"]
+        options = KINDS[kind if kind in KINDS else typing.get_args(kind)[0]]
+        if default is False:
+            options = {"action": "store_const", "const": True}
+        elif default is not None:
+            shown = "yes" if default is True else str(default).strip("()")
+            text = f"{text} (default: {shown.replace(', ', ',')})"
+        flag = "--" + field.name.replace("_", "-")
+        sub.add_argument(flag, help=text, default=None, **options)
 
 
 def given_points(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the fields that the user gave."""
-    found = {name: getattr(options, name, None) for name in point_fields()}
+    """Return the fields of `PointSpec` that the user gave."""
+    names = [field.name for field in dataclasses.fields(PointSpec)]
+    found = {name: getattr(options, name, None) for name in names}
     return {name: value for name, value in found.items() if value is not None}

@@ -11,6 +11,9 @@ from collections.abc import Callable
 from jradar import __version__
 from jradar.cli import commands, frames, groups, streaming, values
 from jradar.cli.printing import Parser
+from jradar.options.models import DEFAULT_OF_MAPS
+from jradar.options.recordings import ROTATIONS, SENSORS, SPLITS
+from jradar.options.scenes import FAMILIES, SETS
 
 RECORDING_HELP = """\
 PATH is a recording:
@@ -80,20 +83,7 @@ PATH can also be a folder of recordings, or one folder of `jradar prepare`, of w
 the test frames are scored, or else the validation frames. The truth is the part of the
 LiDAR that the radar could have seen, as in training, and for recordings also all of its
 points in view. Intervals hold 95 % and allow for frames that resemble each other."""
-ROTATIONS = ("imu", "poses", "lidar", "none")
-FAMILIES = (
-    *("hallways", "mine", "lab", "outdoor", "corridor", "hall"),
-    *("home", "warehouse", "forest", "plantroom"),
-    *("room", "atrium", "lobby", "stairwell", "shed", "carpark", "yard", "street"),
-    *("open", "tunnel"),
-)
-SETS = (
-    *("jradar-sim-1", "jradar-sim-1-test", "jradar-sim-1-mini"),
-    *("jradar-sim-2", "jradar-sim-2-mini", "jradar-sim-3"),
-    *("jradar-sim-4", "jradar-sim-4-mini", "jradar-sim-4-test"),
-)
 PLANAR = ", or radarhd for a cloud in the plane of one row of antennas"
-SPLITS = ("train", "validation", "test")
 MAX_FUSED = 16
 COMPLETION = """\
 Completion of commands and options in a shell: pip install argcomplete, then
@@ -294,7 +284,7 @@ def _map(sub):
     groups.output(sub)
     groups.all_frames(sub, "frames A to B-1 (default: all)")
     text = "model of maps, shipped or the workdir of a run (default: %(default)s)"
-    groups.option(sub, "--model", "NAME", text, default="jradar-maps")
+    groups.option(sub, "--model", "NAME", text, default=DEFAULT_OF_MAPS)
     text = "poses by Doppler and this rotation (default: the recording's poses)"
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
 
@@ -360,7 +350,7 @@ def _simulate(sub):
     groups.seed(sub, "random seed of a scene")
     sub.add_argument(
         "--sensor",
-        choices=("single_chip", "cascade", "both"),
+        choices=(*SENSORS, "both"),
         default="single_chip",
         help="simulated radar (default: %(default)s)",
     )

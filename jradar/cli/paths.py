@@ -7,18 +7,18 @@ from pathlib import Path
 
 from jradar.errors import ModelError, UsageError
 from jradar.files import open_file
+from jradar.options.outputs import STREAMS
 from jradar.results import Results, check_replaceable
 
 INPUTS = (  # options that name a file or folder
     *("path", "radar", "replay", "spec", "coupling", "run"),
     *("records", "replay_records"),
 )
-STREAMED = (".mcap", ".ros2", ".mp4", ".gif")  # all frames in one file or bag
 
 
 def is_streamed(output: str) -> bool:
     """True for an output that holds all frames in one file or bag."""
-    return Path(output).suffix in STREAMED
+    return Path(output).suffix in STREAMS
 
 
 def check_paths(options: argparse.Namespace) -> None:

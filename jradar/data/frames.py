@@ -1,12 +1,12 @@
 """Radar frames matched with LiDAR scans, and prepared (sections III-A, V-A)."""
 
-import functools
 from typing import NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Inexact, Int
 
+from jradar.compiled import jit
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
 from jradar.lidar import LidarSpec, LidarSteps, aligned, interpolate_poses, preprocess
@@ -187,7 +187,7 @@ def sensor_poses(
     return base[0] @ radar, base[1] @ lidar
 
 
-@functools.partial(jax.jit, static_argnames="spec")
+@jit(static_argnames="spec")
 def radar_side(
     cube: Inexact[Array | np.ndarray, "tx rx chirp sample"],
     radar: Radar,

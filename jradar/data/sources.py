@@ -14,10 +14,10 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.files import read_json
+from jradar.options.recordings import SPLITS
 from jradar.recordings.open import is_recording, open_recording
 from jradar.recordings.recording import Recording
 
-SPLITS = ("train", "validation", "test")
 APART_S, APART = 2.0, 20  # between the parts of a recording: seconds, frames
 TRAIN_RUNS = 3  # "the first three trajectories of each environment"
 

@@ -60,7 +60,6 @@ from jradar.diffusion.precondition import (
 from jradar.diffusion.predictions import (
     PREDICTIONS as PREDICTIONS,
     Prediction as Prediction,
-    scalings as scalings,
 )
 from jradar.diffusion.solvers import (
     HEUN as HEUN,

@@ -9,6 +9,7 @@ A block has one of two published forms:
 """
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import flax.linen as nn
@@ -20,6 +21,7 @@ from jaxtyping import Array, Float
 FORMS = ("adm", "ddpm++")
 
 Image = Float[Array, "batch row column channel"]
+Resized = Float[Array, "batch _row _column _channel"]
 
 
 class Block(nn.Module):
@@ -59,12 +61,12 @@ class Block(nn.Module):
         x = (x + h) * scale
         return (x + self.attention(x)) * scale if self.attend else x
 
-    def norm(self, name):
+    def norm(self, name: str) -> Callable[[Image], Image]:
         """Return the form's group normalisation."""
         epsilon = 1e-6 if self.form == "ddpm++" else 1e-5
         return norm(epsilon, self.dtype, name, group_channels=self.group_channels)
 
-    def attention(self, x):
+    def attention(self, x: Image) -> Image:
         """Return self-attention over all pixels."""
         batch, rows, columns, channels = x.shape
         heads = 1 if self.form == "ddpm++" else max(1, channels // self.head_channels)
@@ -78,13 +80,17 @@ class Block(nn.Module):
         return nn.Dense(channels, kernel_init=zeros, dtype=self.dtype, name="proj")(h)
 
 
-def conv(channels, dtype, *, zero=False, name=None):
+def conv(
+    channels: int, dtype: Any, *, zero: bool = False, name: str | None = None
+) -> nn.Conv:
     """Return a 3 x 3 convolution, whose kernel starts at zero if `zero`."""
     init = nn.initializers.zeros if zero else nn.initializers.lecun_normal()
     return nn.Conv(channels, (3, 3), kernel_init=init, dtype=dtype, name=name)
 
 
-def norm(epsilon, dtype, name=None, *, group_channels=4):
+def norm(
+    epsilon: float, dtype: Any, name: str | None = None, *, group_channels: int = 4
+) -> Callable[[Image], Image]:
     """Return group normalisation in float32: 32 groups, or fewer of `group_channels`.
 
     EDM's groups have 4 channels or more, OpenAI's 1 or more.
@@ -98,7 +104,7 @@ def norm(epsilon, dtype, name=None, *, group_channels=4):
     return apply
 
 
-def resample(x, way):
+def resample(x: Resized, way: str | None) -> Resized:
     """Return means of 2 x 2 pixels ("down"), each pixel four times ("up"), or `x`."""
     if way == "down":
         batch, rows, columns, channels = x.shape
@@ -106,7 +112,7 @@ def resample(x, way):
     return x.repeat(2, 1).repeat(2, 2) if way == "up" else x
 
 
-def fold(x, stem):
+def fold(x: Resized, stem: Sequence[int]) -> Resized:
     """Return `x` with each patch of `stem` pixels as one pixel of more channels.
 
     The new channels are [row in the patch, column in the patch, channel].
@@ -122,7 +128,7 @@ def fold(x, stem):
     return x.transpose(0, 1, 3, 2, 4, 5).reshape(batch, *grid, -1)
 
 
-def unfold(x, stem):
+def unfold(x: Resized, stem: Sequence[int]) -> Resized:
     """Return channels as patches of `stem` pixels: the inverse of `fold`."""
     batch, rows, columns, channels = x.shape
     x = x.reshape(batch, rows, columns, *stem, channels // math.prod(stem))
@@ -131,7 +137,9 @@ def unfold(x, stem):
     )
 
 
-def noise_embedding(c_noise, channels, form):
+def noise_embedding(
+    c_noise: Float[Array, "..."], channels: int, form: str
+) -> Float[Array, "batch feature"]:
     """Return cosines and sines of the noise level at `channels` / 2 frequencies.
 
     With "ddpm++" the sines come first, and the last frequency is exactly 1 / 10000.
@@ -144,7 +152,7 @@ def noise_embedding(c_noise, channels, form):
     return jnp.concatenate(parts[::-1] if form == "ddpm++" else parts, -1)
 
 
-def angle_features(rows, columns):
+def angle_features(rows: int, columns: int) -> Float[np.ndarray, "row column feature"]:
     """Return Fourier features of elevation and azimuth, `[row, column, feature]`.
 
     Both angles are mapped to -1 .. 1 over the image. Frequencies double from one

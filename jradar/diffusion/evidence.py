@@ -51,7 +51,7 @@ class EvidenceUNet(UNet):
     anchors: int = 1
     evidence_channels: int = 32
 
-    def setup(self):
+    def setup(self) -> None:
         """Define the parts of the U-Net, and the second way."""
         super().setup()
         self.evidence = Evidence(

@@ -77,7 +77,7 @@ def denoising_loss(
     noisy = clean + levels * jax.random.normal(noise_key, clean.shape, clean.dtype)
     estimate = denoise(noisy, sigma)
     error = estimate - clean
-    weight = noise.prediction.loss_weight(levels, noise)
+    weight = noise.prediction.loss_weight(levels, noise.sigma_data)
     square = channel_weights(clean, weights.range_weight) * error**2
     loss = weights.squared * (weight * square).mean()
     if weights.absolute:

@@ -38,7 +38,7 @@ class NoiseSpec:
                 f"sigma_min = {self.sigma_min}, sigma_max = {self.sigma_max}, "
                 "expected 0 < sigma_min < sigma_max"
             )
-        self.prediction.check(self)
+        self.prediction.check(self.sigma_data)
 
 
 def training_sigma(

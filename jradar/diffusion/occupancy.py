@@ -20,20 +20,20 @@ from jradar.diffusion.predictions import Prediction, scalings
 class Occupancy(Prediction):
     """The prediction of pixels that are 0 or 1; see the module's docstring."""
 
-    def check(self, noise: NoiseSpec) -> None:
+    def check(self, data: float) -> None:
         """Raise ValueError for a spread that no image of 0 and 1 has."""
-        if noise.sigma_data > 0.5:
+        if data > 0.5:
             raise ValueError(
-                f"sigma_data = {noise.sigma_data}, expected at most 0.5, the largest "
+                f"sigma_data = {data}, expected at most 0.5, the largest "
                 "standard deviation of pixels that are 0 or 1"
             )
 
-    def denoise(self, network: Any, x: Any, sigma: Any, noise: NoiseSpec) -> Any:
+    def denoise(self, network: Any, x: Any, sigma: Any, data: float) -> Any:
         """Return D(x; sigma), the probability of each pixel."""
-        _, _, c_in, c_noise = scalings(sigma, noise)
+        _, _, c_in, c_noise = scalings(sigma, data)
         odds = network(c_in[..., None, None, None] * x, c_noise)
         evidence = (x - 0.5) / sigma[..., None, None, None] ** 2
-        return jax.nn.sigmoid(odds + prior(noise) + evidence)
+        return jax.nn.sigmoid(odds + _log_odds(data) + evidence)
 
 
 OCCUPANCY = Occupancy("occupancy")
@@ -41,5 +41,9 @@ OCCUPANCY = Occupancy("occupancy")
 
 def prior(noise: NoiseSpec) -> float:
     """Return the log-odds of the share of occupied pixels."""
-    share = (1 - math.sqrt(1 - 4 * noise.sigma_data**2)) / 2
+    return _log_odds(noise.sigma_data)
+
+
+def _log_odds(data: float) -> float:
+    share = (1 - math.sqrt(1 - 4 * data**2)) / 2
     return math.log(share / (1 - share))

@@ -107,7 +107,7 @@ def read_arrays(path: Path | str) -> Any:
 class _ArrayUnpickler(pickle.Unpickler):
     """Rebuilds NumPy float arrays and refuses every other global by name."""
 
-    def find_class(self, module, name):
+    def find_class(self, module: str, name: str) -> Any:
         known = {
             ("multiarray", "_reconstruct"): _empty_array,
             ("numpy", "ndarray"): "ndarray",

@@ -27,7 +27,7 @@ def precondition(network: NetworkFunction, noise: NoiseSpec) -> Denoiser:
 
     def denoise(x, sigma):
         sigma = jnp.broadcast_to(jnp.asarray(sigma, x.dtype), x.shape[:-3])
-        return noise.prediction.denoise(network, x, sigma, noise)
+        return noise.prediction.denoise(network, x, sigma, noise.sigma_data)
 
     return denoise
 

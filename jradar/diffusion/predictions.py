@@ -22,15 +22,12 @@ pixel's own value. It equals "edm" with F = F1 / c_out where F2 = 0.
 import abc
 import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-
-if TYPE_CHECKING:
-    from jradar.diffusion.noise import NoiseSpec
 
 Image = Float[Array, "*batch row column channel"]
 ImageOrShape = Image | jax.ShapeDtypeStruct  # only the shape of an image of zeros
@@ -41,7 +38,10 @@ NetworkFunction = Callable[[ImageOrShape, Level], Output]
 
 @dataclasses.dataclass(frozen=True)
 class Prediction(abc.ABC):
-    """What a network predicts; `name` stands in configs and model files."""
+    """What a network predicts; `name` stands in configs and model files.
+
+    `data` is sigma_data, `sigma` one level for each image.
+    """
 
     name: str
     outputs_per_channel: int = 1  # of the network, for each channel of the image
@@ -49,27 +49,26 @@ class Prediction(abc.ABC):
 
     @abc.abstractmethod
     def denoise(
-        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+        self, network: NetworkFunction, x: Image, sigma: Level, data: float
     ) -> Output:
-        """Return the clean image; `sigma` is one level for each image."""
+        """Return the clean image."""
 
-    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
+    def loss_weight(self, sigma: Level, data: float) -> Level:
         """Return the weight of the squared error; EDM's gives F unit variance."""
-        data = noise.sigma_data
         return (sigma**2 + data**2) / (sigma * data) ** 2
 
-    def check(self, noise: "NoiseSpec") -> None:  # noqa: B027  (all levels, by default)
-        """Raise ValueError for noise levels that the prediction cannot use."""
+    def check(self, data: float) -> None:  # noqa: B027  (all, by default)
+        """Raise ValueError for a `data` that the prediction cannot use."""
 
 
 class Edm(Prediction):
     """EDM's mixture of image and noise."""
 
     def denoise(
-        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+        self, network: NetworkFunction, x: Image, sigma: Level, data: float
     ) -> Image:
         """Return c_skip x + c_out F."""
-        *scales, c_noise = scalings(sigma, noise)
+        *scales, c_noise = scalings(sigma, data)
         c_skip, c_out, c_in = (c[..., None, None, None] for c in scales)
         return c_skip * x + c_out * network(c_in * x, c_noise)
 
@@ -77,27 +76,27 @@ class Edm(Prediction):
 class Clean(Prediction):
     """The clean image, in units of `sigma_data`."""
 
-    def loss_weight(self, sigma: Level, noise: "NoiseSpec") -> Level:
+    def loss_weight(self, sigma: Level, data: float) -> Level:
         """Return the same weight for all noise levels."""
-        return jnp.full_like(sigma, 1 / noise.sigma_data**2)
+        return jnp.full_like(sigma, 1 / data**2)
 
     def denoise(
-        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+        self, network: NetworkFunction, x: Image, sigma: Level, data: float
     ) -> Image:
         """Return sigma_data F."""
-        return noise.sigma_data * network_output(network, x, sigma, noise)
+        return data * network_output(network, x, sigma, data)
 
 
 class Gaussian(Prediction):
     """A mean and a spread for each value of the image, combined with its own value."""
 
     def denoise(
-        self, network: NetworkFunction, x: Image, sigma: Level, noise: "NoiseSpec"
+        self, network: NetworkFunction, x: Image, sigma: Level, data: float
     ) -> Image:
         """Return the mean of the posterior; spreads are e^-4 to e^4 of the data's."""
-        mean, spread = jnp.split(network_output(network, x, sigma, noise), 2, -1)
-        mean = noise.sigma_data * mean
-        own = noise.sigma_data**2 * jnp.exp(8 * jnp.tanh(spread / 4))
+        mean, spread = jnp.split(network_output(network, x, sigma, data), 2, -1)
+        mean = data * mean
+        own = data**2 * jnp.exp(8 * jnp.tanh(spread / 4))
         variance = sigma[..., None, None, None] ** 2
         return mean + (x - mean) * own / (own + variance)
 
@@ -112,14 +111,14 @@ class Mixture(Prediction):
         network: NetworkFunction,
         x: ImageOrShape,
         sigma: Level,
-        noise: "NoiseSpec",
+        data: float,
     ) -> Output:
         """Return sigma_data F, with as many channels as F; `x` may be a shape.
 
         Channels beyond those of `COMPONENTS` are anchors, which have no unit.
         """
-        output = network_output(network, x, sigma, noise)
-        unit = np.where(np.arange(output.shape[-1]) < FREE, noise.sigma_data, 1.0)
+        output = network_output(network, x, sigma, data)
+        unit = np.where(np.arange(output.shape[-1]) < FREE, data, 1.0)
         return output * jnp.asarray(unit, output.dtype)[None, None, None]
 
 
@@ -137,22 +136,22 @@ PREDICTIONS: dict[str, Prediction] = {
 }
 
 
-def scalings(sigma: Level, noise: "NoiseSpec") -> tuple[Level, Level, Level, Level]:
+def scalings(sigma: Level, data: float) -> tuple[Level, Level, Level, Level]:
     """Return EDM's c_skip, c_out, c_in and c_noise at a noise level."""
-    total = jnp.sqrt(sigma**2 + noise.sigma_data**2)
-    c_skip = noise.sigma_data**2 / total**2
-    c_out = sigma * noise.sigma_data / total
+    total = jnp.sqrt(sigma**2 + data**2)
+    c_skip = data**2 / total**2
+    c_out = sigma * data / total
     return c_skip, c_out, 1 / total, jnp.log(sigma) / 4
 
 
 def network_output(
-    network: NetworkFunction, x: ImageOrShape, sigma: Level, noise: "NoiseSpec"
+    network: NetworkFunction, x: ImageOrShape, sigma: Level, data: float
 ) -> Output:
     """Return the network's output for an image scaled to unit variance.
 
     Only the shape of an image of zeros is passed on as it is.
     """
-    _, _, c_in, c_noise = scalings(sigma, noise)
+    _, _, c_in, c_noise = scalings(sigma, data)
     if isinstance(x, jax.ShapeDtypeStruct):
         return network(x, c_noise)
     return network(c_in[..., None, None, None] * x, c_noise)

@@ -120,7 +120,7 @@ class UNet(nn.Module):
         object.__setattr__(self, "dtype", jnp.dtype(self.dtype))  # equal however named
         super().__post_init__()
 
-    def setup(self):
+    def setup(self) -> None:
         """Define the condition's tower and the trunk."""
         self.tower = ConditionTower(
             self.condition_channels,

@@ -30,7 +30,6 @@ from jradar.motion.time_offset import (
     propose_offset as propose_offset,
 )
 from jradar.motion.trajectory import (
-    ROTATIONS as ROTATIONS,
     Trajectory as Trajectory,
     integrate as integrate,
     odometry as odometry,

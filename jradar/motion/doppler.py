@@ -16,7 +16,6 @@ echo is then folded to the hypothesis, and the samples themselves are tried with
 combination of folds.
 """
 
-import functools
 import itertools
 from typing import NamedTuple
 
@@ -25,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jradar.compiled import jit
 from jradar.types import PointCloud, check_one_cloud
 
 REFINEMENTS = 3  # of inliers and velocity in turn
@@ -53,7 +53,7 @@ class EgoVelocity(NamedTuple):
     solved: Bool[Array, "*batch"]
 
 
-@functools.partial(jax.jit, static_argnames=STATIC)
+@jit(static_argnames=STATIC)
 def ego_velocity(
     key: Array,
     cloud: PointCloud,

@@ -15,9 +15,9 @@ from jradar.files import atomic_path
 from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_attitude
 from jradar.motion.scans import scan_poses, to_poses
 from jradar.motion.velocities import Velocities, outliers
+from jradar.options.recordings import ROTATIONS
 from jradar.recordings import RadarClouds, Recording
 
-ROTATIONS = ("imu", "poses", "lidar", "none")
 COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
 
 

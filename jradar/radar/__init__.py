@@ -26,6 +26,8 @@ Simulation   Scatterers, simulate_cube         the way back: scatterers to a cub
 Capon, MUSIC, near fields and several targets in a cell are options of `PointSpec`.
 """
 
+from jradar.options.points import PointSpec as PointSpec
+from jradar.options.sensor import RadarSpec as RadarSpec
 from jradar.radar.angle.deviations import point_deviations as point_deviations
 from jradar.radar.angle.direction import directions as directions
 from jradar.radar.angle.folds import velocity_folds as velocity_folds
@@ -64,7 +66,6 @@ from jradar.radar.echoes import (
     noise_statistics as noise_statistics,
     strongest_echoes as strongest_echoes,
 )
-from jradar.radar.point_spec import PointSpec as PointSpec
 from jradar.radar.points import (
     Cells as Cells,
     all_cells as all_cells,
@@ -75,7 +76,6 @@ from jradar.radar.points import (
     radar_points as radar_points,
 )
 from jradar.radar.radar import Radar as Radar
-from jradar.radar.sensor import RadarSpec as RadarSpec
 from jradar.radar.simulate import (
     Scatterers as Scatterers,
     simulate_cube as simulate_cube,

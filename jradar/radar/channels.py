@@ -7,21 +7,20 @@ compensate_tdm    snapshot    phase of moving targets from chirp to chirp
 The axes tx and rx, or virtual, are in the order of the radar's array.
 """
 
-import functools
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact, Int
 
+from jradar.compiled import jit
+from jradar.options.points import WINDOWS
+from jradar.options.sensor import RadarSpec
 from jradar.radar.radar import Radar
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
-from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import WINDOWS, window
+from jradar.radar.spectrum import window
 
 
-@jax.jit
+@jit
 def calibrate(cube: Cube, radar: Radar) -> Inexact[Array, "*batch tx rx chirp sample"]:
     """Return the samples with the channels of the radar equalised; leakage stays.
 
@@ -50,7 +49,7 @@ def calibrate(cube: Cube, radar: Radar) -> Inexact[Array, "*batch tx rx chirp sa
     return cube
 
 
-@functools.partial(jax.jit, static_argnames="doppler_window")
+@jit(static_argnames="doppler_window")
 def subtract_leakage(
     range_doppler: Complex[Array, "*batch virtual doppler range"],
     leakage: Complex[Array, "tx rx half_range"],
@@ -79,7 +78,7 @@ def subtract_leakage(
     return range_doppler.at[..., 1 : half + 1].add(-to_rank(steady, range_doppler))
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def compensate_tdm(
     snapshot: Complex[Array, "*batch virtual"],
     doppler_bin: Float[Array, "*batch"] | Int[Array, "*batch"],

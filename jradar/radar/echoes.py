@@ -7,7 +7,7 @@ import scipy  # loads `special` when it is first used
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from jradar.radar.sensor import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.radar.spectrum import window
 from jradar.types import PointCloud
 

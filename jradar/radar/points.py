@@ -10,13 +10,15 @@ There are two ways, which give the same points:
 with a threshold or learned, can be compared. Both take a `PointSpec`.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jradar.compiled import jit
+from jradar.options.points import POINTS, PointSpec
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.cell_directions import (
     angle_bins,
     cell_directions,
@@ -28,11 +30,9 @@ from jradar.radar.channels import calibrate, compensate_tdm, subtract_leakage
 from jradar.radar.detect.cfar import DETECTORS, noise_floor
 from jradar.radar.detect.clusters import map_peaks
 from jradar.radar.peaks import window_offset
-from jradar.radar.point_spec import POINTS, PointSpec
 from jradar.radar.radar import Radar
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
-from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import STATIC, PowerMap, Spectrum, range_doppler
 from jradar.types import PointCloud
 
@@ -52,7 +52,7 @@ class Cells(NamedTuple):
     fold_margin_db: Float[Array, "*batch doppler range"] | None = None
 
 
-@functools.partial(jax.jit, static_argnames="points")
+@jit(static_argnames="points")
 def radar_points(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> PointCloud:
     """Return the strongest detections of one frame, strongest first.
 
@@ -66,7 +66,7 @@ def radar_points(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Poi
     return points_and_count(cube, radar, points=points)[0]
 
 
-@functools.partial(jax.jit, static_argnames="points")
+@jit(static_argnames="points")
 def points_and_count(
     cube: Cube, radar: Radar, *, points: PointSpec = POINTS
 ) -> tuple[PointCloud, Int[Array, ""]]:
@@ -88,7 +88,7 @@ def points_and_count(
     return cloud, (candidates > 0).sum()
 
 
-@functools.partial(jax.jit, static_argnames="points")
+@jit(static_argnames="points")
 def all_cells(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Cells:
     """Return the power and direction of every cell of one frame; `vmap` it.
 
@@ -103,7 +103,7 @@ def all_cells(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Cells:
     return Cells(power, *(column.reshape(power.shape) for column in columns))
 
 
-@functools.partial(jax.jit, static_argnames="points")
+@jit(static_argnames="points")
 def cell_points(
     cells: Cells,
     mask: Bool[Array, "doppler range"],
@@ -131,7 +131,7 @@ def cell_points(
     return _cloud(cells.power, cell, strongest, direction, folds, radar, points)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "points"))
+@jit(static_argnames=("radar", "points"))
 def detect(
     power: Float[Array, "*batch doppler range"], radar: RadarSpec, *, points: PointSpec
 ) -> Bool[Array, "*batch doppler range"]:

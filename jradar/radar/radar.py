@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
-from jradar.radar.sensor import RadarSpec
+from jradar.options.sensor import RadarSpec
 
 
 @functools.partial(

@@ -10,9 +10,10 @@ A chirp of two samples does not exist, so a last axis of 2 can only be I and Q.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Inexact, Num
 
-Cube = Num[Array, "*_batch _tx _rx _chirp _sample"]
+Cube = Num[Array | np.ndarray, "*_batch _tx _rx _chirp _sample"]
 
 
 def as_samples(cube: Cube) -> Inexact[Array, "*_batch _tx _rx _chirp _sample"]:

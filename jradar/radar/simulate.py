@@ -19,7 +19,6 @@ square of the velocity.
 """
 
 import math
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -27,7 +26,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact, Key
 
-from jradar.radar.sensor import SPEED_OF_LIGHT, RadarSpec
+from jradar.compiled import jit
+from jradar.options.sensor import SPEED_OF_LIGHT, RadarSpec
 
 TIMES = ("middle", "start")  # of a frame
 MOST_DRIFT = 0.105  # radians in the linear term; the error is its square over 2
@@ -42,7 +42,7 @@ class Scatterers(NamedTuple):
     departure: Float[Array, "point 3"] | None = None  # as seen by the transmitters
 
 
-@partial(jax.jit, static_argnames=("radar", "noise_power", "at"))
+@jit(static_argnames=("radar", "noise_power", "at"))
 def simulate_cube(
     key: Key[Array, ""],
     scatterers: Scatterers,

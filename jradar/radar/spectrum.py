@@ -22,15 +22,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jradar.compiled import jit
+from jradar.options.points import WINDOWS
 from jradar.radar.clean.interference import excise_interference
 from jradar.radar.samples import Cube, as_samples
 
-WINDOWS = {  # coefficients of the cosine series, periodic
-    "none": (1.0,),
-    "hann": (0.5, 0.5),
-    "hamming": (0.54, 0.46),
-    "blackman": (0.42, 0.5, 0.08),
-}
 STATIC = ("range_window", "doppler_window", "remove_static", "remove_interference")
 
 Spectrum = Complex[Array, "*batch virtual doppler range"]
@@ -50,7 +46,7 @@ def window(kind: str, length: int) -> np.ndarray:
     return values / values.sum()
 
 
-@functools.partial(jax.jit, static_argnames=STATIC)
+@jit(static_argnames=STATIC)
 def range_doppler(
     cube: Cube,
     *,
@@ -69,7 +65,7 @@ def range_doppler(
     return _transform(cube, *options, keep=True)
 
 
-@functools.partial(jax.jit, static_argnames=STATIC)
+@jit(static_argnames=STATIC)
 def power_map(
     cube: Cube,
     *,

@@ -6,16 +6,17 @@ near which most draws lie, if enough of them do. The mean of the draws would han
 between surfaces.
 """
 
-import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from jradar.compiled import jit
 from jradar.range_image.projection import RangeImage
 
 TOLERANCE_M = 0.2  # of draws from the one that they agree with
 
 
-@jax.jit
+@jit
 def agreed_range(images: Float[Array, "draw row column"]) -> RangeImage:
     """Return the range near which most draws lie, and their share as confidence.
 
@@ -34,8 +35,10 @@ def agreed_range(images: Float[Array, "draw row column"]) -> RangeImage:
     return RangeImage(jnp.where(most > 0, nearest, 0.0), share.astype(images.dtype))
 
 
-@jax.jit
-def confident(image: RangeImage, least: float | Float[Array, "..."]) -> RangeImage:
+@jit
+def confident(
+    image: RangeImage, least: float | Float[Array | np.ndarray, "..."]
+) -> RangeImage:
     """Return the image without pixels of less than the `least` confidence.
 
     It is one number, or an image of them.

@@ -9,13 +9,12 @@ The condition has three channels per slice: presence, the point's place in the
 slice (-1 near, 1 far), and its power in decibels relative to the frame's strongest.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jradar.compiled import jit
 from jradar.range_code import decode_range, encode_range
 from jradar.range_image.grid import ImageSpec
 from jradar.range_image.projection import project_slices
@@ -31,7 +30,7 @@ Image = Float[Array, "*batch row column"]
 Target = Float[Array, "*batch row column 2"]
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "codec"))
+@jit(static_argnames=("spec", "codec"))
 def encode_target(image: Image, spec: ImageSpec, *, codec: str = "log") -> Target:
     """Return range code and validity of an image in metres, where a miss is 0.
 
@@ -43,7 +42,7 @@ def encode_target(image: Image, spec: ImageSpec, *, codec: str = "log") -> Targe
     return jnp.stack([fill_misses(code, hit), validity], -1)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "codec"))
+@jit(static_argnames=("spec", "codec"))
 def decode_target(
     values: Target,
     spec: ImageSpec,
@@ -56,7 +55,7 @@ def decode_target(
     return jnp.where(values[..., 1] > validity_threshold, range_m, 0.0)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
+@jit(static_argnames=("spec", "num_slices"))
 def condition_image(
     cloud: PointCloud, spec: ImageSpec, *, num_slices: int
 ) -> Float[Array, "row column channel"]:
@@ -78,7 +77,7 @@ def condition_image(
     return jnp.concatenate([present.astype(offset.dtype), offset, power], -1)
 
 
-@functools.partial(jax.jit, static_argnames="reach")
+@jit(static_argnames="reach")
 def close_gaps(image: Image, *, reach: int = 2) -> Image:
     """Return `image`, in metres, with the pixels between a LiDAR's beams filled.
 
@@ -108,7 +107,7 @@ def close_gaps(image: Image, *, reach: int = 2) -> Image:
     return filled
 
 
-@functools.partial(jax.jit, static_argnames="reach")
+@jit(static_argnames="reach")
 def observed_pixels(image: Image, *, reach: int) -> Bool[Array, "*batch row column"]:
     """Return the pixels that a scan observed: its hits, and misses away from these.
 

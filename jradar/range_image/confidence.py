@@ -11,11 +11,12 @@ network's confidence rises.
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy  # loads `optimize` when it is first used
 from jaxtyping import Array, Bool, Float
+
+from jradar.compiled import jit
 
 KNOTS = 33
 LEAST = 0.375  # of a table that was not fitted
@@ -90,7 +91,7 @@ def fit_confidence(
     return ConfidenceTable.of(np.clip(knots, 0, 1).round(4))
 
 
-@jax.jit
+@jit
 def frequency(
     confidence: Float[Array, "..."], table: ConfidenceTable
 ) -> Float[Array, "..."]:

@@ -5,12 +5,10 @@ at nearly its range, in its own coarse pixel or in one nearby; the nearest in an
 wins. Elsewhere the radar measured no velocity.
 """
 
-import functools
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jradar.compiled import jit
 from jradar.range_image.grid import ImageSpec
 from jradar.range_image.projection import project_slices
 from jradar.types import PointCloud
@@ -19,7 +17,7 @@ REACH = 2  # coarse pixels, up, down and to the sides
 TOLERANCE_M = 0.4  # between a pixel's range and the radar point's
 
 
-@functools.partial(jax.jit, static_argnames=("coarse", "num_slices"))
+@jit(static_argnames=("coarse", "num_slices"))
 def velocity_image(
     range_m: Float[Array, "row column"],
     cloud: PointCloud,

@@ -10,13 +10,12 @@ are depends on how many others are near (`crowding`): where points gather there 
 surface, and a single one is as often noise.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jradar.compiled import jit
 from jradar.range_image.grid import ImageSpec, pixel_of
 from jradar.range_image.projection import unproject
 from jradar.types import PointCloud
@@ -30,7 +29,7 @@ DEEP_M = 0.1  # and along the line of sight
 CROWD = 1024.0  # points that make a crowding of 1
 
 
-@functools.partial(jax.jit, static_argnames="spec")
+@jit(static_argnames="spec")
 def near_echo(
     range_m: Float[Array, "row column"], points: PointCloud, spec: ImageSpec
 ) -> Bool[Array, "row column"]:
@@ -48,7 +47,7 @@ def near_echo(
     return (near & cloud.valid).reshape(range_m.shape)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "axes"))
+@jit(static_argnames=("spec", "axes"))
 def crowding(
     points: PointCloud, spec: ImageSpec, *, axes: int = 3
 ) -> Float[Array, " point"]:
@@ -62,7 +61,7 @@ def crowding(
     return jnp.clip(jnp.log(jnp.maximum(count, 1.0)) / np.log(CROWD), 0.0, 1.0)
 
 
-@functools.partial(jax.jit, static_argnames="spec")
+@jit(static_argnames="spec")
 def surroundings(points: PointCloud, spec: ImageSpec) -> PointCloud:
     """Return ten points around each point, in a disc across the line of sight.
 

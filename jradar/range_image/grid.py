@@ -11,13 +11,14 @@ Rows and columns are equal steps of angle, as in the paper. Figures mirror the c
 """
 
 import dataclasses
-import functools
 import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from jradar.compiled import jit
 
 # arctan(t) = t (c0 + c1 t^2 + ... + c8 t^16) on 0 .. 1, a least-squares fit within 6e-9
 # radians. XLA's arctan2 and arccos are slow on CPUs, because they are not vectorised.
@@ -67,7 +68,7 @@ class ImageSpec:
         return self.height, self.width
 
 
-@functools.partial(jax.jit, static_argnames="spec")
+@jit(static_argnames="spec")
 def pixel_of(
     xyz: Float[Array, "*batch 3"], spec: ImageSpec
 ) -> tuple[

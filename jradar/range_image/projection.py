@@ -10,7 +10,6 @@ cloud moves points along pixels but not an image's values, so the gradient with 
 to angles is 0.
 """
 
-import functools
 import math
 from typing import NamedTuple
 
@@ -18,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jradar.compiled import jit
 from jradar.range_image.grid import ImageSpec, pixel_directions, pixel_of
 from jradar.types import PointCloud, check_one_cloud
 
@@ -45,7 +45,7 @@ class SliceImages(NamedTuple):
     velocity: Float[Array, "*batch row column slice"] | None = None
 
 
-@functools.partial(jax.jit, static_argnames="spec")
+@jit(static_argnames="spec")
 def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
     """Return the range image of a cloud in metres, 0 where no point fell."""
     check_one_cloud(cloud, "project")
@@ -56,7 +56,7 @@ def project(cloud: PointCloud, spec: ImageSpec) -> Float[Array, "row column"]:
     return _zero_if_empty(nearest).reshape(spec.shape)
 
 
-@functools.partial(jax.jit, static_argnames=("spec", "num_slices"))
+@jit(static_argnames=("spec", "num_slices"))
 def project_slices(
     cloud: PointCloud, spec: ImageSpec, *, num_slices: int
 ) -> SliceImages:
@@ -96,7 +96,7 @@ def project_slices(
     )
 
 
-@functools.partial(jax.jit, static_argnames="spec")
+@jit(static_argnames="spec")
 def unproject(image: Float[Array, "*batch row column"], spec: ImageSpec) -> PointCloud:
     """Return a point at the centre of each pixel; pixels of 0 metres are invalid."""
     if image.shape[-2:] != spec.shape:

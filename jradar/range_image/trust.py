@@ -14,11 +14,11 @@ frames that lie nearer: above 0.99, hardly any training frame looked like it.
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jradar.compiled import jit
 from jradar.range_image.codec import CHANNELS
 
 STEPS = 200  # quantiles that a TrustTable keeps
@@ -47,7 +47,7 @@ class TrustTable(NamedTuple):
         return table
 
 
-@jax.jit
+@jit
 def condition_features(
     condition: Float[Array, "*batch row column channel"],
 ) -> Float[Array, "*batch feature"]:
@@ -80,7 +80,7 @@ def fit_trust(features: Float[np.ndarray, "frame feature"]) -> TrustTable:
     return TrustTable.of(mean.round(6), whitening.round(6), quantiles.round(6))
 
 
-@jax.jit
+@jit
 def unlikeness(
     features: Float[Array, "*batch feature"], trust: TrustTable
 ) -> Float[Array, "*batch"]:

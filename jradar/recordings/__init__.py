@@ -32,11 +32,15 @@ from jradar.recordings.clouds.read import read_cloud as read_cloud
 from jradar.recordings.clouds.write import (
     CLOUD_WRITERS as CLOUD_WRITERS,
     point_table as point_table,
+    save_cloud as save_cloud,
     valid_points as valid_points,
     write_npz as write_npz,
     write_ply as write_ply,
 )
 from jradar.recordings.coloradar.calib import read_coupling as read_coupling
+from jradar.recordings.configuration import (
+    describe_configuration as describe_configuration,
+)
 from jradar.recordings.describe import (
     describe as describe,
     describe_file as describe_file,

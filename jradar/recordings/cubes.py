@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from jradar.errors import UsageError, parsing
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.descriptions import (
     find_description,
     frame_stamps,

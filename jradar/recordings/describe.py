@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.bags.bags import (
     bag_notes,
     bag_times,

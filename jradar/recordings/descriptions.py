@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from jradar.errors import UsageError
 from jradar.files import MAX_TEXT_BYTES
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.coloradar.calib import radar_from_coloradar
 from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, read

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+import jradar
 from jradar.errors import UsageError
 from jradar.files import open_file
-from jradar.radar import static_background, subtract_background
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
 from jradar.recordings.bags.radar_clouds import holds_radar_clouds
@@ -121,10 +121,10 @@ def without_background(recording: Recording, frames: slice) -> Recording:
             f"no background in frames {frames.start or 0} and later: {recording.path} "
             f"has frames 0 to {len(cubes) - 1}"
         )
-    background = static_background(cubes[i] for i in chosen)
+    background = jradar.radar.static_background(cubes[i] for i in chosen)
 
     def read(frame: int) -> np.ndarray:
-        return np.asarray(subtract_background(cubes[frame], background))
+        return np.asarray(jradar.radar.subtract_background(cubes[frame], background))
 
     note = f"the mean of frames {chosen[0]} to {chosen[-1]} is subtracted as background"
     return recording._replace(

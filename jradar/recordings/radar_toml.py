@@ -29,13 +29,14 @@ import numpy as np
 import scipy  # loads `spatial` when it is first used
 from jaxtyping import Float
 
+import jradar
 from jradar.errors import UsageError, printable
 from jradar.files import write_text
-from jradar.radar import Radar, RadarSpec
-from jradar.radar.devices import BOARDS
+from jradar.options.boards import BOARDS
+from jradar.options.recordings import IQ_ORDERS
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.text_files import check_names, radar_of, toml
 from jradar.recordings.ti.frame import CaptureSpec
-from jradar.recordings.ti.iq_order import IQ_ORDERS
 
 FILE_KEYS = ("axes", "iq_order")
 MOUNT = ("xyz", "quaternion")
@@ -99,7 +100,7 @@ def radar_of_tables(
 
 def write_radar_toml(
     path: Path | str,
-    radar: Radar,
+    radar: "jradar.Radar",
     *,
     iq_order: str = CaptureSpec.iq_order,
     axes: Sequence[str] = (),
@@ -113,7 +114,7 @@ def write_radar_toml(
 
 
 def radar_toml(
-    radar: Radar,
+    radar: "jradar.Radar",
     *,
     iq_order: str = CaptureSpec.iq_order,
     axes: Sequence[str] = (),

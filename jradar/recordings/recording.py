@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Inexact, Int
 
+import jradar
 from jradar.errors import UsageError
 from jradar.lidar import Poses, returns, transform
-from jradar.radar import Radar
 
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
 
@@ -72,7 +72,7 @@ class Recording(NamedTuple):
 
     name: str  # of the sequence, also in prepared records
     path: Path
-    radar: Radar
+    radar: "jradar.Radar"
     cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts as recorded
     lidar: Stream | None = None  # float32 [point, 4]: x y z intensity, LiDAR's frame
     poses: Poses | None = None  # of the base in the world

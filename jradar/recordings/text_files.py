@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from jradar.errors import UsageError, parsing
 from jradar.files import read_text
 from jradar.lidar import Poses
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 
 MAX_POSES_BYTES = 512 << 20
 

@@ -3,16 +3,12 @@
 enhance_recording, Enhancement, Frame    a recording's frames, with warnings and times
 detect_recording                         their radar points alone
 describe_recording                       what a recording holds, and one frame of it
-describe_configuration                   what a radar and its board can do
 FrameFolder                              the files of frames
 Stages                                   the stages of one frame, compiled and timed
 of_model, of_radar                       why a model may not suit a radar
 load_any_model, AnyModel                 models of either kind by name
 """
 
-from jradar.session.configuration import (
-    describe_configuration as describe_configuration,
-)
 from jradar.session.detecting import (
     describe_recording as describe_recording,
     detect_recording as detect_recording,

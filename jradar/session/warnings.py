@@ -1,28 +1,20 @@
 """Why a cloud may not be what it looks like, in words."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from jradar.model import Card
 from jradar.planar import MAX_RANGE_M, PlanarModel, azimuth_row
 from jradar.radar import Radar, RadarSpec
 from jradar.range_image import STRANGE, UNSURE
+from jradar.recordings.configuration import blind as blind, differences, unsuited
 
 if TYPE_CHECKING:
     from jradar.session.frames import Frame
     from jradar.session.models import AnyModel
 
-TOLERANCE = 0.05  # up to which two radars count as alike
-FLAT = (
-    "this radar has one row of antennas and measures no elevation: heights in the "
-    "result are invented by the model"
-)
 IN_THE_PLANE = "`--model radarhd` for a cloud in the plane of its antennas"
 PLANAR = "height is not measured: all points lie at height 0"
-NARROW = (
-    "this radar has one column of antennas and measures no azimuth: directions in the "
-    "result are invented by the model"
-)
 UNCALIBRATED = (
     "The channels of this radar are not calibrated: record a walk over level ground "
     "for `jradar calibrate --level`"
@@ -33,41 +25,14 @@ def of_model(model: "AnyModel", radar: RadarSpec) -> Iterator[str]:
     """Yield why a model of either kind may not suit a radar, and what it leaves out."""
     if isinstance(model, PlanarModel):
         yield PLANAR
-        yield from _differences(model.card, radar, _view_in_plane)
+        yield from differences(model.card.radars, radar, _view_in_plane)
     else:
         yield from of_radar(model.card, radar)
 
 
 def of_radar(card: Card, radar: RadarSpec) -> Iterator[str]:
     """Yield why a model may not suit this radar."""
-    if without := blind(radar):
-        yield without
-    yield from _differences(card, radar, _waveform)
-
-
-def _differences(
-    card: Card, radar: RadarSpec, described: Callable[[RadarSpec], dict[str, float]]
-) -> Iterator[str]:
-    """Yield what differs from the radars of training, if anything does."""
-    trained = [described(seen) for seen in card.radars]
-    differ = [
-        f"{name.format(value)} here, {_span(known)} in training"
-        for name, value in described(radar).items()
-        if (known := [waveform[name] for waveform in trained])
-        and not min(known) * (1 - TOLERANCE) <= value <= max(known) * (1 + TOLERANCE)
-    ]
-    if differ:
-        yield (
-            f"the model was trained on other radars ({card.radar.name}), expect worse "
-            f"clouds: {'; '.join(differ)}"
-        )
-
-
-def blind(radar: RadarSpec) -> str:
-    """Which angle the radar does not measure, in words; "" if it measures both."""
-    if not radar.has_elevation:
-        return FLAT
-    return "" if radar.has_azimuth else NARROW
+    yield from unsuited(card.radars, radar)
 
 
 def of_frames(frames: "Sequence[Frame]", radar: Radar) -> Iterator[str]:
@@ -103,23 +68,6 @@ def no_echoes(empty: Sequence[int]) -> Iterator[str]:
 def _which(frames: list[int]) -> str:
     """Name a frame, or count several."""
     return f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
-
-
-def _span(values: list[float]) -> str:
-    """Write the smallest and the largest value, once if they are the same."""
-    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
-    return low if low == high else f"{low} to {high}"
-
-
-def _waveform(radar: RadarSpec) -> dict[str, float]:
-    """Return what the look of a radar's points depends on, by its words in a note."""
-    return {
-        "range to {:.3g} m": radar.max_range_m,
-        "range bins of {:.3g} m": radar.range_resolution_m,
-        "velocity to {:.3g} m/s": radar.max_velocity_mps,
-        "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
-        "{:.0f} virtual antennas": float(radar.num_virtual),
-    }
 
 
 def _view_in_plane(radar: RadarSpec) -> dict[str, float]:

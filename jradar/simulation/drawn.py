@@ -27,7 +27,7 @@ import itertools
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -208,7 +208,7 @@ def make_map_scene(
     return Scene(f"{kind}_{seed}", (make_body(random, solid),), platform)
 
 
-def _free_place(random, run, xyz):
+def _free_place(random, run, xyz) -> Any:
     """Return a place without a voxel around it, its floor, and distances to voxels.
 
     The last of `TRIES` is taken as it is.

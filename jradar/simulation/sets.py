@@ -1,11 +1,6 @@
 """Named data sets of simulated sequences, whose splits share no layout.
 
-    jradar-sim-1              one radar unit, to train on; jradar-sim-1-test to test on
-    jradar-sim-2              a unit of its own for every sequence
-    jradar-sim-3              the same with twice as many layouts
-    jradar-sim-4              more layouts, and units of the second population
-    jradar-sim-4-test         such units with ColoRadar's chirps, to test on
-    jradar-sim-1/2/4-mini     one layout of each family for each split, to try it
+    jradar-sim-1 ..           those of `options.scenes.SETS`, to train on and to test on
     jradar-sim-2-robust/NAME  test layouts under one named shift
     jradar-sim-4-robust/NAME  the same, of the shifts that were added later
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Int, Key
 
+from jradar.compiled import jit
 from jradar.diffusion import Network, NoiseSpec, conditional_denoiser, denoising_loss
 
 Metrics = dict[str, Float[Array, ""]]
@@ -80,7 +81,7 @@ def make_train_step(
     the uninterrupted one. `loss` is called as `(key, denoise, clean, noise=noise)`.
     """
 
-    @jax.jit
+    @jit
     def step(state, key, batch):
         key = jax.random.fold_in(key, state.step)
 

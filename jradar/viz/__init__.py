@@ -23,7 +23,7 @@ from jradar.viz.figures import (
     samples_figure as samples_figure,
     save_figure as save_figure,
 )
-from jradar.viz.maps import maps_figure as maps_figure
+from jradar.viz.maps import maps_figure as maps_figure, show as show
 from jradar.viz.page import CloudFrame as CloudFrame, write_page as write_page
 from jradar.viz.results import (
     bars_figure as bars_figure,

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import NoiseSpec, precondition, scalings, training_sigma
+from jradar.diffusion import NoiseSpec, precondition, training_sigma
 from jradar.diffusion.noise import karras_sigmas
-from jradar.diffusion.predictions import EDM
+from jradar.diffusion.predictions import EDM, scalings
 
 NOISE = NoiseSpec()
 
@@ -23,14 +23,14 @@ def test_karras_levels_are_equation_5():
 
 @pytest.mark.parametrize("sigma", [0.002, 0.3, 0.5, 80.0])
 def test_scalings_keep_unit_variance(sigma):
-    c_skip, c_out, c_in, c_noise = scalings(jnp.float32(sigma), NOISE)
+    c_skip, c_out, c_in, c_noise = scalings(jnp.float32(sigma), NOISE.sigma_data)
     total = sigma**2 + NOISE.sigma_data**2
     np.testing.assert_allclose(c_in**2 * total, 1, rtol=1e-5)  # the input's variance
     # The target (x0 - c_skip x) / c_out of a white image has variance 1.
     error = ((1 - c_skip) * NOISE.sigma_data) ** 2 + (c_skip * sigma) ** 2
     np.testing.assert_allclose(error / c_out**2, 1, rtol=1e-3)
     np.testing.assert_allclose(c_noise, np.log(sigma) / 4, rtol=1e-5)
-    weight = EDM.loss_weight(jnp.float32(sigma), NOISE)
+    weight = EDM.loss_weight(jnp.float32(sigma), NOISE.sigma_data)
     np.testing.assert_allclose(weight * c_out**2, 1, rtol=1e-5)
 
 

@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jradar.options.detectors import EDGES
+from jradar.options.points import ANGLES
 from jradar.radar import (
     DETECTORS,
     PointSpec,
@@ -24,8 +26,6 @@ from jradar.radar import (
     subtract_leakage,
 )
 from jradar.radar.angle.subspace import capon_spectrum, music_spectrum
-from jradar.radar.detect.cfar_window import EDGES
-from jradar.radar.point_spec import ANGLES
 from tests.radar.targets import (
     CELLS,
     FLAT,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from jradar.options.sensor import SPEED_OF_LIGHT
 from jradar.radar import RadarSpec
-from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation import rig
 from jradar.simulation.hardware.hardware import (
     RANGE_BIAS_M,

@@ -95,3 +95,15 @@ def test_reliability_is_drawn_beside_precision_without_empty_bins():
         assert one.get_color() == other.get_color()
     texts = [text.get_text() for text in figure.legends[0].texts]
     assert texts == ["calibrated", *names]
+
+
+def test_a_cloud_is_shown_from_above_and_from_the_side():
+    cloud = PointCloud.from_xyz(np.array([[3.0, 1, 0.2], [5, -1, 0], [0, 0, 0]]))
+    above, side, bar = viz.show(cloud).axes
+    assert bar.get_ylabel() == "height (m)"
+    for panel, axis in ((above, 1), (side, 2)):
+        drawn = np.asarray(panel.collections[0].get_offsets())
+        np.testing.assert_allclose(drawn, np.asarray(cloud.xyz)[[1, 0]][:, [0, axis]])
+    sure = viz.show(cloud._replace(confidence=jnp.array([0.2, 0.9, 1.0])))
+    assert sure.axes[2].get_ylabel() == "confidence"
+    np.testing.assert_allclose(sure.axes[0].collections[0].get_array(), [0.2, 0.9])

@@ -150,7 +150,9 @@ def target_of(name: str) -> str:
     return f"{place}/{'scale' if normalises and kind == 'weight' else LAYERS.get(kind)}"
 
 
-def arranged(tensor, target, shape, network, kind):
+def arranged(
+    tensor: np.ndarray, target: str, shape: tuple[int, ...], network: UNet, kind: str
+) -> np.ndarray:
     """Return a tensor with this network's order of axes and channels, as `shape`."""
     layer = target.split("/")[-2]
     if layer == "qkv":

@@ -1,19 +1,34 @@
 """Directions of range-Doppler cells, by the method that a `PointSpec` names."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float, Int
 
+from jradar.options.points import PointSpec
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.near_field import focused_directions
 from jradar.radar.angle.spectrum import angle_spectrum, azimuth_bins, spectrum_peaks
 from jradar.radar.angle.subspace import subspace_directions
 from jradar.radar.angle.subspace_peaks import subspace_peaks
 from jradar.radar.channels import compensate_tdm
+from jradar.radar.radar import Radar
+
+Angles = Float[Array, "..."]
 
 SPECTRA = 64  # angle spectra that are held in memory at a time
 
 
-def focused(spectrum, cell, range_bin, doppler_bin, radar, points):
+def focused(
+    spectrum: Complex[Array, "virtual doppler range"],
+    cell: Int[Array, " point"],
+    range_bin: Float[Array, " point"],
+    doppler_bin: Float[Array, " point"],
+    radar: Radar,
+    points: PointSpec,
+) -> tuple[Angles, Angles]:
     """Azimuth and elevation of each flat cell by `focused_directions`."""
     num_range = spectrum.shape[-1]
     row, column = jnp.divmod(cell, num_range)
@@ -31,16 +46,19 @@ def focused(spectrum, cell, range_bin, doppler_bin, radar, points):
     )
 
 
-def cell_directions(snapshot, radar, points):
+def cell_directions(
+    snapshot: Complex[Array, "*batch virtual"], radar: RadarSpec, points: PointSpec
+) -> tuple[Angles, Angles]:
     """Azimuth and elevation of the strongest direction of each snapshot."""
     if points.angles == "fft":
         bins = angle_bins(points, radar)
         return directions(snapshot, radar, interpolate=points.refine, **bins)
-    sources = {"num_sources": points.sources}
-    return subspace_directions(snapshot, radar, method=points.angles, **sources)
+    return subspace_directions(
+        snapshot, radar, method=points.angles, num_sources=points.sources
+    )
 
 
-def angle_bins(points, radar):
+def angle_bins(points: PointSpec, radar: RadarSpec) -> dict[str, Any]:
     """Numbers of bins of the angle spectra."""
     return {
         "num_azimuth": points.num_azimuth or azimuth_bins(radar),
@@ -48,13 +66,18 @@ def angle_bins(points, radar):
     }
 
 
-def strongest_peaks(power, snapshot, radar, points):
+def strongest_peaks(
+    power: Float[Array, " point"],
+    snapshot: Complex[Array, "point virtual"],
+    radar: RadarSpec,
+    points: PointSpec,
+) -> tuple[Float[Array, " point"], tuple[Angles, Angles], Int[Array, " point"]]:
     """Power, direction and place in `power` of the strongest of all peaks.
 
     A cell's first peak has the power of its cell. The peaks of all cells therefore
     include the strongest ones of the frame.
     """
-    options = {"count": points.peaks}
+    options: dict[str, Any] = {"count": points.peaks}
 
     def peaks_of(snapshot):
         spectrum = angle_spectrum(snapshot, radar, **angle_bins(points, radar))

@@ -16,14 +16,14 @@ half for 192.
 import functools
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jradar.compiled import jit
+from jradar.options.points import PointSpec
+from jradar.options.sensor import RadarSpec
 from jradar.radar.peaks import lobe, unbiased_coefficients, vertex_and_slopes
-from jradar.radar.point_spec import PointSpec
-from jradar.radar.sensor import RadarSpec
 from jradar.radar.spectrum import window
 from jradar.types import PointCloud
 
@@ -40,7 +40,7 @@ class Deviations(NamedTuple):
     elevation: Float[Array, "*batch point"]  # radians
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "points"))
+@jit(static_argnames=("radar", "points"))
 def point_deviations(
     cloud: PointCloud, radar: RadarSpec, *, points: PointSpec | None = None
 ) -> Deviations:

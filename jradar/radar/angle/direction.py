@@ -15,7 +15,6 @@ The azimuth of the joint maximum is refined between bins; the elevation is then 
 at the refined azimuth.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -23,6 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.spectrum import (
     NEARLY_ONE,
     Angle,
@@ -31,7 +32,6 @@ from jradar.radar.angle.spectrum import (
     direction_sines,
 )
 from jradar.radar.peaks import parabola_offset
-from jradar.radar.sensor import RadarSpec
 
 BLOCK = 64  # cells whose arrays stay in a core's cache; twice as many for few rows
 SHORT = 16  # longest row for which Horner's rule is unrolled
@@ -48,9 +48,7 @@ class _Row(NamedTuple):
     weights: np.ndarray  # 1 / number of elements at the position
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate")
-)
+@jit(static_argnames=("radar", "num_azimuth", "num_elevation", "interpolate"))
 def directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
@@ -85,7 +83,7 @@ def directions(
     return angles_of_sines(u.reshape(batch), w.reshape(batch))
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def elevation_sines(
     snapshot: Complex[Array, "*batch virtual"],
     u: Float[Array, "*batch"],

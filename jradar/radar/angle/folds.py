@@ -13,17 +13,17 @@ folds apart in every direction; those in a row of their own do not, because a ju
 like another elevation.
 """
 
-import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import directions
 from jradar.radar.channels import compensate_tdm
-from jradar.radar.sensor import RadarSpec
 
 TINY = 1e-30
 MOST_DB = 99.0  # margin over a fold without any power
@@ -36,9 +36,7 @@ class Folds(NamedTuple):
     margin_db: Float[Array, "*batch"]  # beam power over that of the next best fold
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "most", "num_azimuth", "num_elevation")
-)
+@jit(static_argnames=("radar", "most", "num_azimuth", "num_elevation"))
 def velocity_folds(
     snapshot: Complex[Array, "*batch virtual"],
     doppler_bin: Float[Array, "*batch"],
@@ -57,7 +55,7 @@ def velocity_folds(
     if most < 0:
         raise ValueError(f"{most=}, expected 0 or more folds")
     choices = _choices(radar.num_tx, most)
-    options = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
+    options: Any = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
 
     def beam_power(fold):
         wave = compensate_tdm(snapshot, doppler_bin + fold * radar.num_chirps, radar)

@@ -13,32 +13,30 @@ in one plane with one origin; the point that angles refer to is the mean antenna
 board's transmitters and receivers are apart, give their positions accordingly.
 """
 
-import functools
+from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
+from jradar.compiled import jit
+from jradar.options.points import WINDOWS
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.spectrum import Angle
-from jradar.radar.sensor import RadarSpec
-from jradar.radar.spectrum import WINDOWS
 
 ROUNDS = 4  # of focusing and searching
 CELLS = (-1, 0, 1)
 
 
-@functools.partial(
-    jax.jit, static_argnames=("radar", "range_window", "num_azimuth", "num_elevation")
-)
+@jit(static_argnames=("radar", "range_window", "num_azimuth", "num_elevation"))
 def focused_directions(
     cells: Complex[Array, "*batch 3 virtual"],
     cell: Int[Array, "*batch"],
     offset: Float[Array, "*batch"],
     radar: RadarSpec,
     *,
-    range_bias_m: Float[Array, ""] | float = 0.0,
+    range_bias_m: Float[Array | np.ndarray, "..."] | float = 0.0,
     range_window: str = "hann",
     num_azimuth: int = 64,
     num_elevation: int = 32,
@@ -49,7 +47,7 @@ def focused_directions(
     after `cell`; the target lies `offset` bins after it. Raises ValueError as
     `directions`.
     """
-    options = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
+    options: Any = {"num_azimuth": num_azimuth, "num_elevation": num_elevation}
     distance = (cell + offset) * radar.range_resolution_m - range_bias_m
     azimuth, elevation = directions(cells[..., 1, :], radar, **options)
     for _ in range(ROUNDS):

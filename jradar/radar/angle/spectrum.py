@@ -14,18 +14,17 @@ Positions grow to the left and upwards as seen from behind.
 `direction` finds the strongest direction faster, without this spectrum.
 """
 
-import functools
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
+from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.channels import check_antennas, compensate_tdm
 from jradar.radar.peaks import local_maxima, parabola_offset
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 Angle = Float[Array, "*batch"]
 NEARLY_ONE = 1 - 1e-6  # the slope of the arcsine is still finite here
@@ -80,7 +79,7 @@ def check_sizes(
     return rows, columns
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_elevation"))
+@jit(static_argnames=("radar", "num_azimuth", "num_elevation"))
 def angle_spectrum(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
@@ -107,7 +106,7 @@ def angle_spectrum(
     return spectrum.real**2 + spectrum.imag**2
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def azimuth_map(
     spectrum: Complex[Array, "virtual doppler sample"],
     power: Float[Array, "doppler sample"],
@@ -125,7 +124,7 @@ def azimuth_map(
     return angle_spectrum(snapshot, radar).max(-2)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "count", "interpolate"))
+@jit(static_argnames=("radar", "count", "interpolate"))
 def spectrum_peaks(
     spectrum: Float[Array, "*batch elevation azimuth"],
     radar: RadarSpec,

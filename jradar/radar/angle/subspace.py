@@ -24,6 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import elevation_sines
 from jradar.radar.angle.spectrum import (
     NEARLY_ONE,
@@ -34,7 +36,6 @@ from jradar.radar.angle.spectrum import (
 from jradar.radar.channels import check_antennas
 from jradar.radar.peaks import parabola_offset
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 BLOCK = 512  # cells whose spectra are held in memory at a time
 SOURCES, NUM_AZIMUTH = 2, 256  # of the directions
@@ -42,7 +43,7 @@ LOADING = 1e-3  # of the diagonal of R in Capon's spectrum, in units of its mean
 NOISE = 1e-6  # is added to the share in the noise subspace, and limits MUSIC's peaks
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "num_azimuth"))
+@jit(static_argnames=("radar", "num_azimuth"))
 def capon_spectrum(
     snapshot: Complex[Array, "*batch snapshot virtual"],
     radar: RadarSpec,
@@ -65,7 +66,7 @@ def capon_spectrum(
     return level[..., 0] / inverse
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "num_azimuth", "num_sources"))
+@jit(static_argnames=("radar", "num_azimuth", "num_sources"))
 def music_spectrum(
     snapshot: Complex[Array, "*batch snapshot virtual"],
     radar: RadarSpec,
@@ -92,7 +93,7 @@ def music_spectrum(
     return 1 / (share + NOISE)
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "method", "num_sources"))
+@jit(static_argnames=("radar", "method", "num_sources"))
 def subspace_directions(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,
@@ -151,7 +152,7 @@ def spectrum_maxima(
     return jnp.clip(sine, -NEARLY_ONE, NEARLY_ONE), height
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def smoothed_covariance(
     snapshot: Complex[Array, "*batch snapshot virtual"], radar: RadarSpec
 ) -> Complex[Array, "*batch element element"]:

@@ -9,13 +9,13 @@ The other targets are subtracted, because a beam towards one of them still recei
 rest: their phases would bend its elevation.
 """
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex
 
+from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.angle.direction import elevation_sines
 from jradar.radar.angle.spectrum import WEAKEST, Peaks, angles_of_sines
 from jradar.radar.angle.subspace import (
@@ -28,13 +28,12 @@ from jradar.radar.angle.subspace import (
 )
 from jradar.radar.channels import check_antennas
 from jradar.radar.ranks import to_rank
-from jradar.radar.sensor import RadarSpec
 
 METHODS = ("capon", "music")
 DAMPING = 1e-4  # of the least squares, relative to a row's number of antennas
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "method", "count", "num_sources"))
+@jit(static_argnames=("radar", "method", "count", "num_sources"))
 def subspace_peaks(
     snapshot: Complex[Array, "*batch virtual"],
     radar: RadarSpec,

@@ -15,11 +15,11 @@ who are in the frames of the background are among these components.
 
 from collections.abc import Iterable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Inexact, Num
 
+from jradar.compiled import jit
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
 from jradar.radar.spectrum import window
@@ -41,7 +41,7 @@ def static_background(
     return total / count
 
 
-@jax.jit
+@jit
 def subtract_background(
     cube: Cube, background: Inexact[Array, "_tx _rx _sample"]
 ) -> Inexact[Array, "*batch tx rx chirp sample"]:

@@ -32,9 +32,10 @@ import numpy as np
 import scipy  # loads `special` when it is first used
 from jaxtyping import Array, Bool, Float, Inexact, Key
 
+from jradar.compiled import jit
+from jradar.options.sensor import RadarSpec
 from jradar.radar.ranks import to_rank
 from jradar.radar.samples import Cube, as_samples
-from jradar.radar.sensor import RadarSpec
 
 PASSES = (8.0, 2.0, 1.0, 1.0)  # factors on the threshold: strong bursts come first
 ECHO = 6.0  # power over the median cell from which a cell counts as an echo
@@ -62,7 +63,7 @@ class Interferers(NamedTuple):
     amplitude: Float[Array, " interferer"]  # ADC counts, inside the band
 
 
-@functools.partial(jax.jit, static_argnames=("radar", "count"))
+@jit(static_argnames=("radar", "count"))
 def draw_interferers(
     key: Key[Array, ""],
     radar: RadarSpec,
@@ -96,7 +97,7 @@ def draw_interferers(
     )
 
 
-@functools.partial(jax.jit, static_argnames="radar")
+@jit(static_argnames="radar")
 def crossing_chirps(
     key: Key[Array, ""], interferers: Interferers, radar: RadarSpec
 ) -> Inexact[Array, "tx rx chirp sample"]:
@@ -154,7 +155,7 @@ def _one(it, cycles, first_s, sample_s, radar):
     return chirps[:, None] * jnp.exp(2j * jnp.pi * turns)[None, :, None, None]
 
 
-@functools.partial(jax.jit, static_argnames="false_alarm_rate")
+@jit(static_argnames="false_alarm_rate")
 def excise_interference(
     cube: Cube, *, false_alarm_rate: float = 1e-8
 ) -> tuple[

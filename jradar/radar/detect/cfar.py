@@ -52,12 +52,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Num
 
+from jradar.compiled import jit
+from jradar.options.detectors import GUARD, KINDS, TRAIN, Window, check_window
 from jradar.radar.detect.cfar_window import (
-    GUARD,
-    TRAIN,
-    Window,
     cells_per_range_bin,
-    check_window,
     count_below,
     halves_counted,
     inside,
@@ -65,7 +63,7 @@ from jradar.radar.detect.cfar_window import (
     sums_of_halves,
 )
 from jradar.radar.detect.correlation import independent_cells
-from jradar.radar.detect.multipliers import KINDS, false_alarm_multiplier
+from jradar.radar.detect.multipliers import false_alarm_multiplier
 from jradar.radar.ranks import to_rank
 
 RANK = 0.75  # of the ordered statistic, as a fraction of the training cells
@@ -80,7 +78,7 @@ Map = Float[Array, "*batch doppler range"]
 Mask = Bool[Array, "*batch doppler range"]
 
 
-@functools.partial(jax.jit, static_argnames=STATIC)
+@jit(static_argnames=STATIC)
 def cfar(
     power: Power,
     *,
@@ -95,9 +93,9 @@ def cfar(
 ) -> Mask:
     """Return the cells that the detector of this kind marks: "ca", "go", "so" or "os".
 
-    `edge` is one of `EDGES`. `factor` on the noise estimate replaces the rate. Raises
-    ValueError if the window does not fit into the map, and for a map that holds no
-    power.
+    `edge` is one of the rules above. `factor` on the noise estimate replaces the rate.
+    Raises ValueError if the window does not fit into the map, and for a map that holds
+    no power.
     """
     power, window = linear_power(power), Window(guard, train, edge)
     check_window(window, kind)
@@ -134,7 +132,7 @@ DETECTORS = {kind: functools.partial(cfar, kind=kind) for kind in KINDS}
 ca_cfar, go_cfar, so_cfar, os_cfar = DETECTORS.values()
 
 
-@functools.partial(jax.jit, static_argnames=("kind", "guard", "train", "edge"))
+@jit(static_argnames=("kind", "guard", "train", "edge"))
 def noise_floor(
     power: Power,
     *,

@@ -1,79 +1,38 @@
-"""The window of a CFAR detector: which cells it has, their sums and their counts.
+"""The cells in the window of a CFAR detector: their sums and their counts.
 
-The window of a cell, its halves and the rules at the ends of the range axis (`EDGES`)
-are drawn in `cfar`.
+The window of a cell, its halves and the rules at the ends of the range axis are drawn
+in `cfar`.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
-from jradar.radar.detect.multipliers import KINDS
+from jradar.options.detectors import Window
 from jradar.radar.ranks import to_rank
 
-GUARD, TRAIN = (2, 2), (4, 4)  # cells on a side in (doppler, range)
-EDGES = ("shrink", "one_sided", "fill", "reflect", "wrap", "skip")
+Map = Float[Array, "*batch doppler range"]
+
 MAX_COMPARISONS = 96  # in one fused kernel: XLA stops vectorising beyond about 100
 
 
-class Window(NamedTuple):
-    """Cells on a side in (doppler, range), and the rule at the ends of the range."""
-
-    guard: tuple[int, int]
-    train: tuple[int, int]
-    edge: str
-
-    @property
-    def sides(self) -> tuple[int, int]:
-        """All cells on a side in (doppler, range)."""
-        return self.guard[0] + self.train[0], self.guard[1] + self.train[1]
-
-
-def largest_window(
-    shape: tuple[int, ...], guard: tuple[int, int], train: tuple[int, int]
-) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return `guard` and `train` shrunk until they fit into a map [doppler, range]."""
-    doppler, range_ = ((bins - 1) // 2 for bins in shape[-2:])
-    train = (min(train[0], doppler), min(train[1], range_))
-    guard = (min(guard[0], doppler - train[0]), min(guard[1], range_ - train[1]))
-    return guard, train
-
-
-def check_window(window: Window, kind: str) -> None:
-    """Raise ValueError for cells, a kind or an edge that no window has."""
-    guard, train, edge = window
-    for name, cells in (("guard", guard), ("train", train)):
-        pair = isinstance(cells, tuple | list) and len(cells) == 2
-        if not (pair and all(type(n) is int and n >= 0 for n in cells)):
-            raise ValueError(
-                f"{name} = {cells!r}, expected two whole numbers of 0 or more: cells "
-                "in Doppler and in range"
-            )
-    if kind not in KINDS:
-        raise ValueError(f"detector = {kind!r}, expected one of {KINDS}")
-    if edge not in EDGES:
-        raise ValueError(f"edge = {edge!r}, expected one of {EDGES}")
-    if edge == "fill" and (train[0] or kind in ("go", "so")):
-        raise ValueError(
-            f"CFAR edge='fill' with {kind=}, {train=}: expected ca or os along range "
-            "only, train = (0, cells)"
-        )
-
-
-def inside(bins, window):
+def inside(bins: int, window: Window) -> np.ndarray:
     """Whether the whole window of a range bin exists; host."""
     number = np.arange(bins)
     return np.minimum(number, number[::-1]) >= window.sides[1]
 
 
-def halves_counted(low, high, power):
+def halves_counted(low: np.ndarray, high: np.ndarray, power: Map) -> list[Array]:
     """Which halves count in each range bin."""
     return [to_rank(cells > 0, power) for cells in (low, high)]
 
 
-def cells_per_range_bin(shape, window):
+def cells_per_range_bin(
+    shape: tuple[int, ...], window: Window
+) -> tuple[np.ndarray, np.ndarray]:
     """Number of training cells of each range bin in the two halves; host."""
     guard, train, edge = window
     for axis, bins, g, t in zip(
@@ -103,7 +62,7 @@ def cells_per_range_bin(shape, window):
     return low, low[::-1]
 
 
-def pad(values, window, fill):
+def pad(values: Array, window: Window, fill: int | float) -> Array:
     """Pad the map by the window: Doppler wraps around, range continues by the rule.
 
     Where no cells exist, it continues with `fill`.
@@ -118,7 +77,7 @@ def pad(values, window, fill):
     return jnp.pad(values, sides, constant_values=fill)
 
 
-def sums_of_halves(power, window):
+def sums_of_halves(power: Map, window: Window) -> list[Any]:
     """Sums over the training cells at lower range and over those at higher range.
 
     Sums columns first, then along range. `whole` are complete columns of the window,
@@ -170,7 +129,9 @@ def _sliding_sum(values, size, axis) -> Any:
         width *= 2
 
 
-def count_below(level, padded, window, counted):
+def count_below(
+    level: Map, padded: Array, window: Window, counted: list[Array] | None
+) -> Int[Array, "*batch doppler range"]:
     """Number of training cells below `level`, counted a few window rows at a time.
 
     `counted` says for each range bin whether its low and its high half count; if it is

@@ -7,11 +7,11 @@ still several points, which `cluster` joins by place and velocity, on the host.
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jradar.compiled import jit
 from jradar.errors import optional
 from jradar.radar.peaks import local_maxima
 from jradar.types import PointCloud
@@ -27,7 +27,7 @@ class Cluster(NamedTuple):
     points: Int[np.ndarray, " member"]  # indices into the cloud
 
 
-@jax.jit
+@jit
 def map_peaks(
     power: Float[Array, "*batch doppler range"],
 ) -> Bool[Array, "*batch doppler range"]:

@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 import scipy  # loads `optimize` and `special` when they are first used
 
-KINDS = ("ca", "go", "so", "os")
+from jradar.options.detectors import KINDS
+
 Number = int | float  # fractions stand for correlated cells, see `correlation`
 TAIL = 1e-18  # probability omitted at either end of the integral
 
@@ -44,7 +45,7 @@ def false_alarm_multiplier(
     counts. Raises ValueError for an unknown kind and for numbers out of range.
     """
     if kind not in KINDS:
-        raise ValueError(f"CFAR kind {kind!r}, expected one of {KINDS}")
+        raise ValueError(f"CFAR kind {kind!r}, expected one of {tuple(KINDS)}")
     if not 0 < rate <= 1:
         raise ValueError(f"false_alarm_rate = {rate}, expected 0 < rate <= 1")
     halves = cells if isinstance(cells, tuple) else (cells // 2, cells - cells // 2)

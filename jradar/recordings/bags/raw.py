@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Int16, Num
 
 from jradar.errors import UsageError, parsing
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.bags.bags import (
     IMU,
     TopicStream,

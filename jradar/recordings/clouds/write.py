@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+import jradar
+from jradar.errors import UsageError
 from jradar.files import atomic_path
-from jradar.types import PointCloud
 
 
-def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
+def valid_points(cloud: "jradar.PointCloud") -> dict[str, np.ndarray]:
     """Return `xyz` [point, 3] and the other measurements of a cloud's valid points."""
     valid = np.asarray(cloud.valid)
     measured = {k: v for k, v in cloud._asdict().items() if v is not None}
@@ -23,7 +24,7 @@ def valid_points(cloud: PointCloud) -> dict[str, np.ndarray]:
     return {k: np.asarray(v)[valid] for k, v in measured.items()}
 
 
-def point_table(cloud: PointCloud) -> np.ndarray:
+def point_table(cloud: "jradar.PointCloud") -> np.ndarray:
     """Return the valid points as a structured array of float32: x, y, z, and the rest.
 
     A cloud's other fields keep their names; those that it lacks are left out.
@@ -37,7 +38,7 @@ def point_table(cloud: PointCloud) -> np.ndarray:
     return table
 
 
-def write_ply(path: Path | str, cloud: PointCloud) -> None:
+def write_ply(path: Path | str, cloud: "jradar.PointCloud") -> None:
     """Write the valid points of one cloud as a PLY file."""
     table = point_table(cloud)
     header = [
@@ -51,7 +52,7 @@ def write_ply(path: Path | str, cloud: PointCloud) -> None:
     _write(path, header, table.tobytes())
 
 
-def write_pcd(path: Path | str, cloud: PointCloud) -> None:
+def write_pcd(path: Path | str, cloud: "jradar.PointCloud") -> None:
     """Write the valid points of one cloud as a PCD file of version 0.7."""
     table = point_table(cloud)
     names = table.dtype.names or ()
@@ -71,14 +72,14 @@ def write_pcd(path: Path | str, cloud: PointCloud) -> None:
     _write(path, header, table.tobytes())
 
 
-def write_csv(path: Path | str, cloud: PointCloud) -> None:
+def write_csv(path: Path | str, cloud: "jradar.PointCloud") -> None:
     """Write the valid points of one cloud as lines of numbers with commas."""
     table = point_table(cloud)
     rows = (",".join(f"{number:.9g}" for number in row) for row in table.tolist())
     _write(path, [",".join(table.dtype.names or ()), *rows], b"")
 
 
-CLOUD_WRITERS: dict[str, Callable[[Path | str, PointCloud], None]] = {
+CLOUD_WRITERS: dict[str, Callable[[Path | str, "jradar.PointCloud"], None]] = {
     "ply": write_ply,
     "pcd": write_pcd,
     "csv": write_csv,
@@ -89,6 +90,22 @@ def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
     """Write named arrays as an uncompressed NPZ file; compressing takes the longest."""
     with atomic_path(path) as scratch, scratch.open("wb") as file:
         np.savez(file, **arrays)
+
+
+def save_cloud(path: Path | str, cloud: "jradar.PointCloud") -> None:
+    """Write the valid points of one cloud in the format that the suffix names.
+
+    It is one of CLOUD_WRITERS or .npz. Raises UsageError for another one.
+    """
+    kind = Path(path).suffix.removeprefix(".")
+    jradar.types.check_one_cloud(cloud, "save")
+    if kind == "npz":
+        write_npz(path, valid_points(cloud))
+    elif kind in CLOUD_WRITERS:
+        CLOUD_WRITERS[kind](path, cloud)
+    else:
+        known = ", ".join(f".{name}" for name in (*CLOUD_WRITERS, "npz"))
+        raise UsageError(f"{path}: expected a name that ends with one of {known}")
 
 
 def _write(path: Path | str, lines: list[str], data: bytes) -> None:

@@ -17,8 +17,8 @@ from jaxtyping import Complex, Float
 
 from jradar.errors import UsageError
 from jradar.files import read_json, read_text
-from jradar.radar import RadarSpec
-from jradar.radar.devices import CASCADE
+from jradar.options.boards import CASCADE
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.text_files import radar_of
 
 # Keys of a waveform file and the fields of a radar, all in SI units.

@@ -17,7 +17,7 @@ from jaxtyping import Complex, Float
 from jradar.errors import parsing
 from jradar.files import read_text
 from jradar.lidar import rigid_transform
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.recording import Stream
 
 MAX_TEXT_BYTES = 64 << 20

@@ -21,9 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
+import jradar
 from jradar.errors import UsageError, parsing
 from jradar.lidar import Poses
-from jradar.radar import Radar, RadarSpec
+from jradar.options.recordings import SENSORS
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.clouds.read import read_bin
 from jradar.recordings.coloradar.calib import (
     radar_from_coloradar,
@@ -40,7 +42,6 @@ from jradar.recordings.radar_toml import read_radar_toml
 from jradar.recordings.recording import Format, Imu, Recording
 from jradar.recordings.ti.frame import CaptureSpec
 
-SENSORS = ("single_chip", "cascade")
 KINDS = ("adc_samples", "heatmaps", "pointclouds")  # folders of a radar in the release
 LEVELS_UP = 3  # above a sequence, where calib/ is looked for
 
@@ -148,9 +149,9 @@ def _sensor(folder: Path, sensor: str | None, notes: list[str]) -> str:
     return here[0]
 
 
-def _calibrated(spec: RadarSpec, capture: CaptureSpec, folder: Path) -> Radar:
+def _calibrated(spec: RadarSpec, capture: CaptureSpec, folder: Path) -> "jradar.Radar":
     """Return the radar with the calibration of its folder, then that of a TOML file."""
-    radar = Radar(spec, range_bias_m=capture.range_bias_m)
+    radar = jradar.Radar(spec, range_bias_m=capture.range_bias_m)
     if (path := folder / "coupling_calib.txt").is_file():
         with parsing(path, "the leakage of this radar"):
             radar = dataclasses.replace(radar, leakage=read_coupling(path))

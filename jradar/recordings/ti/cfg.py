@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 
 from jradar.files import read_text
-from jradar.radar import RadarSpec
-from jradar.radar.devices import ROW_OF_RECEIVERS, Board
+from jradar.options.boards import ROW_OF_RECEIVERS, Board
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.ti.frame import (
     CaptureSpec,
     Chirp,

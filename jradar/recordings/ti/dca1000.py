@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.descriptions import (
     Description,
     find_description,

@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+import jradar
 from jradar.errors import UsageError
 from jradar.lidar import rigid_transform
-from jradar.radar import Radar, RadarSpec
-from jradar.radar.devices import BOARDS, Board
+from jradar.options.boards import BOARDS, Board
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.text_files import radar_of
 
 Number = int | float
@@ -49,13 +50,13 @@ class CaptureSpec:
     channel_factors: tuple[complex, ...] = ()  # per virtual antenna, in cube order
     mount: tuple[float, ...] = ()  # on the base: x y z and a quaternion, if measured
 
-    def radar(self, spec: RadarSpec) -> Radar:
+    def radar(self, spec: RadarSpec) -> "jradar.Radar":
         """Return the radar with these factors, if they change anything, and bias."""
         channels = None
         if set(self.channel_factors) - {1}:
             factors = np.array(self.channel_factors, np.complex64)
             channels = factors.reshape(spec.num_tx, spec.num_rx)
-        return Radar(spec, channels=channels, range_bias_m=self.range_bias_m)
+        return jradar.Radar(spec, channels=channels, range_bias_m=self.range_bias_m)
 
     def base_from_radar(self) -> Float[np.ndarray, "4 4"] | None:
         """Return the measured place of the radar on its base, if there is one."""

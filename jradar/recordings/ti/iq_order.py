@@ -19,10 +19,10 @@ import numpy as np
 from jaxtyping import Int16, Num
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec
+from jradar.options.recordings import IQ_ORDERS
+from jradar.options.sensor import RadarSpec
 
-TWO_LANES = ("IIQQ", "QQII", "IQIQ", "QIQI")
-IQ_ORDERS = (*TWO_LANES, "I4Q4", "Q4I4", "I")
+TWO_LANES = IQ_ORDERS[:4]
 OTHER_INTERLEAVE = {"IIQQ": "IQIQ", "IQIQ": "IIQQ", "QQII": "QIQI", "QIQI": "QQII"}
 SWAPPED = {"IIQQ": "QQII", "IQIQ": "QIQI", "I4Q4": "Q4I4"}
 SWAPPED |= {swapped: order for order, swapped in SWAPPED.items()}

@@ -19,8 +19,8 @@ from typing import Any
 
 from jradar.errors import UsageError, parsing
 from jradar.files import MAX_TEXT_BYTES, read_json
-from jradar.radar import RadarSpec
-from jradar.radar.devices import Board
+from jradar.options.boards import Board
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.ti.frame import (
     CaptureSpec,
     Chirp,

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 
 from jradar.errors import optional, parsing
 from jradar.files import open_file
-from jradar.radar import RadarSpec
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.recording import Format, Recording
 from jradar.recordings.ti.dca1000 import (
     bytes_of_frame,

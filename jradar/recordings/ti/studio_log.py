@@ -13,8 +13,8 @@ from pathlib import Path
 
 from jradar.errors import UsageError
 from jradar.files import read_text
-from jradar.radar import RadarSpec
-from jradar.radar.devices import BOARDS
+from jradar.options.boards import BOARDS
+from jradar.options.sensor import RadarSpec
 from jradar.recordings.ti.frame import (
     CaptureSpec,
     Chirp,

@@ -15,7 +15,6 @@ was calibrated has a `calibration` that differs from its channels by the errors 
 measurement.
 """
 
-import functools
 import os
 from typing import NamedTuple
 
@@ -24,13 +23,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int, Key
 
+from jradar.compiled import jit
+from jradar.options.sensor import SPEED_OF_LIGHT
 from jradar.radar import RadarSpec, Scatterers, simulate_cube
 from jradar.radar.clean.interference import (
     Interferers,
     crossing_chirps,
     draw_interferers,
 )
-from jradar.radar.sensor import SPEED_OF_LIGHT
 from jradar.simulation.hardware.front_end import FrontEnd, distort, make_front_end
 from jradar.simulation.hardware.synthesiser import SynthesiserSpec, sampling_errors
 from jradar.simulation.paths.line_of_sight import Paths
@@ -189,7 +189,7 @@ def channel_factors(
     return turns * hardware.phase[..., None]
 
 
-@functools.partial(jax.jit, static_argnames="radar", compiler_options=QUICK)
+@jit(static_argnames="radar", compiler_options=QUICK)
 def _sampled(
     key,
     scatterers,

@@ -1,35 +1,53 @@
 """Parts of buildings that kinds of scenes share: walls, shells, lamps, walkers."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jradar.simulation.scenes.scene import Body, make_body
-from jradar.simulation.scenes.solids import Solid, box, moved, person, sheet, slab, wall
+from jradar.simulation.scenes.solids import (
+    Numbers,
+    Solid,
+    box,
+    moved,
+    person,
+    sheet,
+    slab,
+    wall,
+)
 from jradar.simulation.scenes.trajectory import walk
 
 
-def rectangle(low, high):
+def rectangle(low: Numbers, high: Numbers) -> np.ndarray:
     """Return the corners `[corner, 2]` of a rectangle in turn, along x first."""
-    (x0, y0), (x1, y1) = low, high
+    (x0, y0), (x1, y1) = np.asarray(low), np.asarray(high)
     return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], float)
 
 
-def ring(length, depth, *, offset=0.0):
+def ring(length: float, depth: float, *, offset: float = 0.0) -> np.ndarray:
     """Return the corners of a rectangle from (0, 0), moved by `offset`."""
     return rectangle((0, 0), (length, depth)) + offset
 
 
-def sides(corners):
+def sides(corners: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the start and end of each side of a closed line."""
     return [*zip(corners, np.roll(corners, -1, 0), strict=True)]
 
 
-def glass_front(x0, x1, y, height) -> Solid:
+def glass_front(x0: float, x1: float, y: float, height: float) -> Solid:
     """Return a pane of glass along x."""
     corners = [(x0, y, 0.1), (x1, y, 0.1), (x1, y, height), (x0, y, height)]
     return sheet(corners, "glass")
 
 
-def wall_with_openings(random, start, end, height, material, kinds) -> Solid:
+def wall_with_openings(
+    random: np.random.Generator,
+    start: Numbers,
+    end: Numbers,
+    height: float,
+    material: str,
+    kinds: Sequence[str],
+) -> Solid:
     """Return a wall with an opening of one of these kinds every few metres."""
     length = float(np.hypot(*np.subtract(end, start)))
     openings, at = [], random.uniform(0.8, 2.0)
@@ -41,13 +59,22 @@ def wall_with_openings(random, start, end, height, material, kinds) -> Solid:
     return wall(start, end, height, material, openings=openings)
 
 
-def floor_and_ceiling(length, depth, height, *, margin=0.2) -> list[Solid]:
+def floor_and_ceiling(
+    length: float, depth: float, height: float, *, margin: float = 0.2
+) -> list[Solid]:
     """Return floor and ceiling of rooms from (0, 0), larger by a margin."""
     low, high = (-margin, -margin), (length + margin, depth + margin)
     return [slab(low, high, 0.0, "floor"), slab(low, high, height, "ceiling")]
 
 
-def shell(random, length, depth, height, material, kinds) -> list[Solid]:
+def shell(
+    random: np.random.Generator,
+    length: float,
+    depth: float,
+    height: float,
+    material: str,
+    kinds: Sequence[str],
+) -> list[Solid]:
     """Return floor, ceiling and four walls."""
     parts = floor_and_ceiling(length, depth, height)
     for a, b in sides(ring(length, depth)):
@@ -55,7 +82,12 @@ def shell(random, length, depth, height, material, kinds) -> list[Solid]:
     return parts
 
 
-def beside_wall(random, side, gap, item) -> Solid:
+def beside_wall(
+    random: np.random.Generator,
+    side: tuple[np.ndarray, np.ndarray],
+    gap: float,
+    item: Solid,
+) -> Solid:
     """Return an item placed at the wall of one side of a room."""
     a, b = side
     along = (b - a) / np.linalg.norm(b - a)
@@ -64,7 +96,7 @@ def beside_wall(random, side, gap, item) -> Solid:
     return moved(item, (*spot, 0), yaw=float(np.arctan2(along[1], along[0])))
 
 
-def lamps(random, line, height) -> list[Solid]:
+def lamps(random: np.random.Generator, line: np.ndarray, height: float) -> list[Solid]:
     """Return lamps below the ceiling along a closed line."""
     lamps, every = [], random.uniform(2.5, 4.0)
     for a, b in sides(line):
@@ -75,7 +107,7 @@ def lamps(random, line, height) -> list[Solid]:
     return lamps
 
 
-def walker(random, way) -> Body:
+def walker(random: np.random.Generator, way: np.ndarray) -> Body:
     """Return a person who walks along a closed way."""
     ground = np.column_stack([way, np.zeros(len(way))])
     trajectory = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))

@@ -30,6 +30,7 @@ from jradar.simulation.scenes.furniture import (
     table,
     wardrobe,
 )
+from jradar.simulation.scenes.kinds import Layout
 from jradar.simulation.scenes.scene import make_body
 from jradar.simulation.scenes.solids import (
     Solid,
@@ -48,7 +49,7 @@ from jradar.simulation.scenes.trajectory import walk
 LANE_M = 1.15  # from the walls of a living room to the way through it
 
 
-def home(random: np.random.Generator):
+def home(random: np.random.Generator) -> Layout:
     """Return a flat of three rooms; the way leads around the living room."""
     length, depth = random.uniform(5.2, 7.5), random.uniform(4.8, 6.5)
     beyond, height = random.uniform(3.0, 4.2), random.uniform(2.4, 2.8)
@@ -100,7 +101,7 @@ def home(random: np.random.Generator):
     return parts, movers, way, random.uniform(0.4, 0.9)
 
 
-def warehouse(random: np.random.Generator):
+def warehouse(random: np.random.Generator) -> Layout:
     """Return a hall with rows of racks; the way leads around one of them."""
     rows, bays = int(random.integers(3, 5)), int(random.integers(4, 7))
     aisle, height = random.uniform(2.5, 3.5), random.uniform(5.5, 8.0)
@@ -154,7 +155,7 @@ def _forklift():
     return join(boxes("metal", body, weight, roof, mast) + pillars + forks)
 
 
-def plantroom(random: np.random.Generator):
+def plantroom(random: np.random.Generator) -> Layout:
     """Return a room of boilers and tanks; the way leads around the middle row."""
     length, depth = random.uniform(12, 18), random.uniform(9, 12)
     height = random.uniform(3.5, 5.5)

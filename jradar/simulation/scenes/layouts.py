@@ -42,7 +42,7 @@ from jradar.simulation.scenes.furniture import (
     table,
 )
 from jradar.simulation.scenes.interiors import home, plantroom, warehouse
-from jradar.simulation.scenes.kinds import KINDS, TUNNEL, make_layout
+from jradar.simulation.scenes.kinds import KINDS, TUNNEL, Layout, make_layout
 from jradar.simulation.scenes.scene import Scene, make_body
 from jradar.simulation.scenes.solids import (
     boulder,
@@ -76,7 +76,7 @@ def make_scene(family: str, seed: int) -> Scene:
     return Scene(f"{family}_{seed}", (world, *movers), platform)
 
 
-def hallways(random: np.random.Generator):
+def hallways(random: np.random.Generator) -> Layout:
     """Return a ring of corridors, with furnished rooms behind the drywall."""
     length, depth = random.uniform(16, 26), random.uniform(9, 16)
     width, height = random.uniform(1.9, 2.8), random.uniform(2.4, 3.0)
@@ -104,7 +104,7 @@ def hallways(random: np.random.Generator):
     return parts, movers, way, random.uniform(0.8, 1.2)
 
 
-def mine(random: np.random.Generator):
+def mine(random: np.random.Generator) -> Layout:
     """Return a closed drift through rock."""
     rock, middle = tunnel(random)
     parts = [rock]
@@ -128,7 +128,7 @@ def mine(random: np.random.Generator):
     return parts, movers, middle[:: len(middle) // 24], random.uniform(0.7, 1.1)
 
 
-def lab(random: np.random.Generator):
+def lab(random: np.random.Generator) -> Layout:
     """Return a furnished hall."""
     length, depth = random.uniform(10, 15), random.uniform(8, 11)
     height = random.uniform(2.8, 4.0)
@@ -156,7 +156,7 @@ def lab(random: np.random.Generator):
     return parts, movers, way, random.uniform(0.6, 1.0)
 
 
-def outdoor(random: np.random.Generator):
+def outdoor(random: np.random.Generator) -> Layout:
     """Return a yard among buildings."""
     parts = [slab((-30, -30), (30, 30), 0.0, "asphalt")]
     for k in range(3):
@@ -197,7 +197,7 @@ def outdoor(random: np.random.Generator):
     return parts, movers, way, random.uniform(0.9, 1.3)
 
 
-def corridor(random: np.random.Generator):
+def corridor(random: np.random.Generator) -> Layout:
     """Return a long corridor with one side of glass between posts."""
     length, width = random.uniform(24, 34), random.uniform(2.2, 3.2)
     height = random.uniform(2.6, 3.2)
@@ -227,7 +227,7 @@ def corridor(random: np.random.Generator):
     return parts, movers, way, random.uniform(0.8, 1.2)
 
 
-def hall(random: np.random.Generator):
+def hall(random: np.random.Generator) -> Layout:
     """Return a high hall with columns and a glass front."""
     length, depth = random.uniform(16, 24), random.uniform(12, 16)
     height = random.uniform(4.5, 6.5)
@@ -251,7 +251,7 @@ def hall(random: np.random.Generator):
     return parts, movers, way, random.uniform(0.8, 1.2)
 
 
-def forest(random: np.random.Generator):
+def forest(random: np.random.Generator) -> Layout:
     """Return a clearing in a wood, with a path around it."""
     parts = [slab((-30, -30), (30, 30), 0.0, "grass")]
     for _ in range(random.integers(22, 34)):

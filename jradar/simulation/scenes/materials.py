@@ -20,7 +20,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from jradar.radar.sensor import SPEED_OF_LIGHT
+from jradar.options.sensor import SPEED_OF_LIGHT
 
 VACUUM_PERMITTIVITY = 8.8541878128e-12
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from trimesh.exchange.ply import load_ply
 
+from jradar.errors import UsageError
 from jradar.recordings import CLOUD_WRITERS, read_cloud, write_npz, write_ply
 from jradar.types import PointCloud
 
@@ -76,3 +77,18 @@ def test_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
         write_npz(tmp_path / "a.npz", {"x": np.ones(3), "y": Broken()})
     assert (tmp_path / "a.npz").read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_a_cloud_is_saved_in_the_format_of_its_suffix(tmp_path):
+    points = cloud(6)
+    for suffix in (".ply", ".pcd"):
+        points.save(tmp_path / f"a{suffix}")
+        assert len(read_cloud(tmp_path / f"a{suffix}")["x"]) == points.valid.sum()
+    points.save(tmp_path / "a.npz")
+    np.testing.assert_array_equal(
+        np.load(tmp_path / "a.npz")["xyz"], points.xyz[points.valid]
+    )
+    with pytest.raises(UsageError, match=r"a\.las: expected .* \.ply, \.pcd, \.csv"):
+        points.save(tmp_path / "a.las")
+    with pytest.raises(ValueError, match="expected one cloud"):
+        PointCloud(points.xyz[None], points.valid[None]).save(tmp_path / "b.ply")

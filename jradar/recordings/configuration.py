@@ -1,24 +1,34 @@
-"""What a radar's configuration can do, before anything is recorded.
+"""What a radar's configuration can do, before anything is recorded; without JAX.
 
 The limits are those of TI's chips in the demo of the mmWave SDK, and of the DCA1000.
 The demo keeps one frame in the chip's memory even if it only sends the samples.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from jradar.model import load_card, shipped_models
-from jradar.radar import RadarSpec
-from jradar.recordings import describe_radar, read_description
+from jradar.files import read_json
+from jradar.options.models import shipped_models
+from jradar.options.sensor import RadarSpec
+from jradar.recordings.describe import describe_radar
+from jradar.recordings.descriptions import read_description
 from jradar.recordings.ti.dca1000 import bytes_of_frame
-from jradar.session.warnings import of_radar
 
 MOST_DUTY = 50.0  # % of the time in which a transmitter is on
 MOST_BANDWIDTH_GHZ = 4.0
 MOST_FRAME_KIB = 768.0  # 2**14 samples of 3 x 4 antennas, 4 bytes each
 PACKET_BYTES, PACKET_S = 1456, 12.1e-6  # samples in a packet of the card; its time
 SHORTEST_DELAY_S = 5e-6  # between two packets
+TOLERANCE = 0.05  # up to which two radars count as alike
+FLAT = (
+    "this radar has one row of antennas and measures no elevation: heights in the "
+    "result are invented by the model"
+)
+NARROW = (
+    "this radar has one column of antennas and measures no azimuth: directions in the "
+    "result are invented by the model"
+)
 
 
 class Check(NamedTuple):
@@ -44,14 +54,14 @@ def describe_configuration(
     found = read_description(path, device=device)
     radar, checks = found.radar, [*board_checks(found.radar)]
     failed = [check.check for check in checks if not check.fits]
-    cards = {name: load_card(name) for name in shipped_models()}
     return {
         "configuration": str(path),
         "radar": describe_radar(radar),
         "frames/s": 1 / radar.frame_period_s if radar.frame_period_s else None,
         "models": {
-            name: "; ".join(of_radar(card, radar)) or "trained on such radars"
-            for name, card in cards.items()
+            name: "; ".join(unsuited(trained, radar)) or "trained on such radars"
+            for name, folder in shipped_models().items()
+            if (trained := radars_of_training(folder))
         },
         "the board can run it": f"no: {', '.join(failed)}" if failed else "yes",
         "limits": [check._asdict() | {"fits": check.fits} for check in checks],
@@ -94,3 +104,62 @@ def _hints(radar: RadarSpec) -> Iterator[str]:
         delay_s = 8e-6 * PACKET_BYTES / link_mbps(radar) - PACKET_S
         if delay_s >= SHORTEST_DELAY_S:
             yield f"the link needs a --packet-delay of {1e6 * delay_s:.0f} us or less"
+
+
+def radars_of_training(model: Path) -> tuple[RadarSpec, ...]:
+    """Return the radars in the card of a shipped model; its weights are not read."""
+    card = read_json(model / "model.json")["card"]
+    return tuple(RadarSpec.from_dict(radar) for radar in card["radars"])
+
+
+def unsuited(trained: Sequence[RadarSpec], radar: RadarSpec) -> Iterator[str]:
+    """Yield why a model of these radars may not suit another one."""
+    if without := blind(radar):
+        yield without
+    yield from differences(trained, radar, _waveform)
+
+
+def blind(radar: RadarSpec) -> str:
+    """Return which angle the radar does not measure, in words; "" if it has both."""
+    if not radar.has_elevation:
+        return FLAT
+    return "" if radar.has_azimuth else NARROW
+
+
+def differences(
+    trained: Sequence[RadarSpec],
+    radar: RadarSpec,
+    described: Callable[[RadarSpec], dict[str, float]],
+) -> Iterator[str]:
+    """Yield what differs from the radars of training, if anything does.
+
+    `described` returns what counts of a radar, by its words with a place for a number.
+    """
+    differ = [
+        f"{name.format(value)} here, {_span(known)} in training"
+        for name, value in described(radar).items()
+        if (known := [described(seen)[name] for seen in trained])
+        and not min(known) * (1 - TOLERANCE) <= value <= max(known) * (1 + TOLERANCE)
+    ]
+    if differ:
+        yield (
+            f"the model was trained on other radars ({trained[0].name}), expect worse "
+            f"clouds: {'; '.join(differ)}"
+        )
+
+
+def _span(values: Sequence[float]) -> str:
+    """Write the smallest and the largest value, once if they are the same."""
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _waveform(radar: RadarSpec) -> dict[str, float]:
+    """Return what the look of a radar's points depends on, by its words in a note."""
+    return {
+        "range to {:.3g} m": radar.max_range_m,
+        "range bins of {:.3g} m": radar.range_resolution_m,
+        "velocity to {:.3g} m/s": radar.max_velocity_mps,
+        "carrier at {:.3g} GHz": radar.center_frequency_hz / 1e9,
+        "{:.0f} virtual antennas": float(radar.num_virtual),
+    }

@@ -7,23 +7,18 @@ import warnings
 
 import pytest
 
-from jradar.model import folder
 from jradar.radar import Radar, RadarSpec
-from jradar.recordings import write_radar_toml
-from jradar.session import describe_configuration
-from jradar.session.configuration import board_checks, link_mbps
+from jradar.recordings import describe_configuration, write_radar_toml
+from jradar.recordings.configuration import board_checks, link_mbps
 
 SPEC = RadarSpec.awr1843(frame_period_s=0.1)
 
 
-def test_models_are_compared_without_their_weights(tmp_path, monkeypatch):
+def test_models_are_compared_without_jax(tmp_path):
     path = tmp_path / "radar.toml"
     write_radar_toml(path, Radar(SPEC))
-    monkeypatch.setattr(
-        folder, "read_params", lambda _: pytest.fail("weights are read")
-    )
     assert "jradar-sim" in describe_configuration(path)["models"]
-    heavy = "matplotlib", "optax", "scipy.optimize", "scipy.spatial", "scipy.special"
+    heavy = "jax", "matplotlib", "scipy.optimize", "scipy.spatial", "scipy.special"
     code = (
         "import sys; from jradar.cli import main; "
         f"main(['info', {str(path)!r}]) and sys.exit('info failed'); "

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from jradar.fields import typed_fields
-from jradar.radar.devices import RECORDED, device_fields
+from jradar.options.boards import RECORDED, device_fields
 
 SPEED_OF_LIGHT = 299_792_458.0  # m/s
 
@@ -233,7 +233,7 @@ class RadarSpec:
 
     @classmethod
     def named(cls, device: str, **changes: Any) -> "RadarSpec":
-        """Return a device of `jradar.radar.devices`, with fields that replace its own.
+        """Return a device of `jradar.options.boards`, with fields that replace its own.
 
         Raises ValueError as `from_dict`.
         """

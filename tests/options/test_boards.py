@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jradar.options.boards import BOARDS
 from jradar.radar import PointSpec, Radar, RadarSpec, ca_cfar, calibrate, radar_points
-from jradar.radar.devices import BOARDS
 from jradar.radar.spectrum import power_map
 from tests.radar.targets import cloud_of, simulate, spherical, target
 
