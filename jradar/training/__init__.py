@@ -22,8 +22,9 @@ from jradar.training.step import (
     Loss as Loss,
     TrainState as TrainState,
     create_state as create_state,
-    ema_decay_at as ema_decay_at,
+    make_step as make_step,
     make_train_step as make_train_step,
+    state_of as state_of,
 )
 from jradar.training.targets import pair_batches as pair_batches
 

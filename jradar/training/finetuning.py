@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jradar.data import Records
@@ -40,7 +39,7 @@ from jradar.training.replay import (
     pairs_of,
     simulate_replay,
 )
-from jradar.training.step import TrainState, make_train_step
+from jradar.training.step import make_train_step, state_of
 from jradar.viz import learning_curve_figure, save_figure
 
 RUN = "finetune.json"  # what is fine-tuned, and how
@@ -185,9 +184,6 @@ def _train(folder, start, own, checked, old, spec):
     optimizer = clipped_adamw(
         steps=steps, learning_rate=spec.learning_rate, warmup_steps=min(50, steps // 4)
     )
-    count = jnp.zeros((), jnp.int32)
-    moments = jax.jit(optimizer.init)(start.params)
-    state = TrainState(count, start.params, start.params, moments)
 
     def evaluate(state, step):
         params = jax.device_get(state.ema_params)
@@ -199,7 +195,7 @@ def _train(folder, start, own, checked, old, spec):
 
     train(
         jax.random.fold_in(jax.random.key(spec.seed), 0),
-        state,
+        state_of(start.params, optimizer),
         make_train_step(
             start.spec.network,
             optimizer,
