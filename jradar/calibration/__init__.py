@@ -3,8 +3,8 @@
 calibrate_recording, Calibration    all of it for one recording, which is the strongest
                                     echoes of frames (`snapshots`), to
 self_calibrate                      channel factors that explain them
-level_tilt                          the part that only turns the view, from motion over
-                                    level ground
+level_tilt                          the tilt, which only rotates the view, from motion
+                                    over level ground
 mount_from_motion, Mount            the radar's place on its rig, from its velocities
                                     and the rig's poses
 with_pitch, single_echoes           the pitch of a mount, by echoes that are single

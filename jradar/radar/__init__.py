@@ -21,7 +21,7 @@ Points       PointSpec, radar_points           cube to points of the detected ce
 Clutter      static_background, subtract_background     of a radar that stands still
 Other radars excise_interference               crossing chirps, out of the samples
              draw_interferers, crossing_chirps     and into them
-Simulation   Scatterers, simulate_cube         the way back: scatterers to a cube
+Simulation   Scatterers, simulate_cube         the reverse: scatterers to a cube
 
 Capon, MUSIC, near fields and several targets in a cell are options of `PointSpec`.
 """

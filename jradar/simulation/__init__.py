@@ -8,7 +8,7 @@
     SHIFTS, LATER_SHIFTS, robust_set    what the units of the robustness sets differ in
     simulate_set, set_sequences, SETS   named data sets and their versions
     drawn_sources, DRAWN        sets of training frames, each of a place of its own
-    row_sources                 the same of radars with one row of antennas
+    row_sources                 the same for radars with one row of antennas
     SimulationPlan              a scene or a set to write, its size and its time
 
     scenes/     geometry, layouts, maps to surfaces, materials, rays, hand-held motion

@@ -1,10 +1,15 @@
-"""A model and records to a model that knows them: spec, run and result.
+"""Fine-tuning: a model and the records of one's own rig to a model that knows them.
 
-A quarter of each batch are old frames (replay). Of the weights at each evaluation,
-those with the best F-score on the validation frames are taken, the model as it was
-included. Should they lose more than `forget` points on old frames that were not
-replayed, they become a mean of the weights before and after (Wortsman et al. 2022).
-The confidence is then fitted to the validation frames and to those old ones.
+A quarter of each batch are old frames (replay). Each evaluation scores the weights on
+the validation frames; the best ones are kept, or the model as it was. If they lose more
+than `forget` points on old frames that were not replayed, they are averaged with the
+weights before (Wortsman et al. 2022). The confidence is then fitted to the validation
+frames and to those old ones.
+
+    FOLDER/model/             the model, for load_model(FOLDER) and --model FOLDER
+    FOLDER/checkpoints/       from which a stopped run resumes
+    FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
+    FOLDER/replay/            simulated frames of the places that the model knew
 """
 
 import dataclasses

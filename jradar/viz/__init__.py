@@ -3,7 +3,7 @@
 range_doppler, range_azimuth     the power of a cube
 capture_figure                   a radar frame: maps of power, clouds, range image
 samples_figure                   range images side by side
-reliability_figure               the confidence of points: is it right, what it buys
+reliability_figure               whether confidence holds, and the precision it buys
 preparation_figure               the preparation of a LiDAR scan, step by step
 error_curves_figure, clouds_figure, learning_curve_figure
                                  results: the paper's Fig. 6 and 5, and training
