@@ -1,4 +1,4 @@
-"""What the conditions of training look like, by which unusual ones are recognised."""
+"""What conditions look like in training, so that unusual ones are recognised."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ TRUSTED = 1200  # most frames of each source
 
 
 def trust_of(*sources: PairSource) -> TrustTable | None:
-    """Return the table of trust of the sources' conditions; None of too few frames."""
+    """Return the table of trust of the sources' conditions; None for too few."""
     features = [
         np.asarray(condition_features(pairs[i].condition))
         for pairs in sources

@@ -1,9 +1,9 @@
 """Fine-tuning: a model and the records of one's own rig to a model that knows them.
 
-A quarter of each batch are old frames (replay). Each evaluation scores the weights on
+A quarter of each batch is old frames (replay). Each evaluation scores the weights on
 the validation frames; the best ones are kept, or the model as it was. If they lose more
 than `forget` points on old frames that were not replayed, they are averaged with the
-weights before (Wortsman et al. 2022). The confidence is then fitted to the validation
+initial weights (Wortsman et al. 2022). The confidence is then fitted to the validation
 frames and to those old ones.
 
     FOLDER/model/             the model, for load_model(FOLDER) and --model FOLDER
@@ -151,7 +151,7 @@ def _trained(folder, start, own, checked, old, spec, name):
     if not best.exists():
         scores = both_scores(start, checked, old)
         write_text(folder / BEFORE, json.dumps(scores._asdict()) + "\n")
-        _keep(best, start, 0, scores.own)  # the last: who resumes has both
+        _keep(best, start, 0, scores.own)  # last: a run that resumes finds both
     _train(folder, start, own, checked, old, spec)
     before = Scores(**read_json(folder / BEFORE))
     kept, step = Kept(start, 0.0, before), read_json(best)["step"]
@@ -165,7 +165,7 @@ def _trained(folder, start, own, checked, old, spec, name):
         kept.model, card=card, trust=trust_of(*pairs) or start.trust
     )
     key = jax.random.fold_in(jax.random.key(spec.seed), 1)
-    # The frames of one place alone would make every point look as sure as there.
+    # Fitted to one place alone, points elsewhere would seem as sure as there.
     found = with_confidence(key, found, checked, old.checked)
     save_model(folder / "model", found)
     write_model_card(
@@ -241,11 +241,11 @@ def _split(records: Path | str, split: str) -> Records:
 
 
 def _check_contents(folder: Path) -> None:
-    """Raise UsageError for a folder with other contents than those of a run."""
+    """Raise UsageError for a folder that holds anything but a run."""
     others = sorted(path.name for path in folder.glob("[!.]*"))
     if others and not (folder / RUN).is_file():
         raise UsageError(
-            f"{folder} holds {others[0]}, which is not of a fine-tuning: choose "
+            f"{folder} holds {others[0]}, which fine-tuning did not write: choose "
             "another output"
         )
 
