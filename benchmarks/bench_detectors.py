@@ -12,14 +12,8 @@ import numpy as np
 from scipy import ndimage
 
 from benchmarks.harness import Call, Case
-from jradar.radar import (
-    ca_cfar,
-    false_alarm_multiplier,
-    go_cfar,
-    noise_floor,
-    os_cfar,
-    so_cfar,
-)
+from jradar.radar import ca_cfar, go_cfar, noise_floor, os_cfar, so_cfar
+from jradar.radar.detect.multipliers import false_alarm_multiplier
 
 RATE = 1e-3
 MEAN_DETECTORS = {"CA": ca_cfar, "GO": go_cfar, "SO": so_cfar}

@@ -18,13 +18,13 @@ from jradar.radar import (
     PointSpec,
     Radar,
     RadarSpec,
-    direction_sines,
     directions,
     power_map,
     radar_points,
     range_doppler,
-    window,
 )
+from jradar.radar.angle.spectrum import direction_sines
+from jradar.radar.spectrum import window
 
 
 def cases() -> Iterator[Case]:

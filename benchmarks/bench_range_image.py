@@ -14,7 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.harness import Case
-from jradar.range_image import ImageSpec, agreed_range, project, project_slices
+from jradar.range_image import ImageSpec, agreed_range, project
+from jradar.range_image.projection import project_slices
 from jradar.types import PointCloud
 
 FINE = ImageSpec(height=128, width=512)

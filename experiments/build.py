@@ -27,13 +27,8 @@ from jradar.model import Card, ModelSpec
 from jradar.progress import progress
 from jradar.radar import PointSpec
 from jradar.range_image import ImageSpec
-from jradar.simulation import (
-    DRAWN,
-    drawn_sources,
-    kind_of,
-    set_sequences,
-    simulate_set,
-)
+from jradar.simulation import drawn_sources, set_sequences, simulate_set
+from jradar.simulation.drawn import DRAWN, kind_of
 from jradar.training import LOSSES, Loss, clipped_adamw, view_losses
 
 TRAIN_KEY, INIT_KEY, SAMPLE_KEY = range(3)

@@ -88,7 +88,7 @@ def _run_seeds(
             return code
         if (records := runs[0] / "data" / "records").is_dir() and not config.data.path:
             config.data.path = str(records)
-    from jradar.evaluation import seeds_table
+    from jradar.evaluation.tables import seeds_table
 
     print(f"\n{seeds_table(runs)}")
     return 0
@@ -100,7 +100,8 @@ def _run(config: ConfigDict, workdir: Path, mode: str) -> int:
     use_compilation_cache()
     import jax
 
-    from jradar.training import Interrupted, join_processes
+    from jradar.training.loop import Interrupted
+    from jradar.training.parallel import join_processes
 
     join_processes()  # before a task's module may use a device
     check_platform()

@@ -28,8 +28,7 @@ from jradar.planar import lidar_image, polar_image
 from jradar.progress import progress
 from jradar.radar import PointSpec, calibrate, radar_points
 from jradar.recordings import nearest_scan
-from jradar.simulation import DRAWN, row_sources
-from jradar.simulation.drawn import DrawnSource
+from jradar.simulation.drawn import DRAWN, DrawnSource, row_sources
 
 ROW = "jradar-sim-5-row"
 COMPLETE = "complete"  # folder of names of sources

@@ -6,7 +6,7 @@
 4    bad data
 5    no usable checkpoint or model
 130  interrupted (Ctrl-C)
-143  ended by SIGTERM; a training has saved its state (`training.Interrupted`)
+143  ended by SIGTERM; a training has saved its state (`training.loop.Interrupted`)
 """
 
 import contextlib

@@ -103,6 +103,17 @@ def test_no_circle_of_imports_between_rooms_or_folders_of_a_room(package):
         graphlib.TopologicalSorter(graph).prepare()  # CycleError names the circle
 
 
+def test_no_circle_of_files():
+    paths = (module.relative_to(ROOT).with_suffix("").as_posix() for module in MODULES)
+    names = [path.replace("/", ".").removesuffix(".__init__") for path in paths]
+    graph = {}
+    for name, module in zip(names, MODULES, strict=True):
+        found = {*imported_names(module)} & {*names} - {name, "jradar"}
+        packages = {other.rpartition(".")[0] for other in found}
+        graph[name] = found - packages  # which a module's own name contains
+    graphlib.TopologicalSorter(graph).prepare()  # CycleError names the circle
+
+
 @pytest.mark.parametrize("package", ["jradar", "experiments"])
 def test_folders_hold_at_most_a_dozen_modules_or_so(package):
     modules = (m for m in (ROOT / package).rglob("*.py") if m.stem != "__init__")

@@ -8,6 +8,7 @@ import pytest
 
 from jradar import data
 from jradar.data import PrepareSpec, prepare
+from jradar.data.frames import prepare_frame
 from jradar.errors import UsageError
 from jradar.evaluation import read_scores
 from jradar.lidar import LidarSpec
@@ -54,7 +55,7 @@ def test_methods_are_scored_against_the_seen_part_and_the_whole(found, walks, mo
         for walk in "ab" for frame in (0, 1) for truth in truths for method in methods
     }  # fmt: skip
     recording, spec = open_recording(walks[0]), PrepareSpec(lidar=LidarSpec(**VIEW))
-    prepared, steps, _ = data.prepare_frame(recording, 1, 1, spec)
+    prepared, steps, _ = prepare_frame(recording, 1, 1, spec)
     whole = data.lidar_in_view(recording, prepared, spec.lidar)
     np.testing.assert_array_equal(whole, steps.xyz[steps.in_view])
     counts = {

@@ -19,6 +19,7 @@ from experiments import build
 from experiments.weights import load_weights
 from jradar import diffusion
 from jradar.diffusion import OCCUPANCY, NoiseSpec
+from jradar.diffusion.solvers import solver_for
 from jradar.errors import ModelError
 from jradar.planar import LIDAR, RADAR, one_pass
 
@@ -98,7 +99,7 @@ def answers(config: ConfigDict, params: Any) -> Answers:
 
 def _diffusion_answers(draw, near, steps, draws, key, condition):
     """Estimates, a careful sample, and quick ones of the image and its mirror image."""
-    solver = {"heun": "Heun", "ipndm3": "iPNDM"}[diffusion.solver_for(steps).name]
+    solver = {"heun": "Heun", "ipndm3": "iPNDM"}[solver_for(steps).name]
     yield "one-step estimate", draw(key, condition, steps=1)
     yield "one pass from zero", draw(key, condition)
     yield f"diffusion, {solver} {steps}", draw(key, condition, steps=steps)

@@ -24,14 +24,13 @@ from jradar.baselines import RPDNet, map_values
 from jradar.evaluation import (
     Method,
     RecordsInView,
-    best_choice,
     mean_scores,
     points_of,
     records_in_view,
-    seen_points,
     spread,
     write_results,
 )
+from jradar.evaluation.detectors import best_choice, seen_points
 from jradar.files import read_json
 from jradar.types import PointCloud
 

@@ -22,7 +22,8 @@ from jaxtyping import Bool, Float
 
 from jradar import data, training
 from jradar.baselines import map_values
-from jradar.evaluation import RecordsInView, detected, records_in_view
+from jradar.evaluation import RecordsInView, records_in_view
+from jradar.evaluation.detectors import detected
 from jradar.motion import ego_velocity
 from jradar.radar import RadarSpec
 

@@ -47,7 +47,8 @@ from jradar.evaluation import (
 from jradar.files import write_text
 from jradar.model import Model, load_model
 from jradar.range_image import STRANGE, UNSURE, condition_features, unlikeness
-from jradar.simulation import LATER_SHIFTS, SHIFTS, robust_set
+from jradar.simulation.sets import robust_set
+from jradar.simulation.units import LATER_SHIFTS, SHIFTS
 
 KEY = 20
 CLEAN = "clean"

@@ -26,6 +26,7 @@ from experiments.build import build_pairs, prepare_spec
 from experiments.command import run_study, study_parser
 from experiments.configs import marginal
 from jradar import data
+from jradar.data.frames import prepare_frame
 from jradar.evaluation import MethodInput, drawn, markdown_table, points_of
 from jradar.files import write_text
 from jradar.model import load_model
@@ -127,7 +128,7 @@ def study(options: Namespace) -> None:
     radar = described(*settings[0].radars["single_chip"])
     recording = recording_of(settings.__getitem__, len(cases), radar, name="objects")
     spec = prepare_spec(marginal.get_config())
-    frames = [data.prepare_frame(recording, k, k, spec)[0] for k in range(len(cases))]
+    frames = [prepare_frame(recording, k, k, spec)[0] for k in range(len(cases))]
     truths = [data.lidar_in_view(recording, frame, spec.lidar) for frame in frames]
     clouds = {TRUTH: truths}
     for name, model in models.items():

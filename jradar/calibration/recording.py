@@ -21,7 +21,8 @@ from jradar.motion import frame_velocities, gravity_warnings
 from jradar.motion.scans import scan_poses
 from jradar.progress import progress
 from jradar.radar import PointSpec, Radar, RadarSpec, radar_points
-from jradar.recordings import Recording, sample_doubts
+from jradar.recordings import Recording
+from jradar.recordings.sample_checks import sample_doubts
 
 MOST_FRAMES = 200
 POINTS = PointSpec(capacity=512)  # that show the motion

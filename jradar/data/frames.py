@@ -9,7 +9,8 @@ from jaxtyping import Array, Float, Inexact, Int
 from jradar.compiled import jit
 from jradar.data.records import PreparedFrame
 from jradar.data.spec import PrepareSpec
-from jradar.lidar import LidarSpec, LidarSteps, aligned, interpolate_poses, preprocess
+from jradar.lidar import LidarSpec, interpolate_poses, preprocess
+from jradar.lidar.preprocess import LidarSteps, aligned
 from jradar.radar import Cells, Radar, all_cells, cell_points, detect
 from jradar.recordings.recording import Recording, Stream
 from jradar.types import PointCloud

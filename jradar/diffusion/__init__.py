@@ -1,21 +1,12 @@
 """The conditional EDM denoiser (sections III-B and IV-C of the paper).
 
-NoiseSpec, training_sigma, scalings      noise levels, to train at and to scale by
-PREDICTIONS, Prediction                  what a network predicts, with its rule
-OCCUPANCY, prior                         the rule of pixels that are 0 or 1
-UNet, PRESETS, NETWORKS, Network         the paper's network, its sizes, and others
-build_network, network_fields, network_from_fields
-                                         networks from configs, to JSON, and back
-precondition, conditional_denoiser, Denoiser     a network as D(x; sigma)
-sample, SOLVERS, HEUN, Solver, solver_for        images by a solver
-denoising_loss, LossSpec, lpips, load_lpips      Eq. 12, its weights and its distance
-regression_loss, regression_estimate     the same network without diffusion
-occupancy_loss, estimate_loss, dice_loss, log_odds_loss, log_odds, SHARE
-                                         losses of pixels from 0 to 1
-RangeMixture, range_mixture, window_mass, mixture_loss
-                                         one pass: each pixel's distribution of range
-load_pretrained                          weights to start from
-write_params, read_params, misfit, parameter_shapes     parameters in files
+    noise, network = NoiseSpec(), build_network(preset="small")
+    denoise = conditional_denoiser(network, params, noise)(condition)     # D(x; sigma)
+    loss = denoising_loss(key, denoise, clean, noise=noise)               # Eq. 12
+    images = sample(key, denoise, (8, 128, 512, 2), noise=noise)
+
+A prediction, one of `PREDICTIONS`, is what a network predicts, with the rule that makes
+a clean image of it. `RangeMixture` is the prediction of one pass, without diffusion.
 """
 
 from jradar.diffusion.losses import (
@@ -40,16 +31,9 @@ from jradar.diffusion.network import (
 )
 from jradar.diffusion.noise import (
     NoiseSpec as NoiseSpec,
-    training_sigma as training_sigma,
 )
-from jradar.diffusion.occupancy import OCCUPANCY as OCCUPANCY, prior as prior
-from jradar.diffusion.occupancy_losses import (
-    SHARE as SHARE,
-    dice_loss as dice_loss,
-    estimate_loss as estimate_loss,
-    log_odds as log_odds,
-    log_odds_loss as log_odds_loss,
-    occupancy_loss as occupancy_loss,
+from jradar.diffusion.occupancy import (
+    OCCUPANCY as OCCUPANCY,
 )
 from jradar.diffusion.perceptual import load_lpips as load_lpips, lpips as lpips
 from jradar.diffusion.precondition import (
@@ -59,14 +43,11 @@ from jradar.diffusion.precondition import (
 )
 from jradar.diffusion.predictions import (
     PREDICTIONS as PREDICTIONS,
-    Prediction as Prediction,
 )
 from jradar.diffusion.solvers import (
-    HEUN as HEUN,
     SOLVERS as SOLVERS,
     Solver as Solver,
     sample as sample,
-    solver_for as solver_for,
 )
 from jradar.diffusion.unet import PRESETS as PRESETS, UNet as UNet
 from jradar.diffusion.weights.files import (

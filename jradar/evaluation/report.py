@@ -38,15 +38,9 @@ from jradar.evaluation.tables import (
 from jradar.files import atomic_folder, atomic_path, check_unpacked, inside
 from jradar.recordings import write_ply
 from jradar.types import PointCloud
-from jradar.viz import (
-    CloudFrame,
-    clouds_figure,
-    error_curves_figure,
-    learning_curve_figure,
-    save_figure,
-    write_page,
-)
+from jradar.viz import CloudFrame, learning_curve_figure, save_figure, write_page
 from jradar.viz.page import checked_points
+from jradar.viz.results import clouds_figure, error_curves_figure
 
 MAX_CLOUD_BYTES = 1 << 30
 CLOUDS_NOTE = "clouds.txt"  # marks the folder of clouds as written here

@@ -1,16 +1,14 @@
 """Ground truth that the radar could have seen; host NumPy (section V-A.3).
 
-Poses         Poses, rigid_transform, transform, interpolate_poses
-Scans         returns (points that are echoes), accumulate, shared_field_of_view
-All steps     LidarSpec, preprocess, LidarSteps; aligned, the first of them
+    seen = preprocess(scan, echoes, radar_from_lidar=matrix, spec=LidarSpec())
+    truth = seen.xyz[seen.visible]
 
-The steps are in `ground` (floor and ceiling by Patchwork++) and `visible` (clusters of
-both sensors).
+The steps are in `align` (one frame and one view), `ground` (floor and ceiling by
+Patchwork++) and `visible` (clusters of both sensors).
 """
 
 from jradar.lidar.align import (
     Poses as Poses,
-    accumulate as accumulate,
     interpolate_poses as interpolate_poses,
     returns as returns,
     rigid_transform as rigid_transform,
@@ -19,7 +17,5 @@ from jradar.lidar.align import (
 )
 from jradar.lidar.preprocess import (
     LidarSpec as LidarSpec,
-    LidarSteps as LidarSteps,
-    aligned as aligned,
     preprocess as preprocess,
 )

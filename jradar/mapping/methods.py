@@ -14,13 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jradar.diffusion import (
-    PREDICTIONS,
-    SHARE,
-    NoiseSpec,
-    log_odds,
-    sample,
-)
+from jradar.diffusion import PREDICTIONS, NoiseSpec, sample
+from jradar.diffusion.occupancy_losses import SHARE, log_odds
 
 QUICK_STEPS = 5  # of each of several draws
 

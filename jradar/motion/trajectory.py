@@ -16,7 +16,8 @@ from jradar.motion.attitude import gyro_attitude, gyro_bias, levelled, pose_atti
 from jradar.motion.scans import scan_poses, to_poses
 from jradar.motion.velocities import Velocities, outliers
 from jradar.options.recordings import ROTATIONS
-from jradar.recordings import RadarClouds, Recording
+from jradar.recordings import Recording
+from jradar.recordings.bags.radar_clouds import RadarClouds
 
 COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
 

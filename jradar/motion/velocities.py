@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float, Int
 from jradar.errors import UsageError
 from jradar.motion.doppler import ego_velocity
 from jradar.radar import PointSpec, radar_points
-from jradar.recordings import RadarClouds, Recording
+from jradar.recordings import Recording
+from jradar.recordings.bags.radar_clouds import RadarClouds
 from jradar.types import PointCloud
 
 POINTS = PointSpec(capacity=512)

@@ -1,21 +1,12 @@
 """Points to range images and back (sections IV-A and IV-B of the paper).
 
-ImageSpec, pixel_of, pixel_directions   field of view; points to pixels; unit vectors
-project, unproject, project_slices      cloud to image of metres, back, and by slices
-RangeImage, image_cloud                 ranges with a confidence, and their cloud
-condition_image, CHANNELS               cloud to the network's condition
-encode_target, decode_target, encode_range, decode_range
-                                        metres to the network's values, and back
-close_gaps                              fill pixels between a LiDAR's beams
-observed_pixels, pattern_reach          pixels that are not between two beams
-agreed_range, confident                 what several images agree on; sure pixels alone
-near_echo                               pixels near an echo that stands out
-surroundings, crowding, count_near      points around the radar's, and how many are near
-ConfidenceTable, IDENTITY, fit_confidence, frequency, UNSURE
-                                        confidence that holds on new frames
-velocity_image                          the radar's velocity at each pixel
-TrustTable, fit_trust, condition_features, unlikeness, STRANGE
-                                        how unlike training a condition is, 0 to 1
+    view = ImageSpec(height=64, width=64)
+    metres = project(cloud, view)                           # [row, column], 0: no point
+    condition = condition_image(cloud, view, num_slices=8)  # what the network sees
+    cloud = unproject(metres, view)
+
+A `RangeImage` has a confidence for each pixel. `ConfidenceTable` makes of it the share
+of such pixels that are right; `TrustTable` says how unlike training a condition is.
 """
 
 from jradar.range_code import decode_range as decode_range, encode_range as encode_range
@@ -55,7 +46,6 @@ from jradar.range_image.projection import (
     RangeImage as RangeImage,
     image_cloud as image_cloud,
     project as project,
-    project_slices as project_slices,
     unproject as unproject,
 )
 from jradar.range_image.trust import (

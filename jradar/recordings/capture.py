@@ -41,7 +41,8 @@ from jaxtyping import Float
 
 from jradar.errors import UsageError
 from jradar.files import inside
-from jradar.lidar import Poses, accumulate as merge, interpolate_poses, rigid_transform
+from jradar.lidar import Poses, interpolate_poses, rigid_transform
+from jradar.lidar.align import accumulate as merge
 from jradar.recordings.bags.bags import is_bag, open_bag, open_imu
 from jradar.recordings.bags.raw import open_raw_bag
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME

@@ -13,10 +13,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from jradar.training.logs import write_model_card as write_model_card
-from jradar.training.loop import Interrupted as Interrupted, train as train
+from jradar.training.loop import train as train
 from jradar.training.losses import LOSSES as LOSSES, view_losses as view_losses
 from jradar.training.optimiser import clipped_adamw as clipped_adamw
-from jradar.training.parallel import join_processes as join_processes
 from jradar.training.step import (
     Batch as Batch,
     Loss as Loss,

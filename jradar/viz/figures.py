@@ -16,15 +16,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from jradar.files import atomic_path
-from jradar.radar import (
-    PointSpec,
-    Radar,
-    RadarSpec,
-    azimuth_map,
-    direction_sines,
-    frame_spectra,
-)
+from jradar.radar import PointSpec, Radar, RadarSpec, azimuth_map
+from jradar.radar.angle.spectrum import direction_sines
 from jradar.radar.echoes import MIN_RANGE_M
+from jradar.radar.points import frame_spectra
 from jradar.range_image import ImageSpec, project
 from jradar.types import PointCloud
 

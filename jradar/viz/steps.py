@@ -15,7 +15,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jradar.lidar import LidarSpec, LidarSteps, returns
+from jradar.lidar import LidarSpec, returns
+from jradar.lidar.preprocess import LidarSteps
 
 COLOURS, REMOVED, RADAR = "viridis", "0.82", "crimson"
 WIDTH = 3.6  # inches of a column

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jradar.calibration import Mount, mount_from_motion
-from jradar.calibration.mount import LIMITS, MATCHED, MOTIONS, SYSTEMATIC
+from jradar.calibration import mount_from_motion
+from jradar.calibration.mount import LIMITS, MATCHED, MOTIONS, SYSTEMATIC, Mount
 from jradar.lidar import Poses
 from jradar.motion import Velocities
 from jradar.radar import Radar, RadarSpec

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jradar.calibration import Mount
-from jradar.calibration.mount import LIMITS
+from jradar.calibration.mount import LIMITS, Mount
 from jradar.calibration.pitch import SYSTEMATIC, SingleEchoes, single_echoes, with_pitch
 from jradar.radar import Radar, RadarSpec, Scatterers, simulate_cube
 from jradar.recordings import Recording, Stream

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jradar.calibration import Mount
-from jradar.calibration.mount import DESCRIBED, LIMITS
+from jradar.calibration.mount import DESCRIBED, LIMITS, Mount
 from jradar.calibration.pitch import SingleEchoes
 from jradar.calibration.surfaces import SYSTEMATIC, surfaces_of, with_roll
 from jradar.lidar import interpolate_poses

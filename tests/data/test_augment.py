@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from jradar.data import AugmentedPairs, AugmentSpec, Batches, make_pair
+from jradar.data import AugmentedPairs, AugmentSpec, Batches
 from jradar.data.augment import alone, augmented, moved, with_true_points
+from jradar.data.loading import make_pair
 from jradar.range_image import ImageSpec, encode_target
 from tests.data.prepared import invented_frame
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from jradar.data import scene
-from jradar.data.sources import SEQUENCES, usual_split
+from jradar.data.sources import SEQUENCES, scene, usual_split
 
 
 def test_there_are_52_sequences_and_21_train():

@@ -13,10 +13,10 @@ from jradar.diffusion import (
     precondition,
     regression_estimate,
     regression_loss,
-    training_sigma,
     where_known,
 )
 from jradar.diffusion.losses import known_share
+from jradar.diffusion.noise import training_sigma
 
 KEY, NOISE = jax.random.key(1), NoiseSpec()
 CLEAN = jnp.asarray(np.random.default_rng(0).normal(scale=0.5, size=(64, 4, 4, 2)), "f")

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import NoiseSpec, precondition, training_sigma
-from jradar.diffusion.noise import karras_sigmas
+from jradar.diffusion import NoiseSpec, precondition
+from jradar.diffusion.noise import karras_sigmas, training_sigma
 from jradar.diffusion.predictions import EDM, scalings
 
 NOISE = NoiseSpec()

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import HEUN, SOLVERS, NoiseSpec, sample, solver_for
+from jradar.diffusion import SOLVERS, NoiseSpec, sample
 from jradar.diffusion.noise import karras_sigmas
+from jradar.diffusion.solvers import HEUN, solver_for
 
 NOISE = NoiseSpec()
 SPREAD, MEAN = 0.5, 0.3

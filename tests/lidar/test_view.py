@@ -3,13 +3,8 @@
 import numpy as np
 import pytest
 
-from jradar.lidar import (
-    accumulate,
-    returns,
-    rigid_transform,
-    shared_field_of_view,
-    transform,
-)
+from jradar.lidar import returns, rigid_transform, shared_field_of_view, transform
+from jradar.lidar.align import accumulate
 from jradar.range_image import ImageSpec, pixel_of
 
 VIEW = {"azimuth": (-1.0, 0.8), "elevation": (-0.3, 0.35), "max_range_m": 9.0}

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jradar.motion import position_errors, step_errors
-from jradar.motion.errors import umeyama
+from jradar.motion.errors import position_errors, step_errors, umeyama
 
 
 def walk(seed, count=30):

@@ -6,9 +6,10 @@ from scipy.spatial.transform import Rotation
 
 from jradar.errors import UsageError
 from jradar.lidar import Poses, rigid_transform
-from jradar.motion import Velocities, integrate, odometry, relative_poses, write_tum
+from jradar.motion import Velocities, odometry, write_tum
 from jradar.motion.attitude import gyro_attitude, gyro_bias, pose_attitude
 from jradar.motion.scans import to_poses
+from jradar.motion.trajectory import integrate, relative_poses
 from jradar.motion.velocities import outliers
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Imu, Recording, Stream, read_tum

@@ -2,9 +2,11 @@
 
 import pkgutil
 
-from jradar import options, simulation
+from jradar import options
 from jradar.options import models, outputs, scenes
 from jradar.recordings import CLOUD_WRITERS
+from jradar.simulation.scenes.layouts import FAMILIES
+from jradar.simulation.sets import SETS
 from jradar.stream.outputs import STREAMED
 from tests.programs import finished
 
@@ -19,8 +21,8 @@ def test_options_and_recordings_load_without_jax():
 
 
 def test_names_are_those_of_the_library():
-    assert scenes.FAMILIES == tuple(simulation.FAMILIES)
-    assert tuple(scenes.SETS) == tuple(simulation.SETS)
+    assert scenes.FAMILIES == tuple(FAMILIES)
+    assert tuple(scenes.SETS) == tuple(SETS)
     assert outputs.CLOUDS == tuple(CLOUD_WRITERS)
     assert outputs.STREAMS == STREAMED
     assert {*models.shipped_models()} <= models.MODELS.keys()

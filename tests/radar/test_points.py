@@ -10,13 +10,12 @@ import pytest
 from jradar.radar import (
     PointSpec,
     Radar,
-    direction_sines,
     points_and_count,
     power_map,
     radar_points,
     strongest_echoes,
 )
-from jradar.radar.angle.spectrum import azimuth_bins
+from jradar.radar.angle.spectrum import azimuth_bins, direction_sines
 from tests.radar.targets import (
     CASCADE,
     CELLS,

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import RadarSpec, noise_statistics, power_map, range_doppler, window
+from jradar.radar import RadarSpec, noise_statistics, power_map, range_doppler
+from jradar.radar.spectrum import window
 from tests.radar.targets import noise, single
 
 

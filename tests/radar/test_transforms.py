@@ -18,14 +18,13 @@ from jradar.radar import (
     all_cells,
     calibrate,
     cell_points,
-    crossing_chirps,
-    draw_interferers,
     excise_interference,
     radar_points,
     range_doppler,
     subtract_leakage,
 )
 from jradar.radar.angle.subspace import capon_spectrum, music_spectrum
+from jradar.radar.clean.interference import crossing_chirps, draw_interferers
 from tests.radar.targets import (
     CELLS,
     FLAT,

@@ -15,9 +15,9 @@ from jradar.range_image import (
     image_cloud,
     pixel_of,
     project,
-    project_slices,
     unproject,
 )
+from jradar.range_image.projection import project_slices
 from jradar.types import PointCloud
 from tests.directions import unit
 

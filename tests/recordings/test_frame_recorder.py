@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 
 from jradar.errors import UsageError
-from jradar.recordings import (
-    BagRecorder,
-    FrameRecorder,
-    describe_file,
-    open_recorder,
-    open_recording,
-)
+from jradar.recordings import describe_file, open_recorder, open_recording
+from jradar.recordings.bags.radar_frames import BagRecorder
+from jradar.recordings.frame_recorder import FrameRecorder
 from tests.programs import finished
 from tests.recordings.dca1000_writer import CFG, as_bytes, random_cubes
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from jradar.motion import TimeOffset
+from jradar.motion.time_offset import TimeOffset
 from jradar.radar import Radar, RadarSpec
 from jradar.recordings import Recording, Stream
 from jradar.session import detecting

@@ -2,7 +2,8 @@
 
 import pytest
 
-from jradar.simulation import capture_writer, make_setting, sequence, simulate_sequence
+from jradar.simulation import capture_writer, sequence, simulate_sequence
+from jradar.simulation.sequence import make_setting
 
 
 @pytest.fixture(scope="session")

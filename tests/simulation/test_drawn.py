@@ -7,8 +7,9 @@ from jradar.errors import UsageError
 from jradar.planar import RADARHD
 from jradar.recordings import nearest_scan
 from jradar.recordings.coloradar.calib import read_coupling, read_frequency_phase
-from jradar.simulation import drawn, drawn_sources, kind_of, row_sources
+from jradar.simulation import drawn, drawn_sources
 from jradar.simulation.coloradar_writer import write_calib
+from jradar.simulation.drawn import kind_of, row_sources
 from jradar.simulation.hardware.hardware import make_unit_hardware
 from jradar.simulation.units import draw_unit
 

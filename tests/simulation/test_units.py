@@ -11,7 +11,7 @@ import pytest
 from jradar.errors import UsageError
 from jradar.radar import RadarSpec, calibrate
 from jradar.recordings import open_recording
-from jradar.simulation import make_setting, simulate_sequence
+from jradar.simulation import simulate_sequence
 from jradar.simulation.hardware.front_end import distort, make_front_end, phase_drift
 from jradar.simulation.hardware.hardware import make_unit_hardware, sample_frame
 from jradar.simulation.paths.clutter import CELL_M, diffuse_clutter
@@ -19,6 +19,7 @@ from jradar.simulation.paths.link import LINK
 from jradar.simulation.paths.propagation import Paths
 from jradar.simulation.rig import Viewpoint, described_mount
 from jradar.simulation.scenes.trajectory import mounted, pose_at, velocity_at
+from jradar.simulation.sequence import make_setting
 from jradar.simulation.sets import ROBUSTNESS, SETS, UNSEEN, set_sequences
 from jradar.simulation.units import (
     FIRST_SHIFT,

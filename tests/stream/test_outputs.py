@@ -13,7 +13,8 @@ from matplotlib.animation import FFMpegWriter
 from PIL import Image, ImageSequence
 
 from jradar.errors import UsageError
-from jradar.radar import RadarSpec, Scatterers, direction_sines, simulate_cube
+from jradar.radar import RadarSpec, Scatterers, simulate_cube
+from jradar.radar.angle.spectrum import direction_sines
 from jradar.recordings import describe_file, read_cloud
 from jradar.stream.outputs import open_writer
 from jradar.stream.views import range_azimuth

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from jradar.errors import CheckpointError
-from jradar.training import Interrupted, train
+from jradar.training import train
 from jradar.training.checkpoints import Checkpoints
+from jradar.training.loop import Interrupted
 from tests.training import tiny
 from tests.training.tiny import STEP, batch_at
 

@@ -16,6 +16,8 @@ import optax
 
 from jradar import training
 from jradar.diffusion import NoiseSpec
+from jradar.training.loop import Interrupted
+from jradar.training.parallel import join_processes
 
 KEY_SEED = 3
 NOISE = NoiseSpec()
@@ -94,11 +96,11 @@ def main():
     # A partner counts as dead after 20 s of silence, not after JAX's 100 s.
     soon = functools.partial(jax.distributed.initialize, heartbeat_timeout_seconds=20)
     jax.distributed.initialize = soon
-    training.join_processes()
+    join_processes()
     try:
         workdir, seconds = Path(options.workdir), options.seconds
         run(workdir, options.steps, before_step=lambda step: time.sleep(seconds))
-    except training.Interrupted as stop:
+    except Interrupted as stop:
         print(stop, file=sys.stderr)
         return stop.exit_code
     return 0

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from jradar.viz import clouds_figure, error_curves_figure, learning_curve_figure
+from jradar.viz import learning_curve_figure
+from jradar.viz.results import clouds_figure, error_curves_figure
 
 RNG = np.random.default_rng(0)
 

@@ -10,14 +10,13 @@ import pytest
 
 from jradar import radar
 from jradar.radar.peaks import window_offset
+from jradar.radar.spectrum import window
 from tests.radar import targets
 
 ONE = radar.PointSpec(detector="ca", capacity=1)
 PLAIN = dataclasses.replace(ONE, range_window="none", doppler_window="none")
 TRIALS = 256
-CELL_NOISE = np.prod(
-    [(radar.window("hann", n) ** 2).sum() for n in (32, 64)]
-)  # of SMALL
+CELL_NOISE = np.prod([(window("hann", n) ** 2).sum() for n in (32, 64)])  # of SMALL
 
 
 @functools.partial(jax.jit, static_argnames="points")
@@ -85,7 +84,7 @@ def test_the_bias_without_windows_is_part_of_the_deviations(snr_db):
 def test_a_target_between_bins_is_placed_without_bias(kind, length):
     offset = np.linspace(-0.5, 0.5, 41)
     phase = 2j * np.pi * np.outer(offset, np.arange(length)) / length
-    power = abs(np.fft.fft(radar.window(kind, length) * np.exp(phase))) ** 2
+    power = abs(np.fft.fft(window(kind, length) * np.exp(phase))) ** 2
     powers = [jnp.asarray(power[:, k]) for k in (-1, 0, 1)]
     corrected = window_offset(*powers, kind=kind, length=length)
     np.testing.assert_allclose(corrected, offset, atol=1e-4)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import velocity_folds
+from jradar.radar.angle.folds import velocity_folds
 from tests.radar.targets import (
     CASCADE,
     CELLS,

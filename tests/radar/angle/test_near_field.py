@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import PointSpec, Radar, RadarSpec, all_cells, cell_points, window
+from jradar.radar import PointSpec, Radar, RadarSpec, all_cells, cell_points
 from jradar.radar.angle.direction import directions
 from jradar.radar.angle.near_field import focus, focused_directions
+from jradar.radar.spectrum import window
 from tests.radar.targets import (
     close,
     cloud_of,

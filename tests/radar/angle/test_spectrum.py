@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import RadarSpec, angle_spectrum, direction_sines, directions
+from jradar.radar import RadarSpec, angle_spectrum, directions
 from jradar.radar.angle import direction
-from jradar.radar.angle.spectrum import spectrum_peaks
+from jradar.radar.angle.spectrum import direction_sines, spectrum_peaks
 from tests.radar.targets import (
     CASCADE,
     FLAT,

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.radar import PointSpec, angle_spectrum, direction_sines, directions
+from jradar.radar import PointSpec, angle_spectrum, directions
 from jradar.radar.angle import subspace
-from jradar.radar.angle.spectrum import spectrum_peaks
+from jradar.radar.angle.spectrum import direction_sines, spectrum_peaks
 from jradar.radar.angle.subspace import (
     capon_spectrum,
     music_spectrum,

@@ -12,14 +12,19 @@ from jradar.radar import (
     PointSpec,
     RadarSpec,
     Scatterers,
-    crossing_chirps,
     detect,
-    draw_interferers,
     excise_interference,
     power_map,
     simulate_cube,
 )
-from jradar.radar.clean.interference import EDGE, Interferers, positive_median, taper
+from jradar.radar.clean.interference import (
+    EDGE,
+    Interferers,
+    crossing_chirps,
+    draw_interferers,
+    positive_median,
+    taper,
+)
 from tests.directions import unit
 from tests.radar.targets import CELLS, SMALL, cloud_of, simulate, sines, target
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from jradar.options.detectors import EDGES, largest_window
-from jradar.radar import DETECTORS, ca_cfar, false_alarm_multiplier, noise_floor
+from jradar.radar import DETECTORS, ca_cfar, noise_floor
 from jradar.radar.detect.cfar import cfar
+from jradar.radar.detect.multipliers import false_alarm_multiplier
 
 EACH = pytest.mark.parametrize("detector", DETECTORS.values(), ids=[*DETECTORS])
 POWER = np.random.default_rng(0).exponential(size=(32, 64)).astype("float32")
