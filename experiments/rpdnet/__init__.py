@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from ml_collections import ConfigDict
 
@@ -62,9 +61,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         build.random_key(config, build.INIT_KEY), detector, items[0].condition.shape[:2]
     )
     return Training(
-        state=training.TrainState(
-            jnp.zeros((), jnp.int32), params, params, optimizer.init(params)
-        ),
+        state=training.state_of(params, optimizer),
         step=make_rpdnet_step(
             detector,
             optimizer,

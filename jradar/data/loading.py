@@ -84,7 +84,7 @@ def make_pair(
 class AugmentedPairs(NamedTuple):
     """A change for `Batches` of frames: each becomes a pair, changed at random.
 
-    Pixels of the LiDAR's image are -1 where it is not known what a scan would see.
+    Pixels of the LiDAR's image are -1 where it is unknown what a scan would see.
     """
 
     coarse: ImageSpec

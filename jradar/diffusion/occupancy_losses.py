@@ -1,4 +1,4 @@
-"""Training losses of pixels from 0 to 1: occupied or not, or the share of such.
+"""Training losses of pixels from 0 to 1: occupied or not, or a share between.
 
 They are called as `denoising_loss` is. The cross-entropy is least where the network
 predicts the expectation, as the squared error is, but its gradient does not vanish

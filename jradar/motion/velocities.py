@@ -107,8 +107,9 @@ def cloud_velocities(
 def outliers(velocities: Velocities) -> Bool[np.ndarray, " frame"]:
     """Return which frames have a velocity that no motion explains; host.
 
-    Along the ground it is far from the median of the frames within `NEIGHBOURS_S`, more
-    than most of these are. A steady change of velocity does not move that median.
+    Along the ground it is much farther from the median of the frames within
+    `NEIGHBOURS_S` than most of these are. A steady acceleration does not move that
+    median.
     """
     stamps, ground = velocities.stamps, velocities.velocity[:, :2]
     known = np.isfinite(velocities.velocity).all(1)

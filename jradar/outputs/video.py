@@ -3,7 +3,7 @@
     walk.mp4      needs ffmpeg
     walk.gif      needs nothing, and is larger
 
-Forward is up, left is left. Colour is height, red is high. All frames have the limits
+Forward is up. Colour is height, red is high. All frames have the limits
 of the first.
 """
 
@@ -66,7 +66,7 @@ class VideoWriter:
         self._movie.grab_frame()
 
     def save(self) -> None:
-        """Nothing: a video is safe when it is closed."""
+        """Do nothing: a video is complete when it is closed."""
 
     def close(self) -> None:
         """End the video; without a frame there is none."""
@@ -76,7 +76,7 @@ class VideoWriter:
 
 
 def points_shown(clouds: dict[str, PointCloud], name: str) -> np.ndarray:
-    """Return the points `[point, 3]` of a cloud that are drawn; none without it."""
+    """Return the drawn points `[point, 3]` of a cloud; none without a cloud."""
     if name not in clouds:
         return np.zeros((0, 3))
     cloud = clouds[name]

@@ -70,7 +70,7 @@ class Imu(NamedTuple):
 class Recording(NamedTuple):
     """One sequence or capture. All transforms are 4 x 4 matrices in float64."""
 
-    name: str  # of the sequence, also in prepared records
+    name: str  # of the sequence, which prepared records keep
     path: Path
     radar: "jradar.Radar"
     cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts as recorded

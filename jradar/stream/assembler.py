@@ -3,19 +3,18 @@
     packet  | 1 | 2 | 3 |   | 5 | 4 | 5 | 6 | ..      lost, late and repeated ones
     frame   |   0     |     1     |    2    | ..      borders lie anywhere in a packet
 
-A frame is delivered once it is whole, or once a packet `window` bytes behind its end
-has arrived; its lost bytes are then zeros. Frames are delivered in order. One of which
-less than half arrived is counted, and not delivered.
+A frame is delivered once it is whole, or once a packet `window` bytes beyond its end
+has arrived; its lost bytes are then zeros. Frames are delivered in order. A frame of
+which less than half arrived is counted, but not delivered.
 
 A packet belongs to the stream if its two counters agree: since the newest packet both
 must have advanced by about the same number of packets, and by no more than 64. Others
 are set aside. A few that agree with one another are
 
-    behind the stream           of a card that was started again: a new stream
+    behind the stream           the card was started again: a new stream
     somewhat ahead              the stream after a gap
-    what a stream that was      of a second card with the same address: ignored, until
-    left goes on with, or       it has sent several frames and the stream no packet
-    far ahead
+    far ahead, or next in an    a second card with the same address: ignored, until it
+    earlier stream              has sent several frames and the stream no packet
 
 The rest is ignored and counted.
 """

@@ -1,8 +1,8 @@
-"""Own and old frames to batches; the old ones are simulated.
+"""One's own frames and old ones to batches; the old ones are simulated.
 
-Frames change at random in size and direction. The pixels between the beams of a sparse
-scan are not observed, and not learnt: they are most of an image, for one frame of a
-Livox.
+Frames change at random in size and direction. Pixels between the beams of a sparse scan
+were not observed, and are not learnt. For one frame of a Livox, they are most of an
+image.
 """
 
 import dataclasses

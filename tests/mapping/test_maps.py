@@ -126,9 +126,7 @@ def test_a_few_steps_of_training_learn_a_room(model, name):
     rooms = [room(np.random.default_rng(0))]
     tiles = mapping.Tiles(rooms, SPEC, mapping.TileSpec(whole=0.0))
     optimizer = optax.adam(1e-2)
-    state = training.TrainState(
-        np.zeros((), np.int32), model.params, model.params, optimizer.init(model.params)
-    )
+    state = training.state_of(model.params, optimizer)
     noise, loss = METHODS[name].noise, LOSSES["columns"][name]
     step = training.make_train_step(model.network, optimizer, noise, loss=loss)
     rng, losses = np.random.default_rng(1), []

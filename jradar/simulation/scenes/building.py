@@ -108,7 +108,7 @@ def lamps(random: np.random.Generator, line: np.ndarray, height: float) -> list[
 
 
 def walker(random: np.random.Generator, way: np.ndarray) -> Body:
-    """Return a person who walks along a closed way."""
+    """Return a person who walks along a closed path."""
     ground = np.column_stack([way, np.zeros(len(way))])
     trajectory = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
     return make_body(random, person(random.uniform(1.55, 1.95)), trajectory=trajectory)
