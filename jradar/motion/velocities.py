@@ -37,7 +37,6 @@ def frame_velocities(
     *,
     frames: Sequence[int] | None = None,
     points: PointSpec | None = None,
-    seed: int = 0,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Velocities:
     """Return the radar's velocity in each of `frames`, by default in all; host.
@@ -59,7 +58,7 @@ def frame_velocities(
             f"{radar.num_virtual} antennas, expected 2 chirps or more and azimuths"
         )
     spec = (points or POINTS).fitted(radar)
-    key, rows = jax.random.key(seed), []
+    key, rows = jax.random.key(0), []
     for done, frame in enumerate(chosen, 1):
         cloud = radar_points(recording.cube(frame), recording.radar, points=spec)
         found = ego_velocity(
@@ -80,7 +79,6 @@ def cloud_velocities(
     bag: RadarClouds,
     *,
     frames: slice = slice(None),
-    seed: int = 0,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Velocities:
     """Return the radar's velocity in each cloud of a bag; host.
@@ -96,7 +94,7 @@ def cloud_velocities(
         table = np.zeros((size, 4), np.float32)  # of one size, and compiled once
         table[: len(cloud)] = cloud
         points = PointCloud(table[:, :3], np.arange(size) < len(cloud), table[:, 3])  # pyright: ignore[reportArgumentType]
-        key = jax.random.fold_in(jax.random.key(seed), done)
+        key = jax.random.fold_in(jax.random.key(0), done)
         found = ego_velocity(key, points, elevation=bag.has_elevation)
         counts = (mask.sum() for mask in (points.valid, found.inliers, found.moving))
         rows.append((found.velocity, found.covariance, *counts))
