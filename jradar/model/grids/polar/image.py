@@ -7,10 +7,10 @@
     -> pixels of even angles                                  256 ranges x 64 azimuths
 
 There is no window and no mean over chirps, and echoes at rest are not removed. A cell
-goes to the first pixel at or beyond its range, and to the first at or to the left of its
-azimuth. If two cells share a pixel, the cell of larger range replaces the other; at the
-same range, the cell farther to the right does. So the stronger cell can be lost. Pixels
-without a cell stay empty.
+goes to the first pixel at or beyond its range and at or to the left of its azimuth. If
+two cells share a pixel, the cell of larger range replaces the other; at the same range,
+the cell farther to the right does. So the stronger cell can be lost. Pixels without a
+cell stay empty.
 
 Spectra are computed at the ranges and directions of RadarHD's cells, whatever chirp and
 spacing of antennas the radar has; of RadarHD's radar, they are plain FFTs.
