@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from jradar.model.grids.polar import RADARHD
 
 from jradar.errors import UsageError
+from jradar.model.grids.polar import RADARHD
 from jradar.recordings import nearest_scan
 from jradar.recordings.coloradar.calib import read_coupling, read_frequency_phase
 from jradar.simulation import drawn, drawn_sources

@@ -6,11 +6,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.polar import LIDAR
 from scipy.spatial import KDTree
 
 from jradar import training
 from jradar.diffusion import NoiseSpec
+from jradar.model.grids.polar import LIDAR
 from jradar.training.targets import REACH_M, polar_nearness, voxel_nearness
 
 

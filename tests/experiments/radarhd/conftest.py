@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.polar import LIDAR, RADAR
 
 from experiments.radarhd.model import networks
+from jradar.model.grids.polar import LIDAR, RADAR
 
 
 @pytest.fixture(scope="session")

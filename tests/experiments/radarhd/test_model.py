@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.polar import RADAR
 
 from experiments.configs import radarhd, radarhd_nearness
 from experiments.radarhd import model
 from experiments.radarhd.model import agreed_occupancy
 from jradar.diffusion import write_params
 from jradar.errors import ModelError
+from jradar.model.grids.polar import RADAR
 from tests.experiments.radarhd.conftest import random_params, shrink
 
 KEY = jax.random.key(0)

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from jradar.model.grids.polar import LIDAR, RADAR
 from PIL import Image
 from scipy.spatial import KDTree
 
@@ -17,6 +16,7 @@ from experiments.radarhd.pairs import (
     write_pair,
 )
 from experiments.radarhd.scores import polar_points
+from jradar.model.grids.polar import LIDAR, RADAR
 from jradar.training import Batch
 
 KEYS = [(7, 2), (7, 10), (12, 0)]  # in numeric, not alphabetic order

@@ -5,13 +5,13 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.polar import LIDAR
 
 from experiments.configs import radarhd
 from experiments.radarhd import report, scores
 from experiments.radarhd.pairs import open_radarhd
 from experiments.radarhd.scores import cartesian_points, polar_points
 from jradar.evaluation import score_points
+from jradar.model.grids.polar import LIDAR
 from tests.experiments.radarhd.conftest import shrink
 
 

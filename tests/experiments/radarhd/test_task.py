@@ -5,14 +5,14 @@ import json
 import jax
 import numpy as np
 import pytest
-from jradar.model.grids.polar import RADAR
-from jradar.pipeline import load_model
 
 from experiments import radarhd as task, train
 from experiments.configs import radarhd as default, radarhd_history, radarhd_nearness
 from experiments.radarhd import scores
 from jradar.errors import ModelError, UsageError
 from jradar.evaluation import read_scores
+from jradar.model.grids.polar import RADAR
+from jradar.pipeline import load_model
 from tests.experiments.radarhd.conftest import shrink
 
 METHODS = {

@@ -1,6 +1,7 @@
 """A scan in the plane: heights, view, and pixels as RadarHD assigns them."""
 
 import numpy as np
+
 from jradar.model.grids.polar import LIDAR, lidar_image, true_points
 
 
