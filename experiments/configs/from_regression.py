@@ -1,4 +1,4 @@
-r"""The recipe of the shipped model: a diffusion model started from direct regression.
+r"""A diffusion model that starts from direct regression.
 
     python -m experiments.main --config=experiments/configs/regression.py \
         --workdir=runs/regression

@@ -290,7 +290,7 @@ def _png(path: Path, grid: PolarGrid) -> np.ndarray:
 def rotated(image: np.ndarray, grid: PolarGrid, cells: int) -> np.ndarray:
     """Return a polar image [range, azimuth, ...] rotated to the left by radar cells.
 
-    It moves by whole cells of its own. Beyond an edge, the view goes on as its own
+    It moves by whole cells of its own. Beyond an edge, the view continues as its own
     mirror image, so that no part of it becomes empty.
     """
     last = len(grid.angles) - 1

@@ -5,11 +5,11 @@ A static point in direction d, seen by a radar that moves with velocity v, reced
     -d . v
 
 so its range and the platform's motion determine its cell in the range-Doppler map. The
-motion is that of the poses around a frame; a frame without has what the Doppler of its
-echoes says. A cell is labelled if a LiDAR point falls into it or one of its neighbours,
-which the main lobe of the windows reaches, and if its power stands out of the noise.
-Cheng et al. (2022) also label by LiDAR but did not publish the code; this one is our
-own. All of it runs on the host.
+motion is that of the poses around a frame; without poses, it follows from the Doppler
+of the frame's echoes. A cell is labelled if a LiDAR point falls into it or one of its
+neighbours, which the main lobe of the windows reaches, and if its power stands out of
+the noise. Cheng et al. (2022) also label by LiDAR but did not publish the code; this
+one is our own. All of it runs on the host.
 """
 
 import collections

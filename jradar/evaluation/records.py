@@ -117,7 +117,7 @@ def drawn(model: Model, **drawing: Any) -> Method:
 
 @functools.partial(jax.jit, static_argnames="options")
 def _cloud(key, condition, points, model, options):
-    """The cloud of one condition; models of the same spec share what is compiled."""
+    """The cloud of one condition; models of one spec share the compiled program."""
     drawing = dict(options)
     image = draw(key, condition, model, **drawing)
     least = drawing.get("least_confidence")

@@ -5,7 +5,7 @@ they were calibrated, how it is mounted and carried, and what disturbs it. The d
 is the unit of `jradar-sim-1`. `draw_unit` draws a unit from a population. `SHIFTS`
 names the units of the robustness set; the population contains none of their boards.
 Population 1 is that of `jradar-sim-2` and `jradar-sim-3`. Population 2, of
-`jradar-sim-4`, adds other chirps (`WAVEFORMS`), reflections by way of the floor and
+`jradar-sim-4`, adds other chirps (`WAVEFORMS`), reflections via the floor and
 between walls (`bounces`), moving leaves (`clutter`) and receivers that clip; boards,
 mounts, speeds and clutter spread more widely.
 
@@ -83,7 +83,7 @@ class UnitSpec:
     slope_hz_per_s: float = 100e12
     one_row: bool = False
     waveform: str | None = None  # of `WAVEFORMS`, instead of `chirps` and the slope
-    floor_bounces: bool = False  # paths by way of the floor, with its phase
+    floor_bounces: bool = False  # paths via the floor, with its phase
     floor_roughness_m: float = 0.5e-3
     wall_echoes: bool = False  # between parallel walls
     ghost_db: float = 0.0  # of ghosts in walls, relative to their materials'

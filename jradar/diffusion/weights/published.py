@@ -94,9 +94,9 @@ def from_adm(state: State, network: UNet) -> State:
 def without_labels(state: State) -> State:
     """Return a class-conditional network's tensors as those of one without classes.
 
-    EDM's networks answer without a label as for a label of zeros, of which the bias of
-    `map_label` remains: it is added into the bias of the next layer. OpenAI's always
-    have a label, and their mean embedding takes its place.
+    EDM's networks treat a missing label as a label of zeros. Of that, the bias of
+    `map_label` remains, and is added to the bias of the next layer. OpenAI's networks
+    always have a label; the mean of all embeddings takes its place.
     """
     folded = dict(state)
     bias = folded.pop("map_label.bias", None)
