@@ -13,18 +13,18 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jradar.model.grids.view.answers import (
-    SIDE_STEPS,
-    TRIED,
-    WINDOW_M,
-    likeliest_range,
-)
 
 from benchmarks import torch_unet
 from benchmarks.harness import Call, Case, available, random_params
 from jradar.diffusion import PRESETS, UNet
 from jradar.diffusion.mixture import RangeMixture
 from jradar.model import compiler_options, load_model
+from jradar.model.grids.view.answers import (
+    SIDE_STEPS,
+    TRIED,
+    WINDOW_M,
+    likeliest_range,
+)
 
 BATCH, FINE, COARSE = 2, (64, 256, 2), (32, 32, 8)
 COMPONENTS = 5  # of a mixture of `jradar-sim`

@@ -291,7 +291,7 @@ def _png(path: Path, grid: PolarAxes) -> np.ndarray:
 def rotated(image: np.ndarray, grid: PolarAxes, cells: int) -> np.ndarray:
     """Return a polar image [range, azimuth, ...] rotated to the left by radar cells.
 
-    It moves by whole cells of its own. Beyond an edge, the view goes on as its own
+    It moves by whole cells of its own. Beyond an edge, the view continues as its own
     mirror image, so that no part of it becomes empty.
     """
     last = len(grid.angles) - 1

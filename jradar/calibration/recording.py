@@ -177,7 +177,7 @@ def _warnings(fit: SelfCalibration, tilt: Tilt | None) -> Iterator[str]:
     if not fit.improves:
         before, after = fit.before.power_share, fit.after.power_share
         yield (
-            "echoes left out of the fit are not explained better by it (unexplained "
+            "the fit does not explain better the echoes that it left out (unexplained "
             f"share {before:.3g} before, {after:.3g} after): the channels stay as they "
             "are; they are calibrated, or the strong cells hold several echoes each"
         )

@@ -138,7 +138,7 @@ def self_calibrate(
 
 
 def _finite(echoes: Snapshots) -> Snapshots:
-    """The echoes, of which those with values that are not finite become padding."""
+    """The echoes; those with values that are not finite become padding."""
     snapshot, range_m, power = (
         np.asarray(values) for values in (echoes.snapshot, echoes.range_m, echoes.power)
     )

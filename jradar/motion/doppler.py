@@ -227,7 +227,7 @@ def _in_space(vector, rest):
 
 
 def _variances(covariance, solved):
-    """The covariance [3, 3], infinite on the diagonal for what is not known."""
+    """The covariance [3, 3], infinite on the diagonal for unknown axes."""
     axes = len(covariance)
     unknown = jnp.arange(3) >= jnp.where(solved, axes, 0)
     covariance = jnp.pad(covariance, (0, 3 - axes))

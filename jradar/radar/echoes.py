@@ -64,7 +64,7 @@ def strongest_echoes(cloud: PointCloud, radar: RadarSpec) -> list[Echo]:
 
 
 class NoiseStatistics(NamedTuple):
-    """The cells of a range-Doppler map, of which most hold noise.
+    """The level and spread of a range-Doppler map whose cells mostly hold noise.
 
     The spread is half the distance from the 16th to the 84th percentile. A map whose
     spread is well above that of pure noise is full of echoes, leakage or interference.

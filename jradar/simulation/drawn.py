@@ -163,7 +163,7 @@ def recording_of(
     name: str,
     view: float = VIEW,
 ) -> Recording:
-    """Return a recording of which each frame has a setting of its own.
+    """Return a recording whose frames each have a setting of their own.
 
     Frames are simulated on access. `radar` describes the radar of all settings. Scans
     cover `view` radians to either side.

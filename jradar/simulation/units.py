@@ -77,7 +77,7 @@ class UnitSpec:
     slope_hz_per_s: float = 100e12
     one_row: bool = False
     waveform: str | None = None  # of `WAVEFORMS`, instead of `chirps` and the slope
-    floor_bounces: bool = False  # paths by way of the floor, with its phase
+    floor_bounces: bool = False  # paths via the floor, with its phase
     floor_roughness_m: float = 0.5e-3
     wall_echoes: bool = False  # between parallel walls
     ghost_db: float = 0.0  # of ghosts in walls, relative to their materials'

@@ -94,7 +94,7 @@ class Finetuned(NamedTuple):
     frames: dict[str, int]
 
     def describe(self) -> dict[str, Any]:
-        """Return what a user wants to know."""
+        """Return frames, steps and scores, as tables."""
         return {
             "frames": self.frames,
             "steps": self.steps,
@@ -250,7 +250,7 @@ def _check_contents(folder: Path) -> None:
 
 
 def _check_run(path: Path, run: dict[str, Any]) -> None:
-    """Record what a run is; UsageError for the folder of another one."""
+    """Record the run in its folder; UsageError for the folder of another one."""
     if not path.exists():
         write_text(path, json.dumps(run, indent=2) + "\n")
         return

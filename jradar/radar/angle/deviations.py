@@ -32,7 +32,7 @@ LEAST_SNR = 1e-3
 
 
 class Deviations(NamedTuple):
-    """Standard deviations of points; infinite for padding and what is not measured."""
+    """Standard deviations of points; infinite for padding and unmeasured values."""
 
     range_m: Float[Array, "*batch point"]
     velocity_mps: Float[Array, "*batch point"]
@@ -107,7 +107,7 @@ def offset_deviation(kind: str, length: int) -> float:
 def offset_bias(kind: str, length: int) -> float:
     """Return the error of `window_offset` in bins without noise; host.
 
-    It is the root mean square over targets between bins, and next to nothing where the
+    It is the root mean square over targets between bins, and almost 0 where the
     parabola's bias is removed.
     """
     if length < 3:

@@ -1,4 +1,4 @@
-"""Paths by way of the floor, and echoes between parallel walls.
+"""Paths via the floor, and echoes between parallel walls.
 
 A target at height h above a flat floor has an image at depth h. The floor may
 reflect the wave on neither, one or both of its legs, out and back:
@@ -64,7 +64,7 @@ def floor_paths(
     *,
     roughness_m: float,
 ) -> Paths:
-    """Return the paths to scatterers by way of the floor, one way and both ways.
+    """Return the paths to scatterers via the floor, one way and both ways.
 
     `spots` are the places and velocities of the `scattered` paths in the world. The
     floor is at least as rough as its material.
@@ -119,7 +119,7 @@ def mirrored_paths(
     *,
     longer_m: float = 0.0,
 ) -> Paths:
-    """Return the paths to scatterers by way of a mirror, both ways and one way.
+    """Return the paths to scatterers via a mirror, both ways and one way.
 
     Their images lie at `offset` from the radar and recede at `rate`; the mirror and
     all before it pass `shares` of the power. One-way paths become `longer_m` longer.
