@@ -55,8 +55,9 @@ def view_grid(model: Model) -> ViewGrid:
     spec = model.spec
     if not isinstance(spec.grid, ViewGrid) or spec.method != "marginal":
         raise UsageError(
-            f"{model!r} cannot fuse frames: expected range images and the method "
-            "marginal, such as jradar-sim, whose distributions over range are fused"
+            f"the model answers by {spec.method}, expected marginal: a model of range "
+            "images in one pass, such as jradar-sim, whose distributions over range "
+            "are fused"
         )
     return spec.grid
 

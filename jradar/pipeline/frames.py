@@ -28,7 +28,8 @@ class Enhancement(Iterator[Frame]):
 
     def __init__(self, pipeline: Pipeline, frames: range):
         """`enhance_recording` makes one."""
-        self.recording, self.model = pipeline.recording, pipeline.model
+        self.recording = with_sample_doubts(pipeline.recording, frames[0])
+        self.model = pipeline.model
         self.frames, self.watch = frames, pipeline.watch
         self._pipeline, self._times = pipeline, frame_times(pipeline.recording)
         self._iterator = self._run(pipeline.before(frames))
@@ -108,17 +109,9 @@ def enhance_recording(
     radar, and for options that the model does not take.
     """
     chosen = chosen_frames(recording, frames)
-    return Enhancement(
-        Pipeline(
-            with_sample_doubts(recording, chosen[0]),
-            without_interference(model, remove_interference),
-            seed=seed,
-            fuse=fuse,
-            anyway=anyway,
-            **drawing,
-        ),
-        chosen,
-    )
+    model = without_interference(model, remove_interference)
+    options = {"seed": seed, "fuse": fuse, "anyway": anyway, **drawing}
+    return Enhancement(Pipeline(recording, model, **options), chosen)
 
 
 def chosen_frames(recording: Recording, frames: slice | range) -> range:
