@@ -5,7 +5,7 @@ from typing import Any, Unpack
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Inexact, Key, Num
+from jaxtyping import Array, Float, Inexact, Key
 
 from jradar.compiled import jit
 from jradar.diffusion import conditional_denoiser
@@ -18,6 +18,7 @@ from jradar.radar import (
     excise_interference,
     points_and_count,
 )
+from jradar.radar.samples import Cube
 from jradar.range_image import frequency
 from jradar.types import PointCloud
 
@@ -25,7 +26,7 @@ from jradar.types import PointCloud
 @jit(static_argnames=STATIC)
 def enhance(
     key: Key[Array, ""],
-    cube: Num[Array, "tx rx chirp sample *pair"],
+    cube: Cube,
     radar: Radar,
     model: Model,
     **drawing: Unpack[Drawing],
@@ -65,7 +66,7 @@ def enhance_points(
 
 @jit
 def condition(
-    cube: Num[Array, "tx rx chirp sample *pair"], radar: Radar, model: Model
+    cube: Cube, radar: Radar, model: Model
 ) -> Float[Array, "row column channel"]:
     """Return what the network is given of one frame, such as its points as images.
 
@@ -160,7 +161,7 @@ def _enhanced(key, condition, points, model: Model, drawing) -> PointCloud:
 
 
 def _observed(
-    cube: Num[Array, "tx rx chirp sample *pair"], radar: Radar, spec: ModelSpec
+    cube: Cube, radar: Radar, spec: ModelSpec
 ) -> tuple[Inexact[Array, "tx rx chirp sample"], PointCloud]:
     """The calibrated samples of a frame, and its points as training saw them."""
     points = spec.points.fitted(radar.spec)

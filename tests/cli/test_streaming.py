@@ -135,7 +135,7 @@ def test_enhanced_frames_become_one_file(
         (
             ["live", "--replay", "{flat}"],
             2,
-            "`--model radarhd` for a cloud in the plane",
+            "--model radarhd` for a cloud",
         ),
         (["enhance", "{bin}", "-o", "a.mcap", "--flat"], 2, "a.mcap is one file"),
         (["enhance", "{bin}", "-o", "a", "--flat", "--picture"], 2, "leave out --fl"),
