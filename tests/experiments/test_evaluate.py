@@ -35,7 +35,7 @@ def trained(records, made):
     """A config of direct regression, a model, its training records and pairs."""
     config, model = made(regression)
     frames = data.Records(records, "train")
-    return config, model, frames, build.build_pairs(model.spec, frames)
+    return config, model, frames, data.pairs_of(model.spec, frames)
 
 
 def test_direct_regression_draws_the_networks_answer(trained):
