@@ -36,15 +36,15 @@ def trained(records, made):
     """A config of direct regression, a model, its training records and pairs."""
     config, model = made(regression)
     frames = data.Records(records, "train")
-    return config, model, frames, build.build_pairs(model.spec, frames)
+    return config, model, frames, data.pairs_of(model.spec, frames)
 
 
 def test_direct_regression_draws_the_networks_answer(trained):
     config, model, frames, pairs = trained
-    params, spec = model.params, model.spec
+    params, spec, grid = model.params, model.spec, model.spec.grid
     # A network that answers 5 m everywhere, by the bias of its last layer.
     value = encode_range(
-        jnp.asarray(5.0), max_range_m=spec.fine.max_range_m, codec=spec.codec
+        jnp.asarray(5.0), max_range_m=grid.fine.max_range_m, codec=grid.codec
     )
     out = np.float32([value, 1.0]) / spec.noise.sigma_data
     changed = jax.tree.map(np.zeros_like, params)

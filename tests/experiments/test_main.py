@@ -15,7 +15,7 @@ from experiments import build, enhance, main as command, maps, rpdnet, train
 from experiments.configs import smoke
 from experiments.radarhd.model import build_spec
 from experiments.weights import initial_weights
-from jradar.data import Records
+from jradar.data import Records, pairs_of
 from jradar.errors import UsageError
 from jradar.evaluation import mean_scores, points_of, write_scores
 from jradar.model import draw
@@ -65,7 +65,7 @@ def test_validation_scores_what_the_final_table_scores(made, records, tmp_path):
     checked = Records(records, "validation")
     found = enhance.validate(config, model, checked, picture=tmp_path / "some.png")
     key, clouds = build.random_key(config, build.SAMPLE_KEY), []
-    for i, pair in enumerate(build.build_pairs(model.spec, checked)):
+    for i, pair in enumerate(pairs_of(model.spec, checked)):
         image = draw(jax.random.fold_in(key, i), pair.condition, model, draws=3)
         clouds.append(points_of(image_cloud(image, model.spec.frame_grid.view)))
     assert found == mean_scores(clouds, [frame.lidar_xyz for frame in checked])

@@ -34,7 +34,9 @@ from tests.models import (
     SPEC,
     changed,
     echoes,
+    tiny_map_model,
     tiny_model,
+    tiny_polar_model,
 )
 
 UNIT = Radar(RADAR)

@@ -40,8 +40,8 @@ def shrink(config, path=""):
     return config
 
 
-def random_model(config):
+def random_model(config, **scale):
     """A model of random parameters for a config."""
     spec = build_spec(config)
     shapes = spec.grid.image_shape, spec.grid.condition_shape
-    return Model(random_params(spec.network, *shapes), spec)
+    return Model(random_params(spec.network, *shapes, **scale), spec)

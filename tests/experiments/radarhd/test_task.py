@@ -67,9 +67,6 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     task.evaluate(config, elsewhere)
     tables = (elsewhere / "evaluation" / "protocols.md").read_text()
     assert "not trained on, rotated by 20 degrees" in tables
-    scaling, trust = model.tables.scaling, model.tables.trust
-    assert scaling is not None and trust is not None
-    assert np.isfinite([*scaling]).all()
 
 
 @pytest.fixture(scope="module")
