@@ -5,6 +5,7 @@ import collections
 import graphlib
 import importlib
 import inspect
+import pydoc
 import subprocess
 from pathlib import Path
 
@@ -170,6 +171,12 @@ def test_every_room_and_name_is_listed_and_loads():
     assert {*jradar.__all__} == {*jradar.NAMES} | FLOORS.keys()
     with pytest.raises(AttributeError, match="no attribute 'xyz'"):
         _ = jradar.xyz
+
+
+def test_help_shows_the_front_door():
+    text = pydoc.plain(pydoc.render_doc(jradar))
+    assert "enhance(key" in text and "open_recording(path" in text
+    assert "class PointCloud" in text
 
 
 def test_top_level_holds_what_was_agreed():
