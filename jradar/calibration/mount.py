@@ -2,7 +2,7 @@
 
 Echoes that stand still give the radar's velocity along its own axes. Poses of the base,
 recorded or of matched LiDAR scans, give the base's velocity v and rate w along the
-base's axes. With the radar at R, p on the base,
+base's axes. With the radar's rotation R and position p on the base,
 
     v_radar(t) = R^T (v(t + offset) + w(t + offset) x p)
 
@@ -277,7 +277,7 @@ class _Walk(NamedTuple):
 def _start(walk, described):
     """The best of 24 right-angled rotations of the description, and of offsets.
 
-    Of rotations and offsets that explain as much, the smallest is taken.
+    Of rotations and offsets that explain equally much, the smallest is taken.
     """
     tried, costs = [], []
     offsets = np.arange(-LARGEST_OFFSET_S, LARGEST_OFFSET_S + 1e-9, OFFSET_STEP_S)
@@ -328,8 +328,8 @@ def _scale(residual):
 def _deviations(walk, mount, offset_s, scale):
     """The standard deviations of the seven axes, in SI units.
 
-    Residuals within two seconds may be alike, so the scores are summed in each before
-    their squares are (Liang & Zeger 1986); white noise alone is the least of it.
+    Residuals within two seconds may be alike, so their scores are summed before they
+    are squared (Liang & Zeger 1986). The result is at least that of white noise.
     """
     slope, value = walk.scores(mount, offset_s, scale)
     prior = np.diag((LIMITS / DESCRIBED) ** 2)

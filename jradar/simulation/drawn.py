@@ -1,7 +1,7 @@
 """Training frames of many places, simulated when they are prepared.
 
 A recording on disk holds a walk through one scene. Here each frame has a layout or a
-place of its own, and nothing is written but the records: a `DrawnSource` opens as a
+place of its own, and only the records are written. A `DrawnSource` opens as a
 `Recording` whose frames are simulated on access, so `data.prepare_sources` prepares it
 in any number of processes, and resumes.
 

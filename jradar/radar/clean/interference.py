@@ -14,9 +14,10 @@ In the spectrum, such a burst lies over all ranges and velocities, as noise does
 fill all samples and few cells. `excise_interference` takes the cells far over the floor
 as the echoes, compares the rest of each sample with its usual power, and replaces the
 samples that stand out by the echoes. It repeats this with lower thresholds, because the
-floor falls with each pass (Bechter et al. 2017). The usual power is the median over
-chirps (Wagner et al. 2018), or over the samples of the chirp if that is more, because
-strong echoes are not known well at the edges of the frame, where the windows are low.
+floor falls with each pass (Bechter et al. 2017). The usual power is the larger of two
+medians: over chirps (Wagner et al. 2018), and over the samples of the chirp. The second
+is needed at the edges of the frame, where the windows are low and strong echoes are not
+known well.
 
 A radar whose chirps keep in step with the radar's own, so that a burst lies in the same
 sample of most chirps, is not found.
@@ -164,10 +165,10 @@ def excise_interference(
     """Replace samples that a crossing chirp disturbs; also return which they are.
 
     A sample is disturbed if its power without the echoes, summed over receivers,
-    exceeds the median over all chirps, and that over the samples of its chirp, by a
-    factor that noise exceeds at `false_alarm_rate`; so are its two neighbours. All
-    others are returned bit for bit. A frame of one chirp has no median over chirps, and
-    is returned as it is.
+    exceeds both the median over all chirps and that over its chirp's samples by a
+    factor, which noise does at `false_alarm_rate`. Its two neighbours count as
+    disturbed, too. All others are returned bit for bit. A frame of one chirp has no
+    median over chirps, and is returned as it is.
     """
     cube = as_samples(cube)
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
