@@ -20,7 +20,7 @@ FLOORS = (
     *("errors compiled", "types range_code nearest fields files progress"),
     *("options", "radar range_image lidar diffusion metrics", "recordings model"),
     *("motion simulation viz", "calibration data pipeline"),
-    *("outputs", "evaluation", "training mapping stream export", "cli"),
+    *("outputs", "evaluation mapping", "training stream export", "cli"),
 )
 FLOORS = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms.split()}
 PURE = (

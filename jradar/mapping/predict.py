@@ -36,8 +36,8 @@ def column_grid(model: Model) -> ColumnGrid:
     """Return the grid of a model of maps; ModelError for another model."""
     if not isinstance(model.spec.grid, ColumnGrid):
         raise ModelError(
-            f"{model!r} sees single frames, expected a model that completes maps, such "
-            "as jradar-maps"
+            "this model sees single frames, expected one that completes maps, such as "
+            "jradar-maps"
         )
     return model.spec.grid
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jradar.data import Batch
 from jradar.model import ColumnGrid
 from jradar.model.grids.columns import (
     condition_columns,
@@ -20,7 +21,6 @@ from jradar.model.grids.columns import (
     target_columns,
 )
 from jradar.recordings.coloradar.maps import MapRun
-from jradar.training import Batch
 
 
 @dataclasses.dataclass(frozen=True)

@@ -15,13 +15,12 @@ import jax
 import numpy as np
 
 from jradar import data, simulation
-from jradar.data import PreparedFrame, PrepareSpec, Records, pairs_of
+from jradar.data import Batch, PreparedFrame, PrepareSpec, Records, pairs_of
 from jradar.evaluation import spread
 from jradar.fields import typed_fields
 from jradar.model import Model, ViewGrid
 from jradar.range_image import pattern_reach
 from jradar.recordings.recording import Stream
-from jradar.training.step import Batch
 from jradar.training.targets import pair_batches
 
 PATTERN = 32  # frames that show the pattern of the beams

@@ -9,6 +9,7 @@ import optax
 from jaxtyping import Array, Float, Int, Key
 
 from jradar.compiled import jit
+from jradar.data import Batch
 from jradar.diffusion import Network, NoiseSpec, conditional_denoiser, denoising_loss
 
 Metrics = dict[str, Float[Array, ""]]
@@ -49,13 +50,6 @@ def state_of(params: Any, optimizer: optax.GradientTransformation) -> TrainState
     """Return the state before the first step that starts from these parameters."""
     moments = jax.jit(optimizer.init)(params)
     return TrainState(jnp.zeros((), jnp.int32), params, params, moments)
-
-
-class Batch(NamedTuple):
-    """Conditions, and the encoded images that the network learns to draw."""
-
-    condition: Float[Array, "batch row column channel"]
-    target: Float[Array, "batch target_row target_column 2"]
 
 
 Step = Callable[[TrainState, Key[Array, ""], Batch], tuple[TrainState, Metrics]]

@@ -266,7 +266,7 @@ def test_patches_and_maps_are_completed_where_they_are(model):
         assert len(shown & moved) > 0.99 * len(shown)
     with pytest.raises(ValueError, match="no voxels"):
         mapping.enhance_map(radar[:0], model)
-    with pytest.raises(ModelError, match="Model.view.* sees single frames, .* maps"):
+    with pytest.raises(ModelError, match="this model sees single frames, .* maps"):
         mapping.enhance_map(radar, tiny_model())
     far = np.concatenate([radar, radar + (10**6, 10**6, 0)])
     with pytest.raises(ValueError, match="do its poses jump"):

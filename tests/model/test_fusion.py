@@ -1,17 +1,16 @@
 """Fusion: what all frames see stays, what one frame doubts others settle."""
 
-import dataclasses
 import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.view.answers import likeliest_range
 
 from jradar.diffusion import RangeMixture
 from jradar.errors import UsageError
 from jradar.model import Model, Tables, fuse, load_model, mixtures, moving_pixels
+from jradar.model.grids.view.answers import likeliest_range
 from jradar.range_image import (
     ConfidenceTable,
     ImageSpec,

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jradar.model.grids.view.answers import likeliest_range
 
 from jradar.diffusion import RangeMixture, window_mass
 from jradar.model import dense_cloud, draw, enhance
+from jradar.model.grids.view.answers import likeliest_range
 from jradar.radar import Radar
 from jradar.range_image import (
     ConfidenceTable,
