@@ -106,7 +106,7 @@ def _velocities_of_frames(options: argparse.Namespace) -> tuple[Any, ...]:
     if len(frames) < 2:
         raise UsageError(
             f"{options.path}: {len(frames)} of frames 0 to {count - 1} are chosen, "
-            "expected 2 or more, because odometry compares frames"
+            "expected 2 or more, because the motion is between frames"
         )
     recording = jradar.recordings.with_sample_doubts(recording, frames[0])
     points = dataclasses.replace(POINTS, **given(options, "folds"))

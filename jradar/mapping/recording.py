@@ -154,10 +154,7 @@ def radar_poses(
         notes = []
         if mount is None:
             mount = np.eye(4)
-            notes.append(
-                "the radar's place on the base is unknown: poses are taken as "
-                "the radar's"
-            )
+            notes.append("the radar's place on the base is unknown, and taken as 0")
         middle = np.asarray(stamps)[list(frames)] + recording.radar.spec.frame_middle_s
         return interpolate_poses(recording.poses, middle) @ mount, notes
     velocities = frame_velocities(recording, frames=frames)

@@ -1,4 +1,4 @@
-"""A model has parameters, a static spec that shapes the computation, tables, a card."""
+"""What a model is: parameters, a static spec of the computation, tables, and a card."""
 
 import dataclasses
 import math

@@ -56,7 +56,7 @@ class Board:
     def configure(self, path: Path | str) -> None:
         """Send every command of a `.cfg`; its `sensorStart` starts the radar.
 
-        A file without one is sent, and then `sensorStart`. Raises TimeoutError for a
+        After a file without one, `sensorStart` is sent, too. Raises TimeoutError for a
         board that does not answer, and ValueError, with the line, for a command that it
         refuses.
         """

@@ -133,7 +133,7 @@ def run_session(
 def _start_board(stack: contextlib.ExitStack, port: str, cfg: Path) -> None:
     """Send the board its .cfg; the stack stops the board at its end."""
     if cfg.suffix != ".cfg":
-        raise UsageError(f"--board sends the .cfg that --radar names, which is {cfg}")
+        raise UsageError(f"--board sends a .cfg to the board, but --radar is {cfg}")
     device = stack.enter_context(Board(port))
     stack.callback(_quietly, device.stop)
     device.configure(cfg)

@@ -77,9 +77,9 @@ def address_bytes(host: str) -> UInt8[np.ndarray, "4"]:
 
 
 def batch_reader(bound: socket.socket) -> Callable[[], Batch | None]:
-    """Return a function that waits for packets and returns them, or None.
+    """Return a function that waits for packets and returns them, or None if none came.
 
-    It waits as long as a `recv` of the socket does. None means that no packet came.
+    It waits as long as a `recv` of the socket does.
     """
     try:
         call = ctypes.CDLL(None, use_errno=True).recvmmsg

@@ -100,7 +100,7 @@ def polar_image(
 
 
 def _usable(radar: RadarSpec) -> Bool[np.ndarray, " range"]:
-    """Return which ranges of the spectrum hold neither leakage nor another period."""
+    """Return which ranges of the spectrum are free of leakage and of other periods."""
     cells = np.arange(CELLS[1])
     end = radar.max_range_m / RADARHD.range_resolution_m
     if radar.max_range_m < MAX_RANGE_M:  # its leakage is in view at the far end, too
