@@ -1,4 +1,4 @@
-"""Commands on whole recordings, models and runs: from options to the result to print.
+"""Commands on whole recordings, models and runs, each of which returns its result.
 
 The first line of a command's docstring is its help text. A room of the library, and JAX
 with it, loads when a command first names it.
@@ -95,18 +95,18 @@ def odometry(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _velocities_of_frames(options: argparse.Namespace) -> tuple[Any, ...]:
-    """Return a recording, the radar's velocities, and what the result says of both."""
+    """Return a recording, the radar's velocities, and the first lines of the result."""
     from jradar.motion.velocities import POINTS
 
     if options.topic:
-        raise UsageError("--topic is of bags with radar clouds alone")
+        raise UsageError("--topic is only for bags with radar clouds: leave it out")
     recording = jradar.open_recording(options.path, **opening(options))
     count = len(recording.cubes)
     frames = range(*options.frames.indices(count))
     if len(frames) < 2:
         raise UsageError(
-            f"{options.path}: {len(frames)} of frames 0 to {count - 1}, expected 2 or "
-            "more to move between"
+            f"{options.path}: {len(frames)} of frames 0 to {count - 1} are chosen, "
+            "expected 2 or more, because the motion is between frames"
         )
     recording = jradar.recordings.with_sample_doubts(recording, frames[0])
     points = dataclasses.replace(POINTS, **given(options, "folds"))
@@ -118,7 +118,7 @@ def _velocities_of_frames(options: argparse.Namespace) -> tuple[Any, ...]:
 
 
 def _velocities_of_clouds(options: argparse.Namespace) -> tuple[Any, ...]:
-    """Return the same of a bag of the clouds that the radar itself found."""
+    """Return the same for a bag with the clouds that the radar itself found."""
     bag = jradar.recordings.open_radar_clouds(options.path, topic=options.topic)
     frames = options.frames
     with progress("odometry", len(bag.clouds[frames]), unit="clouds") as show:
@@ -196,7 +196,7 @@ def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]
 
 
 def finetune(options: argparse.Namespace) -> dict[str, Any]:
-    """Fine-tune a model on the records of one's own rig."""
+    """Fine-tune a model on the records of your own rig."""
     from jradar.training import FinetuneSpec, finetune as tune
 
     try:

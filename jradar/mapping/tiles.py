@@ -1,8 +1,8 @@
 """Training tiles: parts of patches and of whole maps, changed at random.
 
-A tile lies somewhere in the LiDAR's patch, is rotated by quarter turns, mirrored, moved
-up or down, and loses some of its radar voxels. Now and then it is a part of the whole
-map, as whole maps are enhanced.
+A tile lies somewhere in the LiDAR's patch. It is rotated by quarter turns, mirrored,
+moved up or down, and loses some of its radar voxels. Now and then it is a part of the
+whole map, because whole maps are enhanced, too.
 """
 
 import dataclasses

@@ -174,7 +174,7 @@ def _thin(points, most):
 def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
     """Return base64 of the deflated int16 steps along a Z-order curve of the points.
 
-    Of each axis the low bytes come first; a byte for each point's confidence follows.
+    The low bytes of each axis come first. A byte for each point's confidence follows.
     """
     planes = []
     for points in clouds:

@@ -130,7 +130,7 @@ def test_enhanced_frames_become_one_file(
     [
         (["live"], 2, "--radar, such as the .cfg"),
         (["live", "--radar", "{cfg}", "--host", "192.0.2.1"], 3, "has no address"),
-        (["live", "--replay", "{bin}", "-o", "out.bag"], 2, "expected a file .mcap"),
+        (["live", "--replay", "{bin}", "-o", "out.bag"], 2, "expected an .mcap file"),
         (["live", "--replay", "no.bin"], 2, "no such file"),
         (
             ["live", "--replay", "{flat}"],

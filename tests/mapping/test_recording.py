@@ -39,7 +39,7 @@ def test_a_map_stands_in_the_world_of_the_recorded_poses(recording):
 
 def test_without_poses_doppler_gives_the_path(recording):
     found = mapping.map_recording(recording, tiny_map_model())
-    assert "poses by Doppler and none" in found.notes
+    assert "poses from Doppler and none" in found.notes
     ground = found.path[:, :2]  # the radar stands; few echoes show its height
     assert np.ptp(ground, axis=0).max() < 0.2
 

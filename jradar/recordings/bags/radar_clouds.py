@@ -1,4 +1,4 @@
-"""Point clouds that a radar's own firmware or driver found, in ROS bags.
+"""Point clouds in ROS bags, which the radar's own firmware or driver found.
 
 A bag without raw samples may hold the radar's clouds with their Doppler velocities, as
 PointCloud2 of any fields. That is enough to follow the radar, but not to enhance it.
@@ -31,8 +31,8 @@ DOPPLERS = (  # fields of drivers, in small letters
 class RadarClouds(NamedTuple):
     """The clouds of one topic, and the IMU of the bag; receding points are positive.
 
-    The places of both on the rig are not in a bag. What a `Recording` may have and a
-    bag of clouds has not is None.
+    The places of both on the rig are not in a bag. The other fields of a `Recording`
+    that a bag of clouds does not have are None.
     """
 
     path: Path
@@ -48,7 +48,7 @@ class RadarClouds(NamedTuple):
 
     @property
     def has_elevation(self) -> bool:
-        """Whether any point is above or below the radar."""
+        """True if any point is above or below the radar."""
         return any(cloud[:, 2].any() for cloud in self.clouds)
 
 
@@ -63,8 +63,8 @@ def holds_radar_clouds(path: Path | str) -> bool:
 def open_radar_clouds(path: Path | str, *, topic: str | None = None) -> RadarClouds:
     """Read the clouds of the topic whose points have a Doppler velocity.
 
-    `topic` is optional if only one has. Raises UsageError without such a topic, or with
-    several; ValueError for a damaged bag.
+    `topic` is optional if there is only one such topic. Raises UsageError if there is
+    none, or if there are several, and ValueError for a damaged bag.
     """
     path, found, seen = Path(path), [], []
     for name, (kind, count) in bag_topics(path).items():
@@ -94,6 +94,6 @@ def open_radar_clouds(path: Path | str, *, topic: str | None = None) -> RadarClo
 
 
 def _table(columns: dict[str, np.ndarray], field: str) -> np.ndarray:
-    """The points that have a velocity."""
+    """Return the points that have a velocity."""
     table = np.stack([columns[name] for name in (*"xyz", field)], -1).astype(np.float32)
     return table[np.isfinite(table).all(1)]
