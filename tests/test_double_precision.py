@@ -20,7 +20,7 @@ from jradar.radar.angle.subspace import (
     subspace_directions,
 )
 from jradar.radar.angle.subspace_peaks import subspace_peaks
-from jradar.radar.clean.interference import crossing_chirps
+from jradar.radar.clean.interference import crossing_chirps, draw_interferers
 from jradar.radar.detect.clusters import map_peaks
 from jradar.radar.peaks import window_offset
 from jradar.range_image.projection import project_slices
@@ -147,7 +147,7 @@ KERNELS = {
     ),
     "excise_interference": lambda: r.excise_interference(cube()),
     "crossing_chirps": lambda: crossing_chirps(
-        key(), r.draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
+        key(), draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
     ),
     "strong_snapshots": lambda: strong_snapshots(cube(), UNIT),
     "explain": lambda: explain(waves(4, 12), waves(12), CHIP),
