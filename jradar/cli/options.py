@@ -271,8 +271,6 @@ def _odometry(sub):
         "or no rotation (default: imu if there is one, else none)"
     )
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
-    text = "of a bag with radar clouds alone: the topic to follow"
-    groups.option(sub, "--topic", "NAME", text)
     groups.add_point_options(sub, "folds")
 
 

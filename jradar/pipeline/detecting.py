@@ -147,7 +147,10 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
     """Return `describe`, and a frame's samples, noise and strongest echoes.
 
     For a rig's own capture with a LiDAR or poses, also the offset between the clocks.
+    A recording of points alone has no samples to describe.
     """
+    if not len(recording.cubes):
+        return describe(recording)
     radar, one = recording.radar.spec, range(frame, frame + 1)
     doubted = with_sample_doubts(recording, chosen_frames(recording, one)[0])
     kinds = [POINTS]

@@ -18,7 +18,7 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.outputs.published import FALLBACK_PERIOD_S
-from jradar.recordings import Recording, Stream
+from jradar.recordings import Recording, Stream, need_samples
 from jradar.recordings.ti.iq_order import words_of_cube
 from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import (
@@ -68,6 +68,7 @@ class Sent:
 
 def recorded_frames(recording: Recording) -> Stream:
     """Return the frames of a recording as the card sends them: bytes, in its order."""
+    need_samples(recording)
     spec = recording.radar.spec
     order = recording.iq_order or ("I" if spec.real_samples else "IIQQ")
 

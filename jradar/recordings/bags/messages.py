@@ -40,6 +40,14 @@ def stamp_ns(raw: bytes, *, is_ros1: bool) -> int:
     return seconds * NS + nanoseconds
 
 
+def frame_of(raw: bytes, *, is_ros1: bool) -> str:
+    """Return the frame of reference in the header of a message; "" if it is cut off."""
+    if len(raw) < 16:
+        return ""
+    (size,) = struct.unpack_from(f"{_order(raw, is_ros1)}12xI", raw)
+    return raw[16 : 16 + size].rstrip(b"\0").decode(errors="replace")
+
+
 def decode_imu(raw: bytes, *, is_ros1: bool) -> tuple[float, ...]:
     """Return orientation, angular velocity, acceleration, each with its covariance."""
     order, start = after_header(raw, is_ros1)

@@ -1,1 +1,1 @@
-"""The points that a radar itself found: in bags, serial streams, tables and data sets."""
+"""Points that a radar itself found: bags, serial streams, tables, data sets."""

@@ -107,12 +107,14 @@ class Layout(NamedTuple):
         """
 
         def all_of(quantity):
-            column = fields.get(quantity)
+            column = fields.get(quantity, "")
             parts = [np.ravel(frame[column]) for frame in seen if column in frame]
             whole = np.concatenate([np.zeros(0), *parts])
             return whole[np.isfinite(whole)]
 
-        decibels = [q for q in ("power", "snr") if abs(all_of(q)).max(initial=0) <= MOST_DB]
+        decibels = [
+            q for q in ("power", "snr") if abs(all_of(q)).max(initial=0) <= MOST_DB
+        ]
         angles = [all_of(q) for q in POLAR[1:]]
         degrees = any(abs(angle).max(initial=0) > np.pi for angle in angles)
         if forward is None:
@@ -134,7 +136,9 @@ class Layout(NamedTuple):
     def _xyz(self, columns: Columns) -> Float[np.ndarray, "point 3"]:
         if "x" in self.fields:
             rows = [np.ravel(columns[self.fields[q]]) for q in XYZ]
-            return (np.stack(rows, -1, dtype=float) @ FORWARD[self.forward].T).astype("f4")
+            return (np.stack(rows, -1, dtype=float) @ FORWARD[self.forward].T).astype(
+                "f4"
+            )
         found = [columns[self.fields[q]] for q in POLAR if q in self.fields]
         distance, *angles = (np.ravel(column).astype(float) for column in found)
         azimuth, elevation = (*map(self._radians, angles), np.zeros(len(distance)))[:2]
@@ -160,7 +164,9 @@ class Layout(NamedTuple):
         known = [q for q in (XYZ if "x" in self.fields else POLAR) if q in self.fields]
         place = " ".join(self.fields[q] for q in known)
         unit = "degrees, " if self.degrees else "radians, "
-        axes = AXES[self.forward] if "x" in self.fields else f"{unit}left and up positive"
+        axes = (
+            AXES[self.forward] if "x" in self.fields else f"{unit}left and up positive"
+        )
         sign = "approaching" if self.approaching else "receding"
         found = {"place": f"{place} ({axes})", "velocity": "none"}
         for quantity in RADAR_ONLY:
@@ -189,8 +195,8 @@ class Layout(NamedTuple):
             yield f"{empty} of {len(sizes)} frames that were looked at are empty"
         if (most := sizes.max()) > MOST_RADAR_POINTS:
             yield (
-                f"a frame holds {most:,} points: are they a LiDAR's, or of many frames? "
-                "Name the radar's own topic or file"
+                f"a frame holds {most:,} points: are they a LiDAR's, or of many "
+                "frames? Name the radar's own topic or file"
             )
         if "velocity" not in self.fields:
             yield "the points have no Doppler velocity"
@@ -199,7 +205,8 @@ class Layout(NamedTuple):
         xyz = np.concatenate([np.asarray(cloud.xyz) for cloud in clouds])
         median_m = np.median(np.linalg.norm(xyz, axis=1))
         if median_m > FARTHEST_M:
-            yield f"half of the points are beyond {median_m:,.0f} m: are they millimetres?"
+            far = f"{median_m:,.0f} m"
+            yield f"half of the points are beyond {far}: are they in millimetres?"
         ahead = (xyz[:, 0] > 0).mean()
         if len(xyz) >= FEW and ahead < 0.5:
             yield (

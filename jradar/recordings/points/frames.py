@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 LOOKED_AT = 40  # frames, evenly spaced, from which a layout follows
 DESCRIBED = 200  # frames of which `describe_points` reads the points
 JUMP = 20.0  # median steps between two stamps
-STATIC_MPS = 0.3  # within which a point's velocity is that of a static world
+STATIC_MPS = 0.15  # within which a point's velocity is that of a static world
 HYPOTHESES = 60
 LEAST_POINTS = 8
 BACKWARDS_MPS = 2.0
+LEAST_SHARE = 0.5
 
 
 def points_recording(
@@ -53,7 +54,10 @@ def points_recording(
             )
     layout = Layout.of(fields, seen, forward=forward, approaching=approaching)
     stamps, odd = checked_stamps(frames.stamps)
-    odd += (*layout.notes(seen), *_backwards([layout.cloud(columns) for columns in seen]))
+    odd += (
+        *layout.notes(seen),
+        *_backwards([layout.cloud(columns) for columns in seen]),
+    )
     points = Stream(lambda k: layout.cloud(frames[k]), len(frames), stamps)
     return Recording(
         name=path.stem if name is None else name,
@@ -110,27 +114,27 @@ def describe_points(points: Stream) -> dict[str, Any]:
         if form == "dB":
             whole, form = 10 * np.log10(np.maximum(whole, 1e-30)), "{:.1f} dB"
         found[f"{name} (m/s)" if name == "velocity" else name] = _span(whole, form)
-    share, speed = static_share(clouds)
-    if share is not None:
+    if (fits := static_fits(clouds)) is not None:
+        share, speed, ahead = fits
         found["static world"] = f"explains {share:.0%} of the velocities"
-        found["speed (m/s)"] = speed
+        found["speed (m/s)"] = f"{speed:.2f}, forward {ahead:.2f}"
     return found
 
 
-def static_share(clouds: "list[PointCloud]") -> tuple[float | None, float]:
-    """Return the share of velocities that a static world explains, and the speed.
+def static_fits(
+    clouds: "list[PointCloud]",
+) -> tuple[float, float, float] | None:
+    """Return the share of velocities that a static world explains, and the radar's own.
 
-    Both are medians over the clouds with points enough; the speed is positive forward.
+    Its speed, and the part of it that is forward, are medians over the clouds with
+    points enough, as the share is. None without any.
     """
     found = [fit for cloud in clouds if (fit := _static_fit(cloud)) is not None]
-    if not found:
-        return None, 0.0
-    share, ahead, speed = np.median(found, axis=0)
-    return float(share), float(np.copysign(speed, ahead))
+    return tuple(np.median(found, axis=0).tolist()) if found else None
 
 
 def _static_fit(cloud: "PointCloud") -> tuple[float, float, float] | None:
-    """Return the share of inliers of v = -u . ego, ego's forward part and its norm."""
+    """Return the share of inliers of v = -u . ego, ego's norm and its forward part."""
     if cloud.velocity is None or len(cloud.valid) < LEAST_POINTS:
         return None
     if not np.any(cloud.velocity):  # which any world explains
@@ -145,17 +149,18 @@ def _static_fit(cloud: "PointCloud") -> tuple[float, float, float] | None:
         inliers = abs(unit @ ego - velocity) < STATIC_MPS
         best = inliers if inliers.sum() > best.sum() else best
     ego = np.linalg.lstsq(unit[best], velocity[best], rcond=None)[0]
-    return float(best.mean()), float(ego[0]), float(np.linalg.norm(ego))
+    return float(best.mean()), float(np.linalg.norm(ego)), float(ego[0])
 
 
 def _backwards(clouds: "list[PointCloud]") -> tuple[str, ...]:
     """Return a note if a static world has the radar drive backwards."""
-    share, speed = static_share(clouds)
-    if share is None or share < 0.5 or speed > -BACKWARDS_MPS:
+    fits = static_fits(clouds)
+    if fits is None or fits[0] < LEAST_SHARE or fits[2] > -BACKWARDS_MPS:
         return ()
     return (
-        f"by its velocities the radar moves backwards at {-speed:.1f} m/s: if it drove "
-        "forward, they are positive when a target approaches, expected when it recedes",
+        f"by its velocities the radar moves backwards at {-fits[2]:.1f} m/s: if it "
+        "drove forward, they are positive when a target approaches, expected when it "
+        "recedes",
     )
 
 

@@ -43,7 +43,10 @@ class Source(NamedTuple):
 
 
 def open_ti_serial(
-    path: Path | str, description: Path | str | None = None, *, device: str | None = None
+    path: Path | str,
+    description: Path | str | None = None,
+    *,
+    device: str | None = None,
 ) -> Recording:
     """Open the points in a saved stream; frames are decoded when they are accessed.
 
@@ -124,7 +127,9 @@ def _csv(path: Path) -> Source:
             found = parser.feed(data, stamp_s=times[0] if times else None)
             packets += [p._replace(parts=()) for p in found]
         packets += [p._replace(parts=()) for p in parser.finish()]
-    return Source(packets, parser.lost_bytes, lambda at, size: bytes(whole[at : at + size]))
+    return Source(
+        packets, parser.lost_bytes, lambda at, size: bytes(whole[at : at + size])
+    )
 
 
 def _seconds(text: str) -> float | None:

@@ -5,14 +5,16 @@
     padding to 32 bytes
 
 A stream may begin and end anywhere, and lose bytes anywhere: what is not a packet is
-counted as lost, and the next magic begins a packet. A packet that lacks its last byte is
-whole, as some loggers write them: it is of the padding, or of the last noise. Points are TLVs of type 1: float32 x, y, z, Doppler of mmWave SDK 3 and 4, or
-the integers of SDK 1 and 2. Type 7 holds their SNR and noise in tenths of dB.
+counted as lost, and the next magic begins a packet. A packet that lacks its last byte,
+of the padding or of the last noise, is whole: some loggers write them so.
+
+Points are TLVs of type 1: float32 x, y, z, Doppler of mmWave SDK 3 and 4, or the
+integers of SDK 1 and 2. Type 7 holds their SNR and noise in tenths of dB.
 """
 
 import struct
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -149,8 +151,8 @@ def packet_points(
     if POINTS not in parts:
         if other := [kind for kind in parts if kind in OTHER_POINTS]:
             raise ValueError(
-                f"frame {packet.frame} holds {OTHER_POINTS[other[0]]} (TLV {other[0]}), "
-                "expected those of the out-of-box demo (TLV 1)"
+                f"frame {packet.frame} holds {OTHER_POINTS[other[0]]}, TLV {other[0]}, "
+                "expected TLV 1 of the out-of-box demo"
             )
         empty = ("x", "y", "z", "doppler") if not packet.is_old else ("x", "y", "z")
         return {name: np.zeros(0, np.float32) for name in empty}
@@ -163,7 +165,9 @@ def packet_points(
     return found
 
 
-def _old_points(packet, payload, step):
+def _old_points(
+    packet: Packet, payload: bytes, step: float | None
+) -> dict[str, np.ndarray]:
     if len(payload) < 4:
         raise ValueError(f"frame {packet.frame}: {len(payload)} bytes of points")
     count, shift = struct.unpack_from("<HH", payload)
@@ -179,7 +183,7 @@ def _old_points(packet, payload, step):
     return found | {"peak": points["peak"] + np.float32(1)}
 
 
-def _rows(packet, payload, kind):
+def _rows(packet: Packet, payload: bytes, kind: np.dtype) -> Any:
     if len(payload) % kind.itemsize:
         raise ValueError(
             f"frame {packet.frame}: {len(payload)} bytes, expected points of "
