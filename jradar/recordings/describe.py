@@ -73,8 +73,14 @@ def describe(recording: Recording) -> dict[str, Any]:
         ),
         "transforms": _transforms(recording),
         **lost,
+        **({} if points is None else _topics(recording.path)),
         "notes": [*recording.notes],
     }
+
+
+def _topics(path: Path) -> dict[str, Any]:
+    """Return the topics of a bag, of which a capture.toml may name others."""
+    return {"topics": describe_bag(path)["topics"]} if is_bag(path) else {}
 
 
 def describe_bag(path: Path | str) -> dict[str, Any]:

@@ -14,25 +14,12 @@ from jradar.files import open_file
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
 from jradar.recordings.coloradar import sequence
-from jradar.recordings.points import (
-    astyx,
-    bags,
-    binary,
-    dream_pcd,
-    nuscenes,
-    oculii,
-    tables,
-    ti_serial,
-)
+from jradar.recordings.points import bags, formats, oculii
 from jradar.recordings.recording import Recording, Stream, need_samples, read
 from jradar.recordings.ti import dca1000, packet_trace
 
-POINTS = (  # the first of which knows a file by its contents
-    *(bags.READER, ti_serial.READER, nuscenes.READER, binary.READER),
-    *(astyx.READER, dream_pcd.READER, tables.READER),
-)
-READERS = (
-    *(capture.READER, sequence.READER, *POINTS, oculii.READER),
+READERS = (  # points are known by their contents, samples by their names
+    *(capture.READER, sequence.READER, *formats.READERS, oculii.READER),
     *(dca1000.READER, packet_trace.READER, cubes.READER, raw.READER),
 )
 
@@ -46,7 +33,7 @@ def holds_points(path: Path | str) -> bool:
     """True for a recording of the points that a radar found."""
     path = Path(path)
     taken = next((reader for reader in READERS if reader.matches(path)), None)
-    return taken in POINTS
+    return taken in formats.READERS
 
 
 def open_recording(

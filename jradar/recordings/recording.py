@@ -4,9 +4,10 @@ Readers of every format return a `Recording`, and everything else works on it. A
 frames are samples, `cubes`, or the points that the radar itself found, or both. Fields
 that a recording lacks are None, but `cubes`, which is then empty.
 
-Three lists of formats drive this room, and `read` serves them all:
+Four lists of formats drive this room, and `read` serves them all:
 
-    open.READERS                  radar frames or points    -> Recording
+    open.READERS                  radar frames              -> Recording
+    points.formats.READERS        points that a radar found -> Recording
     descriptions.DESCRIPTIONS     a radar's configuration   -> Description
     describe.CONTENTS             bags and clouds           -> what they hold
 

@@ -94,7 +94,10 @@ def holds_points(path: Path) -> bool:
         return False
     try:
         topics = [*_topics(path)]
-        return any(_is_radar(_columns_of(path, *topic)) for topic in topics)
+        return any(
+            kind != CLOUD or _is_radar(_columns_of(path, name, kind))
+            for name, kind in topics
+        )
     except (ImportError, OSError, ValueError):
         return False
 

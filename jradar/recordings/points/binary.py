@@ -74,8 +74,8 @@ def _layout(file: Path) -> tuple[str, ...]:
         table = np.frombuffer(content, "<f4").reshape(-1, len(TJ4D))
         with np.errstate(all="ignore"):
             wrong = abs(np.linalg.norm(table[:, :3], axis=1) - table[:, 4])
-        if (wrong <= 1e-3 * (1 + table[:, 4])).all():
-            return TJ4D
+            if (wrong <= 1e-3 * (1 + table[:, 4])).all():
+                return TJ4D
     if content and len(content) % (4 * len(DELFT)) == 0:
         scan = np.frombuffer(content, "<f4").reshape(-1, len(DELFT))[:, -1]
         if np.isin(scan, -np.arange(MOST_SCANS)).all():

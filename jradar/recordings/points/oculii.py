@@ -38,7 +38,7 @@ def is_oculii(path: Path) -> bool:
 
 
 READER = Format(
-    "(not read) a packet trace of an Oculii Eagle",
+    "packets of an Oculii Eagle, which are refused",
     is_oculii,
     refuse_oculii,
     ("description", "iq_order", "device"),
