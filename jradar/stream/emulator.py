@@ -68,7 +68,6 @@ class Sent:
 
 def recorded_frames(recording: Recording) -> Stream:
     """Return the frames of a recording as the card sends them: bytes, in its order."""
-    need_samples(recording)
     spec = recording.radar.spec
     order = recording.iq_order or ("I" if spec.real_samples else "IIQQ")
 
@@ -236,6 +235,7 @@ def replaying(
 
     Frames follow one another in the described period, or else in that of their times.
     """
+    need_samples(recording)
     period_s, stamps = recording.radar.spec.frame_period_s, recording.cubes.stamps
     if not period_s and stamps is not None and len(stamps) > 1:
         period_s = float(np.median(np.diff(stamps)))

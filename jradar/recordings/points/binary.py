@@ -23,6 +23,7 @@ MAX_BYTES = 64 << 20  # two million points
 DELFT = ("x", "y", "z", "rcs", "v_r", "v_r_compensated", "scan")
 TJ4D = ("x", "y", "z", "v_r", "range", "power", "alpha", "beta")
 MOST_SCANS = 10
+BEGIN_BYTES = 4 * len(TJ4D) * len(DELFT) * 16  # whole points of either set
 NAME = re.compile(r"\d+\.bin")
 
 
@@ -67,18 +68,21 @@ def _files(path: Path) -> list[Path]:
 
 
 def _layout(file: Path) -> tuple[str, ...]:
-    """Return the columns of a file, () if it is of neither set."""
+    """Return the columns of a file by its first points, () if it is of neither set."""
+    size = file.stat().st_size
     with open_file(file, limit=MAX_BYTES) as opened:
-        content = opened.read()
-    if content and len(content) % (4 * len(TJ4D)) == 0:
-        table = np.frombuffer(content, "<f4").reshape(-1, len(TJ4D))
-        with np.errstate(all="ignore"):
-            wrong = abs(np.linalg.norm(table[:, :3], axis=1) - table[:, 4])
-            if (wrong <= 1e-3 * (1 + table[:, 4])).all():
-                return TJ4D
-    if content and len(content) % (4 * len(DELFT)) == 0:
-        scan = np.frombuffer(content, "<f4").reshape(-1, len(DELFT))[:, -1]
-        if np.isin(scan, -np.arange(MOST_SCANS)).all():
+        words = np.frombuffer(opened.read(BEGIN_BYTES), "<f4")
+    for names in (TJ4D, DELFT):
+        if not words.size or size % (4 * len(names)):
+            continue
+        table = words.reshape(-1, len(names))
+        if not (np.isfinite(table).all() and table[:, :3].any(1).all()):
+            continue
+        x, y, z, distance = (*table.T[:3], table[:, TJ4D.index("range")])
+        length = np.sqrt(x * x + y * y + z * z)
+        if names == TJ4D and np.allclose(length, distance, rtol=1e-3, atol=1e-3):
+            return TJ4D
+        if names == DELFT and np.isin(table[:, -1], -np.arange(MOST_SCANS)).all():
             return DELFT
     return ()
 
