@@ -236,15 +236,15 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
     period = 0.0 if known is None else known.spec.frame_period_s
     period = radar.get("frame_period_s", period)
     given = [key for key in TIMES[:2] if key in radar]
-    own = "stamps" in radar or is_bag(recording.path) or frames is recording.points
-    own = own and frames.stamps is not None
-    timed = own and not given
+    has = "stamps" in radar or is_bag(recording.path) or frames is recording.points
+    own = frames.stamps if has else None
+    timed = own is not None and not given
     if "add_s" in radar and not timed:
         raise UsageError(
             f"{path}: [radar] add_s changes the times of stamps or of a bag: change "
             "start_time_s or offset_s instead"
         )
-    if not period > 0 and not own:
+    if not period > 0 and own is None:
         raise UsageError(
             f"{path}: the time between frames is unknown: set frame_period_s in [radar]"
         )
@@ -264,10 +264,10 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
         )
     first = float(lidar_stamps[0]) if len(lidar_stamps) else 0.0
     start = radar.get("start_time_s", first + radar.get("offset_s", 0.0))
-    steps = frames.stamps - frames.stamps[0] if own else np.arange(len(frames)) * period
+    steps = np.arange(len(frames)) * period if own is None else own - own[0]
     stamps, doubts = start + steps, []
     if timed:
-        stamps = frames.stamps + radar.get("add_s", 0.0)
+        stamps = own + radar.get("add_s", 0.0)
     elif len(lidar_stamps) and not given:
         doubts.append("no start_time_s: the radar is assumed to start with the LiDAR")
     if spans := clocks_apart(stamps, lidar_stamps):

@@ -122,10 +122,16 @@ class LidarStream(TopicStream):
     Missing returns, points at (0, 0, 0) or not finite, are removed.
     """
 
-    def __init__(self, path: Path, topic: str, kind: str):
-        """Read the stamps of all clouds of `topic`."""
+    def __init__(
+        self, path: Path, topic: str, kind: str, *, on_recorders_clock: bool = False
+    ):
+        """Read the stamps of all clouds of `topic`; the clock as in `TopicStream`."""
         self._kind, self._is_ros1 = kind, path.suffix == ".bag"
-        super().__init__(path, topic, self._cloud, sensor="LiDAR")
+        super().__init__(
+            *(path, topic, self._cloud),
+            sensor="LiDAR",
+            on_recorders_clock=on_recorders_clock,
+        )
 
     def read_points(self, index: int) -> dict[str, np.ndarray]:
         """Return all fields of the points of cloud `index` by name.

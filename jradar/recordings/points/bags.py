@@ -4,26 +4,18 @@
     radar_msgs/RadarScan                    range, azimuth, elevation of each return
     ars430_ros_publisher/RadarPacket        several packets make a frame; ROS 1
 
-A PointCloud2 of other fields is a LiDAR's, unless its topic is named. The bag's only
-IMU belongs to the recording, with its times on the recorder's clock.
+A PointCloud2 of other fields is a LiDAR's, unless its topic is named. `bags.rig` reads
+what else the bag holds.
 """
 
 import struct
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from jradar.errors import UsageError
-from jradar.recordings.bags.bags import (
-    IMU,
-    TopicStream,
-    bag_topics,
-    is_bag,
-    messages,
-    open_imu,
-)
+from jradar.recordings.bags.bags import TopicStream, bag_topics, is_bag, messages
 from jradar.recordings.bags.messages import (
     after_header,
     decode_cloud,
@@ -31,6 +23,7 @@ from jradar.recordings.bags.messages import (
     is_cloud_type,
 )
 from jradar.recordings.bags.raw import holds_samples
+from jradar.recordings.bags.rig import read_rig
 from jradar.recordings.points.fields import (
     NAMES,
     are_points,
@@ -38,7 +31,7 @@ from jradar.recordings.points.fields import (
     match_fields,
 )
 from jradar.recordings.points.frames import points_recording
-from jradar.recordings.recording import Format, Imu, Recording, Stream
+from jradar.recordings.recording import Format, Recording, Stream
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 SCAN, PACKET = "radar_msgs/msg/RadarScan", "ars430_ros_publisher/msg/RadarPacket"
@@ -58,8 +51,8 @@ def open_points_bag(path: Path | str, *, topic: str | None = None) -> Recording:
     """
     path = Path(path)
     seen = {name: _columns_of(path, name, kind) for name, kind in _topics(path)}
-    found = [n for n, names in seen.items() if _is_radar(names, named=n == topic)]
-    found = [name for name in found if topic in (None, name)]
+    radars = [n for n, names in seen.items() if _is_radar(names, named=n == topic)]
+    found = [name for name in radars if topic in (None, name)]
     if len(found) != 1:
         shown = "; ".join(f"{n} ({', '.join(c)})" for n, c in seen.items())
         raise UsageError(
@@ -84,8 +77,8 @@ def open_points_bag(path: Path | str, *, topic: str | None = None) -> Recording:
             f"{name} mixes the frames of reference {', '.join(sorted(places))}: they "
             "are taken as one",
         )
-    imu, notes = _imu(path)
-    return points_recording(path, frames, imu=imu, notes=notes)
+    rig, notes = read_rig(path, name, radars=radars)
+    return points_recording(path, frames, notes=notes, **rig._asdict())
 
 
 def holds_points(path: Path) -> bool:
@@ -179,15 +172,3 @@ def _measurements(stream: TopicStream) -> Stream:
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
     return Stream(read, len(starts), stream.stamps[starts], stream.notes)
-
-
-def _imu(path: Path) -> tuple[Imu | None, tuple[str, ...]]:
-    """Return the only IMU of a bag, and notes on it; a damaged one is left out."""
-    kinds: list[Any] = [kind for kind, count in bag_topics(path).values() if count]
-    if kinds.count(IMU) != 1:
-        several = f"{kinds.count(IMU)} topics hold an IMU: none is used"
-        return None, (several,) if IMU in kinds else ()
-    try:
-        return open_imu(path, on_recorders_clock=True)
-    except ValueError as error:
-        return None, (f"the IMU is left out: {error}",)

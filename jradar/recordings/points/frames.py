@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jradar.errors import UsageError
-from jradar.recordings.points.fields import Layout, are_points, match_fields
+from jradar.recordings.points.fields import FORWARD, Layout, are_points, match_fields
 from jradar.recordings.recording import Recording, Stream
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ def points_recording(
     """Return the recording of `frames`, a stream of columns by name.
 
     `fields`, `forward` and `approaching` are as in `Layout`; by default the columns are
-    known by their names. `others` are fields of the `Recording`. Raises UsageError
+    known by their names. `others` are fields of the `Recording`, `base_from_radar` for
+    points along the axes of the file. Raises UsageError
     without frames, and ValueError for columns without places.
     """
     if not len(frames):
@@ -58,6 +59,10 @@ def points_recording(
         *layout.notes(seen),
         *_backwards([layout.cloud(columns) for columns in seen]),
     )
+    if (mount := others.get("base_from_radar")) is not None:
+        turn = np.eye(4)
+        turn[:3, :3] = FORWARD[layout.forward].T
+        others["base_from_radar"] = mount @ turn
     points = Stream(lambda k: layout.cloud(frames[k]), len(frames), stamps)
     return Recording(
         name=path.stem if name is None else name,

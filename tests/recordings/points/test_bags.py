@@ -1,17 +1,24 @@
 """A bag of a radar's own points: fields by name, clocks, and a drive past points."""
 
 import struct
+from functools import partial
 
 import numpy as np
 import pytest
 
 from jradar.errors import UsageError
 from jradar.motion import cloud_velocities, odometry
-from jradar.recordings import holds_points, is_recording, open_recording
+from jradar.recordings import (
+    holds_points,
+    is_recording,
+    nearest_scan,
+    open_recording,
+)
 from tests.recordings import bag_writer
 from tests.recordings.bag_writer import CLOUD, CONTAINERS, START, TENTH, write_bag
 
 VELOCITY = np.array([1.5, 0.4, 0.1])  # m/s, of the radar along its axes
+ODOMETRY, TF = "nav_msgs/msg/Odometry", "tf2_msgs/msg/TFMessage"
 SCAN = "radar_msgs/msg/RadarScan"
 RETURN = "radar_msgs/msg/RadarReturn"
 SCAN_FIELDS = ("range", "azimuth", "elevation", "doppler_velocity", "amplitude")
@@ -92,7 +99,8 @@ def test_of_several_topics_one_is_named(tmp_path, fields):
     path = bag(tmp_path / "a", topics=("/front", "/rear"))
     with pytest.raises(UsageError, match=r"2 topics .*or the name of one.*/rear \(x"):
         open_recording(path)
-    assert "on the topic /rear" in open_recording(path, topic="/rear").notes[0]
+    found = open_recording(path, topic="/rear")
+    assert "on the topic /rear" in found.notes[0] and found.lidar is None
 
 
 def test_a_lidar_is_a_radar_only_by_name(tmp_path):
@@ -164,12 +172,8 @@ def scan_messages(points):
 
 @pytest.mark.parametrize("container", CONTAINERS)
 def test_a_radar_scan_has_angles(tmp_path, container):
-    from rosbags.typesys import get_types_from_msg
-
-    store = bag_writer.STORES[container]
     for name, text in DEFINITIONS.items():
-        types = get_types_from_msg(text, name)
-        store.register({k: v for k, v in types.items() if k not in store.types})
+        register(container, name, text)
     points = table(np.random.default_rng(2))
     found = open_recording(write_bag(tmp_path / "a", container, scan_messages(points)))
     (cloud,) = found.points
@@ -241,3 +245,75 @@ def test_a_scan_that_is_cut_off_is_a_clear_error(tmp_path):
     path = write_bag(tmp_path / "a", "mcap", [("/s", SCAN, START, lambda _: raw)])
     with pytest.raises(ValueError, match="9 points of 20 bytes do not fit"):
         open_recording(path)
+
+
+def robot(store, kind, stamp, base="base_link"):
+    """Odometry that moves along x, or the places of the sensors on the robot."""
+    types = store.types
+    vector, turn = (
+        types["geometry_msgs/msg/Vector3"],
+        types["geometry_msgs/msg/Quaternion"],
+    )
+    ahead = turn(0.0, 0.0, 0.0, 1.0)
+    if kind == ODOMETRY:
+        point = types["geometry_msgs/msg/Point"](1e-9 * (stamp - START), 0.0, 0.0)
+        pose = types["geometry_msgs/msg/Pose"](point, ahead)
+        twist = types["geometry_msgs/msg/Twist"](vector(0.0, 0, 0), vector(0.0, 0, 0))
+        head = bag_writer.header(store, stamp, "odom")
+        return types[ODOMETRY](
+            *(head, base),
+            types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+            types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
+        )
+    places = [("base_link", "mast", 1.0), ("mast", "livox_frame", 0.25)]
+    return types[TF](
+        [
+            types["geometry_msgs/msg/TransformStamped"](
+                *(bag_writer.header(store, stamp, parent), child),
+                types["geometry_msgs/msg/Transform"](vector(0.0, 0.0, up), ahead),
+            )
+            for parent, child, up in places
+        ]
+    )
+
+
+def register(container, name, text):
+    """Let the writer of a container know a type, if it does not."""
+    from rosbags.typesys import get_types_from_msg
+
+    store, types = bag_writer.STORES[container], get_types_from_msg(text, name)
+    store.register({k: v for k, v in types.items() if k not in store.types})
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_the_rest_of_a_robots_bag_belongs_to_the_recording(tmp_path, fields, container):
+    register(container, TF, "geometry_msgs/TransformStamped[] transforms\n")
+    points = columns(table(np.random.default_rng(0)))
+    stamps = range(START, START + 5 * TENTH, TENTH)
+    scan = bag_writer.livox(bag_writer.livox_rows(7), START)
+    messages = [("/tf_static", TF, START, partial(robot, kind=TF, stamp=START))]
+    for stamp in stamps:
+        make = bag_writer.point_cloud2(points, stamp)
+        walk = partial(robot, kind=ODOMETRY, stamp=stamp)
+        messages += [("/radar", CLOUD, stamp, make), ("/odom", ODOMETRY, stamp, walk)]
+        scan = bag_writer.livox(bag_writer.livox_rows(7), stamp)
+        messages += [("/scan", bag_writer.LIVOX, stamp, scan)]
+    found = open_recording(write_bag(tmp_path / "a", container, messages))
+    assert found.poses is not None and found.lidar is not None and found.imu is None
+    np.testing.assert_allclose(found.poses.xyz[:, 0], 0.1 * np.arange(5), atol=1e-6)
+    up = np.eye(4)
+    up[2, 3] = 1.25  # all sensors of these messages are in one frame
+    np.testing.assert_allclose(found.base_from_radar, up)
+    np.testing.assert_allclose(found.base_from_lidar, up)
+    scan = nearest_scan(found, 3)
+    assert scan is not None and len(scan) == 7
+
+
+def test_two_lidars_are_named_and_none_is_used(tmp_path, fields):
+    make = bag_writer.point_cloud2(columns(table(np.random.default_rng(0))), START)
+    scan = bag_writer.livox(bag_writer.livox_rows(7), START)
+    messages = [("/radar", CLOUD, START, make)]
+    messages += [(name, bag_writer.LIVOX, START, scan) for name in ("/l", "/r")]
+    found = open_recording(write_bag(tmp_path / "a", "mcap", messages))
+    assert found.lidar is None
+    assert any("2 topics hold a LiDAR's clouds, and none" in n for n in found.notes)
