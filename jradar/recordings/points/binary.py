@@ -23,6 +23,7 @@ MAX_BYTES = 64 << 20  # two million points
 DELFT = ("x", "y", "z", "rcs", "v_r", "v_r_compensated", "scan")
 TJ4D = ("x", "y", "z", "v_r", "range", "power", "alpha", "beta")
 MOST_SCANS = 10
+NEAR, FAR = 0.01, 1e4  # metres, of a radar's points: other numbers are others' files
 BEGIN_BYTES = 4 * len(TJ4D) * len(DELFT) * 16  # whole points of either set
 NAME = re.compile(r"\d+\.bin")
 
@@ -76,11 +77,13 @@ def _layout(file: Path) -> tuple[str, ...]:
         if not words.size or size % (4 * len(names)):
             continue
         table = words.reshape(-1, len(names))
-        if not (np.isfinite(table).all() and table[:, :3].any(1).all()):
+        if not np.isfinite(table).all():
             continue
-        x, y, z, distance = (*table.T[:3], table[:, TJ4D.index("range")])
-        length = np.sqrt(x * x + y * y + z * z)
-        if names == TJ4D and np.allclose(length, distance, rtol=1e-3, atol=1e-3):
+        length = np.linalg.norm(table[:, :3].astype(float), axis=1)
+        if not ((length > NEAR) & (length < FAR)).all():
+            continue
+        distance = table[:, TJ4D.index("range")]
+        if names == TJ4D and np.allclose(length, distance, rtol=1e-3, atol=0):
             return TJ4D
         if names == DELFT and np.isin(table[:, -1], -np.arange(MOST_SCANS)).all():
             return DELFT

@@ -317,3 +317,33 @@ def test_two_lidars_are_named_and_none_is_used(tmp_path, fields):
     found = open_recording(write_bag(tmp_path / "a", "mcap", messages))
     assert found.lidar is None
     assert any("2 topics hold a LiDAR's clouds, and none" in n for n in found.notes)
+
+
+def test_a_capture_joins_points_with_a_lidar(tmp_path, fields):
+    """The radar's bag and the LiDAR's are two, as of two programs that record."""
+    folder = tmp_path / "walk"
+    folder.mkdir()
+    radar = bag(folder / "radar").relative_to(folder)
+    rows = [bag_writer.livox_rows(7)] * 20
+    lidar = bag_writer.livox_bag(folder / "lidar", "mcap", rows).relative_to(folder)
+    (folder / "capture.toml").write_text(
+        f'[radar]\nfile = "{radar}"\nxyz = [0.5, 0, 0]\nadd_s = 0.02\n'
+        f'[lidar]\nfile = "{lidar}"\n'
+    )
+    found = open_recording(folder)
+    assert found.points is not None and not len(found.cubes)
+    np.testing.assert_allclose(found.points.stamps[0] - START / 1e9, 0.02, atol=1e-5)
+    scan = nearest_scan(found, 4)
+    assert scan is not None and len(scan) == 7
+    assert found.base_from_radar[0, 3] == 0.5 and dict(found.fields)["snr"]
+
+
+def test_a_capture_times_a_serial_stream(tmp_path):
+    from tests.recordings.points.ti_writer import packet
+
+    frames = [packet(k, [(0, 2, 0, 1)], cycles=20_000_000 * k) for k in range(4)]
+    (tmp_path / "out.dat").write_bytes(b"".join(frames))
+    text = '[radar]\nfile = "out.dat"\nstart_time_s = 1700000000.0\n'
+    (tmp_path / "capture.toml").write_text(text)
+    stamps = open_recording(tmp_path).points.stamps
+    np.testing.assert_allclose(stamps - 1.7e9, 0.1 * np.arange(4), atol=1e-6)

@@ -33,6 +33,9 @@ def test_clouds_of_lidars_are_of_neither_set(tmp_path):
     scan = np.column_stack([XYZ, RNG.uniform(size=40)])  # KITTI, also 7 and 8 columns
     np.tile(scan, (14, 1)).astype("<f4").tofile(tmp_path / "000000.bin")
     assert not is_recording(tmp_path)
+    samples = RNG.integers(-99, 99, 16 * 7 * 8).astype("<i2")  # tiny, as float32
+    samples.tofile(tmp_path / "000000.bin")
+    assert not is_recording(tmp_path)
 
 
 def write_nuscenes(path, valid):
