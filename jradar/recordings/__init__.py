@@ -2,8 +2,9 @@
 
     recording = open_recording("walk.mcap")   # or a folder, a .npy, an adc_data.bin
     cube, radar = recording.cube(0), recording.radar
+    cloud = recording.points[0]               # of a radar that sends points
     scan = nearest_scan(recording, 0)         # in the radar's frame, if it has one
-    cloud = read_cloud("frame.ply")
+    columns = read_cloud("frame.ply")
 
 Each format has a module, with its layout at the top. `recording` explains how to add
 one. Nothing here imports JAX before the first `Radar` is made.
