@@ -13,13 +13,18 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jradar.model.methods import SIDE_STEPS, TRIED, WINDOW_M, likeliest_range
 
 from benchmarks import torch_unet
 from benchmarks.harness import Call, Case, available, random_params
 from jradar.diffusion import PRESETS, UNet
 from jradar.diffusion.mixture import RangeMixture
 from jradar.model import compiler_options, load_model
+from jradar.model.grids.view.answers import (
+    SIDE_STEPS,
+    TRIED,
+    WINDOW_M,
+    likeliest_range,
+)
 
 BATCH, FINE, COARSE = 2, (64, 256, 2), (32, 32, 8)
 COMPONENTS = 5  # of a mixture of `jradar-sim`
@@ -83,8 +88,8 @@ def _decision(rng, frames) -> Case:
     )
     arrays = tuple(np.asarray(part, np.float32) for part in parts)
     mixture = RangeMixture(*map(jnp.asarray, arrays))
-    spec = load_model("jradar-sim").spec
-    decide = jax.jit(functools.partial(likeliest_range, spec=spec))
+    grid = load_model("jradar-sim").spec.frame_grid
+    decide = jax.jit(functools.partial(likeliest_range, grid=grid))
     torch = functools.partial(_likeliest_in_torch, arrays)
     return Case(
         f"decision, {frames} x 128 x 512, mixtures of {COMPONENTS}",

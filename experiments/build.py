@@ -87,7 +87,7 @@ def prepared_data(
 
 
 def draw_places(config: ConfigDict, folder: Path, *, workers: int = 1) -> None:
-    """Simulate and prepare a set of which each frame has a place of its own."""
+    """Simulate and prepare a set whose frames each have a place of their own."""
     sources = drawn_sources(config.data.set, maps=config.data.maps)
     data.prepare_sources(sources, folder, prepare_spec(config), workers=workers)
 
@@ -95,7 +95,7 @@ def draw_places(config: ConfigDict, folder: Path, *, workers: int = 1) -> None:
 def records_of(config: ConfigDict, folder: Path, split: str) -> data.Records:
     """Return the records of a split; see `data.without`.
 
-    The kinds that are left out of training and validation are all that is tested.
+    Only the kinds that are left out of training and validation are tested.
     """
     left = set(filter(None, config.data.get("without", "").split(",")))
     if not left:
@@ -112,7 +112,7 @@ def records_of(config: ConfigDict, folder: Path, split: str) -> data.Records:
 
 
 def simulate(name: str, folder: Path, *, frames: int) -> None:
-    """Write what is missing of a set's recordings, and show the progress."""
+    """Write the missing recordings of a set, and show the progress."""
     with section("data"):
         total, done = frames * len(set_sequences(name)), itertools.count(1)
     with progress("simulating", total, unit="frames") as show:
@@ -215,7 +215,7 @@ def build_spec(config: ConfigDict, records: data.Records) -> ModelSpec:
 
 
 def build_card(config: ConfigDict, records: data.Records) -> Card:
-    """Return what the model's users are told of its training."""
+    """Return the card, which describes the training to the model's users."""
     return Card(
         purpose=config.purpose,
         steps_seen=config.train.steps_before + config.train.steps,

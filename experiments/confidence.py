@@ -52,7 +52,7 @@ def fit(options: Namespace) -> None:
     frames = sum(min(len(records), FRAMES) for records in sets)
     print(
         f"{options.output}: confidence fitted to {frames} frames, points of less than "
-        f"{fitted.confidence.least:g} are left out"
+        f"{fitted.tables.confidence.least:g} are left out"
     )
 
 

@@ -78,7 +78,7 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
 
 
 def shipped_methods(config: ConfigDict, models: dict[str, Model]) -> dict[str, Method]:
-    """Return the methods of each model; names that are taken get the model's before."""
+    """Return the methods of each model; a repeated name begins with its model's."""
     methods: dict[str, Method] = {}
     for name in sorted(models, key=lambda name: (name != FIRST, name)):
         for method, call in model_methods(config, models[name]).items():

@@ -88,7 +88,7 @@ def _run_seeds(
             return code
         if (records := runs[0] / "data" / "records").is_dir() and not config.data.path:
             config.data.path = str(records)
-    from jradar.evaluation import seeds_table
+    from jradar.evaluation.tables import seeds_table
 
     print(f"\n{seeds_table(runs)}")
     return 0

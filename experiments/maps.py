@@ -2,7 +2,7 @@
 
 Training sees tiles of patches of some runs; other runs validate it, and fit the
 confidence of the model that is saved. With `data.without`, an environment is left out
-of both, and validated on instead.
+of both and validates instead.
 """
 
 import json
@@ -237,9 +237,9 @@ def evaluate(config: ConfigDict, workdir: Path) -> None:
 
 
 def whole_map_figure(model: Model, run: MapRun) -> Figure:
-    """Draw a run's whole maps: the radar's, the model's of it, and the LiDAR's.
+    """Draw the whole maps of a run: the radar's, the model's and the LiDAR's.
 
-    The model's has as many voxels as it expects.
+    The model's map has as many voxels as the model expects.
     """
     found = expected(enhance_map(run.radar.astype(int), model))
     maps = {"radar": run.radar, "jradar": found.voxels, "LiDAR": run.lidar}
@@ -268,7 +268,7 @@ def summary(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _sums(probability, right):
-    """The reliability of a patch's voxels, for JSON; of no voxels, zeros."""
+    """The reliability of a patch's voxels, for JSON; zeros without voxels."""
     found = reliability(probability, right) if len(right) else np.zeros((3, 10))
     return np.stack(found).tolist()
 

@@ -82,11 +82,13 @@ __all__ = [*NAMES, *ROOMS]  # pyright: ignore[reportUnsupportedDunderAll]
 
 def __getattr__(name: str) -> Any:
     """Load a room, or one of the names in NAMES, on first use."""
-    if name in NAMES:
-        return getattr(importlib.import_module(NAMES[name]), name)
     if name in ROOMS:
         return importlib.import_module(f"jradar.{name}")
-    raise AttributeError(f"module 'jradar' has no attribute {name!r}")
+    if name not in NAMES:
+        raise AttributeError(f"module 'jradar' has no attribute {name!r}")
+    return globals().setdefault(
+        name, getattr(importlib.import_module(NAMES[name]), name)
+    )
 
 
 def __dir__() -> list[str]:

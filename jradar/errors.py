@@ -30,7 +30,7 @@ class ModelError(ValueError):
 
 
 class CheckpointError(ValueError):
-    """Checkpoints of which none can be used."""
+    """No checkpoint can be used."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -55,7 +55,7 @@ EXIT_CODES: dict[type[BaseException], int] = {
 def exit_code(error: BaseException) -> int | None:
     """Return the exit code of an error, or None for a fault of the program.
 
-    Some errors carry their own as `exit_code`, such as a training that was stopped.
+    Some errors, such as that of a stopped training, have their own `exit_code`.
     """
     kinds, own = EXIT_CODES.items(), getattr(error, "exit_code", None)
     return next((code for kind, code in kinds if isinstance(error, kind)), own)
@@ -65,7 +65,7 @@ def printable(text: str) -> str:
     """Return one line of text for a terminal, with control characters escaped.
 
     Names and messages from files may hold sequences that a terminal obeys, and bytes
-    that are no text.
+    that are not text.
     """
     escaped = (c.encode("unicode_escape").decode("ascii") for c in text)
     pairs = zip(text, escaped, strict=True)
@@ -110,7 +110,7 @@ def check_platform() -> None:
 
     try:
         jax.devices()
-    except (AssertionError, RuntimeError) as error:  # of JAX, which names no cause
+    except (AssertionError, RuntimeError) as error:  # from JAX, without the cause
         raise OSError(
             f"JAX_PLATFORMS={wanted}, but JAX finds no such device: install its "
             "driver and plug-in (jradar[cuda]), or unset the variable"
@@ -120,7 +120,7 @@ def check_platform() -> None:
 def optional(module: str, *, need: str, extra: str) -> Any:
     """Return a module of a package that an extra of jradar installs.
 
-    `need` says what for, such as "bags need rosbags", in the ImportError without it.
+    Without it, the ImportError begins with `need`, such as "bags need rosbags".
     """
     try:
         return importlib.import_module(module)
@@ -130,7 +130,7 @@ def optional(module: str, *, need: str, extra: str) -> Any:
 
 @contextlib.contextmanager
 def parsing(path: Path | str, what: str) -> Iterator[None]:
-    """Raise ValueError that names the file for every error of a parser in the block.
+    """Turn every error of a parser in the block into a ValueError that names the file.
 
     `what` is what the file should be, such as "a .npy file". Parsers answer damaged
     bytes with errors of many kinds. Errors of the system, errors of this module and
@@ -141,7 +141,7 @@ def parsing(path: Path | str, what: str) -> Iterator[None]:
     except (UsageError, ModelError, CheckpointError, ImportError, FileNotFoundError):
         raise
     except OSError as error:
-        if error.errno not in (None, errno.EINVAL):  # of the system, not of a parser
+        if error.errno not in (None, errno.EINVAL):  # from the system, not a parser
             raise
         raise ValueError(_unreadable(path, what, error)) from error
     except Exception as error:

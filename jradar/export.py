@@ -1,4 +1,4 @@
-r"""One file that turns an ADC cube into a dense cloud and runs without jradar.
+r"""Writes one file that turns an ADC cube into a dense cloud, without jradar.
 
 The first line of the file is a JSON header. The rest is what `jax.export` serialises
 for the function
@@ -6,7 +6,7 @@ for the function
     (seed, cube [tx, rx, chirp, sample])
         -> {"xyz": [point, 3], "valid", "velocity", "confidence": [point]}
 
-without the confidence where the model has none.
+The confidence is missing if the model has none.
 
 The header holds a digest of the function, because a flipped bit in the weights would
 otherwise go unnoticed. To use the file where only JAX is installed:

@@ -1,4 +1,4 @@
-"""Atomic writing, locked folders, bounded reading, JAX's cache of programs."""
+"""Writing in one step, locked folders, limited reading, and JAX's cache of programs."""
 
 import contextlib
 import errno
@@ -22,7 +22,7 @@ MAX_TEXT_BYTES = 4 << 20  # the largest description, a cascade's coupling, takes
 MAX_JSON_BYTES = 64 << 20
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 LOCK, REPLACED = ".lock", ".replaced"  # in a scratch folder: its lock, the old folder
-LIST, HEAD = ".jradar", "# jradar"  # of what was written into a folder
+LIST, HEAD = ".jradar", "# jradar"  # the list of files in a folder, and its first line
 
 
 class FolderLocked(OSError):
@@ -33,8 +33,8 @@ class FolderLocked(OSError):
 def lock_folder(folder: Path | str) -> Iterator[None]:
     """Lock a folder, created if missing.
 
-    Raises FolderLocked, with the other process's number, if another one has locked it,
-    and UsageError for a `.lock` that holds anything but a process's number.
+    Raises FolderLocked, with the other process's number, if another process has locked
+    it, and UsageError for a `.lock` that holds anything but a process's number.
     """
     path = Path(folder) / ".lock"
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -60,7 +60,7 @@ def lock_folder(folder: Path | str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def atomic_path(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; on success the file there becomes `path`.
+    """Yield a temporary path next to `path`; on success its file becomes `path`.
 
     An earlier file is replaced, and missing parents are created. The temporary path
     keeps the name, because writers such as `np.savez` look at its suffix. Raises
@@ -122,7 +122,7 @@ def _files(folder: Path) -> list[str]:
 
 
 def remove_leftovers(path: Path | str) -> None:
-    """Remove what killed writers of `path` left beside it.
+    """Remove what killed writers of `path` left next to it.
 
     If a writer was killed while it replaced the folder `path`, the old one returns.
     """
@@ -136,12 +136,12 @@ def remove_leftovers(path: Path | str) -> None:
                         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                         _discard(scratch, path)
                 except FileNotFoundError:  # killed before there was a lock
-                    scratch.rmdir()  # if it is empty
+                    scratch.rmdir()  # fails unless it is empty
 
 
 @contextlib.contextmanager
 def _scratch(path: Path, check: Callable[[], None]) -> Iterator[Path]:
-    """Yield a path of the same name in a hidden, locked folder beside it; delete it."""
+    """Yield a path of this name in a hidden, locked folder next to it; delete that."""
     check()
     path.parent.mkdir(parents=True, exist_ok=True)
     remove_leftovers(path)
@@ -178,7 +178,7 @@ def _new_lock(scratch: Path) -> TextIOWrapper | None:
 
 
 def _discard(scratch: Path, path: Path) -> None:
-    """Delete a scratch folder; put an old folder back whose place is still free."""
+    """Delete a scratch folder; put an old folder back if its place is still free."""
     old = scratch / REPLACED
     if old.exists() and not path.exists():
         os.replace(old, path)
@@ -210,7 +210,7 @@ def open_file(path: Path | str, *, limit: int | None = None) -> BufferedReader:
     Raises UsageError for a pipe or a device, which may never answer or never end, and
     ValueError for a file of more than `limit` bytes.
     """
-    # Without waiting for somebody who writes into a pipe.
+    # O_NONBLOCK does not wait for somebody who writes into a pipe.
     file = open(path, "rb", opener=lambda p, flags: os.open(p, flags | os.O_NONBLOCK))
     status = os.fstat(file.fileno())
     if stat.S_ISREG(status.st_mode) and (limit is None or status.st_size <= limit):

@@ -145,7 +145,8 @@ def threshold_pairs(config: ConfigDict, pairs: RadarHD) -> RadarHD:
 
 def evaluate(config: ConfigDict, workdir: Path) -> None:
     """Choose limits, and score a model on the test pairs: tables and a report."""
-    model = evaluated(config.model or str(workdir), config)
+    name = config.model or str(workdir)
+    model = evaluated(name, config, method=config.method)
     drawn, every = answers(config, model), config.data.every
     pairs = open_radarhd(config.data.path)
     checked = threshold_pairs(config, pairs)

@@ -24,6 +24,7 @@ from jradar.model import Model, ModelSpec, PolarGrid, load_model
 from jradar.model.grids.polar import LIDAR, agreed_occupancy, one_pass
 
 QUICK_STEPS = 5  # of each draw of those that have to agree
+NEARNESS = "nearness"
 
 Images = Float[Array, "batch range azimuth"]
 Answers = Callable[[jax.Array, jax.Array], Iterator[tuple[str, Images]]]
@@ -45,16 +46,22 @@ def build_spec(config: ConfigDict) -> ModelSpec:
         return ModelSpec(method, network, noise, grid)
 
 
-def evaluated(name: str, config: ConfigDict) -> Model:
+def evaluated(name: str, config: ConfigDict, *, method: str) -> Model:
     """Return a model by its name or folder.
 
-    Raises UsageError for one that does not see the config's radar images.
+    Raises UsageError for one that does not see the config's radar images, or whose
+    network gives nearness where a method needs occupancy, or the other way round.
     """
     model, wanted = load_model(name), PolarGrid(config.data.history)
     if model.spec.grid != wanted:
         raise UsageError(
             f"{name} sees {model.spec.grid}, expected {wanted}: change data.history, "
             "or name another model"
+        )
+    if (model.spec.method == NEARNESS) != (method == NEARNESS):
+        raise UsageError(
+            f"{name} has the method {model.spec.method!r}, expected one for "
+            f"{method!r}: use the config that trained it, or name another model"
         )
     return model
 
@@ -68,7 +75,7 @@ def answers(config: ConfigDict, model: Model) -> Answers:
     if config.method in ONE_PASS:
         return functools.partial(ONE_PASS[config.method], draw)
     if config.nearness:
-        near = _drawing(evaluated(config.nearness, config))
+        near = _drawing(evaluated(config.nearness, config, method=NEARNESS))
     steps, draws = config.sampling.steps, config.sampling.draws
     return functools.partial(_diffusion_answers, draw, near, steps, draws)
 
@@ -122,7 +129,7 @@ def _regression_answers(draw, key, condition):
     yield "direct regression", draw(key, condition)
 
 
-ONE_PASS = {"nearness": nearness_answers, "regression": _regression_answers}
+ONE_PASS = {NEARNESS: nearness_answers, "regression": _regression_answers}
 
 
 @jit(static_argnames=("network", "noise", "steps"))

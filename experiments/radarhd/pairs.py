@@ -24,11 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from jradar.data import Batch
 from jradar.errors import parsing
 from jradar.files import atomic_path, check_unpacked
 from jradar.model.grids.polar import LIDAR, RADAR, PolarAxes
 from jradar.outputs.clouds import write_npz
-from jradar.training import Batch
 
 NAME = re.compile(r"R_(\d+)_(\d+)\.png")
 MAX_BYTES = 4 << 30  # limit of the arrays in a packed file
@@ -291,7 +291,7 @@ def _png(path: Path, grid: PolarAxes) -> np.ndarray:
 def rotated(image: np.ndarray, grid: PolarAxes, cells: int) -> np.ndarray:
     """Return a polar image [range, azimuth, ...] rotated to the left by radar cells.
 
-    It moves by whole cells of its own. Beyond an edge, the view goes on as its own
+    It moves by whole cells of its own. Beyond an edge, the view continues as its own
     mirror image, so that no part of it becomes empty.
     """
     last = len(grid.angles) - 1

@@ -32,7 +32,7 @@ from experiments.build import SAMPLE_KEY, random_key
 from experiments.radarhd.model import Answers
 from experiments.radarhd.pairs import PolarItems, PolarPair, RadarHD
 from jradar import evaluation
-from jradar.evaluation import known_mean
+from jradar.evaluation.methods import known_mean
 from jradar.model.grids.polar import LIDAR, MAX_RANGE_M
 
 # Limits of the drawn value to choose from: evenly spaced log-odds.

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from ml_collections import ConfigDict
 
@@ -25,14 +24,13 @@ from jradar import data, diffusion, training
 from jradar.evaluation import (
     Method,
     RecordsInView,
-    best_choice,
     mean_scores,
     points_of,
     records_in_view,
-    seen_points,
     spread,
     write_results,
 )
+from jradar.evaluation.detectors import best_choice, seen_points
 from jradar.files import read_json
 from jradar.types import PointCloud
 
@@ -63,9 +61,7 @@ def setup(config: ConfigDict, workdir: Path) -> Training:
         build.random_key(config, build.INIT_KEY), detector, items[0].condition.shape[:2]
     )
     return Training(
-        state=training.TrainState(
-            jnp.zeros((), jnp.int32), params, params, optimizer.init(params)
-        ),
+        state=training.state_of(params, optimizer),
         step=make_rpdnet_step(
             detector,
             optimizer,

@@ -21,7 +21,8 @@ from jaxtyping import Bool, Float
 
 from experiments.rpdnet.network import map_values
 from jradar import data, training
-from jradar.evaluation import RecordsInView, detected, records_in_view
+from jradar.evaluation import RecordsInView, records_in_view
+from jradar.evaluation.detectors import detected
 from jradar.motion import ego_velocity
 from jradar.radar import RadarSpec
 

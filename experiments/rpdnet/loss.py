@@ -23,7 +23,6 @@ from jaxtyping import Array, Float, Key
 
 from experiments.rpdnet.network import RPDNet
 from jradar import training
-from jradar.training.step import ema_decay_at
 
 Maps = Float[Array, "batch doppler range 1"]
 
@@ -67,24 +66,12 @@ def make_rpdnet_step(
     `adversarial` is the weight of the critic's distance. The key is not used.
     """
 
-    @jax.jit
-    def step(state, key, batch):
-        def loss_of(params):
-            return rpdnet_loss(
-                detector, params, batch.condition, batch.target, weight=adversarial
-            )
-
-        (value, parts), gradient = jax.value_and_grad(loss_of, has_aux=True)(
-            state.params
+    def loss_of(params, key, batch):
+        return rpdnet_loss(
+            detector, params, batch.condition, batch.target, weight=adversarial
         )
-        updates, opt_state = optimizer.update(gradient, state.opt_state, state.params)
-        params = optax.apply_updates(state.params, updates)
-        share = 1 - ema_decay_at(state.step, decay=ema_decay)
-        averaged = optax.incremental_update(params, state.ema_params, share)
-        metrics = {"loss": value, "gradient_norm": optax.tree.norm(gradient), **parts}
-        return training.TrainState(state.step + 1, params, averaged, opt_state), metrics
 
-    return step
+    return training.make_step(loss_of, optimizer, ema_decay=ema_decay)
 
 
 def rpdnet_loss(

@@ -26,7 +26,7 @@ import jax
 import numpy as np
 from ml_collections import ConfigDict, config_dict
 
-from experiments import build, enhance, rpdnet, train
+from experiments import enhance, rpdnet, train
 from experiments.command import run_study, study_parser
 from experiments.configs import rpdnet as rpdnet_config, varied
 from jradar import data
@@ -83,7 +83,7 @@ def study(options: Namespace) -> None:
             methods[name] = rpdnet.method_of(view, *detector)
             continue
         model = load_model(workdir / "model")
-        pairs = build.build_pairs(model.spec, records)
+        pairs = data.pairs_of(model.spec, records)
         found = enhance.model_methods(varied.get_config(), model)
         found.pop("one-step estimate", None)
         rows = len(found) > 1

@@ -3,7 +3,7 @@
     found = calibrate_recording(recording, level=True)  # walked over level ground
 
 Of the strongest echoes of frames (`snapshots`), `self_calibrate` finds the channel
-factors that explain them, `level_tilt` the part that only turns the view, and
+factors that explain them, `level_tilt` the part that only rotates the view, and
 `mount_from_motion` the radar's place on its rig.
 """
 

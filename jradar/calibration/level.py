@@ -4,7 +4,7 @@ A phase error that grows along the rows of an array shifts the sine of all eleva
 
     w measured = w + tilt
 
-and no snapshot of an unknown direction contradicts it. The motion of the radar does: a
+and no snapshot of an unknown direction contradicts it. The radar's motion does: a
 radar that is carried ahead over level ground seems to climb or to sink, because the
 Doppler of echoes that stand still gives its velocity in the shifted directions
 (`ego_velocity`). In each frame the tilt is the shift that leaves no velocity along the
@@ -80,7 +80,7 @@ def level_tilt(
     used &= np.abs(ahead[middle]) >= LEAST_AHEAD * speed[middle]
     if used.sum() < LEAST_FRAMES:
         raise ValueError(
-            f"{used.sum()} of {len(used)} frames tell the tilt, expected "
+            f"{used.sum()} of {len(used)} frames show the tilt, expected "
             f"{LEAST_FRAMES} or more: carry the radar ahead over level ground by "
             f"{LEAST_SPEED_MPS} m/s or more, among things that stand still"
         )

@@ -2,15 +2,15 @@
 
 Echoes that stand still give the radar's velocity along its own axes. Poses of the base,
 recorded or of matched LiDAR scans, give the base's velocity v and rate w along the
-base's axes. With the radar at R, p on the base,
+base's axes. With the radar's rotation R and position p on the base,
 
     v_radar(t) = R^T (v(t + offset) + w(t + offset) x p)
 
-Directions of travel show R, rotations of the rig show p, and changes of speed the
-offset of the clocks. What a walk does not show stays as described: straight ahead, for
-example, nothing shows p. Of R, the mount takes the yaw alone. Floors, ceilings and
-phase errors shift the few elevations that an array measures, so pitch and roll are
-fitted with the rest, but stay as described.
+Directions of travel show R, rotations of the rig show p, and changes of speed show the
+offset of the clocks. What a walk does not show stays as described: a walk straight
+ahead, for example, does not show p. Of R, the mount takes the yaw alone. Floors,
+ceilings and phase errors shift the few elevations that an array measures, so pitch and
+roll are fitted with the rest, but stay as described.
 """
 
 from collections.abc import Callable
@@ -34,13 +34,13 @@ DESCRIBED = np.array([np.radians(10.0)] * 3 + [0.2] * 3 + [0.2])
 LEAST_FRAMES, LEAST_POSES = 20, 10
 LEAST_SPEED_MPS = 0.1
 LARGEST_SHARE = 0.4  # of the speed, by which both may differ
-TURNED_DEG = 90.0  # from the description, that no ruler explains
+TURNED_DEG = 90.0  # from the description: more than a measuring error
 LARGEST_OFFSET_S, OFFSET_STEP_S = 0.5, 0.05  # of those that are tried first
-# What all frames share does not show in their residuals: floors and ceilings shift the
-# elevations that few rows of antennas measure, ghosts the azimuths. By the errors of a
-# calibrated AWR1843 in ten simulated walks.
+# Errors that all frames share do not show in residuals: floors and ceilings shift the
+# elevations that few rows of antennas measure, ghosts the azimuths. The numbers are
+# errors of a calibrated AWR1843 in ten simulated walks.
 SYSTEMATIC = np.array([*np.radians([2.0, 1.7, 0.6]), 0.005, 0.005, 0.005, 0.0])
-# Likewise by the poses of matched scans, whose errors look like motion.
+# The same with poses of matched scans, whose errors look like motion.
 MATCHED = np.array([*np.radians([8.0, 2.5, 0.8]), 0.05, 0.05, 0.1, 0.03])
 NOISE_MPS = 0.03  # of a velocity, on top of its own deviation
 HUBER = 2.0  # deviations, from where a residual counts less
@@ -59,7 +59,7 @@ AXES = (  # name, unit, and its size in SI units
 PITCH_AND_ROLL = "the pitch and roll of the mount: they stay as described"
 MOTIONS = (
     "the radar hardly moved over the ground: walk ahead",
-    "the rig turned too little: turn left and right by 180 degrees or more in all",
+    "the rig rotated too little: turn left and right by 180 degrees or more in all",
     "the rig hardly tilted: nod and roll it by 20 degrees while walking",
     "the speed hardly changed: stop and walk on several times",
 )
@@ -74,7 +74,7 @@ MATCHED_SCANS = (
 class Mount(NamedTuple):
     """The place of a radar on its base, and how well a walk shows it.
 
-    Where a walk shows nothing, the mount stays as described, and so uncertain.
+    Where a walk shows nothing, the mount is as described, and as uncertain.
     """
 
     base_from_radar: Float[np.ndarray, "4 4"]
@@ -277,7 +277,7 @@ class _Walk(NamedTuple):
 def _start(walk, described):
     """The best of 24 right-angled rotations of the description, and of offsets.
 
-    Of rotations and offsets that explain as much, the smallest is taken.
+    Of rotations and offsets that explain equally much, the smallest is taken.
     """
     tried, costs = [], []
     offsets = np.arange(-LARGEST_OFFSET_S, LARGEST_OFFSET_S + 1e-9, OFFSET_STEP_S)
@@ -328,8 +328,8 @@ def _scale(residual):
 def _deviations(walk, mount, offset_s, scale):
     """The standard deviations of the seven axes, in SI units.
 
-    Residuals within two seconds may be alike, so the scores are summed in each before
-    their squares are (Liang & Zeger 1986); white noise alone is the least of it.
+    Residuals within two seconds may be alike, so their scores are summed before they
+    are squared (Liang & Zeger 1986). The result is at least that of white noise.
     """
     slope, value = walk.scores(mount, offset_s, scale)
     prior = np.diag((LIMITS / DESCRIBED) ** 2)

@@ -76,7 +76,7 @@ class Calibration(NamedTuple):
         if self.tilt is not None:
             tables["tilt (deg)"] = self.tilt.degrees
             tables["uncertainty of the tilt (deg)"] = self.tilt.deviation_deg
-            tables["frames that tell the tilt"] = self.tilt.frames
+            tables["frames that show the tilt"] = self.tilt.frames
         if self.mount is not None:
             tables |= self.mount.describe()
         return tables | {"not observable": [*self.hidden]}
@@ -178,7 +178,7 @@ def _warnings(fit: SelfCalibration, tilt: Tilt | None) -> Iterator[str]:
     if not fit.improves:
         before, after = fit.before.power_share, fit.after.power_share
         yield (
-            "echoes left out of the fit are not explained better by it (unexplained "
+            "the fit does not explain better the echoes that it left out (unexplained "
             f"share {before:.3g} before, {after:.3g} after): the channels stay as they "
             "are; they are calibrated, or the strong cells hold several echoes each"
         )
@@ -191,7 +191,7 @@ def _warnings(fit: SelfCalibration, tilt: Tilt | None) -> Iterator[str]:
 
 def _hidden(radar: RadarSpec, *, reflector: bool, level: bool) -> Iterator[str]:
     if not reflector:
-        yield "a turn of all azimuths: the phase's slope along the columns is kept"
+        yield "a rotation of all azimuths: the phase's slope along the columns is kept"
         if radar.has_elevation and not level:
             yield (
                 "a tilt of all elevations: the phase's slope along the rows is kept"

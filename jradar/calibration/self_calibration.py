@@ -14,10 +14,11 @@ one source in each snapshot) fits in turn
 Echoes that one direction does not explain, because their cell holds several echoes,
 lose their weight (Geman & McClure 1987).
 
-Not observable: a response whose phase grows linearly along columns or along rows turns
-every echo by the same amount in u or w, which nothing in the snapshots contradicts. On
-an AWR1843, the phase of the upper row's transmitter is such a tilt. The estimate's
-phase has no linear part, unless a reflector shows it, and no common factor.
+One part cannot be observed: a response whose phase grows linearly along columns or rows
+shifts every echo by the same amount in u or w, which nothing in the snapshots
+contradicts. On an AWR1843, the phase of the upper row's transmitter is such a tilt. So
+the estimate's phase has no linear part, unless a reflector shows it, and no common
+factor.
 """
 
 from collections.abc import Sequence
@@ -137,7 +138,7 @@ def self_calibrate(
 
 
 def _finite(echoes: Snapshots) -> Snapshots:
-    """The echoes, of which those with values that are not finite become padding."""
+    """The echoes; those with values that are not finite become padding."""
     snapshot, range_m, power = (
         np.asarray(values) for values in (echoes.snapshot, echoes.range_m, echoes.power)
     )

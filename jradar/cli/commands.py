@@ -1,4 +1,4 @@
-"""Commands on whole recordings, models and runs: from options to the result to print.
+"""Commands on whole recordings, models and runs, each of which returns its result.
 
 The first line of a command's docstring is its help text. A room of the library, and JAX
 with it, loads when a command first names it.
@@ -104,8 +104,8 @@ def _velocities(options: argparse.Namespace) -> "tuple[Recording, Velocities]":
     frames = range(*options.frames.indices(count))
     if len(frames) < 2:
         raise UsageError(
-            f"{options.path}: {len(frames)} of frames 0 to {count - 1}, expected 2 or "
-            "more to move between"
+            f"{options.path}: {len(frames)} of frames 0 to {count - 1} are chosen, "
+            "expected 2 or more, because the motion is between frames"
         )
     measured = jradar.motion.cloud_velocities
     if len(recording.cubes):
@@ -185,7 +185,7 @@ def _preview(options: argparse.Namespace, spec: "PrepareSpec") -> dict[str, Any]
 
 
 def finetune(options: argparse.Namespace) -> dict[str, Any]:
-    """Fine-tune a model on the records of one's own rig."""
+    """Fine-tune a model on the records of your own rig."""
     from jradar.training import FinetuneSpec, finetune as tune
 
     try:

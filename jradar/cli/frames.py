@@ -1,4 +1,4 @@
-"""`jradar points` and `jradar enhance`: frames of a recording to clouds."""
+"""`jradar points` and `jradar enhance` turn frames of a recording into clouds."""
 
 import argparse
 import contextlib
@@ -65,7 +65,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
     """Turn radar frames into dense point clouds with a trained model."""
     limits, streamed = _limits(options), is_streamed(options.output)
     if options.flat and streamed:
-        raise UsageError(f"--flat writes a folder, and {options.output} is one file")
+        raise UsageError(f"--flat writes a folder, but {options.output} is one file")
     if options.flat and options.picture:
         raise UsageError("--flat writes clouds alone: leave out --flat or --picture")
     if streamed and options.frame is None:
@@ -130,7 +130,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
 def _writer(
     options: argparse.Namespace, found: "Enhancement", folder: "FrameFolder | None"
 ) -> "Iterator[Callable[[Frame], list[str]]]":
-    """Yield the function that writes a frame: into a folder, or to a file of all."""
+    """Yield the function that writes a frame, into a folder or one file of all."""
     if folder is not None:
         yield lambda frame: folder.write_enhanced(frame, found.recording, found.model)
         return
@@ -153,7 +153,7 @@ def _folder(
     *clouds: str,
     pictured: bool = True,
 ) -> "FrameFolder":
-    """Return the folder of the output; UsageError if it must not be written."""
+    """Return the folder of the output; UsageError if it must not be replaced."""
     from jradar.outputs.frame_folder import FrameFolder
 
     return FrameFolder(

@@ -49,7 +49,7 @@ def count(
 
 
 def recording(sub: Options) -> None:
-    """Add how a recording is opened."""
+    """Add the options of opening a recording."""
     text = "description of the radar: a .toml, a .cfg, a log or a calib folder"
     option(sub, "--radar", "FILE", text)
     device(sub)
@@ -68,19 +68,19 @@ def recording(sub: Options) -> None:
 
 
 def device(sub: Options) -> None:
-    """Add the board of a .cfg."""
+    """Add the option that names the board of a .cfg."""
     text = f"board that a .cfg was written for: {', '.join(BOARDS)} (default: awr1843)"
     option(sub, "--device", "NAME", text, choices=tuple(BOARDS))
 
 
 def frame(sub: Options, *, several: bool = False) -> None:
-    """Add which frame is read, or which frames."""
+    """Add the options that choose a frame or, for commands on `several`, frames."""
     which = sub.add_mutually_exclusive_group()
     option(which, "--frame", "N", "frame to read (default: 0)", type=int)
     if several:
         text = "frames A to B-1, each written to its own folder inside DIR"
         option(which, "--frames", "A:B", text, type=values.frames)
-        text = "write clouds alone, one folder of each kind: DIR/enhanced/000010.ply, "
+        text = "write only clouds, in a folder for each kind: DIR/enhanced/000010.ply, "
         text += "as KISS-ICP and other tools read them"
         flag(sub, "--flat", text)
     text = "read a recording of one chirp per frame as one frame of many chirps"
@@ -88,7 +88,7 @@ def frame(sub: Options, *, several: bool = False) -> None:
 
 
 def all_frames(sub: Options, text: str) -> None:
-    """Add which frames a command uses that takes all by default."""
+    """Add the option that chooses frames, for a command that takes all by default."""
     option(sub, "--frames", "A:B", text, type=values.frames, default=slice(None))
 
 
@@ -101,10 +101,10 @@ def output(
     required: bool = True,
     force: bool = True,
 ) -> None:
-    """Add the output, a folder; or a file, which begins so if the command wrote it.
+    """Add the output: a folder or, with `file_begins`, a file.
 
-    Where it `may_stream`, it can be one file or bag of all frames. With `force`, the
-    user can have anything replaced.
+    The file begins so if the command wrote it. If the output `may_stream`, it can also
+    be one file or bag of all frames. `force` adds the option to replace anything.
     """
     folder = file_begins is None
     metavar = "OUT" if may_stream else "DIR" if folder else "FILE"
@@ -117,20 +117,20 @@ def output(
 
 
 def model(sub: Options, more: str = "") -> None:
-    """Add which model is used."""
+    """Add the option that names the model."""
     text = f"{MODEL}{more} (default: %(default)s)"
     option(sub, "--model", "NAME|FOLDER", text, default=DEFAULT)
 
 
 def background(sub: Options) -> None:
-    """Add which frames of a standing radar are its background."""
-    text = "subtract the mean of frames A to B-1, for a radar that stands still: best "
-    text += "frames of the empty room, or all of them with :"
+    """Add the option that names the frames of the background."""
+    text = "subtract the mean of frames A to B-1, for a radar that stands still; "
+    text += "frames of the empty room are best, and : takes all frames"
     option(sub, "--background", "A:B", text, type=values.frames)
 
 
 def clouds(sub: Options) -> None:
-    """Add how clouds are limited and written."""
+    """Add the limits and the format of clouds."""
     sub.add_argument(
         "--format",
         choices=CLOUDS,
@@ -153,7 +153,7 @@ def seed(sub: Options, text: str) -> None:
 
 
 def drawing(sub: Options) -> None:
-    """Add how a model draws."""
+    """Add the options of drawing."""
     for name, (flag_, text, most) in FLAGS.items():
         if most is None:
             option(sub, flag_, "P", text, type=values.share, dest=name)
@@ -167,14 +167,14 @@ def given_drawing(options: argparse.Namespace) -> Drawing:
 
 
 def fusing(sub: Options) -> None:
-    """Add how many frames become one."""
-    text = "fuse each frame with the N - 1 before it, by recorded poses, or else by "
-    text += "the radar's velocity with its IMU or alone (default: %(default)s)"
+    """Add the number of frames to fuse."""
+    text = "fuse each frame with the N - 1 before it, by recorded poses or else by the "
+    text += "radar's velocity, with its IMU if there is one (default: %(default)s)"
     count(sub, "--fuse", text, most=MAX_FUSED, default=1)
 
 
 def anyway(sub: Options) -> None:
-    """Add that a radar with one row of antennas is enhanced too."""
+    """Add the option to enhance a radar with one row of antennas, too."""
     text = "also enhance a radar with one row of antennas; heights are then invented"
     flag(sub, "--anyway", text)
 
@@ -192,11 +192,11 @@ def network(sub: Options, host: str, card: str) -> None:
 
 
 def playing(sub: Options) -> None:
-    """Add how a recording is played."""
+    """Add the options of playing a recording."""
     text = "play S times as fast as it was recorded (default: 1)"
     option(sub, "--speed", "S", text, type=values.positive, default=1.0)
     option(sub, "--loss", "P", "lose packets with this probability", **CHANCE)
-    text = "packets are late by up to N places"
+    text = "delay packets by up to N places"
     option(sub, "--reorder", "N", text, type=values.places, default=0)
     option(
         sub, "--duplicate", "P", "send packets twice with this probability", **CHANCE

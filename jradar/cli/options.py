@@ -22,7 +22,7 @@ PATH is a recording:
                   radar and the axes of the cube
   adc_data.bin    a capture of TI's DCA1000; --radar names the log of mmWave Studio,
                   the .cfg of the mmWave SDK or a TOML file
-  walk.mcap       of jradar record, which describes its radar
+  walk.mcap       a file of jradar record, which describes its radar
   points          that a radar sends: a ROS bag, a serial stream of TI's demo (.dat),
                   .ply, .pcd, .csv, .npz or a folder of them; what needs samples says so
   a folder        with a capture.toml, or a ColoRadar sequence such as
@@ -33,8 +33,9 @@ Without --radar, jradar looks for the description next to the recording."""
 FILES_HELP = """
 
 PATH can also be a bag (.bag, .mcap, .db3 or a ROS 2 folder) or a point cloud (.ply,
-.pcd, or a .bin of KITTI or of ColoRadar's LiDAR), or what configures a radar (.cfg,
-.toml, a log or .json of mmWave Studio): what it measures, if its board can run it."""
+.pcd, or a .bin of KITTI or of ColoRadar's LiDAR). It can be a radar's configuration
+(.cfg, .toml, a log or .json of mmWave Studio), too: then jradar prints what the radar
+measures, and whether its board can run it."""
 PREPARE_HELP = """
 
 PATH can also be a folder of ColoRadar sequences: all of them are prepared. Run the same
@@ -49,14 +50,14 @@ RECORD_HELP = """
 
 walk.mcap is one file with the samples, the time at which each frame came, its lost
 bytes, and the radar: every command reads it without --radar. A folder holds the same in
-files, and a capture.toml, to which the tables of a LiDAR that was recorded with it are
-added. Ctrl-C ends the recording; one that was killed is readable, too. The rest is as
-in `jradar live`."""
+several files. If you recorded a LiDAR at the same time, add its tables to the folder's
+capture.toml. Ctrl-C ends the recording. A recording that was killed is readable, too.
+The other options are those of `jradar live`."""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
-such as jradar live --radar FILE --host 127.0.0.1 --card 127.0.0.2. A program that stops
-it leaves it waiting for the next START; it ends with the recording, or by Ctrl-C."""
+such as jradar live --radar FILE --host 127.0.0.1 --card 127.0.0.2. If a program stops
+it, it waits for the next START. It ends with the recording, or by Ctrl-C."""
 CALIBRATE_HELP = """
 
 FILE describes the same radar with its channels' factors: pass it as --radar, or name it
@@ -81,10 +82,11 @@ RECORDS hold a train and a validation split: see --validation of `jradar prepare
 The same command resumes a run that was stopped. `--model DIR` then uses the model."""
 SCORE_HELP = """
 
-PATH can also be a folder of recordings, or one folder of `jradar prepare`, of which
-the test frames are scored, or else the validation frames. The truth is the part of the
-LiDAR that the radar could have seen, as in training, and for recordings also all of its
-points in view. Intervals hold 95 % and allow for frames that resemble each other."""
+PATH can also be a folder of recordings, or one folder of `jradar prepare`. Its test
+frames are scored or, if there are none, its validation frames. The truth is the part of
+the LiDAR's points that the radar could have seen, as in training; recordings are also
+scored against all its points in view. Intervals hold 95 % and allow for frames that
+resemble each other."""
 PLANAR = ", or radarhd for a cloud in the plane of one row of antennas"
 COMPLETION = """\
 Completion of commands and options in a shell: pip install argcomplete, then
@@ -192,9 +194,7 @@ def _live(sub):
     groups.output(sub, text, may_stream=True, required=False)
     text = "serve Foxglove over a WebSocket (default port: 8765)"
     groups.option(sub, "--serve", "PORT", text, type=values.port, nargs="?", const=8765)
-    text = (
-        "address to serve on; 0.0.0.0 is all of this machine's (default: %(default)s)"
-    )
+    text = "address to serve on; 0.0.0.0 serves on all addresses (default: %(default)s)"
     groups.option(sub, "--serve-host", "ADDRESS", text, default="127.0.0.1")
     text = "also serve web pages of this origin, such as https://viewer.example.org "
     text += "(default: this machine's and Foxglove's; repeatable)"
@@ -212,7 +212,7 @@ def _record(sub):
     groups.recording(sub)
     text = "record what an emulated card plays of this recording"
     groups.option(sub, "--replay", "RECORDING", text)
-    text = "a new file .mcap, or a folder, new or empty"
+    text = "new .mcap file, or new or empty folder"
     groups.output(sub, text, force=False)
     _on_the_cable(sub)
 
@@ -220,9 +220,9 @@ def _record(sub):
 def _on_the_cable(sub):
     """Add how long to listen, the board, and the addresses."""
     groups.option(sub, "--seconds", "S", "end after S seconds", type=values.positive)
-    text = "seconds without a packet that are reported (default: %(default)s)"
+    text = "report when no packet comes for S seconds (default: %(default)s)"
     groups.option(sub, "--silence", "S", text, type=values.positive, default=5.0)
-    text = "serial port of the board, such as /dev/ttyACM0, to send it the .cfg"
+    text = "send the .cfg to the board on this serial port, such as /dev/ttyACM0"
     groups.option(sub, "--board", "PORT", text)
     text = "only listen: another program commands the card"
     groups.flag(sub, "--no-commands", text)
@@ -255,11 +255,11 @@ def _calibrate(sub):
     groups.flag(sub, "--level", text)
     text = "estimate the radar's yaw and place on the rig, from its motion and the "
     text += (
-        "recording's poses or LiDAR scans; the rig was walked ahead and turned. Pitch "
+        "recording's poses or LiDAR scans; the rig was moved ahead and rotated. Pitch "
     )
     text += "and roll are not estimated"
     groups.flag(sub, "--mount", text)
-    text = "new .png to draw how well --mount explains the radar's velocities"
+    text = "new .png that shows how well --mount explains the radar's velocities"
     groups.option(sub, "--picture", "FILE", text)
 
 
@@ -282,7 +282,7 @@ def _map(sub):
     groups.all_frames(sub, "frames A to B-1 (default: all)")
     text = "model of maps, shipped or the workdir of a run (default: %(default)s)"
     groups.option(sub, "--model", "NAME", text, default=DEFAULT_OF_MAPS)
-    text = "poses by Doppler and this rotation (default: the recording's poses)"
+    text = "take poses from Doppler and this rotation (default: the recording's poses)"
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
 
 
@@ -302,7 +302,7 @@ def _prepare(sub):
     for split in ("validation", "test"):
         text = f"put the recording NAME into the {split} split (repeatable)"
         groups.option(sub, f"--{split}", "NAME", text, action="append", default=[])
-    text = "let the last P of each recording that trains validate, 0 to 1"
+    text = "share of each training recording, at its end, for validation, 0 to 1"
     groups.option(sub, "--validation-share", "P", text, type=values.share, default=0.0)
 
 

@@ -38,7 +38,7 @@ def check_paths(options: argparse.Namespace) -> None:
     models = getattr(options, "model", None) or []
     models = models if isinstance(models, list) else [models]
     for model in models:
-        if os.sep in model and not os.path.exists(model):  # no name of a shipped model
+        if os.sep in model and not os.path.exists(model):  # not a shipped model's name
             raise ModelError(f"no model at {model}: no such folder")
     if getattr(options, "output", None) is not None:
         _check_output(options, [*paths, *models])

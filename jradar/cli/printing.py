@@ -65,7 +65,7 @@ def _plain(value: Any) -> Any:
 
 
 def identifier(name: str) -> str:
-    """Return a name in small letters, digits and underscores."""
+    """Return a name in lower-case letters, digits and underscores."""
     for symbol, word in SYMBOLS.items():
         name = name.replace(symbol, word)
     return "_".join(re.findall("[a-z0-9]+", name.lower()))
@@ -92,7 +92,7 @@ def lines(value: dict[str, Any], *, indent: str = "") -> Iterator[str]:
 
 
 def _table(rows):
-    """Yield the lines of a table, from dictionaries; one that lacks a key has "-"."""
+    """Yield the lines of a table from dictionaries, with "-" for missing values."""
     names = [*dict.fromkeys(name for row in rows for name in row)]
     cells = [names, *([_short(row.get(name)) for name in names] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]

@@ -1,4 +1,4 @@
-"""From options to a recording and its frames."""
+"""Opens the recording, and the frames of it, that the options name."""
 
 import argparse
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""`jradar live`, `record`, `replay`: a radar on the cable, or a recording instead."""
+"""`jradar live`, `record` and `replay`: a radar on the cable, or an emulated one."""
 
 import argparse
 import contextlib
@@ -61,9 +61,9 @@ def _listen(
     *,
     waiting: int = 1,
 ) -> "tuple[Receiver, Callable[..., Session]]":
-    """Return what receives a radar's frames, and the function that runs a session.
+    """Return the receiver of a radar's frames, and the function that runs a session.
 
-    A recording is played by an emulated card. Both are closed with the stack.
+    An emulated card plays the recording of --replay. The stack closes both.
     """
     stream, emulator = jradar.stream, None
     network = stream.loopback_network() if options.replay else _network(options)
@@ -135,7 +135,7 @@ def replay(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recording(options: argparse.Namespace) -> "Recording":
-    """The recording to replay, or the radar that `--radar` describes."""
+    """Return the recording to replay, or the radar that `--radar` describes."""
     if options.replay:
         recording = jradar.open_recording(options.replay, **opening(options))
         jradar.recordings.need_samples(recording)
@@ -161,7 +161,7 @@ def _network(options: argparse.Namespace) -> "NetworkSpec":
 def _emulator(
     options: argparse.Namespace, recording: "Recording", network: "NetworkSpec"
 ) -> "Emulator":
-    """A card that plays the recording."""
+    """Return a card that plays the recording."""
     stream = jradar.stream
     faults = stream.FaultSpec(options.loss, options.reorder, options.duplicate)
     return stream.replaying(
@@ -172,7 +172,7 @@ def _emulator(
 def open_writers(
     options: argparse.Namespace, stack: contextlib.ExitStack
 ) -> "list[Writer]":
-    """Open the outputs; they are closed with the stack."""
+    """Open the outputs; the stack closes them."""
     writers: list[Writer] = []
     if options.output:
         from jradar.outputs.writers import open_writer

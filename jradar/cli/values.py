@@ -4,7 +4,7 @@ import argparse
 import functools
 import math
 
-MAX_CELLS = 32  # of a CFAR window on a side: more take minutes to compile
+MAX_CELLS = 32  # on a side of a CFAR window; more take minutes to compile
 
 
 def frames(text: str) -> slice:

@@ -15,6 +15,7 @@ from jradar.data.frames import (
 )
 from jradar.data.loading import (
     AugmentedPairs as AugmentedPairs,
+    Batch as Batch,
     Batches as Batches,
     Pair as Pair,
     PairSource as PairSource,

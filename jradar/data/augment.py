@@ -2,7 +2,7 @@
 
 Radar points and LiDAR points change together, in space, as a place could: they are
 mirrored left to right, rotated about the vertical axis, moved nearer or farther, or
-left to one object. Radar points alone are left out at random, or are replaced by true
+reduced to one object. Radar points alone are left out at random, or replaced by true
 ones: a network that sees perfect points must believe them.
 
 What a rotated or smaller frame would show from beyond its old view is `Unknown`.
@@ -20,9 +20,9 @@ from jradar.data.records import PreparedFrame
 OBJECT_M = (0.5, 1.5)  # radius of the place that is left alone
 ABOVE_DB = (15.0, 70.0)  # the strongest echo of that place above the noise
 NOISE_SPREAD_DB = 0.4  # mean excess of the noise's points over its weakest
-AT_ECHO = 0.4  # up to this share of the noise lies as far away as that echo
-RIDGE_DB = 3.0  # .. with a mean excess of up to this
-RIDGE_SPREAD = 0.2  # .. mean distance of its sine of azimuth from the echo's
+AT_ECHO = 0.4  # largest share of the noise in a ridge at that echo's range
+RIDGE_DB = 3.0  # largest mean excess of a ridge
+RIDGE_SPREAD = 0.2  # mean distance of its sines of azimuth from the echo's
 FARTHEST_M = 15.0  # of noise
 
 
@@ -62,7 +62,7 @@ class Unknown(NamedTuple):
     def marked(
         self, image: Float[np.ndarray, "row column"], azimuth: tuple[float, float]
     ) -> Float[np.ndarray, "row column"]:
-        """Return a LiDAR image with -1 where it is not known what a scan would see.
+        """Return a LiDAR image with -1 where it is unknown what a scan would see.
 
         `azimuth` is the image's view in radians.
         """
@@ -78,7 +78,7 @@ class Unknown(NamedTuple):
 def augmented(
     frame: PreparedFrame, random: np.random.Generator, spec: AugmentSpec
 ) -> tuple[PreparedFrame, Unknown]:
-    """Return the frame changed at random, and what is not known of it then."""
+    """Return the frame changed at random, and the part of it that is unknown."""
     unknown = Unknown()
     if random.random() < spec.alone:
         frame = alone(frame, random)
@@ -112,12 +112,14 @@ def moved(frame: PreparedFrame, matrix: Float[np.ndarray, "3 3"]) -> PreparedFra
 def alone(frame: PreparedFrame, random: np.random.Generator) -> PreparedFrame:
     """Return the frame with nothing but the points around a random LiDAR point.
 
-    The other radar points become noise: at a false-alarm rate of 1 an empty place has
+    The other radar points become noise: at a false-alarm rate of 1, an empty place has
     as many points as a full one, in all directions and equally weak. The noise keeps
-    its level, and the echoes get another. A strong one raises the noise as far away as
-    itself, because chirps start late at random: around a corner reflector lies a
-    quarter of the noise, a few dB stronger, most of it within 40 degrees. So it is in
-    every other frame.
+    its level; the echoes are scaled to a random level above it.
+
+    Half of the frames have a ridge. Chirps start late at random, so a strong echo
+    raises the noise at its own range. A corner reflector, for example, has about a
+    quarter of the noise points at its range, most of them within 40 degrees of it and a
+    few dB stronger than the others.
     """
     if not len(frame.lidar_xyz):
         return frame
@@ -173,7 +175,7 @@ def _around(echo, noise, random):
 def with_true_points(
     frame: PreparedFrame, random: np.random.Generator
 ) -> PreparedFrame:
-    """Return the frame with LiDAR points in the place of as many radar points."""
+    """Return the frame with as many LiDAR points in place of its radar points."""
     places = np.flatnonzero(np.asarray(frame.radar.valid))
     count = min(len(places), len(frame.lidar_xyz))
     valid, xyz = np.zeros_like(frame.radar.valid), np.array(frame.radar.xyz)

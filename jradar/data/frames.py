@@ -20,7 +20,7 @@ NO_ECHO, NO_RETURN = "all radar samples are zero", "no LiDAR point is in view"
 
 
 class EmptyFrame(ValueError):
-    """A sensor saw nothing at the time of a frame, which is no training pair."""
+    """A sensor saw nothing at the time of a frame, so the frame is left out."""
 
     def __init__(self, name: str, frame: int, reason: str):
         """`name` is the recording's."""
@@ -91,7 +91,7 @@ def match_nearest(
 def check_dropped(name: str, num_frames: int, dropped: dict[int, str]) -> None:
     """Raise ValueError with the reasons if more than half of the frames are dropped.
 
-    Frames in which a sensor saw nothing do not count: they say nothing of the clocks.
+    Frames in which a sensor saw nothing do not count: they do not show the clocks.
     """
     reasons = [why for why in dropped.values() if why not in (NO_ECHO, NO_RETURN)]
     if len(reasons) > MAX_DROPPED * num_frames:

@@ -34,6 +34,13 @@ class Pair(NamedTuple):
     lidar: Float[np.ndarray, "*batch lidar_row lidar_column"]  # metres, 0 for a miss
 
 
+class Batch(NamedTuple):
+    """Conditions, and the encoded images that a network learns to draw."""
+
+    condition: Float[Any, "batch row column channel"]
+    target: Float[Any, "batch target_row target_column target_channel"]
+
+
 class PairSource(Stream):
     """The pairs of prepared frames, computed on reading."""
 
@@ -84,7 +91,7 @@ def make_pair(
 class AugmentedPairs(NamedTuple):
     """A change for `Batches` of frames: each becomes a pair, changed at random.
 
-    Pixels of the LiDAR's image are -1 where it is not known what a scan would see.
+    Pixels of the LiDAR's image are -1 where it is unknown what a scan would see.
     """
 
     coarse: ImageSpec

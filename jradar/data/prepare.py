@@ -267,7 +267,7 @@ def _check_contents(folder) -> dict[str, Any]:
 def _check_options(folder, head):
     """Raise UsageError for a folder of other options, sources or contents.
 
-    A preparation that has not finished a shard loses its claim on the folder.
+    A preparation that has not finished a shard may be replaced by another.
     """
     found, wanted = _check_contents(folder), json.loads(json.dumps(head))
     keys = (*COMPARED, *OPTIONAL)

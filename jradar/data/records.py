@@ -192,8 +192,8 @@ class Records(Stream):
     ):
         """Open all sequences, or the sequences of one `split`, by the manifest.
 
-        Of these, `choose` decides by the name which ones are opened.
-        Raises ValueError for a folder that is damaged, not complete or without frames
+        Of these, only sequences whose name `choose` accepts are opened. Raises
+        ValueError for a folder that is damaged, not complete or without frames
         of the split.
         """
         self.folder = Path(folder)
@@ -277,14 +277,15 @@ class Records(Stream):
 
     @property
     def other_radars(self) -> tuple[RadarSpec, ...]:
-        """The radars of these records beside `radar`, each once."""
+        """The other radars of these records, each once."""
         found = {self.radar_of(sequence): None for sequence, _ in self.where}
         return tuple(radar for radar in found if radar != self.radar)
 
     def windows_of(self, sequence: str) -> tuple[str, str]:
-        """Return the windows of (doppler, range) behind the cells of a sequence.
+        """Return the windows of (doppler, range) of the cells of a sequence.
 
-        Records of an older version do not name them: they count as `PointSpec`'s.
+        Records of an older version do not name them, and have the windows of a
+        `PointSpec`.
         """
         return self._windows.get(sequence, WINDOWS)
 

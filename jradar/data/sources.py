@@ -1,7 +1,7 @@
 """The recordings at a path, and their splits.
 
-ColoRadar's 52 sequences are divided as in the paper (section V-A). Their names are
-taken with and without the date with which the release starts them.
+ColoRadar's 52 sequences are divided as in the paper (section V-A). The date that begins
+their names in the release may be missing.
 """
 
 import difflib

@@ -1,7 +1,7 @@
 """Jobs in this process, in several processes of this machine, or in a Dask cluster.
 
-A failure, Ctrl-C or SIGTERM ends the processes of this machine at once: what they were
-doing is lost, so a job has to be one that can be done again.
+A failure, Ctrl-C or SIGTERM ends the processes of this machine at once, and their work
+is lost. So every job must be one that can be done again.
 """
 
 import concurrent.futures
@@ -45,9 +45,9 @@ def run_jobs(
 
 @contextlib.contextmanager
 def _processes(workers: int) -> Iterator[concurrent.futures.Executor]:
-    """Yield processes that leave Ctrl-C, which a terminal sends them too, to this one.
+    """Yield processes that ignore Ctrl-C, because this one handles it.
 
-    Unless all jobs end, they are killed, and none writes another file.
+    Unless all jobs end, they are killed, so that none writes another file.
     """
     others = {*multiprocessing.active_children()}
     pool = concurrent.futures.ProcessPoolExecutor(

@@ -5,8 +5,8 @@
     loss = denoising_loss(key, denoise, clean, noise=noise)               # Eq. 12
     images = sample(key, denoise, (8, 128, 512, 2), noise=noise)
 
-A prediction, one of `PREDICTIONS`, is what a network predicts, with the rule that makes
-a clean image of it. `RangeMixture` is the prediction of one pass, without diffusion.
+A prediction, one of `PREDICTIONS`, is what a network predicts, with the rule that turns
+it into a clean image. `RangeMixture` is the prediction of one pass, without diffusion.
 """
 
 from jradar.diffusion.losses import (

@@ -1,7 +1,7 @@
 """A U-Net whose answer may lie where the radar's points are.
 
 The trunk describes a patch of 16 x 16 pixels by one vector. It cannot say at which of
-these pixels there was a point, or how far away. `EvidenceUNet` has a second way to the
+these pixels there was a point, or how far away. `EvidenceUNet` has a second path to the
 head, on the grid of the condition, where nothing is lost:
 
     condition --smear--> count, place, power  --conv--> anchors, and a correction
@@ -41,7 +41,7 @@ class EvidenceUNet(UNet):
                          view of the images, in radians and metres, and the range code
     anchors              components that join those of the trunk in each pixel; no
                          parameter depends on it
-    evidence_channels    width of the second way
+    evidence_channels    width of the second path
     """
 
     azimuth: tuple[float, float] = (-math.pi / 3, math.pi / 3)
@@ -52,7 +52,7 @@ class EvidenceUNet(UNet):
     evidence_channels: int = 32
 
     def setup(self) -> None:
-        """Define the parts of the U-Net, and the second way."""
+        """Define the parts of the U-Net, and the second path."""
         super().setup()
         self.evidence = Evidence(
             outputs=self.outputs,

@@ -119,7 +119,7 @@ def regression_loss(
 def where_known(loss: Callable[..., jax.Array], **options: Any) -> Callable[..., Any]:
     """Return the loss without an error where the validity of `clean` is 0.
 
-    There it is not known what a scan would see. Squared errors of an image are divided
+    There it is unknown what a scan would see. Squared errors of an image are divided
     by the share of its pixels that are known, so that sparse scans count as dense ones
     do. `options` are passed on to `loss`.
     """

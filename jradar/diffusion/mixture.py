@@ -3,7 +3,7 @@
 The network sees only the condition, as in `regression`. For each pixel it returns the
 probability of a return, and a mixture of logistic distributions over the coded range.
 The mixture is trained by its likelihood, so that a pixel that may lie on either of two
-surfaces has two components, and no mean between them (mixture density networks, Bishop
+surfaces has two components, not a mean between them (mixture density networks, Bishop
 1994; Tosi et al. 2021 for depth).
 
     F [.. 2 + 3 COMPONENTS] -> centre, return | offset, log-scale, weight of components
@@ -77,7 +77,7 @@ def _softmax(values):
 
 
 def window_mass(mixture: RangeMixture) -> Callable[[Any, Any], Float[Array, "..."]]:
-    """Return `(low, high)` -> the probability of a coded range between, if any."""
+    """Return `(low, high)` -> the probability of a return between these codes."""
     weight, centre, scale = (jnp.moveaxis(part, -1, 0) for part in mixture[1:])
     steepness = 1 / scale
 
@@ -96,8 +96,9 @@ def mixture_loss(
 ) -> Float[Array, ""]:
     """Return the negative log-likelihood of range and return, a mean over pixels.
 
-    Where the validity of `clean` is 0, it is not known whether there was a return. The
+    Where the validity of `clean` is 0, it is unknown whether there was a return. The
     mean is over the other pixels, and then over images.
+
     It is called as `denoising_loss` is. Neighbours are alike: of each THINNED x THINNED
     pixels of an image, `key` draws the one that counts, the same place in all of them.
     """

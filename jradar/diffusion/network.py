@@ -3,7 +3,7 @@
 A network is a Flax module, or any hashable object with the same `init` and `apply`,
 that splits into two methods: `encode` turns a condition into features once per frame,
 `decode` turns a noisy image and these features into the network's output at each step
-of a sampler. Its call is both in a row.
+of a sampler. A call does both in a row.
 
 A new network is a module of its own and one entry in `NETWORKS`.
 """

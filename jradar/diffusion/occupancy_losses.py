@@ -1,8 +1,8 @@
-"""Training losses of pixels from 0 to 1: occupied or not, or the share of such.
+"""Training losses of pixels from 0 to 1: occupied or not, or a share between.
 
-They are called as `denoising_loss` is. The cross-entropy is least where the network
-predicts the expectation, as the squared error is, but its gradient does not vanish
-where the network is sure and wrong.
+They are called as `denoising_loss` is. Like the squared error, the cross-entropy is
+least where the network predicts the expectation. Its gradient does not vanish where the
+network is sure and wrong.
 
 occupancy_loss    cross-entropy of D(x; sigma) at random noise levels
 estimate_loss     cross-entropy of the one-pass estimate

@@ -63,7 +63,7 @@ class LpipsWeights(NamedTuple):
 def lpips(weights: LpipsWeights, a: Images, b: Images) -> Float[Array, " batch"]:
     """Return the LPIPS distance of images in -1 .. 1, with 3 channels or 1 (grey).
 
-    It is differentiable everywhere, also for images without any structure.
+    It is differentiable everywhere, even for images without any structure.
     """
     if a.shape != b.shape or a.shape[-1] not in (1, 3):
         raise ValueError(

@@ -38,7 +38,7 @@ NetworkFunction = Callable[[ImageOrShape, Level], Output]
 
 @dataclasses.dataclass(frozen=True)
 class Prediction(abc.ABC):
-    """What a network predicts; `name` stands in configs and model files.
+    """What a network predicts; configs and model files hold its `name`.
 
     `data` is sigma_data, `sigma` one level for each image.
     """

@@ -2,7 +2,7 @@
 
 With sigma(t) = t the ODE is dx/dsigma = (x - D(x; sigma)) / sigma. A solver walks the N
 levels sigma_0 > ... > sigma_N-1 in one `lax.scan`. The last step, to sigma = 0, is the
-denoised image itself and stands outside.
+denoised image itself, outside the scan.
 
     solver                     evaluations   error for steps h
     euler                      N             h

@@ -85,7 +85,7 @@ class UNet(nn.Module):
     angles               enter Fourier features of azimuth and elevation. Without them
                          an image may be a part of a plane, of any size and place
     remat                save memory in training at the cost of time
-    dtype                of what is computed, or its name: "bfloat16" suits a GPU.
+    dtype                of the computation, or its name: "bfloat16" suits a GPU.
                          Parameters, norms and softmax are float32
     """
 

@@ -17,16 +17,11 @@ from jradar.evaluation.confidence import (
     with_confidence as with_confidence,
 )
 from jradar.evaluation.detectors import (
-    best_choice as best_choice,
     choose_rates as choose_rates,
-    detected as detected,
     detector_methods as detector_methods,
-    seen_points as seen_points,
-    smeared as smeared,
 )
 from jradar.evaluation.methods import (
     Method as Method,
-    known_mean as known_mean,
     mean_scores as mean_scores,
     ring_edges as ring_edges,
     score_frames as score_frames,
@@ -67,7 +62,6 @@ from jradar.evaluation.tables import (
     markdown as markdown,
     markdown_table as markdown_table,
     pooled as pooled,
-    seeds_table as seeds_table,
     summarise as summarise,
     write_tables as write_tables,
 )

@@ -24,8 +24,8 @@ Choice = TypeVar("Choice")
 def detector_methods(view: RecordsInView, rates: dict[str, float]) -> dict[str, Method]:
     """Return a method for each CFAR detector, at its false-alarm rate, and `splat`.
 
-    `splat` smears the points of the last detector. A model that scores below it is
-    worth nothing there.
+    `splat` smears the points of the last detector. A model that scores below it adds
+    nothing to the radar's points.
     """
 
     def method(**options) -> Method:
@@ -44,8 +44,7 @@ def detector_methods(view: RecordsInView, rates: dict[str, float]) -> dict[str, 
 def smeared(key: jax.Array, cloud: PointCloud, view: RecordsInView) -> PointCloud:
     """Return a cloud's points smeared by SMEAR_M, one for each pixel of the image.
 
-    These are about as many as a model draws. Those outside the field of view are not
-    valid.
+    A model draws about as many. Points outside the field of view are not valid.
     """
     xyz, (rows, columns) = points_of(cloud), view.fine.shape
     if not len(xyz):

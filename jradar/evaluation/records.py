@@ -54,7 +54,7 @@ class RecordsInView(NamedTuple):
         return self.records.radar_of(prepared.sequence)
 
     def points(self, prepared: data.PreparedFrame, **options: Any) -> PointSpec:
-        """Return the spec for the cells of a frame, with the windows behind them."""
+        """Return the spec for the cells of a frame, with the windows of its spectra."""
         doppler, range_ = self.records.windows_of(prepared.sequence)
         chosen = {"doppler_window": doppler, "range_window": range_, **options}
         return PointSpec(**chosen).fitted(self.radar_of(prepared))
@@ -155,7 +155,7 @@ def score_and_keep(
             named = clouds.setdefault((row["scene"], *place), {})
             named.setdefault("radar", points_of(frame.prepared.radar))
             named[row["method"]] = surest_points(cloud)
-            named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # the last
+            named[TRUTH] = np.asarray(named.pop(TRUTH, truth))  # LiDAR comes last
 
     rows = score_records(
         key, view, pairs, methods, every=every, truths=truths, watch=keep

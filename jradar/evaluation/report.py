@@ -141,8 +141,8 @@ def build_report(run: Path | str) -> Path:
 def _best_and_rival(scores: Scores) -> tuple[str, str]:
     """Return the method with the best mean F-score, and the best CFAR detector.
 
-    Where there is no other CFAR detector, the second is the next best method, or else
-    the same one.
+    Without another CFAR detector, the second is the next best method, or else the same
+    method.
     """
     series: dict[str, list[float]] = {}
     for row in scores:
@@ -154,7 +154,7 @@ def _best_and_rival(scores: Scores) -> tuple[str, str]:
 
 
 def _summary(scores: Scores, best: str, other: str) -> str:
-    """Return who wins, by how much and on what, in one sentence."""
+    """Return the best method, its lead and the frames, in one sentence."""
     rows, rivals = (
         [r for r in scores if r["method"] == name] for name in (best, other)
     )

@@ -3,9 +3,9 @@
 Distances are means over the frames in which the method found points. A frame without
 points has the F-score 0. The number of such frames is printed next to the means.
 
-`summarise` groups rows and `markdown` prints the groups: any rows with a `sequence`, a
+`summarise` groups rows, and `markdown` prints the groups. Rows need a `sequence`, a
 `frame`, `points`, `truth_points` and some of the scores in `COLUMNS`. `markdown_table`
-writes what is a table already.
+writes any titles and cells.
 """
 
 import csv
@@ -103,7 +103,7 @@ def markdown(
 ) -> str:
     """Return a summary as a Markdown table, F-scores in percent.
 
-    What all rows are grouped by is a column if it varies, and the last of it always.
+    A field by which rows are grouped is a column if it varies; the last always is one.
     `intervals` adds the 95 % interval to each mean.
     """
     *others, last = (name for name in summary[0] if isinstance(summary[0][name], str))

@@ -1,4 +1,4 @@
-"""What the conditions of training look like, by which unusual ones are recognised."""
+"""What conditions look like in training, so that unusual ones are recognised."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,9 +17,9 @@ TRUSTED = 1200  # most frames of each source
 def trust_of(
     grid: FrameGrid, *sources: Sequence[Any], most: int = TRUSTED
 ) -> TrustTable | None:
-    """Return the table of trust of a grid's conditions; None of too few frames.
+    """Return the table of trust of a grid's conditions; None for too few frames.
 
-    The items of `sources` have a `condition`; at most so many of each are described.
+    The items of `sources` have a `condition`. At most `most` of each are described.
     """
     described = jax.jit(grid.features)
     features = [

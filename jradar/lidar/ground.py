@@ -12,7 +12,7 @@ labelled independently:
    walls.
 
 The result depends on the scan only, not on the order of frames, workers or shards. The
-ceiling is the floor of the cloud turned upside down.
+ceiling is the floor of the cloud upside down.
 """
 
 import contextlib
@@ -161,7 +161,7 @@ def _flat_cells(xyz, max_range_m):
 
 
 def _levelling(normal):
-    """Shortest rotation that turns the normal to (0, 0, 1)."""
+    """Shortest rotation that takes the normal to (0, 0, 1)."""
     x, y, z = normal
     return np.array(
         [

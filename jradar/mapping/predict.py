@@ -1,4 +1,4 @@
-"""A radar map to the probability of each voxel, and to occupied voxels."""
+"""Completes a radar's map: the probability of each voxel, and the occupied voxels."""
 
 from typing import NamedTuple
 
@@ -20,8 +20,8 @@ SIZES = (64, 96, 128, 160)  # of images of patches, in columns; each is compiled
 MARGIN = 16  # columns of an image beyond the radar's patch, both sides together
 TILE, STRIDE = 96, 64  # of whole maps
 LEAST = 0.03  # probability of voxels that are kept
-RING = 0.1  # voxels, of distances that count as one
-SPREAD = 0.2  # of the logarithm of how many voxels are near, about what is expected
+RING = 0.1  # voxels; distances within one ring count as equal
+SPREAD = 0.2  # of the logarithm of the number of voxels within the edge of a patch
 MOST_TILES = 100_000  # 6 km x 6 km
 
 
@@ -36,8 +36,8 @@ def column_grid(model: Model) -> ColumnGrid:
     """Return the grid of a model of maps; ModelError for another model."""
     if not isinstance(model.spec.grid, ColumnGrid):
         raise ModelError(
-            f"{model!r} sees single frames, expected a model that completes maps, such "
-            "as jradar-maps"
+            "this model sees single frames, expected one that completes maps, such as "
+            "jradar-maps"
         )
     return model.spec.grid
 
@@ -45,14 +45,14 @@ def column_grid(model: Model) -> ColumnGrid:
 def _probability(
     condition: Float[np.ndarray, "x y channel"], model: Model
 ) -> Float[np.ndarray, "x y height"]:
-    """The probability of each voxel; every image draws with the same key."""
+    """Return the probability of each voxel; every image draws with the same key."""
     return np.asarray(draw(jax.random.key(0), jnp.asarray(condition), model))
 
 
 def enhance_patch(radar: Voxels, model: Model, *, least: float = LEAST) -> Occupied:
     """Return the LiDAR's voxels around the robot, from the radar's patch.
 
-    Those of a probability of `least` or less are left out.
+    Voxels of a probability of `least` or less are left out.
     """
     grid, around = column_grid(model), outline(radar)
     wanted = 2 * around.radius + MARGIN
@@ -66,10 +66,11 @@ def enhance_patch(radar: Voxels, model: Model, *, least: float = LEAST) -> Occup
 
 
 def nearest(found: Occupied, x: float, y: float, count: int) -> Occupied:
-    """Return the probability that a voxel is true, and among the nearest true ones.
+    """Return the probability that a voxel is true and one of the `count` nearest.
 
-    A patch of ColoRadar ends where it has `count` voxels. So it ends about as far from
-    the robot, at `x` and `y` in voxels, as `count` true voxels are expected to reach.
+    A patch of ColoRadar holds the `count` voxels nearest to the robot, which stands at
+    `x` and `y` in voxels. So the patch ends at about the distance within which `count`
+    true voxels are expected.
     """
     ring = (np.hypot(*(found.voxels[:, :2] - (x, y)).T) / RING).astype(int)
     in_ring = np.bincount(ring, found.probability)
@@ -81,9 +82,9 @@ def nearest(found: Occupied, x: float, y: float, count: int) -> Occupied:
 def enhance_map(radar: Voxels, model: Model, *, start_height: int = 0) -> Occupied:
     """Return the voxels of a whole map that the LiDAR would have found.
 
-    Tiles overlap, and count most in their middle. Heights are above `start_height`, the
-    number of the voxel in which the radar started. Raises ValueError for a map without
-    voxels, or for one too large.
+    Tiles overlap, and each counts most in its middle. Heights are above `start_height`,
+    the number of the voxel in which the radar started. Raises ValueError for a map that
+    has no voxels, or that is too large.
     """
     grid = column_grid(model)
     if not len(radar):
@@ -129,8 +130,8 @@ def enhance_map(radar: Voxels, model: Model, *, start_height: int = 0) -> Occupi
 def likely_first(voxels: Voxels, probability: Float[np.ndarray, " voxel"]) -> Occupied:
     """Return the voxels in the order of their probability, in single precision.
 
-    Numbers of 16 bits are sorted in linear time: the lower halves first, then the
-    upper ones.
+    Numbers of 16 bits are sorted in linear time. So the lower halves are sorted first,
+    then the upper ones.
     """
     probability = probability.astype(np.float32)
     bits = ~probability.view(np.uint32)
@@ -140,13 +141,13 @@ def likely_first(voxels: Voxels, probability: Float[np.ndarray, " voxel"]) -> Oc
 
 
 def expected(found: Occupied) -> Occupied:
-    """Return as many of the likely voxels as are expected to be true."""
+    """Return as many of the likeliest voxels as are expected to be true."""
     count = round(float(found.probability.sum()))
     return Occupied(*(values[:count] for values in found))
 
 
 def best_count(probability: Float[np.ndarray, " voxel"], truth: float) -> int:
-    """Return how many likely voxels have the largest expected F-score.
+    """Return how many of the likeliest voxels have the largest expected F-score.
 
     With `truth` occupied voxels, of which the first k hold a part, the expected F-score
     is about 2 * sum(probability[:k]) / (k + truth).

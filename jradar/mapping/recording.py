@@ -1,4 +1,4 @@
-"""A recording to maps: the radar's own, and the one that a LiDAR would have made."""
+"""Maps of a recording: the radar's own, and the one that a LiDAR would have made."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -31,7 +31,7 @@ from jradar.viz import maps_figure, save_figure
 
 POINTS = PointSpec()
 FASTEST_MPS = 50.0  # of a radar between two frames
-JUMP_MPS = 3.0  # a larger change from frame to frame: the poses jump
+JUMP_MPS = 3.0  # larger changes of velocity from frame to frame show that poses jump
 SHORTEST_M = 1.0  # of a path that shows a place from several sides
 FEWEST = 10  # frames of a map
 BAND_M = (-0.3, 0.6)  # below and above the radar's path: what stands in a robot's way
@@ -82,20 +82,20 @@ def map_recording(
 ) -> RecordingMap:
     """Return the maps of a recording's frames; host.
 
-    Poses are the recorded ones. Without them, they follow from Doppler and `rotation`,
+    The recorded poses are used. Without them, poses follow from Doppler and `rotation`,
     by default the IMU's where there is one. Detections that move are left out. Raises
-    UsageError for poses that jump, and where no detection is left.
+    UsageError for poses that jump, and if no detection is left.
     """
     found = detect_recording(recording, points=points, frames=frames)
     poses, notes = radar_poses(recording, found.frames, rotation=rotation)
     notes += [*_check_path(recording, found.frames, poses[:, :3, 3])]
     radar = recording.radar.spec
     if not radar.has_elevation:
-        notes.append("the array has one row: the map is of its plane alone")
+        notes.append("the array has one row, so the map shows only its plane")
     key = jax.random.key(0)
 
     def still(frame):
-        """The points of a frame that do not move."""
+        """Return the points of a frame that do not move."""
         kept = np.asarray(frame.points.valid)
         if radar.num_chirps > 1:
             motion = ego_velocity(key, frame.points, elevation=radar.has_elevation)
@@ -146,7 +146,7 @@ def radar_poses(
 ) -> tuple[Float[np.ndarray, "frame 4 4"], list[str]]:
     """Return the radar's poses in the world, and notes on where they come from.
 
-    They are the recorded ones. Without these, or with `rotation`, they follow from
+    The recorded poses are used. Without them, or with `rotation`, poses follow from
     Doppler.
     """
     stamps, mount = recording.cubes.stamps, recording.base_from_radar
@@ -154,13 +154,13 @@ def radar_poses(
         notes = []
         if mount is None:
             mount = np.eye(4)
-            notes.append("the radar's place on the base is unknown: taken as one")
+            notes.append("the radar's place on the base is unknown, and taken as 0")
         middle = np.asarray(stamps)[list(frames)] + recording.radar.spec.frame_middle_s
         return interpolate_poses(recording.poses, middle) @ mount, notes
     velocities = frame_velocities(recording, frames=frames)
     rotation = rotation or ("none" if recording.imu is None else "imu")
     found = odometry(recording, velocities, rotation=rotation)
-    return found.world_from_radar, [f"poses by Doppler and {rotation}", *found.notes]
+    return found.world_from_radar, [f"poses from Doppler and {rotation}", *found.notes]
 
 
 def _check_path(recording, frames, path):
@@ -175,23 +175,23 @@ def _check_path(recording, frames, path):
             raise UsageError(
                 f"{recording.path}: the poses jump by "
                 f"{speed[worst] * seconds[worst]:.1f} m in {seconds[worst]:.3g} s "
-                f"after frame {frames[worst]}: correct them, or map the frames before "
-                "and after apart with --frames"
+                f"after frame {frames[worst]}: correct them, or use --frames to map "
+                "the frames before and after separately"
             )
         change = np.linalg.norm(np.diff(velocity, axis=0), axis=1)
         if len(change) and change.max() > JUMP_MPS:
             k = int(np.argmax(change))
             yield (
                 f"the poses jump near frame {frames[k + 1]}, from {speed[k]:.1f} to "
-                f"{speed[k + 1]:.1f} m/s: walls may stand twice, map the frames before "
-                "and after apart with --frames"
+                f"{speed[k + 1]:.1f} m/s, so walls may appear twice: use --frames to "
+                "map the frames before and after separately"
             )
     if len(path) < FEWEST:
         yield f"{len(path)} frames make a thin map: use {FEWEST} or more"
     if np.ptp(path, axis=0).max() < SHORTEST_M:
         yield (
-            "the radar hardly moved: what it saw from one place stands in the map's "
-            "rays, walk through the place"
+            "the radar hardly moved, so the map shows each surface from one side only: "
+            "walk through the place"
         )
 
 
@@ -210,7 +210,7 @@ def map_files(found: RecordingMap) -> dict[str, Callable[[Path], None]]:
 
 
 def _figure(found):
-    """The picture of both maps."""
+    """Return the picture of both maps."""
     metres = found.grid.metres
     maps = {"radar": found.radar.voxels, "jradar": found.enhanced.voxels}
     return maps_figure(
@@ -242,7 +242,7 @@ def _cells(found):
 
 
 def _near_path(found):
-    """The function to the columns of the voxels near the height of the path."""
+    """Return the function that finds the columns with voxels near the path's height."""
     from scipy.spatial import KDTree
 
     tree = KDTree(found.path[:, :2])
@@ -274,7 +274,7 @@ def _write_pgm(path, grid):
 
 
 def _grid_yaml(spec, corner):
-    """The description that ROS's map_server reads."""
+    """Return the description that ROS's map_server reads."""
     return (
         "image: grid.pgm\n"
         f"resolution: {spec.voxel_m:g}\n"

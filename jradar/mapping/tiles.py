@@ -1,8 +1,8 @@
 """Training tiles: parts of patches and of whole maps, changed at random.
 
-A tile lies somewhere in the LiDAR's patch, is rotated by quarter turns, mirrored, moved
-up or down, and loses some of its radar voxels. Now and then it is a part of the whole
-map, as whole maps are enhanced.
+A tile lies somewhere in the LiDAR's patch. It is rotated by quarter turns, mirrored,
+moved up or down, and loses some of its radar voxels. Now and then it is a part of the
+whole map, because whole maps are enhanced, too.
 """
 
 import dataclasses
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jradar.data import Batch
 from jradar.model import ColumnGrid
 from jradar.model.grids.columns import (
     condition_columns,
@@ -20,7 +21,6 @@ from jradar.model.grids.columns import (
     target_columns,
 )
 from jradar.recordings.coloradar.maps import MapRun
-from jradar.training import Batch
 
 
 @dataclasses.dataclass(frozen=True)

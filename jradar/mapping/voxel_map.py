@@ -1,4 +1,4 @@
-"""Clouds and poses to a map of voxels, each with the log-odds to be occupied.
+"""A map of voxels from clouds and poses; each has the log-odds of being occupied.
 
 A point is evidence for the voxel that holds it, and against the voxels on the way to
 it. The sums of log-odds are bounded, so that a map can change its mind (OctoMap,
@@ -28,7 +28,7 @@ class SensorModel:
     most: float = 0.97
 
     def __post_init__(self):
-        """Refuse probabilities that say nothing, or the opposite."""
+        """Refuse probabilities from which nothing follows, or the opposite."""
         if not self.voxel_m > 0:
             raise ValueError(f"voxel_m = {self.voxel_m}, expected more than 0")
         if not 0 < self.least <= self.miss < 0.5 < self.hit <= self.most < 1:
@@ -40,7 +40,7 @@ class SensorModel:
 
 
 class VoxelMap:
-    """The voxels that points have been in or before, and their log-odds."""
+    """The voxels that points were in or behind, and their log-odds."""
 
     def __init__(self, sensor: SensorModel = SensorModel()):
         """Start an empty map."""
@@ -58,9 +58,9 @@ class VoxelMap:
     ) -> None:
         """Add the points of one frame, in the sensor's frame.
 
-        A voxel counts once a frame, as occupied if any point is in it: with the largest
-        probability of these points, by default the sensor model's. Raises ValueError
-        for a pose that is not finite, or that is farther than 100 km.
+        A voxel counts once in a frame. If points are in it, it counts as occupied, with
+        the largest of their probabilities, by default the sensor model's. Raises
+        ValueError for a pose that is not finite, or that is farther than 100 km.
         """
         pose = np.asarray(world_from_sensor, float)
         if not (np.isfinite(pose).all() and np.abs(pose[:3, 3]).max() < LONGEST_M):
@@ -84,19 +84,19 @@ class VoxelMap:
     def occupied(
         self, *, above: float = 0.5
     ) -> tuple[Int[np.ndarray, "voxel 3"], Float[np.ndarray, " voxel"]]:
-        """Return the voxels of a larger probability, and their probabilities."""
+        """Return the voxels of a probability `above` this, and their probabilities."""
         self._merge()
         probability = 1 / (1 + np.exp(-self._odds))
         kept = probability > above
         return self._voxels(self._keys[kept]), probability[kept]
 
     def free(self) -> Int[np.ndarray, "voxel 3"]:
-        """Return the voxels that are rather empty."""
+        """Return the voxels that are more likely empty than occupied."""
         self._merge()
         return self._voxels(self._keys[self._odds < 0])
 
     def _before(self, points, origin):
-        """Places on the way from the sensor to each point, half a voxel apart."""
+        """Return places from the sensor to each point, half a voxel apart."""
         step = self.sensor.voxel_m / 2
         away = points - origin
         length = np.linalg.norm(away, axis=1)

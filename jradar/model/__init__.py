@@ -3,8 +3,8 @@
     model = load_model("jradar-sim")            # shipped with the package, or a folder
     cloud = enhance(key, cube, radar, model)    # ADC cube to a dense PointCloud
 
-`enhance` makes a condition of the cube, lets the model `draw`, and makes a
-`dense_cloud` of its image. The model's grid says what a condition and an image are:
+`enhance` makes a condition from the cube, lets the model `draw`, and makes a
+`dense_cloud` from its image. The model's grid says what a condition and an image are:
 range images, polar images of one row of antennas, or columns of a map. `Radar` and
 `Model` are pytrees, so all of them take both under `jit`, `vmap` and `grad`.
 """

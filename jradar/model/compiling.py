@@ -10,11 +10,11 @@ CPU_OPTIONS: dict[str, str | bool] = {"xla_cpu_experimental_ynn_fusion_type": ""
 
 @functools.cache
 def compiler_options() -> dict[str, str | bool]:
-    """Return options of `jax.jit` or `compile` that make a network quick; maybe none.
+    """Return options of `jax.jit` or `compile` with which a network runs faster.
 
-    They are for CPUs, where one frame is too little work for XLA's usual choice, and
-    left out where this version of XLA does not know them. `jit` takes them at the top
-    level only.
+    They are for CPUs, where one frame is too little work for XLA's usual choice. Other
+    devices have none, and nor has a version of XLA that does not know them. `jit` takes
+    them at the top level only.
     """
     if jax.default_backend() != "cpu":
         return {}

@@ -5,7 +5,7 @@ from typing import Any, Unpack
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Inexact, Key, Num
+from jaxtyping import Array, Float, Inexact, Key
 
 from jradar.compiled import jit
 from jradar.diffusion import conditional_denoiser
@@ -18,6 +18,7 @@ from jradar.radar import (
     excise_interference,
     points_and_count,
 )
+from jradar.radar.samples import Cube
 from jradar.range_image import frequency
 from jradar.types import PointCloud
 
@@ -25,7 +26,7 @@ from jradar.types import PointCloud
 @jit(static_argnames=STATIC)
 def enhance(
     key: Key[Array, ""],
-    cube: Num[Array, "tx rx chirp sample *pair"],
+    cube: Cube,
     radar: Radar,
     model: Model,
     **drawing: Unpack[Drawing],
@@ -33,14 +34,14 @@ def enhance(
     """Return the dense, LiDAR-like cloud of one radar frame (Fig. 3b).
 
     The options are those of `draw`. A frame without a point of `radar_points` in the
-    view of the condition gives an empty cloud. At the false-alarm rate of 1 of the
-    paper's models every cell with power is a point: only a frame of zeros is empty, a
-    frame of noise is not. One frame; `vmap` it. Raises ValueError for a model of maps.
+    view of the condition gives an empty cloud. The paper's models have a false-alarm
+    rate of 1: every cell with power is a point, so only a frame of zeros is empty. One
+    frame; `vmap` it. Raises ValueError for a model of maps.
 
     Gradients are exact with respect to the model's parameters and to the powers and
     ranges of the radar's points. Which cells become points, the pixel of a point and
-    the component of the mixture that a pixel shows are choices: they have no gradient,
-    so neither has the phase of a channel, which acts through directions alone.
+    the component of the mixture that a pixel shows are choices without a gradient. So
+    the phase of a channel, which acts only through directions, has no gradient either.
     """
     samples, points = _observed(cube, radar, model.spec)
     seen = model.spec.frame_grid.condition(samples, points, radar.spec)
@@ -65,7 +66,7 @@ def enhance_points(
 
 @jit
 def condition(
-    cube: Num[Array, "tx rx chirp sample *pair"], radar: Radar, model: Model
+    cube: Cube, radar: Radar, model: Model
 ) -> Float[Array, "row column channel"]:
     """Return what the network is given of one frame, such as its points as images.
 
@@ -87,13 +88,14 @@ def draw(
     A model of range images gives a `RangeImage` in metres, 0 where nothing is seen; one
     of polar images a `PolarImage`; one of maps the probability of each voxel.
 
-    A diffusion model takes `draws` samples at once, 8 by default, and returns that on
-    which they agree. `draws=1` is the paper's single sample, `draws=1, steps=1` its
-    one-step estimate. Defaults for several draws: 5 steps of iPNDM, temperature 1; for
-    one: 18 steps, the model's temperature, and the solver of `solver_for`. Other models
-    take none of these. Pixels of less than `least_confidence`, by default the model's,
-    are dropped. Without a radar point in the condition the image is empty. One
-    condition; `vmap` it. Raises ValueError for options that the model does not take.
+    A diffusion model draws `draws` samples at once, 8 by default, and returns what they
+    agree on. `draws=1` is the paper's single sample, `draws=1, steps=1` its one-step
+    estimate. Several draws take 5 steps of iPNDM at temperature 1 by default. One draw
+    takes 18 steps at the model's temperature with the solver of `solver_for`. Other
+    models have none of these options. Pixels of less than `least_confidence`, by
+    default the model's, are dropped. Without a radar point in the condition, the image
+    is empty. One condition; `vmap` it. Raises ValueError for options that the model
+    does not take.
     """
     spec, grid = model.spec, model.spec.grid
     grid.check(condition.shape)
@@ -120,13 +122,13 @@ def dense_cloud(
     least_confidence: float | Float[Array, ""] | None = None,
     fused: bool = False,
 ) -> PointCloud:
-    """Return the cloud of an image, and of what is around the radar's points.
+    """Return the points of an image, and the points around the radar's points.
 
     First come the points of the pixels. Those that no point of the radar supports need
-    the model's `least_alone` confidence, unless `least_confidence` was asked of all, or
-    the image is `fused` of several frames: not all their echoes are in `points`. Then
-    come the surroundings of the radar's points, if the model has a table of their
-    confidence.
+    the model's `least_alone` confidence. They do not need it if `least_confidence` is
+    given for all points, or if the image is `fused` from several frames, because
+    `points` does not hold all their echoes. Then come the surroundings of the radar's
+    points, if the model has a table of their confidence.
     """
     grid, tables = model.spec.frame_grid, model.tables
     added = None
@@ -153,16 +155,16 @@ def dense_cloud(
 
 
 def _enhanced(key, condition, points, model: Model, drawing) -> PointCloud:
-    """The cloud of a frame's condition and points."""
+    """Return the cloud of a frame's condition and points."""
     image = draw(key, condition, model, **drawing)
     least = drawing.get("least_confidence")
     return dense_cloud(image, points, model, least_confidence=least)
 
 
 def _observed(
-    cube: Num[Array, "tx rx chirp sample *pair"], radar: Radar, spec: ModelSpec
+    cube: Cube, radar: Radar, spec: ModelSpec
 ) -> tuple[Inexact[Array, "tx rx chirp sample"], PointCloud]:
-    """The calibrated samples of a frame, and its points as training saw them."""
+    """Return the calibrated samples of a frame, and its points as in training."""
     points = spec.points.fitted(radar.spec)
     samples = calibrate(cube, radar)
     if points.remove_interference:

@@ -75,12 +75,12 @@ def load_model(name: Path | str) -> Model:
 
 
 def load_card(name: Path | str) -> Card:
-    """Return where a model comes from, without reading its weights; as `load_model`."""
+    """Return a model's card without reading its weights; errors as in `load_model`."""
     return _described(name)[0].card
 
 
 def _described(name: Path | str) -> tuple[Model, str, Path]:
-    """The model without parameters, the digest of its weights, and their file."""
+    """Return a model without parameters, the digest of its weights, and their file."""
     shipped = shipped_models()
     folder = shipped.get(str(name), Path(name))
     if not (folder / MARKER).is_file() and (folder / "model").is_dir():
@@ -129,7 +129,7 @@ def save_model(
 
 
 def _model_to_json(model: Model) -> dict[str, Any]:
-    """Everything but the parameters as JSON takes it."""
+    """Return everything but the parameters, as values for JSON."""
     spec, noise = model.spec, model.spec.noise
     dtype = str(getattr(spec.network, "dtype", "float32"))
     other = {} if dtype == "float32" else {"dtype": dtype}
@@ -149,13 +149,13 @@ def _model_to_json(model: Model) -> dict[str, Any]:
 
 
 def _table_to_json(table: Any) -> dict[str, Any]:
-    """The numbers of a table as they were fitted, without the noise of float32."""
+    """Return the numbers of a table as they were fitted, without float32's noise."""
     parts = {k: np.asarray(v, float).round(6) for k, v in table._asdict().items()}
     return {name: values.tolist() for name, values in parts.items()}
 
 
 def _model_from_json(values: dict[str, Any]) -> Model:
-    """The model without parameters from `_model_to_json`'s dictionary, checked."""
+    """Return a model without parameters, from the checked values of a file."""
     card = _card_from_json(values.pop("card"))
     tables: dict[str, Any] = {
         name: None if table is None else TABLES[name](**table)
@@ -172,7 +172,7 @@ def _model_from_json(values: dict[str, Any]) -> Model:
 
 
 def _grid_from_json(values: dict[str, Any]) -> Grid:
-    """The grid, refused if its images are too large to be drawn."""
+    """Return the grid; ValueError if its images are too large to be drawn."""
     kind = GRIDS[values.pop("kind")]
     grid = kind(**typed_fields(kind, values))
     shapes = {"image": grid.image_shape, "condition": grid.condition_shape}
@@ -184,7 +184,7 @@ def _grid_from_json(values: dict[str, Any]) -> Grid:
 
 
 def _card_from_json(values: dict[str, Any]) -> Card:
-    """The card, with every type checked."""
+    """Return the card, with every type checked."""
     radars = values.pop("radars")
     if not isinstance(radars, list):
         raise ValueError(f"radars is {radars!r}, expected a list of radars")
@@ -193,7 +193,7 @@ def _card_from_json(values: dict[str, Any]) -> Card:
 
 
 def _network_from_json(values: dict[str, Any]) -> Network:
-    """The network from `network_fields`' dictionary."""
+    """Return the network from the dictionary of `network_fields`."""
     fields = dict(values)
     kind = NETWORKS[fields.pop("kind")]
     typed_fields(kind, fields)
@@ -201,7 +201,7 @@ def _network_from_json(values: dict[str, Any]) -> Network:
 
 
 def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
-    """Refuse parameters that do not fit the network, naming the first."""
+    """Raise ModelError for parameters that do not fit the network; it names one."""
     found = parameter_shapes(params)
     try:
         _check_size(spec.network, found)
@@ -211,7 +211,7 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
             image_shape=spec.grid.image_shape,
             condition_shape=spec.grid.condition_shape,
         )
-    except Exception as error:  # Flax and JAX have their own
+    except Exception as error:  # Flax and JAX raise errors of their own kinds
         raise ModelError(
             f"the network of {path.parent} cannot be built: {error}"
         ) from error
@@ -220,7 +220,7 @@ def _check_shapes(path: Path, params: Any, spec: ModelSpec) -> None:
 
 
 def _check_size(network: Network, found: dict[str, tuple[int, ...]]) -> None:
-    """Refuse a network larger than the file: its shapes take hours, or gigabytes."""
+    """Refuse a network that is larger than the file: it takes hours, or gigabytes."""
     fields = network_fields(network)
     blocks = fields.get("blocks", 1) * len(fields.get("multipliers", [1]))
     if blocks > len(found):

@@ -1,16 +1,17 @@
-"""Several frames as one: what each knows about the surfaces that the last one sees.
+"""Fuses frames: what each of them knows about the surfaces that the newest one sees.
 
 A network of one pass knows, for each direction of its frame, how probable a surface is
 at each range. With the radar's motion known, a point of the present frame has a
 direction and a range in every earlier frame too, so each frame has a probability of a
-surface there. Their mean decides, as the mass decides within a frame:
+surface there. The mean of these probabilities decides, as the mass of the distribution
+does within a frame:
 
     candidate range of a pixel -> point -> direction and range in each frame
                                -> probability of a surface within the window, in each
                                -> mean over the frames that look that way
 
-Echoes that move by themselves are where earlier frames saw nothing. Pixels that are
-marked as moving are left out of earlier frames, and use the present frame alone.
+An object that moves by itself is now where earlier frames saw nothing. So pixels that
+are marked as moving are left out of earlier frames, and use the present frame alone.
 """
 
 import math
@@ -44,7 +45,7 @@ from jradar.range_image import (
 from jradar.types import PointCloud
 
 SURE = 0.5  # confidence of earlier frames' points that are tried in the present one
-MOVING_MPS = 0.6  # difference of an echo's Doppler from that of a world at rest
+MOVING_MPS = 0.6  # larger differences from the Doppler of a world at rest are motion
 
 
 def view_grid(model: Model) -> ViewGrid:
@@ -55,8 +56,9 @@ def view_grid(model: Model) -> ViewGrid:
     spec = model.spec
     if not isinstance(spec.grid, ViewGrid) or spec.method != "marginal":
         raise UsageError(
-            f"{model!r} cannot fuse frames: expected range images and the method "
-            "marginal, such as jradar-sim, whose distributions over range are fused"
+            f"the model answers by {spec.method}, expected marginal: a model of range "
+            "images in one pass, such as jradar-sim, whose distributions over range "
+            "are fused"
         )
     return spec.grid
 
@@ -73,7 +75,7 @@ def mixtures(
     denoise = conditional_denoiser(spec.network, model.params, spec.noise)
     shape = (1, *grid.image_shape)
     found = range_mixture(denoise(condition[None]), shape, noise=spec.noise)
-    empty = ~condition.any()  # sees nothing
+    empty = ~condition.any()  # the radar sees nothing
     returned = jnp.where(empty, -math.inf, found.returned)
     return jax.tree.map(lambda values: values[0], found._replace(returned=returned))
 
@@ -116,9 +118,10 @@ def fuse(
     """Return the present frame's range image, as all frames together see it.
 
     `frames` holds the `mixtures` of each frame, the present one first, and `poses` the
-    transforms of points from each frame's radar to the present one's, NaN to leave it
-    out. `moving` marks the `moving_pixels`. Confidences are calibrated and dropped as
-    in `draw`. Raises ValueError for other numbers of poses than of frames.
+    transforms of points from each frame's radar to the present one's. A pose of NaN
+    leaves its frame out. `moving` marks the `moving_pixels`. Confidences are calibrated
+    and dropped as in `draw`. Raises ValueError if the number of poses is not that of
+    the frames.
 
         frames = jax.vmap(mixtures, (0, None))(conditions, model)  # newest first
         image = fuse(frames, relative_poses(trajectory, [9, 8, 7], 9), model)
@@ -139,7 +142,7 @@ def fuse(
     directions = jnp.asarray(pixel_directions(grid.fine), jnp.float32)
 
     def probability(range_m):
-        """The mean probability of a surface within the window around a range."""
+        """Return the mean probability of a surface within the window around a range."""
         total = _surface(present, range_m, grid, window_m)
         views = jnp.ones_like(total)
         xyz = range_m[..., None] * directions
@@ -176,7 +179,7 @@ def fuse(
 
 
 def _likeliest(candidates, probability):
-    """Each pixel's candidate of most probability, the first of equals, and that."""
+    """Return each pixel's likeliest candidate, the first of equals; its probability."""
     candidates = jnp.maximum(candidates, 0.0)
     found = jax.lax.map(probability, candidates)
     found = jnp.where(candidates > 0, found, 0.0)
@@ -187,14 +190,14 @@ def _likeliest(candidates, probability):
 
 
 def _surface(mixture, range_m, grid, window_m):
-    """The probability of a return within the window around a range."""
+    """Return the probability of a return within the window around a range."""
     view = {"max_range_m": grid.fine.max_range_m, "codec": grid.codec}
     low, high = (encode_range(range_m + side, **view) for side in (-window_m, window_m))
     return jax.nn.sigmoid(mixture.returned) * window_mass(mixture)(low, high)
 
 
 def _table(mixture):
-    """Each pixel's mixture in one array, which one gather reads."""
+    """Return each pixel's mixture in one array, so that one gather reads it."""
     parts = [mixture.returned[..., None], mixture.weight, mixture.centre, mixture.scale]
     return jnp.concatenate(parts, -1)
 

@@ -42,14 +42,14 @@ FAINT = 0.05  # confidence of pixels that count as empty there
 
 
 class Scaling(NamedTuple):
-    """Offset and scale of log-odds, each at no disagreement and what 1 adds to it."""
+    """Offset and scale of log-odds: each without disagreement, and what d = 1 adds."""
 
     offset: Float[Array | np.ndarray, "2"]
     scale: Float[Array | np.ndarray, "2"]
 
     @classmethod
     def of(cls, offset: Any, scale: Any) -> "Scaling":
-        """Return the scaling, or raise ValueError for other than two finite numbers."""
+        """Return the scaling; ValueError unless both have two finite numbers."""
         found = cls(*(np.asarray(values, np.float32) for values in (offset, scale)))
         for name, values in found._asdict().items():
             if values.shape != (2,) or not np.isfinite(values).all():
@@ -98,7 +98,7 @@ def expected_f_score(
 ) -> Float[Array, ""]:
     """Return the largest expected F-score of the confident pixels of one image.
 
-    It is 0 of an image without pixels of a confidence of 0.05.
+    It is 0 for an image without pixels of a confidence of 0.05 or more.
     """
     sure = jnp.where(confidence >= FAINT, confidence, 0.0).ravel()
     step = jnp.clip(jnp.floor(sure * STEPS).astype(int), 0, STEPS - 1)
@@ -141,7 +141,7 @@ def fit_scaling(images: Sequence[Pixels]) -> Scaling:
 
 
 def _binned(image: Pixels):
-    """Features, shares of right pixels and weights of an image's frequencies."""
+    """Return features, shares of right pixels and weights for bins of frequencies."""
     clipped = np.clip(image.frequency, LEAST_ODDS, 1 - LEAST_ODDS)
     place = np.minimum((clipped * BINS).astype(int), BINS - 1)
     count = np.bincount(place, minlength=BINS)

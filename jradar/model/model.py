@@ -1,4 +1,4 @@
-"""What a model is: parameters, what shapes the computation, tables, and a card."""
+"""What a model is: parameters, a static spec of the computation, tables, and a card."""
 
 import dataclasses
 import math
@@ -116,7 +116,7 @@ class Model:
 
 
 class _Passenger(NamedTuple):
-    """A card within a pytree's structure, which all cards leave the same."""
+    """A card within a pytree's structure; all cards are equal there."""
 
     card: Card
 

@@ -1,4 +1,4 @@
-"""What a model learnt of its own answers, after its training: tables of numbers."""
+"""Tables of what is known about a model's answers, fitted after its training."""
 
 from typing import NamedTuple
 
@@ -12,4 +12,4 @@ class Tables(NamedTuple):
     confidence: ConfidenceTable = IDENTITY  # of what the network draws
     echoes: ConfidenceTable | None = None  # of points around the radar's, by crowding
     trust: TrustTable | None = None  # what conditions looked like in training
-    scaling: Scaling | None = None  # of the confidence, by how much two answers differ
+    scaling: Scaling | None = None  # of the confidence, by the mirror's disagreement

@@ -90,9 +90,9 @@ def levelled(
 ) -> Matrices:
     """Return `turns` in a world whose z axis points up.
 
-    `velocity` is the IMU's in the world of `turns`, m/s. Over the time from the first
-    stamp to the last, the mean of the specific force is gravity's reaction plus the
-    change of velocity by time.
+    `velocity` is the IMU's in the world of `turns`, m/s. Between the first and the last
+    stamp, the mean specific force is gravity's reaction plus the change of velocity
+    over time.
     """
     within = (imu.stamps >= stamps[0]) & (imu.stamps <= stamps[-1])
     if within.sum() < FEW:

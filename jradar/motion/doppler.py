@@ -4,7 +4,7 @@ An echo of something that stands still, in the unit direction u, recedes with
 
     v_r = -u . v            v: velocity of the radar, in the radar's frame, m/s
 
-A few such echoes give v. What moves by itself does not fit, so echoes are selected by
+A few such echoes give v. Things that move do not fit, so echoes are selected by
 consensus (Fischler & Bolles 1981), as in REVE (Doer & Trommer 2020):
 
     samples of 3 echoes -> hypotheses -> the one that most echoes agree with
@@ -73,8 +73,8 @@ def ego_velocity(
     from the residuals, none of which counts as less than `noise_mps`. With
     `unambiguous_mps`, velocities up to `2 folds + 1` times it are considered. `solved`
     is False with fewer than `least_inliers`, or if their directions are all alike.
-    Phase errors of the channels turn all directions, and the velocity with them: the
-    vertical one of an uncalibrated radar is off by its tilt times its speed.
+    Phase errors of the channels rotate all directions, and the velocity with them: the
+    vertical velocity of an uncalibrated radar is off by its tilt times its speed.
 
     Raises ValueError for a cloud without velocities and for a batch of clouds.
     """
@@ -227,7 +227,7 @@ def _in_space(vector, rest):
 
 
 def _variances(covariance, solved):
-    """The covariance [3, 3], infinite on the diagonal for what is not known."""
+    """The covariance [3, 3], infinite on the diagonal for unknown axes."""
     axes = len(covariance)
     unknown = jnp.arange(3) >= jnp.where(solved, axes, 0)
     covariance = jnp.pad(covariance, (0, 3 - axes))

@@ -6,8 +6,8 @@ Each step from one frame to the next is the first of these that is known:
     imu         the radar's velocity, with the gyroscope's rotation
     velocity    the radar's velocity, without rotation
 
-A step uses nothing that was measured after its newer frame, except that recorded poses
-are interpolated.
+A step uses nothing that was measured after its newer frame, except for the
+interpolation of recorded poses.
 """
 
 import collections
@@ -96,7 +96,7 @@ class Follower:
         return kind, np.linalg.inv(step)
 
     def _turn(self, stamps):
-        """The source of the newer radar's orientation along the older one's, and it."""
+        """The source, and the newer radar's orientation along the older one's axes."""
         imu, place = self._recording.imu, self._recording.base_from_imu
         if imu is not None and place is not None and self._mount is not None:
             near = slice(*np.searchsorted(imu.stamps, stamps + [-MARGIN_S, MARGIN_S]))

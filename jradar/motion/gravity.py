@@ -1,7 +1,7 @@
-"""What gravity says of the mounts of a rig: which of them is upside down.
+"""Mounts that gravity contradicts: which sensor of a rig is upside down.
 
-An IMU that is carried along measures, on the mean, gravity's reaction: it points up.
-The descriptions of the mounts carry it to the axes of the radar, whose z axis is to
+The mean force that a carried IMU measures is gravity's reaction, which points up. The
+descriptions of the mounts rotate it into the axes of the radar, whose z axis should
 point up, too.
 
          up, measured          radar upside down:      `upside_down = true` describes

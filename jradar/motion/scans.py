@@ -67,7 +67,7 @@ def _check_rotation(recording: Recording, poses: Poses) -> None:
         raise ValueError(
             f"{recording.path}: matched scans and the gyroscope rotate differently, by "
             f"{off:.0f} degrees a second (rms), expected at most {LARGEST_DPS:.0f}: "
-            "scan matching failed, as in corridors of which a LiDAR sees little, or "
+            "scan matching failed, as in corridors where a LiDAR sees little, or "
             "the place of the LiDAR or the IMU is wrong. Name recorded poses in "
             "capture.toml, or walk where there are surfaces all around"
         )

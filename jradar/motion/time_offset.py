@@ -35,7 +35,7 @@ Motion = Float[np.ndarray, "time component"]
 
 
 class TimeOffset(NamedTuple):
-    """The seconds to add to the radar's stamps, and what speaks for them."""
+    """The seconds to add to the radar's stamps, and the evidence for them."""
 
     seconds: float
     confidence: float  # 0 to 1: the lead over the next best offset

@@ -36,7 +36,6 @@ def frame_velocities(
     *,
     frames: Sequence[int] | None = None,
     points: PointSpec | None = None,
-    seed: int = 0,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Velocities:
     """Return the radar's velocity in each of `frames`, by default in all; host.
@@ -59,7 +58,7 @@ def frame_velocities(
             f"{radar.num_virtual} antennas, expected 2 chirps or more and azimuths"
         )
     spec = (points or POINTS).fitted(radar)
-    key, rows = jax.random.key(seed), []
+    key, rows = jax.random.key(0), []
     for done, frame in enumerate(chosen, 1):
         cloud = radar_points(recording.cube(frame), recording.radar, points=spec)
         found = ego_velocity(
@@ -80,7 +79,6 @@ def cloud_velocities(
     recording: Recording,
     *,
     frames: Sequence[int] | None = None,
-    seed: int = 0,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Velocities:
     """Return the radar's velocity in each frame of a recording of points; host.
@@ -105,7 +103,7 @@ def cloud_velocities(
     elevation = recording.has_elevation
     for done, cloud in enumerate(clouds, 1):
         padded = _padded(cloud, size)  # of one size, and compiled once
-        key = jax.random.fold_in(jax.random.key(seed), done)
+        key = jax.random.fold_in(jax.random.key(0), done)
         found = ego_velocity(key, padded, elevation=elevation)
         counts = (mask.sum() for mask in (padded.valid, found.inliers, found.moving))
         rows.append((found.velocity, found.covariance, *counts))
@@ -126,8 +124,9 @@ def _padded(cloud: PointCloud, size: int) -> PointCloud:
 def outliers(velocities: Velocities) -> Bool[np.ndarray, " frame"]:
     """Return which frames have a velocity that no motion explains; host.
 
-    Along the ground it is far from the median of the frames within `NEIGHBOURS_S`, more
-    than most of these are. A steady change of velocity does not move that median.
+    Along the ground it is much farther from the median of the frames within
+    `NEIGHBOURS_S` than most of these are. A steady acceleration does not move that
+    median.
     """
     stamps, ground = velocities.stamps, velocities.velocity[:, :2]
     known = np.isfinite(velocities.velocity).all(1)

@@ -1,4 +1,4 @@
-"""What the library, the command line and configs name, each once and with its help.
+"""Names that the library, the command line and configs share, each with its help.
 
     boards       boards and recorded devices
     sensor       RadarSpec: chirp, antennas, and what follows from them

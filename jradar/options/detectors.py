@@ -1,6 +1,6 @@
-"""CFAR detectors by name, the window of their cells, and its rules at the ends.
+"""CFAR detectors by name, the window of their cells, and the rules at its ends.
 
-`jradar.radar.detect.cfar` draws the window and says what each rule does.
+`jradar.radar.detect.cfar` shows the window and explains each rule.
 """
 
 from typing import NamedTuple

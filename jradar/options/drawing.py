@@ -1,4 +1,4 @@
-"""How a model draws its answer: the options of `jradar.draw` and of all that calls it.
+"""How a model draws its answer: the options of `jradar.draw` and of its callers.
 
 `jradar.enhance`, `enhance_points`, `enhance_recording`, `live` and `export` take them
 as keyword arguments, and the command line as the flags below.
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypedDict
 
 
 class Drawing(TypedDict, total=False):
-    """Options of `draw`; one that is left out, or None, has the model's default."""
+    """Options of `draw`; one that is left out, or None, takes the model's default."""
 
     draws: int | None  # samples of a diffusion model; 8 by default
     steps: int | None  # of each sample; 5 for several, 18 for one
@@ -22,7 +22,7 @@ STATIC = ("draws", "steps", "solver")  # those that shape the computation
 
 
 class Flag(NamedTuple):
-    """An option on the command line: a count up to `most`, or a share without it."""
+    """An option on the command line: a count up to `most`, or a share if it is None."""
 
     flag: str
     help: str

@@ -1,17 +1,17 @@
-"""The models that come with the package, by name, each with what it is for."""
+"""The models that come with the package, by name, each with its purpose."""
 
 from pathlib import Path
 
 MODELS = {
     "jradar-sim": "a dense cloud in one pass, of a radar that measures elevation",
-    "jradar-sim-diffusion": "the same by the diffusion of the paper, slower",
+    "jradar-sim-diffusion": "the same by the paper's diffusion, which is slower",
     "radarhd": "a cloud in the plane of one row of antennas",
     "radarhd-history": "the same from a frame and those before it",
-    "radarhd-nearness": "the same, trained by nearness to the truth",
+    "radarhd-nearness": "the same, trained on nearness to the truth",
     "jradar-maps": "a map of voxels from a walk",
 }
 DEFAULT, DEFAULT_OF_MAPS = "jradar-sim", "jradar-maps"
-WEIGHTS = Path(__file__).parents[1] / "weights"  # a folder for each
+WEIGHTS = Path(__file__).parents[1] / "weights"  # holds a folder for each
 
 
 def shipped_models() -> dict[str, Path]:

@@ -103,7 +103,8 @@ class PointSpec:
     sources: int = option(2, "targets in a beam for music")
     focus: bool = option(
         False,
-        "focus wide arrays, such as a cascade's, on each target: delays, near field",
+        "focus wide arrays, such as a cascade's, on each target, with its delays and "
+        "near field",
     )
 
     def __post_init__(self):

@@ -295,8 +295,8 @@ class RadarSpec:
     def from_dict(cls, values: dict[str, Any]) -> "RadarSpec":
         """Return a radar from its fields, or from a `device` and fields that differ.
 
-        `upside_down` mounts it so. Raises ValueError for an unknown device, and for a
-        field that is unknown, missing or of the wrong type.
+        With `upside_down`, it is mounted upside down. Raises ValueError for an unknown
+        device, and for a field that is unknown, missing or of the wrong type.
         """
         given, names = dict(values), ("device", "upside_down")
         start = {name: given.pop(name) for name in names if name in given}
@@ -327,7 +327,7 @@ class RadarSpec:
 
 @dataclasses.dataclass(frozen=True)
 class _Start:
-    """What a description may name apart from the fields of a `RadarSpec`."""
+    """What a description may name in addition to the fields of a `RadarSpec`."""
 
     device: str | None = None
     upside_down: bool = False

@@ -1,4 +1,4 @@
-"""Whether a radar suits what a kind of model was trained on, in words; without JAX."""
+"""Texts that say why a radar may not suit a model trained on others; without JAX."""
 
 import functools
 import itertools
@@ -10,9 +10,9 @@ from jaxtyping import Int
 from jradar.errors import UsageError
 from jradar.options.sensor import RadarSpec
 
-TOLERANCE = 0.05  # up to which two radars count as alike
+TOLERANCE = 0.05  # relative difference up to which two radars count as alike
 MAX_RANGE_M = 10.8  # of polar images
-NUM_ANTENNAS = 8  # in a row that makes them; of a longer one, the first are used
+NUM_ANTENNAS = 8  # of the row that makes them; the first are used if there are more
 FLAT = (
     "this radar has one row of antennas and measures no elevation: heights in the "
     "result are invented by the model"
@@ -27,7 +27,7 @@ Described = Callable[[RadarSpec], dict[str, float]]
 def unsuited(
     kind: str, trained: Sequence[RadarSpec], radar: RadarSpec
 ) -> Iterator[str]:
-    """Yield why a model of this kind and these radars may not suit another one."""
+    """Yield why a model of this kind, trained on some radars, may not suit another."""
     blind, described = KINDS[kind]
     if without := blind(radar):
         yield without
@@ -39,7 +39,8 @@ def differences(
 ) -> Iterator[str]:
     """Yield what differs from the radars of training, if anything does.
 
-    `described` returns what counts of a radar, by its words with a place for a number.
+    `described` returns the properties that matter, each by its text with a place for
+    its number.
     """
     known = [described(seen) for seen in trained]
     differ = []
@@ -51,20 +52,20 @@ def differences(
             differ.append(f"{name.format(value)} here, {' to '.join(span)} in training")
     if differ:
         yield (
-            f"the model was trained on other radars ({trained[0].name}), expect worse "
-            f"clouds: {'; '.join(differ)}"
+            f"the model was trained on other radars ({trained[0].name}), so expect "
+            f"worse clouds: {'; '.join(differ)}"
         )
 
 
 def blind(radar: RadarSpec) -> str:
-    """Return which angle the radar does not measure, in words; "" if it has both."""
+    """Return a text about the angle that the radar lacks; "" if it measures both."""
     if not radar.has_elevation:
         return FLAT
     return "" if radar.has_azimuth else NARROW
 
 
 def waveform(radar: RadarSpec) -> dict[str, float]:
-    """Return what the look of a radar's points depends on."""
+    """Return the properties of a radar that shape its points."""
     return {
         "range to {:.3g} m": radar.max_range_m,
         "range bins of {:.3g} m": radar.range_resolution_m,
@@ -75,7 +76,7 @@ def waveform(radar: RadarSpec) -> dict[str, float]:
 
 
 def without_row(radar: RadarSpec) -> str:
-    """Return that a radar has no row of antennas, in words; "" if it has one."""
+    """Return a text that a radar has no row of antennas; "" if it has one."""
     try:
         azimuth_row(radar)
     except UsageError as error:
@@ -84,7 +85,7 @@ def without_row(radar: RadarSpec) -> str:
 
 
 def plane(radar: RadarSpec) -> dict[str, float]:
-    """Return what the look of a radar's polar images depends on."""
+    """Return the properties of a radar that shape its polar images."""
     row = [] if without_row(radar) else azimuth_row(radar)[0]
     return {
         "range to {:.3g} m": min(radar.max_range_m, MAX_RANGE_M),
@@ -99,7 +100,8 @@ def azimuth_row(
 ) -> tuple[Int[np.ndarray, " antenna"], Int[np.ndarray, " antenna"]]:
     """Return the virtual antennas of the longest gapless row, and their columns.
 
-    Of rows of one length, it is the lowest, and of long rows the first antennas.
+    If several rows have the same length, the lowest is taken. Of a row that is longer
+    than NUM_ANTENNAS, the first antennas are taken.
     """
     places = radar.virtual_positions.tolist()
     best: list[int] = []
@@ -118,7 +120,7 @@ def azimuth_row(
     return np.array(best), radar.virtual_positions[best, 0]
 
 
-# By kind of model: what a radar does not measure, and what counts of it.
+# By kind of model: the text on what a radar lacks, and the properties that matter.
 KINDS: dict[str, tuple[Callable[[RadarSpec], str], Described]] = {
     "view": (blind, waveform),
     "polar": (without_row, plane),

@@ -1,4 +1,4 @@
-"""Point clouds to files: PLY, PCD, CSV and NPZ; `recordings` reads PLY and PCD back.
+"""Writes point clouds as PLY, PCD, CSV and NPZ; `recordings` reads PLY and PCD back.
 
 A row is a valid point: x, y and z in metres, then what the cloud holds of velocity
 (m/s), power and SNR. PLY and PCD are binary, float32, little-endian. A CSV file begins
@@ -87,7 +87,7 @@ CLOUD_WRITERS: dict[str, Callable[[Path | str, "jradar.PointCloud"], None]] = {
 
 
 def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
-    """Write named arrays as an uncompressed NPZ file; compressing takes the longest."""
+    """Write named arrays as an NPZ file, uncompressed because that is much faster."""
     with atomic_path(path) as scratch, scratch.open("wb") as file:
         np.savez(file, **arrays)
 
@@ -95,7 +95,7 @@ def write_npz(path: Path | str, arrays: dict[str, Any]) -> None:
 def save_cloud(path: Path | str, cloud: "jradar.PointCloud") -> None:
     """Write the valid points of one cloud in the format that the suffix names.
 
-    It is one of CLOUD_WRITERS or .npz. Raises UsageError for another one.
+    It is one of CLOUD_WRITERS or .npz. Raises UsageError for any other suffix.
     """
     kind = Path(path).suffix.removeprefix(".")
     jradar.types.check_one_cloud(cloud, "save")

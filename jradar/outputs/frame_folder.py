@@ -84,10 +84,10 @@ class FrameFolder:
         *,
         deviations: PointSpec | None = None,
     ) -> list[str]:
-        """Write the radar points of a frame; returns the paths.
+        """Write the radar points of a frame; return the paths.
 
-        With `deviations`, the options of the detector, also the standard deviation of
-        each coordinate.
+        With `deviations`, the options of the detector, the standard deviation of each
+        coordinate is written, too.
         """
         radar, arrays = recording.radar, {}
         if deviations is not None:
@@ -102,7 +102,7 @@ class FrameFolder:
     def write_enhanced(
         self, frame: Frame, recording: Recording, model: Model
     ) -> list[str]:
-        """Write the clouds of a frame, and its images; returns the paths."""
+        """Write the clouds of a frame, and its images; return the paths."""
         grid = model.spec.frame_grid
         arrays = grid.pictured(frame.image, frame.pixels)
         shown = {name: arrays.get(name) for name in ("range_image", "polar_image")}
@@ -201,7 +201,7 @@ def _azimuth_program(radar: RadarSpec) -> Callable[..., Any]:
 
 
 def _viz() -> Any:
-    """The room of pictures: matplotlib takes half a second to load."""
+    """Return `jradar.viz`, late: its matplotlib takes half a second to load."""
     from jradar import viz
 
     return viz

@@ -25,9 +25,9 @@ from jradar.files import (
 
 
 def check_replaceable(path: Path | str, *, begins: str, force: bool = False) -> None:
-    """Raise UsageError for a file that does not begin as those that a command writes.
+    """Raise UsageError for a file that does not begin as the command's files do.
 
-    `force` lets it replace any file, but no pipe and no device.
+    `force` lets the command replace any file, but no pipe and no device.
     """
     path, ours = Path(path), not os.path.lexists(path)
     if path.exists():
@@ -72,7 +72,7 @@ class GuardedFolder:
     ) -> list[str]:
         """Write each file with its function, which takes a path; return the paths.
 
-        What an earlier run wrote in the same folders is removed, but not with `keep`.
+        Files of an earlier run in the same folders are removed, unless `keep` is set.
         """
         self.check(files)
         for parent in {PurePath(name).parent for name in files} if not keep else ():

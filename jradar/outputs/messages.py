@@ -1,10 +1,9 @@
-"""Frames as messages in one file, which is whole once a second.
+"""Writes frames as messages into one file, which is made whole every second.
 
     FoxgloveWriter    `foxglove`    out.mcap
     BagWriter         `ros2`        out.ros2
 
-After a crash between two seconds, or on a full disk, the file has no index, and readers
-scan it.
+After a crash in between, or on a full disk, the file has no index, and readers scan it.
 """
 
 import abc
@@ -27,13 +26,13 @@ class MessageWriter(abc.ABC):
         """Write a frame.
 
         Raises OSError that names the file if it cannot be written, such as on a full
-        disk. It then ends with what was safe.
+        disk. The file then ends with what was safe.
         """
         self._put(frame)
         self.save()
 
     def save(self) -> None:
-        """Complete the file, once a second."""
+        """Complete the file, if that was last done a second ago or longer."""
         if time.monotonic() - self._saved_s >= SAVED_S:
             self._save()
 
@@ -56,7 +55,7 @@ class MessageWriter(abc.ABC):
 
     @abc.abstractmethod
     def _complete(self) -> None:
-        """Write the index, so that any reader opens the file; it takes more then."""
+        """Write the index, so that any reader opens the file; more can follow."""
 
     @abc.abstractmethod
     def _close(self) -> None:

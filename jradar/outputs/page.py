@@ -7,7 +7,7 @@ The template `page.html` draws points on a canvas without a library. Clouds are 
 as deflated int16 millimetres, and a byte for each point's confidence. If the file would
 be larger than allowed, the largest clouds are thinned, and the legend shows how many
 points are drawn. Where a cloud has confidence, the page colours by it, and hides points
-of less than a chosen confidence. The first table stands open, the other tables and the
+of less than a chosen confidence. The first table is open, the other tables and the
 pictures are folded. The address takes
 `#frame=3&layout=side&colour=confidence&least=0.5&hide=radar,LiDAR&theme=dark`.
 """
@@ -174,7 +174,7 @@ def _thin(points, most):
 def _pack(clouds: Sequence[np.ndarray], unit_m: float) -> str:
     """Return base64 of the deflated int16 steps along a Z-order curve of the points.
 
-    Of each axis the low bytes come first; a byte for each point's confidence follows.
+    The low bytes of each axis come first. A byte for each point's confidence follows.
     """
     planes = []
     for points in clouds:

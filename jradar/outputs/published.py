@@ -1,4 +1,4 @@
-"""What is published of a frame: clouds as tables of points, a picture of the echoes."""
+"""What is published of a frame: its clouds, a picture of the echoes, and the poses."""
 
 import functools
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from jradar.radar import RadarSpec, azimuth_map, range_doppler
 from jradar.recordings import Recording, nearest_scan, radar_from_lidar
 from jradar.types import PointCloud
 
-FALLBACK_PERIOD_S = 0.1  # of a recording that does not say how fast it was
+FALLBACK_PERIOD_S = 0.1  # of frames, if neither times nor a period are known
 SHOWN_DB = 50.0  # below the strongest echo; weaker ones are black
 RADAR_FRAME, BASE_FRAME, LIDAR_FRAME = "radar", "base", "lidar"
 ODOM_FRAME = "odom"  # fixed, in which the base moves
@@ -33,7 +33,7 @@ class Published(NamedTuple):
 
     @property
     def transforms(self) -> list[tuple[str, str, np.ndarray]]:
-        """What is known of the frames: parent, child and the child's place in it."""
+        """The known transforms: parent frame, child frame, and the child's pose."""
         moving = [] if self.odom_from_base is None else [self.odom_from_base]
         return [
             *((ODOM_FRAME, BASE_FRAME, matrix) for matrix in moving),
@@ -66,7 +66,7 @@ def published(
     clouds: dict[str, PointCloud],
     picture: UInt8[np.ndarray, "range azimuth"] | None = None,
 ) -> Published:
-    """Return a recorded frame as it is published: its time, and where its sensors are.
+    """Return a recorded frame as it is published, with its time and its sensors' poses.
 
     Without stamps, frames follow one another in the radar's frame period, or in 0.1 s.
     """

@@ -1,4 +1,4 @@
-"""ROS 2 bags of frames, in MCAP storage; rosbags encodes messages, no ROS is needed.
+"""ROS 2 bags of frames, in MCAP storage. rosbags encodes messages, without ROS.
 
 /NAME/points          sensor_msgs/PointCloud2: x y z, and velocity, power .. as fields
 /radar/range_azimuth  sensor_msgs/Image, mono8
@@ -28,7 +28,7 @@ VERSION = 8  # of the bag's metadata, which ROS 2 Humble and later read
 class BagWriter(MessageWriter):
     """A bag in MCAP storage; rosbags encodes messages, and describes their topics.
 
-    The storage is ours: that of rosbags cannot be completed and gone on with.
+    The storage is our own, because that of rosbags cannot continue once it is complete.
     """
 
     def __init__(self, path: Path):
@@ -142,7 +142,7 @@ class BagWriter(MessageWriter):
 
 
 class _Storage:
-    """One MCAP file as `rosbags.rosbag2.Writer` calls its storage."""
+    """One MCAP file, with the methods that `rosbags.rosbag2.Writer` calls."""
 
     def __init__(self, path: Path, _: Any):
         self.path = path / f"{path.name}.mcap"
@@ -163,7 +163,7 @@ class _Storage:
         self._file.write(connection.topic, timestamp, data)
 
     def close(self, version: int, metadata: str) -> None:
-        """Complete the file, which takes more after that."""
+        """Complete the file; more messages can follow."""
         self._file.complete()
 
     def abort(self) -> None:

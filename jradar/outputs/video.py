@@ -1,10 +1,10 @@
-"""Frames as a video: radar, jradar and LiDAR from above, side by side.
+"""A video of frames: radar, jradar and LiDAR from above, side by side.
 
     walk.mp4      needs ffmpeg
     walk.gif      needs nothing, and is larger
 
-Forward is up, left is left. Colour is height, red is high. All frames have the limits
-of the first.
+Forward is up. Colour shows the height, and red is high. All frames have the limits of
+the first.
 """
 
 import os
@@ -32,7 +32,7 @@ class VideoWriter:
     def __init__(self, path: Path):
         """Raise UsageError for an .mp4 without ffmpeg."""
         if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
-            raise UsageError(f"{path} needs ffmpeg, which is not here: name a .gif")
+            raise UsageError(f"{path} needs ffmpeg: install it, or name a .gif")
         self._path = path
         self._scratch = path.with_name(f".{path.stem}.part{path.suffix}")
         self._figure = Figure(figsize=(11, 3.2), layout="constrained")
@@ -66,7 +66,7 @@ class VideoWriter:
         self._movie.grab_frame()
 
     def save(self) -> None:
-        """Nothing: a video is safe when it is closed."""
+        """Do nothing: a video is complete when it is closed."""
 
     def close(self) -> None:
         """End the video; without a frame there is none."""
@@ -76,7 +76,7 @@ class VideoWriter:
 
 
 def points_shown(clouds: dict[str, PointCloud], name: str) -> np.ndarray:
-    """Return the points `[point, 3]` of a cloud that are drawn; none without it."""
+    """Return the drawn points `[point, 3]` of a cloud; none if it is missing."""
     if name not in clouds:
         return np.zeros((0, 3))
     cloud = clouds[name]

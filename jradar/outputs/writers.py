@@ -1,4 +1,4 @@
-"""Writers of frames, chosen by the name of the output.
+"""Writers of frames, which the name of the output chooses.
 
     out.mcap      MCAP with Foxglove's messages; a crash loses its last second
     out.ros2      ROS 2 bag: sensor_msgs/PointCloud2, sensor_msgs/Image, tf2_msgs;
@@ -6,9 +6,8 @@
     out.mp4       video from above, complete at the end; also out.gif
     out           folder with a PLY file of each cloud, frame by frame
 
-All have `write(frame)`, `save()` and `close()`. An MCAP file or a bag is never
-overwritten unless it is asked for, and neither is a file in a folder that was not
-written there before.
+All have `write(frame)`, `save()` and `close()`. Without `force`, none of them replaces
+an MCAP file or a bag, or a file in a folder that no earlier session wrote.
 """
 
 import functools
@@ -31,7 +30,7 @@ class Writer(Protocol):
         """Write or send one frame."""
 
     def save(self) -> None:
-        """Make safe from a crash what was written; call it while nothing is written."""
+        """Make what was written safe from a crash; call it while no frame waits."""
         ...
 
     def close(self) -> None:
@@ -42,7 +41,7 @@ class FolderWriter:
     """`folder/000012/enhanced.ply` and `.npz`, for each frame and cloud."""
 
     def __init__(self, path: Path, *, force: bool = False):
-        """`path` may exist; UsageError if it holds clouds that are not of a session."""
+        """`path` may exist; UsageError if it holds clouds that no session wrote."""
         path.mkdir(parents=True, exist_ok=True)
         self._folder = GuardedFolder(path, "live", force=force)
         names = (f"{name}.{kind}" for name in CLOUDS for kind in ("ply", "npz"))
@@ -60,10 +59,10 @@ class FolderWriter:
         self._folder.put(files)
 
     def save(self) -> None:
-        """Every file is safe."""
+        """Do nothing: every file is safe."""
 
     def close(self) -> None:
-        """Nothing is left to do."""
+        """Do nothing: every file is closed."""
 
 
 STREAMED = (".mcap", ".ros2", ".mp4", ".gif")  # all frames in one file or bag
@@ -79,8 +78,8 @@ def open_writer(path: Path | str, *, force: bool = False) -> Writer:
     path = Path(path)
     if path.suffix in CLOUDS_OF_OTHERS:
         raise UsageError(
-            f"{path} cannot be written: expected a file .mcap, a ROS 2 bag, a folder "
-            ".ros2, a video .mp4 or .gif, or a folder"
+            f"{path} cannot be written: expected an .mcap file, a .ros2 bag, a video "
+            "(.mp4 or .gif), or a folder"
         )
     if path.suffix not in STREAMED:
         if path.is_file():

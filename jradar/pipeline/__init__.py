@@ -1,10 +1,11 @@
-"""The way of a frame to a cloud, written once, for recordings and live radars.
+"""The steps from a frame to a cloud, written once for recordings and live radars.
 
     for frame in enhance_recording(recording, model, fuse=3):
         frame.cloud, frame.warnings
 
-`Pipeline` observes a frame, lets the model answer and makes a cloud, with the frames
-before it, warnings and times. `enhance_recording` and `jradar.stream` drive it.
+`Pipeline` observes a frame, lets the model answer and makes a cloud. It also takes care
+of the frames before it, warnings and times. `enhance_recording` and `jradar.stream` use
+it.
 """
 
 from jradar.pipeline.detecting import (

@@ -1,6 +1,6 @@
-"""Frames of a recording to radar points, one after another, as `jradar points` does.
+"""Detects points in the frames of a recording one by one, as `jradar points` does.
 
-`describe_recording` is what `jradar info` says of a recording and one of its frames.
+`describe_recording` returns what `jradar info` shows of a recording and of one frame.
 """
 
 from collections.abc import Iterator
@@ -42,12 +42,12 @@ class Detected(NamedTuple):
     check: SampleCheck  # of the samples as they were recorded
     saturated: int  # numbers at the end of the converter's scale
 
-    confidence: None = None  # which detections have none of
+    confidence: None = None  # detections have neither
     unlikeness: None = None
 
     @property
     def empty(self) -> bool:
-        """Whether the detector found nothing."""
+        """True if the detector found nothing."""
         return not np.asarray(self.points.valid).any()
 
     def describe(self, radar: RadarSpec) -> dict[str, Any]:
@@ -64,7 +64,7 @@ class Detected(NamedTuple):
 
 
 class Detection(Iterator[Detected]):
-    """The frames of a recording as they come, and what is known of all so far."""
+    """An iterator over a recording's frames, with warnings about all so far."""
 
     def __init__(self, recording: Recording, points: PointSpec, frames: range):
         """Compile; `detect_recording` describes the options."""
@@ -82,7 +82,7 @@ class Detection(Iterator[Detected]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the options, and about the frames so far."""
+        """Warnings about the options and the frames so far."""
         found = [*self._shrunk()]
         if self._dropped:
             found.append(
@@ -114,7 +114,7 @@ class Detection(Iterator[Detected]):
         return number, self.recording.cube(number)
 
     def _shrunk(self) -> Iterator[str]:
-        """Yield a warning if a CFAR window that is not the usual one had to shrink."""
+        """Yield a warning if a CFAR window that the user chose had to shrink."""
         asked, usual, fitted = (
             (points.guard, points.train)
             for points in (self.points, POINTS, self._stages.points)
@@ -144,9 +144,10 @@ def detect_recording(
 
 
 def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any]:
-    """Return `describe`, and a frame's samples, noise and strongest echoes.
+    """Return `describe`, and the samples, noise and strongest echoes of one frame.
 
-    For a rig's own capture with a LiDAR or poses, also the offset between the clocks.
+    A capture of your own rig with a LiDAR or poses also has the offset between the
+    clocks.
     A recording of points alone has no samples to describe.
     """
     if not len(recording.cubes):
@@ -179,7 +180,7 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
 
 
 def described_offset(recording: Recording) -> dict[str, Any]:
-    """Return the offset between the sensors' clocks, or why none is given."""
+    """Return the offset between the sensors' clocks, or why it is not estimated."""
     try:
         found = propose_offset(recording)
     except ValueError as error:

@@ -1,11 +1,11 @@
-"""Frames of a recording to dense clouds, one after another, as `jradar enhance` does.
+"""Makes dense clouds of a recording's frames one by one, as `jradar enhance` does.
 
     for frame in enhance_recording(recording, model, fuse=3):
         frame.cloud, frame.warnings, frame.times
 
 Four threads work on consecutive frames: one reads, one finds the radar points, one runs
-the network, and the caller does with a frame what it likes. A recording takes as long
-as its slowest thread, if there are cores enough.
+the network, and the caller uses the finished frame. If there are enough cores, a
+recording takes as long as its slowest thread.
 """
 
 import collections
@@ -24,11 +24,12 @@ AHEAD = 2  # frames that wait between two threads
 
 
 class Enhancement(Iterator[Frame]):
-    """The frames of a recording as they come, and what is known of all so far."""
+    """An iterator over a recording's frames, with times and warnings of all so far."""
 
     def __init__(self, pipeline: Pipeline, frames: range):
         """`enhance_recording` makes one."""
-        self.recording, self.model = pipeline.recording, pipeline.model
+        self.recording = with_sample_doubts(pipeline.recording, frames[0])
+        self.model = pipeline.model
         self.frames, self.watch = frames, pipeline.watch
         self._pipeline, self._times = pipeline, frame_times(pipeline.recording)
         self._iterator = self._run(pipeline.before(frames))
@@ -44,16 +45,16 @@ class Enhancement(Iterator[Frame]):
 
     @property
     def motion(self) -> dict[str, int]:
-        """How many steps between fused frames each source of motion gave."""
+        """The number of steps between fused frames that each source of motion gave."""
         return self._pipeline.motion
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the radar, and about the frames so far."""
+        """Warnings about the radar and the frames so far."""
         return tuple(self._pipeline.warnings)
 
     def _run(self, lead: range) -> Iterator[Frame]:
-        """Yield the frames after those of `lead`, which are needed before them."""
+        """Yield the frames; those of `lead` are processed before them, not yielded."""
         pipeline = self._pipeline
 
         def read(number):
@@ -83,7 +84,7 @@ class Enhancement(Iterator[Frame]):
                     yield pipeline.judge(number, stamp, *found, detections=detections)
 
     def _time(self, number: int) -> float | None:
-        """The time of a frame, by the frame period if it has no stamp."""
+        """Return the time of a frame, from the frame period if it has no stamp."""
         return None if self._times is None else float(self._times[number])
 
 
@@ -100,7 +101,7 @@ def enhance_recording(
 ) -> Enhancement:
     """Return an iterator over the enhanced `frames` of a recording; host.
 
-    With `fuse`, the last frames become one, held together by the recorded poses or the
+    `fuse` is the number of last frames that are fused, by the recorded poses or by the
     radar's own velocity. `remove_interference` is that of `PointSpec`, by default the
     model's, and the options of drawing are those of `draw`. Every frame draws with the
     key of `seed`. `anyway` enhances a radar that does not measure the angles that the
@@ -108,21 +109,13 @@ def enhance_recording(
     radar, and for options that the model does not take.
     """
     chosen = chosen_frames(recording, frames)
-    return Enhancement(
-        Pipeline(
-            with_sample_doubts(recording, chosen[0]),
-            without_interference(model, remove_interference),
-            seed=seed,
-            fuse=fuse,
-            anyway=anyway,
-            **drawing,
-        ),
-        chosen,
-    )
+    model = without_interference(model, remove_interference)
+    options = {"seed": seed, "fuse": fuse, "anyway": anyway, **drawing}
+    return Enhancement(Pipeline(recording, model, **options), chosen)
 
 
 def chosen_frames(recording: Recording, frames: slice | range) -> range:
-    """Return the numbers of `frames`; UsageError for what the recording lacks."""
+    """Return the numbers of `frames`; UsageError if the recording lacks some."""
     need_samples(recording)
     count = len(recording.cubes)
     chosen = range(*frames.indices(count)) if isinstance(frames, slice) else frames

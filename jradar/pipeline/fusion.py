@@ -1,4 +1,4 @@
-"""Several frames as one: what each saw, and where the radar was then."""
+"""Fuses the last frames: what each of them saw, and where the radar was then."""
 
 import collections
 from collections.abc import Iterator, Sequence
@@ -77,15 +77,15 @@ class LastFrames:
         self._follower = Follower(recording, frames=count)
         self._seen = collections.deque[Seen](maxlen=count)
         self._count = count
-        self._alone: list[int] = []  # the first without known motion from earlier ones
+        self._alone: list[int] = []  # the first frames with unknown motion before them
 
     def add(
         self, frame: int, stamp_s: float, seen: Seen
     ) -> tuple[tuple[Seen, ...], Float[np.ndarray, "frame 4 4"]]:
         """Add a frame; return what `fused` takes: `count` frames, newest first.
 
-        `stamp_s` is the time at which it began, NaN if it is not known. Poses of NaN
-        fill up what is not there yet.
+        `stamp_s` is the time at which the frame began, NaN if it is not known. Frames
+        that are not there yet have poses of NaN.
         """
         earlier = len(self._seen)
         self._seen.appendleft(seen)
@@ -100,7 +100,7 @@ class LastFrames:
 
     @property
     def steps(self) -> dict[str, int]:
-        """How many steps each source of motion gave."""
+        """The number of steps that each source of motion gave."""
         return dict(self._follower.steps)
 
     def warnings(self) -> Iterator[str]:

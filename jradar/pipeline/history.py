@@ -16,7 +16,7 @@ from jradar.model.grids.polar import RADARHD
 from jradar.recordings import Recording
 
 STEP_S = RADARHD.frame_period_s  # between the images of a condition
-SLOWEST_S = 2.5 * STEP_S  # between frames: beyond, images stand for too many others
+SLOWEST_S = 2.5 * STEP_S  # between frames; at more, an image stands for too many
 
 
 class Image(NamedTuple):
@@ -71,7 +71,7 @@ def frame_times(recording: Recording) -> Float[np.ndarray, " frame"] | None:
 def check_history(recording: Recording) -> None:
     """Raise UsageError for a recording whose frames make no history.
 
-    Their times are unknown, or they follow each other too slowly.
+    The times of such frames are unknown, or the frames are too far apart in time.
     """
     times, count = frame_times(recording), len(recording.cubes)
     if times is None or count < 2:

@@ -1,12 +1,12 @@
-"""The way of a radar's frames to clouds, written once, for recordings and live radars.
+"""The steps from a radar's frames to clouds, once for recordings and live radars.
 
     cube --observe--> samples, points, condition
          --answer---> image, with the frames before it where the model or `fuse` asks
          --cloud----> PointCloud
          --judge----> Frame, with warnings
 
-`Pipeline.frame` is the whole of it. Whoever wants several threads calls its parts, each
-for the frames in their order.
+`Pipeline.frame` takes all steps. For several threads, call the steps one by one, each
+for all frames in their order.
 """
 
 import dataclasses
@@ -50,7 +50,7 @@ class Frame(NamedTuple):
 
     @property
     def empty(self) -> bool:
-        """Whether the detector found nothing."""
+        """True if the detector found nothing."""
         return not np.asarray(self.points.valid).any()
 
     @property
@@ -75,7 +75,7 @@ class Frame(NamedTuple):
 
 
 class Pipeline:
-    """The frames of one radar to clouds, in the order of time; host."""
+    """Makes clouds of the frames of one radar, in the order of time; host."""
 
     def __init__(
         self,
@@ -91,10 +91,10 @@ class Pipeline:
         """Compile what the frames of a recording's radar need.
 
         `recording` describes the radar, its place and motion; it may hold no frame yet.
-        `points` are by default the model's, `fuse` frames become one, and every frame
-        draws with the key of `seed`. `anyway` takes a radar that does not measure what
-        the model needs. Raises UsageError for a radar or options that do not suit the
-        model.
+        `points` are by default the model's, `fuse` frames are fused, and every frame
+        draws with the key of `seed`. `anyway` accepts a radar that does not measure
+        what the model needs. Raises UsageError for a radar or options that do not suit
+        the model.
         """
         radar = recording.radar
         if not anyway and (why := warnings.needs_more(model, radar.spec)):
@@ -169,7 +169,7 @@ class Pipeline:
     ) -> Frame:
         """Return a frame with its confidence and its warnings.
 
-        `detections` are those of `detections`, for pictures and counts.
+        `detections` are what the method `detections` returns, for pictures and counts.
         """
         power, detected = detections
         strange = observed.unlikeness
@@ -199,7 +199,7 @@ class Pipeline:
         first = max(0, frames.start - self.fuse + 1)
         if self._images is not None:
             times = frame_times(self.recording)
-            assert times is not None  # as `check_history` has seen
+            assert times is not None  # `check_history` has made sure
             begin_s = times[frames.start] - self._images.span_s
             first = int(np.searchsorted(times, begin_s))
         return range(first, frames.start)
@@ -211,12 +211,12 @@ class Pipeline:
 
     @property
     def motion(self) -> dict[str, int]:
-        """How many steps between fused frames each source of motion gave."""
+        """The number of steps between fused frames that each source of motion gave."""
         return {} if self._fused is None else self._fused.steps
 
     @property
     def warnings(self) -> Iterator[str]:
-        """Warnings about the radar, and about the frames so far."""
+        """Warnings about the radar and the frames so far."""
         yield from warnings.of_model(self.model, self.recording.radar.spec)
         yield from self._tally.warnings(self.recording.radar)
         if self._fused is not None:
@@ -228,18 +228,18 @@ class Pipeline:
         if len(self.recording.cubes) == 1:
             raise UsageError(
                 f"fuse = {self.fuse}: {self.recording.path} has one frame, expected "
-                "several: leave it out"
+                "several: leave fuse out"
             )
         drawing.pop("least_confidence", None)
         if asked := given(drawing):
             raise UsageError(
-                f"{', '.join(asked)}: a model of one pass draws no samples, leave "
+                f"{', '.join(asked)}: a model of one pass draws no samples, so leave "
                 "these options out"
             )
 
 
 def without_interference(model: Model, remove: bool | None) -> Model:
-    """Return the model with that option of its `points`; None leaves it as it is."""
+    """Return the model with this option in its `points`; None leaves it as it is."""
     if remove is None:
         return model
     points = dataclasses.replace(model.spec.points, remove_interference=remove)

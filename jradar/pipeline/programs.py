@@ -1,10 +1,10 @@
-"""Programs that one process leaves for the next, in the folder of JAX's cache.
+"""Traced programs that one process saves for the next, in the folder of JAX's cache.
 
-JAX finds a compiled program by its text, but to trace the text takes longer than to run
-it a hundred times. Here texts are found by what shapes them: options, kinds of arrays,
-jradar's source files, and versions. Options of a class from outside of jradar, such as
-a network of one's own, have code that nothing here describes: their programs stay in
-the process that traced them.
+JAX finds a compiled program by its text, but tracing the text takes longer than running
+the program a hundred times. Here texts are found by what shapes them: options, kinds of
+arrays, jradar's source files, and versions. The code of a class from outside of jradar,
+such as a network of your own, is not among these. So the programs of such options stay
+in the process that traced them.
 """
 
 import dataclasses
@@ -48,7 +48,7 @@ READY: dict[str, tuple[Compiled, list[type]]] = {}  # by `digest`, and classes t
 
 
 class Program(NamedTuple):
-    """A traced function: what `jax.export` makes of it, and its result's structure."""
+    """A traced function: its text from `jax.export`, and its result's structure."""
 
     text: bytes
     result: Any  # whose leaves are the numbers of the values that the program returns
@@ -59,8 +59,8 @@ def ready(
 ) -> Compiled:
     """Return compiled programs by name: of this process, an earlier one, or traced now.
 
-    `trace` yields them, named and `traced`. They are found by shapes and types of
-    `arguments` and the `repr` of `options`.
+    `trace` yields names and `traced` programs. Saved programs are found by the shapes
+    and types of `arguments` and the `repr` of `options`.
     """
     foreign = [*classes_of_others(options)]
     name = digest(arguments, *options, *map(id, foreign))
@@ -132,7 +132,7 @@ def classes_of_others(options: Any) -> Iterator[type]:
 
 @functools.cache
 def _code() -> tuple[Any, ...]:
-    """The package's files with size and time, as Python knows its own; versions."""
+    """Return the package's files with sizes and times, and the versions in use."""
     files = ((path, path.stat()) for path in sorted(PACKAGE.rglob("*.py")))
     versions = [module.__version__ for module in (jax, jaxlib, flax, np)]
     stats = [(str(path), stat.st_size, stat.st_mtime_ns) for path, stat in files]
@@ -194,7 +194,7 @@ def built(parts: Any) -> Any:
 
 
 def _place(name: str) -> Path:
-    """The file of a digest; FileNotFoundError without a cache."""
+    """Return the file of a digest; FileNotFoundError without a cache."""
     folder = jax.config.values["jax_compilation_cache_dir"]
     if not folder or os.environ.get("JRADAR_CACHE") == "off":
         raise FileNotFoundError("no cache of programs")

@@ -1,8 +1,8 @@
-"""The way of one frame, stage by stage, each compiled on its own so that it is timed.
+"""The stages of one frame, each compiled on its own so that it can be timed.
 
     cube -> cleaning -> points -> condition -> answer -> [fusion] -> cloud
 
-`jradar.enhance` is the same in one function. Every frame uses the same noise: its
+`jradar.enhance` is the same in one function. Every frame uses the same noise, so its
 result does not depend on which other frames are enhanced.
 """
 
@@ -105,7 +105,7 @@ class _Programs:
 class Stages:
     """The stages of one radar's frames, compiled before the first one.
 
-    Stages of the same radar and model, with other numbers, compile nothing again.
+    Radars and models that differ only in their numbers share the compiled programs.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class Stages:
     ):
         """`points` are by default the model's, without a model those of `PointSpec`.
 
-        The other options are those of `draw`; `fuse` frames become one. Raises
+        The other options are those of `draw`, and `fuse` frames are fused. Raises
         ValueError for options that the model does not take.
         """
         if points is None:
@@ -153,7 +153,7 @@ class Stages:
     ) -> tuple[Float[Array, "doppler range"], Bool[Array, "doppler range"]]:
         """Return the power map and its cells above the noise.
 
-        Noise alone gives 1 in 1,000.
+        In noise alone, 1 cell in 1,000 is above it.
         """
         return self._run("detections", observed.samples)
 
@@ -186,7 +186,7 @@ class Stages:
     def _trace(self) -> Iterator[tuple[str, programs.Program]]:
         """Yield the stages' programs, one after the other.
 
-        Raises UsageError for a confidence that is asked of a model without it.
+        Raises UsageError for a least confidence if the model has no confidence.
         """
         options, spec = self._programs, self._radar.spec
         given = self._key, self._radar, self._model
@@ -214,7 +214,7 @@ class Stages:
         if least is not None and image.confidence is None:
             raise UsageError(
                 f"least_confidence = {least:g}: this model has no confidence with "
-                "these options, leave it out, or draw several samples"
+                "these options. Leave it out, or draw several samples"
             )
         program, _ = programs.traced(options.cloud, *given, image, points)
         yield "cloud", program

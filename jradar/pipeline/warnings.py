@@ -1,4 +1,4 @@
-"""Why a cloud may not be what it looks like, in words."""
+"""Warnings, which say why a cloud may not be what it looks like."""
 
 import collections
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ class Seen(Protocol):
 
     @property
     def empty(self) -> bool:
-        """Whether the detector found nothing."""
+        """True if the detector found nothing."""
         ...
 
     @property
@@ -41,7 +41,7 @@ class Seen(Protocol):
 
 
 def of_model(model: Model, radar: RadarSpec) -> Iterator[str]:
-    """Yield why a model of frames may not suit a radar, and what it leaves out."""
+    """Yield why a model of frames may not suit a radar, and what its clouds lack."""
     grid = model.spec.frame_grid
     if grid.caution:
         yield grid.caution
@@ -49,14 +49,14 @@ def of_model(model: Model, radar: RadarSpec) -> Iterator[str]:
 
 
 def needs_more(model: Model, radar: RadarSpec) -> str:
-    """Return what this radar does not measure and the model needs, and what to use."""
+    """Return what the model needs and this radar does not measure, and what to use."""
     blind, _ = KINDS[model.spec.frame_grid.kind]
     if not (without := blind(radar)):
         return ""
     trained = model.card.radars[0].name if model.card.radars else "other radars"
     plane = ", `--model radarhd` for a cloud in the plane of its antennas"
     return (
-        f"{without}, which was trained on {trained}: use `jradar points`"
+        f"{without}. The model was trained on {trained}: use `jradar points`"
         f"{plane if radar.has_azimuth else ''}, or add --anyway"
     )
 
@@ -91,7 +91,7 @@ class Tally:
             yield (
                 f"{self._which('strange')} {'are' if count > 1 else 'is'} "
                 f"unlike {100 * STRANGE:.0f} % of the training frames. Is the radar "
-                "calibrated, does it move, does another radar disturb it?"
+                "calibrated, does it move, and does another radar disturb it?"
             )
         if self._counts["unsure"]:
             yield (

@@ -24,8 +24,8 @@ from jradar.radar.spectrum import window
 def calibrate(cube: Cube, radar: Radar) -> Inexact[Array, "*batch tx rx chirp sample"]:
     """Return the samples with the channels of the radar equalised; leakage stays.
 
-    Each pair of tx and rx is multiplied by its factor, and its beat frequency shifted
-    by the bins that it lies too high, so that all pairs see a far target alike. Real
+    Each pair of tx and rx is multiplied by its factor, and its beat frequency lowered
+    by its offset in bins, so that all pairs see a far target alike. Real
     samples stay real: the positive half of their spectrum is multiplied. Raises
     ValueError for beat frequencies of real samples.
     """

@@ -64,7 +64,7 @@ def strongest_echoes(cloud: PointCloud, radar: RadarSpec) -> list[Echo]:
 
 
 class NoiseStatistics(NamedTuple):
-    """The cells of a range-Doppler map, of which most hold noise.
+    """The level and spread of a range-Doppler map whose cells mostly hold noise.
 
     The spread is half the distance from the 16th to the 84th percentile. A map whose
     spread is well above that of pure noise is full of echoes, leakage or interference.
@@ -81,8 +81,8 @@ def noise_statistics(
 ) -> NoiseStatistics:
     """Return the level and spread of a `power_map` with its default windows.
 
-    In pure noise, the power summed over antennas follows a gamma distribution. A map of
-    zeros has no level: all but the spread of pure noise are 0.
+    In pure noise, the power summed over antennas follows a gamma distribution. For a
+    map of zeros everything is 0, except the spread of pure noise.
     """
     low, middle, high = np.percentile(np.asarray(power, np.float64), (16, 50, 84))
     of_noise = scipy.special.gammaincinv(radar.num_virtual, (0.16, 0.5, 0.84))

@@ -17,7 +17,7 @@ DEGREES = (1, 3, 5, 7)  # of the polynomial that removes it
 def local_maxima(
     power: Float[Array, "*batch row column"],
 ) -> Bool[Array, "*batch row column"]:
-    """Return the cells that exceed their eight neighbours; of equal ones, one does.
+    """Return the cells that exceed their eight neighbours; of equal ones, one counts.
 
     Both axes wrap around.
     """
@@ -46,7 +46,7 @@ def window_offset(
     """Return `parabola_offset` of a windowed spectrum without the parabola's bias.
 
     A window's main lobe is not a parabola: with "hann" the vertex is up to 0.016 bins
-    beside the target. A window of "none", or of fewer than 8 values, is not corrected.
+    off the target. A window of "none", or of fewer than 8 values, is not corrected.
     """
     offset = _vertex(before, peak, after)
     scale, *higher = unbiased_coefficients(kind, length)

@@ -70,10 +70,10 @@ def radar_points(cube: Cube, radar: Radar, *, points: PointSpec = POINTS) -> Poi
 def points_and_count(
     cube: Cube, radar: Radar, *, points: PointSpec = POINTS
 ) -> tuple[PointCloud, Int[Array, ""]]:
-    """Return `radar_points`, and the number of cells of usable ranges detected.
+    """Return `radar_points`, and the number of detected cells at usable ranges.
 
-    The weakest of those that exceed the capacity are not in the cloud. A sample that is
-    not finite makes the whole spectrum so: the cloud is empty then.
+    The weakest cells beyond the capacity are not in the cloud. A sample that is not
+    finite makes the whole spectrum so, and the cloud empty.
     """
     points, spec = points.subtracting(radar.leakage), radar.spec
     spectrum, power = frame_spectra(cube, radar, points)

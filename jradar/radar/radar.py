@@ -85,7 +85,7 @@ class Radar:
         )
 
     def once_calibrated(self) -> "Radar":
-        """Return the radar of samples that `calibrate` has been applied to."""
+        """Return the radar that describes the samples after `calibrate`."""
         return dataclasses.replace(self, channels=None, beat_bins=None)
 
     def __repr__(self) -> str:

@@ -41,9 +41,8 @@ def confident(
 ) -> RangeImage:
     """Return the image without pixels of less than the `least` confidence.
 
-    It is one number, or an image of them.
-
-    An image without confidence stays as it is.
+    `least` is one number, or one for each pixel. An image without confidence stays as
+    it is.
     """
     if image.confidence is None:
         return image

@@ -22,7 +22,7 @@ from jradar.types import PointCloud
 
 CHANNELS = ("presence", "range", "power")  # of each slice of the condition
 DYNAMIC_RANGE_DB = 60.0  # power further below the strongest point is coded as 0
-STEADY = 0.04  # of the hits; less is not a pattern that closes
+STEADY = 0.04  # share of the hits; a smaller gain is not a closing pattern
 MOST_REACH = 16
 ALIKE = 0.05  # share by which two ranges of one surface differ at most
 
@@ -34,7 +34,7 @@ Target = Float[Array, "*batch row column 2"]
 def encode_target(image: Image, spec: ImageSpec, *, codec: str = "log") -> Target:
     """Return range code and validity of an image in metres, where a miss is 0.
 
-    Where the image is below 0, it is unknown: the validity is 0.
+    Where the image is below 0, nothing is known, and the validity is 0.
     """
     hit = image > 0
     code = encode_range(image, max_range_m=spec.max_range_m, codec=codec)
@@ -126,9 +126,9 @@ def pattern_reach(images: Float[np.ndarray, "*batch row column"]) -> int:
     """Return within how many pixels of a hit a miss may lie between two beams; host.
 
     The hits are grown by a number of pixels and shrunk again, which closes the holes of
-    the pattern. It is the last number, up to MOST_REACH, that closes a share of STEADY
-    more than the one before: 1 for an Ouster of 64 beams, 10 or 11 for one frame of a
-    Livox Mid-360.
+    the pattern. The result is the last number, up to MOST_REACH, that yields a share of
+    STEADY more hits than the number before it: 1 for an Ouster of 64 beams, 10 or 11
+    for one frame of a Livox Mid-360.
     """
     from scipy import ndimage  # slow to import
 

@@ -1,9 +1,9 @@
 """Confidence that holds: of points with a confidence of 70 %, 70 % are right.
 
-A network's own probabilities are too high where it has not seen the like. Isotonic
+A network's own probabilities are too high in places unlike its training. Isotonic
 regression on frames that it was not trained on turns them into frequencies (Zadrozny &
-Elkan 2002): the closest frequencies, in the squared error, that never fall as the
-network's confidence rises.
+Elkan 2002): of all frequencies that never fall as the network's confidence rises, those
+with the least squared error.
 
     confidence and truth of points --fit_confidence--> ConfidenceTable
     confidence, ConfidenceTable    --frequency-------> confidence
@@ -20,14 +20,14 @@ from jradar.compiled import jit
 
 KNOTS = 33
 LEAST = 0.375  # of a table that was not fitted
-UNSURE = 0.5  # mean confidence of a cloud under which it is not to be trusted
+UNSURE = 0.5  # mean confidence below which a cloud is not to be trusted
 
 
 class ConfidenceTable(NamedTuple):
     """Frequencies at equally spaced confidences from 0 to 1, interpolated between.
 
-    Points of less than `least`, after the table, are dropped, and so are those of less
-    than `least_alone` that are not near an echo (`near_echo`).
+    Points with a frequency below `least` are dropped, and so are points below
+    `least_alone` that are not near an echo (`near_echo`).
     """
 
     frequencies: Float[Array | np.ndarray, " knot"]
@@ -44,7 +44,7 @@ class ConfidenceTable(NamedTuple):
     ) -> "ConfidenceTable":
         """Return the table, or raise ValueError for one that is not a confidence.
 
-        By default points alone are dropped as all others are.
+        By default, `least_alone` is `least`.
         """
         values = np.asarray(frequencies, np.float32)
         fits = values.ndim == 1 and len(values) > 1

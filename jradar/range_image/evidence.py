@@ -1,12 +1,13 @@
-"""What the radar's points say of a cloud: which pixels are alone, and what is added.
+"""The radar's points next to a network's cloud: which pixels they support, and add.
 
-A network completes surfaces from little: some of what it draws lies far from all that
-the radar measured. That may be the rest of a wall, or a wall that is not there, drawn
-around a single strong echo. So what is alone must be surer to be kept (`near_echo`).
+A network completes surfaces from little: some of its pixels lie far from everything
+that the radar measured. They may be the rest of a wall, or a wall that does not exist,
+drawn around a single strong echo. So a pixel that is alone needs more confidence to be
+kept (`near_echo`).
 
 A network also leaves out what the radar has found, most of all far away. So each of the
-radar's points is in the cloud as a few points around it (`surroundings`). How sure they
-are depends on how many others are near (`crowding`): where points gather there is a
+radar's points adds a few points around it to the cloud (`surroundings`). Their
+confidence depends on how many other points are near (`crowding`): points gather at a
 surface, and a single one is as often noise.
 """
 
@@ -36,9 +37,9 @@ def near_echo(
 ) -> Bool[Array, " point"]:
     """Return which points of a cloud lie near a radar point of 6 dB or more.
 
-    Near is at most two cells away along each axis, of which the largest range has 48:
-    about 0.5 m of 12. Without SNR all points of the radar stand out. Points that are
-    not valid are not near anything. One cloud; `vmap` it.
+    Near is at most two cells away along each axis. A cell is 1/48 of the largest range,
+    so that two cells are 0.5 m of 12. Without SNR all points of the radar count. Points
+    that are not valid are not near anything. One cloud; `vmap` it.
     """
     loud = (
         points.valid if points.snr is None else points.valid & (points.snr >= LEAST_SNR)
@@ -66,7 +67,7 @@ def surroundings(points: PointCloud, spec: ImageSpec) -> PointCloud:
 
     They have the velocity and confidence of their point, and are valid if both are in
     the field of view of `spec`. A surface that reflects to the radar mostly faces it,
-    and goes on to all sides. One cloud; `vmap` it.
+    and continues to all sides. One cloud; `vmap` it.
     """
     return spread_out(points, _disc(), lambda xyz: pixel_of(xyz, spec)[-1])
 

@@ -4,10 +4,10 @@ An image holds metres, and 0 where no point fell. Slices are equal parts of the 
 axis, each with an image of its own, so that near points do not hide far ones (section
 IV-B). One cloud at a time; `vmap` it: batches of clouds are refused.
 
-What is differentiable: the ranges and powers in an image, with respect to the point
-that each pixel holds. What is not: which pixel a point falls into. A rotation of the
-cloud moves points along pixels but not an image's values, so the gradient with respect
-to angles is 0.
+The ranges and powers in an image are differentiable with respect to the point that each
+pixel holds. Which pixel a point falls into is not. A rotation of the cloud moves points
+along pixels but does not change an image's values, so the gradient with respect to
+angles is 0.
 """
 
 import math

@@ -1,6 +1,6 @@
 """How unlike a training set a condition is: a warning before a cloud is believed.
 
-A network answers every condition, also one of a kind that it never saw. The features
+A network answers every condition, even one of a kind that it never saw. The features
 of a condition are, for each range slice, the share of pixels with a point and the mean
 power of these points. Those of a training set are described by a Gaussian, and a new
 condition by its distance from it (Mahalanobis 1936), given as the share of training

@@ -1,4 +1,4 @@
-"""What a radar's configuration can do, before anything is recorded; without JAX.
+"""What a radar's configuration can measure, before anything is recorded.
 
 The limits are those of TI's chips in the demo of the mmWave SDK, and of the DCA1000.
 The demo keeps one frame in the chip's memory even if it only sends the samples.
@@ -39,9 +39,10 @@ class Check(NamedTuple):
 def describe_configuration(
     path: Path | str, *, device: str | None = None
 ) -> dict[str, Any]:
-    """Return what a described radar measures, and what board and models make of it.
+    """Return what a radar measures, and whether board and models suit it.
 
-    "models" lists for each shipped model what differs from the radars of its training.
+    "models" lists, for each shipped model, how the radar differs from those of its
+    training.
     """
     found = read_description(path, device=device)
     radar, checks = found.radar, [*board_checks(found.radar)]
@@ -62,13 +63,13 @@ def describe_configuration(
 
 
 def board_checks(radar: RadarSpec) -> Iterator[Check]:
-    """Yield what the board and the card limit; without a period, what is known."""
+    """Yield the limits of board and card; without a period, those that are known."""
     chirps = radar.num_tx * radar.num_chirps
     sweep_hz = radar.slope_hz_per_s * radar.ramp_end_time_s
     end_ghz = (radar.start_frequency_hz + sweep_hz) / 1e9
     yield Check("bandwidth (GHz)", sweep_hz / 1e9, MOST_BANDWIDTH_GHZ)
     yield Check("end of the ramp (GHz)", end_ghz, 64.0 if end_ghz < 70 else 81.0)
-    if not radar.real_samples:  # of whose chip the memory is not known
+    if not radar.real_samples:  # for real ones, the memory is unknown
         yield Check(
             "frame in memory (KiB)", bytes_of_frame(radar) / 1024, MOST_FRAME_KIB
         )

@@ -86,8 +86,8 @@ def _topics(path: Path) -> dict[str, Any]:
 def describe_bag(path: Path | str) -> dict[str, Any]:
     """Return type, messages, first and last time, rate and gaps of a bag's topics.
 
-    Times are in seconds: of clouds those in their headers, the clock that a
-    capture.toml counts on; of other messages those of recording.
+    Times are in seconds. Those of clouds come from their headers, on the clock that a
+    capture.toml counts on; those of other messages are times of recording.
     """
     rows, notes, times = [], [*bag_notes(path)], bag_times(path)
     for topic, (kind, count) in bag_topics(path).items():

@@ -1,6 +1,6 @@
 """Descriptions of a radar, of any kind in `DESCRIPTIONS`.
 
-`--radar` names one; otherwise a reader finds the one beside its file. `LOG.txt#2` is
+`--radar` names one; otherwise a reader takes the one next to its file. `LOG.txt#2` is
 the second configuration in a log of mmWave Studio.
 """
 
@@ -36,7 +36,7 @@ CAPTURE_TOML = "capture.toml"  # describes a whole rig, and names the radar's fi
 
 
 class Description(NamedTuple):
-    """A radar, how a capture card stores its samples, and what is doubtful about it."""
+    """A radar, how a capture card stores its samples, and warnings about both."""
 
     radar: RadarSpec
     capture: CaptureSpec = CaptureSpec()
@@ -130,7 +130,7 @@ def find_description(path: Path, patterns: Sequence[str]) -> Path:
         return found[0]
     names = f" ({', '.join(file.name for file in found[:5])})" if found else ""
     raise UsageError(
-        f"{len(found) or 'no'} radar descriptions beside {path}{names}, expected one "
+        f"{len(found) or 'no'} radar descriptions next to {path}{names}, expected one "
         f"of {', '.join(patterns)}: name the file with --radar"
     )
 

@@ -5,8 +5,8 @@ walk/frames.txt      a line each: arrival of its first packet, lost bytes
 walk/radar.toml      the radar, with its calibration
 walk/capture.toml    joins them; add the tables [lidar], [poses] and [imu] to it
 
-Each frame is handed to the system when it is complete, samples first, so a recording
-that was killed holds all frames but the last.
+Each frame is written when it is complete, samples first, so a recording that was killed
+holds all frames but the last.
 """
 
 from pathlib import Path

@@ -118,9 +118,10 @@ def _frames_as_chirps(recording: Recording) -> Recording:
 
 
 def without_background(recording: Recording, frames: slice) -> Recording:
-    """Return the recording of a radar that stands still without what stands still.
+    """Return the recording of a radar at rest without the static background.
 
-    The background is the mean of `frames`; it contains the leakage, which is dropped.
+    The background is the mean of `frames`. It contains the leakage, so that the
+    radar's own is dropped.
     Raises UsageError if the recording has none of the frames.
     """
     need_samples(recording)

@@ -16,7 +16,7 @@
     xyz = [0.03, 0.12, -0.09]           position on the base of the rig
     quaternion = [0.0, 0.0, 0.0, 1.0]   rotation from the radar to the base, x y z w
 
-A file without gains and phases has the signs of its board's receivers.
+Without gains and phases, samples are multiplied by the signs of the board's receivers.
 """
 
 import json
@@ -153,7 +153,7 @@ def _as_toml(value: Any) -> str:
 
 
 def _table(path, tables, name: str, keys=None) -> dict[str, Any]:
-    """Return a table, empty if it is missing; UsageError for keys beside `keys`."""
+    """Return a table, empty if it is missing; UsageError for keys not in `keys`."""
     table = tables.get(name, {})
     if not isinstance(table, dict):
         raise UsageError(f"{path}: {name} = {table!r:.80}, expected a table [{name}]")

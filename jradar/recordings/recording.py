@@ -76,7 +76,7 @@ NO_CUBES = Stream([].__getitem__, 0)
 class Recording(NamedTuple):
     """One sequence or capture. All transforms are 4 x 4 matrices in float64."""
 
-    name: str  # of the sequence, also in prepared records
+    name: str  # of the sequence, which prepared records keep
     path: Path
     # None of points alone without a description: `need_samples` asks before its use.
     radar: "jradar.Radar" = cast(Any, None)

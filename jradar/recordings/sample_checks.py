@@ -1,4 +1,4 @@
-"""Whether the samples of a frame are what they are taken for.
+"""Checks whether the samples of a frame are read correctly.
 
     clipped           numbers at the end of the converter's scale: the sum of all echoes
                       was stronger, and its distortion looks like further echoes
@@ -27,7 +27,7 @@ CLIPPED_SHARE = 1e-3
 # A tone that just reaches the last of C codes spends arccos(0.9) / pi of its time in
 # the last tenth before full scale, and sqrt(2 / C) / pi at the last code; other signals
 # spend less. Clipping collects there all that lies beyond: more than twice as much.
-# Fewer parts than FEW prove nothing.
+# Fewer parts than FEW show nothing.
 PILE = 2 * np.sqrt(2) / np.arccos(0.9)
 FEW = 10
 # Samples in the wrong byte order or code are noise of full scale, 86 dB in 16 bits.
@@ -71,7 +71,7 @@ class SampleCheck(NamedTuple):
 def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
     """Return how far a recorded frame fills the converter's scale, and warnings.
 
-    Frames with samples that are no whole numbers of 16 bits are not doubted, because
+    Frames whose samples are not whole numbers of 16 bits cause no warnings, because
     somebody has scaled them.
     """
     chirps = cube.transpose(2, 0, 1, 3).reshape(-1, cube.shape[-1])
@@ -98,7 +98,7 @@ def check_samples(cube: Num[np.ndarray, "tx rx chirp sample"]) -> SampleCheck:
 
 
 def sample_doubts(recording: Recording, frame: int) -> tuple[str, ...]:
-    """Return what is doubtful about the samples of a frame."""
+    """Return warnings about the samples of a frame."""
     doubts = check_samples(recording.cubes[frame]).doubts
     return tuple(f"frame {frame}: {doubt}" for doubt in doubts)
 
@@ -123,7 +123,7 @@ def _clipping(parts) -> tuple[int | None, float]:
 
 
 def _offset_doubts(parts):
-    """Yield a doubt about numbers that are positive and swing about a half scale."""
+    """Yield a warning about numbers that are positive and swing about a half scale."""
     for scale in SCALES:
         aside = np.abs(parts.mean((1, 2)) - scale).max()
         if parts.min() >= 0 and parts.max() < 2 * scale and aside < MIDDLE * scale:

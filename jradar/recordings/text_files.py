@@ -49,8 +49,8 @@ def read_frame_times(
 ) -> tuple[Float[np.ndarray, " frame"], Int[np.ndarray, " frame"]]:
     """Return time (s) and lost bytes of each frame, from lines of both.
 
-    A last line that was not finished is left out. Raises ValueError, with the line, for
-    others than two numbers.
+    A last line that was not finished is left out. Raises ValueError, with the line,
+    unless a line holds two numbers.
     """
     rows = []
     text = read_text(path, limit=MAX_POSES_BYTES)
@@ -72,8 +72,8 @@ def read_frame_times(
 def read_tum(path: Path | str) -> Poses:
     """Return the poses in a file in TUM's format, a line `t x y z qx qy qz qw` each.
 
-    `#` begins a comment.
-    Raises ValueError, with the line, for malformed lines and times that do not rise.
+    `#` begins a comment. Raises ValueError, with the line, for malformed lines and
+    times that do not rise.
     """
     path = Path(path)
     if not path.is_file():

@@ -8,8 +8,8 @@
     paths/      echoes, mirrors, ghosts; bounces and clutter of units
     hardware/   channels, leakage, filters, I and Q, phase noise
 
-Not modelled: diffraction, limbs that swing, wrong stamps (5 ms at walking pace would be
-5 mm). Other second bounces are part of the diffuse echoes.
+Diffraction, swinging limbs and wrong stamps (5 ms at walking pace would be 5 mm) are
+not modelled. Other second bounces are part of the diffuse echoes.
 """
 
 from jradar.simulation.drawn import (

@@ -1,13 +1,13 @@
 """Training frames of many places, simulated when they are prepared.
 
 A recording on disk holds a walk through one scene. Here each frame has a layout or a
-place of its own, and nothing is written but the records: a `DrawnSource` opens as a
+place of its own, and only the records are written. A `DrawnSource` opens as a
 `Recording` whose frames are simulated on access, so `data.prepare_sources` prepares it
 in any number of processes, and resumes.
 
 The frames of one source share a radar unit (`draw_unit`). Radar and LiDAR look ahead at
-the same time, and the truth uses the true mount: errors of clocks and mounts are those
-of a user, and not for a model to learn.
+the same time, and the truth uses the true mount: errors of clocks and mounts belong to
+a user's rig, and should not be learned.
 
     jradar-sim-5        12,000 frames of ten kinds without a template, 3,200 of eight
                         older families, and 5,280 of real places, from six environments'
@@ -54,7 +54,7 @@ VIEW, ROW_VIEW = np.radians((75, 90))  # half of it, to which rays are cast
 WALK_M, FREE_M = 0.4, 0.3  # around a place of a map; beyond it, without a voxel
 TRIES = 12  # places
 REACH_M = 14.0  # of the part of a map
-ASIDE = 0.5  # share of the frames in which the rig looks anywhere
+ASIDE = 0.5  # share of the frames in which the rig looks in any direction
 LEAST_SEEN, ANGLES = 0.6, np.radians(np.linspace(-50, 50, 24))  # of a map
 FIRST_SEED = 10_000  # of layouts; those of other sets lie below
 NUMBERS = {"train": 0, "validation": 50_000, "test": 60_000}  # of sources
@@ -163,7 +163,7 @@ def recording_of(
     name: str,
     view: float = VIEW,
 ) -> Recording:
-    """Return a recording of which each frame has a setting of its own.
+    """Return a recording whose frames each have a setting of their own.
 
     Frames are simulated on access. `radar` describes the radar of all settings. Scans
     cover `view` radians to either side.
@@ -192,9 +192,9 @@ def described(radar: RadarSpec, hardware: Hardware) -> Radar:
 def make_map_scene(
     kind: str, seed: int, run: MapRun, random: np.random.Generator
 ) -> Scene:
-    """Return the surfaces about a random free place of the robot in a run's map.
+    """Return the surfaces around a random free place of the robot in a run's map.
 
-    The rig walks around that place, looking anywhere. Patches are in no order.
+    The rig walks around that place, looking in any direction. Patches have no order.
     """
     xyz = (run.lidar + 0.5) * VOXEL_M
     place, floor, apart = _free_place(random, run, xyz)
@@ -254,7 +254,7 @@ def _scene(source: DrawnSource, frame: int) -> Scene:
 
 @functools.lru_cache(maxsize=2)
 def _setting(source: DrawnSource, frame: int) -> Setting:
-    """Return the scene of a frame with the rig at a random place, looking anywhere."""
+    """Return the scene of a frame, with the rig at a random place and direction."""
     scene = _scene(source, frame - frame % OF_A_MAP if source.path else frame)
     seed = FIRST_SEED + source.number * FRAMES + frame
     random = np.random.default_rng([seed, *source.name.encode()])
@@ -306,7 +306,7 @@ def _run(path: str) -> MapRun:
 
 
 def _runs(folder, kind, split) -> list[Path]:
-    """Return the packed runs of an environment in a split; `run0` never."""
+    """Return the packed runs of an environment in a split, never `run0`."""
     runs = sorted(p for p in Path(folder).glob(f"{kind}_run*.npz") if _known(p, split))
     if not runs:
         raise FileNotFoundError(

@@ -1,12 +1,12 @@
 """The rig that carries the sensors, and where each sensor sits on its base.
 
 The base is the frame of the IMU. The radars look along its y axis, the direction of
-walking: the platform of a scene (x forward) is the base turned by -90 degrees. The
+walking: the platform of a scene (x forward) is the base rotated by -90 degrees. The
 extrinsics are those of ColoRadar's calib folder (Kramer et al. 2022).
 
 Both radars have the same quaternion there, without tilt: these are values of the
 design, and the errors of the real mounts are unknown. The simulated radars are off by
-about 1 degree and 1.5 cm, as mounts are that were set up with a ruler.
+about 1 degree and 1.5 cm, like mounts that were measured with a ruler.
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ EXTRINSICS = {  # base from sensor: x y z, then quaternion x y z w
 }
 PLATFORM_FROM_BASE = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 MISMOUNTED = ("single_chip", "cascade")
-MOUNT_DEGREES, MOUNT_M = 1.0, 0.015  # rms of turn and shift
+MOUNT_DEGREES, MOUNT_M = 1.0, 0.015  # rms of rotation and shift
 
 
 class Viewpoint(NamedTuple):

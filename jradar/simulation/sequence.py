@@ -2,7 +2,7 @@
 
 Each stream has its own clock: it starts at its own time, and its stamps jitter. A stamp
 is the time of a frame's first chirp, or of a scan's first column; the scanner looks
-ahead half a turn (50 ms) later. Family and seed determine every byte. The folder
+ahead half a rotation (50 ms) later. Family and seed determine every byte. The folder
 appears when it is complete.
 """
 
@@ -111,7 +111,7 @@ def make_setting(
 def carried(
     scene: Scene, seed: int, unit: UnitSpec, *, yaw_rad: float = 0.0
 ) -> Setting:
-    """Return a scene in which the rig carries a unit, turned aside by an angle."""
+    """Return a scene in which the rig carries a unit, rotated aside by an angle."""
     radar = unit.radar()
     platform = mounted(
         scene.platform,
@@ -200,7 +200,7 @@ def simulate_sequence(
         streams = [_radar_stream(setting, s, seconds, scratch) for s in setting.radars]
         streams.append(_lidar_stream(setting, seconds, scratch))
         _write_poses_and_imu(setting, seconds, scratch)
-        while streams:  # in turns: JAX computes while rays are cast
+        while streams:  # in turn: JAX computes while rays are cast
             streams = [stream for stream in streams if next(stream, None)]
             if streams:
                 advance()

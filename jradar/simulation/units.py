@@ -1,4 +1,4 @@
-"""Units: what differs from one radar, mount and place of use to the next.
+"""Units: how radars, their mounts and their places of use differ.
 
 A `UnitSpec` describes one radar in somebody's hands: the errors of its board, how well
 they were calibrated, how it is mounted and carried, and what disturbs it. The default
@@ -48,7 +48,7 @@ class UnitSpec:
 
     `board` is the seed of the errors of channels; None is the board that TI measured.
     `calibration_degrees` is the rms error of the phases in its calibration file; None
-    is a board without such a file. `tilt_degrees` turns rig and scanner down.
+    is a board without such a file. `tilt_degrees` tilts rig and scanner down.
     `mount_degrees` is the rms error of the mount's description. `speed_mps` None keeps
     the scene's pace, and 0 stands on a tripod.
     """
@@ -77,7 +77,7 @@ class UnitSpec:
     slope_hz_per_s: float = 100e12
     one_row: bool = False
     waveform: str | None = None  # of `WAVEFORMS`, instead of `chirps` and the slope
-    floor_bounces: bool = False  # paths by way of the floor, with its phase
+    floor_bounces: bool = False  # paths via the floor, with its phase
     floor_roughness_m: float = 0.5e-3
     wall_echoes: bool = False  # between parallel walls
     ghost_db: float = 0.0  # of ghosts in walls, relative to their materials'
@@ -150,7 +150,7 @@ def draw_unit(seed: int) -> UnitSpec:
     )
 
 
-# What a unit of the robustness set differs in from `CALIBRATED`, the clean unit.
+# How units of the robustness set differ from `CALIBRATED`, the clean unit.
 CALIBRATED = UnitSpec(calibration_degrees=2.0, range_bias_m=0.01, mount_degrees=0.5)
 SHIFTS: dict[str, dict[str, object]] = {
     "clean": {},

@@ -1,15 +1,15 @@
-"""A radar on the cable: packets to frames to clouds, for files, robots and a browser.
+"""A live radar: its packets become frames, and its frames become clouds.
 
     DCA1000 ---UDP--> Receiver -> Assembler -> newest Frame -> Processor -> writers
     Emulator --^
 
     NetworkSpec, Card           `protocol`, `card`: addresses; commands to the card
-    Receiver                    `receiver`, `assembler`: packets to frames, all counted
+    Receiver                    `receiver`, `assembler`: makes frames of packets
     Emulator, FaultSpec         `emulator`: a card that plays a recording
     send_cfg                    `board`: the .cfg over the board's serial port
-    Processor                   `processing`: a frame to clouds and a picture
-    run_session, run_live       `live`: all of it; the loop alone
-    replaying, run_replay       a card that plays a recording, until its end
+    Processor                   `processing`: makes clouds and a picture of a frame
+    run_session, run_live       `live`: a whole session; its loop alone
+    replaying, run_replay       an emulated card that plays a recording to its end
 
 README.md has the wiring, the network's settings and what to check.
 """

@@ -1,23 +1,24 @@
-"""Packets in any order to frames: every byte goes to the place that it counts.
+"""Makes frames of packets, which may arrive in any order.
 
-    packet  | 1 | 2 | 3 |   | 5 | 4 | 5 | 6 | ..      lost, late and repeated ones
+The byte count of a packet is the place of its samples in the stream.
+
+    packet  | 1 | 2 | 3 |   | 5 | 4 | 5 | 6 | ..      some are lost, late or repeated
     frame   |   0     |     1     |    2    | ..      borders lie anywhere in a packet
 
-A frame is delivered once it is whole, or once a packet `window` bytes behind its end
-has arrived; its lost bytes are then zeros. Frames are delivered in order. One of which
-less than half arrived is counted, and not delivered.
+A frame is delivered once it is whole, or once a packet `window` bytes beyond its end
+has arrived. Its lost bytes are then zeros. Frames are delivered in order. A frame of
+which less than half arrived is counted, but not delivered.
 
-A packet belongs to the stream if its two counters agree: since the newest packet both
-must have advanced by about the same number of packets, and by no more than 64. Others
-are set aside. A few that agree with one another are
+A packet belongs to the stream if its two counters agree: since the newest packet, both
+must have advanced by about the same number of packets, and by no more than 64. Other
+packets are set aside. Four that agree with one another are judged by where they lie:
 
-    behind the stream           of a card that was started again: a new stream
-    somewhat ahead              the stream after a gap
-    what a stream that was      of a second card with the same address: ignored, until
-    left goes on with, or       it has sent several frames and the stream no packet
-    far ahead
+    behind the stream           The card was started again, and this is a new stream.
+    somewhat ahead of it        This is the stream after a gap.
+    far ahead of it, or where   A second card has the same address. It is ignored until
+    an earlier stream ended     it has sent several frames, and the stream no packet.
 
-The rest is ignored and counted.
+All others are ignored and counted.
 """
 
 import dataclasses
@@ -33,12 +34,12 @@ from jradar.stream.protocol import BYTES, DATA, MOST_PACKET, SEQUENCES, unpack_h
 
 WINDOW = 64 * PAYLOAD  # bytes by which a packet may be late
 NEAR = 64 * PAYLOAD  # by which a single packet may be ahead
-SLACK = 4 * PAYLOAD  # by which the counters may differ: short packets
+SLACK = 4 * PAYLOAD  # by which the counters may differ after short packets
 NEW_STREAM = 4  # packets that make a new stream
 FORGOTTEN = 64  # packets of the stream after which others are forgotten
-LEAST_SHARE = 0.5  # of a frame's bytes, with which it is delivered
-LONG_GAP = 64  # frames; what lies farther ahead may be another card's
-GONE = 4  # frames of another card's packets, without any of the stream, which then ends
+LEAST_SHARE = 0.5  # of a frame's bytes that must have arrived
+LONG_GAP = 64  # frames; packets farther ahead may be another card's
+GONE = 4  # frames that another card sends before a silent stream ends
 SPARE = 4  # buffers that are kept for later frames
 
 
@@ -64,11 +65,11 @@ class Counts:
     placed: int = 0  # brought new bytes
     repeated: int = 0  # brought nothing new
     late: int = 0  # beyond the window, or their frame was gone
-    ignored: int = 0  # counters that do not fit the stream, as of a second card
+    ignored: int = 0  # counters that do not fit the stream, such as a second card's
     malformed: int = 0  # too short or too long
-    foreign: int = 0  # of other senders
+    foreign: int = 0  # from other senders
     frames: int = 0  # delivered
-    damaged: int = 0  # .. of these, with lost bytes
+    damaged: int = 0  # delivered with lost bytes
     missing: int = 0  # frames of which nothing arrived, not delivered
     sparse: int = 0  # frames of which less than half arrived, not delivered
     unfinished: int = 0  # frames in which a stream ended, not delivered
@@ -90,7 +91,7 @@ class _Open:
         self.stamp_s = time.time()
 
     def place(self, start: int, samples: memoryview) -> bool:
-        """Fill the holes from `start` with samples; False if there were none."""
+        """Put samples at `start`, where there are holes; False if there are none."""
         stop, kept, fresh = start + len(samples), [], False
         for low, high in self.holes:
             begin, end = max(low, start), min(high, stop)
@@ -179,12 +180,12 @@ class Assembler:
                 index = stop
 
     def _is_newest(self, packet: memoryview) -> bool:
-        """True if a packet was the last of the stream, and no other is known."""
+        """True if a packet is the newest one, and no other stream is known."""
         alone = self._started and not self._aside and self._left is None
         return alone and unpack_header(packet) == self._newest
 
     def _add_run(self, packets) -> None:
-        """Take whole packets that follow the newest one, which was whole, too."""
+        """Take whole packets that follow the newest one, which is whole, too."""
         count = len(packets)
         self.counts.packets += count
         self._newest = unpack_header(packets[-1].data)
@@ -225,7 +226,7 @@ class Assembler:
             self._spare.append(data)
 
     def _begin(self, sequence: int, place: int) -> None:
-        """Begin a stream; of a card that has just started, nothing is missing."""
+        """Begin a stream. If the card has just started, no frame is missing."""
         self._started, self._newest = True, (sequence, place)
         self._position = self._end = place  # in the stream, without wrapping
         just_started = place <= self.window
@@ -262,7 +263,7 @@ class Assembler:
         return np.empty(self.frame_bytes, np.uint8)
 
     def _close(self, limit: int) -> None:
-        """Deliver in order what is complete, or lies before `limit` in the stream."""
+        """Deliver in order the frames that are complete, or end before `limit`."""
         for number in sorted(self._open):
             start = number * self.frame_bytes
             holes = self._open[number].holes
@@ -336,7 +337,7 @@ class Assembler:
 
 
 def _follows(packets, sizes) -> Bool[np.ndarray, " packet_and_end"]:
-    """Return which packets go on where a whole one ends; False after the last."""
+    """Return which packets begin where a whole one ends; False after the last."""
     sequences = packets[:, :4].copy().view("<u4")[:, 0]
     places = packets[:, 4:8].copy().view("<u4")[:, 0].astype(np.int64)
     places |= packets[:, 8:10].copy().view("<u2")[:, 0].astype(np.int64) << 32

@@ -1,4 +1,4 @@
-"""The radar board's serial port: a `.cfg` of TI's mmWave SDK, line by line.
+"""The radar board's serial port takes a `.cfg` of TI's mmWave SDK, line by line.
 
     sent       profileCfg 0 77 267 7 57.14 ..
     received   profileCfg 0 77 267 7 57.14 ..      the board repeats the command,
@@ -6,7 +6,7 @@
                mmwDemo:/>
 
 The board's command port is the first of its two, such as /dev/ttyACM0, at 115,200 baud.
-A command that the board does not know, or refuses, is named with its line.
+If the board does not know a command, or refuses it, the error names it with its line.
 """
 
 import re
@@ -50,14 +50,15 @@ class Board:
         self.close()
 
     def close(self) -> None:
-        """Close the port; the board goes on."""
+        """Close the port; the board keeps running."""
         self._serial.close()
 
     def configure(self, path: Path | str) -> None:
         """Send every command of a `.cfg`; its `sensorStart` starts the radar.
 
-        A file without one is completed by it. Raises TimeoutError for a board that does
-        not answer, and ValueError, with the line, for a command that it refuses.
+        After a file without one, `sensorStart` is sent, too. Raises TimeoutError for a
+        board that does not answer, and ValueError, with the line, for a command that it
+        refuses.
         """
         started = False
         for number, line in enumerate(read_text(path).splitlines(), 1):
@@ -73,7 +74,7 @@ class Board:
         self.send("sensorStop")
 
     def send(self, command: str, *, source: str = "") -> str:
-        """Send a command and return the board's answer; `source` begins errors."""
+        """Send a command and return the board's answer; errors begin with `source`."""
         self._serial.write(command.encode("ascii", "replace") + b"\n")
         raw, end = bytearray(), time.monotonic() + self.timeout_s
         while not PROMPT.search(raw):

@@ -13,11 +13,11 @@ from jradar.stream.protocol import (
 )
 from jradar.stream.sockets import not_sent, udp_socket
 
-TRIES = 5  # of CONNECT: after CONFIGURE the card does not hear for a while
+TRIES = 5  # of CONNECT: after CONFIGURE the card does not answer for a while
 
 
 class Card:
-    """A card that answers on its command port; closed at the end of a `with` block."""
+    """A card that answers on its command port; a `with` block frees the port."""
 
     def __init__(self, network: NetworkSpec, *, timeout_s: float = 1.0):
         """Bind this machine's command port; OSError if it is taken."""
@@ -38,8 +38,8 @@ class Card:
     def set_up(self, *, lanes: int = 2, delay_us: float = 25.0) -> None:
         """Connect and configure the card.
 
-        `lanes` are those of the board: 4 for the series 12 and 14, else 2. `delay_us`
-        is the pause between packets.
+        `lanes` is the board's number of LVDS lanes: 4 for the series 12 and 14, else 2.
+        `delay_us` is the pause between packets.
         """
         self.connect()
         self.command(Command.PACKETS, packet_delay(delay_us))
@@ -47,7 +47,7 @@ class Card:
         self.connect()
 
     def connect(self) -> None:
-        """Ask whether the card is there, several times."""
+        """Ask several times whether the card is there."""
         for left in reversed(range(TRIES)):
             try:
                 self.command(Command.CONNECT)
@@ -57,7 +57,7 @@ class Card:
                     raise
 
     def start(self) -> None:
-        """Start recording; start the board afterwards: byte 0 then begins a frame."""
+        """Start recording. Start the board afterwards: byte 0 then begins a frame."""
         self.command(Command.START)
 
     def stop(self) -> None:
@@ -73,7 +73,7 @@ class Card:
             )
 
     def _ask(self, code: Command, data: bytes = b"") -> int:
-        """Return the status in the reply; other messages are passed over."""
+        """Return the status in the reply; other messages are ignored."""
         network = self.network
         try:
             self._socket.sendto(
@@ -97,6 +97,6 @@ class Card:
         raise TimeoutError(
             f"the card at {network.card}, port {network.command_port}, did not answer "
             f"{code.name} within {self.timeout_s:g} s: is it powered and on the cable, "
-            f"and has this machine the address {network.host} on that interface? See "
-            "`ip addr` and jradar/stream/README.md"
+            f"and does that interface of this machine have the address {network.host}? "
+            "See `ip addr` and jradar/stream/README.md"
         )

@@ -1,8 +1,8 @@
-"""A capture card without hardware: it answers commands and sends a recording.
+"""An emulated capture card, which answers commands and sends a recording.
 
-Packets have the form and pace of the card's, and suffer what networks do to them: they
-are lost, overtake one another, arrive twice. As on the card, the bytes at the end of a
-frame that do not fill a packet leave with the next frame.
+Packets have the form and pace of the card's. As in a network, some are lost, overtake
+one another or arrive twice. As on the card, the bytes at the end of a frame that do not
+fill a packet leave with the next frame.
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ MOST_REORDER = 1000
 
 @dataclasses.dataclass(frozen=True)
 class FaultSpec:
-    """What happens to packets: probabilities, and places by which they are late."""
+    """Faults of packets: probabilities, and the places by which they may be late."""
 
     loss: float = 0.0
     reorder: int = 0
@@ -58,7 +58,7 @@ class FaultSpec:
 
 @dataclasses.dataclass
 class Sent:
-    """What an emulated card has sent: `packets` include repeated, not lost ones."""
+    """What an emulated card has sent; `packets` counts repeated ones, not lost ones."""
 
     frames: int = 0
     packets: int = 0
@@ -92,10 +92,10 @@ class Emulator:
         first_sequence: int = 1,
         first_byte: int = 0,
     ):
-        """`frames` are bytes, one frame every `period_s`; 0 sends as fast as possible.
+        """Take `frames` of bytes, sent every `period_s`; 0 sends as fast as possible.
 
         `repeat` begins again after the last one. The counters of the first packet can
-        be set, to see them wrap around. OSError if the command port is taken.
+        be set, to see them wrap around. Raises OSError if the command port is taken.
         """
         if not 0 <= period_s < math.inf:
             raise UsageError(f"period_s = {period_s}, expected 0 or more")
@@ -104,7 +104,7 @@ class Emulator:
         self.first = first_sequence, first_byte
         self.sent = Sent()
         self.finished = threading.Event()  # the last frame is sent
-        self.fault: Exception | None = None  # of the recording, which ended the sending
+        self.fault: Exception | None = None  # error of the recording that ended it
         self._ending, self._stopped = threading.Event(), threading.Event()
         card = network.card
         self._commands = udp_socket(card, network.command_port, timeout_s=WAKE_S)
@@ -133,7 +133,7 @@ class Emulator:
         self._data.close()
 
     def start(self) -> None:
-        """Send from the first frame, as after the command."""
+        """Send from the first frame, as the command START does."""
         if self._sending is not None and self._sending.is_alive():
             return
         self._stopped.clear()
@@ -142,7 +142,7 @@ class Emulator:
         self._sending.start()
 
     def stop(self) -> None:
-        """Stop sending, as after the command."""
+        """Stop sending, as the command STOP does."""
         self._stopped.set()
         if self._sending is not None:
             self._sending.join()
@@ -171,7 +171,7 @@ class Emulator:
         try:
             if not self._send_all():
                 return
-        except Exception as error:  # of the recording's reader
+        except Exception as error:  # from the recording's reader
             self.fault = error
         self.finished.set()
 
@@ -233,7 +233,7 @@ def replaying(
 ) -> Emulator:
     """Return a card that sends a recording `speed` times as fast as it was recorded.
 
-    Frames follow one another in the described period, or else in that of their times.
+    The radar's description gives the period of frames, or else their times do.
     """
     need_samples(recording)
     period_s, stamps = recording.radar.spec.frame_period_s, recording.cubes.stamps

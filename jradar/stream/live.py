@@ -1,4 +1,4 @@
-"""A live session: card and board, newest frame, writers, a line of status."""
+"""A live session starts the card and the board, and publishes the newest frame."""
 
 import contextlib
 import dataclasses
@@ -80,7 +80,7 @@ def run_session(
     keep: Callable[[Frame], None] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Session:
-    """Start the card and the board, publish frames as `run_live`, and stop both.
+    """Start the card and the board, publish frames as `run_live` does, and stop both.
 
     An `emulator` plays the processor's recording, whose LiDAR scans are published, too;
     the session ends with it. `board` is a serial port, to which the .cfg that describes
@@ -124,23 +124,23 @@ def run_session(
             keep=keep,
             say=say,
         )
-        receiver.close()  # what comes while the devices stop does not count
+        receiver.close()  # packets that come while the devices stop do not count
     if emulator is not None and emulator.fault is not None:
         raise emulator.fault
     return session
 
 
 def _start_board(stack: contextlib.ExitStack, port: str, cfg: Path) -> None:
-    """Send the board its .cfg; it is stopped with the stack."""
+    """Send the board its .cfg; the stack stops the board at its end."""
     if cfg.suffix != ".cfg":
-        raise UsageError(f"--board sends a .cfg to the board, --radar is {cfg}")
+        raise UsageError(f"--board sends a .cfg to the board, but --radar is {cfg}")
     device = stack.enter_context(Board(port))
     stack.callback(_quietly, device.stop)
     device.configure(cfg)
 
 
 def _quietly(stop: Callable[[], None]) -> None:
-    """Stop a device; one that does not answer any more changes nothing."""
+    """Stop a device; ignore one that no longer answers."""
     with contextlib.suppress(OSError, ValueError):
         stop()
 
@@ -159,10 +159,10 @@ def run_live(
 ) -> Session:
     """Publish the newest frame until the end: SIGINT, SIGTERM, `seconds`, `finished`.
 
-    `finished` is asked while no frame waits. `lidar` returns the scan to put beside a
-    frame. `keep` takes frames as they came, and nothing is published then. `say` is
-    called with warnings. Raises TimeoutError, with what to check, if nothing ever comes
-    from the card for `silence_s`; a card that falls silent later is only reported.
+    `finished` is called while no frame waits. `lidar` returns the scan to publish with
+    a frame. With `keep`, nothing is published: it takes the frames as they come. `say`
+    is called with warnings. Raises TimeoutError, with what to check, if nothing comes
+    from the card for the first `silence_s`; a card that falls silent later is reported.
     """
     session, line = Session(), StatusLine()
     session.warnings += [receiver.note] if receiver.note else []
@@ -214,9 +214,10 @@ def run_live(
 
 
 def summary(session: Session, receiver: Receiver) -> dict[str, Any]:
-    """Return what happened to frames and packets; call it after the receiver's end.
+    """Return what happened to frames and packets; call it once the receiver is closed.
 
-    Frames received are those published and dropped, also those that still waited.
+    The frames received were either published or dropped. Frames that still waited at
+    the end count as dropped.
     """
     counts = receiver.counts
     return {
@@ -245,7 +246,7 @@ def summary(session: Session, receiver: Receiver) -> dict[str, Any]:
 def run_replay(emulator: Emulator) -> Sent:
     """Wait until a recording is sent, or a signal ends it; return what was sent.
 
-    Raises what ended the sending, such as a damaged frame.
+    Raises the error that ended the sending, such as that of a damaged frame.
     """
     with ended_by_signals() as ending:
         while not (emulator.finished.is_set() or ending.is_set()):
@@ -257,7 +258,7 @@ def run_replay(emulator: Emulator) -> Sent:
 
 
 class FrameRate:
-    """Compares the rate of frames with that of the radar's description."""
+    """Compares the rate of frames with that in the radar's description."""
 
     def __init__(self, processor: Processor):
         """Frames come every `frame_period_s` of the processor's radar, if known."""
@@ -267,7 +268,7 @@ class FrameRate:
         self._told = False
 
     def add(self, number: int, arrived_s: float) -> str:
-        """Return a warning once, if frames are not as long as described; else ""."""
+        """Return one warning if frames do not come at the described rate; else ""."""
         if self._first is None:
             self._first = number, arrived_s
         frames = number - self._first[0]
@@ -280,7 +281,7 @@ class FrameRate:
             return ""
         self._told = True
         return (
-            f"{self.source} describes a frame every {1e3 * expected:.4g} ms, its "
+            f"{self.source} describes a frame every {1e3 * expected:.4g} ms, but its "
             f"number of bytes comes every {1e3 * period:.4g} ms: the frames on the "
             f"cable seem to be {expected / period:.3g} times as large. Does the board "
             "run another .cfg?"
@@ -319,9 +320,9 @@ class StatusLine:
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[threading.Event]:
-    """Yield an event that SIGINT and SIGTERM set; a second one acts as usual.
+    """Yield an event that SIGINT and SIGTERM set; a second signal acts as usual.
 
-    In other threads than the main one, signals are left as they are.
+    In threads other than the main one, signals are left as they are.
     """
     ending = threading.Event()
     if threading.current_thread() is not threading.main_thread():

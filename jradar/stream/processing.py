@@ -1,4 +1,4 @@
-"""A frame's bytes to its clouds and its picture, as they are published."""
+"""Makes the clouds and the picture that are published, from a frame's bytes."""
 
 from pathlib import Path
 from typing import Any, Unpack
@@ -30,9 +30,9 @@ LEAST = "least_confidence"  # the option of drawing that every model takes
 def radar_on_the_cable(
     description: Path | str, *, device: str | None = None, iq_order: str | None = None
 ) -> Recording:
-    """Return what is known of a radar whose frames will come: no frame yet.
+    """Return a recording without frames, which describes a radar on the cable.
 
-    `description` is its .cfg or another description, `device` the board of a .cfg,
+    `description` is its .cfg or another description, and `device` the board of a .cfg.
     `iq_order` replaces the described order of I and Q. Errors as in `open_recording`.
     """
     path = Path(description)
@@ -55,7 +55,7 @@ def frame_bytes(recording: Recording) -> int:
 
 
 class Processor:
-    """Makes clouds of one radar's frames; all use the same noise for drawing."""
+    """Makes clouds of one radar's frames, all of them drawn from the same noise."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class Processor:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the radar, and about the frames so far."""
+        """Warnings about the radar and the frames so far."""
         return () if self.pipeline is None else tuple(self.pipeline.warnings)
 
     def cube(
@@ -122,13 +122,13 @@ class Processor:
         clouds, picture = jax.device_get((clouds, picture))
         if lidar is not None:
             clouds[LIDAR_FRAME] = lidar_cloud(lidar)
-        frames = len(self.recording.cubes)  # which are replayed, or none
+        frames = len(self.recording.cubes)  # of a replay, else none
         moved = odom_from_base(self.recording, number % frames) if frames else None
         return Published(number, stamp_s, clouds, picture, self._base_from, moved)
 
 
 def quickest(model: Model | None, **drawing: Unpack[Drawing]) -> Drawing:
-    """Return how a live model draws: as asked, by default its one-step estimate.
+    """Return the options of drawing for a live model: by default one step of one draw.
 
     Raises UsageError for options that the model does not take.
     """
@@ -138,7 +138,7 @@ def quickest(model: Model | None, **drawing: Unpack[Drawing]) -> Drawing:
         return Drawing(**({} if sampling else {"draws": 1, "steps": 1}), **asked)
     if unknown := [name for name in asked if model is None or name != LEAST]:
         raise UsageError(
-            f"{', '.join(unknown)}: only a diffusion model draws samples, leave "
+            f"{', '.join(unknown)}: only a diffusion model draws samples, so leave "
             "these options out"
         )
     return Drawing(**asked)

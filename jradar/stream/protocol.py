@@ -1,12 +1,12 @@
-"""What TI's DCA1000 capture card sends and understands, over UDP.
+"""The messages that TI's DCA1000 capture card sends and understands, over UDP.
 
     command   0xA55A | code u16 | size u16 | size bytes | 0xEEAA     port 4096
     reply     0xA55A | code u16 | status u16 | 0xEEAA                port 4096
     data      sequence u32 | byte count u48 | at most 1456 bytes     port 4098
 
-All numbers are little-endian. Data packets are numbered from 1; the byte count is the
-number of bytes of samples sent before, the place of the packet in the stream. Both
-wrap around. (DCA1000EVM user's guide, SPRUIJ4A, section 5.)
+All numbers are little-endian. Data packets are numbered from 1. The byte count is the
+number of bytes of samples that were sent before, which is the place of the packet in
+the stream. Both wrap around. (DCA1000EVM user's guide, SPRUIJ4A, section 5.)
 """
 
 import dataclasses
@@ -68,7 +68,7 @@ def unpack_command(raw: bytes) -> tuple[int, bytes]:
         (end,) = struct.unpack_from("<H", raw, len(raw) - 2)
         if (start, end, size) == (START, END, len(raw) - 8):
             return code, raw[6:-2]
-    raise ValueError(f"{raw[:16].hex(' ')} ({len(raw)} bytes) is no command of a card")
+    raise ValueError(f"{raw[:16].hex(' ')} ({len(raw)} bytes) is not a card's command")
 
 
 def pack_reply(code: int, status: int) -> bytes:
@@ -82,7 +82,7 @@ def unpack_reply(raw: bytes) -> tuple[int, int]:
         start, code, status, end = REPLY.unpack(raw)
         if (start, end) == (START, END):
             return code, status
-    raise ValueError(f"{raw[:16].hex(' ')} ({len(raw)} bytes) is no reply of a card")
+    raise ValueError(f"{raw[:16].hex(' ')} ({len(raw)} bytes) is not a card's reply")
 
 
 def configuration(*, lanes: int = 2) -> bytes:

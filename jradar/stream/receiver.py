@@ -14,9 +14,9 @@ from jradar.stream.assembler import Assembler, Counts, Frame
 from jradar.stream.protocol import MOST_PACKET, NetworkSpec
 from jradar.stream.sockets import address_bytes, batch_reader, udp_socket
 
-WAKE_S = 0.1  # after which the thread looks whether it is to end
+WAKE_S = 0.1  # after which the thread checks whether it should end
 FRAMES_IN_SOCKET = 2
-MANY = 100  # packets that are no accident any more
+MANY = 100  # packets; so many are not an accident
 LEAST_BUFFER, MOST_BUFFER = 1 << 20, 1 << 30  # bytes of the socket's buffer
 
 
@@ -38,7 +38,7 @@ class Receiver:
         self._fault: Exception | None = None
         self.heard_s = time.monotonic()  # of the card, on the monotonic clock
         self._socket = udp_socket(network.host, network.data_port, timeout_s=WAKE_S)
-        self.port: int = self._socket.getsockname()[1]  # also where the network's is 0
+        self.port: int = self._socket.getsockname()[1]  # a free one if 0 was asked for
         asked = FRAMES_IN_SOCKET * frame_bytes
         size = min(max(asked, LEAST_BUFFER), MOST_BUFFER)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
@@ -46,8 +46,8 @@ class Receiver:
         self.note = ""  # about the socket's buffer, if it is too small
         if granted < asked:
             self.note = (
-                f"the system keeps {granted:,} bytes of packets, two frames are "
-                f"{asked:,}: `sudo sysctl -w net.core.rmem_max={asked}` against losses"
+                f"the system keeps {granted:,} bytes of packets, but two frames have "
+                f"{asked:,}: `sudo sysctl -w net.core.rmem_max={asked}` prevents losses"
             )
         self._thread = threading.Thread(target=self._receive, daemon=True)
 
@@ -65,7 +65,7 @@ class Receiver:
         self.close()
 
     def close(self) -> None:
-        """End the thread, deliver the frames that are passed, and free the port."""
+        """End the thread, deliver the frames that have passed, and free the port."""
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
@@ -75,7 +75,7 @@ class Receiver:
     def take(self, timeout_s: float) -> Frame | None:
         """Return the oldest frame that waits, or None if none comes in time.
 
-        Raises what ended the thread.
+        Raises the error that ended the thread, if one did.
         """
         with self._arrived:
             self._arrived.wait_for(lambda: self._frames or self._fault, timeout_s)
@@ -106,16 +106,16 @@ class Receiver:
             )
         return text + (
             "was the board started (sensorStart), does its .cfg switch the stream on "
-            "(lvdsStreamCfg -1 0 1 0), and is a firewall open for the port? See "
+            "(lvdsStreamCfg -1 0 1 0), and does the firewall let the port through? See "
             "jradar/stream/README.md"
         )
 
     def strangers(self) -> str:
-        """Return a warning if many packets are not the card's stream, else ""."""
+        """Return a warning if many packets do not belong to the stream, else ""."""
         counts, found = self.counts, []
         if counts.foreign >= MANY:
             found.append(
-                f"{counts.foreign:,} packets of other senders, the last of "
+                f"{counts.foreign:,} packets from other senders, the last from "
                 f"{self.foreign_sender}: another card or program sends to port "
                 f"{self.port}"
             )
@@ -127,7 +127,7 @@ class Receiver:
         if counts.ignored >= MANY:
             found.append(
                 f"{counts.ignored:,} packets from {self.network.card} whose counters "
-                "do not go on with its stream: do two cards have this address? Switch "
+                "do not continue its stream: do two cards have this address? Switch "
                 "one off, or give it another address"
             )
         if found:
@@ -140,7 +140,7 @@ class Receiver:
         return ""
 
     def _receive(self) -> None:
-        """Receive until the end; a fault is raised by `take`."""
+        """Receive until the end; `take` raises an error that ends it early."""
         try:
             self._loop()
         except Exception as error:

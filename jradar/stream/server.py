@@ -9,8 +9,8 @@ refused.
     subscribe, unsubscribe   what it wants to see
     1 | id u32 | time u64 | message     for each frame, little-endian
 
-(Foxglove's WebSocket protocol, version 1. The server of foxglove-sdk has no way to look
-at the Origin.)
+(Foxglove's WebSocket protocol, version 1. The server of foxglove-sdk cannot check the
+Origin.)
 """
 
 import base64
@@ -50,13 +50,13 @@ class Viewer:
         self._news, self._ended = threading.Condition(), False
 
     def publish(self, channel: int, time_ns: int, message: bytes) -> None:
-        """Let a message wait, if its channel is subscribed to."""
+        """Queue a message, if the viewer has subscribed to its channel."""
         subscription = self.subscriptions.get(channel)
         if subscription is not None:
             self.put(HEAD.pack(1, subscription, time_ns) + message)
 
     def put(self, message: str | bytes) -> None:
-        """Let a message wait; the oldest of too many is dropped."""
+        """Queue a message; drop the oldest if too many wait."""
         with self._news:
             self._waiting.append(message)
             self._news.notify()
@@ -92,8 +92,8 @@ class Server:
     ):
         """Start serving; port 0 takes a free one. OSError if the port is taken.
 
-        `allow_origins` are served besides the local ones and Foxglove's. `say` is
-        called with a line about the first page of each other origin, which is refused.
+        `allow_origins` are served in addition to the local ones and Foxglove's. Pages
+        of other origins are refused, and `say` is called with a line about each origin.
         """
         self._messages = FoxgloveMessages("--serve")
         need = "--serve needs websockets"
@@ -114,7 +114,7 @@ class Server:
             bound = socket.create_server((host, port), family=family)
         except OSError as error:
             raise OSError(
-                f"port {port} of {host} cannot be served on ({error}): is another "
+                f"port {port} of {host} cannot be opened ({error}): is another "
                 "program using it? Name another with --serve PORT"
             ) from error
         self.host, self.port = host, bound.getsockname()[1]
@@ -143,7 +143,7 @@ class Server:
                 viewer.publish(channel["id"], frame.stamp_ns, raw)
 
     def save(self) -> None:
-        """Nothing is kept."""
+        """Do nothing: no frame is kept."""
 
     def close(self) -> None:
         """Stop serving."""
@@ -156,7 +156,7 @@ class Server:
         self._thread.join()
 
     def _advertised(self, topic: str, kind: Any) -> dict[str, Any]:
-        """The channel of a topic; viewers are told of a new one."""
+        """Return the channel of a topic; announce a new one to all viewers."""
         if topic in self._channels:
             return self._channels[topic]
         schema = kind.get_schema()
@@ -174,7 +174,7 @@ class Server:
         return channel
 
     def _refusal(self, connection: Any, request: Any) -> Any:
-        """The answer to a page that is not served, else None."""
+        """Return the answer to a page that is not served, else None."""
         origin = request.headers.get("Origin")
         if origin is None or origin in self._allowed or LOCAL.fullmatch(origin):
             return None
@@ -182,7 +182,7 @@ class Server:
             self._refused.add(origin)
             self._say(
                 f"a web page of {origin!r} asked for the clouds and was refused: "
-                "--allow-origin with its address would serve it"
+                "to serve it, name its address with --allow-origin"
             )
         return connection.respond(403, f"not served to {origin}: see --allow-origin\n")
 
@@ -222,7 +222,7 @@ class Server:
             else:
                 return f"jradar only publishes: {asked['op']!r} is not supported"
         except (ValueError, TypeError, KeyError, RecursionError, struct.error) as error:
-            return f"a message that is not understood: {error!r}"
+            return f"the message is not understood: {error!r}"
         return ""
 
 

@@ -1,8 +1,9 @@
 """UDP sockets on this machine's addresses, and the packets that wait in one.
 
-Errors say what to do. Packets come in batches of up to 64. Linux has `recvmmsg`, one
-system call for all of them; elsewhere a call takes one. A thread gives up Python's lock
-for each call, and has to get it back from busy ones. So the calls have to be few.
+Errors say what to do. Packets are read in batches of up to 64. On Linux one system
+call, `recvmmsg`, reads a batch; elsewhere a call reads one packet. A thread releases
+Python's lock for each call, and then waits for busy threads to get it back. So there
+should be few calls.
 """
 
 import ctypes
@@ -35,7 +36,8 @@ class Batch(NamedTuple):
 def udp_socket(host: str, port: int, *, timeout_s: float) -> socket.socket:
     """Return a bound socket whose `recv` raises BlockingIOError after `timeout_s`.
 
-    Raises OSError, with the fix, if the port is taken or the address is not ours.
+    Raises OSError, with the fix, if the port is taken, or the address is not one of
+    this machine.
     """
     bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
@@ -62,9 +64,9 @@ def not_sent(error: OSError, source: str, target: str) -> OSError:
     if loops[0] != loops[1] and error.errno in (errno.EINVAL, errno.ENETUNREACH):
         local, other = (source, target) if loops[0] else (target, source)
         reason = (
-            f"{local} only talks to this machine itself, {other} lies beyond it: give "
-            "both --host and --card addresses of one network; `ip addr` lists this "
-            "machine's"
+            f"{local} only talks to this machine itself, and {other} is another one: "
+            "give both --host and --card addresses of one network; `ip addr` lists "
+            "this machine's"
         )
     return OSError(f"{target} cannot be reached from {source}: {reason}")
 
@@ -75,7 +77,7 @@ def address_bytes(host: str) -> UInt8[np.ndarray, "4"]:
 
 
 def batch_reader(bound: socket.socket) -> Callable[[], Batch | None]:
-    """Return a function that waits for packets, or returns None when none come.
+    """Return a function that waits for packets and returns them, or None if none came.
 
     It waits as long as a `recv` of the socket does.
     """

@@ -13,7 +13,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from jradar.training.logs import write_model_card as write_model_card
-from jradar.training.loop import Interrupted as Interrupted, train as train
+from jradar.training.loop import train as train
 from jradar.training.losses import LOSSES as LOSSES, view_losses as view_losses
 from jradar.training.optimiser import clipped_adamw as clipped_adamw
 from jradar.training.parallel import join_processes as join_processes
@@ -22,7 +22,9 @@ from jradar.training.step import (
     Loss as Loss,
     TrainState as TrainState,
     create_state as create_state,
+    make_step as make_step,
     make_train_step as make_train_step,
+    state_of as state_of,
 )
 from jradar.training.targets import pair_batches as pair_batches
 

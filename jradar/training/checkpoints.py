@@ -2,7 +2,7 @@
 
 Orbax restores flipped bits without complaint, never falls back to an older step, and
 takes any folder named by a number for a checkpoint. Therefore a digest of every array
-is stored beside the state, `restore` returns the newest step that is whole, and
+is stored with the state, `restore` returns the newest step that is whole, and
 unusable folders are moved to `<folder>-unusable`, never deleted.
 """
 
@@ -135,7 +135,7 @@ class Checkpoints:
                 )
 
     def _put_aside(self, names, reason):
-        """Move steps into a folder beside this one, in the first process."""
+        """Move steps into a folder next to this one, in the first process."""
         aside = self._folder.with_name(f"{self._folder.name}-unusable")
         for name in names if jax.process_index() == 0 else ():
             aside.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""Which weights fine-tuning keeps: scores on own frames, and on old ones held out."""
+"""The weights that fine-tuning keeps, by scores on new frames and on old ones."""
 
 import dataclasses
 from collections.abc import Sequence

@@ -1,10 +1,15 @@
-"""A model and records to a model that knows them: spec, run and result.
+"""Fine-tuning: a model and the records of one's own rig to a model that knows them.
 
-A quarter of each batch are old frames (replay). Of the weights at each evaluation,
-those with the best F-score on the validation frames are taken, the model as it was
-included. Should they lose more than `forget` points on old frames that were not
-replayed, they become a mean of the weights before and after (Wortsman et al. 2022).
-The confidence is then fitted to the validation frames and to those old ones.
+A quarter of each batch is old frames (replay). Each evaluation scores the weights on
+the validation frames; the best ones are kept, or the model as it was. If they lose more
+than `forget` points on old frames that were not replayed, they are averaged with the
+initial weights (Wortsman et al. 2022). The confidence is then fitted to the validation
+frames and to those old ones.
+
+    FOLDER/model/             the model, for load_model(FOLDER) and --model FOLDER
+    FOLDER/checkpoints/       from which a stopped run resumes
+    FOLDER/metrics.jsonl      loss and validation scores; learning.png draws them
+    FOLDER/replay/            simulated frames of the places that the model knew
 """
 
 import dataclasses
@@ -13,7 +18,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jradar.data import Records, pairs_of
@@ -39,7 +43,7 @@ from jradar.training.replay import (
     halves,
     simulate_replay,
 )
-from jradar.training.step import TrainState, make_train_step
+from jradar.training.step import make_train_step, state_of
 from jradar.viz import learning_curve_figure, save_figure
 
 RUN = "finetune.json"  # what is fine-tuned, and how
@@ -90,7 +94,7 @@ class Finetuned(NamedTuple):
     frames: dict[str, int]
 
     def describe(self) -> dict[str, Any]:
-        """Return what a user wants to know."""
+        """Return frames, steps and scores, as tables."""
         return {
             "frames": self.frames,
             "steps": self.steps,
@@ -147,7 +151,7 @@ def _trained(folder, start, own, checked, old, spec, name):
     if not best.exists():
         scores = both_scores(start, checked, old)
         write_text(folder / BEFORE, json.dumps(scores._asdict()) + "\n")
-        _keep(best, start, 0, scores.own)  # the last: who resumes has both
+        _keep(best, start, 0, scores.own)  # last: a run that resumes finds both
     _train(folder, start, own, checked, old, spec)
     before = Scores(**read_json(folder / BEFORE))
     kept, step = Kept(start, 0.0, before), read_json(best)["step"]
@@ -160,7 +164,7 @@ def _trained(folder, start, own, checked, old, spec, name):
     trust = trust_of(start.spec.frame_grid, *pairs) or start.tables.trust
     found = dataclasses.replace(kept.model, card=card).with_tables(trust=trust)
     key = jax.random.fold_in(jax.random.key(spec.seed), 1)
-    # The frames of one place alone would make every point look as sure as there.
+    # Fitted to one place alone, points elsewhere would seem as sure as there.
     found = with_confidence(key, found, checked, old.checked)
     save_model(folder / "model", found)
     write_model_card(
@@ -184,9 +188,6 @@ def _train(folder, start, own, checked, old, spec):
     optimizer = clipped_adamw(
         steps=steps, learning_rate=spec.learning_rate, warmup_steps=min(50, steps // 4)
     )
-    count = jnp.zeros((), jnp.int32)
-    moments = jax.jit(optimizer.init)(start.params)
-    state = TrainState(count, start.params, start.params, moments)
 
     def evaluate(state, step):
         params = jax.device_get(state.ema_params)
@@ -198,7 +199,7 @@ def _train(folder, start, own, checked, old, spec):
 
     train(
         jax.random.fold_in(jax.random.key(spec.seed), 0),
-        state,
+        state_of(start.params, optimizer),
         make_train_step(
             start.spec.network,
             optimizer,
@@ -239,17 +240,17 @@ def _split(records: Path | str, split: str) -> Records:
 
 
 def _check_contents(folder: Path) -> None:
-    """Raise UsageError for a folder with other contents than those of a run."""
+    """Raise UsageError for a folder that holds anything but a run."""
     others = sorted(path.name for path in folder.glob("[!.]*"))
     if others and not (folder / RUN).is_file():
         raise UsageError(
-            f"{folder} holds {others[0]}, which is not of a fine-tuning: choose "
+            f"{folder} holds {others[0]}, which fine-tuning did not write: choose "
             "another output"
         )
 
 
 def _check_run(path: Path, run: dict[str, Any]) -> None:
-    """Record what a run is; UsageError for the folder of another one."""
+    """Record the run in its folder; UsageError for the folder of another one."""
     if not path.exists():
         write_text(path, json.dumps(run, indent=2) + "\n")
         return

@@ -1,4 +1,4 @@
-"""What a run leaves: `metrics.jsonl`, TensorBoard if it is installed, the model card.
+"""What a run writes: `metrics.jsonl`, TensorBoard if it is installed, the model card.
 
 `metrics.jsonl` holds a line for each step. Lines of steps that run again are dropped,
 so that a resumed run writes the same lines as an uninterrupted one.

@@ -17,6 +17,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Key
 
+from jradar.data import Batch
 from jradar.progress import progress
 from jradar.training.checkpoints import Checkpoints
 from jradar.training.logs import step_log
@@ -28,7 +29,7 @@ from jradar.training.retries import (
     read_retries,
     step_key,
 )
-from jradar.training.step import Batch, Step, TrainState
+from jradar.training.step import Step, TrainState
 
 IN_FLIGHT = 2  # steps
 SHOWN_MEAN = 100  # steps that the printed loss averages

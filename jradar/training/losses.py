@@ -16,16 +16,18 @@ from typing import Any
 import jax
 
 from jradar.diffusion import (
-    SHARE,
     LossSpec,
     denoising_loss,
+    mixture_loss,
+    regression_loss,
+    where_known,
+)
+from jradar.diffusion.occupancy_losses import (
+    SHARE,
     dice_loss,
     estimate_loss,
     log_odds_loss,
-    mixture_loss,
     occupancy_loss,
-    regression_loss,
-    where_known,
 )
 from jradar.training.step import Loss
 from jradar.training.targets import polar_nearness, voxel_nearness

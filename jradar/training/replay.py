@@ -1,8 +1,8 @@
-"""Own and old frames to batches; the old ones are simulated.
+"""One's own frames and old ones to batches; the old ones are simulated.
 
-Frames change at random in size and direction. The pixels between the beams of a sparse
-scan are not observed, and not learnt: they are most of an image, for one frame of a
-Livox.
+Frames change at random in size and direction. Pixels between the beams of a sparse scan
+were not observed, and are not learnt. For one frame of a Livox, they are most of an
+image.
 """
 
 import dataclasses
@@ -15,13 +15,12 @@ import jax
 import numpy as np
 
 from jradar import data, simulation
-from jradar.data import PreparedFrame, PrepareSpec, Records, pairs_of
+from jradar.data import Batch, PreparedFrame, PrepareSpec, Records, pairs_of
 from jradar.evaluation import spread
 from jradar.fields import typed_fields
 from jradar.model import Model, ViewGrid
 from jradar.range_image import pattern_reach
 from jradar.recordings.recording import Stream
-from jradar.training.step import Batch
 from jradar.training.targets import pair_batches
 
 PATTERN = 32  # frames that show the pattern of the beams

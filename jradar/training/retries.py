@@ -20,8 +20,8 @@ import numpy as np
 from absl import logging
 from jaxtyping import Array, Key
 
+from jradar.data import Batch
 from jradar.files import read_json, write_text
-from jradar.training.step import Batch
 
 MAX_RETRIES = 3
 

@@ -9,6 +9,7 @@ import optax
 from jaxtyping import Array, Float, Int, Key
 
 from jradar.compiled import jit
+from jradar.data import Batch
 from jradar.diffusion import Network, NoiseSpec, conditional_denoiser, denoising_loss
 
 Metrics = dict[str, Float[Array, ""]]
@@ -42,14 +43,13 @@ def create_state(
         jnp.zeros(1),
         jnp.zeros((1, *condition_shape)),
     )
-    return TrainState(jnp.zeros((), jnp.int32), params, params, optimizer.init(params))
+    return state_of(params, optimizer)
 
 
-class Batch(NamedTuple):
-    """Conditions, and the encoded images that the network learns to draw."""
-
-    condition: Float[Array, "batch row column channel"]
-    target: Float[Array, "batch target_row target_column 2"]
+def state_of(params: Any, optimizer: optax.GradientTransformation) -> TrainState:
+    """Return the state before the first step that starts from these parameters."""
+    moments = jax.jit(optimizer.init)(params)
+    return TrainState(jnp.zeros((), jnp.int32), params, params, moments)
 
 
 Step = Callable[[TrainState, Key[Array, ""], Batch], tuple[TrainState, Metrics]]
@@ -81,20 +81,36 @@ def make_train_step(
     the uninterrupted one. `loss` is called as `(key, denoise, clean, noise=noise)`.
     """
 
+    def loss_of(params, key, batch):
+        denoise = conditional_denoiser(network, params, noise)(batch.condition)
+        return loss(key, denoise, batch.target, noise=noise), {}
+
+    return make_step(loss_of, optimizer, ema_decay=ema_decay)
+
+
+def make_step(
+    loss_of: Callable[..., tuple[Float[Array, ""], Metrics]],
+    optimizer: optax.GradientTransformation,
+    *,
+    ema_decay: float,
+) -> Step:
+    """Return the step of `make_train_step` for any loss.
+
+    `loss_of(params, key, batch)` returns the loss, and its parts as further metrics.
+    """
+
     @jit
     def step(state, key, batch):
         key = jax.random.fold_in(key, state.step)
-
-        def loss_of(params):
-            denoise = conditional_denoiser(network, params, noise)(batch.condition)
-            return loss(key, denoise, batch.target, noise=noise)
-
-        value, gradient = jax.value_and_grad(loss_of)(state.params)
+        (value, parts), gradient = jax.value_and_grad(loss_of, has_aux=True)(
+            state.params, key, batch
+        )
         updates, opt_state = optimizer.update(gradient, state.opt_state, state.params)
         params = optax.apply_updates(state.params, updates)
         decay = ema_decay_at(state.step, decay=ema_decay)
         ema_params = optax.incremental_update(params, state.ema_params, 1 - decay)
-        metrics = {"loss": value, "gradient_norm": optax.tree.norm(gradient)}
+        norm = optax.tree.norm(gradient)
+        metrics = {"loss": value, "gradient_norm": norm, **parts}
         return TrainState(state.step + 1, params, ema_params, opt_state), metrics
 
     return step

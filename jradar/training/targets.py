@@ -15,10 +15,10 @@ from jaxtyping import Array, Float
 
 from jradar import data
 from jradar.compiled import jit
+from jradar.data import Batch
 from jradar.model import ViewGrid
 from jradar.model.grids.polar import LIDAR, MAX_RANGE_M
 from jradar.range_image import close_gaps, encode_target, observed_pixels
-from jradar.training.step import Batch
 
 GAP_PIXELS = 2  # between the LiDAR's beams, closed in targets
 REACH_M = 0.3  # distance at which the nearness of polar images is 0

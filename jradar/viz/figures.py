@@ -28,7 +28,7 @@ STYLES = {  # colour and size of a point
     "detections": ("tab:red", 2.7),
     "jradar": ("tab:blue", 1.2),
 }
-LEGEND_SIZE = 3  # of a marker, beside its size in the picture
+LEGEND_SIZE = 3  # of a marker, relative to its size in the picture
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:
@@ -172,7 +172,7 @@ def _draw_spectrum(axes: Axes, power, radar):
 
 
 def _draw_azimuths(axes: Axes, power, radar):
-    """Draw power [range, azimuth] over degrees; colours leave the leakage out."""
+    """Draw power [range, azimuth] over degrees; the colours ignore the leakage."""
     sines, _ = direction_sines(radar, num_azimuth=power.shape[1])
     seen = np.abs(sines) <= 1
     level = 10 * np.log10(power[:, seen] + power.max() * 1e-12 + 1e-30)

@@ -31,8 +31,9 @@ def error_curves_figure(
     """Draw the cumulative distribution of the Chamfer distance per scene (Fig. 6).
 
     `errors[scene][method]` holds a number per frame. NaN means that the method found
-    nothing: it is worse than any error, so the curve ends below 1. The axis ends where
-    every method has at least 98 % of its errors. Raises ValueError without scenes.
+    nothing, which is worse than any error, so the curve ends below 1. The axis ends
+    where every method has at least 98 % of its errors. Raises ValueError without
+    scenes.
     """
     if not errors:
         raise ValueError("no scenes to draw, expected at least one")

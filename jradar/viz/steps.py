@@ -102,7 +102,7 @@ def _draw_clouds(axes: Axes, clouds, colours, *, right, up):
 
 
 def _draw_wedge(axes: Axes, angles, reach, *, turned):
-    """Draw the edge of the field of view; `turned` means that x points up."""
+    """Draw the edge of the field of view; x points up if `turned`."""
     arc = np.linspace(angles[0], angles[1], 61)
     forward = np.r_[0, reach * np.cos(arc), 0]
     across = np.r_[0, reach * np.sin(arc), 0]

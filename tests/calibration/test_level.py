@@ -86,7 +86,7 @@ def test_factors_undo_the_phases_of_a_tilt():
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 1, 0.0)])
 def test_without_motion_ahead_or_with_one_row_nothing_is_said(velocity):
-    with pytest.raises(ValueError, match="0 of 8 frames tell the tilt, expected 5"):
+    with pytest.raises(ValueError, match="0 of 8 frames show the tilt, expected 5"):
         level_tilt(seen(velocity, 5.0), CHIP)
     with pytest.raises(ValueError, match="one row of antennas"):
         level_tilt(seen(velocity, 5.0), RadarSpec.awr1642())

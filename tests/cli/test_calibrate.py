@@ -20,7 +20,7 @@ def test_the_written_file_calibrates_the_recording(uncalibrated, run_json, tmp_p
     phase, *_ = rows.values()
     assert phase["after"] < 2 < 5 < phase["before"]
     hidden = " ".join(found["not_observable"])
-    assert "turn of all azimuths" in hidden and "transmitter 2" in hidden
+    assert "rotation of all azimuths" in hidden and "transmitter 2" in hidden
     plain, better = open_recording(uncalibrated), open_recording(uncalibrated, file)
     factors = better.radar.channels
     assert factors is not None and len(found["channels"]) == 12

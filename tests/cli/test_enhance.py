@@ -111,7 +111,7 @@ def test_another_radar_than_in_training_is_noted(
     assert main([*command, "--anyway", "-o", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
     assert "training steps" in out and "one row of antennas" in out
-    assert "other radars (awr1843), expect worse clouds: " in out
+    assert "other radars (awr1843), so expect worse clouds: " in out
     assert "8 virtual antennas here, 12 in training" in out and "range to" not in out
 
 

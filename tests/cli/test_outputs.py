@@ -89,7 +89,7 @@ def test_files_of_somebody_else_are_never_touched(own, commands, refused):
         "record": "recordings are never overwritten",
         "walk.tum": "walk.tum was not written by this command",
         "map": "map.ply was not written by this command",
-        "finetune": "which is not of a fine-tuning",
+        "finetune": "which fine-tuning did not write",
         "score": "evaluation/report.html was not written by this command",
         "prepare": "own is neither empty nor a folder of records, it holds ",
         "preview": "preparation.png was not written by this command",

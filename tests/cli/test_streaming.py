@@ -130,9 +130,13 @@ def test_enhanced_frames_become_one_file(
     [
         (["live"], 2, "--radar, such as the .cfg"),
         (["live", "--radar", "{cfg}", "--host", "192.0.2.1"], 3, "has no address"),
-        (["live", "--replay", "{bin}", "-o", "out.bag"], 2, "expected a file .mcap"),
+        (["live", "--replay", "{bin}", "-o", "out.bag"], 2, "expected an .mcap file"),
         (["live", "--replay", "no.bin"], 2, "no such file"),
-        (["live", "--replay", "{flat}"], 2, "--model none, a cloud in the plane"),
+        (
+            ["live", "--replay", "{flat}"],
+            2,
+            "--model radarhd` for a cloud",
+        ),
         (["enhance", "{bin}", "-o", "a.mcap", "--flat"], 2, "a.mcap is one file"),
         (["enhance", "{bin}", "-o", "a", "--flat", "--picture"], 2, "leave out --fl"),
         (["replay", "{bin}", "--card", "192.0.2.1"], 3, "has no address 192.0.2.1"),

@@ -5,16 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.diffusion import (
-    OCCUPANCY,
+from jradar.diffusion import OCCUPANCY, NoiseSpec, precondition
+from jradar.diffusion.occupancy import prior
+from jradar.diffusion.occupancy_losses import (
     SHARE,
-    NoiseSpec,
     dice_loss,
     estimate_loss,
     log_odds_loss,
     occupancy_loss,
-    precondition,
-    prior,
 )
 
 RARE = NoiseSpec(prediction=OCCUPANCY, sigma_data=0.1, sigma_max=1e4)

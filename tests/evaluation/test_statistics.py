@@ -4,11 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import wilcoxon
 
-from jradar.evaluation.statistics import (
-    compare_methods,
-    compare_paired,
-    mean_interval,
-)
+from jradar.evaluation.statistics import compare_methods, compare_paired, mean_interval
 from tests.evaluation import invented
 
 

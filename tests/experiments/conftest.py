@@ -62,10 +62,9 @@ def made(records):
 def random_model(config, records: Records) -> Model:
     """A model of random parameters for a config."""
     spec = build.build_spec(config, records)
-    pair = build.build_pairs(spec, records)[0]
-    shapes = (*pair.lidar.shape, 2), pair.condition.shape
+    shapes = spec.grid.image_shape, spec.grid.condition_shape
     params = random_params(spec.network, *shapes)
-    return Model(params, spec, build.build_card(config, records))
+    return Model(params, spec, card=build.build_card(config, records))
 
 
 class Run(NamedTuple):

@@ -11,10 +11,12 @@ from jradar.data import PrepareSpec, Records, prepare
 from jradar.evaluation import read_scores
 from jradar.evaluation.report import load_clouds
 from jradar.lidar import LidarSpec
-from jradar.model import folder as models, save_model
+from jradar.model import save_model
+from jradar.options import models
 from jradar.simulation import sets
 from tests.experiments.conftest import random_model
 from tests.experiments.tiny_config import shrink
+from tests.models import changed, tiny_polar_model
 from tests.recordings.small_sequence import write_sequence, write_splits
 
 
@@ -39,14 +41,15 @@ def workdir(tmp_path, config):
 
 @pytest.mark.slow
 def test_shipped_models_are_scored(workdir, config, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
+    monkeypatch.setattr(models, "WEIGHTS", tmp_path / "weights")
     model = random_model(config, Records(workdir / "data" / "records"))
-    far = dataclasses.replace(model.spec.grid.fine, max_range_m=15.0)
+    far = dataclasses.replace(model.spec.frame_grid.view, max_range_m=15.0)
     plain = {"method": "regression"}
     changes = {"jradar-sim": {}, "more": {}, "other": {"fine": far}, "plain": plain}
     for name, change in changes.items():
-        spec = dataclasses.replace(model.spec, **change)
-        save_model(tmp_path / "weights" / name, dataclasses.replace(model, spec=spec))
+        other = dataclasses.replace(model, spec=changed(model.spec, **change))
+        save_model(tmp_path / "weights" / name, other)
+    save_model(tmp_path / "weights" / "plane", tiny_polar_model())
     demo.evaluate(config, workdir)
     out, err = capsys.readouterr()
     assert "Expect F-scores" in out and "other is for another" in err
@@ -63,7 +66,7 @@ def test_shipped_models_are_scored(workdir, config, tmp_path, monkeypatch, capsy
 def test_clouds_pictures_and_scores_stand_beside_the_report(
     workdir, config, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(models, "SHIPPED", tmp_path / "weights")
+    monkeypatch.setattr(models, "WEIGHTS", tmp_path / "weights")
     demo.evaluate(config, workdir)
     text = capsys.readouterr().out
     parts = ("ships no model", "| OS-CFAR |", "| ms |")

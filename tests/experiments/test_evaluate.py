@@ -11,6 +11,7 @@ from experiments import build, enhance
 from experiments.configs import regression
 from jradar import data, evaluation
 from jradar.errors import UsageError
+from jradar.evaluation.detectors import detected, seen_points, smeared
 from jradar.model import Model
 from jradar.radar import PointSpec
 from jradar.range_image import encode_range
@@ -35,15 +36,15 @@ def trained(records, made):
     """A config of direct regression, a model, its training records and pairs."""
     config, model = made(regression)
     frames = data.Records(records, "train")
-    return config, model, frames, build.build_pairs(model.spec, frames)
+    return config, model, frames, data.pairs_of(model.spec, frames)
 
 
 def test_direct_regression_draws_the_networks_answer(trained):
     config, model, frames, pairs = trained
-    params, spec = model.params, model.spec
+    params, spec, grid = model.params, model.spec, model.spec.grid
     # A network that answers 5 m everywhere, by the bias of its last layer.
     value = encode_range(
-        jnp.asarray(5.0), max_range_m=spec.fine.max_range_m, codec=spec.codec
+        jnp.asarray(5.0), max_range_m=grid.fine.max_range_m, codec=grid.codec
     )
     out = np.float32([value, 1.0]) / spec.noise.sigma_data
     changed = jax.tree.map(np.zeros_like, params)
@@ -65,9 +66,7 @@ def test_ranges_of_detections_are_without_the_radars_bias(records):
     mask = np.asarray(frame.cells.power) >= np.sort(frame.cells.power, axis=None)[-20]
     mask[:, : mask.shape[1] // 4] = False  # far enough to be nearer
     plain, mended = (
-        evaluation.points_of(
-            evaluation.seen_points(frame._replace(range_bias_m=bias), mask, wide)
-        )
+        evaluation.points_of(seen_points(frame._replace(range_bias_m=bias), mask, wide))
         for bias in (0.0, 0.3)
     )
     assert len(plain) == len(mended) > 0
@@ -90,9 +89,7 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
     view, frame = evaluation.records_in_view(records), records[0]
     all_round = {"azimuth": (-3.0, 3.0), "elevation": (-1.5, 1.5), "max_range_m": 99.0}
     view = view._replace(fine=dataclasses.replace(view.fine, **all_round))
-    found = evaluation.points_of(
-        evaluation.detected(frame, view, detector="so", rate=rate)
-    )
+    found = evaluation.points_of(detected(frame, view, detector="so", rate=rate))
     expected = evaluation.points_of(frame.radar)
     assert len(expected) > 10 and view.points(frame).range_window == "blackman"
     np.testing.assert_allclose(found, expected, atol=0.01)  # angles are float16
@@ -101,16 +98,16 @@ def test_detectors_take_the_windows_of_the_records(tmp_path):
 def test_splat_smears_the_points_by_20_cm_to_one_for_each_pixel(records):
     view = evaluation.records_in_view(data.Records(records, "train"))
     middle = PointCloud.from_xyz(np.array([[5.0, 0, 0]]))
-    cloud = evaluation.smeared(jax.random.key(1), middle, view)
+    cloud = smeared(jax.random.key(1), middle, view)
     assert cloud.valid.shape == (128 * 512,) and cloud.valid.all()
     np.testing.assert_allclose(cloud.xyz.mean(0), [5, 0, 0], atol=0.01)
     np.testing.assert_allclose(np.cov(cloud.xyz.T), 0.04 * np.eye(3), atol=0.002)
     edge = PointCloud.from_xyz(np.array([[view.fine.max_range_m, 0, 0]]))
-    assert evaluation.smeared(
-        jax.random.key(1), edge, view
-    ).valid.mean() == pytest.approx(0.5, abs=0.02)
+    assert smeared(jax.random.key(1), edge, view).valid.mean() == pytest.approx(
+        0.5, abs=0.02
+    )
     nothing = PointCloud.from_xyz(np.zeros((4, 3)))
-    assert not evaluation.smeared(jax.random.key(1), nothing, view).valid.any()
+    assert not smeared(jax.random.key(1), nothing, view).valid.any()
 
 
 def test_points_for_the_report_keep_the_confidence_that_a_cloud_has():

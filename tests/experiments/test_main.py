@@ -13,9 +13,9 @@ import pytest
 
 from experiments import build, enhance, main as command, maps, rpdnet, train
 from experiments.configs import smoke
-from experiments.radarhd.model import networks
+from experiments.radarhd.model import build_spec
 from experiments.weights import initial_weights
-from jradar.data import Records
+from jradar.data import Records, pairs_of
 from jradar.errors import UsageError
 from jradar.evaluation import mean_scores, points_of, write_scores
 from jradar.model import draw
@@ -65,9 +65,9 @@ def test_validation_scores_what_the_final_table_scores(made, records, tmp_path):
     checked = Records(records, "validation")
     found = enhance.validate(config, model, checked, picture=tmp_path / "some.png")
     key, clouds = build.random_key(config, build.SAMPLE_KEY), []
-    for i, pair in enumerate(build.build_pairs(model.spec, checked)):
+    for i, pair in enumerate(pairs_of(model.spec, checked)):
         image = draw(jax.random.fold_in(key, i), pair.condition, model, draws=3)
-        clouds.append(points_of(image_cloud(image, model.spec.grid.fine)))
+        clouds.append(points_of(image_cloud(image, model.spec.frame_grid.view)))
     assert found == mean_scores(clouds, [frame.lidar_xyz for frame in checked])
     assert np.isfinite(found["chamfer"])
 
@@ -155,8 +155,8 @@ def test_a_workdir_is_for_one_config(finished, change, message, capsys):
         (["--config.sampling.solver=huge"], 2, "sampling.solver = 'huge', expected"),
         ([NOWHERE], 2, "data.path = nowhere: no such"),
         ([RADARHD, NOWHERE], 2, "data.path = nowhere: no such"),
-        ([RADARHD, NOWHERE, "--mode=eval"], 5, "no weights at"),
-        ([RADARHD, "--config.weights=no", "--mode=eval"], 2, "weights = no: no such"),
+        ([RADARHD, NOWHERE, "--mode=eval"], 5, "no model at"),
+        ([RADARHD, "--config.model=no", "--mode=eval"], 5, "no model at no: expected"),
         (["--config.data.set=nothing"], 2, "config.data: set 'nothing', expected one"),
         (["--config.train.initial=nowhere"], 2, "no weights at train.initial"),
         (["--config.image.azimuth_deg=(-60.0, 30.0)"], 2, "cannot be mirrored"),
@@ -222,8 +222,11 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
     assert f"--config=experiments/configs/{path.stem}.py" in module.__doc__
     assert config.purpose
     if config.task == "radarhd":
-        network, noise = networks(config)
-        assert network.outputs == 1 and noise.prediction.name == "occupancy"
+        spec = build_spec(config)
+        assert spec.noise.prediction.name == "occupancy"
+        assert spec.grid.condition_shape[-1] == config.data.history
+        shapes = ((1, *spec.grid.image_shape), (1, *spec.grid.condition_shape))
+        assert shapes_of(spec.network, *shapes)[0] == shapes[0]
         return
     if config.task == "maps":
         found, _ = shapes_of(maps.network(config), (1, 64, 64, 64), (1, 64, 64, 67))
@@ -238,8 +241,7 @@ def test_config_is_buildable_and_its_record_names_its_command(records, path):
     spec = build.build_spec(config, Records(records, "train"))
     assert spec.points.false_alarm_rate == 1.0
     assert callable(build.build_loss(config.loss, method=config.method))
-    image = (1, *spec.fine.shape, 2)
-    condition = (1, *spec.coarse.shape, 3 * spec.num_slices)
+    image, condition = (1, *spec.grid.image_shape), (1, *spec.grid.condition_shape)
     found, names = shapes_of(spec.network, image, condition)
     anchors = 3 * getattr(spec.network, "anchors", 0)
     assert found == (*image[:-1], spec.network.outputs + anchors)

@@ -7,7 +7,7 @@ from experiments import main, maps
 from experiments.configs import maps as recipe
 from jradar.errors import UsageError
 from jradar.evaluation import reliability
-from jradar.mapping import load_map_model
+from jradar.model import load_model
 from tests.mapping.test_maps import room, save_run
 
 
@@ -101,8 +101,8 @@ def test_a_short_run_trains_saves_and_scores(folder, tmp_path, capsys, kept):
     assert f"| {scored} " in table and table in capsys.readouterr().out
     drawn = [path.stem for path in (workdir / "evaluation").glob("*.png")]
     assert drawn == ["mine_run2" if "mine" in kept else "hall_run0"]
-    model = load_map_model(workdir)
+    model = load_model(workdir)
     trained = "4 patches of 2 runs" if "mine" in kept else "6 patches of 3 runs"
-    assert trained in model.trained_on
+    assert trained in model.card.trained_on
     assert main.main([*command, "--mode=eval", "--config.evaluation.split=test"]) == 0
     assert "| hall " in (workdir / "evaluation" / "table.md").read_text()

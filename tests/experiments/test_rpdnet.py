@@ -70,8 +70,7 @@ def test_it_learns_a_mask_that_a_threshold_cannot_give(config):
     config.train.update(learning_rate=2e-2, steps=150)
     optimizer = build_optimizer(config.train)
     params = rpdnet_params(jax.random.key(0, impl="rbg"), detector, (16, 16))
-    step = jnp.zeros((), jnp.int32)
-    state = training.TrainState(step, params, params, optimizer.init(params))
+    state = training.state_of(params, optimizer)
     step = make_rpdnet_step(detector, optimizer, adversarial=0.0, ema_decay=0.5)
     for _ in range(150):
         state, _ = step(state, jax.random.key(0), batch)

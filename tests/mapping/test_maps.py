@@ -1,31 +1,31 @@
 """ColoRadar's patches, images of them, and the model of maps."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jradar import mapping, training
-from jradar.errors import ModelError
+from jradar.errors import ModelError, UsageError
 from jradar.mapping.predict import SPREAD
 from jradar.mapping.recording import occupancy_grid
 from jradar.mapping.tiles import symmetric
 from jradar.metrics import f_score
-from jradar.model.grids.columns.answers import METHODS
-from jradar.model.grids.columns.images import (
-    Circle,
+from jradar.model import draw, load_model
+from jradar.model.grids.base import Question
+from jradar.model.grids.columns import (
+    NOISE,
     condition_columns,
     outline,
     target_columns,
 )
+from jradar.model.grids.columns.images import Circle
 from jradar.outputs.clouds import write_pcd
 from jradar.training import LOSSES
 from jradar.types import PointCloud
-from tests.models import tiny_map_model
+from tests.models import tiny_map_model, tiny_model
 
-SPEC = tiny_map_model().spec
+GRID = mapping.column_grid(tiny_map_model())
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def save_run(path, run):
 def test_columns_hold_each_voxel_at_its_place():
     voxels = np.array([[10, 20, 5], [11, 20, 99], [9, 20, 5], [10, 20, -50]])
     circle = Circle(12, 22, 2.0)
-    image = condition_columns(voxels, (10, 20, 0), (8, 8), SPEC, observed=circle)
+    image = condition_columns(voxels, (10, 20, 0), (8, 8), GRID, observed=circle)
     assert image.shape == (8, 8, 16 + 3)
     heights = image[..., :16]
     # Voxels beyond the image are left out to the sides, and clipped in height.
@@ -65,14 +65,14 @@ def test_columns_hold_each_voxel_at_its_place():
     assert image[0, 0, -2] == pytest.approx(8 * 0.15 / 4)
     assert (image[..., -1] == 1).all()
     unknown = {"observed": None, "height_known": False}
-    hidden = condition_columns(voxels, (10, 20, 0), (8, 8), SPEC, **unknown)
+    hidden = condition_columns(voxels, (10, 20, 0), (8, 8), GRID, **unknown)
     assert (hidden[..., -3] == 1).all()
     assert not hidden[..., -2:].any()
 
 
 def test_targets_hold_the_lidar_voxels_of_the_image():
     lidar = np.array([[2, 2, 1], [6, 2, 1], [9, 2, 1], [2, 2, 40]])
-    image = target_columns(lidar, (0, 0, 0), (8, 8), SPEC)
+    image = target_columns(lidar, (0, 0, 0), (8, 8), GRID)
     assert np.argwhere(image).tolist() == [[2, 2, 1], [6, 2, 1]]
 
 
@@ -86,7 +86,7 @@ def test_quarter_turns_and_mirrors_are_eight_different_images():
 
 def test_tiles_show_the_patch_and_repeat_with_their_seed():
     run = room(np.random.default_rng(0))
-    tiles = mapping.Tiles([run], SPEC, mapping.TileSpec(whole=0.5))
+    tiles = mapping.Tiles([run], GRID, mapping.TileSpec(whole=0.5))
     first, again = (tiles.draw(tiles[1], np.random.default_rng(3)) for _ in range(2))
     assert all((a == b).all() for a, b in zip(first, again, strict=True))
     assert first.condition.shape == (32, 32, 19)
@@ -97,12 +97,11 @@ def test_tiles_show_the_patch_and_repeat_with_their_seed():
 def test_the_loss_is_least_where_the_odds_are_right():
     target = np.zeros((1, 4, 4, 16), np.float32)
     target[0, :2, :, 3] = 1
-    method = METHODS["occupancy"]
+    loss, noise = LOSSES["columns"]["occupancy"], NOISE["occupancy"]
 
     def at(odds):
-        denoise = functools.partial(lambda odds, x, sigma: odds, jnp.asarray(odds))
-        loss = LOSSES["columns"]["occupancy"]
-        return float(loss(None, denoise, target, noise=method.noise))
+        known = jnp.asarray(odds)
+        return float(loss(None, lambda x, sigma: known, target, noise=noise))
 
     right = np.where(target > 0, 20.0, -20.0)
     assert at(right) < 0.01 < at(np.zeros(target.shape))
@@ -111,26 +110,43 @@ def test_the_loss_is_least_where_the_odds_are_right():
 
 def test_a_draw_from_the_truth_scores_the_truth():
     """A denoiser that knows the answer draws it, whatever the noise."""
-    method = METHODS["diffusion"]
-    clean = np.random.default_rng(0).random((1, 4, 4, 16)) < 0.1
-    known = jnp.asarray(2 * (clean - 0.03))
-    denoise = jax.random.key(0), lambda x, sigma: known
-    found = method.scores(*denoise, clean.shape, method.noise, draws=2)
-    np.testing.assert_allclose(found, clean, atol=1e-3)
+    clean = np.random.default_rng(0).random((4, 4, 16)) < 0.1
+    known = jnp.asarray(2 * (clean - 0.03))[None]
+    condition, key = jnp.zeros((4, 4, 16 + 3)), jax.random.key(0)
+    noise = NOISE["diffusion"]
+    asked = Question(key, lambda seen: lambda x, sigma: known, condition, noise, 1.0)
+    for draws in (1, 2):
+        found = GRID.answer("diffusion", asked, draws=draws)
+        np.testing.assert_allclose(found, clean, atol=1e-3)
+
+
+def test_a_model_of_draws_repeats_with_its_key_and_one_of_one_pass_takes_none():
+    condition = jax.random.uniform(jax.random.key(1), GRID.condition_shape)
+    model, quick = tiny_map_model("diffusion"), {"draws": 2, "steps": 1}
+    first, again, other = (
+        draw(jax.random.key(k), condition, model, **quick) for k in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert first.shape == GRID.image_shape and np.abs(first - other).max() > 1e-3
+    assert 0 <= first.min() and first.max() <= 1
+    with pytest.raises(UsageError, match="steps: a model of one pass draws no samples"):
+        draw(jax.random.key(0), condition, tiny_map_model(), steps=3)
+    with pytest.raises(ValueError, match=r"\[x, y, channel\] with 19 channels"):
+        draw(jax.random.key(0), condition[..., 1:], tiny_map_model())
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NOISE)
 def test_a_few_steps_of_training_learn_a_room(model, name):
     optax = pytest.importorskip("optax")
     rooms = [room(np.random.default_rng(0))]
-    tiles = mapping.Tiles(rooms, SPEC, mapping.TileSpec(whole=0.0))
+    tiles = mapping.Tiles(rooms, GRID, mapping.TileSpec(whole=0.0))
     optimizer = optax.adam(1e-2)
     state = training.TrainState(
         np.zeros((), np.int32), model.params, model.params, optimizer.init(model.params)
     )
-    noise, loss = METHODS[name].noise, LOSSES["columns"][name]
-    step = training.make_train_step(model.network, optimizer, noise, loss=loss)
+    network, loss = model.spec.network, LOSSES["columns"][name]
+    step = training.make_train_step(network, optimizer, NOISE[name], loss=loss)
     rng, losses = np.random.default_rng(1), []
     items = [tiles.draw(tiles[0], rng) for _ in range(2)]
     batch = training.Batch(*map(np.stack, zip(*items, strict=True)))
@@ -214,19 +230,19 @@ def test_real_runs_of_coloradar(samples):
     for run in runs[::8]:
         radar, lidar = run.patch(3)
         assert (len(radar), len(lidar)) == (2048, 8192)
-        metres = SPEC.metres(lidar)
+        metres = GRID.metres(lidar)
         assert 0.06 < mapping.published_distance(metres) < 0.2
         # The radar's voxels are seldom the LiDAR's.
         exact = mapping.published_distance(metres)
-        score = f_score(SPEC.metres(radar), metres, within_m=exact)
+        score = f_score(GRID.metres(radar), metres, within_m=exact)
         assert 0.01 < score < 0.25
 
 
 @pytest.mark.slow
 def test_the_shipped_model_completes_a_run_that_it_has_not_seen(samples):
-    model = mapping.load_map_model("jradar-maps")
+    model = load_model("jradar-maps")
     runs = {run.name: run for run in mapping.open_runs(samples / "coloradar_maps")}
-    run, metres = runs["edgar_army_run5"], model.spec.metres
+    run, metres = runs["edgar_army_run5"], mapping.column_grid(model).metres
     for number in (0, 100):
         radar, lidar = run.patch(number)
         found = mapping.enhance_patch(radar, model)
@@ -236,23 +252,6 @@ def test_the_shipped_model_completes_a_run_that_it_has_not_seen(samples):
         before = f_score(metres(radar), truth, within_m=exact)
         found_m = metres(found.voxels[:count])
         assert f_score(found_m, truth, within_m=exact) > 3 * before > 0
-
-
-def test_a_model_is_saved_and_loaded_and_damage_is_noticed(model, tmp_path):
-    mapping.save_map_model(tmp_path / "m", model, dtype=np.float32)
-    found = mapping.load_map_model(tmp_path / "m")
-    assert found.spec == model.spec
-    assert found.network == model.network
-    jax.tree.map(np.testing.assert_array_equal, found.params, model.params)
-    assert "\n" not in repr(found)
-    weights = tmp_path / "m" / "weights.safetensors"
-    content = bytearray(weights.read_bytes())
-    content[-1] ^= 1
-    weights.write_bytes(content)
-    with pytest.raises(ModelError, match="does not match its digest"):
-        mapping.load_map_model(tmp_path / "m")
-    with pytest.raises(ModelError, match="no model of maps at"):
-        mapping.load_map_model(tmp_path / "none")
 
 
 def test_patches_and_maps_are_completed_where_they_are(model):
@@ -267,6 +266,8 @@ def test_patches_and_maps_are_completed_where_they_are(model):
         assert len(shown & moved) > 0.99 * len(shown)
     with pytest.raises(ValueError, match="no voxels"):
         mapping.enhance_map(radar[:0], model)
+    with pytest.raises(ModelError, match="this model sees single frames, .* maps"):
+        mapping.enhance_map(radar, tiny_model())
     far = np.concatenate([radar, radar + (10**6, 10**6, 0)])
     with pytest.raises(ValueError, match="do its poses jump"):
         mapping.enhance_map(far, model)
@@ -277,7 +278,7 @@ def test_a_plan_is_occupied_free_or_unknown_as_map_server_reads_it(tmp_path):
     voxels = np.array([[8, 0, 0], [8, 1, 1], [3, 5, 30]])
     wall = mapping.Occupied(voxels, np.full(3, 0.9))
     free = np.array([[x, 0, 0] for x in range(8)])
-    found = mapping.RecordingMap(mapping.MapSpec(), wall, wall, free, path, ())
+    found = mapping.RecordingMap(GRID, wall, wall, free, path, ())
     grid, corner = occupancy_grid(found)
     # Rows from the far end of y; the voxel high above is not in the way.
     assert grid.shape == (2, 9)

@@ -34,12 +34,12 @@ def test_a_map_stands_in_the_world_of_the_recorded_poses(recording):
     assert near.notes == ()
     np.testing.assert_allclose(np.ptp(near.path, axis=0), (1.1, 0, 0), atol=1e-3)
     moved = far.radar.voxels.mean(0) - near.radar.voxels.mean(0)
-    np.testing.assert_allclose(moved * near.spec.voxel_m, (39.9, 0, 0), atol=0.1)
+    np.testing.assert_allclose(moved * near.grid.voxel_m, (39.9, 0, 0), atol=0.1)
 
 
 def test_without_poses_doppler_gives_the_path(recording):
     found = mapping.map_recording(recording, tiny_map_model())
-    assert "poses by Doppler and none" in found.notes
+    assert "poses from Doppler and none" in found.notes
     ground = found.path[:, :2]  # the radar stands; few echoes show its height
     assert np.ptp(ground, axis=0).max() < 0.2
 

@@ -266,4 +266,4 @@ def test_the_shipped_models_are_whole_and_small():
             points = dataclasses.replace(model.spec.points, remove_interference=False)
             assert points == PointSpec(false_alarm_rate=1.0, num_azimuth=64)
     size = sum(p.stat().st_size for f in folders.values() for p in f.iterdir())
-    assert size <= 60_000_000
+    assert size <= 65_000_000  # as text; the wheel is smaller

@@ -138,7 +138,7 @@ def test_pixels_whose_doppler_differs_from_a_world_at_rest_move():
 
 
 def test_a_diffusion_model_and_missing_poses_are_refused():
-    with pytest.raises(UsageError, match="expected 'marginal'"):
+    with pytest.raises(UsageError, match="expected marginal"):
         mixtures(jnp.zeros(CONDITION_SHAPE), tiny_model())
     with pytest.raises(ValueError, match="one for each frame"):
         fused([frame_of(wall(4.0))], STILL)

@@ -68,7 +68,7 @@ def test_an_empty_cloud_is_written(tmp_path, name):
 
 
 def test_other_names_what_exists_and_missing_packages_are_named(tmp_path, monkeypatch):
-    with pytest.raises(UsageError, match=r"expected a file \.mcap, a ROS 2 bag"):
+    with pytest.raises(UsageError, match=r"expected an \.mcap file, a \.ros2 bag"):
         open_writer(tmp_path / "out.bag")
     needed = ("foxglove", "out.mcap", "live"), ("rosbags.rosbag2", "out.ros2", "ros")
     for package, name, extra in needed:

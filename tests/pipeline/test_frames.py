@@ -223,7 +223,7 @@ def test_two_frames_are_fused_by_their_poses_without_what_moves(monkeypatch):
         ({"frames": slice(3, None)}, "walk has frames 0 to 2"),
         (
             {"fuse": 2},
-            "cannot fuse frames: expected range images and the",
+            "the model answers by diffusion, expected marginal",
         ),
         ({"least_confidence": 0.5, "draws": 1}, "this model has no confidence"),
     ],

@@ -100,7 +100,7 @@ def test_the_cloud_the_images_and_a_picture_are_written(enhanced, tmp_path):
         ({"draws": 2}, "draws: a model of one pass draws no"),
         (
             {"fuse": 2},
-            "cannot fuse frames: expected range images and the",
+            "the model answers by occupancy, expected marginal",
         ),
     ],
 )

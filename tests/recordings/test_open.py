@@ -32,7 +32,7 @@ def test_missing_files_are_named(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such radar description"):
         open_recording(path, tmp_path / "other.toml")
     (tmp_path / "radar.toml").unlink()
-    with pytest.raises(UsageError, match="no radar descriptions beside"):
+    with pytest.raises(UsageError, match="no radar descriptions next to"):
         open_recording(path)
 
 

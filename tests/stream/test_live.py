@@ -142,7 +142,7 @@ def test_packets_of_others_are_reported_once_while_frames_go_on(processor):
         options |= {"finished": lambda: arrived(receiver)}
         session = run_live(receiver, processor, [], **options)
     assert session.published == len(CUBES)
-    assert len(said) == 1 and "150 packets of other senders" in said[0]
+    assert len(said) == 1 and "150 packets from other senders" in said[0]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

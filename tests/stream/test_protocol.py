@@ -39,9 +39,9 @@ def test_packets_hold_both_counters(place):
 
 @pytest.mark.parametrize("raw", [b"", b"x" * 8, bytes.fromhex("5aa509000100aaee")])
 def test_damaged_messages_are_refused(raw):
-    with pytest.raises(ValueError, match="is no command"):
+    with pytest.raises(ValueError, match="is not a card.s command"):
         unpack_command(raw)
-    with pytest.raises(ValueError, match="is no reply"):
+    with pytest.raises(ValueError, match="is not a card.s reply"):
         unpack_reply(raw[:7])
 
 

@@ -15,9 +15,10 @@ from jradar.model import load_model, save_model
 from jradar.training import FinetuneSpec, choosing, finetune, finetuning
 from jradar.training.choosing import SCORE, Scores, kept_change
 from jradar.training.replay import Old, halves
-from tests.models import SPEC, tiny_model
+from tests.models import GRID, tiny_model
 from tests.recordings.small_sequence import write_sequence, write_splits
 
+VIEW = {k: getattr(GRID.view, k) for k in ("azimuth", "elevation", "max_range_m")}
 QUICK = FinetuneSpec(steps=8, batch_size=2, learning_rate=1e-2, replay=0.5)
 
 
@@ -27,10 +28,7 @@ def records(tmp_path_factory):
     for seed, (name, frames) in enumerate({"a": 4, "b": 2}.items()):
         write_sequence(source, name, frames=frames, seed=seed)
     write_splits(source, {"a": "train", "b": "validation"})
-    view = {
-        k: getattr(SPEC.grid.fine, k) for k in ("azimuth", "elevation", "max_range_m")
-    }
-    prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
+    prepare(source, folder, PrepareSpec(lidar=LidarSpec(**VIEW)), workers=1)
     return folder
 
 
@@ -147,16 +145,13 @@ def test_records_without_a_validation_split_say_how_to_get_one(start, tmp_path):
     source, folder = tmp_path / "source", tmp_path / "records"
     source.mkdir()
     write_sequence(source, "walk", frames=2)
-    view = {
-        k: getattr(SPEC.grid.fine, k) for k in ("azimuth", "elevation", "max_range_m")
-    }
-    prepare(source, folder, PrepareSpec(lidar=LidarSpec(**view)), workers=1)
+    prepare(source, folder, PrepareSpec(lidar=LidarSpec(**VIEW)), workers=1)
     with pytest.raises(UsageError, match=r"no validation frames.*--validation NAME"):
         finetune(folder, tmp_path / "mine", model=start, spec=QUICK)
 
 
 def test_another_field_of_view_is_refused(records, tmp_path):
-    wide = dataclasses.replace(SPEC.grid.fine, max_range_m=20.0)
+    wide = dataclasses.replace(GRID.view, max_range_m=20.0)
     save_model(tmp_path / "wide", tiny_model(fine=wide), dtype=np.float32)
     with pytest.raises(UsageError, match="was prepared for the view"):
         finetune(records, tmp_path / "mine", model=tmp_path / "wide", spec=QUICK)

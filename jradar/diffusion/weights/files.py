@@ -77,7 +77,7 @@ def read_params(path: Path | str) -> Any:
 
     Raises FileNotFoundError for a missing file, ValueError for a damaged one.
     """
-    # Converted by NumPy and placed in one call: else JAX compiles a program a shape.
+    # Converted by NumPy and placed in one call: else JAX compiles one for each shape.
     flat = {n: v.astype(np.float32) for n, v in read_state(path).items()}
     return flax.traverse_util.unflatten_dict(jax.device_put(flat), sep="/")
 
@@ -123,7 +123,7 @@ def misfit(
     image_shape: tuple[int, int, int],
     condition_shape: tuple[int, int, int],
 ) -> str:
-    """Return in what parameters do not fit a network, naming the first; "" if they do.
+    """Return how parameters do not fit a network, naming the first; "" if they do.
 
     Shapes of images and conditions are [row, column, channel].
     """

@@ -43,8 +43,8 @@ def by_level(state: State) -> State:
 def without_labels(state: State) -> State:
     """Return a class-conditional network's tensors as those of one without classes.
 
-    They answer without a label as for a label of zeros, of which the bias of
-    `map_label` remains: it is added into the bias of the next layer.
+    EDM's networks treat a missing label as a label of zeros. Of that, the bias of
+    `map_label` remains, and is added to the bias of the next layer.
     """
     folded = dict(state)
     bias = folded.pop("map_label.bias", None)

@@ -68,7 +68,7 @@ class Grid(abc.ABC):
 
     @abc.abstractmethod
     def kept(self, image: Any, least: Any, tables: Tables, condition: Any) -> Any:
-        """Return an image without what is unsure; `least` None: as the tables say."""
+        """Return an image without unsure pixels; None takes `least` of the tables."""
 
 
 class FrameGrid(Grid):
@@ -120,16 +120,16 @@ class FrameGrid(Grid):
         """Return the image as arrays to save, by name, where `shown` is True."""
 
     def compared(self, cloud: PointCloud) -> PointCloud:
-        """Return the part of a cloud, or of a LiDAR's scan, that a score is of."""
+        """Return the part of a cloud, or of a LiDAR's scan, that scores compare."""
         return cloud
 
     @property
     def caution(self) -> str:
-        """What is never right about the heights or angles of these clouds; or ""."""
+        """What is never right about the heights or angles of these clouds, or ""."""
         return ""
 
 
 def no_draws(sampling: Mapping[str, Any], why: str) -> None:
     """Raise UsageError for options of samplers."""
     if sampling:
-        raise UsageError(f"{', '.join(sampling)}: {why}, leave these options out")
+        raise UsageError(f"{', '.join(sampling)}: {why}, so leave these options out")

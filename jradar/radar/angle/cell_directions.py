@@ -72,7 +72,7 @@ def strongest_peaks(
     radar: RadarSpec,
     points: PointSpec,
 ) -> tuple[Float[Array, " point"], tuple[Angles, Angles], Int[Array, " point"]]:
-    """Power, direction and place in `power` of the strongest of all peaks.
+    """Power, direction and index in `power` of the strongest peaks of the frame.
 
     A cell's first peak has the power of its cell. The peaks of all cells therefore
     include the strongest ones of the frame.

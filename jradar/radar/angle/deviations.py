@@ -5,12 +5,12 @@ for one target in white noise, to first order in the noise:
 
     range, velocity    the noise of the three cells that place the peak between bins,
                        and the bias of a rectangular window, an eighth of a bin
-    direction sines    the Cramer-Rao bound of the array, and what an error of velocity
-                       adds through the phase of the transmitters' turns
+    direction sines    the Cramer-Rao bound of the array, and the effect of a velocity
+                       error on the phases between the transmitters' chirps
 
 Other targets within a beam or two bins, interference and errors of calibration add to
-these. So does a weak SNR: below 15 dB by a tenth for 12 antennas, and below 20 dB by
-half for 192.
+these. A weak SNR adds a tenth below 15 dB for 12 antennas, and a half below 20 dB for
+192.
 """
 
 import functools
@@ -32,7 +32,7 @@ LEAST_SNR = 1e-3
 
 
 class Deviations(NamedTuple):
-    """Standard deviations of points; infinite for padding and what is not measured."""
+    """Standard deviations of points; infinite for padding and unmeasured values."""
 
     range_m: Float[Array, "*batch point"]
     velocity_mps: Float[Array, "*batch point"]
@@ -47,8 +47,8 @@ def point_deviations(
     """Return the standard deviations of the points of `radar_points` with `points`.
 
     An array without an aperture along an axis does not measure that angle. With a
-    coupling, give `points.subtracting` it. Raises ValueError for a cloud without SNR,
-    and for points that lie on bins.
+    coupling, pass `points.subtracting(coupling)`. Raises ValueError for a cloud without
+    SNR, and for points that lie on bins.
     """
     if cloud.snr is None:
         raise ValueError("the cloud has no snr: pass the cloud of radar_points")
@@ -107,7 +107,7 @@ def offset_deviation(kind: str, length: int) -> float:
 def offset_bias(kind: str, length: int) -> float:
     """Return the error of `window_offset` in bins without noise; host.
 
-    It is the root mean square over targets between bins, and next to nothing where the
+    It is the root mean square over targets between bins, and almost 0 where the
     parabola's bias is removed.
     """
     if length < 3:

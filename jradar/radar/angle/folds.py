@@ -1,16 +1,16 @@
 """Velocities beyond the unambiguous one: the fold, estimated from the virtual array.
 
 A target that is faster than `max_velocity_mps` appears `fold` times twice that velocity
-away. Its phase from one transmitter's turn to the next is then compensated wrongly, and
-its direction is wrong too:
+away. The phases between its transmitters' chirps are then compensated wrongly, and its
+direction is wrong too:
 
-    fold k          adds 2 pi k f_t / num_tx to transmitter t, f_t its place in time
+    fold k          adds 2 pi k f_t / num_tx to transmitter t, the f_t-th to fire
     right fold      the array's phases are a plane wave: the beam has full power
     wrong fold      they jump between transmitters: the beam is weaker
 
-Folds that differ by num_tx look alike. Transmitters whose virtual antennas overlap tell
-folds apart in every direction; those in a row of their own do not, because a jump looks
-like another elevation.
+Folds that differ by num_tx look alike. Transmitters whose virtual antennas overlap
+separate folds in every direction. A transmitter with a row of its own does not, because
+a jump looks like another elevation.
 """
 
 from typing import Any, NamedTuple

@@ -83,7 +83,7 @@ def focus(
 
 
 def _paths(distance, azimuth, elevation, radar):
-    """Half of each pair's path beyond the mean, and beyond a plane wave's; metres."""
+    """Half of each pair's path minus the mean, and minus a plane wave's; metres."""
     direction = jnp.stack(
         [
             jnp.cos(elevation) * jnp.cos(azimuth),
@@ -107,7 +107,7 @@ def _paths(distance, azimuth, elevation, radar):
 
 
 def _extra(direction, far, places):
-    """Distances to antennas beyond the origin's, and beyond a plane wave's."""
+    """Distances to antennas minus the origin's, and minus a plane wave's."""
     antennas = jnp.asarray(places, jnp.float32)
     plane = -jnp.matmul(direction, antennas.T, precision="highest")
     square = jnp.broadcast_to((antennas**2).sum(-1), plane.shape)
@@ -125,7 +125,7 @@ def _pairs(tx, rx):
 
 
 def _main_lobe(bins, kind):
-    """The window's response `bins` beside a tone, 1 at the tone."""
+    """The window's response `bins` away from a tone, 1 at the tone."""
     first, *others = WINDOWS[kind]
     total = first * jnp.sinc(bins)
     for k, coefficient in enumerate(others, 1):

@@ -2,13 +2,13 @@
 
 The elements lie on a grid of columns and rows; tx-rx pairs at the same position are
 averaged. The grid is zero-padded and Fourier transformed. For a single target, the peak
-of the spectrum is the maximum-likelihood direction, also with sparse rows.
+of the spectrum is the maximum-likelihood direction, even with sparse rows.
 
     elements [row, column]  --2-D FFT-->  [elevation, azimuth], in direction sines
                                           w = sin el, u = sin az cos el
 
 An array with one row does not measure elevation: its spectrum has one elevation bin,
-and its elevation is 0. An array with one column does not measure azimuth, likewise.
+and its elevation is 0. Likewise, an array with one column does not measure azimuth.
 Positions grow to the left and upwards as seen from behind.
 
 `direction` finds the strongest direction faster, without this spectrum.
@@ -114,8 +114,8 @@ def azimuth_map(
 ) -> Float[Array, "range azimuth"]:
     """Return the power of each range over the `direction_sines` of the azimuth.
 
-    Takes what `range_doppler` returns of one frame. Each range shows its strongest
-    velocity, and of each azimuth the strongest elevation.
+    Takes what `range_doppler` returns for one frame. Each range shows its strongest
+    velocity, and each azimuth its strongest elevation.
     """
     bins = jnp.arange(radar.num_range_bins)
     row = power[:, bins].argmax(0)
@@ -134,8 +134,8 @@ def spectrum_peaks(
 ) -> Peaks:
     """Return the `count` strongest local maxima of an `angle_spectrum`.
 
-    A maximum exceeds its eight neighbours among the bins with u^2 + w^2 <= 1; others
-    are no directions. It is `valid` if it lies at most 6 dB below the strongest:
+    A maximum exceeds its eight neighbours among the bins with u^2 + w^2 <= 1; other
+    bins are not directions. It is `valid` if it lies at most 6 dB below the strongest:
     uniform rows have side lobes 13 dB down, sparse rows higher ones. `interpolate`
     places it between bins by parabolas and makes it differentiable. A spectrum over
     azimuth only has one row.

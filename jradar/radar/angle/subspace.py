@@ -103,10 +103,10 @@ def subspace_directions(
 ) -> tuple[Angle, Angle]:
     """Return azimuth and elevation in radians of each snapshot by "capon" or "music".
 
-    The azimuth is the highest maximum of `capon_spectrum`; or among the maxima of
-    `music_spectrum`, whose heights are not powers, the one at which the conventional
-    beam is strongest. The elevation follows from the phases between beams of the rows
-    towards it. A second target in such a beam bends it: see `subspace_peaks`.
+    With Capon, the azimuth is the highest maximum of the spectrum. With MUSIC, whose
+    heights are not powers, it is the maximum at which the conventional beam is
+    strongest. The elevation follows from the phases between the rows' beams towards
+    that azimuth. A second target in such a beam shifts it: see `subspace_peaks`.
     """
 
     def strongest(cell):
@@ -140,7 +140,7 @@ def spectrum_maxima(
     """Return the sines, between bins, and ranks of the maxima of one spectrum.
 
     They are the `count` with the highest `rank`, by default the spectrum itself. A rank
-    of -1 is none.
+    of -1 means that there is no maximum.
     """
     u, _ = direction_sines(radar, num_azimuth=len(spectrum))
     left, right = jnp.roll(spectrum, 1), jnp.roll(spectrum, -1)

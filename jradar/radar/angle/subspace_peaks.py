@@ -6,7 +6,7 @@
     elevation   the phases between rows of what the other waves leave
 
 The other targets are subtracted, because a beam towards one of them still receives the
-rest: their phases would bend its elevation.
+rest, and their phases would shift its elevation.
 """
 
 import jax
@@ -45,8 +45,8 @@ def subspace_peaks(
     """Return up to `count` targets of each snapshot, strongest first.
 
     `method` is "capon" or "music". Power is that of a target's plane wave. A peak is
-    `valid` down to 6 dB below the strongest one: with Capon in the spectrum and in
-    power, with MUSIC in power, and no more of them than `num_sources`. Raises
+    `valid` if its power is at most 6 dB below the strongest one's; with Capon, so must
+    be its height in the spectrum; with MUSIC, at most `num_sources` are. Raises
     ValueError for another method or count, and as `music_spectrum`.
     """
     if method not in METHODS:

@@ -7,10 +7,10 @@ a recording keeps little of what moves, even slowly: unlike the mean over one fr
 `remove_static` subtracts, which also removes people who stop. The leakage of the
 antennas is part of the background, so that no `coupling` must be subtracted with it.
 
-The background of a real radar turns by some hundredths of a radian as it warms up, from
-frame to frame and within a frame. A factor for each chirp follows it, the same for all
-antennas. Subtracting a subspace of several components would follow more, but walkers
-who are in the frames of the background are among these components.
+The phase of a real radar's background drifts by some hundredths of a radian as the
+radar warms up, from frame to frame and within a frame. A factor for each chirp, the
+same for all antennas, follows it. A subspace of several components would follow more,
+but would also contain people who walk through the background's frames.
 """
 
 from collections.abc import Iterable
@@ -45,7 +45,7 @@ def static_background(
 def subtract_background(
     cube: Cube, background: Inexact[Array, "_tx _rx _sample"]
 ) -> Inexact[Array, "*batch tx rx chirp sample"]:
-    """Subtract the background, times the factor of each chirp that fits it best.
+    """Subtract the background, scaled by the factor that fits each chirp best.
 
     The factor is complex for complex samples. The fit is weighted by a Hann window over
     samples, so that echoes in other range bins do not disturb it. A background of zeros

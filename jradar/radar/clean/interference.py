@@ -1,6 +1,6 @@
 """Crossing chirps of other radars: their samples, and how these are excised.
 
-A chirp of slope S' that crosses the own chirp of slope S beats against it. The beat
+A chirp of slope S' that crosses the radar's own of slope S beats against it. The beat
 sweeps through the receiver's band in f_s / |S' - S| seconds, so a few samples of some
 chirps are disturbed, in all receivers at once:
 
@@ -12,13 +12,14 @@ chirps are disturbed, in all receivers at once:
 
 In the spectrum, such a burst lies over all ranges and velocities, as noise does. Echoes
 fill all samples and few cells. `excise_interference` takes the cells far over the floor
-as the echoes, compares what is left of each sample with what is usual, and puts the
-echoes alone where a sample stands out. It repeats this with lower thresholds, because
-the floor falls with each pass (Bechter et al. 2017). What is usual is the median over
-chirps (Wagner et al. 2018), or over the samples of the chirp if that is more, because
-strong echoes are not known well at the edges of the frame, where the windows are low.
+as the echoes, compares the rest of each sample with its usual power, and replaces the
+samples that stand out by the echoes. It repeats this with lower thresholds, because the
+floor falls with each pass (Bechter et al. 2017). The usual power is the larger of two
+medians: over chirps (Wagner et al. 2018), and over the samples of the chirp. The second
+is needed at the edges of the frame, where the windows are low and strong echoes are not
+known well.
 
-A radar whose chirps keep step with the own ones, so that a burst lies in the same
+A radar whose chirps keep in step with the radar's own, so that a burst lies in the same
 sample of most chirps, is not found.
 """
 
@@ -40,7 +41,7 @@ from jradar.radar.samples import Cube, as_samples
 PASSES = (8.0, 2.0, 1.0, 1.0)  # factors on the threshold: strong bursts come first
 ECHO = 6.0  # power over the median cell from which a cell counts as an echo
 SURE = 0.2  # window's weight below which the echoes are not known well
-TINY = 1e-30  # instead of nothing left over, in frames of zeros
+TINY = 1e-30  # in place of a rest of 0, in frames of zeros
 EDGE = 0.1  # of the band, over which the receiver's filter falls to 0
 BANDWIDTH_HZ = (0.5e9, 4e9)  # of another radar's sweep
 SWEEP_S = (20e-6, 80e-6)  # its duration
@@ -56,7 +57,7 @@ class Interferers(NamedTuple):
     start_s: Float[Array, " interferer"]  # of one of the sweeps
     period_s: Float[Array, " interferer"]  # from sweep to sweep
     sweep_s: Float[Array, " interferer"]  # duration
-    start_hz: Float[Array, " interferer"]  # relative to the own chirp's start
+    start_hz: Float[Array, " interferer"]  # relative to the start of the radar's chirp
     slope_hz_per_s: Float[Array, " interferer"]
     azimuth: Float[Array, " interferer"]  # radians, as seen by the receivers
     elevation: Float[Array, " interferer"]
@@ -73,8 +74,8 @@ def draw_interferers(
 ) -> Interferers:
     """Return radars of random waveforms, times and directions in front of the radar.
 
-    Each sweeps 0.5 to 4 GHz up or down, over the middle of the own samples, in 20 to
-    80 us. Sweeps follow one another with pauses of 10 to 60 %.
+    Each sweeps 0.5 to 4 GHz up or down, over the middle of the radar's samples, in 20
+    to 80 us. Sweeps follow one another with pauses of 10 to 60 %.
     """
     part = jax.random.uniform(key, (8, count))
 
@@ -103,10 +104,10 @@ def crossing_chirps(
 ) -> Inexact[Array, "tx rx chirp sample"]:
     """Return the samples that other radars add to one frame, complex or real.
 
-    The beat against the own chirp has the phase of a linear sweep, and a random one for
-    each chirp (Kim, Mun & Lee 2018). It is heard where its frequency lies in the band:
-    0 to f_s of complex samples, -f_s / 2 to f_s / 2 of real ones. A beat that crosses
-    the band in less than a sample rings for one sample with the same energy.
+    The beat against the radar's chirp has the phase of a linear sweep, and a random one
+    for each chirp (Kim, Mun & Lee 2018). It is heard where its frequency lies in the
+    band: 0 to f_s of complex samples, -f_s / 2 to f_s / 2 of real ones. A beat that
+    crosses the band in less than a sample rings for one sample with the same energy.
     """
     turn_s = radar.turn_period_s * np.arange(radar.num_chirps)
     first_s = radar.chirp_period_s * radar.firing_position[:, None] + turn_s
@@ -161,13 +162,13 @@ def excise_interference(
 ) -> tuple[
     Inexact[Array, "*batch tx rx chirp sample"], Bool[Array, "*batch tx chirp sample"]
 ]:
-    """Replace samples that a crossing chirp disturbs; return also which they are.
+    """Replace samples that a crossing chirp disturbs; also return which they are.
 
     A sample is disturbed if its power without the echoes, summed over receivers,
-    exceeds the median over all chirps, and that over the samples of its chirp, by a
-    factor that noise exceeds at `false_alarm_rate`; so are its two neighbours. All
-    others are returned bit for bit. A frame of one chirp has no median over chirps, and
-    is returned as it is.
+    exceeds both the median over all chirps and that over its chirp's samples by a
+    factor, which noise does at `false_alarm_rate`. Its two neighbours count as
+    disturbed, too. All others are returned bit for bit. A frame of one chirp has no
+    median over chirps, and is returned as it is.
     """
     cube = as_samples(cube)
     freedom = cube.shape[-3] * (1.0 if jnp.iscomplexobj(cube) else 0.5)
@@ -178,12 +179,12 @@ def excise_interference(
 
 
 def _passes(cube, times, *, spare=True):
-    """Excise frames by these thresholds; a pass that no frame needs is spared."""
+    """Excise frames by these thresholds; a pass that no frame needs is skipped."""
     weight = to_rank(np.asarray(taper(*cube.shape[-2:]), cube.real.dtype), cube)
     unsure = jnp.maximum(1, SURE / weight[..., 0, :, :]) ** 2
 
     def left_over(cleaned):
-        """The echoes, and each sample's power without them over the usual one."""
+        """The echoes, and each sample's power without them over the usual power."""
         echoes = _echoes(cleaned * weight)
         left = cube * weight - echoes
         power = (left.real**2 + left.imag**2).sum(-3) / weight[..., 0, :, :] ** 2
@@ -221,7 +222,7 @@ def _to_left(values, like):
     return values.reshape(*values.shape, *(like.ndim - values.ndim) * [1])
 
 
-# `vmap` would compute all passes of all frames, as it makes choices of conditions.
+# `vmap` turns a condition into a selection, which computes all passes of all frames.
 _batched = jax.custom_batching.custom_vmap(_passes)
 _excised = jax.custom_jvp(_batched)
 
@@ -233,7 +234,7 @@ def _together(_size, _batched_arguments, cube, times):  # of which the cube alon
 
 @_excised.defjvp
 def _jvp(primals, tangents):
-    # JAX cannot transpose a condition that `vmap` has made a choice.
+    # JAX cannot transpose a condition that `vmap` has turned into a selection.
     every = functools.partial(_passes, spare=False)
     _, change = jax.jvp(every, primals, tangents)
     return _excised(*primals), change

@@ -24,16 +24,16 @@ The kinds of detectors differ in their noise estimate:
 
 Doppler wraps around. `edge` says what happens at the ends of the range axis:
 
-    shrink      the window loses the cells beyond the map; the multiplier knows
+    shrink      the window loses the cells beyond the map; the multiplier allows for it
     one_sided   the half that is not complete is left out (TI's mmWave SDK and CASO)
     fill        missing cells are taken from the other side (MATLAB's CFARDetector);
                 CA and OS along range only
-    reflect     the map goes on mirrored, without its last cell twice (NumPy's reflect)
+    reflect     the map continues mirrored, its last cell once (NumPy's reflect)
     wrap        range wraps around as Doppler does
     skip        cells without a complete window are not detected (MATLAB's
                 CFARDetector2D, for both axes)
 
-A fixed `factor` replaces the rate, to repeat others' detectors.
+A fixed `factor` replaces the rate, to reproduce other detectors.
 
 Multipliers are exact for square-law noise that is independent from cell to cell (see
 `multipliers`). They are computed on the host, so the rate is static. A rate of 1
@@ -145,7 +145,7 @@ def noise_floor(
 
     The SNR of a cell is its power over this. The ordered statistic is exact. It is
     found by bisection over the bits of float32, which are ordered like the numbers, so
-    its gradient is 0; those of the other kinds reach the training cells.
+    its gradient is 0. The other kinds have gradients with respect to the cells.
     """
     power, window = linear_power(power), Window(guard, train, edge)
     check_window(window, kind)
@@ -158,7 +158,7 @@ def noise_floor(
 
 
 def linear_power(power: Power) -> Map:
-    """Return a power map in float32, or in float64 if it is.
+    """Return a power map in float32, or in float64 if it already is.
 
     Raises ValueError for values that are not powers and for a map without both axes.
     """
@@ -244,7 +244,7 @@ def _rank(cells):
 
 @functools.lru_cache(256)
 def _multipliers(kind, rate, channels, shape, window, tapers):
-    """Multiplier of each range bin behind `tapers` over chirps and samples; host."""
+    """Multiplier of each range bin for `tapers` over chirps and samples; host."""
     low, high = cells_per_range_bin(shape, window)
 
     @functools.cache

@@ -31,7 +31,7 @@ class Cluster(NamedTuple):
 def map_peaks(
     power: Float[Array, "*batch doppler range"],
 ) -> Bool[Array, "*batch doppler range"]:
-    """Return the cells that exceed their eight neighbours; of equal ones, one does.
+    """Return the cells that exceed their eight neighbours; of equal ones, one counts.
 
     The Doppler axis wraps around, the range axis ends.
     """
@@ -49,9 +49,9 @@ def cluster(
     """Return clusters of a cloud's valid points (DBSCAN), strongest first; host.
 
     Two points are neighbours within an ellipsoid of `radius_m` in place and
-    `radius_mps` in velocity. Of fewer than `min_points` neighbours, itself included, a
-    point starts no cluster, and is left out if no neighbour does. Raises ValueError for
-    a radius of 0 or less and for batches.
+    `radius_mps` in velocity. A point with fewer than `min_points` neighbours, itself
+    included, does not start a cluster, and is left out unless a neighbour does. Raises
+    ValueError for a radius of 0 or less and for batches.
     """
     if cloud.xyz.ndim != 2:
         raise ValueError(

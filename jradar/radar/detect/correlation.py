@@ -11,7 +11,7 @@ such cells scatters as the mean of fewer independent ones, and so does a rank:
 Summed power of several antennas is nearly normal, which gives the second c as a series
 in r (Mehler's formula). Tested cells are independent of their training cells only if
 the guard cells cover the window's main lobe: two cells on a side with Hann, three with
-Blackman. With fewer, the false-alarm rate falls below the one that was asked.
+Blackman. With fewer, the false-alarm rate falls below the one asked for.
 """
 
 import functools
@@ -28,7 +28,7 @@ LEAST = 1e-6  # shares below it do not count
 
 
 def shared_variance(kind: str, bins: int) -> np.ndarray:
-    """Return r of cells at lags 0 .. bins - 1 behind this window; host."""
+    """Return r of cells at lags 0 .. bins - 1 for this window; host."""
     spectrum = np.abs(np.fft.fft(window(kind, bins) ** 2))
     return (spectrum / spectrum[0]) ** 2
 

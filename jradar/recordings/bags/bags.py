@@ -1,9 +1,9 @@
-"""LiDAR clouds and IMUs in ROS bags, through the package `rosbags`; no ROS is needed.
+"""LiDAR clouds and IMUs in ROS bags, read by the package `rosbags`, without ROS.
 
     recording.bag                     ROS 1
     folder with metadata.yaml         ROS 2, SQLite or MCAP; or a single .db3 or .mcap
 
-Of a single .mcap that was cut off, the whole messages are read, with a note.
+If a single .mcap was cut off, its whole messages are read, and a note says so.
 `messages` lists the types of messages that hold clouds. An IMU that lies still with z
 upwards measures a specific force of +9.81 m/s^2 along z.
 """
@@ -62,9 +62,9 @@ class TopicStream(Stream):
     ):
         """Read the times of all messages of `topic`.
 
-        `sensor` names the sensor in notes. Without a header the times of recording
-        count. Stamps of another clock are moved `on_recorders_clock`, or only noted.
-        `extracted` is what `extract` returns for each message.
+        `sensor` names the sensor in notes. Messages without a header have their times
+        of recording. Stamps of another clock are moved `on_recorders_clock`, or only
+        noted. `extracted` is what `extract` returns for each message.
         """
         self.path, self.topic, self._sensor = path, topic, sensor
         self._moves = on_recorders_clock
@@ -83,7 +83,7 @@ class TopicStream(Stream):
 
     def decoded(self, index: int, decode: Callable[[bytes], Any]) -> Any:
         """Return what `decode` makes of message `index`; errors name it."""
-        time = int(self._times[index])  # several messages may have the same
+        time = int(self._times[index])  # several messages may have the same time
         before = int(np.searchsorted(self._times, time))
         near = messages(self.path, self.topic, time, time + 1)
         with contextlib.closing(near):
@@ -119,7 +119,7 @@ class TopicStream(Stream):
 class LidarStream(TopicStream):
     """Clouds of one topic: float32 [point, 4], x y z intensity, in the LiDAR's frame.
 
-    Missing returns, points at (0, 0, 0) or not finite, are removed.
+    Points at (0, 0, 0), and those that are not finite, are missing returns and removed.
     """
 
     def __init__(
@@ -179,8 +179,9 @@ def open_imu(
 ) -> tuple[Imu, tuple[str, ...]]:
     """Return the IMU in a bag, and notes on it.
 
-    `topic` is optional if only one holds sensor_msgs/Imu; of several records at one
-    time the first is kept. Errors as in `open_bag`; the clock as in `TopicStream`.
+    `topic` is optional if only one holds sensor_msgs/Imu. If several records have the
+    same time, the first is kept. Errors as in `open_bag`; the clock as in
+    `TopicStream`.
     """
     topic, _ = topic_of(path, topic, IMU.__eq__, IMU)
     path = Path(path)
@@ -238,14 +239,14 @@ def bag_topics(path: Path | str) -> dict[str, tuple[str, int]]:
 
 
 def bag_notes(path: Path | str) -> tuple[str, ...]:
-    """Return what of a bag could not be read, if it was cut off."""
+    """Return notes on what could not be read, if a bag was cut off."""
     with _opened(Path(path)) as reader:
         storage = getattr(reader, "storage", None)
         return getattr(storage, "notes", ())
 
 
 def bag_definition(path: Path | str, topic: str) -> str:
-    """Return the definition of a topic's messages, "" if the bag does not hold it."""
+    """Return the definition of a topic's messages, or "" if the bag holds none."""
     with _opened(Path(path)) as reader:
         found = [c for c in reader.connections if c.topic == topic]
         text = str(found[0].msgdef.data) if found else ""
@@ -269,9 +270,9 @@ def messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> Generator[tuple[str, int, bytes], None, None]:
-    """Yield topic, time in nanoseconds and bytes of messages, of one topic or of all.
+    """Yield topic, time in nanoseconds and bytes of the messages of one topic, or all.
 
-    The bag is locked until the last one.
+    The bag is locked until the last message.
     """
     with _opened(path) as reader:
         chosen = [c for c in reader.connections if topic in (None, c.topic)]
@@ -288,7 +289,7 @@ def _opened(path: Path) -> Iterator[Any]:
         raise FileNotFoundError(f"no such bag: {path}")
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     for file in files:
-        if not file.is_dir():  # refuses pipes and devices, and hours of YAML
+        if not file.is_dir():  # refuses pipes, devices, and YAML that takes hours
             limit = MOST_METADATA if file.suffix == ".yaml" else None
             open_file(file, limit=limit).close()
     stats = [file.stat() for file in files]

@@ -3,10 +3,10 @@
     magic | header | chunk, index | chunk, index .. | summary | footer, magic
                                                       ^ summary_start
 
-The package believes every size in a file, and unpacks a chunk however large it becomes.
-Here a record is taken only as far as the file goes, a chunk is unpacked to a limit, and
-the package parses both from memory. A recorder that was killed, or a computer that lost
-its power, leaves a file that ends anywhere:
+The package trusts every size in a file, and unpacks a chunk however large it becomes.
+Here a record ends at the end of the file at the latest, a chunk is unpacked up to a
+limit, and the package parses both from memory. If the recorder was killed, or the
+computer lost its power, a file can end anywhere:
 
     magic | header | chunk, index | chunk, index | half a chunk
 
@@ -34,7 +34,7 @@ FOOTER_BYTES = 20
 
 
 class Part(NamedTuple):
-    """Where a chunk begins, or a message outside of chunks, and what is in it."""
+    """Where a chunk, or a message outside of chunks, begins, and what it holds."""
 
     at: int
     first_ns: int
@@ -46,7 +46,7 @@ class McapFile:
     """Schemas, channels and messages of a file; `notes` say what cannot be read."""
 
     def __init__(self, file: BinaryIO, name: str):
-        """Read the summary, or scan; ValueError for a file cut off before a message."""
+        """Read the summary, or scan; ValueError if there is no whole message."""
         need = f"{name} needs mcap"
         self._records = optional("mcap.records", need=need, extra="ros")
         self._reader = optional("mcap.stream_reader", need=need, extra="ros")
@@ -94,7 +94,7 @@ class McapFile:
             yield heapq.heappop(waiting)[-1]
 
     def _summary(self) -> list[Any] | None:
-        """Return the records of the summary, [] without one; None without an end."""
+        """Return the summary's records: [] without a summary, None without an end."""
         at = self._size - HEAD.size - FOOTER_BYTES - len(MAGIC)
         footer = self._read(max(at, 0), self._size)
         if not footer.endswith(MAGIC) or HEAD.unpack_from(footer) != (FOOTER, 20):
@@ -148,7 +148,7 @@ class McapFile:
             self.notes += (f"{damaged} damaged chunks in {name} are left out",)
 
     def _add(self, at: int) -> None:
-        """Add a part, if it holds messages, and what it describes."""
+        """Add a part if it holds messages, and the schemas and channels in it."""
         found = [*self._messages(at)]
         for record in self._latest[1]:
             self._describe(record)
@@ -189,7 +189,7 @@ class McapFile:
         return data
 
     def _head(self, at: int) -> tuple[int, int] | None:
-        """Kind and size of the record at a place; None if it is not whole."""
+        """Return kind and size of the record at a place; None if it is not whole."""
         head = self._read(at, at + HEAD.size)
         if len(head) < HEAD.size:
             return None
@@ -214,7 +214,7 @@ def mcap_profile(path: Path) -> str | None:
 
 
 def is_other_mcap(path: Path) -> bool:
-    """Whether a file is an MCAP file of another profile than ROS's."""
+    """True for an MCAP file with a profile other than those of ROS."""
     return mcap_profile(path) not in (None, "ros1", "ros2")
 
 

@@ -1,4 +1,4 @@
-"""MCAP files of ROS 2 messages, also without their end, for the readers of rosbags."""
+"""MCAP files of ROS 2 messages, whole or cut off, for the readers of rosbags."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -24,7 +24,7 @@ QOS = "offered_qos_profiles"
 
 
 class McapStorage:
-    """One file, as rosbags calls a storage."""
+    """One file, with the methods that rosbags calls on a storage."""
 
     def __init__(self, path: Path):
         self.path, self.notes = path, ()
@@ -34,7 +34,7 @@ class McapStorage:
         """Read the index, or scan the file; ValueError without whole messages."""
         profile = mcap_profile(self.path)
         if profile != "ros2":
-            why = "Profile is not ros2" if profile is not None else "it is no MCAP file"
+            why = "Profile is not ros2" if profile is not None else "not an MCAP file"
             raise ValueError(why)
         self._file = McapFile(open_file(self.path), self.path.name)
         self.close = self._file.close
@@ -71,7 +71,7 @@ class McapStorage:
 
 
 class WholeMcapStorage(McapStorage):
-    """One file of a folder, whose metadata counts messages that must be there."""
+    """One file of a folder, which must hold all messages that the metadata counts."""
 
     def open(self) -> None:
         """Read the index; ValueError for a file that was cut off."""

@@ -1,13 +1,13 @@
-"""MCAP files that a killed program and a full disk leave readable.
+"""MCAP files that stay readable after a crash, and when the disk is full.
 
-The package `mcap` makes every record. How they reach the disk is ours, because the
+The package `mcap` makes every record. Our own code writes them to the disk, because the
 package writes to a buffer, in pieces, and can write only one end:
 
     header | chunk, index | chunk, index | end       whole: any reader opens it
-    header | chunk, index | chunk, index | chunk     the next chunk goes over the end
+    header | chunk, index | chunk, index | chunk     the next chunk replaces the end
 
-A chunk reaches the system as a whole. What does not fit on the disk is cut off, and the
-file ends with what came before, and an end without an index, which readers scan.
+A chunk reaches the system as a whole. If it does not fit on the disk, it is cut off.
+The file then has the chunks before it and an end without an index: readers scan it.
 """
 
 import contextlib
@@ -37,7 +37,7 @@ class Schema(NamedTuple):
 class McapWriter:
     """A new file; the end of a `with` block closes it.
 
-    Errors of the disk are OSErrors that name the file, which takes nothing more then.
+    Errors of the disk are OSErrors that name the file, which takes nothing after one.
     """
 
     def __init__(self, path: Path, *, profile: str = "ros2", compress: bool = False):
@@ -83,7 +83,7 @@ class McapWriter:
         self._writer.flush()
 
     def complete(self) -> None:
-        """Make the file whole, with its index; more can be written after that."""
+        """Make the file whole, with its index; more messages can follow."""
         if not self._complete and not self._file.failed:
             self._writer.flush()
             self._writer.finish()
@@ -99,7 +99,7 @@ class McapWriter:
 
 
 class _File:
-    """What the package writes to: bytes wait until they reach the disk together."""
+    """The file to which the package writes; bytes wait, and reach the disk together."""
 
     def __init__(self, path: Path):
         self.path, self.failed = path, False
@@ -123,7 +123,7 @@ class _File:
         return self._kept + self._size
 
     def flush(self, *, ends: bool = False) -> None:
-        """Write what waits, over an end; if it `ends` the file, the next goes over it.
+        """Write what waits, in place of an earlier end; `ends` says that it is an end.
 
         Raises OSError that names the file if it does not fit.
         """

@@ -1,4 +1,4 @@
-"""ROS messages: their bytes to stamps, structured arrays of points, and numbers.
+"""Decodes ROS messages into stamps, structured arrays of points, and numbers.
 
     sensor_msgs/PointCloud2      any fields and padding
     livox_.../CustomMsg          a table: 19 bytes a point in ROS 1, 20 in ROS 2's CDR,
@@ -67,7 +67,7 @@ def _order(raw: bytes, is_ros1: bool) -> str:
 
 
 def after_header(raw: bytes, is_ros1: bool, *, alignment: int = 8) -> tuple[str, int]:
-    """Return the order of bytes, and where fields of so many bytes begin."""
+    """Return the order of bytes, and where fields of `alignment` bytes begin."""
     order = _order(raw, is_ros1)
     (name,) = struct.unpack_from(f"{order}12xI", raw)
     aligned = -(-(12 + name) // alignment) * alignment

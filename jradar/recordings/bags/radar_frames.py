@@ -1,9 +1,9 @@
-"""Frames of a live radar in an MCAP file, which is a recording of its own.
+"""Frames of a live radar in an MCAP file, which is a complete recording.
 
     /radar/frames        jradar_msgs/RadarFrame, one for each frame
       header.stamp         arrival of its first packet, on this computer's clock
       header.frame_id      "radar"
-      uint32 lost_bytes    that never came, and are zeros
+      uint32 lost_bytes    number of bytes that never came, and are zeros
       int16[] samples      as the capture card sent them: [chirp][tx][rx][sample], with
                            I and Q in the order of the description
     /radar/description   std_msgs/String, once: the radar's TOML (`radar_toml`), with
@@ -97,7 +97,7 @@ class BagRecorder:
 
 
 def describes_its_radar(path: Path | str) -> bool:
-    """Whether a bag holds frames and the description of their radar."""
+    """True if a bag holds frames and the description of their radar."""
     path = Path(path)
     if not is_bag(path):
         return False
@@ -119,7 +119,7 @@ def described_radar(path: Path) -> Description:
         tables = tomllib.loads(text.rstrip(b"\0").decode())
     try:
         return Description(*radar_of_tables(source, tables))
-    except UsageError as error:  # which no option of the user caused
+    except UsageError as error:  # not caused by an option of the user
         raise ValueError(str(error)) from error
 
 

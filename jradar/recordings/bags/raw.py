@@ -6,8 +6,8 @@
     std_msgs/Int16MultiArray
 
 Numbers are in the order of the capture card, [chirp][tx][rx][sample]; `iq_order`
-describes I and Q. Only jradar's own bags describe the radar.
-An IMU in the bag is read, too, if there is one alone.
+describes I and Q. Only jradar's own bags describe the radar. If the bag holds exactly
+one IMU, it is read, too.
 """
 
 from collections.abc import Callable

@@ -1,8 +1,8 @@
 """The readers of rosbags, with limits on what they unpack.
 
-rosbags unpacks chunks, messages and files as a whole. These readers are subclasses, so
-that rosbags stays as it is for other code in the same program. MCAP is read by
-`McapStorage`, also where it lies in the folder of a bag.
+rosbags unpacks chunks, messages and files without a limit. These readers are
+subclasses, so that rosbags stays as it is for other code in the same program.
+`McapStorage` reads MCAP files, also those in the folder of a bag.
 """
 
 import functools
@@ -22,7 +22,7 @@ class Ros1Reader(rosbag1.Reader):
     """A bag of ROS 1."""
 
     def read_chunk(self) -> Any:
-        """Return the place of a chunk, and what unpacks it."""
+        """Return the place of a chunk, and the function that unpacks it."""
         chunk = super().read_chunk()
         (name,) = (n for n, how in decompressors.items() if how is chunk.decompressor)
         return chunk._replace(decompressor=functools.partial(unpack, name))
@@ -35,7 +35,7 @@ class FolderReader(DirectoryReader):
         **DirectoryReader.STORAGE_PLUGINS,
         "mcap": WholeMcapStorage,
     }
-    _packed = False  # messages, one by one
+    _packed = False  # True if each message is compressed
 
     def open(self) -> None:
         """Read the metadata; ValueError for a file that unpacks to too much."""

@@ -17,7 +17,7 @@ PIECE = 1 << 20
 
 
 def unpack(compression: str, data: bytes) -> bytes:
-    """Return what is in `data`; ValueError beyond `MOST_BYTES` and for a cut chunk."""
+    """Return unpacked `data`; ValueError beyond `MOST_BYTES`, or if it is cut off."""
     if compression in ("", "none"):
         return data
     if compression == "bz2":
@@ -47,12 +47,12 @@ def check_file(path: Path) -> None:
             while size <= limit and (piece := file.read(PIECE)):
                 size += len(piece)
     except (module.ZstdError, EOFError):
-        return  # it is no zstd file, or a damaged one: who unpacks it says so
+        return  # not a zstd file, or a damaged one, which its reader reports
     if size > limit:
         raise ValueError(f"a file unpacks to more than {limit:,} bytes")
 
 
 def zstd() -> Any:
-    """Return Python's module, or the one that stands in for it before Python 3.14."""
+    """Return Python's zstd module, or its replacement before Python 3.14."""
     reader = "rosbags.rosbag2.reader"
     return optional(reader, need="zstd in bags needs rosbags", extra="ros").zstd

@@ -31,7 +31,7 @@ def read_cloud(path: Path | str) -> dict[str, np.ndarray]:
     """Return the columns of a .pcd, .ply or .bin file: x, y, z and its other fields.
 
     A .bin file is float32 [point, 4], x y z intensity, as in KITTI and ColoRadar, or
-    [point, 5] with the laser's number, as in nuScenes. All points are kept, also
+    [point, 5] with the laser's number, as in nuScenes. All points are kept, including
     missing returns. Raises ValueError if the file's size does not fit its header.
     """
     path = Path(path)

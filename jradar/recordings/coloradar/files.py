@@ -87,7 +87,7 @@ def _numbered(folder: Path, prefix: str) -> dict[int, str]:
 
 
 def read_stamps(path: Path, notes: list[str]) -> Float[np.ndarray, " item"]:
-    """Return stamps in seconds from a file with one a line, seconds or nanoseconds.
+    """Return stamps in seconds from a file of lines of seconds or of nanoseconds.
 
     Stamps that fall or repeat are reported in `notes`.
     """

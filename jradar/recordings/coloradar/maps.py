@@ -64,8 +64,9 @@ class MapRun(NamedTuple):
     def place(self, number: int) -> Float[np.ndarray, " 2"]:
         """Return x and y of the robot in a patch, in metres.
 
-        A circle about the robot separates the columns of the patch from the others: the
-        one of the widest margin, by a linear program in its centre and c^2 - r^2.
+        A circle about the robot separates the columns of the patch from the others. The
+        one of the widest margin follows from a linear program in its centre c and
+        c^2 - r^2.
         """
         ours = np.unpackbits(self.lidar_in_patch[number], count=len(self.lidar)) > 0
         inside, outside = (

@@ -55,9 +55,9 @@ def read_cfg(
 ) -> tuple[RadarSpec, CaptureSpec]:
     """Return the radar that a `.cfg` configures on a board, and its sample stream.
 
-    `channel_factors` are those of the pairs of antennas in use, in firing order.
-    Of a file without factors, they are the signs of the board's receivers: measured
-    ones include these, unless `antPhaseRot` lists the signs separately. Raises
+    `channel_factors` are those of the pairs of antennas in use, in firing order. If the
+    file has no factors, they are the signs of the board's receivers. Measured factors
+    include these signs, unless `antPhaseRot` lists them separately. Raises
     UsageError for an unknown `device`, and ValueError for samples that the board does
     not deliver and as `radar_of_frame`.
     """

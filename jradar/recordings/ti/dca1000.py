@@ -98,7 +98,7 @@ def described_samples(
     """Return the radar of a stream of samples, checked, with its order of I and Q.
 
     `path` is the file of samples, which errors name. By default its description is the
-    only one beside it.
+    only one next to it.
     """
     description = description or find_description(path, DESCRIPTION_NAMES)
     found = read_description(description, device=device)

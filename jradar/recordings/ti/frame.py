@@ -65,7 +65,7 @@ class CaptureSpec:
 
 
 class Chirp(NamedTuple):
-    """What tells one chirp of a turn from the others."""
+    """What distinguishes one chirp of a turn from the others."""
 
     profile: Number
     variations: Sequence[Number]  # of frequency, slope and times

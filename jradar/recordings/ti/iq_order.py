@@ -26,7 +26,7 @@ TWO_LANES = IQ_ORDERS[:4]
 OTHER_INTERLEAVE = {"IIQQ": "IQIQ", "IQIQ": "IIQQ", "QQII": "QIQI", "QIQI": "QQII"}
 SWAPPED = {"IIQQ": "QQII", "IQIQ": "QIQI", "I4Q4": "Q4I4"}
 SWAPPED |= {swapped: order for order, swapped in SWAPPED.items()}
-LEAST_SAMPLES = 64  # for a spectrum in which both ends can be told apart
+LEAST_SAMPLES = 64  # for a spectrum whose two ends can be distinguished
 IMAGE_RATIO = 4.0  # 6 dB; a wrong interleave raises the images by 10 to 30 dB
 LEAKAGE_RATIO = 10.0  # the leakage exceeds the far end by 20 dB or more
 
@@ -120,9 +120,9 @@ def advise_iq_order(
     """Return advice if the spectrum of a frame contradicts `order`, else None.
 
     A wrong interleave adds to every echo its image on the other side of the range
-    axis' middle: the right one has the weaker images. Swapped I and Q reverse the range
-    axis. Part of the transmitted signal leaks directly into the receivers; it stands
-    still and belongs into the first range bins, so that a leakage in the last ones
+    axis' middle, so the right one has the weaker images. Swapped I and Q reverse the
+    range axis. Part of the transmitted signal leaks directly into the receivers; it
+    stands still and belongs in the first range bins, so that a leakage in the last ones
     shows the reversal. A silent frame, or noise alone, gives no advice.
     """
     if order not in SWAPPED or cube.shape[-1] < LEAST_SAMPLES:

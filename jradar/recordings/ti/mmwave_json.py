@@ -84,7 +84,7 @@ def read_mmwave_json(
 
 
 def _take(table: dict[str, Any], *keys: str, kind: Any = dict) -> Any:
-    """Return the value behind a chain of keys; ValueError if it is not of its kind."""
+    """Return the value at the end of these keys; ValueError for another kind."""
     value: Any = table
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None

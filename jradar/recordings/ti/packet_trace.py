@@ -108,7 +108,7 @@ def _packets(
 def _unwrapped(
     path: Path, counted: Int[np.ndarray, " packet"], times: np.ndarray
 ) -> Int[np.ndarray, " packet"]:
-    """Return byte counts that go on rising where the card's 48 bits begin again."""
+    """Return byte counts that keep rising where the card's 48-bit counter wraps."""
     whole = 1 << COUNT_BITS
     steps = (np.diff(counted) + whole // 2) % whole - whole // 2
     place = counted[0] + np.append(0, np.cumsum(steps))

@@ -6,9 +6,9 @@ measured on one board (`compRangeBiasAndRxChanPhase` in radarize_ae's 1843_v1.cf
 factor for each transmitter times a factor for each receiver reproduces all twelve to
 0.3 dB and 3 degrees. They spread by 3.5 dB and 47 degrees; the channels of an
 AWR6843AOP, measured in the same way, spread by 3.1 dB and 30 degrees. The phase of the
-third transmitter tilts the elevation by about 9 degrees, the other phases turn the
-azimuth by 1 degree. The coefficients cannot tell how much of that is due to the board,
-and how much to a reflector beside boresight. Measured ranges are 6.6 cm too long.
+third transmitter tilts the elevation by about 9 degrees, the other phases rotate the
+azimuth by 1 degree. The coefficients do not show how much of that is due to the board,
+and how much to a reflector off boresight. Measured ranges are 6.6 cm too long.
 
 The channels of every other unit are drawn from its seed, in the same form. A unit that
 was calibrated has a `calibration` that differs from its channels by the errors of the

@@ -3,11 +3,11 @@
 A mixer multiplies the echo with the signal sent at that moment. The phase noise is in
 both, a delay tau apart, and only its change remains (range correlation; Budge & Burt
 1993). Outside the loop's band phase noise falls by 20 dB a decade, so its derivative is
-white: an echo of delay tau is turned by tau w(t), with the same white w(t) for all
-echoes. A chirp of slope S gives a beat of S tau, and
+white: the phase of an echo of delay tau shifts by tau w(t), with the same white w(t)
+for all echoes. A chirp of slope S gives a beat of S tau, and
 
-    phase noise   w(t)   turns it as if samples were taken w / (2 pi S) late
-    jitter        d      of the chirp's start against the ADC turns it by 2 pi S tau d
+    phase noise   w(t)   shifts it as if samples were taken w / (2 pi S) late
+    jitter        d      of the chirp's start against the ADC shifts it by 2 pi S tau d
 
 so both are errors of the sampling time: the echo plus its derivative times the error.
 Each echo has a skirt that grows with its power and the square of its range. Phase noise

@@ -1,4 +1,4 @@
-"""Paths by way of the floor, and echoes between parallel walls.
+"""Paths via the floor, and echoes between parallel walls.
 
 A target at height h above a flat floor has an image at depth h. The floor may
 reflect the wave on neither, one or both of its legs, out and back:
@@ -64,7 +64,7 @@ def floor_paths(
     *,
     roughness_m: float,
 ) -> Paths:
-    """Return the paths to scatterers by way of the floor, one way and both ways.
+    """Return the paths to scatterers via the floor, one way and both ways.
 
     `spots` are the places and velocities of the `scattered` paths in the world. The
     floor is at least as rough as its material.
@@ -105,7 +105,7 @@ def floor_paths(
         offset[keep],
         (mirrored, through),
         rate,
-        # One reflection turns the phase by pi: a quarter of a wavelength in range.
+        # One reflection shifts the phase by pi: a quarter of a wavelength in range.
         longer_m=radar.wavelength_m / 4,
     )
 
@@ -119,10 +119,10 @@ def mirrored_paths(
     *,
     longer_m: float = 0.0,
 ) -> Paths:
-    """Return the paths to scatterers by way of a mirror, both ways and one way.
+    """Return the paths to scatterers via a mirror, both ways and one way.
 
     Their images lie at `offset` from the radar and recede at `rate`; the mirror and
-    what is before it pass `shares` of the power. One-way paths get `longer_m` longer.
+    all before it pass `shares` of the power. One-way paths become `longer_m` longer.
     """
     radar, seen, there = sight.radar, offset @ sight.view.turn, direct.xyz
     near, far = np.linalg.norm(there, axis=-1), np.linalg.norm(offset, axis=-1)
@@ -187,7 +187,7 @@ def echoes_between_walls(sight: Sight, facets: Facets) -> Paths:
         (side * length[:, None]) @ view.turn for side in (received, sent)
     )
     gain = LINK.antenna_gain(seen) * LINK.antenna_gain(departure)
-    # An image at range R returns the radar's own power over the way 2R: an area of
+    # An image at range R returns the radar's own power over the path 2R: an area of
     # pi R^2 (see `propagation`).
     area = np.pi * length**2 * lost * gain
     ahead = np.broadcast_to([1.0, 0.0, 0.0], seen.shape)

@@ -5,7 +5,7 @@ many such paths is complex Gaussian in every range bin, falls with range, and st
 still in the room. Many weak scatterers in random directions around the radar give these
 statistics: their amplitude falls as 1/R, and the antennas weigh their directions. A
 radar that moves sees each under its own Doppler shift; once it has moved by `FRESH_M`,
-the paths are others.
+the paths are new.
 
 Billingsley (2002, Low-angle radar land clutter, ch. 6) measured forests from VHF to X
 band. A share r / (1 + r) of the power stands still. The rest has an exponential

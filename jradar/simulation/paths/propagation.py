@@ -2,8 +2,8 @@
 
     scattered   points spread over the surfaces, each with its own speckle
     mirrored    the radar's image in a flat face, an edge or a corner
-    ghosts      a scatterer seen by way of a mirror: both ways (at its image), or one
-                way (half-way in range; sent towards one, received from the other)
+    ghosts      a scatterer seen via a mirror: both ways (at its image), or one way
+                (half-way in range; sent towards one, received from the other)
     bounces     ghosts in the floor, and echoes between walls, for units that have them
                 (see `bounces`)
 
@@ -56,7 +56,7 @@ def radar_paths(
 ) -> Paths:
     """Return the paths that the rig's radar `sensor` receives at a time.
 
-    The `unit` says which reflections between surfaces exist, and how the wind blows.
+    The `unit` determines the reflections between surfaces, and the wind.
     Paths below the noise are left out. Of the others the strongest `CAPACITY` stay,
     where strength is power times distance squared: far echoes are kept, too.
     """
@@ -208,7 +208,7 @@ def _mirrors(sight, facets, *, floor):
 
 
 def _ghosts(sight, facets, chosen, scattered, spots):
-    """Return paths to strong scatterers by way of the `chosen` mirrors."""
+    """Return paths to strong scatterers via the `chosen` mirrors."""
     view, radar, mirror = sight.view, sight.radar, sight.tables.mirrored
     height = ((view.xyz - facets.centre) * facets.normal).sum(-1)
     strong = np.arange(len(scattered.power))

@@ -17,6 +17,8 @@ from jradar.simulation.scenes.solids import (
 )
 from jradar.simulation.scenes.trajectory import walk
 
+Number = int | float
+
 
 def rectangle(low: Numbers, high: Numbers) -> np.ndarray:
     """Return the corners `[corner, 2]` of a rectangle in turn, along x first."""
@@ -24,7 +26,7 @@ def rectangle(low: Numbers, high: Numbers) -> np.ndarray:
     return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], float)
 
 
-def ring(length: float, depth: float, *, offset: float = 0.0) -> np.ndarray:
+def ring(length: Number, depth: Number, *, offset: Number = 0.0) -> np.ndarray:
     """Return the corners of a rectangle from (0, 0), moved by `offset`."""
     return rectangle((0, 0), (length, depth)) + offset
 
@@ -34,7 +36,7 @@ def sides(corners: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     return [*zip(corners, np.roll(corners, -1, 0), strict=True)]
 
 
-def glass_front(x0: float, x1: float, y: float, height: float) -> Solid:
+def glass_front(x0: Number, x1: Number, y: Number, height: Number) -> Solid:
     """Return a pane of glass along x."""
     corners = [(x0, y, 0.1), (x1, y, 0.1), (x1, y, height), (x0, y, height)]
     return sheet(corners, "glass")
@@ -44,7 +46,7 @@ def wall_with_openings(
     random: np.random.Generator,
     start: Numbers,
     end: Numbers,
-    height: float,
+    height: Number,
     material: str,
     kinds: Sequence[str],
 ) -> Solid:
@@ -60,7 +62,7 @@ def wall_with_openings(
 
 
 def floor_and_ceiling(
-    length: float, depth: float, height: float, *, margin: float = 0.2
+    length: Number, depth: Number, height: Number, *, margin: Number = 0.2
 ) -> list[Solid]:
     """Return floor and ceiling of rooms from (0, 0), larger by a margin."""
     low, high = (-margin, -margin), (length + margin, depth + margin)
@@ -69,9 +71,9 @@ def floor_and_ceiling(
 
 def shell(
     random: np.random.Generator,
-    length: float,
-    depth: float,
-    height: float,
+    length: Number,
+    depth: Number,
+    height: Number,
     material: str,
     kinds: Sequence[str],
 ) -> list[Solid]:
@@ -85,7 +87,7 @@ def shell(
 def beside_wall(
     random: np.random.Generator,
     side: tuple[np.ndarray, np.ndarray],
-    gap: float,
+    gap: Number,
     item: Solid,
 ) -> Solid:
     """Return an item placed at the wall of one side of a room."""
@@ -96,7 +98,7 @@ def beside_wall(
     return moved(item, (*spot, 0), yaw=float(np.arctan2(along[1], along[0])))
 
 
-def lamps(random: np.random.Generator, line: np.ndarray, height: float) -> list[Solid]:
+def lamps(random: np.random.Generator, line: np.ndarray, height: Number) -> list[Solid]:
     """Return lamps below the ceiling along a closed line."""
     lamps, every = [], random.uniform(2.5, 4.0)
     for a, b in sides(line):
@@ -108,7 +110,7 @@ def lamps(random: np.random.Generator, line: np.ndarray, height: float) -> list[
 
 
 def walker(random: np.random.Generator, way: np.ndarray) -> Body:
-    """Return a person who walks along a closed way."""
+    """Return a person who walks along a closed path."""
     ground = np.column_stack([way, np.zeros(len(way))])
     trajectory = walk(random, ground, speed_mps=random.uniform(0.7, 1.5))
     return make_body(random, person(random.uniform(1.55, 1.95)), trajectory=trajectory)

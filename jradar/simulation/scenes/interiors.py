@@ -46,11 +46,11 @@ from jradar.simulation.scenes.solids import (
 )
 from jradar.simulation.scenes.trajectory import walk
 
-LANE_M = 1.15  # from the walls of a living room to the way through it
+LANE_M = 1.15  # from the walls of a living room to the path through it
 
 
 def home(random: np.random.Generator) -> Layout:
-    """Return a flat of three rooms; the way leads around the living room."""
+    """Return a flat of three rooms; the path leads around the living room."""
     length, depth = random.uniform(5.2, 7.5), random.uniform(4.8, 6.5)
     beyond, height = random.uniform(3.0, 4.2), random.uniform(2.4, 2.8)
     split = depth * random.uniform(0.4, 0.6)
@@ -102,7 +102,7 @@ def home(random: np.random.Generator) -> Layout:
 
 
 def warehouse(random: np.random.Generator) -> Layout:
-    """Return a hall with rows of racks; the way leads around one of them."""
+    """Return a hall with rows of racks; the path leads around one of them."""
     rows, bays = int(random.integers(3, 5)), int(random.integers(4, 7))
     aisle, height = random.uniform(2.5, 3.5), random.uniform(5.5, 8.0)
     bay, rack = random.uniform(2.3, 2.8), 1.0
@@ -156,7 +156,7 @@ def _forklift():
 
 
 def plantroom(random: np.random.Generator) -> Layout:
-    """Return a room of boilers and tanks; the way leads around the middle row."""
+    """Return a room of boilers and tanks; the path leads around the middle row."""
     length, depth = random.uniform(12, 18), random.uniform(9, 12)
     height = random.uniform(3.5, 5.5)
     kinds = ["metal", "column", "open"]

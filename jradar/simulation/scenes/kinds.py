@@ -4,10 +4,10 @@ A kind is a row of `KINDS`: how large its plan is, which share of its walls and 
 stands, and what is in it. A layout is drawn without a template of walls:
 
     plan      a polygon: a rectangle, often with corners cut off, at any angle
-    way       a loop through random places in the plan, clear of its walls
+    path      a loop through random places in the plan, clear of its walls
     shell     a wall on some sides with openings of any size, a roof over all or a part
     rows      columns or cars on a grid
-    objects   at random places or along walls, clear of the way and of one another
+    objects   at random places or along walls, clear of the path and of one another
 
 room, atrium, lobby, stairwell, shed, carpark, yard, street and open are of this form.
 `tunnel` is a tunnel of any radius, straight or curved, open or closed at its end.
@@ -27,7 +27,7 @@ from jradar.simulation.scenes.tunnel import tube
 
 Maker = Callable[[np.random.Generator], Solid]
 Layout = tuple[list[Solid], list[Body], Float[np.ndarray, "corner 2"], float]
-CLEAR_M = 0.45  # between the way and anything that stands
+CLEAR_M = 0.45  # between the path and anything that stands
 TRIES = 60  # to find a free place
 PLAN_M = 30.0  # of the ground beyond the plan
 
@@ -120,7 +120,7 @@ KINDS: dict[str, Kind] = {
 
 
 def make_layout(kind: str, random: np.random.Generator) -> Layout:
-    """Return the solids, the bodies that move, the way, and the pace of a layout."""
+    """Return the solids, the bodies that move, the path, and the pace of a layout."""
     if kind == TUNNEL:
         return _tunnel(random)
     spec, uniform = KINDS[kind], random.uniform

@@ -1,7 +1,7 @@
 """Single objects of the layouts in `kinds`: each is a function of a random generator.
 
-They stand on z = 0 around x = y = 0. Their sizes vary more than those of real ones:
-what is learned should be the echo, not the catalogue.
+They stand on z = 0 around x = y = 0. Their sizes vary more than those of real objects,
+so that a network learns the echo, not the catalogue.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """A scene of rigid bodies, and rays cast through it at any time.
 
 Body 0 is the world, which stands still. Each body has a search tree in its own frame,
-built once; rays are turned into the frames of the bodies that they come near. For the
+built once; rays are transformed to the frames of bodies that they come near. For the
 radar each body also carries points spread over its surface. The reflectivity of a point
 is complex Gaussian: the speckle of details smaller than a range bin. A point keeps its
 reflectivity from frame to frame.

@@ -35,7 +35,7 @@ def join(solids: list[Solid]) -> Solid:
 
 
 def moved(solid: Solid, xyz: Numbers, *, yaw: float = 0.0) -> Solid:
-    """Return the solid turned about the vertical, then shifted."""
+    """Return the solid rotated about the vertical, then shifted."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
     return solid._replace(vertices=solid.vertices @ turn.T + np.array(xyz, float))

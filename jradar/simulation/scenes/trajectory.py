@@ -26,7 +26,7 @@ class Sway(NamedTuple):
 
 
 class Trajectory(NamedTuple):
-    """A body's way through the world; its frame is x forward, y left, z up."""
+    """A body's path through the world; its frame is x forward, y left, z up."""
 
     curve: CubicSpline  # metres along the loop to x y z
     length_m: float
@@ -96,10 +96,10 @@ def mounted(
     yaw_rad: float = 0.0,
     speed_mps: float | None = None,
 ) -> Trajectory:
-    """Return the trajectory at another height, turned down or aside, or another pace.
+    """Return the trajectory at another height, tilt, direction or pace.
 
-    A speed of 0 also ends the sway: the rig stands on a tripod. The offsets are a term
-    of the sway that does not swing.
+    A speed of 0 also ends the sway: the rig stands on a tripod. The offsets are a
+    constant term of the sway.
     """
     sway = trajectory.sway
     if speed_mps is not None:

@@ -11,9 +11,9 @@ mirror. Every other voxel becomes a triangle in its own plane.
         # # # # #        | | | | /          ________  /
                 #                -                   |
 
-Voxels lie on a grid, so directions and distances are often tied. Processors round
-linear algebra differently: ties are broken by a slight tilt, and what is compared is
-rounded before. So a seed gives the same scene on every machine.
+Voxels lie on a grid, so directions and distances are often tied, and processors round
+linear algebra differently. A slight tilt breaks the ties, and numbers are rounded
+before they are compared. So a seed gives the same scene on every machine.
 """
 
 import numpy as np

@@ -1,12 +1,12 @@
 """Invented pairs of RadarHD, and a network that compiles in seconds."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.radarhd.model import networks
+from experiments.radarhd.model import build_spec
+from jradar.model import Model
 from jradar.model.grids.polar import LIDAR, RADAR
+from tests.models import random_params
 
 
 @pytest.fixture(scope="session")
@@ -29,11 +29,10 @@ def walls(tmp_path_factory):
 
 
 def shrink(config, path=""):
-    """Make the networks and the run of a config small, and name its pairs."""
+    """Make the network and the run of a config small, and name its pairs."""
     config.data.update(path=str(path), every=1)
-    for network in (config.network, config.nearness.network):
-        network.update(channels=8, multipliers=(1,), attention_levels=())
-        network.update(condition_channels=8, stem=(16, 32), condition_stem=(16, 4))
+    config.network.update(channels=8, multipliers=(1,), attention_levels=())
+    config.network.update(condition_channels=8, stem=(16, 32), condition_stem=(16, 4))
     config.train.update(steps=3, batch_size=2, checkpoint_every=2, evaluate_every=2)
     config.train.warmup_steps = 1
     config.sampling.update(steps=2, draws=2, batch_size=2)
@@ -41,12 +40,8 @@ def shrink(config, path=""):
     return config
 
 
-def random_params(config):
-    """Random parameters of a config's network."""
-    seen = jnp.zeros((1, *RADAR.shape, config.data.history))
-    inputs = (jnp.zeros((1, *LIDAR.shape, 1)), jnp.zeros(1), seen)
-    shapes = jax.eval_shape(networks(config)[0].init, jax.random.key(0), *inputs)
-    rng = np.random.default_rng(0)
-    return jax.tree.map(
-        lambda leaf: 0.1 * rng.normal(size=leaf.shape).astype(np.float32), shapes
-    )
+def random_model(config, **scale):
+    """A model of random parameters for a config."""
+    spec = build_spec(config)
+    shapes = spec.grid.image_shape, spec.grid.condition_shape
+    return Model(random_params(spec.network, *shapes, **scale), spec)

@@ -7,11 +7,10 @@ import pytest
 
 from experiments.configs import radarhd, radarhd_nearness
 from experiments.radarhd import model
-from experiments.radarhd.model import agreed_occupancy
-from jradar.diffusion import write_params
-from jradar.errors import ModelError
-from jradar.model.grids.polar import RADAR
-from tests.experiments.radarhd.conftest import random_params, shrink
+from jradar.errors import UsageError
+from jradar.model import save_model
+from jradar.model.grids.polar import RADAR, agreed_occupancy
+from tests.experiments.radarhd.conftest import random_model, shrink
 
 KEY = jax.random.key(0)
 
@@ -41,18 +40,40 @@ def test_the_mean_with_the_mirror_image_is_a_mirror_image_itself():
     np.testing.assert_allclose(found, even)
 
 
+@pytest.mark.parametrize(
+    ("method", "answer", "expected"),
+    [
+        ("diffusion", "occupancy", "occupancy"),
+        ("diffusion", "diffusion", "diffusion"),
+        ("regression", "occupancy", "occupancy"),
+        ("nearness", "diffusion", "nearness"),
+    ],
+)
+def test_what_a_network_learnt_decides_how_its_model_answers(method, answer, expected):
+    config = radarhd.get_config()
+    config.update(method=method, answer=answer)
+    assert model.build_spec(config).method == expected
+
+
+def test_an_answer_that_the_grid_does_not_know_is_named():
+    config = radarhd.get_config()
+    config.answer = "guess"
+    with pytest.raises(UsageError, match="config.answer: method = 'guess', expected"):
+        model.build_spec(config)
+
+
 @pytest.mark.slow
 def test_draws_agree_and_are_averaged_with_nearness(tmp_path, monkeypatch):
     config, other = shrink(radarhd.get_config()), shrink(radarhd_nearness.get_config())
     other.data.history = 1
-    params, near = random_params(config), random_params(other)
-    write_params(tmp_path / "near.safetensors", near, dtype=np.float32)
-    config.nearness.weights = str(tmp_path / "near.safetensors")
+    drawing, near = random_model(config), random_model(other)
+    save_model(tmp_path / "near", near, dtype=np.float32)
+    config.nearness = str(tmp_path / "near")
     monkeypatch.setattr(model, "QUICK_STEPS", config.sampling.steps)
     condition = jax.random.uniform(KEY, (1, *RADAR.shape, 1))
-    found = dict(model.answers(config, params)(KEY, condition))
-    network, noise = model.networks(config)
-    fixed = {"params": params, "network": network, "noise": noise, "steps": 2}
+    found = dict(model.answers(config, drawing)(KEY, condition))
+    fixed = {"params": drawing.params, "noise": drawing.spec.noise, "steps": 2}
+    fixed["network"] = drawing.spec.network
     first, second = jax.random.split(KEY)
     straight = model.draw_images(first, condition, **fixed)
     flipped = model.draw_images(second, condition[:, :, ::-1], **fixed)[..., ::-1]
@@ -64,5 +85,5 @@ def test_draws_agree_and_are_averaged_with_nearness(tmp_path, monkeypatch):
     names = ["one-step estimate", "one pass from zero", "diffusion, iPNDM 2"]
     assert [*found] == [*names, "2 draws", "2 draws and nearness"]
     config.data.history = 2
-    with pytest.raises(ModelError, match="data.history = 2: .*differ"):
-        model.answers(config, params)
+    with pytest.raises(UsageError, match="sees PolarGrid.history=1., .*history=2"):
+        model.answers(config, random_model(config))

@@ -16,8 +16,8 @@ from experiments.radarhd.pairs import (
     write_pair,
 )
 from experiments.radarhd.scores import polar_points
+from jradar.data import Batch
 from jradar.model.grids.polar import LIDAR, RADAR
-from jradar.training import Batch
 
 KEYS = [(7, 2), (7, 10), (12, 0)]  # in numeric, not alphabetic order
 

@@ -11,8 +11,8 @@ from experiments.configs import radarhd as default, radarhd_history, radarhd_nea
 from experiments.radarhd import scores
 from jradar.errors import ModelError, UsageError
 from jradar.evaluation import read_scores
+from jradar.model import PolarGrid, load_model
 from jradar.model.grids.polar import RADAR
-from jradar.pipeline import load_model
 from tests.experiments.radarhd.conftest import shrink
 
 METHODS = {
@@ -48,26 +48,25 @@ def test_a_run_ends_with_its_tables_and_weights_are_scored_elsewhere(
     assert {row["truth"] for row in rows} == {"polar", "cartesian"}
     for name in ("samples.png", "worst.png", "report.html"):
         assert (out / name).stat().st_size > 5000
-    assert (tmp_path / "weights.safetensors").stat().st_size < 2e6
+    assert (tmp_path / "model" / "weights.safetensors").stat().st_size < 2e6
     lines = (tmp_path / "metrics.jsonl").read_text().splitlines()
     assert 0 <= json.loads(lines[-1])["validation/f_score_0.2"] <= 1
     elsewhere = tmp_path / "elsewhere"
     model = load_model(tmp_path)
-    assert model.card.steps_seen == 3 and model.spec.history == config.data.history
-    assert (model.spec.method == "nearness") == (method == "nearness")
+    assert model.card.steps_seen == 3
+    assert model.spec.grid == PolarGrid(config.data.history)
+    answer = {"regression": "occupancy"}.get(method, method)
+    assert model.spec.method == answer
     assert ("simulated" in model.card.trained_on) == simulated
-    config.weights = str(tmp_path / "weights.safetensors")
+    config.model = str(tmp_path)
     task.evaluate(config, elsewhere)
     assert (elsewhere / "evaluation" / "protocols.md").read_text() == tables
     table = (elsewhere / "evaluation" / "confidence.md").read_text()
     assert "too sure by" in table and "112 to 140, building of the training" in table
     config.data.turn = 20.0
-    config.confidence.turns = (0.0, 20.0)
     task.evaluate(config, elsewhere)
     tables = (elsewhere / "evaluation" / "protocols.md").read_text()
     assert "not trained on, rotated by 20 degrees" in tables
-    described = json.loads((elsewhere / "weights.json").read_text())
-    assert np.isfinite([*described["scaling"].values()]).all()
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +83,7 @@ def started(walls, tmp_path_factory):
 def test_a_run_starts_from_weights_with_varied_pairs(walls, started):
     start, workdir = started
     config = shrink(default.get_config(), walls)
-    config.train.initial = str(workdir / "weights.safetensors")
+    config.train.initial = str(workdir)
     config.train.varied = True
     config.seed = 1
     training = task.setup(config, workdir)
@@ -99,15 +98,23 @@ def test_a_run_starts_from_weights_with_varied_pairs(walls, started):
     np.testing.assert_array_equal(batch.condition, again.condition)
 
 
-def test_wrong_weights_are_named(walls, started, tmp_path):
+def test_a_model_that_does_not_fit_is_named(walls, started, tmp_path):
     config = shrink(default.get_config(), walls)
-    with pytest.raises(ModelError, match="no weights at"):
+    with pytest.raises(ModelError, match="no model at"):
         task.evaluate(config, tmp_path)
     config.data.history = 3
-    with pytest.raises(ModelError, match="does not fit .* data.history = 3: .*differ"):
+    with pytest.raises(UsageError, match="expected PolarGrid.history=3.: change data"):
         task.evaluate(config, started[1])
-    config.nearness.weights = "nowhere"
-    with pytest.raises(UsageError, match="weights = nowhere: no such file"):
+    config.update(model="jradar-maps", nearness="nowhere")
+    with pytest.raises(UsageError, match="jradar-maps sees ColumnGrid.* expected Pol"):
+        task.evaluate(config, started[1])
+    config.update(model="radarhd-nearness")
+    config.data.history = 41
+    with pytest.raises(UsageError, match="method 'nearness', expected one for 'diffus"):
+        task.evaluate(config, started[1])
+    config.update(model="")
+    config.data.history = 1
+    with pytest.raises(ModelError, match="no model at nowhere"):
         task.evaluate(config, started[1])
 
 

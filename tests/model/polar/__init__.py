@@ -1,1 +1,1 @@
-"""Tests of `jradar.planar`."""
+"""Tests of `jradar.model.grids.polar`."""

@@ -1,7 +1,7 @@
 """RadarHD's polar image of one frame, cell by cell on the host.
 
 Written from what RadarHD's `create_dataset_all_radar_lidar.py` computes, and not from
-`jradar.model.grids.polar.image`: FFTs, and a list of points that are drawn one after
+`jradar.model.grids.polar.image`: FFTs and a list of points that are drawn one after
 another.
 """
 

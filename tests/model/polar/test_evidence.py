@@ -5,13 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jradar.model.grids.polar import MAX_RANGE_M, plane_surroundings
+from jradar.model import PolarGrid
+from jradar.model.grids.polar import MAX_RANGE_M
 from jradar.types import PointCloud
+
+surroundings = jax.jit(PolarGrid().surroundings)
 
 
 def test_what_is_around_a_point_lies_across_the_line_of_sight():
     xyz = np.array([[6.0, 0.0, 0.2], [3.0, -3.0, 0.0]])
-    found = plane_surroundings(PointCloud.from_xyz(xyz))
+    found = surroundings(PointCloud.from_xyz(xyz))
     assert found.valid.all() and found.velocity is None
     for centre, around in zip(
         xyz, np.asarray(found.xyz).reshape(2, 10, 3), strict=True
@@ -31,9 +34,9 @@ def test_points_above_behind_or_out_of_reach_add_nothing():
     beyond = MAX_RANGE_M + 0.1
     xyz = [(4, 1, 0.5), (-4, 1, 0), (beyond * 0.8, beyond * 0.6, 0), (4, 1, 0)]
     points = PointCloud(jnp.asarray(xyz, float), jnp.asarray([True] * 3 + [False]))
-    found = plane_surroundings(points)
+    found = surroundings(points)
     assert not found.valid.any() and not found.confidence.any()
-    edge = plane_surroundings(PointCloud.from_xyz([(0.05, 5, 0), (9.98, 0, 0)]))
+    edge = surroundings(PointCloud.from_xyz([(0.05, 5, 0), (9.98, 0, 0)]))
     valid = np.asarray(edge.valid)
     assert 0 < valid.sum() < 20
     x, y, _ = np.asarray(edge.xyz)[valid].T
@@ -42,7 +45,7 @@ def test_points_above_behind_or_out_of_reach_add_nothing():
 
 def test_confidence_grows_with_the_points_near():
     crowd = [(5, 0.001 * k, 0) for k in range(32)]
-    found = plane_surroundings(PointCloud.from_xyz([*crowd, (5, 5, 0), (5, 0, 2)]))
+    found = surroundings(PointCloud.from_xyz([*crowd, (5, 5, 0), (5, 0, 2)]))
     said = np.asarray(found.confidence).reshape(34, 10)
     np.testing.assert_allclose(said[:32], 0.5, atol=1e-6)  # 1,024 make 1
     assert not said[32:].any()
@@ -52,7 +55,7 @@ def test_gradients_around_padding_are_finite():
     padded = PointCloud(jnp.zeros((3, 3)).at[0, 0].set(4.0), jnp.arange(3) < 1)
 
     def total(points):
-        return plane_surroundings(points).xyz.sum()
+        return surroundings(points).xyz.sum()
 
     slope = jax.grad(total, allow_int=True)(padded)
     assert np.isfinite(slope.xyz).all() and np.asarray(slope.xyz)[0].any()

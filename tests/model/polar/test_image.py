@@ -1,7 +1,6 @@
 """Polar images: RadarHD's, point by point; other radars see the same; empty frames."""
 
 import dataclasses
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +21,6 @@ from tests.radar.targets import targets
 
 ONE_TURN = dataclasses.replace(RADARHD, num_chirps=1)
 PLACES = [(2.0, 30.0, 0.0, 0.0), (4.5, -20.0, 0.0, 0.0), (7.0, 0.0, 0.0, 0.0)]
-HEATMAPS = Path(__file__).parents[3] / "shared/samples/radarhd/train_every4.npz"
 
 
 def frame(radar=ONE_TURN, places=PLACES, seed=0, noise_power=900.0):
@@ -44,11 +42,9 @@ def test_the_image_is_radarhds_pixel_by_pixel(seed):
     assert abs(found - expected)[different].sum() <= 2 * different.sum()
 
 
-def test_pixels_that_can_be_lit_are_those_of_the_published_heatmaps():
+def test_pixels_that_can_be_lit_are_those_of_the_published_heatmaps(samples):
     """No published heatmap has a value where no cell of ours falls."""
-    if not HEATMAPS.is_file():
-        pytest.skip(f"{HEATMAPS} is missing: RadarHD's heatmaps may not be committed")
-    published = np.load(HEATMAPS)["radar"]
+    published = np.load(samples / "radarhd" / "train_every4.npz")["radar"]
     noise = (frame(places=PLACES[:1], seed=s, noise_power=1e8) for s in range(6))
     lit = np.max([polar_image(samples, ONE_TURN) for samples in noise], axis=0) > 0
     ever = (published > 0).any(0)

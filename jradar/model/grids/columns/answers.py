@@ -31,7 +31,7 @@ def one_pass(asked: Question, grid: Any, **sampling: Any) -> Columns:
 def draw_columns(
     asked: Question, grid: Any, *, draws: int = 8, steps: int | None = None, **how: Any
 ) -> Columns:
-    """Return the mean of draws, one after another; several are quick ones."""
+    """Return the mean of draws, made one after another; several take few steps each."""
     denoise, shape = asked.denoise(asked.condition[None]), _shape(asked, grid)
     how = {"steps": steps or (18 if draws == 1 else QUICK_STEPS), **how}
 
@@ -56,6 +56,6 @@ NOISE = {  # levels of each method's training
 
 
 def _shape(asked: Question, grid: Any) -> tuple[int, int, int, int]:
-    """The shape of the answer to a condition, whose size is not that of training."""
+    """Return the shape of the answer to a condition, which may have any size."""
     x, y, _ = asked.condition.shape
     return 1, x, y, grid.heights

@@ -47,8 +47,8 @@ class Circle(NamedTuple):
 def outline(voxels: Voxels) -> Circle:
     """Return the smallest circle around the columns of voxels.
 
-    It passes through three columns, or two on its diameter. Those that are the farthest
-    in one of DIRECTIONS are tried.
+    It passes through three columns, or two on its diameter. The columns that are the
+    farthest in one of DIRECTIONS are tried.
     """
     flat = voxels[:, :2].astype(float)
     angle = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
@@ -61,10 +61,10 @@ def outline(voxels: Voxels) -> Circle:
 
 
 def _middles(points):
-    """The middles of the circles through any three points that are not on a line."""
+    """Return the middles of the circles through any three points not on a line."""
     triples = [*itertools.combinations(points, 3)]
     first, *others = np.array(triples).reshape(-1, 3, 2).swapaxes(0, 1)
-    # With the first at the origin, 2 p m = |p|^2 for the middle m and both others.
+    # With the first point at the origin, 2 p m = |p|^2 for the middle m and others p.
     matrix = 2 * np.stack([other - first for other in others], 1)
     kept = np.abs(np.linalg.det(matrix)) > TINY
     squares = ((matrix[kept] / 2) ** 2).sum(-1)
@@ -122,7 +122,7 @@ def _fill(image, voxels, origin, heights, *, clip=False):
 
 
 def _within(circle, origin, size):
-    """Which columns of an image are in a circle."""
+    """Return which columns of an image are in a circle."""
     x = np.arange(size[0])[:, None] + origin[0] - circle.x
     y = np.arange(size[1]) + origin[1] - circle.y
     return np.hypot(x, y) <= circle.radius + 0.5

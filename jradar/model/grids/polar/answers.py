@@ -7,8 +7,9 @@ diffusion   several samples, half of them of the mirror image, and the share tha
 occupancy   one pass: the probability of a LiDAR point in each pixel
 nearness    one pass: how near the closest point is expected to be
 
-Left and right are alike to a radar that looks ahead, not to a trained network: the mean
-of both answers is better than either, and their disagreement says how far to trust it.
+Left and right are alike to a radar that looks ahead, but not to a trained network. So
+the mean of both answers is better than either, and their disagreement says how far to
+trust it.
 """
 
 from typing import Any, NamedTuple
@@ -96,9 +97,9 @@ def agreed_occupancy(
 ) -> Float[Array, "*batch row column"]:
     """Return the share of draws that have an occupied pixel near each pixel.
 
-    Near is in the square of `AGREED_PIXELS`. Pixels that no draw has are 0. This is the
-    counterpart of `agreed_range` for images with any number of surfaces in a column; as
-    there, the share is the confidence.
+    Near means in the square of `AGREED_PIXELS`. Pixels that no draw has are 0. This is
+    the counterpart of `agreed_range` for images with any number of surfaces in a
+    column. There too, the share is the confidence.
     """
     occupied = (draws > 0.5).astype(draws.dtype)
     window = (1,) * (draws.ndim - 2) + (AGREED_PIXELS, AGREED_PIXELS)

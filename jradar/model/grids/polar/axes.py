@@ -42,7 +42,7 @@ class PolarAxes(NamedTuple):
 def in_view(xyz: Any) -> Any:
     """Return which points `[*batch 3]` lie ahead and in RadarHD's view at any height.
 
-    They are arrays of NumPy or of JAX.
+    Points are an array of NumPy or of JAX.
     """
     x, y = xyz[..., 0], xyz[..., 1]
     ahead = (x > 0) & (x <= VIEW_M) & (abs(y) <= VIEW_M)

@@ -33,7 +33,7 @@ FAINT = 0.02  # value of a pixel that is never a point
 AROUND = 10  # points for each point of the radar
 WIDE_M = 0.15  # their deviation to the sides
 DEEP_M = 0.05  # and along the line of sight
-VIEW = ImageSpec(64, 64, max_range_m=MAX_RANGE_M)  # near is a share of the range
+VIEW = ImageSpec(64, 64, max_range_m=MAX_RANGE_M)  # near means a share of the range
 HEIGHTS = "height is not measured: all points lie at height 0"
 
 
@@ -117,7 +117,7 @@ class PolarGrid(FrameGrid):
         return spread_out(flat, _line(), in_view)
 
     def near(self, cloud, points, around):
-        """Return which points have one of those around the radar's within 0.5 m."""
+        """Return which points have a point of `around` within 0.5 m."""
         if around is None:
             return jnp.ones(len(cloud.valid), bool)
         # Without the barrier, XLA would take 2 s to fold the places of all pixels.
@@ -140,13 +140,13 @@ class PolarGrid(FrameGrid):
 
     @property
     def caution(self) -> str:
-        """That heights are not measured."""
+        """The sentence that heights are not measured."""
         return HEIGHTS
 
 
 @functools.cache
 def _line():
-    """Steps [point, 3] ahead, to the left and up: a Gaussian, evenly sampled."""
+    """Return steps [point, 3] ahead, left and up: a Gaussian, evenly sampled."""
     wide = WIDE_M * scipy.special.ndtri((np.arange(AROUND) + 0.5) / AROUND)
     deep = DEEP_M * np.where(np.arange(AROUND) % 2, 1, -1)
     return np.stack([deep, wide, np.zeros(AROUND)], -1)

@@ -7,10 +7,10 @@
     -> pixels of even angles                                  256 ranges x 64 azimuths
 
 There is no window and no mean over chirps, and echoes at rest are not removed. A cell
-goes to the first pixel at or beyond its range, and to the first at or to the left of its
-azimuth. If two cells share a pixel, the cell of larger range replaces the other; at the
-same range, the cell farther to the right does. So the stronger cell can be lost. Pixels
-without a cell stay empty.
+goes to the first pixel at or beyond its range and at or to the left of its azimuth. If
+two cells share a pixel, the cell of larger range replaces the other; at the same range,
+the cell farther to the right does. So the stronger cell can be lost. Pixels without a
+cell stay empty.
 
 Spectra are computed at the ranges and directions of RadarHD's cells, whatever chirp and
 spacing of antennas the radar has; of RadarHD's radar, they are plain FFTs.
@@ -33,7 +33,7 @@ FARTHEST_M = 21.59  # range that RadarHD gives to the last cell
 FIRST_BIN = 6  # nearer cells hold the leakage
 LEAST = 0.05  # magnitude of a cell, relative to the strongest
 VIEW_DEGREES = 70.0  # to either side
-BANDS = 8  # of ranges, whose features tell how unlike training an image is
+BANDS = 8  # of ranges, whose features show how unlike training an image is
 
 RADARHD = (
     RadarSpec(  # one row of the AWR1843, with the waveform of `radarhd_config.xml`
@@ -60,7 +60,7 @@ def image_features(
 ) -> Float[Array, "*batch feature"]:
     """Return the share of lit pixels and their mean value in each band of ranges.
 
-    They tell how unlike training an image is: see `jradar.range_image.unlikeness`.
+    They show how unlike training an image is: see `jradar.range_image.unlikeness`.
     """
     parts = image.reshape(*image.shape[:-2], BANDS, -1)
     lit = (parts > 0).sum(-1)
@@ -100,7 +100,7 @@ def polar_image(
 
 
 def _usable(radar: RadarSpec) -> Bool[np.ndarray, " range"]:
-    """Which ranges of the spectrum hold echoes: neither leakage nor another period."""
+    """Return which ranges of the spectrum are free of leakage and of other periods."""
     cells = np.arange(CELLS[1])
     end = radar.max_range_m / RADARHD.range_resolution_m
     if radar.max_range_m < MAX_RANGE_M:  # its leakage is in view at the far end, too
@@ -109,7 +109,7 @@ def _usable(radar: RadarSpec) -> Bool[np.ndarray, " range"]:
 
 
 def _transforms(radar: RadarSpec) -> tuple[np.ndarray, np.ndarray]:
-    """The transforms over samples and over antennas, to RadarHD's cells."""
+    """Return the transforms over samples and over antennas, to RadarHD's cells."""
     _, columns = azimuth_row(radar)
     num_azimuth, num_range = CELLS
     finer = RADARHD.range_resolution_m / radar.range_resolution_m
@@ -124,9 +124,9 @@ def _transforms(radar: RadarSpec) -> tuple[np.ndarray, np.ndarray]:
 
 @functools.cache
 def _cells_of_pixels() -> Int[np.ndarray, "two range azimuth"]:
-    """The cells of each pixel, the one that counts last; `CELLS` at most two.
+    """Return the last two cells of each pixel; the second one replaces the first.
 
-    The number of cells stands for none.
+    The number of all cells stands for no cell.
     """
     num_azimuth, num_range = CELLS
     sine = np.linspace(1, -1, num_azimuth)[:, None]

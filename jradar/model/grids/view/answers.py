@@ -113,7 +113,7 @@ def likeliest_range(
         )
         return inside(low, high)
 
-    # `map` computes each mass once; where XLA fuses, it repeats it for both results.
+    # `map` computes each mass once; XLA would fuse and compute it for both results.
     centres = decode_range(jnp.moveaxis(mixture.centre[..., :TRIED], -1, 0), **view)
     best, most = _best(centres, jax.lax.map(mass, centres))
     beside = jnp.stack([best + step * window_m for step in SIDE_STEPS])
@@ -124,7 +124,7 @@ def likeliest_range(
 
 
 def _best(ranges, masses):
-    """The range of the most mass, the first of equals, and its mass."""
+    """Return the range of the most mass, the first of equals, and its mass."""
     best, most = ranges[0], masses[0]
     for other, found in zip(ranges[1:], masses[1:], strict=True):
         best = jnp.where(found > most, other, best)
@@ -133,7 +133,7 @@ def _best(ranges, masses):
 
 
 def _metres(values, grid: Coding):
-    """Range images in metres from the network's values."""
+    """Return range images in metres from the network's values."""
     return decode_target(
         values, grid.fine, codec=grid.codec, validity_threshold=grid.validity_threshold
     )

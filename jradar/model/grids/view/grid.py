@@ -32,7 +32,7 @@ from jradar.range_image import (
 
 @dataclasses.dataclass(frozen=True)
 class ViewGrid(FrameGrid):
-    """Range images of one field of view, `coarse` for the condition, `fine` drawn."""
+    """Range images of one field of view: conditions are `coarse`, answers `fine`."""
 
     kind: ClassVar[str] = "view"
     methods = METHODS

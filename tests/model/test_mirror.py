@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from jradar.model.grids.polar import (
-    UNSCALED,
+from jradar.model.mirror import (
     Pixels,
     Scaling,
     disagreement,
@@ -31,7 +30,8 @@ def test_disagreement_is_0_of_the_same_images_and_1_of_separate_ones():
 
 def test_confidence_follows_its_closed_form_and_falls_with_disagreement():
     said = jnp.array([0.0, 0.2, 0.6, 0.99])
-    np.testing.assert_allclose(scaled(said, 0.4, UNSCALED), said, atol=1e-6)
+    unscaled = Scaling.of((0, 0), (1, 0))
+    np.testing.assert_allclose(scaled(said, 0.4, unscaled), said, atol=1e-6)
     scaling = Scaling.of((0.2, -2.0), (1.0, -1.1))
     found = [np.asarray(scaled(said, d, scaling)) for d in (0.1, 0.3)]
     expected = expit(0.2 - 2.0 * 0.3 + (1.0 - 1.1 * 0.3) * logit(said[1:]))
