@@ -67,7 +67,10 @@ def open_ti_serial(
         (whole,) = parser.feed(data) or parser.finish() or [None]
         if whole is None:
             raise ValueError(f"{path} changed while it was read: open it again")
-        return packet_points(whole, velocity_step_mps=step)
+        try:
+            return packet_points(whole, velocity_step_mps=step)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from error
 
     stamps, notes = _stamps(source.packets)
     frames = Stream(read, len(source.packets), stamps, (*notes, *_notes(source, step)))

@@ -201,7 +201,7 @@ def test_the_command_writes_the_trajectory(tmp_path, fields, capsys):
     assert "/radar" in shown and "2.9" in shown  # metres
     assert len(out.read_text().splitlines()) == 21
     assert main(["odometry", str(path), "-o", str(out), "--frames", "0:1"]) == 2
-    assert "1 of frames 0 to 19, expected 2 or more" in capsys.readouterr().err
+    assert "1 of frames 0 to 19 are chosen, expected 2" in capsys.readouterr().err
 
 
 def test_commands_that_need_samples_name_those_that_take_points(

@@ -136,7 +136,7 @@ def test_other_files_are_not_taken(tmp_path):
     for name, content in [("a.dat", b"1234"), ("b.bin", bytes(64)), ("c.csv", b"1,2")]:
         (tmp_path / name).write_bytes(content)
     assert not is_recording(tmp_path / "a.dat") and not is_recording(tmp_path / "c.csv")
-    with pytest.raises(UsageError, match="no radar descriptions beside"):
+    with pytest.raises(UsageError, match="no radar descriptions next"):
         open_recording(tmp_path / "b.bin")  # which may be of a DCA1000
 
 
