@@ -84,9 +84,11 @@ def read_rig(
     inertial, imu = only(IMU.__eq__, "measurements of an IMU", _imu)
     _, odometry = only(ODOMETRY.__eq__, "odometry", _odometry)
     poses, base = odometry or (None, "")
-    tree = _tree(
-        path, [n for n, (kind, count) in kinds.items() if kind == TF and count]
-    )
+    tree, transforms = {}, [n for n, (kind, _) in kinds.items() if kind == TF]
+    try:
+        tree = _tree(path, [name for name in transforms if name.endswith(STATIC)])
+    except ValueError as error:
+        notes.append(f"the sensors' places are left out: {error}")
     topics = {"radar": radar, "lidar": scans, "imu": inertial}
     frames = {name: _frame(path, topic) for name, topic in topics.items() if topic}
     base = base or _root(frames["radar"], tree)[0]
@@ -129,8 +131,6 @@ def _tree(path: Path, topics: list[str]) -> dict[str, tuple[str, np.ndarray]]:
     """Return the parent of each frame, and the transform to it."""
     tree = {}
     for topic in topics:
-        if not topic.endswith(STATIC):
-            continue
         for *_, raw in messages(path, topic):
             message = decode_message(raw, TF, is_ros1=path.suffix == ".bag")
             for one in message.transforms:
@@ -149,7 +149,7 @@ def _numbers(pose: Any, position: str) -> tuple[list[float], list[float]]:
 
 
 def _frame(path: Path, topic: str) -> str:
-    raw = next(raw for *_, raw in messages(path, topic))
+    raw = next((raw for *_, raw in messages(path, topic)), b"")
     return _plain(frame_of(raw, is_ros1=path.suffix == ".bag"))
 
 

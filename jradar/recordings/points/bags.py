@@ -8,6 +8,7 @@ A PointCloud2 of other fields is a LiDAR's, unless its topic is named. `bags.rig
 what else the bag holds.
 """
 
+import contextlib
 import struct
 from functools import partial
 from pathlib import Path
@@ -120,7 +121,9 @@ def _topics(path: Path) -> list[tuple[str, str]]:
 def _columns_of(path: Path, topic: str, kind: str) -> list[str]:
     """Return the columns of the first message of a topic."""
     decode = partial(_decode, kind=kind, is_ros1=path.suffix == ".bag")
-    raw = next(raw for *_, raw in messages(path, topic))
+    raw = next((raw for *_, raw in messages(path, topic)), None)
+    if raw is None:
+        raise ValueError(f"{path}: no message is on the topic {topic}")
     try:
         return [*decode(raw)]
     except (ValueError, struct.error) as error:
@@ -154,11 +157,13 @@ def _decode(raw: bytes, *, kind: str, is_ros1: bool) -> dict[str, np.ndarray]:
 
 
 def _about(raw: bytes, *, kind: str, is_ros1: bool) -> tuple[str, int]:
-    """Return the frame of reference and, of a packet, its measurement."""
-    if kind != PACKET:
-        return frame_of(raw, is_ros1=is_ros1), 0
-    _, start = after_header(raw, is_ros1)
-    return frame_of(raw, is_ros1=is_ros1), PACKET_HEAD.unpack_from(raw, start)[2]
+    """Return the frame of reference and, of a whole packet, its measurement."""
+    place, number = frame_of(raw, is_ros1=is_ros1), 0
+    if kind == PACKET:
+        with contextlib.suppress(struct.error):  # reading it raises
+            _, start = after_header(raw, is_ros1)
+            number = PACKET_HEAD.unpack_from(raw, start)[2]
+    return place, number
 
 
 def _measurements(stream: TopicStream) -> Stream:
