@@ -11,6 +11,7 @@ from jradar.calibration.snapshots import strong_snapshots
 from jradar.metrics import compare, compare_on_host, nearest_distances
 from jradar.motion import ego_velocity
 from jradar.radar import Radar
+from jradar.radar.angle.folds import velocity_folds
 from jradar.radar.angle.near_field import focused_directions
 from jradar.radar.angle.spectrum import spectrum_peaks
 from jradar.radar.angle.subspace import (
@@ -19,8 +20,10 @@ from jradar.radar.angle.subspace import (
     subspace_directions,
 )
 from jradar.radar.angle.subspace_peaks import subspace_peaks
+from jradar.radar.clean.interference import crossing_chirps
 from jradar.radar.detect.clusters import map_peaks
 from jradar.radar.peaks import window_offset
+from jradar.range_image.projection import project_slices
 from jradar.types import PointCloud
 
 CHIP = r.RadarSpec.awr1843(num_chirps=16, num_samples=32)
@@ -122,7 +125,7 @@ KERNELS = {
         waves(2, 12), CHIP, method="music"
     ),
     "subspace_peaks": lambda: subspace_peaks(waves(2, 12), CHIP, method="music"),
-    "velocity_folds": lambda: r.velocity_folds(waves(2, 12), numbers(2), CHIP, most=2),
+    "velocity_folds": lambda: velocity_folds(waves(2, 12), numbers(2), CHIP, most=2),
     "focused_directions": lambda: focused_directions(
         waves(2, 3, 12), jnp.array([5, 9]), numbers(2) / 8, CHIP
     ),
@@ -143,13 +146,13 @@ KERNELS = {
         cube(), r.static_background([cube()])
     ),
     "excise_interference": lambda: r.excise_interference(cube()),
-    "crossing_chirps": lambda: r.crossing_chirps(
+    "crossing_chirps": lambda: crossing_chirps(
         key(), r.draw_interferers(key(), CHIP, count=2, amplitude=3.0), CHIP
     ),
     "strong_snapshots": lambda: strong_snapshots(cube(), UNIT),
     "explain": lambda: explain(waves(4, 12), waves(12), CHIP),
     "project": lambda: ri.unproject(ri.project(cloud(), SPEC), SPEC),
-    "project_slices": lambda: ri.project_slices(cloud(), SPEC, num_slices=4),
+    "project_slices": lambda: project_slices(cloud(), SPEC, num_slices=4),
     "condition_image": lambda: ri.condition_image(cloud(), SPEC, num_slices=4),
     "encode_target": lambda: ri.decode_target(ri.encode_target(image(), SPEC), SPEC),
     "close_gaps": lambda: ri.close_gaps(image()),

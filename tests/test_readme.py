@@ -133,7 +133,7 @@ def test_a_recording_is_opened_and_a_frame_becomes_a_view(simulated, monkeypatch
     assert names["cube"].shape == names["recording"].radar.spec.cube_shape
     assert names["cloud"].valid.any() and len(names["scan"]) > 1000
     names = run_blocks(STREAM)
-    assert len(names["points"]) == names["view"].clouds["radar"].valid.sum() > 0
+    assert len(names["points"]) == names["frame"].clouds["radar"].valid.sum() > 0
 
 
 def test_a_case_of_ones_own_is_timed(capsys):

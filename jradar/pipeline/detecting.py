@@ -68,7 +68,7 @@ class Detection(Iterator[Detected]):
 
     def __init__(self, recording: Recording, points: PointSpec, frames: range):
         """Compile; `detect_recording` describes the options."""
-        self.recording, self.points, self.frames = recording, points, frames
+        self.recording, self.spec, self.frames = recording, points, frames
         self._stages = Stages(jax.random.key(0), recording.radar, None, points=points)
         self._dropped, self._tally = 0, Tally()
         self._iterator = self._run()
@@ -87,7 +87,7 @@ class Detection(Iterator[Detected]):
         if self._dropped:
             found.append(
                 f"{self._dropped:,} detections were dropped, the weakest of frames "
-                f"with more than {self.points.capacity:,}: --capacity N keeps more"
+                f"with more than {self.spec.capacity:,}: --capacity N keeps more"
             )
         return (*found, *self._tally.warnings(self.recording.radar))
 
@@ -105,7 +105,7 @@ class Detection(Iterator[Detected]):
                     power=power,
                     points=observed.points,
                     detected=detected,
-                    dropped=max(detected - self.points.capacity, 0),
+                    dropped=max(detected - self.spec.capacity, 0),
                     check=check,
                     saturated=round(check.share * numbers),
                 )
@@ -117,7 +117,7 @@ class Detection(Iterator[Detected]):
         """Yield a warning if a CFAR window that the user chose had to shrink."""
         asked, usual, fitted = (
             (points.guard, points.train)
-            for points in (self.points, POINTS, self._stages.points)
+            for points in (self.spec, POINTS, self._stages.spec)
         )
         radar = self.recording.radar.spec
         if asked not in (usual, fitted):

@@ -59,7 +59,7 @@ class Stopwatch(dict[str, list[float]]):
 class _Programs:
     """The function of each stage, and the options that shape it."""
 
-    points: PointSpec
+    spec: PointSpec
     clean: bool
     count: int  # of frames that become one
     drawing: tuple[tuple[str, Any], ...]  # as in `Drawing`
@@ -70,7 +70,7 @@ class _Programs:
 
     def found(self, _key, radar, _model, samples):
         radar = radar.once_calibrated()
-        return points_and_count(samples, radar, points=self.points)
+        return points_and_count(samples, radar, points=self.spec)
 
     def conditioned(self, _key, radar, model, samples, points):
         grid: FrameGrid = model.spec.grid
@@ -97,8 +97,8 @@ class _Programs:
         return dict(self.drawing).get("least_confidence")
 
     def detected(self, _key, radar, _model, samples):
-        power = power_map(samples, remove_static=self.points.remove_static)
-        rate = dataclasses.replace(self.points, false_alarm_rate=DETECTION_RATE)
+        power = power_map(samples, remove_static=self.spec.remove_static)
+        rate = dataclasses.replace(self.spec, false_alarm_rate=DETECTION_RATE)
         return power, detect(power, radar.spec, points=rate)
 
 
@@ -128,10 +128,10 @@ class Stages:
             points = PointSpec() if model is None else model.spec.points
         # Samples are cleaned once, for the points and for the map.
         found = dataclasses.replace(points, remove_interference=False)
-        self.points = found.fitted(radar.spec)
+        self.spec = found.fitted(radar.spec)
         self._key, self._radar, self._model = key, radar, model
         self._programs = _Programs(
-            points=self.points,
+            spec=self.spec,
             clean=points.remove_interference,
             count=fuse,
             drawing=tuple(given(drawing).items()),

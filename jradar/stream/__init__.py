@@ -1,6 +1,6 @@
 """A live radar: its packets become frames, and its frames become clouds.
 
-    DCA1000 ---UDP--> Receiver -> Assembler -> newest Frame -> Processor -> writers
+    DCA1000 ---UDP--> Receiver -> Assembler -> newest frame -> Processor -> writers
     Emulator --^
 
     NetworkSpec, Card           `protocol`, `card`: addresses; commands to the card

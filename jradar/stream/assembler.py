@@ -43,7 +43,7 @@ GONE = 4  # frames that another card sends before a silent stream ends
 SPARE = 4  # buffers that are kept for later frames
 
 
-class Frame(NamedTuple):
+class ReceivedFrame(NamedTuple):
     """The bytes of a frame; lost ones are zeros."""
 
     number: int  # counted from the start of the stream, with missing frames
@@ -120,7 +120,7 @@ class Assembler:
     def __init__(
         self,
         frame_bytes: int,
-        deliver: Callable[[Frame], None],
+        deliver: Callable[[ReceivedFrame], None],
         *,
         window: int = WINDOW,
     ):
@@ -285,7 +285,9 @@ class Assembler:
         counts.frames += 1
         counts.damaged += lost > 0
         now = time.monotonic()
-        self._deliver(Frame(self._delivered, frame.data, lost, frame.stamp_s, now))
+        self._deliver(
+            ReceivedFrame(self._delivered, frame.data, lost, frame.stamp_s, now)
+        )
 
     def _set_aside(self, sequence, place, packet, *, late) -> None:
         """Keep a packet that does not fit, with those that agree with it."""

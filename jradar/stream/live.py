@@ -16,7 +16,7 @@ import numpy as np
 from jradar.errors import UsageError
 from jradar.outputs.writers import Writer
 from jradar.recordings import nearest_scan
-from jradar.stream.assembler import Frame
+from jradar.stream.assembler import ReceivedFrame
 from jradar.stream.board import Board
 from jradar.stream.card import Card
 from jradar.stream.emulator import Emulator, Sent
@@ -77,7 +77,7 @@ def run_session(
     board: str | None = None,
     silence_s: float = SILENCE_S,
     seconds: float | None = None,
-    keep: Callable[[Frame], None] | None = None,
+    keep: Callable[[ReceivedFrame], None] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Session:
     """Start the card and the board, publish frames as `run_live` does, and stop both.
@@ -154,7 +154,7 @@ def run_live(
     seconds: float | None = None,
     finished: Callable[[], bool] = lambda: False,
     lidar: Callable[[int], np.ndarray | None] = lambda number: None,
-    keep: Callable[[Frame], None] | None = None,
+    keep: Callable[[ReceivedFrame], None] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Session:
     """Publish the newest frame until the end: SIGINT, SIGTERM, `seconds`, `finished`.

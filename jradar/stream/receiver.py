@@ -10,7 +10,7 @@ import threading
 import time
 from collections import deque
 
-from jradar.stream.assembler import Assembler, Counts, Frame
+from jradar.stream.assembler import Assembler, Counts, ReceivedFrame
 from jradar.stream.protocol import MOST_PACKET, NetworkSpec
 from jradar.stream.sockets import address_bytes, batch_reader, udp_socket
 
@@ -31,7 +31,7 @@ class Receiver:
         self.network, self.dropped = network, 0
         self.foreign_sender = ""  # of the last packet that is not the card's
         self._assembler = Assembler(frame_bytes, self._deliver)
-        self._frames: deque[Frame] = deque()
+        self._frames: deque[ReceivedFrame] = deque()
         self._waiting = waiting
         self._arrived = threading.Condition()
         self._ending = threading.Event()
@@ -72,7 +72,7 @@ class Receiver:
             self._assembler.flush()
         self._socket.close()
 
-    def take(self, timeout_s: float) -> Frame | None:
+    def take(self, timeout_s: float) -> ReceivedFrame | None:
         """Return the oldest frame that waits, or None if none comes in time.
 
         Raises the error that ended the thread, if one did.
@@ -85,7 +85,7 @@ class Receiver:
             raise self._fault
         return None
 
-    def recycle(self, frame: Frame) -> None:
+    def recycle(self, frame: ReceivedFrame) -> None:
         """Give back the buffer of a frame that was taken."""
         self._assembler.recycle(frame.data)
 
@@ -167,7 +167,7 @@ class Receiver:
                 self.heard_s = time.monotonic()
                 add(batch.data[own], batch.sizes[own])
 
-    def _deliver(self, frame: Frame) -> None:
+    def _deliver(self, frame: ReceivedFrame) -> None:
         with self._arrived:
             while len(self._frames) >= self._waiting:
                 self.recycle(self._frames.popleft())

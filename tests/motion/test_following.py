@@ -5,7 +5,6 @@ import pytest
 
 from jradar.motion import Follower
 from jradar.radar import Radar, RadarSpec
-from jradar.recordings import Stream
 from tests.motion.test_trajectory import (
     IMU_PLACE,
     MOUNT,
@@ -22,16 +21,11 @@ VELOCITY = velocities_on(circle, STAMPS).velocity
 FRAMES = 4
 
 
-def at_middle(found):
-    """The recording with the frames' first chirps so that STAMPS are their middles."""
-    stamps = STAMPS - found.radar.spec.frame_middle_s
-    return found._replace(cubes=Stream(lambda k: None, len(stamps), stamps))
-
-
 def follow(found, velocity=VELOCITY, last=9):
     """The newest places after all frames up to `last`, and the follower."""
-    follower = Follower(at_middle(found), frames=FRAMES)
-    places = [follower.step(k, velocity[k]) for k in range(last + 1)]
+    follower = Follower(found, frames=FRAMES)
+    begin = STAMPS - found.radar.spec.frame_middle_s  # STAMPS are the frames' middles
+    places = [follower.step(begin[k], velocity[k]) for k in range(last + 1)]
     return places, follower
 
 
@@ -100,13 +94,13 @@ def test_one_missing_velocity_is_bridged_and_two_are_a_gap(tmp_path):
 @pytest.mark.parametrize("change", ["no stamps", "a long gap", "one chirp"])
 def test_motion_that_cannot_be_known_is_nan(tmp_path, change):
     found = recording(tmp_path)
-    stamps = {"no stamps": None, "a long gap": STAMPS * 30}.get(change, STAMPS)
+    stamps = {"no stamps": STAMPS * np.nan, "a long gap": STAMPS * 30}
+    stamps = stamps.get(change, STAMPS)
     if change == "one chirp":
         found = found._replace(radar=Radar(RadarSpec.awr1843(num_chirps=1)))
-    cubes = Stream(lambda k: None, len(STAMPS), stamps)
-    follower = Follower(found._replace(cubes=cubes), frames=2)
-    follower.step(0, VELOCITY[0])
-    here, before = follower.step(1, VELOCITY[1])
+    follower = Follower(found, frames=2)
+    follower.step(stamps[0], VELOCITY[0])
+    here, before = follower.step(stamps[1], VELOCITY[1])
     np.testing.assert_array_equal(here, np.eye(4))
     assert np.isnan(before).all() and follower.steps == {"none": 1}
 
