@@ -19,7 +19,7 @@ from jradar.motion import frame_velocities, gravity_warnings
 from jradar.motion.scans import scan_poses
 from jradar.progress import progress
 from jradar.radar import PointSpec, Radar, RadarSpec, radar_points
-from jradar.recordings import Recording
+from jradar.recordings import Recording, need_samples
 from jradar.recordings.sample_checks import sample_doubts
 
 MOST_FRAMES = 200
@@ -100,6 +100,7 @@ def calibrate_recording(
     """
     if level and reflector:
         raise UsageError("--level and --reflector both fix the tilt: leave one out")
+    need_samples(recording)
     chosen, radar = _evenly(recording, frames), recording.radar
     echoes = _of_each(recording, chosen, "calibrating", strong_snapshots, radar)
     fit = self_calibrate(echoes, radar.spec, reflector=reflector)

@@ -22,6 +22,8 @@ from jradar.progress import progress
 
 if TYPE_CHECKING:
     from jradar.data import PrepareSpec
+    from jradar.motion.velocities import Velocities
+    from jradar.recordings import Recording
 
 PREVIEW = "preparation.png"
 
@@ -29,10 +31,11 @@ PREVIEW = "preparation.png"
 def info(options: argparse.Namespace) -> dict[str, Any]:
     """Describe a recording, a bag, a cloud or a radar's configuration; check it."""
     recordings = jradar.recordings
-    if recordings.is_description(options.path):
+    points = options.topic or recordings.holds_points(options.path)
+    if not points and recordings.is_description(options.path):
         return recordings.describe_configuration(options.path, device=options.device)
     described = options.radar or recordings.describes_its_radar(options.path)
-    if not (described and recordings.is_recording(options.path)):
+    if not points and not (described and recordings.is_recording(options.path)):
         # Bags may hold radar frames: a description of the radar asks for those.
         if (contents := recordings.describe_file(options.path)) is not None:
             return contents
@@ -79,52 +82,38 @@ def calibrate(options: argparse.Namespace) -> dict[str, Any]:
 
 def odometry(options: argparse.Namespace) -> dict[str, Any]:
     """Estimate the radar's trajectory from Doppler, and write it."""
-    motion, is_bag = jradar.motion, jradar.recordings.holds_radar_clouds(options.path)
-    measured = _velocities_of_clouds if is_bag else _velocities_of_frames
-    source, velocities, about = measured(options)
+    motion = jradar.motion
+    source, velocities = _velocities(options)
     rotation = options.rotation or ("none" if source.imu is None else "imu")
     found = motion.odometry(source, velocities, rotation=rotation)
     motion.write_tum(options.output, found)
     return {
-        **about,
-        "notes": [*source.notes, *found.notes],
+        **summary(source, found.notes),
         "rotation": rotation,
         **motion.describe_trajectory(found, velocities, source.poses),
         "written": [options.output],
     }
 
 
-def _velocities_of_frames(options: argparse.Namespace) -> tuple[Any, ...]:
-    """Return a recording, the radar's velocities, and the first lines of the result."""
+def _velocities(options: argparse.Namespace) -> "tuple[Recording, Velocities]":
+    """Return the recording, and the radar's velocity in each frame."""
     from jradar.motion.velocities import POINTS
 
-    if options.topic:
-        raise UsageError("--topic is only for bags with radar clouds: leave it out")
     recording = jradar.open_recording(options.path, **opening(options))
-    count = len(recording.cubes)
+    count = len(recording.frames)
     frames = range(*options.frames.indices(count))
     if len(frames) < 2:
         raise UsageError(
             f"{options.path}: {len(frames)} of frames 0 to {count - 1} are chosen, "
             "expected 2 or more, because the motion is between frames"
         )
-    recording = jradar.recordings.with_sample_doubts(recording, frames[0])
-    points = dataclasses.replace(POINTS, **given(options, "folds"))
+    measured = jradar.motion.cloud_velocities
+    if len(recording.cubes):
+        recording = jradar.recordings.with_sample_doubts(recording, frames[0])
+        points = dataclasses.replace(POINTS, **given(options, "folds"))
+        measured = functools.partial(jradar.motion.frame_velocities, points=points)
     with progress("odometry", len(frames), unit="frames") as show:
-        velocities = jradar.motion.frame_velocities(
-            recording, frames=frames, points=points, advance=show
-        )
-    return recording, velocities, summary(recording)
-
-
-def _velocities_of_clouds(options: argparse.Namespace) -> tuple[Any, ...]:
-    """Return the same for a bag with the clouds that the radar itself found."""
-    bag = jradar.recordings.open_radar_clouds(options.path, topic=options.topic)
-    frames = options.frames
-    with progress("odometry", len(bag.clouds[frames]), unit="clouds") as show:
-        velocities = jradar.motion.cloud_velocities(bag, frames=frames, advance=show)
-    about = {"recording": str(bag.path), "topic": bag.topic, "velocity": bag.field}
-    return bag, velocities, about
+        return recording, measured(recording, frames=frames, advance=show)
 
 
 def map_(options: argparse.Namespace) -> dict[str, Any]:

@@ -28,6 +28,7 @@ def points(options: argparse.Namespace) -> dict[str, Any]:
     except ValueError as error:
         raise UsageError(str(error)) from error
     recording, frames = open_frames(options)
+    jradar.recordings.need_samples(recording)
     folder = _folder(options, recording, frames, "radar")
     found = jradar.pipeline.detect_recording(recording, points=spec, frames=frames)
     recording, radar = found.recording, recording.radar.spec
@@ -71,6 +72,7 @@ def enhance(options: argparse.Namespace) -> dict[str, Any]:
         options.frames = options.frames or slice(None)
     model = jradar.load_model(options.model)
     recording, frames = open_frames(options)
+    jradar.recordings.need_samples(recording)
     pictured = not options.frames if options.picture is None else options.picture
     folder = None
     if not streamed:

@@ -63,6 +63,8 @@ def recording(sub: Options) -> None:
     option(sub, "--iq-order", "ORDER", text)
     text = "accept an adc_data.bin that ends inside a frame; leave that frame out"
     flag(sub, "--allow-partial", text)
+    text = "topic of a radar's points in a bag (default: the only one with a velocity)"
+    option(sub, "--topic", "NAME", text)
 
 
 def device(sub: Options) -> None:

@@ -23,6 +23,8 @@ PATH is a recording:
   adc_data.bin    a capture of TI's DCA1000; --radar names the log of mmWave Studio,
                   the .cfg of the mmWave SDK or a TOML file
   walk.mcap       a file of jradar record, which describes its radar
+  points          that a radar sends: a ROS bag, a serial stream of TI's demo (.dat),
+                  .ply, .pcd, .csv, .npz or a folder of them; what needs samples says so
   a folder        with a capture.toml, or a ColoRadar sequence such as
                   12_21_2020_ec_hallways_run0; --radar names its calib folder if
                   that is not inside, next to or above the sequence
@@ -68,8 +70,8 @@ ODOMETRY_HELP = """
 Doppler gives the radar's own velocity in each frame. FILE holds the poses of the
 base in TUM's format, a line `stamp x y z qx qy qz qw` in the middle of each frame. If
 the recording has poses, the trajectory is compared with them: APE (positions, aligned
-without scale) and RPE (from frame to frame), as evo defines them. PATH can also be a
-ROS bag with the radar's point clouds alone, if they have a Doppler velocity."""
+without scale) and RPE (from frame to frame), as evo defines them. A radar's points need
+a Doppler velocity."""
 MAP_HELP = """
 
 Poses are the recording's own, or follow from Doppler. DIR receives map.ply, the map
@@ -271,8 +273,6 @@ def _odometry(sub):
         "or no rotation (default: imu if there is one, else none)"
     )
     groups.option(sub, "--rotation", "NAME", text, choices=ROTATIONS)
-    text = "topic to follow, in a bag that holds only radar clouds"
-    groups.option(sub, "--topic", "NAME", text)
     groups.add_point_options(sub, "folds")
 
 

@@ -18,7 +18,9 @@ def given(options: argparse.Namespace, *names: str) -> dict[str, Any]:
 def opening(options: argparse.Namespace) -> dict[str, Any]:
     """Return the options of `open_recording` that the user gave."""
     named = {"description": options.radar} if options.radar else {}
-    return named | given(options, "sensor", "iq_order", "allow_partial", "device")
+    return named | given(
+        options, "sensor", "iq_order", "allow_partial", "device", "topic"
+    )
 
 
 def open_frames(options: argparse.Namespace) -> "tuple[Recording, range]":
@@ -30,7 +32,7 @@ def open_frames(options: argparse.Namespace) -> "tuple[Recording, range]":
     recording = jradar.open_recording(
         options.path, frames_as_chirps=options.frames_as_chirps, **opening(options)
     )
-    count, frame = len(recording.cubes), options.frame or 0
+    count, frame = len(recording.frames), options.frame or 0
     frames = range(frame, frame + 1)
     if chosen := getattr(options, "frames", None):
         frames = range(*chosen.indices(count))
@@ -46,7 +48,7 @@ def summary(recording: "Recording", notes: tuple[str, ...] = ()) -> dict[str, An
     """Return the first lines of a result: which recording was read."""
     return {
         "recording": str(recording.path),
-        "radar": recording.radar.spec.name,
-        "frames": len(recording.cubes),
+        **({} if recording.radar is None else {"radar": recording.radar.spec.name}),
+        "frames": len(recording.frames),
         "notes": [*recording.notes, *notes],
     }

@@ -137,7 +137,9 @@ def replay(options: argparse.Namespace) -> dict[str, Any]:
 def _recording(options: argparse.Namespace) -> "Recording":
     """Return the recording to replay, or the radar that `--radar` describes."""
     if options.replay:
-        return jradar.open_recording(options.replay, **opening(options))
+        recording = jradar.open_recording(options.replay, **opening(options))
+        jradar.recordings.need_samples(recording)
+        return recording
     if not options.radar:
         raise UsageError(
             "name the radar's description with --radar, such as the .cfg that runs on "

@@ -16,7 +16,7 @@ from jradar.errors import UsageError
 from jradar.files import read_json
 from jradar.options.recordings import SPLITS
 from jradar.recordings.open import is_recording, open_recording
-from jradar.recordings.recording import Recording
+from jradar.recordings.recording import Recording, need_samples
 
 APART_S, APART = 2.0, 20  # between the parts of a recording: seconds, frames
 TRAIN_RUNS = 3  # "the first three trajectories of each environment"
@@ -50,7 +50,9 @@ class Source(NamedTuple):
 
     def open(self) -> Recording:
         """Open the recording; its frames are read on access."""
-        return open_recording(self.path, **dict(self.opening))
+        recording = open_recording(self.path, **dict(self.opening))
+        need_samples(recording)
+        return recording
 
     def frames(self, recording: Recording, chosen: slice) -> range:
         """Return the numbers of the chosen frames that are in this part.

@@ -17,7 +17,6 @@ from jradar.motion.scans import scan_poses, to_poses
 from jradar.motion.velocities import Velocities, outliers
 from jradar.options.recordings import ROTATIONS
 from jradar.recordings import Recording
-from jradar.recordings.bags.radar_clouds import RadarClouds
 
 COMMENT = "# jradar odometry: stamp x y z qx qy qz qw"
 
@@ -43,9 +42,9 @@ class Trajectory(NamedTuple):
 
 
 def odometry(
-    recording: Recording | RadarClouds, velocities: Velocities, *, rotation: str = "imu"
+    recording: Recording, velocities: Velocities, *, rotation: str = "imu"
 ) -> Trajectory:
-    """Return the trajectory of a recording's radar, or a bag's, from its velocities.
+    """Return the trajectory of a recording's radar from its velocities.
 
     `rotation` is "imu" (its gyroscope), "poses" (the recorded ones), "lidar" (scan
     matching) or "none" (the rig does not rotate). The base is first at the origin.
@@ -75,8 +74,6 @@ def odometry(
             raise UsageError(f"{recording.path} has no poses: use another rotation")
         turns = pose_attitude(recording.poses, stamps)
     elif rotation == "lidar":
-        if isinstance(recording, RadarClouds):
-            raise UsageError(f"{recording.path} has no scans: use another rotation")
         poses = scan_poses(recording)
         # The LiDAR's first and last scan may lie within the radar's frames.
         turns = pose_attitude(poses, np.clip(stamps, *poses.stamps[[0, -1]]))
@@ -85,7 +82,7 @@ def odometry(
     return found._replace(notes=tuple(notes))
 
 
-def _notes(recording: Recording | RadarClouds, velocities: Velocities) -> Iterator[str]:
+def _notes(recording: Recording, velocities: Velocities) -> Iterator[str]:
     missing = np.flatnonzero(~np.isfinite(velocities.velocity[:, 0]))
     if len(missing):
         yield (
@@ -96,9 +93,9 @@ def _notes(recording: Recording | RadarClouds, velocities: Velocities) -> Iterat
         yield "the array has one row: the radar is taken to move in its own plane"
 
 
-def _climb(recording: Recording | RadarClouds, found: Trajectory) -> Iterator[str]:
+def _climb(recording: Recording, found: Trajectory) -> Iterator[str]:
     """Yield a note on the height gained by an array that may seem tilted."""
-    if isinstance(recording, RadarClouds) or recording.radar.calibrated:
+    if not len(recording.cubes) or recording.radar.calibrated:
         return
     first, last = found.world_from_base[[0, -1], 2, 3]
     if recording.has_elevation:

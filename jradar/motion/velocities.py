@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float, Int
 from jradar.errors import UsageError
 from jradar.motion.doppler import ego_velocity
 from jradar.radar import PointSpec, radar_points
-from jradar.recordings import Recording
-from jradar.recordings.bags.radar_clouds import RadarClouds
+from jradar.recordings import Recording, need_samples
 from jradar.types import PointCloud
 
 POINTS = PointSpec(capacity=512)
@@ -45,6 +44,7 @@ def frame_velocities(
     is called with the number of frames done. Raises UsageError if the frames have no
     times or the radar has no Doppler.
     """
+    need_samples(recording)
     radar, stamps = recording.radar.spec, recording.cubes.stamps
     chosen = range(len(recording.cubes)) if frames is None else frames
     if stamps is None or not len(chosen):
@@ -76,30 +76,49 @@ def frame_velocities(
 
 
 def cloud_velocities(
-    bag: RadarClouds,
+    recording: Recording,
     *,
-    frames: slice = slice(None),
+    frames: Sequence[int] | None = None,
     advance: Callable[[int], None] = lambda done: None,
 ) -> Velocities:
-    """Return the radar's velocity in each cloud of a bag; host.
+    """Return the radar's velocity in each frame of a recording of points; host.
 
-    The clouds' velocities are taken as unambiguous. `frames` and `advance` as in
-    `frame_velocities`. Raises UsageError for fewer than two clouds.
+    The points' velocities are taken as unambiguous. `frames` and `advance` as in
+    `frame_velocities`. Raises UsageError for points without velocities or times.
     """
-    clouds, stamps = bag.clouds[frames], bag.stamps[frames]
-    if len(clouds) < 2:
-        raise UsageError(f"{bag.path}: {len(clouds)} clouds, expected 2 or more")
-    size, rows = max(map(len, clouds)), []
+    points = recording.points
+    chosen = range(len(points or ())) if frames is None else frames
+    if points is None or points.stamps is None or not len(chosen):
+        raise UsageError(
+            f"{recording.path}: {len(chosen)} frames of points, expected some with "
+            "known times"
+        )
+    clouds = [points[frame] for frame in chosen]
+    if any(cloud.velocity is None for cloud in clouds):
+        raise UsageError(
+            f"{recording.path}: the points have no Doppler velocity, from which the "
+            "radar's own would follow"
+        )
+    size, rows = max(1, *(len(cloud.valid) for cloud in clouds)), []
+    elevation = recording.has_elevation
     for done, cloud in enumerate(clouds, 1):
-        table = np.zeros((size, 4), np.float32)  # of one size, and compiled once
-        table[: len(cloud)] = cloud
-        points = PointCloud(table[:, :3], np.arange(size) < len(cloud), table[:, 3])  # pyright: ignore[reportArgumentType]
+        padded = _padded(cloud, size)  # of one size, and compiled once
         key = jax.random.fold_in(jax.random.key(0), done)
-        found = ego_velocity(key, points, elevation=bag.has_elevation)
-        counts = (mask.sum() for mask in (points.valid, found.inliers, found.moving))
+        found = ego_velocity(key, padded, elevation=elevation)
+        counts = (mask.sum() for mask in (padded.valid, found.inliers, found.moving))
         rows.append((found.velocity, found.covariance, *counts))
         advance(done)
-    return _velocities(stamps, rows)
+    return _velocities(points.stamps[list(chosen)], rows)
+
+
+def _padded(cloud: PointCloud, size: int) -> PointCloud:
+    """Return place and velocity of a cloud of NumPy arrays, padded to `size` points."""
+    table = np.zeros((size, 4), np.float32)
+    table[: len(cloud.valid)] = np.column_stack(
+        [np.asarray(cloud.xyz), np.asarray(cloud.velocity)]
+    )
+    valid = np.arange(size) < len(cloud.valid)
+    return PointCloud(table[:, :3], valid, table[:, 3])  # pyright: ignore[reportArgumentType]
 
 
 def outliers(velocities: Velocities) -> Bool[np.ndarray, " frame"]:

@@ -148,7 +148,10 @@ def describe_recording(recording: Recording, *, frame: int = 0) -> dict[str, Any
 
     A capture of your own rig with a LiDAR or poses also has the offset between the
     clocks.
+    A recording of points alone has no samples to describe.
     """
+    if not len(recording.cubes):
+        return describe(recording)
     radar, one = recording.radar.spec, range(frame, frame + 1)
     doubted = with_sample_doubts(recording, chosen_frames(recording, one)[0])
     kinds = [POINTS]

@@ -18,7 +18,7 @@ from jradar.model import Model
 from jradar.options.drawing import Drawing
 from jradar.pipeline.history import frame_times
 from jradar.pipeline.pipeline import Frame, Pipeline, without_interference
-from jradar.recordings import Recording, with_sample_doubts
+from jradar.recordings import Recording, need_samples, with_sample_doubts
 
 AHEAD = 2  # frames that wait between two threads
 
@@ -116,6 +116,7 @@ def enhance_recording(
 
 def chosen_frames(recording: Recording, frames: slice | range) -> range:
     """Return the numbers of `frames`; UsageError if the recording lacks some."""
+    need_samples(recording)
     count = len(recording.cubes)
     chosen = range(*frames.indices(count)) if isinstance(frames, slice) else frames
     if not chosen or chosen.start < 0 or chosen.stop > count:

@@ -1,18 +1,15 @@
-"""Files of any format to `Recording`s: radar frames, scans, poses, calibration.
+"""Files of any format to `Recording`s: radar frames or points, scans, poses.
 
     recording = open_recording("walk.mcap")   # or a folder, a .npy, an adc_data.bin
     cube, radar = recording.cube(0), recording.radar
+    cloud = recording.points[0]               # of a radar that sends points
     scan = nearest_scan(recording, 0)         # in the radar's frame, if it has one
-    cloud = read_cloud("frame.ply")
+    columns = read_cloud("frame.ply")
 
 Each format has a module, with its layout at the top. `recording` explains how to add
 one. Nothing here imports JAX before the first `Radar` is made.
 """
 
-from jradar.recordings.bags.radar_clouds import (
-    holds_radar_clouds as holds_radar_clouds,
-    open_radar_clouds as open_radar_clouds,
-)
 from jradar.recordings.bags.radar_frames import (
     describes_its_radar as describes_its_radar,
 )
@@ -33,6 +30,7 @@ from jradar.recordings.frame_recorder import (
     open_recorder as open_recorder,
 )
 from jradar.recordings.open import (
+    holds_points as holds_points,
     is_recording as is_recording,
     open_recording as open_recording,
     without_background as without_background,
@@ -43,6 +41,7 @@ from jradar.recordings.recording import (
     Recording as Recording,
     Stream as Stream,
     nearest_scan as nearest_scan,
+    need_samples as need_samples,
     radar_from_lidar as radar_from_lidar,
 )
 from jradar.recordings.sample_checks import (

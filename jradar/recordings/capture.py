@@ -1,7 +1,8 @@
 """A capture of your own rig: radar, LiDAR, poses, IMU and a `capture.toml`.
 
     [radar]
-    file = "adc_data.bin"            # of a DCA1000, or a bag of raw samples
+    file = "adc_data.bin"            # of a DCA1000, a bag of raw samples, or points
+    # topic = "/radar/points"        # .. of a bag, if several hold a radar's points
     description = "profile.cfg"      # or mmWave Studio's log, or a .toml; a walk.mcap
                                      # of `jradar record` needs none
     start_time_s = 1732190000.25     # of its first frame, on the LiDAR's clock; or
@@ -46,12 +47,14 @@ from jradar.lidar.align import accumulate as merge
 from jradar.recordings.bags.bags import is_bag, open_bag, open_imu
 from jradar.recordings.bags.raw import open_raw_bag
 from jradar.recordings.descriptions import CAPTURE_TOML as NAME
+from jradar.recordings.points.formats import READERS as POINTS
 from jradar.recordings.recording import (
     Format,
     Recording,
     Stream,
     clocks_apart,
     loss_notes,
+    read,
 )
 from jradar.recordings.text_files import check_names, read_frame_times, read_tum, toml
 from jradar.recordings.ti.dca1000 import open_dca1000
@@ -60,6 +63,7 @@ PLACE = {"xyz": 3, "rpy_degrees": 3, "quaternion": 4}  # lists of so many number
 KEYS = {
     "radar": {
         **{"file": str, "description": str, "device": str, "iq_order": str},
+        "topic": str,
         **{"allow_partial": bool, "frame_period_s": float, "stamps": str},
         **{"start_time_s": float, "offset_s": float, "add_s": float, **PLACE},
     },
@@ -118,10 +122,9 @@ def open_capture(folder: Path | str) -> Recording:
         notes += said
         base_from_imu = _read_place(path, "imu", table)
     stamps, doubts = _radar_stamps(path, radar, recording, lidar_stamps)
-    return recording._replace(
+    return _at(recording, stamps)._replace(
         name=path.parent.resolve().name,
         path=path.parent,
-        cubes=Stream(recording.cubes.__getitem__, len(recording.cubes), stamps),
         lidar=scans,
         poses=poses,
         imu=imu,
@@ -179,23 +182,37 @@ def _file(path: Path, name: str, table: dict[str, Any], *, key: str = "file") ->
 
 
 def _frames(path, radar) -> Recording:
-    """Return the frames of the file that [radar] names, a bag's with their times."""
+    """Return the frames or points of the file that [radar] names, as it is."""
     file, description = _file(path, "radar", radar), None
     if "description" in radar:
         description = _file(path, "radar", radar, key="description")
-    options = {key: radar[key] for key in ("iq_order", "device") if key in radar}
-    if is_bag(file):
-        if given := [k for k in (*TIMES, "stamps", "allow_partial") if k in radar]:
+    found = next((kind for kind in POINTS if kind.matches(file)), None)
+    names = ("iq_order", "device", *(["topic"] if found else []))
+    options = {key: radar[key] for key in names if key in radar}
+    if found is not None or is_bag(file):
+        own = (*(TIMES if is_bag(file) else ()), "stamps", "allow_partial")
+        if given := [key for key in own if key in radar]:
             raise UsageError(
                 f"{path}: [radar] has {given[0]}, but the frames of {file.name} have "
                 "times of their own: leave it out, or correct them with add_s"
             )
-        return open_raw_bag(file, description, **options)
+        if found is None:
+            return open_raw_bag(file, description, **options)
+        return read(file, POINTS, description=description, **options)
     if description is None:
         raise UsageError(f"{path}: [radar] lacks description")
     partial = radar.get("allow_partial", False)
     recording = open_dca1000(file, description, allow_partial=partial, **options)
     return _stamped(path, radar, recording) if "stamps" in radar else recording
+
+
+def _at(recording: Recording, stamps: np.ndarray) -> Recording:
+    """Return the recording with other times of its frames."""
+    frames = recording.frames
+    moved = Stream(frames.__getitem__, len(frames), stamps)
+    return recording._replace(
+        **{"points" if frames is recording.points else "cubes": moved}
+    )
 
 
 def _stamped(path, radar, recording):
@@ -215,15 +232,19 @@ def _stamped(path, radar, recording):
 
 def _radar_stamps(path, radar, recording, lidar_stamps):
     """Return the times of the radar's frames on the LiDAR's clock, and warnings."""
-    period = radar.get("frame_period_s", recording.radar.spec.frame_period_s)
+    known, frames = recording.radar, recording.frames
+    period = 0.0 if known is None else known.spec.frame_period_s
+    period = radar.get("frame_period_s", period)
     given = [key for key in TIMES[:2] if key in radar]
-    timed = "stamps" in radar or is_bag(recording.path)
+    has = "stamps" in radar or is_bag(recording.path) or frames is recording.points
+    own = frames.stamps if has else None
+    timed = own is not None and not given
     if "add_s" in radar and not timed:
         raise UsageError(
             f"{path}: [radar] add_s changes the times of stamps or of a bag: change "
             "start_time_s or offset_s instead"
         )
-    if not period > 0 and not timed:
+    if not period > 0 and own is None:
         raise UsageError(
             f"{path}: the time between frames is unknown: set frame_period_s in [radar]"
         )
@@ -243,9 +264,10 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
         )
     first = float(lidar_stamps[0]) if len(lidar_stamps) else 0.0
     start = radar.get("start_time_s", first + radar.get("offset_s", 0.0))
-    stamps, doubts = start + np.arange(len(recording.cubes)) * period, []
+    steps = np.arange(len(frames)) * period if own is None else own - own[0]
+    stamps, doubts = start + steps, []
     if timed:
-        stamps = recording.cubes.stamps + radar.get("add_s", 0.0)
+        stamps = own + radar.get("add_s", 0.0)
     elif len(lidar_stamps) and not given:
         doubts.append("no start_time_s: the radar is assumed to start with the LiDAR")
     if spans := clocks_apart(stamps, lidar_stamps):

@@ -18,6 +18,7 @@ from jradar.recordings.bags.bags import (
 from jradar.recordings.bags.mcap_files import describe_mcap, is_other_mcap
 from jradar.recordings.bags.messages import is_cloud_type
 from jradar.recordings.clouds.read import read_cloud
+from jradar.recordings.points.frames import describe_points
 from jradar.recordings.recording import (
     Format,
     Recording,
@@ -37,7 +38,8 @@ def describe(recording: Recording) -> dict[str, Any]:
     reported under "readable".
     """
     poses, lost = recording.poses, {}
-    streams = [_timing("radar", len(recording.cubes), recording.cubes.stamps)]
+    cubes, points, frames = recording.cubes, recording.points, recording.frames
+    streams = [_timing("radar", len(frames), frames.stamps)]
     if recording.lidar is not None:
         streams.append(_timing("lidar", len(recording.lidar), recording.lidar.stamps))
     if poses is not None:
@@ -49,20 +51,36 @@ def describe(recording: Recording) -> dict[str, Any]:
         lost["frames with losses"] = int((bytes_of_frame > 0).sum())
     return {
         "recording": str(recording.path),
-        "frames": len(recording.cubes),
-        "radar": describe_radar(recording.radar.spec),
+        "frames": len(frames),
+        **(
+            {"radar": describe_radar(recording.radar.spec)}
+            if recording.radar is not None
+            else {}
+        ),
+        **({} if points is None else {"points": describe_points(points)}),
+        **({"fields": dict(recording.fields)} if recording.fields else {}),
         "streams": streams,
         **_matches(recording),
         "readable": {
             f"{name} {item}": _item(stream, item)
-            for name, stream in (("frame", recording.cubes), ("scan", recording.lidar))
+            for name, stream in (("frame", cubes), ("scan", recording.lidar))
             for item in (sorted({0, len(stream) - 1}) if stream else ())
         },
-        "calibration": _calibration(recording),
+        **(
+            {"calibration": _calibration(recording)}
+            if recording.radar is not None
+            else {}
+        ),
         "transforms": _transforms(recording),
         **lost,
+        **({} if points is None else _topics(recording.path)),
         "notes": [*recording.notes],
     }
+
+
+def _topics(path: Path) -> dict[str, Any]:
+    """Return the topics of a bag, of which a capture.toml may name others."""
+    return {"topics": describe_bag(path)["topics"]} if is_bag(path) else {}
 
 
 def describe_bag(path: Path | str) -> dict[str, Any]:
@@ -162,7 +180,7 @@ def _matches(recording: Recording) -> dict[str, Any]:
 
     Streams whose times do not overlap are reported with both spans instead.
     """
-    stamps, lidar, found = recording.cubes.stamps, recording.lidar, {}
+    stamps, lidar, found = recording.frames.stamps, recording.lidar, {}
     if stamps is None:
         return found
     if lidar is not None and lidar.stamps is not None:

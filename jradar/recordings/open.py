@@ -13,20 +13,27 @@ from jradar.errors import UsageError
 from jradar.files import open_file
 from jradar.recordings import capture, cubes
 from jradar.recordings.bags import raw
-from jradar.recordings.bags.radar_clouds import holds_radar_clouds
 from jradar.recordings.coloradar import sequence
-from jradar.recordings.recording import Recording, Stream, read
+from jradar.recordings.points import bags, formats, oculii
+from jradar.recordings.recording import Recording, Stream, need_samples, read
 from jradar.recordings.ti import dca1000, packet_trace
 
-READERS = (
-    *(capture.READER, sequence.READER, dca1000.READER),
-    *(packet_trace.READER, cubes.READER, raw.READER),
+READERS = (  # points are known by their contents, samples by their names
+    *(capture.READER, sequence.READER, *formats.READERS, oculii.READER),
+    *(dca1000.READER, packet_trace.READER, cubes.READER, raw.READER),
 )
 
 
 def is_recording(path: Path | str) -> bool:
     """True if a reader takes this path; of a bag, the index is read."""
     return any(reader.matches(Path(path)) for reader in READERS)
+
+
+def holds_points(path: Path | str) -> bool:
+    """True for a recording of the points that a radar found."""
+    path = Path(path)
+    taken = next((reader for reader in READERS if reader.matches(path)), None)
+    return taken in formats.READERS
 
 
 def open_recording(
@@ -38,30 +45,29 @@ def open_recording(
     iq_order: str | None = None,
     allow_partial: bool = False,
     device: str | None = None,
+    topic: str | None = None,
 ) -> Recording:
     """Open a recording of any format in `READERS`; no frame is read yet.
 
     `description` is the file that describes the radar, or ColoRadar's `calib` folder;
     by default the only one next to the recording. `device` is the board of a .cfg,
     `sensor` the radar of a ColoRadar sequence, "single_chip" or "cascade", `iq_order`
-    replaces the described order of I and Q. `frames_as_chirps` merges frames of one
-    chirp each into one frame, and `allow_partial` reads the whole frames of an
-    adc_data.bin that was cut off. Raises UsageError for a path of no known format, an
-    option that the format does not take, and a missing description; ValueError for
-    damaged files.
+    replaces the described order of I and Q, `topic` is that of a bag's points.
+    `frames_as_chirps` merges frames of one chirp each into one frame, and
+    `allow_partial` reads the whole frames of an adc_data.bin that was cut off. Raises
+    UsageError for a path of no known format, an option that the format does not take,
+    and a missing description; ValueError for damaged files.
     """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no such file or folder: {path}")
     if not path.is_dir():
         open_file(path).close()  # refuses pipes and devices
-    if holds_radar_clouds(path):
-        raise UsageError(
-            f"{path} is a bag of point clouds, expected raw samples of the radar: "
-            "`jradar odometry` follows a radar by clouds, `jradar info` lists them"
-        )
-    if path.is_dir() and not is_recording(path):
-        _refuse_folder(path)
+    if not is_recording(path):
+        if bags.holds_clouds(path):  # of no radar, unless the topic is named
+            return bags.open_points_bag(path, topic=topic)
+        if path.is_dir():
+            _refuse_folder(path)
     recording = read(
         path,
         READERS,
@@ -70,6 +76,7 @@ def open_recording(
         iq_order=iq_order,
         allow_partial=allow_partial or None,
         device=device,
+        topic=topic,
     )
     return _frames_as_chirps(recording) if frames_as_chirps else recording
 
@@ -87,6 +94,7 @@ def _refuse_folder(path: Path) -> None:
 
 
 def _frames_as_chirps(recording: Recording) -> Recording:
+    need_samples(recording)
     radar, frames, lost = recording.radar.spec, recording.cubes, recording.lost_bytes
     if radar.num_chirps != 1 or radar.num_tx != 1 or not radar.frame_period_s:
         raise UsageError(
@@ -116,6 +124,7 @@ def without_background(recording: Recording, frames: slice) -> Recording:
     radar's own is dropped.
     Raises UsageError if the recording has none of the frames.
     """
+    need_samples(recording)
     cubes, chosen = recording.cubes, range(*frames.indices(len(recording.cubes)))
     if not chosen:
         raise UsageError(

@@ -1,11 +1,13 @@
 """A recording: radar frames and the data of other sensors, read when accessed.
 
-Readers of every format return a `Recording`, and everything else works on it. Fields
-that a recording lacks are None.
+Readers of every format return a `Recording`, and everything else works on it. A radar's
+frames are samples, `cubes`, or the points that the radar itself found, or both. Fields
+that a recording lacks are None, but `cubes`, which is then empty.
 
-Three lists of formats drive this room, and `read` serves them all:
+Four lists of formats drive this room, and `read` serves them all:
 
     open.READERS                  radar frames              -> Recording
+    points.formats.READERS        points that a radar found -> Recording
     descriptions.DESCRIPTIONS     a radar's configuration   -> Description
     describe.CONTENTS             bags and clouds           -> what they hold
 
@@ -14,7 +16,7 @@ A new format is one file with a function that reads it, and one entry in a list.
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Float, Inexact, Int
@@ -24,6 +26,7 @@ from jradar.errors import UsageError
 from jradar.lidar import Poses, returns, transform
 
 OVERLAP_S = 0.05  # by which streams of one clock may miss one another
+TAKE_POINTS = "`jradar info` and `jradar odometry`"
 
 
 class Stream(Sequence):
@@ -67,13 +70,18 @@ class Imu(NamedTuple):
     rate: Float[np.ndarray, "record 3"]  # rad/s
 
 
+NO_CUBES = Stream([].__getitem__, 0)
+
+
 class Recording(NamedTuple):
     """One sequence or capture. All transforms are 4 x 4 matrices in float64."""
 
     name: str  # of the sequence, which prepared records keep
     path: Path
-    radar: "jradar.Radar"
-    cubes: Stream  # complex64 [tx, rx, chirp, sample], ADC counts as recorded
+    # None of points alone without a description: `need_samples` asks before its use.
+    radar: "jradar.Radar" = cast(Any, None)
+    cubes: Stream = NO_CUBES  # complex64 [tx, rx, chirp, sample], ADC counts
+    points: Stream | None = None  # PointCloud of NumPy arrays, in the radar's frame
     lidar: Stream | None = None  # float32 [point, 4]: x y z intensity, LiDAR's frame
     poses: Poses | None = None  # of the base in the world
     imu: Imu | None = None
@@ -83,23 +91,47 @@ class Recording(NamedTuple):
     lost_bytes: Int[np.ndarray, " frame"] | None = None  # zero-filled, per frame
     iq_order: str = ""  # of an adc_data.bin
     axes: tuple[str, ...] = ()  # of a .npy
+    fields: tuple[tuple[str, str], ...] = ()  # what of the points was read from what
     notes: tuple[str, ...] = ()  # repairs and warnings
 
     def cube(self, frame: int) -> Inexact[np.ndarray, "tx rx chirp sample"]:
-        """Return the samples of a frame as recorded; `radar` holds the calibration."""
+        """Return the samples of a frame as recorded; `radar` holds the calibration.
+
+        Raises UsageError for a recording of points alone.
+        """
+        need_samples(self)
         return self.cubes[frame]
 
     @property
+    def frames(self) -> Stream:
+        """The radar's frames with their times: of samples, or else of points."""
+        return self.cubes if self.points is None or len(self.cubes) else self.points
+
+    @property
     def has_elevation(self) -> bool:
-        """Whether the array measures elevations."""
-        return self.radar.spec.has_elevation
+        """Whether the array measures elevations, or points lie above or below it."""
+        if self.radar is not None and len(self.cubes):
+            return self.radar.spec.has_elevation
+        return any(np.any(cloud.xyz[:, 2]) for cloud in self.points or ())
 
     def __repr__(self) -> str:
         """One line: name, frames, radar, and what else was recorded."""
         others = ("lidar", "poses", "imu")
         known = [name for name in others if getattr(self, name) is not None]
         more = f", with {', '.join(known)}" if known else ""
-        return f"Recording({self.name!r}, {len(self.cubes)} frames{more}, {self.radar})"
+        frames = f"{len(self.frames)} frames"
+        if not len(self.cubes):
+            return f"Recording({self.name!r}, {frames} of points{more})"
+        return f"Recording({self.name!r}, {frames}{more}, {self.radar})"
+
+
+def need_samples(recording: Recording) -> None:
+    """Raise UsageError for a recording of the points that a radar found."""
+    if recording.points is not None and not len(recording.cubes):
+        raise UsageError(
+            f"{recording.path} holds a radar's points, expected its raw samples: "
+            f"{TAKE_POINTS} take points"
+        )
 
 
 def radar_from_lidar(recording: Recording) -> Float[np.ndarray, "4 4"] | None:
@@ -117,12 +149,13 @@ def nearest_scan(
     Missing returns, points at (0, 0, 0), are removed. Returns None if no scan lies
     within `tolerance_s`, or if times or transforms are unknown.
     """
-    cubes, lidar, move = recording.cubes, recording.lidar, radar_from_lidar(recording)
+    stamps, lidar = recording.frames.stamps, recording.lidar
+    move = radar_from_lidar(recording)
     if lidar is None or move is None or not len(lidar):
         return None
-    if cubes.stamps is None or lidar.stamps is None:
+    if stamps is None or lidar.stamps is None:
         return None
-    apart = np.abs(lidar.stamps - cubes.stamps[frame])
+    apart = np.abs(lidar.stamps - stamps[frame])
     if apart.min() > tolerance_s:
         return None
     xyz = lidar[int(apart.argmin())][:, :3]

@@ -18,7 +18,7 @@ import numpy as np
 
 from jradar.errors import UsageError
 from jradar.outputs.published import FALLBACK_PERIOD_S
-from jradar.recordings import Recording, Stream
+from jradar.recordings import Recording, Stream, need_samples
 from jradar.recordings.ti.iq_order import words_of_cube
 from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import (
@@ -235,6 +235,7 @@ def replaying(
 
     The radar's description gives the period of frames, or else their times do.
     """
+    need_samples(recording)
     period_s, stamps = recording.radar.spec.frame_period_s, recording.cubes.stamps
     if not period_s and stamps is not None and len(stamps) > 1:
         period_s = float(np.median(np.diff(stamps)))

@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import safetensors.numpy
@@ -37,6 +38,7 @@ from tests.recordings.dca1000_writer import (
     random_cubes,
     with_headers,
 )
+from tests.recordings.points import ti_writer
 from tests.recordings.test_descriptions import STUDIO
 from tests.recordings.ti import test_packet_trace as traces
 from tests.recordings.ti.test_studio_log import SECOND
@@ -102,6 +104,14 @@ def described(path: Path) -> None:
     describe(recording)
     for index in (0, -1):
         assert recording.cubes[index].ndim == 4
+
+
+def read_points(path: Path) -> None:
+    """Open a radar's points, describe them, and read every frame."""
+    recording = open_recording(path)
+    describe(recording)
+    for cloud in recording.points or ():
+        assert cloud.xyz.shape == (len(cloud.valid), 3)
 
 
 def read_bag(path: Path) -> None:
@@ -190,6 +200,22 @@ def clouds_bag(folder: Path, container: str, compressed: str) -> Path:
     return bags.write_bag(folder / "bag", container, messages, compressed)
 
 
+def points_bag(folder: Path) -> Path:
+    """A bag of a radar's points, written without the tests' fields of a LiDAR."""
+    names = [(name, 7, "f") for name in ("x", "y", "z", "doppler", "snr")]
+    table = dict(zip("xyz", POINTS.T, strict=False))
+    table |= {"doppler": POINTS[:, 3], "snr": POINTS[:, 3]}
+    with mock.patch.object(bags, "FIELDS", names):
+        make = bags.point_cloud2(table, bags.START)
+        messages = [("/r", bags.CLOUD, bags.START, make)]
+        return bags.write_bag(folder / "bag", "mcap", messages)
+
+
+def points_npz(folder: Path) -> Path:
+    np.savez(folder / "a.npz", xyz=POINTS[:, :3], velocity=POINTS[:, 3])
+    return folder / "a.npz"
+
+
 def model(folder: Path) -> Path:
     save_model(folder / "model", tiny_model())
     return folder / "model"
@@ -223,6 +249,10 @@ def bag(container: str, compressed: str = "", *parts: str):
     return target(write, read_bag, *parts)
 
 
+POINTS = np.random.default_rng(0).uniform(1, 9, (20, 4)).astype("<f4")
+RANGES = np.linalg.norm(POINTS[:, :3], axis=1)
+TJ4D = np.column_stack([POINTS, RANGES, *np.ones((3, 20), "<f4")]).astype("<f4")
+SERIAL = [ti_writer.packet(k, POINTS.tolist(), [9.0] * 20) for k in range(4)]
 CHIP = ("calib", "single_chip")
 RUN = ("run0", "single_chip", "adc_samples")
 WEIGHTS = safetensors.numpy.save({"a.weight": np.ones((4, 3), np.float32)})
@@ -271,6 +301,20 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "sqlite zstd": bag("sqlite", "message"),
     "mcap": bag("mcap"),
     "mcap zstd": bag("mcap", "storage"),
+    "serial stream": text("a.dat", b"".join(SERIAL), read_points, head=80),
+    "bytes in a csv": text(
+        "a.csv",
+        "\n".join(f'{k},"{",".join(map(str, one))}"' for k, one in enumerate(SERIAL)),
+        read_points,
+    ),
+    "points csv": text(
+        "b.csv",
+        "x,y,z,doppler\n" + "\n".join(",".join(map(str, p)) for p in POINTS.tolist()),
+        read_points,
+    ),
+    "points npz": target(points_npz, read_points, head=200),
+    "points bin": text("a.bin", TJ4D.tobytes(), read_points),
+    "points bag": target(points_bag, read_points),
     "manifest": target(write_folder, read_records, "manifest.json"),
     "shard": target(write_folder, read_records, "run0", "0000.array_record"),
     "record": text(

@@ -123,7 +123,7 @@ def point_cloud2(columns, stamp, big=False, height=1, gap=3, row_gap=0):
     step, width = struct.calcsize(form), len(points) // height
     data = b"".join(
         b"".join(points[at : at + width]) + row_gap * b"\xbb"
-        for at in range(0, len(points), width)
+        for at in range(0, len(points), max(width, 1))
     )
 
     def make(store):

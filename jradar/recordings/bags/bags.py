@@ -57,14 +57,17 @@ class TopicStream(Stream):
         *,
         sensor: str,
         has_header: bool = True,
+        on_recorders_clock: bool = False,
         extract: Callable[[bytes], Any] | None = None,
     ):
         """Read the times of all messages of `topic`.
 
         `sensor` names the sensor in notes. Messages without a header have their times
-        of recording. `extracted` is what `extract` returns for each message.
+        of recording. Stamps of another clock are moved `on_recorders_clock`, or only
+        noted. `extracted` is what `extract` returns for each message.
         """
         self.path, self.topic, self._sensor = path, topic, sensor
+        self._moves = on_recorders_clock
         is_ros1 = path.suffix == ".bag"
         found, self.extracted = [], []
         for _, time, raw in messages(path, topic):
@@ -105,9 +108,10 @@ class TopicStream(Stream):
             )
         late = np.median(self._times - headers) / NS if len(headers) else 0.0
         if abs(late) > OTHER_CLOCK_S:
-            return headers / NS, (
+            used = "are moved by that" if self._moves else "are used"
+            return headers / NS + late * self._moves, (
                 f"{self.topic}: the {self._sensor}'s clock is {late:,.3f} s behind the "
-                f"recorder's; the {self._sensor}'s stamps are used",
+                f"recorder's; the {self._sensor}'s stamps {used}",
             )
         return headers / NS, ()
 
@@ -118,10 +122,16 @@ class LidarStream(TopicStream):
     Points at (0, 0, 0), and those that are not finite, are missing returns and removed.
     """
 
-    def __init__(self, path: Path, topic: str, kind: str):
-        """Read the stamps of all clouds of `topic`."""
+    def __init__(
+        self, path: Path, topic: str, kind: str, *, on_recorders_clock: bool = False
+    ):
+        """Read the stamps of all clouds of `topic`; the clock as in `TopicStream`."""
         self._kind, self._is_ros1 = kind, path.suffix == ".bag"
-        super().__init__(path, topic, self._cloud, sensor="LiDAR")
+        super().__init__(
+            *(path, topic, self._cloud),
+            sensor="LiDAR",
+            on_recorders_clock=on_recorders_clock,
+        )
 
     def read_points(self, index: int) -> dict[str, np.ndarray]:
         """Return all fields of the points of cloud `index` by name.
@@ -165,18 +175,24 @@ def open_bag(path: Path | str, *, topic: str | None = None) -> LidarStream:
 
 
 def open_imu(
-    path: Path | str, *, topic: str | None = None
+    path: Path | str, *, topic: str | None = None, on_recorders_clock: bool = False
 ) -> tuple[Imu, tuple[str, ...]]:
     """Return the IMU in a bag, and notes on it.
 
     `topic` is optional if only one holds sensor_msgs/Imu. If several records have the
-    same time, the first is kept. Errors as in `open_bag`.
+    same time, the first is kept. Errors as in `open_bag`; the clock as in
+    `TopicStream`.
     """
     topic, _ = topic_of(path, topic, IMU.__eq__, IMU)
     path = Path(path)
     decode = functools.partial(decode_imu, is_ros1=path.suffix == ".bag")
     try:
-        stream = TopicStream(path, topic, decode, sensor="IMU", extract=decode)
+        stream = TopicStream(
+            *(path, topic, decode),
+            sensor="IMU",
+            on_recorders_clock=on_recorders_clock,
+            extract=decode,
+        )
     except struct.error as error:
         raise ValueError(f"{path}: a message of {topic} is cut off: {error}") from error
     table, notes = np.array(stream.extracted), stream.notes

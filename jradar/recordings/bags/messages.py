@@ -21,6 +21,8 @@ LIVOX_POINT = {
     **{"offset_time": "u4", "x": "f4", "y": "f4", "z": "f4"},
     **{"reflectivity": "u1", "tag": "u1", "line": "u1"},
 }
+TF = "tf2_msgs/msg/TFMessage"
+TRANSFORMS = "geometry_msgs/TransformStamped[] transforms\n"
 FIELD_FORMATS = ("", "i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")  # of PointCloud2
 
 
@@ -38,6 +40,14 @@ def stamp_ns(raw: bytes, *, is_ros1: bool) -> int:
         return 0
     seconds, nanoseconds = struct.unpack_from(form, raw)
     return seconds * NS + nanoseconds
+
+
+def frame_of(raw: bytes, *, is_ros1: bool) -> str:
+    """Return the frame of reference in the header of a message; "" if it is cut off."""
+    if len(raw) < 16:
+        return ""
+    (size,) = struct.unpack_from(f"{_order(raw, is_ros1)}12xI", raw)
+    return raw[16 : 16 + size].rstrip(b"\0").decode(errors="replace")
 
 
 def decode_imu(raw: bytes, *, is_ros1: bool) -> tuple[float, ...]:
@@ -65,19 +75,25 @@ def after_header(raw: bytes, is_ros1: bool, *, alignment: int = 8) -> tuple[str,
 
 
 @functools.cache
-def _point_cloud2_decoders():
-    from rosbags.typesys import Stores, get_typestore
+def _decoders():
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
-    return ros1, get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+    ros1, ros2 = map(get_typestore, (Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE))
+    ros1.register(get_types_from_msg(TRANSFORMS, TF))  # which ROS 2's store knows
+    return ros1.deserialize_ros1, ros2.deserialize_cdr
+
+
+def decode_message(raw: bytes, kind: str, *, is_ros1: bool) -> Any:
+    """Return a message of ROS's own types; ValueError if it is damaged."""
+    try:
+        return _decoders()[not is_ros1](raw, kind)
+    except Exception as error:  # a damaged message can raise anything
+        name = kind.rpartition("/")[2]
+        raise ValueError(f"not a whole {name}: {error}") from error
 
 
 def _point_cloud2(raw, is_ros1):
-    try:
-        decode = _point_cloud2_decoders()[not is_ros1]
-        message: Any = decode(raw, "sensor_msgs/msg/PointCloud2")
-    except Exception as error:  # a damaged message can raise anything
-        raise ValueError(f"not a whole PointCloud2: {error}") from error
+    message = decode_message(raw, "sensor_msgs/msg/PointCloud2", is_ros1=is_ros1)
     order = ">" if message.is_bigendian else "<"
     fields = {}
     for field in message.fields:  # PCL names several padding fields alike

@@ -1,0 +1,1 @@
+"""Points that a radar itself found: bags, serial streams, tables, data sets."""
