@@ -21,11 +21,10 @@ recedes.
 import importlib
 import math
 import os
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from jradar.compiled import jit
@@ -51,7 +50,7 @@ class PointCloud(NamedTuple):
     fold_margin_db: Float[Array, "*batch point"] | None = None
 
     @classmethod
-    def from_xyz(cls, xyz: ArrayLike) -> "PointCloud":
+    def from_xyz(cls, xyz: Any) -> "PointCloud":
         """Return the cloud of points `[*batch point 3]`.
 
         NaN, infinite points and (0, 0, 0), a missing return of a LiDAR, are invalid.

@@ -94,7 +94,7 @@ def _described(name: Path | str) -> tuple[Model, str, Path]:
         )
     try:
         values = read_json(path, limit=MAX_JSON_BYTES)
-        found, digest = values.pop("format"), values.pop("weights_sha256")
+        found, digest = values.pop("format"), str(values.pop("weights_sha256"))
         if found != FORMAT:
             raise ModelError(
                 f"{path} has format {found}, this version reads {FORMAT}: train again, "

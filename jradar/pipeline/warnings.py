@@ -2,7 +2,7 @@
 
 import collections
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jradar.model import Model
 from jradar.options.suiting import KINDS, unsuited
@@ -16,6 +16,7 @@ UNCALIBRATED = (
 )
 
 
+@runtime_checkable
 class Seen(Protocol):
     """What the warnings about a frame need to know."""
 

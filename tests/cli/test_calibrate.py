@@ -41,7 +41,7 @@ def test_a_level_walk_shows_the_tilt(run_json, tmp_path):
     walk = simulate_sequence("hall", 3, tmp_path, frames=20)
     command = ["calibrate", walk, "--level", "-o", tmp_path / "level.toml"]
     found = run_json(*command)
-    assert found["frames_that_tell_the_tilt"] > 8
+    assert found["frames_that_show_the_tilt"] > 8
     uncertainty = found["uncertainty_of_the_tilt_deg"]  # of two seconds
     assert abs(found["tilt_deg"] - 9) < 2 * uncertainty < 8
     assert "a tilt" not in " ".join(found["not_observable"])

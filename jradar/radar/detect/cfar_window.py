@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, Num
 
 from jradar.options.detectors import Window
 from jradar.radar.ranks import to_rank
@@ -130,7 +130,10 @@ def _sliding_sum(values, size, axis) -> Any:
 
 
 def count_below(
-    level: Map, padded: Array, window: Window, counted: list[Array] | None
+    level: Num[Array, "*batch doppler range"],
+    padded: Array,
+    window: Window,
+    counted: list[Array] | None,
 ) -> Int[Array, "*batch doppler range"]:
     """Number of training cells below `level`, counted a few window rows at a time.
 

@@ -9,7 +9,7 @@ image count at its border.
 """
 
 import itertools
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, Int
@@ -22,6 +22,7 @@ TINY = 1e-6  # voxels^2
 Voxels = Int[np.ndarray, "voxel 3"]
 
 
+@runtime_checkable
 class Heights(Protocol):
     """How many voxels an image holds, and their size; `ColumnGrid` is one."""
 

@@ -5,7 +5,7 @@ marginal      each pixel's distribution, from one evaluation
 regression    one estimate, without confidence
 """
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +33,7 @@ TRIED = 6  # components of a mixture; the heaviest of its anchors come first
 SIDE_STEPS = (-0.5, 0.5)  # of a window, tried to both sides of the best component
 
 
+@runtime_checkable
 class Coding(Protocol):
     """How ranges stand in the network's images; `ViewGrid` is one."""
 
