@@ -1,7 +1,7 @@
 """What a command may replace: what it wrote itself when it ran before.
 
 It never touches its input, a file of somebody else, or another command's results,
-unless it is told to (`--force`).
+unless `--force` is given.
 
     a file      begins as the command writes it: check_replaceable
     a folder    lists what the command wrote there: GuardedFolder

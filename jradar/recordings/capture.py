@@ -121,7 +121,7 @@ def open_capture(folder: Path | str) -> Recording:
         imu, said = open_imu(_file(path, "imu", table), topic=table.get("topic"))
         notes += said
         base_from_imu = _read_place(path, "imu", table)
-    stamps, doubts = _radar_stamps(path, radar, recording, lidar_stamps)
+    stamps, warnings = _radar_stamps(path, radar, recording, lidar_stamps)
     return _at(recording, stamps)._replace(
         name=path.parent.resolve().name,
         path=path.parent,
@@ -131,7 +131,7 @@ def open_capture(folder: Path | str) -> Recording:
         base_from_imu=base_from_imu,
         base_from_radar=base_from_radar,
         base_from_lidar=base_from_lidar,
-        notes=(*notes, *doubts),
+        notes=(*notes, *warnings),
     )
 
 
@@ -265,17 +265,17 @@ def _radar_stamps(path, radar, recording, lidar_stamps):
     first = float(lidar_stamps[0]) if len(lidar_stamps) else 0.0
     start = radar.get("start_time_s", first + radar.get("offset_s", 0.0))
     steps = np.arange(len(frames)) * period if own is None else own - own[0]
-    stamps, doubts = start + steps, []
+    stamps, warnings = start + steps, []
     if timed:
         stamps = own + radar.get("add_s", 0.0)
     elif len(lidar_stamps) and not given:
-        doubts.append("no start_time_s: the radar is assumed to start with the LiDAR")
+        warnings.append("no start_time_s: the radar is assumed to start with the LiDAR")
     if spans := clocks_apart(stamps, lidar_stamps):
-        doubts.append(
+        warnings.append(
             f"the clocks of radar and LiDAR do not match: {spans}: "
             + (ADD if timed else START)
         )
-    return stamps, doubts
+    return stamps, warnings
 
 
 def _read_capture_toml(path: Path) -> dict[str, dict[str, Any]]:

@@ -216,7 +216,7 @@ class Layout(NamedTuple):
 
 
 def _forward(*axes: Float[np.ndarray, " point"]) -> str:
-    """Return the axis on which nearly all points are positive; x in doubt."""
+    """Return the axis on which nearly all points are positive, or x if none is sure."""
     if min(map(len, axes)) < FEW:
         return "x"
     shares = {name: (axis > 0).mean() for name, axis in zip("xyz", axes, strict=True)}
