@@ -24,13 +24,13 @@ All others are ignored and counted.
 import dataclasses
 import time
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Int, UInt8
 
 from jradar.recordings.ti.packets import PAYLOAD
 from jradar.stream.protocol import BYTES, DATA, MOST_PACKET, SEQUENCES, unpack_header
+from jradar.stream.source import ReceivedFrame
 
 WINDOW = 64 * PAYLOAD  # bytes by which a packet may be late
 NEAR = 64 * PAYLOAD  # by which a single packet may be ahead
@@ -41,16 +41,6 @@ LEAST_SHARE = 0.5  # of a frame's bytes that must have arrived
 LONG_GAP = 64  # frames; packets farther ahead may be another card's
 GONE = 4  # frames that another card sends before a silent stream ends
 SPARE = 4  # buffers that are kept for later frames
-
-
-class ReceivedFrame(NamedTuple):
-    """The bytes of a frame; lost ones are zeros."""
-
-    number: int  # counted from the start of the stream, with missing frames
-    data: UInt8[np.ndarray, " byte"]
-    lost_bytes: int
-    stamp_s: float  # arrival of its first packet, seconds since 1970
-    arrived_s: float  # arrival of its last packet, on the monotonic clock
 
 
 @dataclasses.dataclass

@@ -7,14 +7,16 @@
 
 The board's command port is the first of its two, such as /dev/ttyACM0, at 115,200 baud.
 If the board does not know a command, or refuses it, the error names it with its line.
+Over the second, its data port, it sends the points that it found: `points_port`.
 """
 
+import os
 import re
 import time
 from pathlib import Path
 from typing import Any
 
-from jradar.errors import optional
+from jradar.errors import UsageError, optional
 from jradar.files import read_text
 
 BAUD = 115_200
@@ -25,23 +27,66 @@ WAKE_S = 0.1
 MOST_ANSWER = 1 << 16  # bytes; a board that prints more runs something else
 
 
+def open_port(port: str, baud: int) -> Any:
+    """Return an open serial port, which no other jradar can open; OSError, with the fix.
+
+    What came before is gone.
+    """
+    serial = _pyserial("serial")
+    try:
+        return serial.Serial(port, baud, timeout=WAKE_S, exclusive=True)
+    except (OSError, ValueError) as error:
+        raise OSError(
+            f"{port} cannot be opened ({error}): is the board on the USB cable "
+            "(`ls /dev/ttyACM* /dev/ttyUSB*`), are you in the group dialout, and is no "
+            "other program using the port?"
+        ) from error
+
+
+def second_port(port: str) -> str:
+    """Return the data port of the board with this command port.
+
+    That is the other port of the same USB device, or else the next number:
+    /dev/ttyACM1 after /dev/ttyACM0. UsageError for a name without a number.
+    """
+    known = _pyserial("serial.tools.list_ports").comports()
+    name = os.path.realpath(port) if os.path.islink(port) else port
+    here = next((info for info in known if info.device == name), None)
+    if here is not None and here.location:
+        ports = sorted(
+            (info for info in known if _device(info) == _device(here)), key=_place
+        )
+        after = [*ports[ports.index(here) + 1 :], *ports[: ports.index(here)]]
+        if after:
+            return after[0].device
+    if number := re.search(r"\d+$", name):
+        return f"{name[: number.start()]}{int(number[0]) + 1}"
+    raise UsageError(f"--board {port}: which is its data port? Name it, --points PORT")
+
+
+def _device(info: Any) -> tuple:
+    """Return what ports of one USB device share; the rest of a location is its part."""
+    return info.vid, info.pid, info.serial_number, (info.location or "").split(":")[0]
+
+
+def _place(info: Any) -> list[tuple[int, str]]:
+    """Return a key that sorts ports by their numbers."""
+    parts = re.findall(r"\d+|\D+", f"{info.location} {info.device}")
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+
+
+def _pyserial(module: str) -> Any:
+    need = "the board's serial ports need pyserial"
+    return optional(module, need=need, extra="live")
+
+
 class Board:
     """A board that takes commands; a `with` block closes its port."""
 
     def __init__(self, port: str, *, timeout_s: float = TIMEOUT_S):
         """Open the port; OSError, with the fix, if it cannot be opened."""
-        need = "the board's serial port needs pyserial"
-        serial = optional("serial", need=need, extra="live")
         self.port, self.timeout_s = port, timeout_s
-        try:
-            self._serial: Any = serial.Serial(port, BAUD, timeout=WAKE_S)
-        except (OSError, ValueError) as error:
-            raise OSError(
-                f"{port} cannot be opened ({error}): is the board on the USB cable "
-                "(`ls /dev/ttyACM*`), are you in the group dialout, and is no other "
-                "program using the port?"
-            ) from error
-        self._serial.reset_input_buffer()
+        self._serial = open_port(port, BAUD)
 
     def __enter__(self) -> "Board":
         return self

@@ -1,26 +1,24 @@
-"""A thread that receives a card's packets, and hands over the newest frame.
+"""Receives a card's packets, and hands over the newest frame of samples.
 
-The thread does nothing else. It takes all packets that wait in one system call, and
-copies their samples into buffers that are used again. Whoever takes frames too slowly
-gets the newest one; those it missed are counted in `dropped`.
+The thread takes all packets that wait in one system call, and copies their samples into
+buffers that are used again.
 """
 
 import socket
-import threading
 import time
-from collections import deque
+from typing import Any
 
-from jradar.stream.assembler import Assembler, Counts, ReceivedFrame
+from jradar.stream.assembler import Assembler, Counts
 from jradar.stream.protocol import MOST_PACKET, NetworkSpec
 from jradar.stream.sockets import address_bytes, batch_reader, udp_socket
+from jradar.stream.source import WAKE_S, ReceivedFrame, Source
 
-WAKE_S = 0.1  # after which the thread checks whether it should end
 FRAMES_IN_SOCKET = 2
 MANY = 100  # packets; so many are not an accident
 LEAST_BUFFER, MOST_BUFFER = 1 << 20, 1 << 30  # bytes of the socket's buffer
 
 
-class Receiver:
+class Receiver(Source):
     """Frames of the card in `network`; a `with` block starts and ends the thread."""
 
     def __init__(self, frame_bytes: int, network: NetworkSpec, *, waiting: int = 1):
@@ -28,62 +26,39 @@ class Receiver:
 
         At most `waiting` frames wait to be taken.
         """
-        self.network, self.dropped = network, 0
+        super().__init__(waiting)
+        self.network = network
         self.foreign_sender = ""  # of the last packet that is not the card's
         self._assembler = Assembler(frame_bytes, self._deliver)
-        self._frames: deque[ReceivedFrame] = deque()
-        self._waiting = waiting
-        self._arrived = threading.Condition()
-        self._ending = threading.Event()
-        self._fault: Exception | None = None
-        self.heard_s = time.monotonic()  # of the card, on the monotonic clock
         self._socket = udp_socket(network.host, network.data_port, timeout_s=WAKE_S)
         self.port: int = self._socket.getsockname()[1]  # a free one if 0 was asked for
         asked = FRAMES_IN_SOCKET * frame_bytes
         size = min(max(asked, LEAST_BUFFER), MOST_BUFFER)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, size)
         granted = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
-        self.note = ""  # about the socket's buffer, if it is too small
         if granted < asked:
             self.note = (
                 f"the system keeps {granted:,} bytes of packets, but two frames have "
                 f"{asked:,}: `sudo sysctl -w net.core.rmem_max={asked}` prevents losses"
             )
-        self._thread = threading.Thread(target=self._receive, daemon=True)
 
     @property
     def counts(self) -> Counts:
         """What happened to packets and frames so far."""
         return self._assembler.counts
 
-    def __enter__(self) -> "Receiver":
-        self.heard_s = time.monotonic()
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
+    @property
+    def heard(self) -> bool:
+        """Whether packets of the stream have come."""
+        return self.counts.placed > 0
 
     def close(self) -> None:
         """End the thread, deliver the frames that have passed, and free the port."""
-        self._ending.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        listened = self._thread.is_alive()
+        super().close()
+        if listened:
             self._assembler.flush()
         self._socket.close()
-
-    def take(self, timeout_s: float) -> ReceivedFrame | None:
-        """Return the oldest frame that waits, or None if none comes in time.
-
-        Raises the error that ended the thread, if one did.
-        """
-        with self._arrived:
-            self._arrived.wait_for(lambda: self._frames or self._fault, timeout_s)
-            if self._frames:
-                return self._frames.popleft()
-        if self._fault is not None:
-            raise self._fault
-        return None
 
     def recycle(self, frame: ReceivedFrame) -> None:
         """Give back the buffer of a frame that was taken."""
@@ -110,7 +85,30 @@ class Receiver:
             "jradar/stream/README.md"
         )
 
-    def strangers(self) -> str:
+    def losses(self) -> str:
+        """Return the number of packets that were lost."""
+        return f"{self.counts.lost_packets} packets lost"
+
+    def describe(self) -> dict[str, Any]:
+        """Return what happened to frames and packets."""
+        counts = self.counts
+        return {
+            "frames with losses": counts.damaged,
+            "frames mostly lost": counts.sparse,
+            "frames missing": counts.missing,
+            "packets": {
+                "received": counts.packets,
+                "lost": counts.lost_packets,
+                "repeated": counts.repeated,
+                "late": counts.late,
+                "not of the stream": counts.ignored,
+                "malformed": counts.malformed,
+                "of other senders": counts.foreign,
+            },
+            "restarts of the card": counts.restarts,
+        }
+
+    def oddity(self) -> str:
         """Return a warning if many packets do not belong to the stream, else ""."""
         counts, found = self.counts, []
         if counts.foreign >= MANY:
@@ -139,16 +137,7 @@ class Receiver:
             )
         return ""
 
-    def _receive(self) -> None:
-        """Receive until the end; `take` raises an error that ends it early."""
-        try:
-            self._loop()
-        except Exception as error:
-            with self._arrived:
-                self._fault = error
-                self._arrived.notify_all()
-
-    def _loop(self) -> None:
+    def _listen(self) -> None:
         read, add = batch_reader(self._socket), self._assembler.add_all
         card, counts = address_bytes(self.network.card), self.counts
         while not self._ending.is_set():
@@ -166,11 +155,3 @@ class Receiver:
             if own.any():
                 self.heard_s = time.monotonic()
                 add(batch.data[own], batch.sizes[own])
-
-    def _deliver(self, frame: ReceivedFrame) -> None:
-        with self._arrived:
-            while len(self._frames) >= self._waiting:
-                self.recycle(self._frames.popleft())
-                self.dropped += 1
-            self._frames.append(frame)
-            self._arrived.notify()

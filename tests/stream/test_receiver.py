@@ -69,18 +69,18 @@ def test_a_flood_of_foreign_packets_changes_nothing():
     np.testing.assert_array_equal([frame.data for frame in frames], FRAMES)
     assert receiver.counts.foreign == 33 * 20
     text = "660 packets from other senders, the last from 127.0.0.3"
-    assert text in receiver.strangers()
-    assert "longer than" not in receiver.strangers()
+    assert text in receiver.oddity()
+    assert "longer than" not in receiver.oddity()
 
 
 def test_packets_that_are_no_stream_are_named_by_their_fault():
     with loops.receiving(2400) as (receiver, card):
-        assert not receiver.strangers()
+        assert not receiver.oddity()
         loops.deliver(card, receiver, [b"x" * 2000] * 300)
-        assert "300 packets without a header or longer" in receiver.strangers()
+        assert "300 packets without a header or longer" in receiver.oddity()
         counters = np.random.default_rng(0).integers(0, 2**32, (300, 2)).tolist()
         loops.deliver(card, receiver, (packet(*pair, b"x" * 100) for pair in counters))
-        assert "do two cards have this address?" in receiver.strangers()
+        assert "do two cards have this address?" in receiver.oddity()
 
 
 def test_silence_is_explained():

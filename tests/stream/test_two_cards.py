@@ -72,5 +72,5 @@ def test_a_frame_of_which_less_than_half_arrived_is_not_delivered():
 def test_two_cards_are_named(packets, expected):
     with receiving(SIZE) as (receiver, card):
         deliver(card, receiver, packets)
-        assert re.search(expected, receiver.strangers())
+        assert re.search(expected, receiver.oddity())
         assert len(taken(receiver)) >= 40

@@ -99,11 +99,13 @@ class Layout(NamedTuple):
         seen: Sequence[Columns],
         *,
         forward: str | None = None,
+        decibels: Collection[str] | None = None,
         approaching: bool = False,
     ) -> "Layout":
         """Return the layout of columns of which some frames are `seen`.
 
-        `forward` is the axis that points forward, if the format says so.
+        `forward` is the axis that points forward, and `decibels` are those of "power"
+        and "snr" that are in dB, if the format says so.
         """
 
         def all_of(quantity):
@@ -112,9 +114,9 @@ class Layout(NamedTuple):
             whole = np.concatenate([np.zeros(0), *parts])
             return whole[np.isfinite(whole)]
 
-        decibels = [
-            q for q in ("power", "snr") if abs(all_of(q)).max(initial=0) <= MOST_DB
-        ]
+        if decibels is None:
+            levels = {q: abs(all_of(q)).max(initial=0) for q in ("power", "snr")}
+            decibels = [q for q, level in levels.items() if level <= MOST_DB]
         angles = [all_of(q) for q in POLAR[1:]]
         degrees = any(abs(angle).max(initial=0) > np.pi for angle in angles)
         if forward is None:

@@ -1,5 +1,6 @@
 """Frames of columns to a `Recording` of points, and what `jradar info` says of them."""
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,16 +31,17 @@ def points_recording(
     name: str | None = None,
     fields: dict[str, str] | None = None,
     forward: str | None = None,
+    decibels: Collection[str] | None = None,
     approaching: bool = False,
     notes: tuple[str, ...] = (),
     **others: Any,
 ) -> Recording:
     """Return the recording of `frames`, a stream of columns by name.
 
-    `fields`, `forward` and `approaching` are as in `Layout`; by default the columns are
+    `fields` and the options after it are as in `Layout.of`; by default the columns are
     known by their names. `others` are fields of the `Recording`, `base_from_radar` for
-    points along the axes of the file. Raises UsageError
-    without frames, and ValueError for columns without places.
+    points along the axes of the file. Raises UsageError without frames, and ValueError
+    for columns without places.
     """
     if not len(frames):
         raise UsageError(f"{path} holds no frame of points")
@@ -53,7 +55,9 @@ def points_recording(
                 f"{path} has the columns {', '.join(names)}, expected x, y and z, or "
                 "range and azimuth"
             )
-    layout = Layout.of(fields, seen, forward=forward, approaching=approaching)
+    layout = Layout.of(
+        fields, seen, forward=forward, decibels=decibels, approaching=approaching
+    )
     stamps, odd = checked_stamps(frames.stamps)
     odd += (
         *layout.notes(seen),

@@ -22,7 +22,15 @@ from jradar.errors import parsing
 from jradar.files import open_file, read_text
 from jradar.recordings.descriptions import read_description
 from jradar.recordings.points.frames import points_recording
-from jradar.recordings.points.ti_stream import MAGIC, Packet, Parser, packet_points
+from jradar.recordings.points.ti_stream import (
+    DECIBELS,
+    FORWARD,
+    MAGIC,
+    Packet,
+    Parser,
+    no_velocities,
+    packet_points,
+)
 from jradar.recordings.recording import Format, Recording, Stream
 
 SUFFIXES = (".dat", ".bin", ".csv", ".raw")
@@ -74,7 +82,7 @@ def open_ti_serial(
 
     stamps, notes = _stamps(source.packets)
     frames = Stream(read, len(source.packets), stamps, (*notes, *_notes(source, step)))
-    recording = points_recording(path, frames, forward="y")
+    recording = points_recording(path, frames, forward=FORWARD, decibels=DECIBELS)
     return recording if radar is None else recording._replace(radar=radar)
 
 
@@ -173,9 +181,4 @@ def _notes(source: Source, step: float | None) -> tuple[str, ...]:
         notes += (f"{missing} frames are missing, by the numbers of those there are",)
     if any(packet.subframe for packet in source.packets):
         notes += ("sub-frames of one frame are separate frames here",)
-    if first.is_old and step is None:
-        notes += (
-            f"mmWave SDK {first.sdk} sends no velocities but indices: name the .cfg "
-            "with --radar",
-        )
-    return notes
+    return (*notes, *no_velocities(first, step))

@@ -39,6 +39,7 @@ OTHER_POINTS = {  # which only other demos send
     1010: "tracks of people counting",
     1020: "compressed points of people tracking",
 }
+FORWARD, DECIBELS = "y", ("snr",)  # of the `Layout`: x right, z up; peaks are linear
 
 
 class Packet(NamedTuple):
@@ -143,17 +144,13 @@ def packet_points(
 ) -> dict[str, Float[np.ndarray, " point"]]:
     """Return x, y, z, and doppler (m/s), peak or snr (dB), of the points of a packet.
 
-    Axes are x right, y forward, z up. `velocity_step_mps` is that of the Doppler
-    indices of SDK 1 and 2, which have no velocities without it. Raises ValueError for
-    TLVs of a wrong size, and for a packet with points of another kind alone.
+    `velocity_step_mps` is that of the Doppler indices of SDK 1 and 2, which have no
+    velocities without it. Raises ValueError for TLVs of a wrong size, and, as
+    `check_demo`, for points of another demo.
     """
+    check_demo(packet)
     parts = dict(reversed(packet.parts))
     if POINTS not in parts:
-        if other := [kind for kind in parts if kind in OTHER_POINTS]:
-            raise ValueError(
-                f"frame {packet.frame} holds {OTHER_POINTS[other[0]]}, TLV {other[0]}, "
-                "expected TLV 1 of the out-of-box demo"
-            )
         empty = ("x", "y", "z", "doppler") if not packet.is_old else ("x", "y", "z")
         return {name: np.zeros(0, np.float32) for name in empty}
     if packet.is_old:
@@ -163,6 +160,25 @@ def packet_points(
     if SIDE_INFO in parts and len(parts[SIDE_INFO]) == len(points) * SIDE.itemsize:
         found["snr"] = _rows(packet, parts[SIDE_INFO], SIDE)["snr"] * np.float32(0.1)
     return found
+
+
+def check_demo(packet: Packet) -> None:
+    """Raise ValueError for a packet with points of another kind alone."""
+    kinds = [kind for kind, _ in packet.parts]
+    other = next((kind for kind in kinds if kind in OTHER_POINTS), None)
+    if other is not None and POINTS not in kinds:
+        raise ValueError(
+            f"frame {packet.frame} holds {OTHER_POINTS[other]}, TLV {other}, expected "
+            "TLV 1 of the out-of-box demo"
+        )
+
+
+def no_velocities(packet: Packet, step: float | None) -> tuple[str, ...]:
+    """Return a note if the points of such packets have no velocity, else nothing."""
+    if not packet.is_old or step is not None:
+        return ()
+    note = f"mmWave SDK {packet.sdk} sends no velocities but indices"
+    return (f"{note}: name the .cfg with --radar",)
 
 
 def _old_points(
