@@ -43,16 +43,17 @@ command again to resume after an interruption."""
 LIVE_HELP = """
 
 The board runs the .cfg that --radar names; the DCA1000 sends its samples here, and the
-newest frame becomes a cloud. Ctrl-C ends the session. Without a radar, --replay plays a
-recording through an emulated card. jradar/stream/README.md describes the wiring and
-the network."""
+newest frame becomes a cloud. Ctrl-C ends the session. A radar that sends points needs
+no card: with --points they come over the board's second serial port. Without a radar,
+--replay plays a recording: samples through an emulated card, points as they are.
+jradar/stream/README.md describes the wiring and the network."""
 RECORD_HELP = """
 
 walk.mcap is one file with the samples, the time at which each frame came, its lost
 bytes, and the radar: every command reads it without --radar. A folder holds the same in
 several files. If you recorded a LiDAR at the same time, add its tables to the folder's
 capture.toml. Ctrl-C ends the recording. A recording that was killed is readable, too.
-The other options are those of `jradar live`."""
+The other options are those of `jradar live`, which saves a radar's points."""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
@@ -87,6 +88,10 @@ frames are scored or, if there are none, its validation frames. The truth is the
 the LiDAR's points that the radar could have seen, as in training; recordings are also
 scored against all its points in view. Intervals hold 95 % and allow for frames that
 resemble each other."""
+OF_SAMPLES = (  # options of `jradar live` that a radar's points do not take
+    *("host", "card", "command_port", "data_port", "packet_delay", "no_commands"),
+    *("loss", "reorder", "duplicate", "iq_order", "remove_interference"),
+)
 PLANAR = ", or radarhd for a cloud in the plane of one row of antennas"
 COMPLETION = """\
 Completion of commands and options in a shell: pip install argcomplete, then
@@ -188,8 +193,11 @@ def _enhance(sub):
 
 def _live(sub):
     groups.recording(sub)
-    text = "play this recording through an emulated card on this machine"
+    text = "play this recording; samples go through an emulated card on this machine"
     groups.option(sub, "--replay", "RECORDING", text)
+    text = "take the points that the board finds, from this serial port (default: the "
+    text += "second one of --board); without --board, only listen to it"
+    _points_port(sub, text)
     text = "new .mcap file, new .ros2 bag, or folder of clouds to write"
     groups.output(sub, text, may_stream=True, required=False)
     text = "serve Foxglove over a WebSocket (default port: 8765)"
@@ -208,12 +216,17 @@ def _live(sub):
     _on_the_cable(sub)
 
 
+def _points_port(sub, text):
+    groups.option(sub, "--points", "DATA_PORT", text, nargs="?", const="")
+
+
 def _record(sub):
     groups.recording(sub)
     text = "record what an emulated card plays of this recording"
     groups.option(sub, "--replay", "RECORDING", text)
     text = "new .mcap file, or new or empty folder"
     groups.output(sub, text, force=False)
+    _points_port(sub, argparse.SUPPRESS)  # which the command refuses
     _on_the_cable(sub)
 
 
@@ -230,6 +243,7 @@ def _on_the_cable(sub):
     groups.option(sub, "--packet-delay", "US", text, type=values.positive, default=25.0)
     groups.network(sub, "192.168.33.30", "192.168.33.180")
     groups.playing(sub)
+    sub.set_defaults(of_samples={name: sub.get_default(name) for name in OF_SAMPLES})
 
 
 def _replay(sub):

@@ -16,7 +16,7 @@ from jradar.errors import UsageError
 if TYPE_CHECKING:
     from jradar.outputs.writers import Writer
     from jradar.recordings import Recording
-    from jradar.stream import Emulator, NetworkSpec, Receiver
+    from jradar.stream import Emulator, NetworkSpec, Source
     from jradar.stream.live import Session
 
 NO_MODEL = "none"
@@ -31,24 +31,25 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
         loaded = jradar.load_model(options.model)
         remove = options.remove_interference or None
         model = jradar.pipeline.without_interference(loaded, remove)
-    processor = stream.Processor(
-        recording,
-        model=model,
-        fuse=options.fuse,
-        seed=options.seed,
-        anyway=options.anyway,
-        **stream.quickest(model, **given_drawing(options)),
-    )
     with contextlib.ExitStack() as stack:
-        receiver, run_session = _listen(options, recording, stack)
+        source, run_session = _listen(options, recording, stack)
+        processor = stream.Processor(
+            recording,
+            model=model,
+            fuse=options.fuse,
+            seed=options.seed,
+            anyway=options.anyway,
+            **stream.quickest(model, **given_drawing(options)),
+        )
         writers = open_writers(options, stack)
         _tell("compiling ..")
         session = run_session(processor, writers)
     return {
-        "radar": recording.radar.spec.name,
+        "radar": "" if recording.radar is None else recording.radar.spec.name,
+        "port": options.points or "",
         "recording": options.replay or "",
         "model": options.model,
-        **stream.summary(session, receiver),
+        **stream.summary(session, source),
         "notes": [*recording.notes, *processor.warnings, *session.warnings],
         "written": [options.output] if options.output else [],
     }
@@ -60,52 +61,70 @@ def _listen(
     stack: contextlib.ExitStack,
     *,
     waiting: int = 1,
-) -> "tuple[Receiver, Callable[..., Session]]":
-    """Return the receiver of a radar's frames, and the function that runs a session.
+) -> "tuple[Source, Callable[..., Session]]":
+    """Return the source of a radar's frames, and the function that runs a session.
 
-    An emulated card plays the recording of --replay. The stack closes both.
+    The stack closes the source, and the emulated card that --replay needs for samples.
     """
-    stream, emulator = jradar.stream, None
-    network = stream.loopback_network() if options.replay else _network(options)
-    size = stream.frame_bytes(recording)
-    receiver = stream.Receiver(size, network, waiting=waiting)
-    stack.callback(receiver.close)
-    if options.replay:
-        emulator = _emulator(options, recording, network)
-        stack.callback(emulator.close)
-    return receiver, functools.partial(
+    stream, devices, more = jradar.stream, [], {}
+    if not recording.of_points:
+        network = stream.loopback_network() if options.replay else _network(options)
+        size = stream.frame_bytes(recording)
+        source = stream.Receiver(size, network, waiting=waiting)
+        if options.replay:
+            emulator = _emulator(options, recording, network)
+            stack.callback(emulator.close)
+            devices.append(stream.emulator_runs(emulator))
+            more["finished"] = functools.partial(stream.played, emulator, source)
+        if options.replay or not options.no_commands:
+            delay_us = options.packet_delay
+            card = stream.card_runs(network, recording, packet_delay_us=delay_us)
+            devices.append(card)
+    elif options.replay:
+        playing = {"speed": options.speed, "repeat": options.repeat}
+        source = player = stream.Player(recording.frames, **playing)
+        more["finished"] = lambda: player.finished
+    else:
+        source = stream.PointsPort(options.points, recording)
+    stack.callback(source.close)
+    if options.board:
+        devices.append(stream.board_runs(options.board, options.radar))
+    return source, functools.partial(
         stream.run_session,
-        receiver,
-        emulator=emulator,
-        commands=not options.no_commands,
-        packet_delay_us=options.packet_delay,
-        board=options.board,
+        source,
+        devices=devices,
         silence_s=options.silence,
         seconds=options.seconds,
         say=say,
+        **more,
     )
 
 
 def record(options: argparse.Namespace) -> dict[str, Any]:
     """Record the raw frames of a radar on the cable, with their times and losses."""
-    source = _recording(options)
+    recording = _recording(options)
+    if recording.of_points:
+        raise UsageError(
+            "`jradar record` writes a radar's samples, and this radar sends points: "
+            "`jradar live` saves them, with --model none -o out.ros2"
+        )
     with contextlib.ExitStack() as stack:
-        receiver, run_session = _listen(options, source, stack, waiting=WAITING)
-        recorder = jradar.recordings.open_recorder(options.output, source)
+        source, run_session = _listen(options, recording, stack, waiting=WAITING)
+        recorder = jradar.recordings.open_recorder(options.output, recording)
         stack.enter_context(recorder)
         session = run_session(
-            jradar.stream.Processor(source),
+            jradar.stream.Processor(recording),
             (),
             keep=lambda f: recorder.write(f.data, f.stamp_s, f.lost_bytes),
         )
-    counts = receiver.counts
+    lost = source.describe()
     return {
-        "radar": source.radar.spec.name,
+        "radar": recording.radar.spec.name,
         "frames recorded": recorder.frames,
-        "frames missing": counts.missing + counts.frames - recorder.frames,
-        "frames with losses": counts.damaged,
+        "frames missing": lost["frames missing"] + source.received - recorder.frames,
+        "frames with losses": lost["frames with losses"],
         "lost bytes": recorder.lost_bytes,
-        "notes": [*source.notes, *session.warnings],
+        "notes": [*recording.notes, *session.warnings],
         "written": [options.output],
     }
 
@@ -135,18 +154,55 @@ def replay(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _recording(options: argparse.Namespace) -> "Recording":
-    """Return the recording to replay, or the radar that `--radar` describes."""
+    """Return the recording to replay, or the radar on the cable, without frames."""
+    stream, points = jradar.stream, options.points
     if options.replay:
+        if unused := [
+            o for o in ("board", "points") if getattr(options, o) is not None
+        ]:
+            raise UsageError(f"--replay needs no board: leave out --{unused[0]}")
         recording = jradar.open_recording(options.replay, **opening(options))
-        jradar.recordings.need_samples(recording)
-        return recording
-    if not options.radar:
+    elif not options.radar and (points is None or options.board):
         raise UsageError(
             "name the radar's description with --radar, such as the .cfg that runs on "
             "the board, or a recording with --replay"
         )
-    described = given(options, "device", "iq_order")
-    return jradar.stream.radar_on_the_cable(options.radar, **described)
+    elif points is None:
+        described = given(options, "device", "iq_order")
+        recording = stream.radar_on_the_cable(options.radar, **described)
+    else:
+        options.points = points or _data_port(options.board)
+        described = given(options, "device")
+        recording = stream.points_on_the_cable(
+            options.points, options.radar, **described
+        )
+    if recording.of_points:
+        _refuse(options)
+    return recording
+
+
+def _data_port(board: str | None) -> str:
+    """Return the data port of a board whose command port is named."""
+    if board is None:
+        raise UsageError(
+            "--points: name the board's data port, such as --points /dev/ttyACM1, or "
+            "its command port with --board"
+        )
+    return jradar.stream.second_port(board)
+
+
+def _refuse(options: argparse.Namespace) -> None:
+    """Raise UsageError for options of samples and of their card."""
+    changed = (
+        o
+        for o, usual in options.of_samples.items()
+        if getattr(options, o, usual) != usual
+    )
+    if name := next(changed, None):
+        raise UsageError(
+            f"--{name.replace('_', '-')} is for samples, and this radar sends points: "
+            "leave it out"
+        )
 
 
 def _network(options: argparse.Namespace) -> "NetworkSpec":

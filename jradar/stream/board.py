@@ -28,9 +28,9 @@ MOST_ANSWER = 1 << 16  # bytes; a board that prints more runs something else
 
 
 def open_port(port: str, baud: int) -> Any:
-    """Return an open serial port, which no other jradar can open; OSError, with the fix.
+    """Open a serial port, which no other jradar can open meanwhile.
 
-    What came before is gone.
+    Raises OSError, with the fix, if it cannot be opened.
     """
     serial = _pyserial("serial")
     try:

@@ -1,4 +1,4 @@
-"""A live session starts the card and the board, and publishes the newest frame."""
+"""The live loop: the newest frame of a source becomes clouds, which are published."""
 
 import contextlib
 import dataclasses
@@ -8,29 +8,20 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jradar.errors import UsageError
 from jradar.outputs.writers import Writer
-from jradar.recordings import nearest_scan
-from jradar.stream.assembler import ReceivedFrame
-from jradar.stream.board import Board
-from jradar.stream.card import Card
-from jradar.stream.emulator import Emulator, Sent
+from jradar.recordings import Recording
 from jradar.stream.processing import Processor
-from jradar.stream.receiver import Receiver
+from jradar.stream.source import WAKE_S, ReceivedFrame, Source
 
 REMEMBERED = 10_000  # frames whose latency counts
-WAKE_S = 0.1
 SILENCE_S = 5.0
 LINE_S = 10.0  # between lines of status if stderr is not a terminal
 RATE_FRAMES, RATE_S = 10, 3.0  # after which the frame rate is compared
 RATE_TOLERANCE = 0.1
-DRAIN_S = 1.0  # after the last packet of a replay
-FOUR_LANES = ("I4Q4", "Q4I4")
 
 
 @dataclasses.dataclass
@@ -60,113 +51,34 @@ class Session:
         return (self.published - 1) / seconds if seconds else 0.0
 
     def latency_ms(self, percent: int) -> float:
-        """Return a percentile of the time from a frame's last packet to its cloud."""
+        """Return a percentile of the time from a frame's last bytes to its cloud."""
         if not self.latencies_s:
             return 0.0
         return 1e3 * float(np.percentile([*self.latencies_s], percent))
 
 
-def run_session(
-    receiver: Receiver,
-    processor: Processor,
-    writers: Sequence[Writer],
-    *,
-    emulator: Emulator | None = None,
-    commands: bool = True,
-    packet_delay_us: float = 25.0,
-    board: str | None = None,
-    silence_s: float = SILENCE_S,
-    seconds: float | None = None,
-    keep: Callable[[ReceivedFrame], None] | None = None,
-    say: Callable[[str], None] = lambda line: None,
-) -> Session:
-    """Start the card and the board, publish frames as `run_live` does, and stop both.
-
-    An `emulator` plays the processor's recording, whose LiDAR scans are published, too;
-    the session ends with it. `board` is a serial port, to which the .cfg that describes
-    the radar is sent. Without `commands`, another program starts the card.
-    """
-    recording = processor.recording
-
-    def played() -> bool:
-        """True once a replay is over and its packets have had time to arrive."""
-        over = emulator is not None and emulator.finished.is_set()
-        return over and bool(receiver.silence(DRAIN_S))
-
-    def scan(number: int) -> np.ndarray | None:
-        """Return the LiDAR scan that was recorded with a frame that is replayed."""
-        if recording.lidar is None:
-            return None
-        return nearest_scan(recording, number % len(recording.cubes))
-
-    if keep is None:
-        processor.warm_up()
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(receiver)
-        if emulator is not None:
-            stack.enter_context(emulator)
-        if commands or emulator is not None:
-            lanes = 4 if recording.iq_order in FOUR_LANES else 2
-            card = stack.enter_context(Card(receiver.network))
-            card.set_up(lanes=lanes, delay_us=packet_delay_us)
-            card.start()
-            stack.callback(_quietly, card.stop)
-        if board is not None:
-            _start_board(stack, board, recording.path)
-        session = run_live(
-            receiver,
-            processor,
-            writers,
-            silence_s=silence_s,
-            seconds=seconds,
-            finished=played,
-            lidar=scan,
-            keep=keep,
-            say=say,
-        )
-        receiver.close()  # packets that come while the devices stop do not count
-    if emulator is not None and emulator.fault is not None:
-        raise emulator.fault
-    return session
-
-
-def _start_board(stack: contextlib.ExitStack, port: str, cfg: Path) -> None:
-    """Send the board its .cfg; the stack stops the board at its end."""
-    if cfg.suffix != ".cfg":
-        raise UsageError(f"--board sends a .cfg to the board, but --radar is {cfg}")
-    device = stack.enter_context(Board(port))
-    stack.callback(_quietly, device.stop)
-    device.configure(cfg)
-
-
-def _quietly(stop: Callable[[], None]) -> None:
-    """Stop a device; ignore one that no longer answers."""
-    with contextlib.suppress(OSError, ValueError):
-        stop()
-
-
 def run_live(
-    receiver: Receiver,
+    source: Source,
     processor: Processor,
     writers: Sequence[Writer],
     *,
     silence_s: float = SILENCE_S,
     seconds: float | None = None,
     finished: Callable[[], bool] = lambda: False,
-    lidar: Callable[[int], np.ndarray | None] = lambda number: None,
     keep: Callable[[ReceivedFrame], None] | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Session:
     """Publish the newest frame until the end: SIGINT, SIGTERM, `seconds`, `finished`.
 
-    `finished` is called while no frame waits. `lidar` returns the scan to publish with
-    a frame. With `keep`, nothing is published: it takes the frames as they come. `say`
-    is called with warnings. Raises TimeoutError, with what to check, if nothing comes
-    from the card for the first `silence_s`; a card that falls silent later is reported.
+    `finished` is called while no frame waits. With `keep`, nothing is published: it
+    takes the frames as they come. `say` is called with warnings. Raises TimeoutError,
+    with what to check, if nothing comes from the radar for the first `silence_s`; a
+    radar that falls silent later is reported. Raises the error that ended the source,
+    such as OSError for a port that is gone, after the frames before it.
     """
     session, line = Session(), StatusLine()
-    session.warnings += [receiver.note] if receiver.note else []
-    begin, rate = time.monotonic(), FrameRate(processor)
+    session.warnings += [source.note] if source.note else []
+    begin, rate = time.monotonic(), FrameRate(processor.recording)
     silent = strange = False
 
     def warn(text: str) -> None:
@@ -176,9 +88,9 @@ def run_live(
 
     with ended_by_signals() as ending:
         while not ending.is_set():
-            over, frame = finished(), receiver.take(WAKE_S)
-            line.show(session, receiver)
-            if not strange and (text := receiver.strangers()):
+            over, frame = finished(), source.take(WAKE_S)
+            line.show(session, source)
+            if not strange and (text := source.oddity()):
                 strange = True
                 warn(text)
             if seconds is not None and time.monotonic() - begin > seconds:
@@ -188,8 +100,9 @@ def run_live(
                     break
                 for writer in writers:
                     writer.save()
-                why = receiver.silence(silence_s)
-                if why and not receiver.counts.placed:
+                listened = time.monotonic() - begin >= silence_s
+                why = source.silence(silence_s) if listened else ""
+                if why and not source.heard:
                     raise TimeoutError(why)
                 if why and not silent:
                     warn(why)
@@ -199,13 +112,12 @@ def run_live(
                 warn(doubt)
             if keep is not None:
                 keep(frame)
-                receiver.recycle(frame)
+                source.recycle(frame)
                 session.add(frame.arrived_s)
                 continue
-            cube = processor.cube(frame.data)
-            receiver.recycle(frame)
-            scan = lidar(frame.number)
-            shown = processor.published(cube, frame.number, frame.stamp_s, lidar=scan)
+            measured = processor.measured(frame.data)
+            source.recycle(frame)
+            shown = processor.published(measured, frame.number, frame.stamp_s)
             for writer in writers:
                 writer.write(shown)
             session.add(frame.arrived_s)
@@ -213,57 +125,30 @@ def run_live(
     return session
 
 
-def summary(session: Session, receiver: Receiver) -> dict[str, Any]:
-    """Return what happened to frames and packets; call it once the receiver is closed.
+def summary(session: Session, source: Source) -> dict[str, Any]:
+    """Return what happened to the frames; call it once the source is closed.
 
     The frames received were either published or dropped. Frames that still waited at
     the end count as dropped.
     """
-    counts = receiver.counts
     return {
-        "frames received": counts.frames,
+        "frames received": source.received,
         "frames published": session.published,
-        "frames dropped": counts.frames - session.published,
-        "frames with losses": counts.damaged,
-        "frames mostly lost": counts.sparse,
-        "frames missing": counts.missing,
+        "frames dropped": source.received - session.published,
         "frames/s": session.frames_per_s,
         "latency, median (ms)": session.latency_ms(50),
         "latency, 95 % (ms)": session.latency_ms(95),
-        "packets": {
-            "received": counts.packets,
-            "lost": counts.lost_packets,
-            "repeated": counts.repeated,
-            "late": counts.late,
-            "not of the stream": counts.ignored,
-            "malformed": counts.malformed,
-            "of other senders": counts.foreign,
-        },
-        "restarts of the card": counts.restarts,
+        **source.describe(),
     }
 
 
-def run_replay(emulator: Emulator) -> Sent:
-    """Wait until a recording is sent, or a signal ends it; return what was sent.
-
-    Raises the error that ended the sending, such as that of a damaged frame.
-    """
-    with ended_by_signals() as ending:
-        while not (emulator.finished.is_set() or ending.is_set()):
-            ending.wait(WAKE_S)
-    emulator.stop()
-    if emulator.fault is not None:
-        raise emulator.fault
-    return emulator.sent
-
-
 class FrameRate:
-    """Compares the rate of frames with that in the radar's description."""
+    """Compares the rate of frames of samples with that in the radar's description."""
 
-    def __init__(self, processor: Processor):
-        """Frames come every `frame_period_s` of the processor's radar, if known."""
-        self.radar = processor.recording.radar.spec
-        self.source = processor.recording.path
+    def __init__(self, recording: Recording):
+        """Frames come every `frame_period_s` of a recording of samples, if known."""
+        self.period_s = 0.0 if recording.of_points else recording.frame_period_s
+        self.described = recording.path
         self._first: tuple[int, float] | None = None
         self._told = False
 
@@ -272,7 +157,7 @@ class FrameRate:
         if self._first is None:
             self._first = number, arrived_s
         frames = number - self._first[0]
-        elapsed, expected = arrived_s - self._first[1], self.radar.frame_period_s
+        elapsed, expected = arrived_s - self._first[1], self.period_s
         enough = frames >= RATE_FRAMES and elapsed >= RATE_S
         if self._told or not enough or not expected:
             return ""
@@ -281,8 +166,8 @@ class FrameRate:
             return ""
         self._told = True
         return (
-            f"{self.source} describes a frame every {1e3 * expected:.4g} ms, but its "
-            f"number of bytes comes every {1e3 * period:.4g} ms: the frames on the "
+            f"{self.described} describes a frame every {1e3 * expected:.4g} ms, but "
+            f"its number of bytes comes every {1e3 * period:.4g} ms: the frames on the "
             f"cable seem to be {expected / period:.3g} times as large. Does the board "
             "run another .cfg?"
         )
@@ -295,7 +180,7 @@ class StatusLine:
         self._shown_s = 0.0
         self._terminal = sys.stderr.isatty()
 
-    def show(self, session: Session, receiver: Receiver) -> None:
+    def show(self, session: Session, source: Source) -> None:
         """Print the line if it is time."""
         now = time.monotonic()
         if not session.published or now - self._shown_s < (
@@ -303,12 +188,14 @@ class StatusLine:
         ):
             return
         self._shown_s = now
-        text = (
-            f"{session.published} frames, {session.frames_per_s:.1f} frames/s, latency "
-            f"{session.latency_ms(50):.0f} ms (95 %: {session.latency_ms(95):.0f} ms), "
-            f"{receiver.counts.lost_packets} packets lost, "
-            f"{receiver.dropped} frames dropped"
+        parts = (
+            f"{session.published} frames, {session.frames_per_s:.1f} frames/s",
+            f"latency {session.latency_ms(50):.0f} ms "
+            f"(95 %: {session.latency_ms(95):.0f} ms)",
+            source.losses(),
+            f"{source.dropped} frames dropped",
         )
+        text = ", ".join(filter(None, parts))
         end = "\r" if self._terminal else "\n"
         print(text.ljust(79), end=end, file=sys.stderr, flush=True)
 

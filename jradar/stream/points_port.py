@@ -28,6 +28,7 @@ from jradar.stream.board import open_port
 from jradar.stream.source import ReceivedFrame, Source
 
 DATA_BAUD = 921_600  # of TI's demos, unless the .cfg says otherwise
+USUAL = ("x", "y", "z", "doppler", "snr")  # columns, until points have come
 MOST_MISSING = 1000  # frames; a larger step of their numbers is another stream
 README = "See jradar/stream/README.md"
 
@@ -92,6 +93,7 @@ class PointsPort(Source):
         if recording.radar is not None:
             self._step = recording.radar.spec.velocity_resolution_mps
         self._parser = Parser()
+        self._fields = match_fields(USUAL)
         self._damaged_bytes = self._reported_bytes = self._silent_bytes = 0
         self._last: Packet | None = None
         self._number = -1
@@ -112,7 +114,7 @@ class PointsPort(Source):
         return self._parser.lost_bytes + self._damaged_bytes
 
     def silence(self, limit_s: float) -> str:
-        """Return why no packet may have come for `limit_s`, and what to check; or ""."""
+        """Return why no packet may have come for `limit_s`, else ""."""
         silent = time.monotonic() - self.heard_s
         if silent < limit_s:
             return ""
@@ -173,7 +175,9 @@ class PointsPort(Source):
             self.damaged += 1
             self._damaged_bytes += packet.size
             return
-        cloud = Layout(match_fields(columns), FORWARD, DECIBELS).cloud(columns)
+        if len(columns["x"]) or packet.is_old:  # other empty frames show no fields
+            self._fields = match_fields(columns)
+        cloud = Layout(self._fields, FORWARD, DECIBELS).cloud(columns)
         self.heard_s, self._silent_bytes = time.monotonic(), 0
         lost_bytes = self.lost_bytes - self._reported_bytes
         self._reported_bytes += lost_bytes

@@ -1,11 +1,11 @@
-"""Makes the clouds and the picture that are published, from a frame's bytes."""
+"""Makes the clouds and the picture that are published, from a frame of the cable."""
 
 from pathlib import Path
 from typing import Any, Unpack
 
 import jax
 import numpy as np
-from jaxtyping import Float, Inexact, Num, UInt8
+from jaxtyping import Num, UInt8
 
 from jradar.errors import UsageError
 from jradar.model import Model
@@ -19,10 +19,12 @@ from jradar.outputs.published import (
     sensor_places,
 )
 from jradar.pipeline import Pipeline, Stages
+from jradar.pipeline.stages import Measured
 from jradar.radar import PointSpec
-from jradar.recordings import Recording, Stream
+from jradar.recordings import Recording, Stream, nearest_scan
 from jradar.recordings.ti.dca1000 import bytes_of_frame, described_samples
 from jradar.recordings.ti.iq_order import cube_of_words
+from jradar.types import PointCloud
 
 LEAST = "least_confidence"  # the option of drawing that every model takes
 
@@ -70,16 +72,16 @@ class Processor:
     ):
         """`recording` describes the radar and its calibration.
 
-        Without a model only the `points` are published; with one, its own points are
-        published next to the dense cloud. The other options are those of `Pipeline`.
+        The radar's points are published, and with a model its dense cloud. Points that
+        the radar does not send itself are found by `points`, or as the model's are. Of
+        a recording with frames, which is played, each frame's LiDAR scan is published,
+        too. The other options are those of `Pipeline`.
         """
         self.recording, self.pipeline = recording, None
-        self._order = recording.iq_order
-        if not self._order:
-            self._order = "I" if recording.radar.spec.real_samples else "IIQQ"
         if model is None:
             key = jax.random.key(seed)
-            self._stages = Stages(key, recording.radar, None, points=points)
+            radar = None if recording.of_points else recording.radar
+            self._stages = Stages(key, radar, None, points=points)
         else:
             options = {"seed": seed, "fuse": fuse, "anyway": anyway, **drawing}
             self.pipeline = Pipeline(recording, model, points=points, **options)
@@ -94,36 +96,56 @@ class Processor:
         self, data: UInt8[np.ndarray, " byte"]
     ) -> Num[np.ndarray, "tx rx chirp sample"]:
         """Return the samples of a frame from its bytes on the cable."""
-        return cube_of_words(data.view("<i2"), self.recording.radar.spec, self._order)
+        radar, order = self.recording.radar.spec, self.recording.iq_order
+        order = order or ("I" if radar.real_samples else "IIQQ")
+        return cube_of_words(data.view("<i2"), radar, order)
+
+    def measured(self, data: Any) -> Measured:
+        """Return what the radar measured in a frame, from a `ReceivedFrame`'s data."""
+        return data if self.recording.of_points else self.cube(data)
 
     def warm_up(self) -> None:
-        """Run a frame of zeros through everything."""
-        zeros = np.zeros(frame_bytes(self.recording), np.uint8)
-        self.published(self.cube(zeros), 0, 0.0)
+        """Run a frame through everything: zeros, or the first of a radar's points.
+
+        Points that are still to come are taken to have velocities and SNRs.
+        """
+        if not self.recording.of_points:
+            first = self.cube(np.zeros(frame_bytes(self.recording), np.uint8))
+        elif len(self.recording.frames):
+            first = self.recording.frames[0]
+        else:
+            rows: Any = np.zeros((0, 3), np.float32), np.zeros(0, bool)
+            columns: Any = dict.fromkeys(("velocity", "snr"), np.zeros(0, np.float32))
+            first = PointCloud(*rows, **columns)
+        self.published(first, 0, 0.0)
         if self.pipeline is not None:
             self.pipeline.reset()
 
     def published(
         self,
-        cube: Inexact[Any, "tx rx chirp sample"],
+        measured: Measured,
         number: int,
         stamp_s: float,
-        *,
-        lidar: Float[np.ndarray, "point 3"] | None = None,
     ) -> Published:
-        """Return the clouds and the picture of a frame, with `lidar` if it is given."""
+        """Return the clouds of a frame, and the picture of samples.
+
+        `measured` holds the samples, or the points of a radar that sends these.
+        """
         if self.pipeline is None:
-            frame = self._stages.observe(cube)
+            frame = self._stages.observe(measured)
             clouds = {"radar": frame.points}
         else:
-            frame = self.pipeline.frame(number, cube, stamp_s)
+            frame = self.pipeline.frame(number, measured, stamp_s)
             clouds = {"radar": frame.points, "enhanced": frame.cloud}
-        picture = range_azimuth(frame.samples, self.recording.radar.spec)
+        picture = moved = None
+        if frame.samples is not None:
+            picture = range_azimuth(frame.samples, self.recording.radar.spec)
         clouds, picture = jax.device_get((clouds, picture))
-        if lidar is not None:
-            clouds[LIDAR_FRAME] = lidar_cloud(lidar)
-        frames = len(self.recording.cubes)  # of a replay, else none
-        moved = odom_from_base(self.recording, number % frames) if frames else None
+        if frames := len(self.recording.frames):  # of a replay
+            index = number % frames
+            moved = odom_from_base(self.recording, index)
+            if (scan := nearest_scan(self.recording, index)) is not None:
+                clouds[LIDAR_FRAME] = lidar_cloud(scan)
         return Published(number, stamp_s, clouds, picture, self._base_from, moved)
 
 

@@ -173,7 +173,7 @@ def test_frames_of_another_size_than_the_cfgs_are_doubted(tmp_path):
     (tmp_path / "profile.cfg").write_text(CFG)  # a frame every 100 ms
     processor = Processor(radar_on_the_cable(tmp_path / "profile.cfg"), points=POINTS)
     for period, doubted in ((0.1, False), (0.105, False), (0.05, True), (0.2, True)):
-        rate = FrameRate(processor)
+        rate = FrameRate(processor.recording)
         doubts = [rate.add(number, 7 + number * period) for number in range(200)]
         assert len([*filter(None, doubts)]) == doubted
         if doubted:

@@ -149,10 +149,7 @@ def packet_points(
     `check_demo`, for points of another demo.
     """
     check_demo(packet)
-    parts = dict(reversed(packet.parts))
-    if POINTS not in parts:
-        empty = ("x", "y", "z", "doppler") if not packet.is_old else ("x", "y", "z")
-        return {name: np.zeros(0, np.float32) for name in empty}
+    parts = {POINTS: bytes(4 if packet.is_old else 0), **dict(reversed(packet.parts))}
     if packet.is_old:
         return _old_points(packet, parts[POINTS], velocity_step_mps)
     points = _rows(packet, parts[POINTS], POINT)
