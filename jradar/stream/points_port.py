@@ -94,7 +94,7 @@ class PointsPort(Source):
             self._step = recording.radar.spec.velocity_resolution_mps
         self._parser = Parser()
         self._fields = match_fields(USUAL)
-        self._damaged_bytes = self._reported_bytes = self._silent_bytes = 0
+        self._damaged_bytes = self._silent_bytes = 0
         self._last: Packet | None = None
         self._number = -1
         self._serial = open_port(port, self.baud)
@@ -179,12 +179,8 @@ class PointsPort(Source):
             self._fields = match_fields(columns)
         cloud = Layout(self._fields, FORWARD, DECIBELS).cloud(columns)
         self.heard_s, self._silent_bytes = time.monotonic(), 0
-        lost_bytes = self.lost_bytes - self._reported_bytes
-        self._reported_bytes += lost_bytes
         stamp_s = time.time() if packet.stamp_s is None else packet.stamp_s
-        self._deliver(
-            ReceivedFrame(self._number, cloud, lost_bytes, stamp_s, self.heard_s)
-        )
+        self._deliver(ReceivedFrame(self._number, cloud, 0, stamp_s, self.heard_s))
 
     def _count(self, packet: Packet) -> None:
         """Number a packet, with those that are missing before it.

@@ -22,7 +22,7 @@ class ReceivedFrame(NamedTuple):
 
     number: int  # counted from the start of the stream, with missing frames
     data: Any  # the bytes of samples, lost ones as zeros; or a PointCloud
-    lost_bytes: int  # of samples, in the frame; of points, since the frame before
+    lost_bytes: int  # of samples; points come whole or not at all
     stamp_s: float  # arrival of its first bytes, seconds since 1970
     arrived_s: float  # arrival of its last bytes, on the monotonic clock
 

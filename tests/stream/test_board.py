@@ -4,10 +4,12 @@ import contextlib
 import os
 import select
 import threading
+import types
 
 import pytest
 
-from jradar.stream.board import Board
+from jradar.errors import UsageError
+from jradar.stream.board import Board, second_port
 
 # The port is a pseudo-terminal, and its other end a thread with timeouts.
 pytestmark = pytest.mark.flaky(reruns=2, reruns_delay=5)
@@ -123,3 +125,49 @@ def test_a_board_without_an_answer_and_a_port_that_is_not_there_are_named(cfg):
             board.configure(cfg)
     with pytest.raises(OSError, match=r"cannot be opened .* group dialout"):
         Board(str(cfg.with_name("ttyACM0")))
+
+
+def usb_port(device, location, *, serial="R1"):
+    """A port as pyserial lists it."""
+    known = {"vid": 0x0451, "pid": 0xBEF3, "serial_number": serial}
+    return types.SimpleNamespace(device=device, location=location, **known)
+
+
+@pytest.mark.parametrize(
+    ("board", "expected"),
+    [
+        ("/dev/ttyACM0", "/dev/ttyACM3"),  # its number was taken when it came
+        ("/dev/ttyACM1", "/dev/ttyACM2"),
+        ("COM8", "COM7"),  # Windows counts as it likes
+        ("/dev/ttyUSB9", "/dev/ttyUSB10"),  # the second of three
+        ("/dev/ttyS4", "/dev/ttyS5"),  # not on USB
+        ("/dev/pts/9", "/dev/pts/10"),  # not listed
+    ],
+)
+def test_the_data_port_is_the_other_one_of_the_board(monkeypatch, board, expected):
+    list_ports = pytest.importorskip("serial.tools.list_ports")
+    ports = [
+        usb_port("/dev/ttyACM3", "1-4:1.3"),
+        usb_port("/dev/ttyACM0", "1-4:1.0"),
+        usb_port("/dev/ttyACM1", "1-5:1.0"),  # a second board of the same number
+        usb_port("/dev/ttyACM2", "1-5:1.3"),
+        usb_port("COM7", "1-1:x.3", serial="R2"),
+        usb_port("COM8", "1-1:x.0", serial="R2"),
+        usb_port("/dev/ttyUSB11", "1-6:1.2", serial=None),
+        usb_port("/dev/ttyUSB9", "1-6:1.0", serial=None),
+        usb_port("/dev/ttyUSB10", "1-6:1.1", serial=None),
+        usb_port("/dev/ttyS4", None, serial=None),
+        usb_port("/dev/ttyS7", None, serial=None),
+    ]
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+    assert second_port(board) == expected
+
+
+def test_a_link_to_a_port_is_followed(monkeypatch, tmp_path):
+    list_ports = pytest.importorskip("serial.tools.list_ports")
+    (tmp_path / "radar").symlink_to("/dev/ttyACM0")
+    ports = [usb_port("/dev/ttyACM0", "1-4:1.0"), usb_port("/dev/ttyACM5", "1-4:1.3")]
+    monkeypatch.setattr(list_ports, "comports", lambda: ports)
+    assert second_port(str(tmp_path / "radar")) == "/dev/ttyACM5"
+    with pytest.raises(UsageError, match="--board radar: which is its data port"):
+        second_port("radar")
