@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import soak_stream
+from benchmarks import soak_points, soak_stream
 from benchmarks.harness import Case, Timing, available, measure
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
@@ -74,3 +74,12 @@ def test_a_live_session_without_a_model_publishes_what_was_sent(capsys):
     printed = capsys.readouterr().out
     found = json.loads(printed[printed.index("{") :])
     assert found["published and bit-identical"] == found["frames published"] > 0
+
+
+@pytest.mark.slow
+def test_a_live_session_of_points_publishes_all_that_was_sent(capsys):
+    soak_points.main(["--seconds", "1", "--rate", "4"])
+    printed = capsys.readouterr().out
+    found = json.loads(printed[printed.index("{") :])
+    assert 0 < found["frames published"] <= found["frames received"]
+    assert found["frames received"] <= found["frames sent"] and not found["lost bytes"]

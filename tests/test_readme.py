@@ -222,6 +222,7 @@ NOT_RUN = {  # and why
     "--host 127.0.0.1 --card 127.0.0.2": "waits for a card; see test_streaming",
     "--repeat": "sends until it is ended",
     "--board": "needs a radar",
+    "--points /dev/ttyACM1": "needs a radar",
     "JAX_COORDINATOR_ADDRESS": "needs two machines; see test_processes",
     "--seeds": "minutes; see test_main",
     "--config=experiments/configs/default.py": "an hour of training",

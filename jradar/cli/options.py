@@ -53,7 +53,8 @@ walk.mcap is one file with the samples, the time at which each frame came, its l
 bytes, and the radar: every command reads it without --radar. A folder holds the same in
 several files. If you recorded a LiDAR at the same time, add its tables to the folder's
 capture.toml. Ctrl-C ends the recording. A recording that was killed is readable, too.
-The other options are those of `jradar live`, which saves a radar's points."""
+The other options are those of `jradar live`, which also saves the points of a radar that
+sends no samples: jradar live --points PORT --model none -o walk.ros2"""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
@@ -197,7 +198,7 @@ def _live(sub):
     groups.option(sub, "--replay", "RECORDING", text)
     text = "take the points that the board finds, from this serial port (default: the "
     text += "second one of --board); without --board, only listen to it"
-    _points_port(sub, text)
+    groups.option(sub, "--points", "DATA_PORT", text, nargs="?", const="")
     text = "new .mcap file, new .ros2 bag, or folder of clouds to write"
     groups.output(sub, text, may_stream=True, required=False)
     text = "serve Foxglove over a WebSocket (default port: 8765)"
@@ -216,17 +217,13 @@ def _live(sub):
     _on_the_cable(sub)
 
 
-def _points_port(sub, text):
-    groups.option(sub, "--points", "DATA_PORT", text, nargs="?", const="")
-
-
 def _record(sub):
     groups.recording(sub)
     text = "record what an emulated card plays of this recording"
     groups.option(sub, "--replay", "RECORDING", text)
     text = "new .mcap file, or new or empty folder"
     groups.output(sub, text, force=False)
-    _points_port(sub, argparse.SUPPRESS)  # which the command refuses
+    sub.set_defaults(points=None)  # are not recorded
     _on_the_cable(sub)
 
 

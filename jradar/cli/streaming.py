@@ -105,8 +105,8 @@ def record(options: argparse.Namespace) -> dict[str, Any]:
     recording = _recording(options)
     if recording.of_points:
         raise UsageError(
-            "`jradar record` writes a radar's samples, and this radar sends points: "
-            "`jradar live` saves them, with --model none -o out.ros2"
+            f"{recording.path} holds a radar's points, and `jradar record` writes "
+            "samples: `jradar live --model none -o walk.ros2` saves points"
         )
     with contextlib.ExitStack() as stack:
         source, run_session = _listen(options, recording, stack, waiting=WAITING)

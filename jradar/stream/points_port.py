@@ -100,7 +100,7 @@ class PointsPort(Source):
         self._serial = open_port(port, self.baud)
 
     def __enter__(self) -> "PointsPort":
-        self._serial.reset_input_buffer()  # of a board that runs already
+        self._read()  # and forget what a board that runs already has sent
         return super().__enter__()
 
     def close(self) -> None:
@@ -153,17 +153,21 @@ class PointsPort(Source):
 
     def _listen(self) -> None:
         while not self._ending.is_set():
-            try:
-                data = self._serial.read(max(self._serial.in_waiting, 1))
-            except OSError as error:
-                raise OSError(
-                    f"{self.port} is gone after {self.received:,} frames ({error}): "
-                    "was the cable pulled, the board switched off, or does another "
-                    "program read the port? The output holds the frames until then"
-                ) from error
-            self._silent_bytes += len(data)
-            for packet in self._parser.feed(data, stamp_s=time.time()) if data else ():
-                self._take(packet)
+            if data := self._read(1):
+                self._silent_bytes += len(data)
+                for packet in self._parser.feed(data, stamp_s=time.time()):
+                    self._take(packet)
+
+    def _read(self, least: int = 0) -> bytes:
+        """Return the bytes that wait; with `least`, wait a little for so many."""
+        try:
+            return self._serial.read(max(self._serial.in_waiting, least))
+        except OSError as error:
+            raise OSError(
+                f"{self.port} is gone after {self.received:,} frames ({error}): was "
+                "the cable pulled, the board switched off, or does another program "
+                "read the port? The output holds the frames until then"
+            ) from error
 
     def _take(self, packet: Packet) -> None:
         """Deliver the points of a packet; ValueError for those of another demo."""

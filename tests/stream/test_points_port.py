@@ -171,6 +171,15 @@ def test_a_port_that_vanishes_ends_the_session_after_its_frames():
             port.take(0.0)
 
 
+def test_a_port_that_vanishes_before_the_session_is_named():
+    with line() as sender:
+        port = PointsPort(sender.port, points_on_the_cable(sender.port))
+        sender.vanish()
+        with pytest.raises(OSError, match="is gone after 0 frames"), port:
+            pass
+        port.close()
+
+
 def test_a_port_that_is_missing_or_in_use_is_named(tmp_path):
     missing = str(tmp_path / "ttyACM1")
     with pytest.raises(OSError, match=r"ttyACM1 cannot be opened .* dialout"):
