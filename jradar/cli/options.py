@@ -53,8 +53,8 @@ walk.mcap is one file with the samples, the time at which each frame came, its l
 bytes, and the radar: every command reads it without --radar. A folder holds the same in
 several files. If you recorded a LiDAR at the same time, add its tables to the folder's
 capture.toml. Ctrl-C ends the recording. A recording that was killed is readable, too.
-The other options are those of `jradar live`, which also saves the points of a radar that
-sends no samples: jradar live --points PORT --model none -o walk.ros2"""
+The other options are those of `jradar live`, which also saves the points of a radar
+that sends no samples: jradar live --points PORT --model none -o walk.ros2"""
 REPLAY_HELP = """
 
 The emulated card answers commands on --card and sends to --host. A program starts it,
