@@ -99,7 +99,7 @@ class PointsPort(Source):
         self._number = -1
         self._serial = open_port(port, self.baud)
 
-    def __enter__(self) -> "PointsPort":
+    def __enter__(self) -> Source:
         self._read()  # and forget what a board that runs already has sent
         return super().__enter__()
 
@@ -121,7 +121,7 @@ class PointsPort(Source):
         if self._silent_bytes:
             return (
                 f"{self._silent_bytes:,} bytes came from {self.port} within "
-                f"{silent:.1f} s, but no whole packet of TI's demo: is {self.baud:,} "
+                f"{silent:.1f} s, but no packet of TI's points: is {self.baud:,} "
                 "baud its rate (configDataPort), is it the data port (the second of "
                 "the two), does the board run the SDK's out-of-box demo, and does no "
                 f"other program read the port? {README}"

@@ -12,7 +12,7 @@ import abc
 import threading
 import time
 from collections import deque
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 WAKE_S = 0.1  # after which a thread checks whether it should end
 
@@ -43,7 +43,7 @@ class Source(abc.ABC):
         self._fault: Exception | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def __enter__(self) -> Self:
+    def __enter__(self) -> "Source":
         self.heard_s = time.monotonic()
         self._thread.start()
         return self
